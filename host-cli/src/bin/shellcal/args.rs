@@ -1,0 +1,30 @@
+//! The command line: what all subcommands share.
+
+use clap::Parser;
+
+use crate::cmd::Command;
+
+/// From the recordings of an optical 6-axis force/torque shell to forces and moments.
+///
+/// Exit codes: 0 done, 1 ran but a check failed, 2 could not run.
+#[derive(Debug, Parser)]
+#[command(name = "shellcal", version, max_term_width = 100)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
+
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// How much is said, and in which form.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct OutputArgs {
+    /// Print one JSON document instead of tables
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+
+    /// Print nothing but results and errors: no progress, no notes
+    #[arg(long, short, global = true)]
+    pub(crate) quiet: bool,
+}

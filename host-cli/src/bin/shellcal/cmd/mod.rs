@@ -1,0 +1,34 @@
+//! One file per subcommand, each a set of arguments with a `run`.
+
+use std::process::ExitCode;
+
+use clap::Subcommand;
+
+use crate::printer::Printer;
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {}
+
+/// How a command that could run has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// Done.
+    Done,
+    /// Ran, but a check that the user asked for has failed.
+    CheckFailed,
+}
+
+impl Command {
+    pub(crate) fn run(&self, _printer: &mut Printer) -> anyhow::Result<Outcome> {
+        match *self {}
+    }
+}
+
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Done => ExitCode::SUCCESS,
+            Outcome::CheckFailed => ExitCode::from(1),
+        }
+    }
+}

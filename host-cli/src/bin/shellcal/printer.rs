@@ -1,0 +1,95 @@
+//! The only place that writes to the terminal: results to stdout, talk to stderr.
+
+use std::io::{self, IsTerminal, Write};
+use std::time::Duration;
+
+use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
+
+use crate::args::OutputArgs;
+
+/// Where a command's results and remarks go.
+#[derive(Debug)]
+pub(crate) struct Printer {
+    options: OutputArgs,
+}
+
+impl Printer {
+    pub(crate) fn new(options: OutputArgs) -> Self {
+        Self { options }
+    }
+
+    /// Whether the user asked for one JSON document in place of tables.
+    pub(crate) fn json(&self) -> bool {
+        self.options.json
+    }
+
+    /// Prints the result of a command as one JSON document, every figure at full precision.
+    pub(crate) fn document(&mut self, value: &impl Serialize) -> anyhow::Result<()> {
+        let mut out = io::stdout().lock();
+        serde_json::to_writer_pretty(&mut out, value).map_err(io::Error::from)?;
+        writeln!(out)?;
+        Ok(())
+    }
+
+    /// Prints one line of a result that people read.
+    pub(crate) fn line(&mut self, text: impl AsRef<str>) -> anyhow::Result<()> {
+        writeln!(io::stdout().lock(), "{}", text.as_ref())?;
+        Ok(())
+    }
+
+    /// Prints a table: the first column is a label, the others are numbers.
+    pub(crate) fn table(&mut self, header: &[&str], rows: &[Vec<String>]) -> anyhow::Result<()> {
+        let mut table = Table::new();
+        table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+        table.set_content_arrangement(ContentArrangement::Disabled);
+        table.set_header(header.iter().copied());
+        table.add_rows(rows);
+        for column in table.column_iter_mut().skip(1) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+        for line in table.lines() {
+            self.line(line.trim_end())?;
+        }
+        Ok(())
+    }
+
+    /// Says something about the work on stderr, unless told to be quiet.
+    pub(crate) fn note(&mut self, text: impl AsRef<str>) {
+        if !self.options.quiet {
+            self.talk(text.as_ref());
+        }
+    }
+
+    /// Warns on stderr, even when quiet: the user must not miss it.
+    pub(crate) fn warning(&mut self, text: impl AsRef<str>) {
+        self.talk(&format!("warning: {}", text.as_ref()));
+    }
+
+    /// Reports why the command could not run.
+    pub(crate) fn error(&mut self, error: &anyhow::Error, hint: Option<&str>) {
+        self.talk(&format!("error: {error:#}"));
+        if let Some(hint) = hint {
+            self.talk(&format!("hint: {hint}"));
+        }
+    }
+
+    /// A progress bar over `bytes` on stderr; draws nothing when quiet or not on a terminal.
+    pub(crate) fn progress(&self, label: &str, bytes: u64) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(Some(bytes), ProgressDrawTarget::hidden());
+        if !self.options.quiet && io::stderr().is_terminal() {
+            let style = "{msg} {wide_bar} {bytes}/{total_bytes} {eta}";
+            bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
+            bar.set_message(label.to_owned());
+            bar.set_draw_target(ProgressDrawTarget::stderr());
+            bar.enable_steady_tick(Duration::from_millis(200));
+        }
+        bar
+    }
+
+    /// A closed stderr leaves nobody to tell.
+    fn talk(&self, text: &str) {
+        let _ = writeln!(io::stderr().lock(), "{text}");
+    }
+}

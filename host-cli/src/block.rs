@@ -1,0 +1,100 @@
+//! A run of consecutive log rows, column by column, in SI units.
+//!
+//! Logs are read and worked on in blocks, so that memory does not grow with the length of a file
+//! and the inner loops run down contiguous columns.
+
+/// A run of consecutive rows of a log. Columns that were not asked for are empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Block {
+    /// Number of rows.
+    pub rows: usize,
+    /// Time in s.
+    pub time_s: Vec<f64>,
+    /// Readings in counts, one column per channel.
+    pub readings: Vec<Vec<f64>>,
+    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`].
+    pub wrench: Vec<Vec<f64>>,
+    /// Group labels, run-length encoded: label and number of rows, in row order.
+    pub groups: Vec<(String, usize)>,
+    /// Further columns that were asked for by position, as they stand in the log.
+    pub others: Vec<Vec<f64>>,
+    /// The readings of the row just before this block, `None` at the start of a log.
+    pub readings_before: Option<Vec<f64>>,
+}
+
+impl Block {
+    /// For every row, whether its readings differ from those of the row before it.
+    ///
+    /// A repeat in a log that runs faster than its sensor is not a new frame. The first row of a
+    /// log is always fresh.
+    pub fn fresh_rows(&self) -> Vec<bool> {
+        let mut fresh = vec![false; self.rows];
+        for (channel, column) in self.readings.iter().enumerate() {
+            let mut before = self.readings_before.as_ref().map_or(f64::NAN, |row| row[channel]);
+            for (fresh, &reading) in fresh.iter_mut().zip(column) {
+                // A NaN before the first row differs from every reading, which makes it fresh.
+                *fresh |= reading != before;
+                before = reading;
+            }
+        }
+        fresh
+    }
+
+    /// Keeps the rows for which `keep` is true, in every column.
+    pub fn retain_rows(&mut self, keep: &[bool]) {
+        assert_eq!(keep.len(), self.rows, "one flag per row");
+        let columns = [&mut self.time_s]
+            .into_iter()
+            .chain(&mut self.readings)
+            .chain(&mut self.wrench)
+            .chain(&mut self.others);
+        for column in columns.filter(|column| !column.is_empty()) {
+            let mut flags = keep.iter();
+            column.retain(|_| *flags.next().expect("as many flags as rows"));
+        }
+        let mut row = 0;
+        for (_, rows) in &mut self.groups {
+            let kept = keep[row..row + *rows].iter().filter(|&&k| k).count();
+            row += *rows;
+            *rows = kept;
+        }
+        self.groups.retain(|&(_, rows)| rows > 0);
+        self.rows = keep.iter().filter(|&&k| k).count();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn block() -> Block {
+        Block {
+            rows: 4,
+            time_s: vec![0.0, 1.0, 2.0, 3.0],
+            readings: vec![vec![5.0, 5.0, 6.0, 6.0], vec![7.0, 7.0, 7.0, 7.0]],
+            groups: vec![("a".into(), 3), ("b".into(), 1)],
+            ..Block::default()
+        }
+    }
+
+    #[test]
+    fn first_row_of_a_log_is_fresh_and_repeats_are_not() {
+        assert_eq!(block().fresh_rows(), [true, false, true, false]);
+    }
+
+    #[test]
+    fn a_block_that_continues_a_log_compares_with_the_row_before_it() {
+        let block = Block { readings_before: Some(vec![5.0, 7.0]), ..block() };
+        assert_eq!(block.fresh_rows(), [false, false, true, false]);
+    }
+
+    #[test]
+    fn retaining_rows_thins_every_column_and_the_groups() {
+        let mut block = block();
+        block.retain_rows(&[true, false, true, false]);
+        assert_eq!(block.rows, 2);
+        assert_eq!(block.time_s, [0.0, 2.0]);
+        assert_eq!(block.readings, [[5.0, 6.0], [7.0, 7.0]]);
+        assert_eq!(block.groups, [("a".to_string(), 2)]);
+    }
+}

@@ -1,0 +1,12 @@
+//! Calibration and trial processing for an optical 6-axis force/torque shell.
+//!
+//! Three layers, arrows pointing inward only:
+//!
+//! - *pure core*: [`wrench`], [`block`], [`calibration`], [`filter`], [`sensor_model`], [`plot`]:
+//!   slices and matrices in, values out; no files, no clocks, no printing;
+//! - *adapters*: [`log_file`], [`calibration_file`], [`output`]: the world to core types and back;
+//! - *presentation*: the binary `shellcal`, one file per subcommand.
+
+pub mod block;
+pub mod output;
+pub mod wrench;

@@ -1,0 +1,2 @@
+//! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
+fn main() {}
