@@ -8,5 +8,7 @@
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 
 pub mod block;
+pub mod calibration;
+pub mod double_double;
 pub mod output;
 pub mod wrench;

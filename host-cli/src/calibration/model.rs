@@ -1,0 +1,162 @@
+//! Which features of the readings a calibration uses, and in which order.
+//!
+//! A feature is a product of up to three readings. The order is that of the lab's own tools, so
+//! that coefficients can be exchanged with them: `cubic` goes channel by channel (s1, s1², s1³,
+//! s2, …); the models with cross terms go degree by degree, each degree in lexicographic order
+//! (s1, …, s8, s1², s1·s2, …). The intercept, the empty product, comes last.
+
+use serde::{Deserialize, Serialize};
+
+/// A family of features.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Basis {
+    /// Each reading: 8 features for 8 channels.
+    Linear,
+    /// Each reading, its square and its cube: 24 features for 8 channels, the model of the paper.
+    Cubic,
+    /// All products of up to two readings: 44 features for 8 channels.
+    Quadratic,
+    /// All products of up to three readings: 164 features for 8 channels.
+    Poly3,
+}
+
+impl Basis {
+    /// All bases, from the smallest to the largest.
+    pub const ALL: [Basis; 4] = [Basis::Linear, Basis::Cubic, Basis::Quadratic, Basis::Poly3];
+
+    /// The name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Basis::Linear => "linear",
+            Basis::Cubic => "cubic",
+            Basis::Quadratic => "quadratic",
+            Basis::Poly3 => "poly3",
+        }
+    }
+
+    /// The largest number of readings in one product.
+    pub const fn degree(self) -> usize {
+        match self {
+            Basis::Linear => 1,
+            Basis::Quadratic => 2,
+            Basis::Cubic | Basis::Poly3 => 3,
+        }
+    }
+}
+
+/// The features of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Model {
+    /// The family of features.
+    pub basis: Basis,
+    /// Whether a constant is fitted beside them.
+    pub intercept: bool,
+    /// Number of channels, at most 255.
+    pub channels: usize,
+}
+
+/// A product of up to three channels, named by their indices from 0 in ascending order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Term {
+    factors: [u8; 3],
+    degree: u8,
+}
+
+impl Term {
+    /// The constant, which is the empty product.
+    pub const INTERCEPT: Term = Term { factors: [0; 3], degree: 0 };
+
+    /// The product of the channels in `factors`, at most three.
+    pub fn product(factors: &[u8]) -> Self {
+        let mut term = Self { factors: [0; 3], degree: factors.len() as u8 };
+        term.factors[..factors.len()].copy_from_slice(factors);
+        term.factors[..factors.len()].sort_unstable();
+        term
+    }
+
+    /// The channels that are multiplied, in ascending order, repeated where squared or cubed.
+    pub fn factors(&self) -> &[u8] {
+        &self.factors[..usize::from(self.degree)]
+    }
+
+    /// The name that people read, channels counted from 1: `s1`, `s1^2`, `s1*s3`, `1`.
+    pub fn name(&self) -> String {
+        if self.degree == 0 {
+            return "1".to_owned();
+        }
+        self.factors()
+            .chunk_by(|a, b| a == b)
+            .map(|run| match run.len() {
+                1 => format!("s{}", run[0] + 1),
+                power => format!("s{}^{power}", run[0] + 1),
+            })
+            .collect::<Vec<_>>()
+            .join("*")
+    }
+}
+
+impl Model {
+    /// The terms in the order of the coefficients.
+    pub fn terms(&self) -> Vec<Term> {
+        let channels = u8::try_from(self.channels).expect("at most 255 channels");
+        let mut terms = Vec::new();
+        if self.basis == Basis::Cubic {
+            for i in 0..channels {
+                terms.extend((1..=3).map(|power| Term::product(&[i; 3][..power])));
+            }
+        } else {
+            terms.extend((0..channels).map(|i| Term::product(&[i])));
+            if self.basis.degree() >= 2 {
+                terms.extend(pairs(channels).map(|(i, j)| Term::product(&[i, j])));
+            }
+            if self.basis.degree() >= 3 {
+                terms.extend(
+                    pairs(channels)
+                        .flat_map(|(i, j)| (j..channels).map(move |k| Term::product(&[i, j, k]))),
+                );
+            }
+        }
+        if self.intercept {
+            terms.push(Term::INTERCEPT);
+        }
+        terms
+    }
+
+    /// The name people read: `cubic`, or `cubic+1` with an intercept.
+    pub fn name(&self) -> String {
+        format!("{}{}", self.basis.name(), if self.intercept { "+1" } else { "" })
+    }
+}
+
+fn pairs(channels: u8) -> impl Iterator<Item = (u8, u8)> {
+    (0..channels).flat_map(move |i| (i..channels).map(move |j| (i, j)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(basis: Basis, channels: usize, intercept: bool) -> Vec<String> {
+        Model { basis, intercept, channels }.terms().iter().map(Term::name).collect()
+    }
+
+    #[test]
+    fn eight_channels_give_the_published_numbers_of_features() {
+        let counts = Basis::ALL.map(|basis| names(basis, 8, false).len());
+        assert_eq!(counts, [8, 24, 44, 164]);
+    }
+
+    #[test]
+    fn cubic_goes_channel_by_channel_and_the_intercept_comes_last() {
+        assert_eq!(names(Basis::Cubic, 2, true), ["s1", "s1^2", "s1^3", "s2", "s2^2", "s2^3", "1"]);
+    }
+
+    #[test]
+    fn cross_terms_go_degree_by_degree_in_lexicographic_order() {
+        assert_eq!(
+            names(Basis::Poly3, 2, false),
+            ["s1", "s2", "s1^2", "s1*s2", "s2^2", "s1^3", "s1^2*s2", "s1*s2^2", "s2^3"]
+        );
+    }
+}
