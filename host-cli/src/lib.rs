@@ -11,4 +11,5 @@ pub mod block;
 pub mod calibration;
 pub mod double_double;
 pub mod output;
+pub mod plot;
 pub mod wrench;
