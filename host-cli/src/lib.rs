@@ -10,6 +10,7 @@
 pub mod block;
 pub mod calibration;
 pub mod double_double;
+pub mod filter;
 pub mod output;
 pub mod plot;
 pub mod wrench;
