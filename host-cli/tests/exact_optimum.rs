@@ -38,7 +38,8 @@ const BITS: u32 = 80;
 
 /// Features and wrench as integers, the latter in units of 2^-[`BITS`], one column each.
 fn integers(block: &Block, model: Model) -> (Vec<Vec<BigInt>>, Vec<Vec<BigInt>>) {
-    let features = model.terms().iter().map(|term| {
+    let terms = model.terms();
+    let features = terms.iter().map(|term| {
         let value = |row: usize| {
             let factors = term.factors().iter().map(|&c| block.readings[usize::from(c)][row]);
             factors.map(|s| BigInt::from(s as i64)).product()
