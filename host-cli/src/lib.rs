@@ -11,6 +11,8 @@ pub mod block;
 pub mod calibration;
 pub mod double_double;
 pub mod filter;
+pub mod log_file;
 pub mod output;
 pub mod plot;
+pub mod workflow;
 pub mod wrench;
