@@ -12,4 +12,5 @@ pub mod calibration;
 pub mod double_double;
 pub mod log_file;
 pub mod output;
+pub mod survey;
 pub mod wrench;
