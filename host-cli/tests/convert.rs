@@ -12,7 +12,7 @@ use shellcal::plot::WrenchTrace;
 use shellcal::workflow::convert::{
     Columns, ConvertError, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
 };
-use shellcal::workflow::{Rows, TimeWindow};
+use shellcal::workflow::selection::{Rows, TimeWindow};
 
 /// Coefficients without any pattern, in N per count.
 fn linear(channels: usize) -> Calibration {

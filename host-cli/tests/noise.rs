@@ -6,7 +6,7 @@ use shellcal::calibration::scaling::Scaling;
 use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, Scatter, noise};
-use shellcal::workflow::{Rows, TimeWindow};
+use shellcal::workflow::selection::{Rows, TimeWindow};
 
 fn calibration(channels: usize) -> Calibration {
     let model = Model { basis: Basis::Linear, intercept: false, channels };

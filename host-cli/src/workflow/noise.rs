@@ -2,7 +2,7 @@
 //!
 //! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove.
 
-use super::{Rows, TimeWindow, by_column};
+use super::selection::{Rows, TimeWindow, by_column};
 use crate::calibration::Calibration;
 use crate::log_file::{Log, LogError, ReadOptions, Wanted};
 use crate::wrench::PerAxis;

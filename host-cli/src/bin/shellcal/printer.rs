@@ -33,6 +33,11 @@ impl Printer {
         Ok(())
     }
 
+    /// Where a result goes that is a stream of bytes.
+    pub(crate) fn stream(&self) -> impl Write + use<> {
+        io::stdout().lock()
+    }
+
     /// Prints one line of a result that people read.
     pub(crate) fn line(&mut self, text: impl AsRef<str>) -> anyhow::Result<()> {
         writeln!(io::stdout().lock(), "{}", text.as_ref())?;

@@ -18,7 +18,7 @@ pub use survey::TareResult;
 pub use table::Columns;
 
 use super::sampling::Rate;
-use super::{Rows, TimeWindow, by_column};
+use super::selection::{Rows, TimeWindow, by_column};
 use crate::calibration::Calibration;
 use crate::filter::{Butterworth, Filter, FilterError};
 use crate::log_file::{Log, LogError, ReadOptions, Wanted};

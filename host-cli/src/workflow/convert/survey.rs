@@ -6,7 +6,7 @@ use crate::calibration::Calibration;
 use crate::calibration::uncertainty::Tare;
 use crate::log_file::{Log, ReadOptions, Wanted};
 use crate::workflow::sampling::{Rate, Sampling};
-use crate::workflow::{Stop, by_column};
+use crate::workflow::selection::{Stop, by_column};
 use crate::wrench::PerAxis;
 
 /// What is known before the frames are converted.

@@ -1,6 +1,10 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod convert;
+mod frames;
+mod info;
 mod mapping;
+mod noise;
 
 use std::process::ExitCode;
 
@@ -9,7 +13,11 @@ use clap::Subcommand;
 use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
-pub(crate) enum Command {}
+pub(crate) enum Command {
+    Convert(convert::ConvertArgs),
+    Info(info::InfoArgs),
+    Noise(noise::NoiseArgs),
+}
 
 /// How a command that could run has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,8 +29,12 @@ pub(crate) enum Outcome {
 }
 
 impl Command {
-    pub(crate) fn run(&self, _printer: &mut Printer) -> anyhow::Result<Outcome> {
-        match *self {}
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        match self {
+            Command::Convert(args) => args.run(printer),
+            Command::Info(args) => args.run(printer),
+            Command::Noise(args) => args.run(printer),
+        }
     }
 }
 
