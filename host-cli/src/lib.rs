@@ -11,4 +11,6 @@ pub mod block;
 pub mod calibration;
 pub mod double_double;
 pub mod output;
+pub mod sensor_model;
+pub mod synthetic_log;
 pub mod wrench;
