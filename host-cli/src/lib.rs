@@ -10,5 +10,6 @@
 pub mod block;
 pub mod calibration;
 pub mod double_double;
+pub mod log_file;
 pub mod output;
 pub mod wrench;

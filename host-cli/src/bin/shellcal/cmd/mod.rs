@@ -1,5 +1,7 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod mapping;
+
 use std::process::ExitCode;
 
 use clap::Subcommand;
