@@ -12,4 +12,6 @@ pub mod calibration;
 pub mod double_double;
 pub mod log_file;
 pub mod output;
+pub mod sensor_model;
+pub mod synthetic_log;
 pub mod wrench;

@@ -1,6 +1,7 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
 mod mapping;
+mod synth;
 
 use std::process::ExitCode;
 
@@ -9,7 +10,9 @@ use clap::Subcommand;
 use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
-pub(crate) enum Command {}
+pub(crate) enum Command {
+    Synth(synth::Synth),
+}
 
 /// How a command that could run has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,8 +24,10 @@ pub(crate) enum Outcome {
 }
 
 impl Command {
-    pub(crate) fn run(&self, _printer: &mut Printer) -> anyhow::Result<Outcome> {
-        match *self {}
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        match self {
+            Command::Synth(command) => command.run(printer),
+        }
     }
 }
 
