@@ -10,7 +10,10 @@
 pub mod block;
 pub mod calibration;
 pub mod double_double;
+pub mod filter;
+pub mod log_file;
 pub mod output;
+pub mod plot;
 pub mod sensor_model;
 pub mod synthetic_log;
 pub mod wrench;

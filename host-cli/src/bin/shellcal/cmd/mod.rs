@@ -1,5 +1,6 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod mapping;
 mod synth;
 
 use std::process::ExitCode;
