@@ -16,4 +16,5 @@ pub mod output;
 pub mod plot;
 pub mod sensor_model;
 pub mod synthetic_log;
+pub mod survey;
 pub mod wrench;

@@ -1,5 +1,6 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod info;
 mod mapping;
 mod synth;
 
@@ -12,6 +13,7 @@ use crate::printer::Printer;
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Synth(synth::Synth),
+    Info(info::InfoArgs),
 }
 
 /// How a command that could run has ended.
@@ -27,6 +29,7 @@ impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
             Command::Synth(command) => command.run(printer),
+            Command::Info(args) => args.run(printer),
         }
     }
 }
