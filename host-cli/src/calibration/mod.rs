@@ -7,6 +7,7 @@ mod conversion;
 mod error;
 pub mod extent;
 pub mod features;
+pub mod exact;
 pub mod model;
 pub mod quality;
 pub mod rank_loss;
