@@ -15,6 +15,6 @@ pub mod log_file;
 pub mod output;
 pub mod plot;
 pub mod sensor_model;
-pub mod synthetic_log;
 pub mod survey;
+pub mod synthetic_log;
 pub mod wrench;

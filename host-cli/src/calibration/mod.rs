@@ -5,9 +5,9 @@
 
 mod conversion;
 mod error;
+pub mod exact;
 pub mod extent;
 pub mod features;
-pub mod exact;
 pub mod model;
 pub mod quality;
 pub mod rank_loss;
