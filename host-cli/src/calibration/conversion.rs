@@ -1,9 +1,9 @@
 //! Applying a calibration: from readings to wrenches.
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use super::extent::{Extent, Range};
-use super::features::{Features, LANES};
+use super::features::{Features, LANES, Lanes};
 use super::model::Model;
 use super::scaling::Scaling;
 use super::solver::Solution;
@@ -76,26 +76,8 @@ impl Calibration {
     pub fn wrench(&self, readings: &[Vec<f64>], wrench: &mut PerAxis<Vec<f64>>) {
         let rows = self.rows_of(readings);
         wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
-        let mut features = vec![[0.0; LANES]; self.features.len()];
-        Arch::new().dispatch(|| {
-            for start in (0..rows).step_by(LANES) {
-                self.features.lanes(readings, start, &mut features);
-                let mut sums = PerAxis::<[f64; LANES]>::default();
-                for (feature, coefficients) in features.iter().zip(&self.coefficients) {
-                    for (sum, &c) in sums.iter_mut().zip(coefficients) {
-                        for (sum, &x) in sum.iter_mut().zip(feature) {
-                            *sum = x.mul_add(c, *sum);
-                        }
-                    }
-                }
-                for (axis, sums) in wrench.iter_mut().zip(&sums) {
-                    match axis[start..].first_chunk_mut() {
-                        Some(lanes) => *lanes = *sums,
-                        None => axis[start..].copy_from_slice(&sums[..rows - start]),
-                    }
-                }
-            }
-        });
+        let features = vec![[0.0; LANES]; self.features.len()];
+        Arch::new().dispatch(Convert { calibration: self, readings, rows, features, wrench });
     }
 
     /// For every row, the channels whose reading lies outside the range of the training data: bit
@@ -118,6 +100,42 @@ impl Calibration {
         let rows = readings.first().map_or(0, Vec::len);
         assert!(readings.iter().all(|column| column.len() == rows), "columns of one length");
         rows
+    }
+}
+
+/// The loop over rows, inlined whole into code for the widest vectors of the machine.
+struct Convert<'a> {
+    calibration: &'a Calibration,
+    readings: &'a [Vec<f64>],
+    rows: usize,
+    features: Vec<Lanes>,
+    wrench: &'a mut PerAxis<Vec<f64>>,
+}
+
+impl NullaryFnOnce for Convert<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Convert { calibration, readings, rows, mut features, wrench } = self;
+        for start in (0..rows).step_by(LANES) {
+            calibration.features.lanes(readings, start, &mut features);
+            let mut sums = [[0.0; LANES]; 6];
+            for (feature, coefficients) in features.iter().zip(&calibration.coefficients) {
+                for axis in 0..6 {
+                    for lane in 0..LANES {
+                        let sum = &mut sums[axis][lane];
+                        *sum = feature[lane].mul_add(coefficients[axis], *sum);
+                    }
+                }
+            }
+            for (axis, sums) in wrench.iter_mut().zip(&sums) {
+                match axis[start..].first_chunk_mut() {
+                    Some(lanes) => *lanes = *sums,
+                    None => axis[start..].copy_from_slice(&sums[..rows - start]),
+                }
+            }
+        }
     }
 }
 
