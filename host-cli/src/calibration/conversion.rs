@@ -1,6 +1,6 @@
 //! Applying a calibration: from readings to wrenches.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::extent::{Extent, Range};
 use super::features::{Features, LANES, Lanes};
@@ -112,21 +112,26 @@ struct Convert<'a> {
     wrench: &'a mut PerAxis<Vec<f64>>,
 }
 
-impl NullaryFnOnce for Convert<'_> {
+impl WithSimd for Convert<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Convert { calibration, readings, rows, mut features, wrench } = self;
         for start in (0..rows).step_by(LANES) {
             calibration.features.lanes(readings, start, &mut features);
             let mut sums = [[0.0; LANES]; 6];
-            for (feature, coefficients) in features.iter().zip(&calibration.coefficients) {
-                for axis in 0..6 {
-                    for lane in 0..LANES {
-                        let sum = &mut sums[axis][lane];
-                        *sum = feature[lane].mul_add(coefficients[axis], *sum);
+            // One vector of rows at a time: six sums and a feature stay in registers.
+            for vector in 0..LANES / S::F64_LANES {
+                let mut vectors = [simd.splat_f64s(0.0); 6];
+                for (feature, coefficients) in features.iter().zip(&calibration.coefficients) {
+                    let x = S::as_simd_f64s(feature).0[vector];
+                    for (sum, &c) in vectors.iter_mut().zip(coefficients) {
+                        *sum = simd.mul_add_f64s(x, simd.splat_f64s(c), *sum);
                     }
+                }
+                for (lanes, sum) in sums.iter_mut().zip(vectors) {
+                    S::as_mut_simd_f64s(lanes).0[vector] = sum;
                 }
             }
             for (axis, sums) in wrench.iter_mut().zip(&sums) {

@@ -16,6 +16,7 @@
 //! the bias that the ridge brings.
 
 use pulp::{Arch, NullaryFnOnce};
+use serde::{Deserialize, Serialize};
 
 use super::conversion::Calibration;
 use super::features::{Features, LANES, Lanes};
@@ -23,7 +24,7 @@ use super::solver::Solution;
 use crate::wrench::PerAxis;
 
 /// The covariance of the coefficients, in factors.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Covariance {
     /// The columns of the upper triangular `F`, of lengths 1, 2, …, one per feature.
     pub factor: Vec<Vec<f64>>,
