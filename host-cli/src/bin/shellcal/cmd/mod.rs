@@ -3,6 +3,12 @@
 mod info;
 mod mapping;
 mod synth;
+mod eval;
+mod fit;
+mod import;
+mod mapping;
+mod origin;
+mod quality;
 
 use std::process::ExitCode;
 
@@ -14,6 +20,9 @@ use crate::printer::Printer;
 pub(crate) enum Command {
     Synth(synth::Synth),
     Info(info::InfoArgs),
+    Fit(Box<fit::FitArgs>),
+    Eval(Box<eval::EvalArgs>),
+    Import(import::ImportArgs),
 }
 
 /// How a command that could run has ended.
@@ -30,6 +39,9 @@ impl Command {
         match self {
             Command::Synth(command) => command.run(printer),
             Command::Info(args) => args.run(printer),
+            Command::Fit(args) => args.run(printer),
+            Command::Eval(args) => args.run(printer),
+            Command::Import(args) => args.run(printer),
         }
     }
 }
