@@ -4,6 +4,8 @@
 //! equations can be formed and solved without any rounding: the residual of that solution is the
 //! smallest there is.
 
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may panic and say why")]
+
 use num_bigint::BigInt;
 use num_rational::BigRational;
 use shellcal::block::Block;

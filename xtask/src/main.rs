@@ -1,2 +1,48 @@
 //! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
-fn main() {}
+
+mod measure;
+mod peers;
+mod scale;
+mod steps;
+mod test;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// The tasks of this workspace.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask", max_term_width = 100)]
+struct Args {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Debug, Subcommand)]
+enum Task {
+    /// Check and test everything: formatting, lints, tests, documentation
+    Test(test::Args),
+    /// Measure whole fits against the tools that people use today
+    BenchPeers(peers::Args),
+    /// Measure time and memory of a fit against the length of the file
+    BenchScale(scale::Args),
+    /// Run one program and print its wall time and peak memory (used by the benchmarks)
+    #[command(hide = true)]
+    Measure(measure::Args),
+}
+
+fn main() -> ExitCode {
+    let done = match Args::parse().task {
+        Task::Test(args) => test::run(&args),
+        Task::BenchPeers(args) => peers::run(&args),
+        Task::BenchScale(args) => scale::run(&args),
+        Task::Measure(args) => measure::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -2,24 +2,34 @@
 
 use std::io;
 
+use shellcal::calibration::FitError;
+use shellcal::calibration_file::matrix::MatrixError;
+use shellcal::calibration_file::{CalibrationFileError, Problem, SCHEMA_VERSION};
 use shellcal::filter::FilterError;
 use shellcal::log_file::{LogError, RowProblem};
+use shellcal::workflow::WorkflowError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::noise::NoiseError;
 
 /// The next step after `error`, where one is known.
 pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
-    error.chain().find_map(|cause| {
-        let log = cause.downcast_ref().and_then(for_log);
-        // Transparent errors stand for the one that they wrap and do not show it in the chain.
-        log.or_else(|| cause.downcast_ref().and_then(for_conversion))
-            .or_else(|| cause.downcast_ref().and_then(for_noise))
-    })
+    let hint = error.chain().find_map(|cause| match cause.downcast_ref() {
+        Some(WorkflowError::Log(error)) => after_log(error),
+        Some(WorkflowError::Fit(error)) => after_fit(error),
+        _ => {
+            let log = || cause.downcast_ref().and_then(after_log);
+            let file = || cause.downcast_ref().and_then(after_calibration);
+            let conversion = || cause.downcast_ref().and_then(after_conversion);
+            let noise = || cause.downcast_ref().and_then(after_noise);
+            log().or_else(file).or_else(conversion).or_else(noise)
+        }
+    });
+    hint.map(str::to_owned)
 }
 
-fn for_conversion(error: &ConvertError) -> Option<String> {
-    let hint = match error {
-        ConvertError::Log(error) => return for_log(error),
+fn after_conversion(error: &ConvertError) -> Option<&'static str> {
+    Some(match error {
+        ConvertError::Log(error) => return after_log(error),
         ConvertError::Channels { .. } => CHANNELS,
         ConvertError::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
         ConvertError::TareTime { .. } => "`shellcal info` tells the times of a log",
@@ -33,25 +43,23 @@ fn for_conversion(error: &ConvertError) -> Option<String> {
             "leave `se` out of `--columns`; calibrations made by `shellcal fit` have a covariance"
         }
         _ => return None,
-    };
-    Some(hint.to_owned())
+    })
 }
 
-fn for_noise(error: &NoiseError) -> Option<String> {
-    let hint = match error {
-        NoiseError::Log(error) => return for_log(error),
+fn after_noise(error: &NoiseError) -> Option<&'static str> {
+    Some(match error {
+        NoiseError::Log(error) => return after_log(error),
         NoiseError::Channels { .. } => CHANNELS,
         NoiseError::TooFewFrames { .. } => "`shellcal info` tells the times of a log",
         _ => return None,
-    };
-    Some(hint.to_owned())
+    })
 }
 
 const CHANNELS: &str = "name the sensor columns of the log with `--sensors`, or use the calibration \
                         of this sensor";
 
-fn for_log(error: &LogError) -> Option<String> {
-    let hint = match error {
+fn after_log(error: &LogError) -> Option<&'static str> {
+    Some(match error {
         LogError::Gzip { .. } => "copy the file again: it is cut short or damaged",
         LogError::Empty { .. } | LogError::NoRows { .. } => {
             "nothing was recorded, or the file was not copied to its end"
@@ -81,8 +89,37 @@ fn for_log(error: &LogError) -> Option<String> {
         }
         LogError::Row { .. } => "correct the line, or leave such rows out with `--skip-bad-rows`",
         _ => return None,
-    };
-    Some(hint.to_owned())
+    })
+}
+
+fn after_fit(error: &FitError) -> Option<&'static str> {
+    Some(match error {
+        FitError::TooFewRows { .. } => "record more poses, or choose a smaller `--model`",
+        FitError::IdenticalRows { .. } => {
+            "the readings never move: check the cable and the shell, and that `--sensors` names the \
+             right columns"
+        }
+        FitError::RankDeficient(_) => {
+            "record loads that move the channels independently, drop a channel with `--sensors`, \
+             choose a smaller `--model`, or accept a damped answer with `--ridge 1e-6`"
+        }
+        FitError::Overflow => "check the units of the readings and of the wrench",
+        _ => return None,
+    })
+}
+
+fn after_calibration(error: &CalibrationFileError) -> Option<&'static str> {
+    Some(match &error.problem {
+        Problem::NotJson { .. } => {
+            "a calibration is the JSON file that `shellcal fit --output` or `shellcal import` writes"
+        }
+        Problem::SchemaVersion { found } if *found > SCHEMA_VERSION => {
+            "use the version of shellcal that wrote it, or a later one"
+        }
+        Problem::SchemaVersion { .. } => "make it again with `shellcal fit`",
+        Problem::Matrix(MatrixError::Variable { .. }) => "choose one with `--variable`",
+        _ => return None,
+    })
 }
 
 /// Whether a field becomes a number with a point for its comma.

@@ -1,10 +1,16 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
 mod convert;
+mod eval;
+mod fit;
 mod frames;
+mod import;
 mod info;
 mod mapping;
 mod noise;
+mod origin;
+mod quality;
+mod synth;
 
 use std::process::ExitCode;
 
@@ -14,9 +20,13 @@ use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    Convert(convert::ConvertArgs),
+    Convert(Box<convert::ConvertArgs>),
     Info(info::InfoArgs),
     Noise(noise::NoiseArgs),
+    Synth(synth::Synth),
+    Fit(Box<fit::FitArgs>),
+    Eval(Box<eval::EvalArgs>),
+    Import(import::ImportArgs),
 }
 
 /// How a command that could run has ended.
@@ -34,6 +44,10 @@ impl Command {
             Command::Convert(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Noise(args) => args.run(printer),
+            Command::Synth(command) => command.run(printer),
+            Command::Fit(args) => args.run(printer),
+            Command::Eval(args) => args.run(printer),
+            Command::Import(args) => args.run(printer),
         }
     }
 }

@@ -1,0 +1,182 @@
+//! `shellcal synth`: recordings made from physics.
+
+use std::io::{self, BufWriter, Write};
+use std::path::PathBuf;
+
+use clap::{Subcommand, ValueEnum};
+use serde::Serialize;
+use shellcal::output::AtomicFile;
+use shellcal::sensor_model::{Kind, Recording, Settings};
+use shellcal::synthetic_log;
+
+use crate::cmd::Outcome;
+use crate::printer::Printer;
+
+/// Make a synthetic recording from a physical model of the sensor
+///
+/// A rigid plate on springs, eight reflectors, the response of the GP2S60, noise, drift, creep and
+/// hysteresis, a reference sensor. The same command makes the same bytes on every machine.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Synth {
+    #[command(subcommand)]
+    kind: KindArgs,
+}
+
+#[derive(Debug, Subcommand)]
+enum KindArgs {
+    /// Hand-like loads on every axis, to calibrate on
+    Train(RecordingArgs),
+    /// Other loads on the same unit, to test a calibration on
+    Test(RecordingArgs),
+    /// No load: noise and drift
+    Zero(RecordingArgs),
+}
+
+#[derive(Clone, Debug, clap::Args)]
+struct RecordingArgs {
+    /// Rows to make (default: 77522 for train, 19932 for test, 5000 for zero)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    rows: Option<u64>,
+
+    /// Rows per second
+    #[arg(long, value_name = "HZ", default_value_t = 100.0, allow_negative_numbers = true)]
+    rate: f64,
+
+    /// Which recording: its loads, noise, light and mounting
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Which unit: its springs, reflectors and gains
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    unit_seed: u64,
+
+    /// Time of the first row
+    #[arg(long, value_name = "S", default_value_t = 0.0, allow_negative_numbers = true)]
+    start_time: f64,
+
+    /// Factor on all random noise; 0 for none
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
+    noise_scale: f64,
+
+    /// Resolution of the board's converter, 8 to 16
+    #[arg(long, value_name = "BITS", default_value_t = 12)]
+    adc_bits: u32,
+
+    /// Columns and their names
+    #[arg(long, value_enum, default_value_t = Layout::Shellcal)]
+    layout: Layout,
+
+    /// File to write (default: standard output)
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Layout {
+    /// t_s,s1..s8,fx_n..mz_nm,group (the pose; not in zero-load recordings)
+    Shellcal,
+    /// Timestamp,Fx..Mz,s0..s7
+    Peer,
+    /// No header; time, eight readings, six wrench columns
+    Training,
+}
+
+impl From<Layout> for synthetic_log::Layout {
+    fn from(layout: Layout) -> Self {
+        match layout {
+            Layout::Shellcal => Self::Shellcal,
+            Layout::Peer => Self::Peer,
+            Layout::Training => Self::Training,
+        }
+    }
+}
+
+/// What was made, for `--json`.
+#[derive(Serialize)]
+struct Summary<'a> {
+    file: &'a std::path::Path,
+    rows: u64,
+    bytes: u64,
+    rows_saturated: u64,
+    seed: u64,
+    unit_seed: u64,
+}
+
+impl Synth {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        match &self.kind {
+            // The paper's sizes; for noise, less than a minute.
+            KindArgs::Train(args) => args.run(Kind::Training, 77_522, printer),
+            KindArgs::Test(args) => args.run(Kind::Test, 19_932, printer),
+            KindArgs::Zero(args) => args.run(Kind::Zero, 5_000, printer),
+        }
+    }
+}
+
+impl RecordingArgs {
+    fn run(&self, kind: Kind, default_rows: u64, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let rows = self.rows.unwrap_or(default_rows);
+        let recording = Recording::new(Settings {
+            kind,
+            rate_hz: self.rate,
+            start_time_s: self.start_time,
+            seed: self.seed,
+            unit_seed: self.unit_seed,
+            noise_scale: self.noise_scale,
+            adc_bits: self.adc_bits,
+        })?;
+        let Some(path) = &self.output else {
+            anyhow::ensure!(
+                !printer.json(),
+                "`--json` needs `--output`: standard output has the rows"
+            );
+            let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
+            self.write(&mut out, kind, rows, recording, printer)?;
+            out.flush()?;
+            return Ok(Outcome::Done);
+        };
+        let mut out = AtomicFile::create(path)?;
+        let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
+        out.commit()?;
+        let Self { seed, unit_seed, .. } = *self;
+        if printer.json() {
+            let file = path.as_path();
+            printer.document(&Summary { file, rows, bytes, rows_saturated, seed, unit_seed })?;
+        } else {
+            printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
+        }
+        Ok(Outcome::Done)
+    }
+
+    /// Writes all rows; returns the bytes written and the rows with a saturated channel.
+    fn write(
+        &self,
+        out: &mut impl Write,
+        kind: Kind,
+        rows: u64,
+        recording: Recording,
+        printer: &Printer,
+    ) -> io::Result<(u64, u64)> {
+        /// Rows between two looks at the progress bar, and bytes in such a stretch, about.
+        const STRETCH: u64 = 1024;
+        const ROW_BYTES: u64 = 100;
+        let layout = synthetic_log::Layout::from(self.layout);
+        let progress = printer.progress("making rows", rows.saturating_mul(ROW_BYTES));
+        let mut text = Vec::new();
+        let (mut bytes, mut rows_saturated) = (0, 0);
+        layout.write_header(&mut text, kind)?;
+        for (row, sample) in (1..=rows).zip(recording) {
+            layout.write_row(&mut text, kind, &sample)?;
+            rows_saturated += u64::from(sample.frame.saturated != 0);
+            if row % STRETCH == 0 {
+                out.write_all(&text)?;
+                bytes += text.len() as u64;
+                text.clear();
+                progress.inc(STRETCH * ROW_BYTES);
+            }
+        }
+        out.write_all(&text)?;
+        progress.finish_and_clear();
+        Ok((bytes + text.len() as u64, rows_saturated))
+    }
+}

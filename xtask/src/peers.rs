@@ -1,0 +1,189 @@
+//! `cargo xtask bench-peers`: whole fits, process start to exit, against what people run today.
+//!
+//! Every tool reads the same training and test file and prints the errors on both. The runs are
+//! interleaved, so that a busy moment of the machine hits all tools alike; the table gives medians
+//! and their ratios to shellcal.
+
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+
+use crate::measure::{Measurement, argument, installed, measure, summary};
+use crate::steps;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Directory of the peers' scripts (peer_fit.py, peer_polars.py, peer_fit.R, …)
+    #[arg(long, env = "SHELLCAL_PEERS", value_name = "DIR")]
+    peers: PathBuf,
+
+    /// Rows of the training file (the paper's number)
+    #[arg(long, default_value_t = 77_522)]
+    train_rows: usize,
+
+    /// Rows of the test file (the paper's number)
+    #[arg(long, default_value_t = 19_932)]
+    test_rows: usize,
+
+    /// Runs of every tool
+    #[arg(long, default_value_t = 9)]
+    runs: usize,
+}
+
+/// The models by our names and by the peers'.
+const MODELS: [(&str, &str); 3] =
+    [("cubic", "cubic24+1"), ("quadratic", "quad44+1"), ("poly3", "cubic164+1")];
+
+struct Tool {
+    name: &'static str,
+    command: Vec<String>,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    ensure!(args.peers.is_dir(), "`{}` is not a directory", args.peers.display());
+    let shellcal = steps::build_shellcal()?;
+    let dir = steps::scratch("bench-peers")?;
+    let train = synthetic(&shellcal, &dir, "train", args.train_rows)?;
+    let test = synthetic(&shellcal, &dir, "test", args.test_rows)?;
+    let bytes = fs::metadata(&train)?.len() + fs::metadata(&test)?.len();
+    let megabytes = bytes as f64 / 1e6;
+    println!("{} + {} rows, {megabytes:.1} MB\n", args.train_rows, args.test_rows);
+
+    let floor_s = floor(&[&train, &test], args.runs)?;
+    println!("floor (read both files, find the newlines, one thread): {:.1} ms\n", floor_s * 1e3);
+
+    for (ours, theirs) in MODELS {
+        let mut tools = vec![Tool {
+            name: "shellcal",
+            command: vec![
+                argument(&shellcal),
+                "fit".into(),
+                argument(&train),
+                "--test".into(),
+                argument(&test),
+                "--model".into(),
+                ours.into(),
+                "--output".into(),
+                argument(&dir.join("calibration.json")),
+                "--json".into(),
+            ],
+        }];
+        tools.extend(peers(&args.peers, &train, &test, theirs));
+        let tools = working(tools)?;
+        let medians = medians(&tools, args.runs)?;
+        print_table(ours, &tools, &medians, bytes, floor_s);
+    }
+    Ok(())
+}
+
+/// A file of the sensor model, made once and kept.
+fn synthetic(shellcal: &Path, dir: &Path, kind: &str, rows: usize) -> Result<PathBuf> {
+    let path = dir.join(format!("{kind}-{rows}.csv"));
+    if !path.exists() {
+        let mut command = Command::new(shellcal);
+        command.args(["synth", kind, "--layout", "peer", "--rows", &rows.to_string(), "--output"]);
+        steps::run(&format!("make {}", path.display()), command.arg(&path))?;
+    }
+    Ok(path)
+}
+
+/// The peers that are installed here, each on the same files.
+fn peers(dir: &Path, train: &Path, test: &Path, model: &str) -> Vec<Tool> {
+    let known: [(&'static str, &str, &str, &[&str]); 5] = [
+        ("pandas + numpy", "python3", "peer_fit.py", &["-c", "import numpy, pandas"]),
+        ("polars + numpy", "python3", "peer_polars.py", &["-c", "import numpy, polars"]),
+        ("scikit-learn", "python3", "peer_sklearn.py", &["-c", "import pandas, sklearn"]),
+        ("R data.table", "Rscript", "peer_fit.R", &["-e", "library(data.table)"]),
+        ("Octave", "octave-cli", "peer_fit.m", &["--version"]),
+    ];
+    known
+        .into_iter()
+        .filter(|(name, program, _, check)| {
+            let found = installed(program, check);
+            if !found {
+                println!("{name}: not installed here, left out");
+            }
+            found
+        })
+        .map(|(name, program, script, _)| {
+            let files = [&dir.join(script), train, test].map(argument);
+            let command = [&[program.to_owned()], &files[..], &[model.to_owned()]].concat();
+            Tool { name, command }
+        })
+        .collect()
+}
+
+/// The tools that get through a first run, which also warms the caches; ours has to.
+fn working(tools: Vec<Tool>) -> Result<Vec<Tool>> {
+    let mut works = Vec::new();
+    for tool in tools {
+        match measure(&tool.command) {
+            Ok(_) => works.push(tool),
+            Err(error) if works.is_empty() => return Err(error),
+            Err(error) => println!("{}: left out: {error:#}", tool.name),
+        }
+    }
+    Ok(works)
+}
+
+/// Interleaved runs, one summary per tool.
+fn medians(tools: &[Tool], runs: usize) -> Result<Vec<Measurement>> {
+    let mut measured = vec![Vec::new(); tools.len()];
+    for _ in 0..runs {
+        for (tool, measured) in tools.iter().zip(&mut measured) {
+            let run = measure(&tool.command).with_context(|| format!("running {}", tool.name))?;
+            measured.push(run);
+        }
+    }
+    Ok(measured.iter().map(|runs| summary(runs)).collect())
+}
+
+fn print_table(model: &str, tools: &[Tool], medians: &[Measurement], bytes: u64, floor_s: f64) {
+    let ours = medians[0];
+    println!("{model}, with intercept");
+    println!("{:<16} {:>10} {:>10} {:>12} {:>10}", "", "median ms", "ratio", "peak MB", "× file");
+    for (tool, median) in tools.iter().zip(medians) {
+        println!(
+            "{:<16} {:>10.1} {:>10.1} {:>12.1} {:>10.2}",
+            tool.name,
+            median.wall_s * 1e3,
+            median.wall_s / ours.wall_s,
+            median.peak_bytes as f64 / 1e6,
+            median.peak_bytes as f64 / bytes as f64,
+        );
+    }
+    let fastest = medians[1..].iter().map(|m| m.wall_s).fold(f64::INFINITY, f64::min);
+    println!(
+        "shellcal takes {:.1} × the floor; the fastest peer takes {:.1} × shellcal's time\n",
+        ours.wall_s / floor_s,
+        fastest / ours.wall_s,
+    );
+}
+
+/// Median time to read the files and find their newlines, in s.
+fn floor(files: &[&Path], runs: usize) -> Result<f64> {
+    let mut buffer = vec![0; 1 << 20];
+    let mut times = Vec::new();
+    for _ in 0..runs {
+        let start = Instant::now();
+        let mut newlines = 0;
+        for path in files {
+            let mut file = fs::File::open(path)?;
+            loop {
+                let count = file.read(&mut buffer)?;
+                if count == 0 {
+                    break;
+                }
+                newlines += memchr::memchr_iter(b'\n', &buffer[..count]).count();
+            }
+        }
+        ensure!(newlines > 0, "no rows");
+        times.push(start.elapsed().as_secs_f64());
+    }
+    times.sort_by(f64::total_cmp);
+    Ok(times[times.len() / 2])
+}

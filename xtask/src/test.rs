@@ -1,0 +1,50 @@
+//! `cargo xtask test`: everything that must hold before a change lands.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+
+use crate::steps::{cargo, run as step};
+
+/// Names the directory of the real recordings, which are not part of the repository.
+const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Only the tests: no formatting, lints or documentation
+    #[arg(long)]
+    tests_only: bool,
+}
+
+/// The profile of the tests: optimised, with the checks of a debug build.
+const PROFILE: [&str; 2] = ["--profile", "checked"];
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let real_data = real_data()?;
+    if real_data.is_none() {
+        eprintln!("{REAL_DATA} is not set: tests on real recordings will be skipped");
+    }
+    if !args.tests_only {
+        step("formatting", &mut cargo(&["fmt", "--all", "--check"]))?;
+        let clippy = ["clippy", "--workspace", "--all-targets"];
+        let deny = ["--", "-D", "warnings"];
+        step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
+    }
+    let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
+    step("tests", tests.envs(real_data.map(|path| (REAL_DATA, path))))?;
+    if !args.tests_only {
+        let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
+        step("documentation", cargo(&doc).env("RUSTDOCFLAGS", "-D warnings"))?;
+    }
+    Ok(())
+}
+
+/// The directory of the real recordings as an absolute path, because every package's tests run in
+/// a directory of their own.
+fn real_data() -> Result<Option<PathBuf>> {
+    let Some(path) = std::env::var_os(REAL_DATA) else { return Ok(None) };
+    let path = PathBuf::from(path);
+    let absolute =
+        path.canonicalize().with_context(|| format!("{REAL_DATA} names `{}`", path.display()))?;
+    Ok(Some(absolute))
+}
