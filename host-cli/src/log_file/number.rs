@@ -54,7 +54,11 @@ pub(super) fn plain_value(negative: bool, mantissa: u64, decimals: usize) -> Opt
     if mantissa > 1 << 53 {
         return None;
     }
-    let magnitude = mantissa as i64 as f64 / EXACT_POWERS_OF_TEN[decimals];
+    let mut magnitude = mantissa as i64 as f64;
+    // Most readings are whole, and a division is the longest step of all.
+    if decimals > 0 {
+        magnitude /= EXACT_POWERS_OF_TEN[decimals];
+    }
     Some(f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63))
 }
 

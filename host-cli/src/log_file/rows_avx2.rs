@@ -2,14 +2,14 @@
 //!
 //! A first pass notes where separators, line ends and decimal points are, 64 bytes at a time. Where
 //! each number starts and ends is then known without reading the one before it, so the processor
-//! works on several at once; the digits of a number are joined within one register. Rows with
-//! anything but plain decimals of at most 15 digits and a point are left to the portable way.
+//! works on several at once; the digits of a number are joined within one register. Numbers that
+//! are not plain go to the standard library, rows that are wrong to the portable way.
 
 use std::arch::x86_64::{__m128i, __m256i};
 
 use pulp::x86::V3;
 
-use super::number::{ParsePlain, Portable, plain_value};
+use super::number::{ParsePlain, Portable, parse_field, plain_value};
 use super::rows::{Parsed, RowPlan, Step};
 
 /// How many bytes are indexed at a time: the index stays in the first-level cache.
@@ -173,7 +173,13 @@ fn parse_row(
             }
         }
         match step {
-            Step::Number => columns.next()?.push(parse_number(simd, lines, at, end, decimals)?),
+            Step::Number => {
+                let value = match parse_number(simd, lines, at, end, decimals) {
+                    Some(value) => value,
+                    None => parse_field(lines.get(at..end)?).ok()?,
+                };
+                columns.next()?.push(value);
+            }
             Step::Group => label = Some(at..end),
             Step::Skip => {}
         }
