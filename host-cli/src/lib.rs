@@ -16,5 +16,6 @@ pub mod filter;
 pub mod log_file;
 pub mod output;
 pub mod plot;
+pub mod survey;
 pub mod workflow;
 pub mod wrench;

@@ -3,6 +3,7 @@
 mod eval;
 mod fit;
 mod import;
+mod info;
 mod mapping;
 mod origin;
 mod quality;
@@ -18,6 +19,7 @@ pub(crate) enum Command {
     Fit(Box<fit::FitArgs>),
     Eval(Box<eval::EvalArgs>),
     Import(import::ImportArgs),
+    Info(info::InfoArgs),
 }
 
 /// How a command that could run has ended.
@@ -35,6 +37,7 @@ impl Command {
             Command::Fit(args) => args.run(printer),
             Command::Eval(args) => args.run(printer),
             Command::Import(args) => args.run(printer),
+            Command::Info(args) => args.run(printer),
         }
     }
 }
