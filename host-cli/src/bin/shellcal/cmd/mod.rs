@@ -20,13 +20,13 @@ use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    Convert(Box<convert::ConvertArgs>),
     Info(info::InfoArgs),
-    Noise(noise::NoiseArgs),
-    Synth(synth::Synth),
     Fit(Box<fit::FitArgs>),
     Eval(Box<eval::EvalArgs>),
+    Convert(Box<convert::ConvertArgs>),
+    Noise(noise::NoiseArgs),
     Import(import::ImportArgs),
+    Synth(synth::SynthArgs),
 }
 
 /// How a command that could run has ended.
@@ -41,13 +41,13 @@ pub(crate) enum Outcome {
 impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
-            Command::Convert(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
-            Command::Noise(args) => args.run(printer),
-            Command::Synth(command) => command.run(printer),
             Command::Fit(args) => args.run(printer),
             Command::Eval(args) => args.run(printer),
+            Command::Convert(args) => args.run(printer),
+            Command::Noise(args) => args.run(printer),
             Command::Import(args) => args.run(printer),
+            Command::Synth(args) => args.run(printer),
         }
     }
 }
