@@ -99,7 +99,11 @@ impl Accumulator {
     ///
     /// # Panics
     /// If the numbers or lengths of columns are not as said.
-    pub fn absorb<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) -> Result<(), ExactError> {
+    pub fn absorb<C: AsRef<[f64]>>(
+        &mut self,
+        readings: &[C],
+        wrench: &[C],
+    ) -> Result<(), ExactError> {
         assert_eq!((readings.len(), wrench.len()), (self.channels.len(), 6), "columns");
         let rows = wrench[0].as_ref().len();
         assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
@@ -113,7 +117,8 @@ impl Accumulator {
                 scale(&column.as_ref()[start..end], self.channels[i].decimals, target);
             }
             for (i, column) in wrench.iter().enumerate() {
-                self.wrench[i * ROWS..][staged.clone()].copy_from_slice(&column.as_ref()[start..end]);
+                self.wrench[i * ROWS..][staged.clone()]
+                    .copy_from_slice(&column.as_ref()[start..end]);
             }
             self.staged = staged.end;
             if self.staged == ROWS {
@@ -174,7 +179,8 @@ impl Accumulator {
             column[self.staged..].fill(0.0);
         }
         let covered = self.open.as_ref().is_some_and(|open| {
-            open.blocks < MOST_BLOCKS && distance(&self.channels, &open.centre) <= open.features.largest
+            open.blocks < MOST_BLOCKS
+                && distance(&self.channels, &open.centre) <= open.features.largest
         });
         if !covered {
             self.reopen()?;
@@ -297,7 +303,8 @@ impl Open {
             for (limbs, axis) in self.cross.iter().zip(&mut wrench) {
                 let parts: Vec<i128> = (0..limbs.count * features).map(|_| next()).collect();
                 for (f, sum) in axis[1..].iter_mut().enumerate() {
-                    *sum += join(parts.iter().skip(f).step_by(features).copied(), limbs.width) << up;
+                    *sum +=
+                        join(parts.iter().skip(f).step_by(features).copied(), limbs.width) << up;
                 }
             }
         }

@@ -62,8 +62,7 @@ fn tile<S: Simd, const L: usize, const R: usize>(
     let rights = right.len() / ROWS;
     let steps = ROWS / S::F64_LANES;
     let left: [&[S::f64s]; L] = left.map(|column| &column[..steps]);
-    let right: [&[S::f64s]; R] =
-        std::array::from_fn(|r| &column::<S>(right, first + r)[..steps]);
+    let right: [&[S::f64s]; R] = std::array::from_fn(|r| &column::<S>(right, first + r)[..steps]);
     let mut sums = [[simd.splat_f64s(0.0); R]; L];
     for step in 0..steps {
         for l in 0..L {
@@ -105,7 +104,8 @@ mod tests {
             for rights in 1..=7 {
                 let left: Vec<f64> = (0..lefts * ROWS).map(number).collect();
                 let right: Vec<f64> = (0..rights * ROWS).map(|i| number(i + 5)).collect();
-                let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+                let dot =
+                    |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
                 let expected: Vec<f64> = left
                     .chunks(ROWS)
                     .flat_map(|a| right.chunks(ROWS).map(move |b| dot(a, b)))

@@ -124,8 +124,11 @@ impl Places {
         let count = (places as u32).div_ceil(width);
         let spare = (count * width) as i32 - places;
         let unit = self.low - spare / 2;
-        (places <= MOST_PLACES && unit >= LOWEST_UNIT)
-            .then_some(Limbs { unit, width, count: count as usize })
+        (places <= MOST_PLACES && unit >= LOWEST_UNIT).then_some(Limbs {
+            unit,
+            width,
+            count: count as usize,
+        })
     }
 }
 

@@ -159,7 +159,9 @@ mod tests {
     fn the_gram_matrix_of_dependent_columns_shows_which_and_how() {
         // Columns x0, x1, x2 = 3·x0 − x1/2, x3, from rows that are otherwise in general position.
         let rows: Vec<[i128; 4]> = (0..9)
-            .map(|i: i128| [i * i % 7, 2 * (i * 5 % 11), 3 * (i * i % 7) - i * 5 % 11, i * i * i % 13])
+            .map(|i: i128| {
+                [i * i % 7, 2 * (i * 5 % 11), 3 * (i * i % 7) - i * 5 % 11, i * i * i % 13]
+            })
             .collect();
         let gram = matrix(4, |a, b| rows.iter().map(|row| row[a] * row[b]).sum());
         let elimination = Elimination::new(4, gram);

@@ -345,12 +345,12 @@ impl TryFrom<Stored> for Moments {
 
 /// `Σ parts_i·2^(width·i)`.
 pub(super) fn join(parts: impl DoubleEndedIterator<Item = i128> + Clone, width: u32) -> BigInt {
-    let narrow = parts.clone().rev().try_fold(0i128, |sum, part| {
-        sum.checked_mul(1i128.checked_shl(width)?)?.checked_add(part)
-    });
+    let narrow = parts
+        .clone()
+        .rev()
+        .try_fold(0i128, |sum, part| sum.checked_mul(1i128.checked_shl(width)?)?.checked_add(part));
     narrow.map_or_else(
         || parts.rev().fold(BigInt::zero(), |sum, part| (sum << width) + part),
         BigInt::from,
     )
 }
-

@@ -87,11 +87,7 @@ pub(super) fn rank_loss(moments: &Moments, model: &Model) -> Option<RankLoss> {
 }
 
 /// Whether `‖x_j − Σ shares·x‖² = 0`.
-fn vanishes(
-    j: usize,
-    shares: &[(usize, (i64, i64))],
-    sum: impl Fn(usize, usize) -> i128,
-) -> bool {
+fn vanishes(j: usize, shares: &[(usize, (i64, i64))], sum: impl Fn(usize, usize) -> i128) -> bool {
     let common: BigInt = shares.iter().map(|&(_, (_, d))| BigInt::from(d)).product();
     let mut weights: Vec<(usize, BigInt)> =
         shares.iter().map(|&(i, (n, d))| (i, -(&common / d * n))).collect();

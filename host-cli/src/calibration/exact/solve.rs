@@ -106,7 +106,8 @@ impl Moments {
             return Err(SolveError::Ridge(ridge));
         }
         if model.channels != self.channels.len() || !contains(self, &terms) {
-            let summed = Model { basis: self.basis, intercept: true, channels: self.channels.len() };
+            let summed =
+                Model { basis: self.basis, intercept: true, channels: self.channels.len() };
             return Err(SolveError::OtherFeatures { summed: summed.name(), asked: model.name() });
         }
         if self.rows < terms.len() as u64 && ridge == 0.0 || self.rows == 0 {
@@ -428,9 +429,11 @@ impl Fit {
 
 fn border(bordered: &Bordered, row: usize) -> Row {
     let first = bordered.size;
-    std::array::from_fn(|axis| {
-        if axis < 6 { bordered.get(row, first + axis) } else { DoubleDouble::ZERO }
-    })
+    std::array::from_fn(
+        |axis| {
+            if axis < 6 { bordered.get(row, first + axis) } else { DoubleDouble::ZERO }
+        },
+    )
 }
 
 /// `WᵀW − CᵀB − CᵀPC`, which are the residuals of `(A + P)·C = B`.
