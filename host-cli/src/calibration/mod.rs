@@ -4,4 +4,19 @@
 //! the six axes of the wrench.
 
 pub mod exact;
+mod conversion;
+mod error;
+pub mod extent;
+pub mod features;
 pub mod model;
+pub mod quality;
+pub mod rank_loss;
+pub mod raw_units;
+pub mod scaling;
+pub mod solver;
+pub mod triangle;
+pub mod uncertainty;
+
+pub use self::conversion::Calibration;
+pub use self::error::FitError;
+pub use self::model::{Basis, Model};

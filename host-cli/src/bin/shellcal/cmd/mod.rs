@@ -1,5 +1,12 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod eval;
+mod fit;
+mod import;
+mod mapping;
+mod origin;
+mod quality;
+
 use std::process::ExitCode;
 
 use clap::Subcommand;
@@ -7,7 +14,11 @@ use clap::Subcommand;
 use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
-pub(crate) enum Command {}
+pub(crate) enum Command {
+    Fit(Box<fit::FitArgs>),
+    Eval(Box<eval::EvalArgs>),
+    Import(import::ImportArgs),
+}
 
 /// How a command that could run has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,8 +30,12 @@ pub(crate) enum Outcome {
 }
 
 impl Command {
-    pub(crate) fn run(&self, _printer: &mut Printer) -> anyhow::Result<Outcome> {
-        match *self {}
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        match self {
+            Command::Fit(args) => args.run(printer),
+            Command::Eval(args) => args.run(printer),
+            Command::Import(args) => args.run(printer),
+        }
     }
 }
 

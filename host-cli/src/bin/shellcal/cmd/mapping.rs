@@ -1,0 +1,206 @@
+//! The flags of every command that reads logs: what their columns are, and how they are read.
+
+use clap::ValueEnum;
+use shellcal::log_file::{ColumnRef, Format, Mapping, MomentUnit, ReadOptions, TimeUnit};
+
+/// What the columns of a log are, where their names do not say.
+#[derive(Clone, Debug, Default, clap::Args)]
+#[command(next_help_heading = "Reading logs")]
+pub(crate) struct MappingArgs {
+    /// What kind of file the logs are [default: recognised]
+    #[arg(long, value_name = "FORMAT")]
+    pub(crate) format: Option<FormatArg>,
+
+    /// Sensor columns in channel order: names or places, `a,b,c` or `2-9`
+    #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
+    pub(crate) sensors: Option<Columns>,
+
+    /// The six wrench columns in the order Fx to Mz: names or places
+    #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
+    pub(crate) wrench: Option<Columns>,
+
+    /// The time column: its name or place
+    #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
+    pub(crate) time: Option<ColumnRef>,
+
+    /// The unit of the time column, whatever its name says
+    #[arg(long, value_name = "UNIT")]
+    pub(crate) time_unit: Option<TimeUnitArg>,
+
+    /// The column that names a row's group (pose, session, trial): its name or place
+    #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
+    pub(crate) group: Option<ColumnRef>,
+
+    /// The unit of the moment columns, whatever their names say
+    #[arg(long, value_name = "UNIT")]
+    pub(crate) moment_unit: Option<MomentUnitArg>,
+
+    /// Leave out rows that are wrong, and say how many
+    #[arg(long)]
+    pub(crate) skip_bad_rows: bool,
+
+    /// How many threads to use [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(crate) threads: Option<u16>,
+}
+
+impl MappingArgs {
+    /// What the user says about the columns.
+    pub(crate) fn mapping(&self) -> anyhow::Result<Mapping> {
+        let wrench = match &self.wrench {
+            None => None,
+            Some(Columns(six)) => match <[ColumnRef; 6]>::try_from(six.clone()) {
+                Ok(six) => Some(six),
+                Err(found) => {
+                    let found = found.len();
+                    anyhow::bail!("`--wrench` names {found} columns, expected 6 (Fx to Mz)")
+                }
+            },
+        };
+        Ok(Mapping {
+            format: self.format.map(Format::from),
+            sensors: self.sensors.clone().map(|Columns(columns)| columns),
+            wrench,
+            time: self.time.clone(),
+            time_unit: self.time_unit.map(TimeUnit::from),
+            group: self.group.clone(),
+            moment_unit: self.moment_unit.map(MomentUnit::from),
+        })
+    }
+
+    /// How to read.
+    pub(crate) fn read_options(&self) -> ReadOptions<'static> {
+        ReadOptions {
+            threads: self.threads.map_or(0, usize::from),
+            skip_bad_rows: self.skip_bad_rows,
+            ..ReadOptions::default()
+        }
+    }
+}
+
+/// A list of columns.
+#[derive(Clone, Debug)]
+pub(crate) struct Columns(Vec<ColumnRef>);
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum FormatArg {
+    /// Robot telemetry with `%` header lines
+    Telemetry,
+    /// Separated values, names in the first line
+    Csv,
+    /// No header: time, eight sensors, six wrench columns
+    Training,
+    /// Reference sensor: two columns to drop, time, six wrench columns, three accelerations
+    Reference,
+    /// Base-station console with received payloads
+    Console,
+}
+
+impl From<FormatArg> for Format {
+    fn from(format: FormatArg) -> Self {
+        match format {
+            FormatArg::Telemetry => Format::Telemetry,
+            FormatArg::Csv => Format::Csv,
+            FormatArg::Training => Format::Training,
+            FormatArg::Reference => Format::Reference,
+            FormatArg::Console => Format::Console,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum TimeUnitArg {
+    S,
+    Ms,
+    Us,
+    Ns,
+}
+
+impl From<TimeUnitArg> for TimeUnit {
+    fn from(unit: TimeUnitArg) -> Self {
+        match unit {
+            TimeUnitArg::S => TimeUnit::Second,
+            TimeUnitArg::Ms => TimeUnit::Millisecond,
+            TimeUnitArg::Us => TimeUnit::Microsecond,
+            TimeUnitArg::Ns => TimeUnit::Nanosecond,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum MomentUnitArg {
+    /// N·m
+    #[value(name = "N·m", aliases = ["nm", "Nm", "N.m"])]
+    NewtonMetre,
+    /// mN·m, the same as N·mm
+    #[value(name = "mN·m", aliases = ["mnm", "mNm", "mN.m", "N·mm", "Nmm", "nmm", "N.mm"])]
+    MillinewtonMetre,
+}
+
+impl From<MomentUnitArg> for MomentUnit {
+    fn from(unit: MomentUnitArg) -> Self {
+        match unit {
+            MomentUnitArg::NewtonMetre => MomentUnit::NewtonMetre,
+            MomentUnitArg::MillinewtonMetre => MomentUnit::MillinewtonMetre,
+        }
+    }
+}
+
+/// A number is a place, anything else a name.
+fn parse_column(text: &str) -> Result<ColumnRef, String> {
+    match (text.trim(), text.trim().parse()) {
+        ("", _) => Err("expected the name or place of a column".to_owned()),
+        (_, Ok(0)) => Err("the first column is 1".to_owned()),
+        (_, Ok(position)) => Ok(ColumnRef::Position(position)),
+        (name, Err(_)) => Ok(ColumnRef::Name(name.to_owned())),
+    }
+}
+
+/// Names and places separated by commas; `2-9` is the places 2 to 9.
+fn parse_columns(text: &str) -> Result<Columns, String> {
+    let mut columns = Vec::new();
+    for item in text.split(',') {
+        let ends = item.split_once('-').map(|(a, b)| (a.trim().parse(), b.trim().parse()));
+        match ends {
+            Some((Ok(first), Ok(last))) => {
+                if !(1..=last).contains(&first) || last > MAX_PLACE {
+                    return Err(format!("`{item}` is not a range of places from 1 to {MAX_PLACE}"));
+                }
+                columns.extend((first..=last).map(ColumnRef::Position));
+            }
+            _ => columns.push(parse_column(item)?),
+        }
+    }
+    Ok(Columns(columns))
+}
+
+/// Keeps a slip of the finger from asking for 10⁹ columns.
+const MAX_PLACE: usize = 4096;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_names_places_and_ranges() {
+        let Columns(columns) = parse_columns("a,3, s-1 ,5-7").unwrap();
+        let name = |name: &str| ColumnRef::Name(name.to_owned());
+        let place = ColumnRef::Position;
+        assert_eq!(columns, [name("a"), place(3), name("s-1"), place(5), place(6), place(7)]);
+    }
+
+    #[test]
+    fn impossible_places_are_refused() {
+        for text in ["0", "", "a,,b", "0-3", "5-2", "1-1000000000"] {
+            assert!(parse_columns(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_wrench_has_six_columns() {
+        let args = MappingArgs { wrench: parse_columns("1-5").ok(), ..MappingArgs::default() };
+        assert!(args.mapping().unwrap_err().to_string().contains("5 columns"));
+        let args = MappingArgs { wrench: parse_columns("1-6").ok(), ..MappingArgs::default() };
+        assert!(args.mapping().unwrap().wrench.is_some());
+    }
+}

@@ -1,0 +1,48 @@
+//! Why a calibration cannot be fitted.
+
+use super::rank_loss::RankLoss;
+
+/// Why a calibration cannot be fitted.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FitError {
+    /// Fewer rows than coefficients.
+    #[error("`{rows}` rows are too few for the `{coefficients}` coefficients of each axis")]
+    TooFewRows {
+        /// Rows used.
+        rows: u64,
+        /// Coefficients of each axis.
+        coefficients: usize,
+    },
+    /// Every row has the same readings.
+    #[error("all `{rows}` rows have the same readings")]
+    IdenticalRows {
+        /// Rows used.
+        rows: u64,
+    },
+    /// The features are not independent.
+    #[error("{0}")]
+    RankDeficient(RankLoss),
+    /// A value is infinite or not a number.
+    #[error("`{column}` is not a finite number in row `{row}` of a block")]
+    NotFinite {
+        /// The channel or axis.
+        column: String,
+        /// The row within its block, from 0.
+        row: usize,
+    },
+    /// Finite values whose features are not.
+    #[error("readings or wrenches are too large: products of them overflow")]
+    Overflow,
+    /// Not the number of channels of the model.
+    #[error("expected `{expected}` channels, found `{found}`")]
+    Channels {
+        /// Channels of the model.
+        expected: usize,
+        /// Channels of the rows.
+        found: usize,
+    },
+    /// A ridge parameter that is not a finite number from zero up.
+    #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
+    Ridge(f64),
+}

@@ -1,0 +1,113 @@
+//! Shifting and scaling readings before powers are taken.
+//!
+//! Raw cubic features of 12-bit readings span ten orders of magnitude and are nearly collinear;
+//! about their mean they are not. The shift is an integer and the scale a power of two, so that for
+//! integer readings of up to 16 bits every feature is an exact `f64`: a calibration is then a least
+//! squares fit to the very numbers that were recorded.
+
+use serde::{Deserialize, Serialize};
+
+/// How readings become standardised readings: `z = (s − centre) / scale`, channel by channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scaling {
+    /// What is subtracted, in counts. Zero for models without an intercept.
+    pub centre: Vec<f64>,
+    /// What is divided by, in counts: a power of two.
+    pub scale: Vec<f64>,
+}
+
+impl Scaling {
+    /// No shift and no scaling: the features are those of the raw readings.
+    pub fn identity(channels: usize) -> Self {
+        Self { centre: vec![0.0; channels], scale: vec![1.0; channels] }
+    }
+
+    /// Chooses centre and scale from a sample of the readings, one column per channel.
+    ///
+    /// The centre is the rounded mean, the scale the power of two next above the largest distance
+    /// from it, so that |z| ≤ 1 over the sample. Without an intercept the centre is zero: the
+    /// powers of a shifted reading span the powers of the reading only together with a constant,
+    /// so a shift would change the model and not only its basis.
+    pub fn of_sample(readings: &[Vec<f64>], intercept: bool) -> Self {
+        let centre_of = |column: &Vec<f64>| if intercept { rounded_mean(column) } else { 0.0 };
+        let centre: Vec<f64> = readings.iter().map(centre_of).collect();
+        let scale = readings.iter().zip(&centre).map(|(column, &c)| scale_about(column, c));
+        Self { scale: scale.collect(), centre }
+    }
+
+    /// Number of channels.
+    pub fn channels(&self) -> usize {
+        self.centre.len()
+    }
+}
+
+/// The mean, rounded to an integer; where readings carry decimals and stay within a few counts, to
+/// a fraction of their range that is a power of two, which keeps the subtraction exact.
+fn rounded_mean(column: &[f64]) -> f64 {
+    let (min, max) = column
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &s| (min.min(s), max.max(s)));
+    if min > max {
+        return 0.0;
+    }
+    let mean = column.iter().map(|s| s - min).sum::<f64>() / column.len() as f64 + min;
+    let integers = column.iter().all(|s| s.fract() == 0.0);
+    let grid = if integers || max == min { 1.0 } else { power_of_two_above(max - min) / 16.0 };
+    let rounded = (mean / grid.min(1.0)).round() * grid.min(1.0);
+    if rounded.is_finite() { rounded } else { 0.0 }
+}
+
+fn scale_about(column: &[f64], centre: f64) -> f64 {
+    power_of_two_above(column.iter().fold(0.0, |largest, s| f64::max(largest, (s - centre).abs())))
+}
+
+/// The smallest power of two that is not below `value`; 1 for zero and where there is none.
+fn power_of_two_above(value: f64) -> f64 {
+    if !value.is_normal() {
+        return 1.0;
+    }
+    let mantissa_bits = (1u64 << 52) - 1;
+    let below = f64::from_bits(value.abs().to_bits() & !mantissa_bits);
+    let power = if below == value.abs() { below } else { 2.0 * below };
+    // The reciprocal is what is multiplied by; it must be a normal number too.
+    if power.recip().is_normal() && power.is_finite() { power } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn integer_readings_get_an_integer_centre_and_end_up_within_one() {
+        let scaling = Scaling::of_sample(&[vec![1000.0, 1001.0, 1500.0]], true);
+        assert_eq!(scaling, Scaling { centre: vec![1167.0], scale: vec![512.0] });
+    }
+
+    #[test]
+    fn without_an_intercept_nothing_is_shifted() {
+        let scaling = Scaling::of_sample(&[vec![1000.0, 1024.0]], false);
+        assert_eq!(scaling, Scaling { centre: vec![0.0], scale: vec![1024.0] });
+    }
+
+    #[test]
+    fn readings_in_volts_are_centred_on_a_fraction_of_their_range() {
+        let scaling = Scaling::of_sample(&[vec![2.5, 2.5625, 2.6]], true);
+        assert!((scaling.centre[0] - 2.55).abs() < 0.01);
+        assert_eq!(scaling.centre[0] * 128.0, (scaling.centre[0] * 128.0).round());
+        assert_eq!(scaling.scale, [0.0625]);
+    }
+
+    #[test]
+    fn constant_and_empty_channels_have_a_scaling_too() {
+        let scaling = Scaling::of_sample(&[vec![7.0, 7.0], vec![]], true);
+        assert_eq!(scaling, Scaling { centre: vec![7.0, 0.0], scale: vec![1.0, 1.0] });
+    }
+
+    #[test]
+    fn powers_of_two_at_the_ends_of_the_exponent_range() {
+        assert_eq!(power_of_two_above(1.0), 1.0);
+        assert_eq!(power_of_two_above(1.0 + f64::EPSILON), 2.0);
+        assert_eq!(power_of_two_above(f64::MAX), 1.0);
+        assert_eq!(power_of_two_above(f64::NAN), 1.0);
+    }
+}

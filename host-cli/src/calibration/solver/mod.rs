@@ -1,0 +1,91 @@
+//! From rows to coefficients: what all solvers have in common.
+//!
+//! A solver reduces blocks of rows to partial fits, merges partial fits in the order of the rows
+//! and solves what is left. Memory does not grow with the number of rows, and blocks may be
+//! reduced on several threads.
+
+mod tsqr;
+
+use faer::Mat;
+use serde::{Deserialize, Serialize};
+
+pub use self::tsqr::Tsqr;
+use super::extent::Extent;
+use super::scaling::Scaling;
+use super::{FitError, Model};
+use crate::block::Block;
+
+/// A way to find the coefficients `C` that minimise `‖X(s)·C − W‖` over the rows of a log.
+pub trait Solver: Sync {
+    /// What some rows say about the coefficients.
+    type Partial: Send;
+
+    /// Of no rows.
+    fn empty(&self) -> Self::Partial;
+
+    /// Of the rows of a block. May be called on any thread.
+    ///
+    /// # Errors
+    /// [`FitError`] where the solver cannot work with these readings or wrenches.
+    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError>;
+
+    /// Adds the rows of `later` to those of `earlier`.
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+
+    /// The coefficients that fit all rows best. `extent` is that of the same rows.
+    ///
+    /// # Errors
+    /// [`FitError`] if the rows do not determine the coefficients.
+    fn solve(&self, partial: &Self::Partial, extent: &Extent) -> Result<Solution, FitError>;
+}
+
+/// The solvers by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum SolverKind {
+    /// Householder QR over row blocks.
+    Tsqr,
+}
+
+impl SolverKind {
+    /// The name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            SolverKind::Tsqr => "tsqr",
+        }
+    }
+}
+
+/// What a solver is told beside the rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    /// The features.
+    pub model: Model,
+    /// Centre and scale of the readings.
+    pub scaling: Scaling,
+    /// λ ≥ 0 of a ridge on columns of norm one; the intercept is not penalised. 0 for none.
+    pub ridge: f64,
+}
+
+/// Coefficients and all that is known about them. Rows and columns of features are in the order of
+/// [`Model::terms`], those of axes in the order of [`crate::wrench::Axis::ALL`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Solution {
+    /// The features.
+    pub model: Model,
+    /// Centre and scale of the readings that the coefficients are for.
+    pub scaling: Scaling,
+    /// `C`, features × 6, in N and N·m.
+    pub coefficients: Mat<f64>,
+    /// Upper triangular `F` with `F·Fᵀ = (XᵀX)⁻¹`, ridge included, features × features.
+    pub factor: Mat<f64>,
+    /// `(W − X·C)ᵀ(W − X·C)`, 6 × 6, in products of N and N·m.
+    pub residual_products: Mat<f64>,
+    /// Rows fitted.
+    pub rows: u64,
+    /// Condition number of the features, columns scaled to norm one.
+    pub condition: f64,
+    /// Independent features.
+    pub rank: usize,
+}

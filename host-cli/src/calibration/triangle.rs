@@ -1,0 +1,489 @@
+//! Least squares by Householder QR streamed over row blocks (TSQR), for any dense problem.
+//!
+//! Of the rows `[X | Y]` seen so far only the triangle of their QR factorisation is kept,
+//!
+//! ```text
+//! [X | Y] = Q · | R  Z |      R p × p, Z = QᵀY p × q, E q × q
+//!               | 0  E |
+//! ```
+//!
+//! so memory does not grow with the number of rows. More rows are put below the triangle and the
+//! stack is factored again; two triangles merge in the same way (Demmel, Grigori, Hoemmen, Langou,
+//! SIAM J. Sci. Comput. 34, 2012). `R·C = Z` solves `min ‖X·C − Y‖`, and `EᵀE` is the matrix of
+//! sums of squares and products of the residuals, at the relative accuracy of a QR factorisation.
+//! The factorisation does not depend on the scaling of columns; rank and condition are told of the
+//! column-equilibrated `R`, whose columns have norm one.
+//!
+//! Omitted: pivoting, as a rank loss is an error and not something to be worked around.
+
+use std::fmt;
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::qr::no_pivoting::factor;
+use faer::linalg::{triangular_inverse, triangular_solve};
+use faer::prelude::*;
+use faer::{Mat, MatMut, MatRef, Par};
+
+/// Bytes of a row block: it is gone over once per panel, so it should stay in a core's own cache.
+const BLOCK_BYTES: usize = 1 << 18;
+
+/// What is kept of the rows seen so far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Triangle {
+    features: usize,
+    rows: u64,
+    /// Upper triangular of order p + q.
+    r: Mat<f64>,
+}
+
+/// The memory that factoring row blocks needs, to be used again from block to block.
+pub struct Workspace {
+    rows: usize,
+    order: usize,
+    /// Column-major, `rows` of a block and below them `order` of the triangle.
+    stack: Vec<f64>,
+    householder: Mat<f64>,
+    scratch: MemBuffer,
+}
+
+/// The solution of a least-squares problem.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeastSquares {
+    /// `C`, p × q.
+    pub coefficients: Mat<f64>,
+    /// Upper triangular `F` with `F·Fᵀ = (XᵀX + Λ)⁻¹`, p × p: `R⁻¹`.
+    pub factor: Mat<f64>,
+    /// `(Y − X·C)ᵀ(Y − X·C)`, q × q.
+    pub residual_products: Mat<f64>,
+    /// Number of rows.
+    pub rows: u64,
+    /// 2-norm condition number of `X` with its columns scaled to norm one.
+    pub condition: f64,
+    /// Number of singular values of that matrix above the tolerance.
+    pub rank: usize,
+}
+
+/// Why there is no unique finite solution.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum LeastSquaresError {
+    /// Fewer rows than columns.
+    #[error("`{rows}` rows cannot determine `{columns}` coefficients")]
+    TooFewRows {
+        /// Rows seen.
+        rows: u64,
+        /// Columns of `X`.
+        columns: usize,
+    },
+    /// The columns depend on each other.
+    #[error("only `{rank}` of `{columns}` columns are independent")]
+    RankDeficient {
+        /// Independent columns.
+        rank: usize,
+        /// Columns of `X`.
+        columns: usize,
+        /// p × (p − rank): directions along which equilibrated columns cancel, orthonormal.
+        null_space: Mat<f64>,
+    },
+    /// Infinite or not a number, in the input or by overflow.
+    #[error("a value is not finite, or too large for its square to be")]
+    NotFinite,
+}
+
+/// A penalty on the size of the coefficients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ridge {
+    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with `D` the norms of the columns of `X`, so that λ
+    /// has no unit and means the same for any number of rows.
+    pub lambda: f64,
+    /// The column that is not penalised, which is where the intercept is.
+    pub free_column: Option<usize>,
+}
+
+impl Ridge {
+    /// No penalty.
+    pub const NONE: Ridge = Ridge { lambda: 0.0, free_column: None };
+}
+
+impl Triangle {
+    /// No rows yet of `features` columns of `X` and `outputs` columns of `Y`.
+    pub fn new(features: usize, outputs: usize) -> Self {
+        let order = features + outputs;
+        Self { features, rows: 0, r: Mat::zeros(order, order) }
+    }
+
+    /// Number of rows seen.
+    pub fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// The upper triangular `R`, p × p.
+    pub fn r(&self) -> MatRef<'_, f64> {
+        self.r.as_ref().submatrix(0, 0, self.features, self.features)
+    }
+
+    /// Adds `rows` rows, at most [`Workspace::rows`].
+    ///
+    /// `fill` is given the columns of `[X | Y]`, column `j` at `[j·stride ..][..rows]`, and writes
+    /// all of them.
+    pub fn absorb(
+        &mut self,
+        rows: usize,
+        workspace: &mut Workspace,
+        fill: impl FnOnce(&mut [f64], usize),
+    ) {
+        assert!(rows <= workspace.rows, "no more rows than the workspace has room for");
+        fill(&mut workspace.stack, workspace.rows + workspace.order);
+        self.factor_below(rows, workspace);
+        self.rows += rows as u64;
+    }
+
+    /// Adds what `later` has seen.
+    ///
+    /// # Panics
+    /// If the two are of different shapes.
+    pub fn merge(&mut self, later: &Triangle) {
+        assert_eq!((self.features, self.r.shape()), (later.features, later.r.shape()));
+        if self.rows == 0 {
+            self.clone_from(later);
+        } else if later.rows > 0 {
+            let order = self.r.nrows();
+            let mut workspace = Workspace::with_rows(order, order);
+            workspace.stack().submatrix_mut(0, 0, order, order).copy_from(&later.r);
+            self.factor_below(order, &mut workspace);
+            self.rows += later.rows;
+        }
+    }
+
+    /// Factors the first `rows` rows of the workspace with the triangle below them.
+    fn factor_below(&mut self, rows: usize, workspace: &mut Workspace) {
+        let order = self.r.nrows();
+        let height = workspace.rows + order;
+        let Workspace { stack, householder, scratch, .. } = workspace;
+        let stack = MatMut::from_column_major_slice_mut(stack, height, order);
+        let mut stack = stack.submatrix_mut(0, 0, rows + order, order);
+        stack.rb_mut().submatrix_mut(rows, 0, order, order).copy_from(&self.r);
+        factor::qr_in_place(
+            stack.rb_mut(),
+            householder.as_mut(),
+            Par::Seq,
+            MemStack::new(scratch),
+            Default::default(),
+        );
+        // Below the diagonal are the reflectors, which nobody asks for.
+        for j in 0..order {
+            let (mut column, factored) = (self.r.as_mut().col_mut(j), stack.rb().col(j));
+            column.rb_mut().subrows_mut(0, j + 1).copy_from(factored.subrows(0, j + 1));
+        }
+    }
+
+    /// Solves for the coefficients.
+    ///
+    /// Singular values of the equilibrated `R` below `10·p·2⁻⁵²` of the largest count as zero:
+    /// they are within what rounding in the factorisation does to exactly dependent columns. A
+    /// ridge fills those directions, so rank is then only reported.
+    ///
+    /// # Errors
+    /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, or where
+    /// something is not finite.
+    pub fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
+        let (p, q) = (self.features, self.r.nrows() - self.features);
+        if self.rows < p as u64 && ridge.lambda == 0.0 {
+            return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });
+        }
+        if !self.r.is_all_finite() {
+            return Err(LeastSquaresError::NotFinite);
+        }
+        let (equilibrated, norms) = self.equilibrated();
+        let singular = equilibrated.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
+        let largest = singular.first().copied().unwrap_or(0.0);
+        let tolerance = 10.0 * p as f64 * f64::EPSILON * largest;
+        let rank = singular.iter().filter(|&&s| s > tolerance).count();
+        if rank < p && ridge.lambda == 0.0 {
+            let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
+            let null_space = svd.V().subcols(rank, p - rank).to_owned();
+            return Err(LeastSquaresError::RankDeficient { rank, columns: p, null_space });
+        }
+
+        let damped = self.damped(&norms, ridge);
+        let r = damped.as_ref().submatrix(0, 0, p, p);
+        let mut coefficients = damped.as_ref().submatrix(0, p, p, q).to_owned();
+        triangular_solve::solve_upper_triangular_in_place(r, coefficients.as_mut(), Par::Seq);
+        let mut factor = Mat::zeros(p, p);
+        triangular_inverse::invert_upper_triangular(factor.as_mut(), r, Par::Seq);
+        let misfit = self.r.as_ref().submatrix(0, p, p, q) - self.r() * &coefficients;
+        let rest = self.r.as_ref().submatrix(p, p, q, q);
+        let residual_products = misfit.transpose() * &misfit + rest.transpose() * rest;
+        if !coefficients.is_all_finite() || !factor.is_all_finite() {
+            return Err(LeastSquaresError::NotFinite);
+        }
+        let condition = largest / singular.last().copied().unwrap_or(largest);
+        Ok(LeastSquares {
+            coefficients,
+            factor,
+            residual_products,
+            rows: self.rows,
+            condition,
+            rank,
+        })
+    }
+
+    /// `R` with columns of norm one, and the norms. A column of zeros stays as it is.
+    fn equilibrated(&self) -> (Mat<f64>, Vec<f64>) {
+        let norms: Vec<f64> = (0..self.features).map(|j| self.r().col(j).norm_l2()).collect();
+        let unit = |j: usize| if norms[j] > 0.0 { norms[j] } else { 1.0 };
+        let p = self.features;
+        (Mat::from_fn(p, p, |i, j| self.r()[(i, j)] / unit(j)), norms)
+    }
+
+    /// The triangle after the rows `√λ·D` of the ridge have been added.
+    fn damped(&self, norms: &[f64], ridge: Ridge) -> Mat<f64> {
+        let mut damped = self.clone();
+        if ridge.lambda > 0.0 {
+            let mut penalty = Triangle::new(self.features, self.r.nrows() - self.features);
+            for (j, &norm) in norms.iter().enumerate() {
+                let norm = if norm > 0.0 { norm } else { 1.0 };
+                if ridge.free_column != Some(j) {
+                    penalty.r[(j, j)] = ridge.lambda.sqrt() * norm;
+                }
+            }
+            penalty.rows = 1;
+            damped.merge(&penalty);
+        }
+        damped.r
+    }
+}
+
+impl Workspace {
+    /// Memory for blocks of rows of `features` + `outputs` columns that stay in cache.
+    pub fn new(features: usize, outputs: usize) -> Self {
+        let order = features + outputs;
+        Self::with_rows((BLOCK_BYTES / (8 * order.max(1))).max(4 * order), order)
+    }
+
+    fn with_rows(rows: usize, order: usize) -> Self {
+        let panel = factor::recommended_block_size::<f64>(rows + order, order);
+        let scratch = factor::qr_in_place_scratch::<f64>(
+            rows + order,
+            order,
+            panel,
+            Par::Seq,
+            Default::default(),
+        );
+        Self {
+            rows,
+            order,
+            stack: vec![0.0; (rows + order) * order],
+            householder: Mat::zeros(panel, order),
+            scratch: MemBuffer::new(scratch),
+        }
+    }
+
+    /// Rows that fit into one block.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn stack(&mut self) -> MatMut<'_, f64> {
+        let (rows, order) = (self.rows + self.order, self.order);
+        MatMut::from_column_major_slice_mut(&mut self.stack, rows, order)
+    }
+}
+
+impl fmt::Debug for Workspace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Workspace").field("rows", &self.rows).finish_non_exhaustive()
+    }
+}
+
+/// Solves `min ‖X·C − Y‖` for dense `X` (n × p) and `Y` (n × q).
+///
+/// # Errors
+/// As [`Triangle::solve`].
+///
+/// # Panics
+/// If `x` and `y` differ in their number of rows.
+pub fn least_squares(
+    x: MatRef<'_, f64>,
+    y: MatRef<'_, f64>,
+    ridge: Ridge,
+) -> Result<LeastSquares, LeastSquaresError> {
+    assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
+    let mut workspace = Workspace::new(x.ncols(), y.ncols());
+    let mut triangle = Triangle::new(x.ncols(), y.ncols());
+    let step = workspace.rows();
+    for start in (0..x.nrows()).step_by(step) {
+        let rows = step.min(x.nrows() - start);
+        triangle.absorb(rows, &mut workspace, |columns, stride| {
+            for (j, column) in columns.chunks_mut(stride).enumerate() {
+                let source = if j < x.ncols() { x.col(j) } else { y.col(j - x.ncols()) };
+                let rows = source.subrows(start, rows);
+                column.iter_mut().zip(rows.iter()).for_each(|(to, from)| *to = *from);
+            }
+        });
+    }
+    triangle.solve(ridge)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Values in [−1, 1] that look random, the same on every machine.
+    fn noise(rows: usize, columns: usize, seed: u64) -> Mat<f64> {
+        let mut state = seed;
+        Mat::from_fn(rows, columns, |_, _| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        })
+    }
+
+    fn difference(a: &Mat<f64>, b: &Mat<f64>) -> f64 {
+        (a - b).norm_max() / b.norm_max()
+    }
+
+    #[test]
+    fn known_coefficients_are_recovered_from_data_without_noise() {
+        let (x, c) = (noise(500, 12, 1), noise(12, 6, 2));
+        let solved = least_squares(x.as_ref(), (&x * &c).as_ref(), Ridge::NONE).unwrap();
+        assert_eq!((solved.rank, solved.rows), (12, 500));
+        // A random matrix is well conditioned: rounding alone.
+        assert!(difference(&solved.coefficients, &c) < 1e-14);
+        assert!(solved.residual_products.norm_max() < 1e-27);
+    }
+
+    #[test]
+    fn residuals_are_orthogonal_to_the_columns_and_their_products_are_told() {
+        let (x, y) = (noise(3000, 9, 3), noise(3000, 6, 4));
+        let solved = least_squares(x.as_ref(), y.as_ref(), Ridge::NONE).unwrap();
+        let residual = &y - &x * &solved.coefficients;
+        // ‖xⱼ‖·‖y‖ ≈ 1000, times 2⁻⁵³ and a small constant.
+        assert!((x.transpose() * &residual).norm_max() < 1e-12);
+        let products = residual.transpose() * &residual;
+        assert!(difference(&solved.residual_products, &products) < 1e-13);
+        let gram = x.transpose() * &x;
+        let inverse = &solved.factor * solved.factor.transpose();
+        assert!((gram * inverse - Mat::<f64>::identity(9, 9)).norm_max() < 1e-13);
+    }
+
+    #[test]
+    fn condition_is_that_of_columns_of_norm_one() {
+        // Columns (1, 0) and (cos t, sin t) have singular values √(1 ± cos t).
+        let t = 1e-3_f64;
+        let x = Mat::from_fn(2, 2, |i, j| [[1.0, t.cos() * 1e9], [0.0, t.sin() * 1e9]][i][j]);
+        let solved =
+            least_squares(x.as_ref(), Mat::<f64>::zeros(2, 1).as_ref(), Ridge::NONE).unwrap();
+        let expected = (t / 2.0).tan().recip();
+        // The condition of the condition number is the number itself: 2000 · 2⁻⁵³.
+        assert!((solved.condition / expected - 1.0).abs() < 1e-11);
+    }
+
+    #[test]
+    fn dependent_columns_are_an_error_with_the_direction_that_cancels() {
+        let mut x = noise(100, 4, 5);
+        for i in 0..100 {
+            x[(i, 3)] = 2.0 * x[(i, 0)] - x[(i, 1)];
+        }
+        let error = least_squares(x.as_ref(), noise(100, 1, 6).as_ref(), Ridge::NONE).unwrap_err();
+        let LeastSquaresError::RankDeficient { rank: 3, columns: 4, null_space } = error else {
+            panic!("{error:?}")
+        };
+        assert!(null_space[(2, 0)].abs() < 1e-12);
+        let norms: Vec<f64> = (0..4).map(|j| x.col(j).norm_l2()).collect();
+        let direction = Col::from_fn(4, |j| null_space[(j, 0)] / norms[j]);
+        assert!((&x * direction).norm_l2() < 1e-13);
+    }
+
+    #[test]
+    fn nearly_dependent_columns_are_told_from_dependent_ones() {
+        for gap in [1e-4, 1e-8, 1e-11] {
+            let mut x = noise(1000, 5, 7);
+            for i in 0..1000 {
+                x[(i, 4)] = x[(i, 3)] + gap * x[(i, 4)];
+            }
+            let solved = least_squares(x.as_ref(), x.as_ref(), Ridge::NONE).unwrap();
+            assert_eq!(solved.rank, 5, "gap {gap}");
+        }
+    }
+
+    #[test]
+    fn columns_of_zeros_are_dependent_and_a_ridge_answers_zero_for_them() {
+        let mut x = noise(50, 3, 8);
+        x.col_mut(1).fill(0.0);
+        let y = noise(50, 2, 9);
+        let error = least_squares(x.as_ref(), y.as_ref(), Ridge::NONE).unwrap_err();
+        assert!(matches!(error, LeastSquaresError::RankDeficient { rank: 2, .. }));
+        let ridge = Ridge { lambda: 1e-3, free_column: None };
+        let solved = least_squares(x.as_ref(), y.as_ref(), ridge).unwrap();
+        assert_eq!(solved.rank, 2);
+        assert_eq!(solved.coefficients[(1, 0)], 0.0);
+    }
+
+    #[test]
+    fn a_ridge_solves_the_penalised_normal_equations() {
+        let (x, y) = (noise(400, 6, 10), noise(400, 2, 11));
+        let lambda = 0.3;
+        let ridge = Ridge { lambda, free_column: Some(5) };
+        let solved = least_squares(x.as_ref(), y.as_ref(), ridge).unwrap();
+        let mut gram = x.transpose() * &x;
+        for j in 0..5 {
+            gram[(j, j)] += lambda * x.col(j).squared_norm_l2();
+        }
+        let left = gram * &solved.coefficients;
+        assert!(difference(&left, &(x.transpose() * &y)) < 1e-13);
+        let residual = &y - &x * &solved.coefficients;
+        let products = residual.transpose() * &residual;
+        assert!(difference(&solved.residual_products, &products) < 1e-13);
+    }
+
+    #[test]
+    fn too_few_rows_and_what_is_not_finite_are_errors() {
+        let y = noise(3, 1, 12);
+        let error = least_squares(noise(3, 4, 13).as_ref(), y.as_ref(), Ridge::NONE).unwrap_err();
+        assert_eq!(error, LeastSquaresError::TooFewRows { rows: 3, columns: 4 });
+        for bad in [f64::NAN, f64::INFINITY] {
+            let mut x = noise(3, 2, 14);
+            x[(1, 1)] = bad;
+            let error = least_squares(x.as_ref(), y.as_ref(), Ridge::NONE).unwrap_err();
+            assert_eq!(error, LeastSquaresError::NotFinite);
+        }
+    }
+
+    #[test]
+    fn tiny_and_huge_columns_lose_no_digits() {
+        let (x, c) = (noise(200, 4, 15), noise(4, 2, 16));
+        let y = &x * &c;
+        let units = [1e-100, 1e100, 1.0, 1e-30];
+        let scaled = Mat::from_fn(200, 4, |i, j| x[(i, j)] * units[j]);
+        let solved = least_squares(scaled.as_ref(), y.as_ref(), Ridge::NONE).unwrap();
+        let back = Mat::from_fn(4, 2, |i, j| solved.coefficients[(i, j)] * units[i]);
+        assert!(difference(&back, &c) < 1e-14);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+        #[test]
+        fn rows_may_be_cut_anywhere_and_merged(cut in 0_usize..400, seed in 0_u64..1000) {
+            let (x, y) = (noise(400, 7, seed), noise(400, 3, seed + 1));
+            let whole = least_squares(x.as_ref(), y.as_ref(), Ridge::NONE).unwrap();
+            let part = |from: usize, rows: usize| {
+                let (mut triangle, mut workspace) = (Triangle::new(7, 3), Workspace::new(7, 3));
+                triangle.absorb(rows, &mut workspace, |columns, stride| {
+                    for (j, column) in columns.chunks_mut(stride).enumerate() {
+                        let source = if j < 7 { x.col(j) } else { y.col(j - 7) };
+                        (0..rows).for_each(|i| column[i] = source[from + i]);
+                    }
+                });
+                triangle
+            };
+            let mut merged = part(0, cut);
+            merged.merge(&part(cut, 400 - cut));
+            let merged = merged.solve(Ridge::NONE).unwrap();
+            prop_assert_eq!(merged.rows, 400);
+            prop_assert!(difference(&merged.coefficients, &whole.coefficients) < 1e-13);
+            prop_assert!(difference(&merged.residual_products, &whole.residual_products) < 1e-13);
+        }
+    }
+}

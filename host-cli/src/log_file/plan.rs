@@ -1,0 +1,143 @@
+//! From the wanted columns to what is parsed, and from what was parsed to a block in SI units.
+
+use memchr::{memchr, memrchr};
+
+use super::Wanted;
+use super::console;
+use super::head::Layout;
+use super::mapping::Format;
+use super::rows::{Parsed, RowError, RowPlan, Step};
+use crate::block::Block;
+
+/// How the rows of one log become blocks.
+#[derive(Debug)]
+pub(super) struct Plan {
+    rows: Rows,
+    /// How many columns are parsed.
+    numbers: usize,
+    time: Option<Output>,
+    readings: Vec<Output>,
+    wrench: Vec<Output>,
+    others: Vec<Output>,
+}
+
+/// How rows are parsed.
+#[derive(Debug)]
+enum Rows {
+    Separated(RowPlan),
+    /// The wanted parts of a frame.
+    Console(Vec<usize>),
+}
+
+/// A column of the block: where it is among the parsed columns, and what its values are divided by.
+#[derive(Clone, Copy, Debug)]
+struct Output {
+    slot: usize,
+    per_si_unit: f64,
+}
+
+impl Plan {
+    /// How to read what is wanted, all of which the log has.
+    pub(super) fn new(layout: &Layout, wanted: &Wanted) -> Self {
+        let roles = &layout.roles;
+        let mut places: Vec<usize> = wanted.others.clone();
+        places.extend(roles.time.filter(|_| wanted.time));
+        if wanted.readings {
+            places.extend(&roles.sensors);
+        }
+        if wanted.wrench {
+            places.extend(roles.wrench.iter().flatten());
+        }
+        places.sort_unstable();
+        places.dedup();
+        let output = |place: &usize| {
+            let slot = places.binary_search(place).expect("every wanted place is listed");
+            Output { slot, per_si_unit: layout.columns[*place].meaning.per_si_unit() }
+        };
+        let outputs = |wanted: bool, places: &[usize]| -> Vec<Output> {
+            if wanted { places.iter().map(output).collect() } else { Vec::new() }
+        };
+        let wrench: Vec<usize> = roles.wrench.iter().flatten().copied().collect();
+        Self {
+            numbers: places.len(),
+            time: roles.time.filter(|_| wanted.time).as_ref().map(output),
+            readings: outputs(wanted.readings, &roles.sensors),
+            wrench: outputs(wanted.wrench, &wrench),
+            others: outputs(true, &wanted.others),
+            rows: match layout.format {
+                Format::Console => Rows::Console(places),
+                _ => Rows::Separated(RowPlan {
+                    separator: layout.separator,
+                    steps: steps(&places, roles.group.filter(|_| wanted.groups)),
+                    names: layout.columns.iter().map(|column| column.name.clone()).collect(),
+                }),
+            },
+        }
+    }
+
+    /// Parses whole lines.
+    pub(super) fn parse(&self, lines: &[u8], skip_bad_rows: bool) -> Result<Parsed, RowError> {
+        match &self.rows {
+            Rows::Separated(plan) => {
+                // Rows differ little in length; should they, the columns grow.
+                let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;
+                let capacity = lines.len() / first * 9 / 8;
+                let mut parsed = Parsed::with_capacity(self.numbers, capacity);
+                plan.parse_lines(lines, skip_bad_rows, &mut parsed)?;
+                Ok(parsed)
+            }
+            Rows::Console(places) => console::parse_lines(lines, places, skip_bad_rows),
+        }
+    }
+
+    /// Makes a block of what was parsed; `context` holds the lines before it.
+    pub(super) fn block(&self, parsed: Parsed, context: &[u8]) -> Block {
+        let Parsed { rows, mut columns, groups, .. } = parsed;
+        // The others come first and may share a column; all else has its own.
+        let others = self.others.iter().map(|output| columns[output.slot].clone()).collect();
+        let mut take = |output: &Output| {
+            let mut column = std::mem::take(&mut columns[output.slot]);
+            if output.per_si_unit != 1.0 {
+                column.iter_mut().for_each(|value| *value /= output.per_si_unit);
+            }
+            column
+        };
+        Block {
+            rows,
+            time_s: self.time.as_ref().map(&mut take).unwrap_or_default(),
+            readings: self.readings.iter().map(&mut take).collect(),
+            wrench: self.wrench.iter().map(&mut take).collect(),
+            groups,
+            others,
+            readings_before: self.last_readings(context),
+        }
+    }
+
+    /// The readings of the last row in `lines` that has them, `None` if there is none.
+    fn last_readings(&self, lines: &[u8]) -> Option<Vec<f64>> {
+        let mut end = lines.len();
+        while end > 0 && !self.readings.is_empty() {
+            let start = memrchr(b'\n', &lines[..end - 1]).map_or(0, |at| at + 1);
+            if let Ok(parsed) = self.parse(&lines[start..end], false)
+                && parsed.rows > 0
+            {
+                return Some(self.readings.iter().map(|o| parsed.columns[o.slot][0]).collect());
+            }
+            end = start;
+        }
+        None
+    }
+}
+
+/// What to do with each column up to the last that is wanted.
+fn steps(places: &[usize], group: Option<usize>) -> Vec<Step> {
+    let last = places.iter().copied().chain(group).max();
+    let mut steps = vec![Step::Skip; last.map_or(0, |last| last + 1)];
+    for (slot, &place) in places.iter().enumerate() {
+        steps[place] = Step::Number(slot);
+    }
+    if let Some(group) = group {
+        steps[group] = Step::Group;
+    }
+    steps
+}

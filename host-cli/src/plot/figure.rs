@@ -1,0 +1,136 @@
+//! A finished picture and its file formats.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::usvg::{Options, Tree, fontdb};
+
+/// A finished picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figure {
+    svg: String,
+}
+
+/// A file format for pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Scalable: for print.
+    Svg,
+    /// Pixels, two per CSS pixel: for slides and messages.
+    Png,
+}
+
+/// A picture that cannot be made as asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlotError {
+    /// The extension names no known format.
+    #[error("cannot tell the picture format of `{}`: expected `.svg` or `.png`", path.display())]
+    UnknownFormat {
+        /// The file that was to be written.
+        path: PathBuf,
+    },
+    /// The renderer refused the picture.
+    #[error("cannot render the picture: {reason}")]
+    Render {
+        /// What the renderer said.
+        reason: String,
+    },
+}
+
+impl Format {
+    /// The format that the extension of `path` names, in upper or lower case.
+    ///
+    /// # Errors
+    /// [`PlotError::UnknownFormat`] if it is neither `svg` nor `png`.
+    pub fn of(path: impl AsRef<Path>) -> Result<Self, PlotError> {
+        let path = path.as_ref();
+        match path.extension() {
+            Some(extension) if extension.eq_ignore_ascii_case("svg") => Ok(Self::Svg),
+            Some(extension) if extension.eq_ignore_ascii_case("png") => Ok(Self::Png),
+            _ => Err(PlotError::UnknownFormat { path: path.to_owned() }),
+        }
+    }
+}
+
+impl Figure {
+    pub(super) fn new(svg: String) -> Self {
+        Self { svg }
+    }
+
+    /// The picture as an SVG document.
+    pub fn svg(&self) -> &str {
+        &self.svg
+    }
+
+    /// The picture as the content of a file.
+    ///
+    /// # Errors
+    /// [`PlotError::Render`] if the picture is too large to be drawn as pixels.
+    pub fn render(&self, format: Format) -> Result<Vec<u8>, PlotError> {
+        match format {
+            Format::Svg => Ok(self.svg.as_bytes().to_vec()),
+            Format::Png => self.png(),
+        }
+    }
+
+    fn png(&self) -> Result<Vec<u8>, PlotError> {
+        const PIXELS_PER_UNIT: f32 = 2.0;
+        let failed = |reason: String| PlotError::Render { reason };
+        let options = Options { fontdb: fonts(), ..Options::default() };
+        let tree = Tree::from_str(&self.svg, &options).map_err(|e| failed(e.to_string()))?;
+        let size = tree.size().to_int_size().scale_by(PIXELS_PER_UNIT);
+        let mut pixels = size
+            .and_then(|size| Pixmap::new(size.width(), size.height()))
+            .ok_or_else(|| failed("it is too large".to_owned()))?;
+        let scale = Transform::from_scale(PIXELS_PER_UNIT, PIXELS_PER_UNIT);
+        resvg::render(&tree, scale, &mut pixels.as_mut());
+        pixels.encode_png().map_err(|e| failed(e.to_string()))
+    }
+}
+
+/// The fonts of the program, and no others: the same picture on every machine.
+fn fonts() -> Arc<fontdb::Database> {
+    static FONTS: OnceLock<Arc<fontdb::Database>> = OnceLock::new();
+    let load = || {
+        let mut fonts = fontdb::Database::new();
+        fonts.load_font_data(include_bytes!("../../assets/DejaVuSans-subset.ttf").to_vec());
+        fonts.load_font_data(include_bytes!("../../assets/DejaVuSans-Bold-subset.ttf").to_vec());
+        Arc::new(fonts)
+    };
+    Arc::clone(FONTS.get_or_init(load))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::svg::{Canvas, Style};
+    use super::*;
+
+    fn ink(text: &str) -> usize {
+        let mut canvas = Canvas::new(200.0, 40.0);
+        canvas.text((100.0, 25.0), text, Style::TITLE);
+        let png = Figure::new(canvas.finish()).render(Format::Png).unwrap();
+        let pixels = Pixmap::decode_png(&png).unwrap();
+        assert_eq!((pixels.width(), pixels.height()), (400, 80));
+        pixels.pixels().iter().filter(|pixel| pixel.red() < 128).count()
+    }
+
+    #[test]
+    fn png_has_text_from_the_built_in_font_alone() {
+        assert_eq!(ink(""), 0);
+        for text in ["Fx", "N·m", "10⁻³", "μ ≤ −5 °", "é"] {
+            assert!(ink(text) > 50, "{text}");
+        }
+    }
+
+    #[test]
+    fn the_extension_names_the_format() {
+        assert_eq!(Format::of("fit.svg").unwrap(), Format::Svg);
+        assert_eq!(Format::of("a.b/FIT.PNG").unwrap(), Format::Png);
+        let error = Format::of("fit.pdf").unwrap_err();
+        let expected = "cannot tell the picture format of `fit.pdf`: expected `.svg` or `.png`";
+        assert_eq!(error.to_string(), expected);
+        assert!(Format::of("svg").is_err());
+    }
+}

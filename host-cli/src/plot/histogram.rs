@@ -1,0 +1,264 @@
+//! A two-dimensional histogram that finds its own ranges.
+
+use super::bins::Bins;
+
+/// Counts of points (x, y) in equal rectangular cells.
+///
+/// Holds a fixed number of cells however many points it is given. Cell widths are powers of two and
+/// double when a point falls outside, which moves whole cells into whole cells: the counts are exact
+/// for the final cells and independent of the order of points, blocks and merges. At least half of
+/// the bins of each axis span the data.
+#[derive(Clone, Debug)]
+pub struct Histogram2d {
+    bins: [usize; 2],
+    grid: Option<Grid>,
+    points: u64,
+    skipped: u64,
+}
+
+#[derive(Clone, Debug)]
+struct Grid {
+    x: Bins,
+    y: Bins,
+    range_x: Range,
+    range_y: Range,
+    /// Row by row, y ascending.
+    counts: Vec<u64>,
+}
+
+/// The smallest and the largest value of a coordinate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Range {
+    pub(super) low: f64,
+    pub(super) high: f64,
+}
+
+impl Range {
+    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
+
+    fn including(self, value: f64) -> Self {
+        Self { low: self.low.min(value), high: self.high.max(value) }
+    }
+
+    pub(super) fn union(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+}
+
+/// One cell that is not empty: its edges and its count.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Cell {
+    pub(super) x: Range,
+    pub(super) y: Range,
+    pub(super) count: u64,
+}
+
+impl Histogram2d {
+    /// An empty histogram of at most `bins_x` by `bins_y` cells, each at least 2.
+    ///
+    /// # Panics
+    /// If an axis has fewer than 2 bins: data on both sides of zero need as many.
+    pub fn new(bins_x: usize, bins_y: usize) -> Self {
+        assert!(bins_x >= 2 && bins_y >= 2, "at least two bins on each axis");
+        Self { bins: [bins_x, bins_y], grid: None, points: 0, skipped: 0 }
+    }
+
+    /// Counts the points (`x[i]`, `y[i]`); those that are not finite are [skipped](Self::skipped).
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    pub fn add(&mut self, x: &[f64], y: &[f64]) {
+        assert_eq!(x.len(), y.len(), "one y for every x");
+        let mut range = [Range::EMPTY; 2];
+        let mut finite = 0;
+        for (&x, &y) in x.iter().zip(y) {
+            if x.is_finite() && y.is_finite() {
+                range = [range[0].including(x), range[1].including(y)];
+                finite += 1;
+            }
+        }
+        self.skipped += (x.len() - finite) as u64;
+        if finite == 0 {
+            return;
+        }
+        self.points += finite as u64;
+        let grid = self.cover(range);
+        let (column, row, width) = (grid.x.locator(), grid.y.locator(), grid.x.count);
+        for (&x, &y) in x.iter().zip(y) {
+            if x.is_finite() && y.is_finite() {
+                grid.counts[row(y) * width + column(x)] += 1;
+            }
+        }
+    }
+
+    /// Adds the counts of a histogram with the same number of bins.
+    ///
+    /// # Panics
+    /// If the numbers of bins differ.
+    pub fn merge(&mut self, other: &Self) {
+        assert_eq!(self.bins, other.bins, "histograms of the same shape");
+        self.points += other.points;
+        self.skipped += other.skipped;
+        if let Some(theirs) = &other.grid {
+            self.cover([theirs.range_x, theirs.range_y]).absorb(theirs);
+        }
+    }
+
+    /// Number of points counted.
+    pub fn points(&self) -> u64 {
+        self.points
+    }
+
+    /// Number of points left out because a coordinate was not finite.
+    pub fn skipped(&self) -> u64 {
+        self.skipped
+    }
+
+    /// The smallest and largest x and y, `None` while empty.
+    pub(super) fn ranges(&self) -> Option<[Range; 2]> {
+        self.grid.as_ref().map(|grid| [grid.range_x, grid.range_y])
+    }
+
+    /// The cells that are not empty, row by row; cells merged 2^`doublings` by 2^`doublings`.
+    pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<Cell> {
+        let Some(grid) = &self.grid else { return Vec::new() };
+        let mut coarse = Grid::empty(
+            grid.x.coarsened(doublings[0]),
+            grid.y.coarsened(doublings[1]),
+            [grid.range_x, grid.range_y],
+        );
+        coarse.absorb(grid);
+        let Grid { x, y, counts, .. } = coarse;
+        let edges = |bins: Bins, i: usize| Range { low: bins.edge(i), high: bins.edge(i + 1) };
+        let occupied = counts.iter().enumerate().filter(|&(_, &count)| count > 0);
+        occupied
+            .map(|(i, &count)| Cell { x: edges(x, i % x.count), y: edges(y, i / x.count), count })
+            .collect()
+    }
+
+    /// The counts over y alone: edges of each bin from the first to the last that is not empty.
+    pub(super) fn marginal_y(&self) -> Vec<(Range, u64)> {
+        let Some(grid) = &self.grid else { return Vec::new() };
+        let locate = grid.y.locator();
+        (locate(grid.range_y.low)..=locate(grid.range_y.high))
+            .map(|row| {
+                let range = Range { low: grid.y.edge(row), high: grid.y.edge(row + 1) };
+                (range, grid.counts[row * grid.x.count..][..grid.x.count].iter().sum())
+            })
+            .collect()
+    }
+
+    /// The grid, made to cover a range as well as all it covers already.
+    fn cover(&mut self, [mut range_x, mut range_y]: [Range; 2]) -> &mut Grid {
+        let [bins_x, bins_y] = self.bins;
+        let grid = match self.grid.take() {
+            None => Grid::empty(
+                Bins::around(range_x.low, range_x.high, bins_x),
+                Bins::around(range_y.low, range_y.high, bins_y),
+                [range_x, range_y],
+            ),
+            Some(mut grid) => {
+                range_x = range_x.union(grid.range_x);
+                range_y = range_y.union(grid.range_y);
+                if grid.x.covers(range_x) && grid.y.covers(range_y) {
+                    (grid.range_x, grid.range_y) = (range_x, range_y);
+                    grid
+                } else {
+                    let mut wider = Grid::empty(
+                        Bins::around_from(grid.x.exponent, range_x.low, range_x.high, bins_x),
+                        Bins::around_from(grid.y.exponent, range_y.low, range_y.high, bins_y),
+                        [range_x, range_y],
+                    );
+                    wider.absorb(&grid);
+                    wider
+                }
+            }
+        };
+        self.grid.insert(grid)
+    }
+}
+
+impl Bins {
+    fn covers(&self, range: Range) -> bool {
+        self.contains(range.low) && self.contains(range.high)
+    }
+}
+
+impl Grid {
+    fn empty(x: Bins, y: Bins, [range_x, range_y]: [Range; 2]) -> Self {
+        Self { x, y, range_x, range_y, counts: vec![0; x.count * y.count] }
+    }
+
+    /// Adds the counts of a grid that has equal or finer cells inside this one's range.
+    fn absorb(&mut self, finer: &Self) {
+        for (row, counts) in finer.counts.chunks_exact(finer.x.count).enumerate() {
+            for (column, &count) in counts.iter().enumerate().filter(|&(_, &count)| count > 0) {
+                let row = self.y.position_of(&finer.y, row);
+                self.counts[row * self.x.count + self.x.position_of(&finer.x, column)] += count;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn of(points: &[(f64, f64)]) -> Histogram2d {
+        let mut histogram = Histogram2d::new(16, 8);
+        let (x, y): (Vec<_>, Vec<_>) = points.iter().copied().unzip();
+        histogram.add(&x, &y);
+        histogram
+    }
+
+    fn points() -> impl Strategy<Value = Vec<(f64, f64)>> {
+        let magnitude = prop::sample::select(vec![1e-3, 1.0, 1e4]);
+        let point = (magnitude, -1.0..1.0_f64, -1.0..1.0_f64).prop_map(|(m, x, y)| (m * x, m * y));
+        prop::collection::vec(point, 1..60)
+    }
+
+    proptest! {
+        #[test]
+        fn cells_do_not_depend_on_splitting_merging_or_order(points in points(), at in 0usize..60) {
+            let whole = of(&points);
+            let (a, b) = points.split_at(at.min(points.len()));
+            let mut in_blocks = of(a);
+            let (x, y): (Vec<_>, Vec<_>) = b.iter().copied().unzip();
+            in_blocks.add(&x, &y);
+            let mut merged = of(b);
+            merged.merge(&of(a));
+            prop_assert_eq!(whole.cells([0, 0]), in_blocks.cells([0, 0]));
+            prop_assert_eq!(whole.cells([0, 0]), merged.cells([0, 0]));
+        }
+
+        #[test]
+        fn every_point_is_counted_in_the_cell_that_contains_it(points in points()) {
+            for doublings in [[0, 0], [2, 1]] {
+                for Cell { x, y, count } in of(&points).cells(doublings) {
+                    let inside = |&&(px, py): &&(f64, f64)| {
+                        px >= x.low && px < x.high && py >= y.low && py < y.high
+                    };
+                    prop_assert_eq!(points.iter().filter(inside).count() as u64, count);
+                }
+            }
+        }
+
+        #[test]
+        fn the_marginal_adds_up(points in points()) {
+            let histogram = of(&points);
+            let total: u64 = histogram.marginal_y().iter().map(|&(_, count)| count).sum();
+            prop_assert_eq!(total, points.len() as u64);
+            prop_assert_eq!(histogram.points(), points.len() as u64);
+        }
+    }
+
+    #[test]
+    fn points_that_are_not_finite_are_left_out_and_counted() {
+        let histogram = of(&[(1.0, f64::NAN), (f64::INFINITY, 1.0), (1.0, 1.0)]);
+        assert_eq!((histogram.points(), histogram.skipped()), (1, 2));
+        let nothing = of(&[(f64::NAN, 0.0)]);
+        assert!(nothing.cells([0, 0]).is_empty() && nothing.marginal_y().is_empty());
+    }
+}

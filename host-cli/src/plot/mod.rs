@@ -1,0 +1,30 @@
+//! Figures: data in, a finished picture out, as SVG text or PNG bytes.
+//!
+//! Data flows in block by block into accumulators of fixed size ([`Histogram2d`], [`FitPlot`],
+//! [`WrenchTrace`]), so a picture of ten million rows costs the memory and the file size of one of
+//! ten thousand. Accumulators find their own ranges, and what they hold does not depend on how the
+//! rows were split into blocks or in which order parts were merged. The drawing is deterministic
+//! to the byte.
+//!
+//! Only what this program draws is here: no general plotting library, no files. Text in the SVG
+//! stays text (DejaVu Sans where the viewer has it, another sans-serif where not); for PNG the font
+//! is part of the program.
+
+mod bins;
+mod chart;
+mod density;
+mod figure;
+mod fit;
+mod histogram;
+mod palette;
+mod panel;
+mod scale;
+mod svg;
+mod trace;
+
+pub use chart::{Chart, Mark, Series};
+pub use figure::{Figure, Format, PlotError};
+pub use fit::{FitPlot, fit_figure};
+pub use histogram::Histogram2d;
+pub use scale::{Axis, Spacing};
+pub use trace::{WrenchTrace, trace_figure};

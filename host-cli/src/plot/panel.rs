@@ -1,0 +1,88 @@
+//! One pair of axes with its frame, grid and labels.
+
+use super::palette;
+use super::scale::{Axis, Tick};
+use super::svg::{Anchor, Canvas, Rect, Style, number, point};
+
+/// A pair of axes and the rectangle that they span.
+#[derive(Clone, Debug)]
+pub(super) struct Panel {
+    pub(super) area: Rect,
+    pub(super) x: Axis,
+    pub(super) y: Axis,
+}
+
+/// Room for tick labels and title left of a panel.
+pub(super) const LEFT_MARGIN: f64 = 60.0;
+/// Room for tick labels and title below a panel.
+pub(super) const BOTTOM_MARGIN: f64 = 40.0;
+
+const TICK: f64 = 4.0;
+/// Pixels between two labels that look right.
+const TICK_PITCH: [f64; 2] = [44.0, 28.0];
+
+impl Panel {
+    /// Where the point (x, y) is on the canvas.
+    pub(super) fn place(&self, x: f64, y: f64) -> (f64, f64) {
+        (
+            self.area.left + self.area.width * self.x.position(x),
+            self.area.bottom() - self.area.height * self.y.position(y),
+        )
+    }
+
+    /// Draws the grid lines: first of all, under the data.
+    pub(super) fn draw_grid(&self, canvas: &mut Canvas) {
+        let Rect { left, top, .. } = self.area;
+        let mut path = String::new();
+        for tick in self.x_ticks().iter().filter(|tick| !tick.label.is_empty()) {
+            let (x, _) = self.place(tick.value, self.y.range.0);
+            path += &format!("M{}V{}", point(x, top), number(self.area.bottom()));
+        }
+        for tick in self.y_ticks().iter().filter(|tick| !tick.label.is_empty()) {
+            let (_, y) = self.place(self.x.range.0, tick.value);
+            path += &format!("M{}H{}", point(left, y), number(self.area.right()));
+        }
+        canvas.stroke(&path, palette::GRID, 1.0);
+    }
+
+    /// Draws frame, ticks and labels: last of all, over the data.
+    pub(super) fn draw_frame(&self, canvas: &mut Canvas) {
+        canvas.frame(self.area, palette::INK);
+        self.draw_x_labels(canvas);
+        self.draw_y_labels(canvas);
+    }
+
+    pub(super) fn draw_x_labels(&self, canvas: &mut Canvas) {
+        let bottom = self.area.bottom();
+        for tick in self.x_ticks() {
+            let (x, _) = self.place(tick.value, self.y.range.0);
+            let length = if tick.label.is_empty() { TICK / 2.0 } else { TICK };
+            canvas.line((x, bottom), (x, bottom + length), palette::INK, 1.0);
+            canvas.text((x, bottom + 16.0), &tick.label, Style::LABEL);
+        }
+        let middle = self.area.left + self.area.width / 2.0;
+        canvas.text((middle, bottom + 33.0), &self.x.title(), Style::LABEL);
+    }
+
+    pub(super) fn draw_y_labels(&self, canvas: &mut Canvas) {
+        let left = self.area.left;
+        for tick in self.y_ticks() {
+            let (_, y) = self.place(self.x.range.0, tick.value);
+            let length = if tick.label.is_empty() { TICK / 2.0 } else { TICK };
+            canvas.line((left - length, y), (left, y), palette::INK, 1.0);
+            let style = Style::LABEL.anchored(Anchor::End);
+            canvas.text((left - 7.0, y + 4.0), &tick.label, style);
+        }
+        let middle = self.area.top + self.area.height / 2.0;
+        let style = Style { upright: true, ..Style::LABEL };
+        canvas.text((left - LEFT_MARGIN + 14.0, middle), &self.y.title(), style);
+    }
+
+    fn x_ticks(&self) -> Vec<Tick> {
+        self.x.ticks((self.area.width / TICK_PITCH[0]) as usize)
+    }
+
+    fn y_ticks(&self) -> Vec<Tick> {
+        self.y.ticks((self.area.height / TICK_PITCH[1]) as usize)
+    }
+}

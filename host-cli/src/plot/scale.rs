@@ -1,0 +1,253 @@
+//! An axis: the range it shows, how it is spaced, and where its ticks stand.
+
+/// How the values of an axis are spaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Spacing {
+    /// Equal differences take equal room.
+    Linear,
+    /// Equal ratios take equal room; values must be positive.
+    Log,
+}
+
+/// An axis of a panel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// What is shown: "measured Fx".
+    pub quantity: String,
+    /// Its unit, empty where there is none.
+    pub unit: String,
+    /// How values are spaced.
+    pub spacing: Spacing,
+    /// The smallest and the largest value shown.
+    pub range: (f64, f64),
+}
+
+/// A mark on an axis.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Tick {
+    pub(super) value: f64,
+    /// Empty for a minor tick.
+    pub(super) label: String,
+}
+
+impl Axis {
+    /// An axis over `low..=high`.
+    ///
+    /// A range that cannot be drawn is put right: turned round if reversed, widened if empty, and
+    /// replaced if it is not finite or, on a logarithmic axis, not positive.
+    pub fn new(quantity: &str, unit: &str, spacing: Spacing, low: f64, high: f64) -> Self {
+        let (low, high) = (low.min(high), high.max(low));
+        // A range too short for ticks, or with an end that is no number, shows its lower end alone.
+        let range = match spacing {
+            Spacing::Log => match (if low > 0.0 { low } else { high / 1e6 }, high) {
+                (low, high) if low > 1e-300 && high < 1e300 && high > low * 1.001 => (low, high),
+                (low, _) if low > 1e-300 && low < 1e300 => (low / 2.0, low * 2.0),
+                _ => (0.1, 10.0),
+            },
+            Spacing::Linear => {
+                let largest = low.abs().max(high.abs());
+                let is_long = high - low > (1e-12 * largest).max(1e-300);
+                match (low, high) {
+                    (low, high) if is_long && largest < 1e300 => (low, high),
+                    (low, _) if low.abs() > 1e-300 && low.abs() < 1e300 => {
+                        (low - 0.1 * low.abs(), low + 0.1 * low.abs())
+                    }
+                    _ => (-1.0, 1.0),
+                }
+            }
+        };
+        Self { quantity: quantity.to_owned(), unit: unit.to_owned(), spacing, range }
+    }
+
+    /// The same axis with a share of its length added at both ends.
+    pub fn padded(mut self, share: f64) -> Self {
+        let (low, high) = self.range;
+        self.range = match self.spacing {
+            Spacing::Linear => (low - share * (high - low), high + share * (high - low)),
+            Spacing::Log => (low / (high / low).powf(share), high * (high / low).powf(share)),
+        };
+        self
+    }
+
+    /// Where a value stands, 0 at the lower end and 1 at the upper.
+    pub(super) fn position(&self, value: f64) -> f64 {
+        let (low, high) = self.range;
+        match self.spacing {
+            Spacing::Linear => (value - low) / (high - low),
+            Spacing::Log => (value.ln() - low.ln()) / (high.ln() - low.ln()),
+        }
+    }
+
+    /// Name and unit as one text, with the power of ten that the labels leave out.
+    pub(super) fn title(&self) -> String {
+        let power = self.power_of_ten();
+        let factor = if power == 0 { String::new() } else { format!("10{}", superscript(power)) };
+        match format!("{factor} {}", self.unit).trim() {
+            "" => self.quantity.clone(),
+            unit => format!("{} ({unit})", self.quantity),
+        }
+    }
+
+    /// Ticks at round values that divide the axis in at most `count` parts: multiples of 1, 2 or 5
+    /// times a power of ten; on a log axis the powers of ten.
+    pub(super) fn ticks(&self, count: usize) -> Vec<Tick> {
+        match self.spacing {
+            Spacing::Linear => self.linear_ticks(count),
+            Spacing::Log => self.log_ticks(count),
+        }
+    }
+
+    fn linear_ticks(&self, count: usize) -> Vec<Tick> {
+        let (low, high) = self.range;
+        let slack = 1e-9 * (high - low);
+        let intervals = |step: f64| ((high + slack) / step).floor() - ((low - slack) / step).ceil();
+        let step = round_steps((high - low) / (count + 1) as f64)
+            .find(|&step| intervals(step) <= count.max(1) as f64)
+            .expect("the widest step has one tick at most");
+        let power = self.power_of_ten();
+        let decimals = (f64::from(power) - step.log10() - 1e-9).ceil().clamp(0.0, 15.0) as usize;
+        // Multiples of the step, not a running sum, so that no rounding builds up.
+        let first = ((low - slack) / step).ceil();
+        (0..)
+            .map(|i| (first + f64::from(i)) * step)
+            .take_while(|&value| value <= high + slack)
+            .map(|value| Tick { value, label: decimal(value / 10f64.powi(power), decimals) })
+            .collect()
+    }
+
+    fn log_ticks(&self, count: usize) -> Vec<Tick> {
+        let (low, high) = self.range;
+        let (from, to) = (low.log10().floor() as i32, high.log10().ceil() as i32);
+        let decades = high.log10() - low.log10();
+        let every = (decades / count.max(1) as f64).ceil().max(1.0) as i32;
+        let slack = 1e-9;
+        let mut ticks = Vec::new();
+        for power in from..=to {
+            for digit in 1..10 {
+                let value = f64::from(digit) * 10f64.powi(power);
+                if value < low * (1.0 - slack) || value > high * (1.0 + slack) {
+                    continue;
+                }
+                let labelled = match digit {
+                    1 => power.rem_euclid(every) == 0,
+                    2 | 5 => decades < 2.0,
+                    _ => false,
+                };
+                if every == 1 || digit == 1 {
+                    let label = if labelled { log_label(digit, power) } else { String::new() };
+                    ticks.push(Tick { value, label });
+                }
+            }
+        }
+        ticks
+    }
+
+    /// The power of ten, a multiple of three, that the labels of a linear axis leave out so as to
+    /// be short.
+    fn power_of_ten(&self) -> i32 {
+        let largest = self.range.0.abs().max(self.range.1.abs());
+        if self.spacing == Spacing::Log || (0.1..10_000.0).contains(&largest) {
+            0
+        } else {
+            (largest.log10() / 3.0 - 1e-9).floor() as i32 * 3
+        }
+    }
+}
+
+/// The multiples of 1, 2 and 5 of powers of ten from about `least` up.
+fn round_steps(least: f64) -> impl Iterator<Item = f64> {
+    let power = least.log10().floor() as i32;
+    (power..)
+        .flat_map(|power| [1.0, 2.0, 5.0].map(|digit| digit * 10f64.powi(power)))
+        .filter(move |&step| step >= least * (1.0 - 1e-9))
+}
+
+/// A number with a fixed number of decimals and a true minus sign.
+pub(super) fn decimal(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let is_zero = text.bytes().all(|byte| matches!(byte, b'0' | b'.' | b'-'));
+    if is_zero { text.replace('-', "") } else { text.replace('-', "\u{2212}") }
+}
+
+fn log_label(digit: i32, power: i32) -> String {
+    match (digit, power) {
+        (digit, 0..=3) => (digit * 10i32.pow(power as u32)).to_string(),
+        (digit, -2..=-1) => {
+            decimal(f64::from(digit) * 10f64.powi(power), power.unsigned_abs() as usize)
+        }
+        (1, power) => format!("10{}", superscript(power)),
+        (digit, power) => format!("{digit}·10{}", superscript(power)),
+    }
+}
+
+pub(super) fn superscript(number: i32) -> String {
+    let digit = |c| match c {
+        '-' => '⁻',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        c => char::from_u32('⁰' as u32 + (c as u32 - '0' as u32)).expect("a superscript digit"),
+    };
+    number.to_string().chars().map(digit).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn labels(axis: &Axis, count: usize) -> Vec<String> {
+        axis.ticks(count).into_iter().map(|tick| tick.label).filter(|l| !l.is_empty()).collect()
+    }
+
+    fn linear(low: f64, high: f64) -> Axis {
+        Axis::new("force", "N", Spacing::Linear, low, high)
+    }
+
+    #[test]
+    fn ticks_stand_at_one_two_five() {
+        assert_eq!(labels(&linear(-1.0, 1.0), 4), ["−1.0", "−0.5", "0.0", "0.5", "1.0"]);
+        assert_eq!(labels(&linear(0.0, 7.3), 4), ["0", "2", "4", "6"]);
+        assert_eq!(labels(&linear(0.0, 0.9), 5), ["0.0", "0.2", "0.4", "0.6", "0.8"]);
+    }
+
+    #[test]
+    fn small_and_large_values_move_a_power_of_ten_into_the_title() {
+        let axis = linear(-0.002, 0.002);
+        assert_eq!(axis.title(), "force (10⁻³ N)");
+        assert_eq!(labels(&axis, 4), ["−2", "−1", "0", "1", "2"]);
+        assert_eq!(linear(0.0, 2e6).title(), "force (10⁶ N)");
+        assert_eq!(linear(0.0, 2.0).title(), "force (N)");
+        assert_eq!(Axis::new("rows", "", Spacing::Linear, 0.0, 5.0).title(), "rows");
+    }
+
+    #[test]
+    fn log_ticks_stand_at_powers_of_ten() {
+        let axis = Axis::new("rows", "", Spacing::Log, 1.0, 1e6);
+        assert_eq!(labels(&axis, 6), ["1", "10", "100", "1000", "10⁴", "10⁵", "10⁶"]);
+        assert_eq!(labels(&axis, 3), ["1", "100", "10⁴", "10⁶"]);
+        let narrow = Axis::new("time", "s", Spacing::Log, 0.04, 0.6);
+        assert_eq!(labels(&narrow, 4), ["0.05", "0.1", "0.2", "0.5"]);
+    }
+
+    proptest! {
+        #[test]
+        fn any_range_gives_a_few_distinct_ticks_within_it(low: f64, high: f64, log: bool) {
+            let spacing = if log { Spacing::Log } else { Spacing::Linear };
+            let axis = Axis::new("q", "", spacing, low, high);
+            let (low, high) = axis.range;
+            prop_assert!(low < high && low.is_finite() && high.is_finite());
+            let ticks = axis.ticks(5);
+            prop_assert!(ticks.len() < 700);
+            for tick in &ticks {
+                let position = axis.position(tick.value);
+                prop_assert!((-1e-6..=1.0 + 1e-6).contains(&position), "{:?} {}", tick, position);
+            }
+            if !log {
+                prop_assert!((2..=7).contains(&ticks.len()), "{:?}", ticks);
+                prop_assert!(ticks.windows(2).all(|pair| pair[0].label != pair[1].label), "{:?}", ticks);
+            }
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! A canvas that writes SVG: a handful of shapes, coordinates in CSS pixels, y down.
+
+use std::fmt::Write;
+
+use super::palette;
+
+/// What a canvas draws on.
+#[derive(Debug)]
+pub(super) struct Canvas {
+    width: f64,
+    height: f64,
+    body: String,
+    clips: usize,
+}
+
+/// A rectangle, from its upper left corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rect {
+    pub(super) left: f64,
+    pub(super) top: f64,
+    pub(super) width: f64,
+    pub(super) height: f64,
+}
+
+impl Rect {
+    pub(super) fn right(&self) -> f64 {
+        self.left + self.width
+    }
+
+    pub(super) fn bottom(&self) -> f64 {
+        self.top + self.height
+    }
+}
+
+/// Which point of a text is at the position given.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+/// How a text is set.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Style {
+    pub(super) size: f64,
+    pub(super) anchor: Anchor,
+    pub(super) bold: bool,
+    /// Turned a quarter to the left, to be read from below.
+    pub(super) upright: bool,
+}
+
+impl Style {
+    pub(super) const LABEL: Self =
+        Self { size: 11.0, anchor: Anchor::Middle, bold: false, upright: false };
+    pub(super) const TITLE: Self = Self { size: 13.0, bold: true, ..Self::LABEL };
+
+    pub(super) const fn anchored(self, anchor: Anchor) -> Self {
+        Self { anchor, ..self }
+    }
+}
+
+/// Room that a text takes at most, in pixels: the digits of the font are 0.636 em wide, the average
+/// of running text less.
+pub(super) fn text_width(text: &str, size: f64) -> f64 {
+    0.64 * size * text.chars().count() as f64
+}
+
+impl Canvas {
+    pub(super) fn new(width: f64, height: f64) -> Self {
+        Self { width, height, body: String::new(), clips: 0 }
+    }
+
+    pub(super) fn line(&mut self, from: (f64, f64), to: (f64, f64), colour: &str, width: f64) {
+        let path = format!("M{}H{}", point(from.0, from.1), number(to.0));
+        let path = if from.1 == to.1 {
+            path
+        } else {
+            format!("M{}L{}", point(from.0, from.1), point(to.0, to.1))
+        };
+        self.stroke(&path, colour, width);
+    }
+
+    /// Strokes a path given in SVG path syntax.
+    pub(super) fn stroke(&mut self, path: &str, colour: &str, width: f64) {
+        let _ = writeln!(
+            self.body,
+            r#"<path d="{path}" fill="none" stroke="{colour}" stroke-width="{}" stroke-linejoin="round"/>"#,
+            number(width)
+        );
+    }
+
+    /// As [`Self::stroke`], broken into dashes.
+    pub(super) fn dashes(&mut self, path: &str, colour: &str, width: f64) {
+        let _ = writeln!(
+            self.body,
+            r#"<path d="{path}" fill="none" stroke="{colour}" stroke-width="{}" stroke-dasharray="5 3"/>"#,
+            number(width)
+        );
+    }
+
+    /// Strokes rows of cells that must meet without seams, `height` high.
+    pub(super) fn cells(&mut self, path: &str, colour: &str, height: f64) {
+        let _ = writeln!(
+            self.body,
+            r#"<path d="{path}" stroke="{colour}" stroke-width="{}" shape-rendering="crispEdges"/>"#,
+            number(height)
+        );
+    }
+
+    /// Fills a path given in SVG path syntax.
+    pub(super) fn fill(&mut self, path: &str, colour: &str) {
+        let _ = writeln!(self.body, r#"<path d="{path}" fill="{colour}"/>"#);
+    }
+
+    pub(super) fn frame(&mut self, rect: Rect, colour: &str) {
+        let Rect { left, top, width, height } = rect;
+        let [left, top, width, height] = [left, top, width, height].map(number);
+        let _ = writeln!(
+            self.body,
+            r#"<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="{colour}"/>"#
+        );
+    }
+
+    pub(super) fn circle(&mut self, centre: (f64, f64), radius: f64, colour: &str) {
+        let [x, y, radius] = [centre.0, centre.1, radius].map(number);
+        let _ = writeln!(self.body, r#"<circle cx="{x}" cy="{y}" r="{radius}" fill="{colour}"/>"#);
+    }
+
+    pub(super) fn text(&mut self, at: (f64, f64), text: &str, style: Style) {
+        let [x, y, size] = [at.0, at.1, style.size].map(number);
+        let anchor = match style.anchor {
+            Anchor::Start => "",
+            Anchor::Middle => r#" text-anchor="middle""#,
+            Anchor::End => r#" text-anchor="end""#,
+        };
+        let weight = if style.bold { r#" font-weight="bold""# } else { "" };
+        let turn = if style.upright {
+            format!(r#" transform="rotate(-90 {x} {y})""#)
+        } else {
+            String::new()
+        };
+        let _ = writeln!(
+            self.body,
+            r#"<text x="{x}" y="{y}" font-size="{size}"{anchor}{weight}{turn}>{}</text>"#,
+            escape(text)
+        );
+    }
+
+    /// Draws what `draw` draws, cut off at the edges of `rect`.
+    pub(super) fn clipped(&mut self, rect: Rect, draw: impl FnOnce(&mut Self)) {
+        self.clips += 1;
+        let id = self.clips;
+        let [left, top, width, height] = [rect.left, rect.top, rect.width, rect.height].map(number);
+        let _ = writeln!(
+            self.body,
+            r##"<clipPath id="clip{id}"><rect x="{left}" y="{top}" width="{width}" height="{height}"/></clipPath>
+<g clip-path="url(#clip{id})">"##
+        );
+        draw(self);
+        self.body.push_str("</g>\n");
+    }
+
+    /// The finished document, on white.
+    pub(super) fn finish(self) -> String {
+        let [width, height] = [self.width, self.height].map(number);
+        format!(
+            r#"<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" font-family="'DejaVu Sans', Verdana, sans-serif" fill="{}">
+<path d="M0 0H{width}V{height}H0Z" fill="white"/>
+{}</svg>
+"#,
+            palette::INK,
+            self.body
+        )
+    }
+}
+
+/// A coordinate to a hundredth of a pixel, in as few characters as that takes.
+pub(super) fn number(value: f64) -> String {
+    let hundredths = (value * 100.0).round();
+    let text = format!("{:.2}", hundredths / 100.0 + 0.0);
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A point in path syntax.
+pub(super) fn point(x: f64, y: f64) -> String {
+    format!("{} {}", number(x), number(y))
+}
+
+/// Text as XML content; characters that XML cannot hold are replaced.
+fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => escaped.push('\u{fffd}'),
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short_and_zero_has_no_sign() {
+        let written = [1.0, 10.0, 0.5, -0.001, 12.345678, -3.10].map(number);
+        assert_eq!(written, ["1", "10", "0.5", "0", "12.35", "-3.1"]);
+    }
+
+    #[test]
+    fn text_cannot_break_out_of_its_element() {
+        assert_eq!(escape("a<b> & \u{1}c"), "a&lt;b&gt; &amp; \u{fffd}c");
+    }
+}
