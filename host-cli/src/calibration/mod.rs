@@ -3,9 +3,9 @@
 //! `W ≈ X(s)·C`: `X` holds one [feature](model) per column, products of up to three readings, `W`
 //! the six axes of the wrench.
 
-pub mod exact;
 mod conversion;
 mod error;
+pub mod exact;
 pub mod extent;
 pub mod features;
 pub mod model;

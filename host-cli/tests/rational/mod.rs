@@ -14,14 +14,14 @@ use shellcal::calibration::model::Model;
 
 /// Rows of a training set.
 #[derive(Clone)]
-pub struct Rows {
-    pub readings: Vec<Vec<f64>>,
-    pub wrench: Vec<Vec<f64>>,
+pub(crate) struct Rows {
+    pub(crate) readings: Vec<Vec<f64>>,
+    pub(crate) wrench: Vec<Vec<f64>>,
 }
 
 impl Rows {
     /// The lab's header-less training CSV, where this machine has it.
-    pub fn recorded(name: &str) -> Option<Self> {
+    pub(crate) fn recorded(name: &str) -> Option<Self> {
         let root = std::env::var_os("SHELLCAL_REAL_DATA");
         let path = root.map(|root| PathBuf::from(root).join(name)).filter(|path| path.exists());
         let Some(path) = path else {
@@ -40,7 +40,13 @@ impl Rows {
 
     /// Correlated readings that fill a share `spread` of the range of `bits` bits, and a wrench
     /// that is a cubic function of them with noise.
-    pub fn synthetic(seed: u64, rows: usize, channels: usize, bits: u32, spread: f64) -> Self {
+    pub(crate) fn synthetic(
+        seed: u64,
+        rows: usize,
+        channels: usize,
+        bits: u32,
+        spread: f64,
+    ) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut uniform = || random.next_u64() as f64 / 2f64.powi(64) - 0.5;
         let range = f64::from((1u32 << bits) - 1);
@@ -60,13 +66,13 @@ impl Rows {
         Self { readings, wrench }
     }
 
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.wrench[0].len()
     }
 }
 
 /// `C = numerators / denominator · 2^exponent`, feature by feature; and the sums it came from.
-pub struct Solution {
+pub(crate) struct Solution {
     numerators: Vec<[BigInt; 6]>,
     denominator: BigInt,
     unit: i32,
@@ -78,7 +84,7 @@ pub struct Solution {
 }
 
 /// Solves for features of `(s − centre) / scale`, all of them exact; readings must be integers.
-pub fn solve(rows: &Rows, model: &Model, centre: &[f64], scale: &[f64]) -> Solution {
+pub(crate) fn solve(rows: &Rows, model: &Model, centre: &[f64], scale: &[f64]) -> Solution {
     let terms = model.terms();
     let features: Vec<Vec<i128>> = (0..rows.len())
         .map(|row| {
@@ -151,7 +157,7 @@ pub fn solve(rows: &Rows, model: &Model, centre: &[f64], scale: &[f64]) -> Solut
 
 impl Solution {
     /// The coefficients.
-    pub fn coefficients(&self) -> Vec<[BigRational; 6]> {
+    pub(crate) fn coefficients(&self) -> Vec<[BigRational; 6]> {
         let unit = power(self.unit);
         self.numerators
             .iter()
@@ -165,7 +171,7 @@ impl Solution {
     }
 
     /// Products of residuals, and for each axis the sum of squared differences from the mean.
-    pub fn residuals(&self) -> ([[f64; 6]; 6], [f64; 6]) {
+    pub(crate) fn residuals(&self) -> ([[f64; 6]; 6], [f64; 6]) {
         let unit = power(2 * self.unit);
         let residuals = std::array::from_fn(|a| {
             std::array::from_fn(|b| {
@@ -184,7 +190,7 @@ impl Solution {
 }
 
 /// `|computed − exact| / |exact|` of each coefficient.
-pub fn relative_errors(computed: &[[f64; 6]], exact: &Solution) -> Vec<[f64; 6]> {
+pub(crate) fn relative_errors(computed: &[[f64; 6]], exact: &Solution) -> Vec<[f64; 6]> {
     let relative = |computed: f64, exact: &BigRational| {
         let difference = (BigRational::from_float(computed).unwrap() - exact).abs();
         match exact.is_zero() {
