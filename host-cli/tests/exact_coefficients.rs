@@ -1,5 +1,7 @@
 //! The exact solver against exact rational solutions, computed independently.
 
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may panic and say why")]
+
 mod rational;
 
 use proptest::prelude::*;
