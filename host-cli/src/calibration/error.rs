@@ -1,5 +1,6 @@
 //! Why a calibration cannot be fitted.
 
+use super::exact::ExactError;
 use super::rank_loss::RankLoss;
 
 /// Why a calibration cannot be fitted.
@@ -23,6 +24,12 @@ pub enum FitError {
     /// The features are not independent.
     #[error("{0}")]
     RankDeficient(RankLoss),
+    /// The features are independent, but so nearly not that the coefficients cannot be computed.
+    #[error("the features are so nearly dependent that their coefficients cannot be computed")]
+    NearlyDependent,
+    /// The rows cannot be summed exactly; another solver can do with them.
+    #[error("the exact solver cannot take these rows: {0}")]
+    NotExact(#[from] ExactError),
     /// A value is infinite or not a number.
     #[error("`{column}` is not a finite number in row `{row}` of a block")]
     NotFinite {

@@ -5,9 +5,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::eval::{EvalOptions, Evaluation, eval};
 use super::{WorkflowError, check_channels};
 use crate::block::Block;
+use crate::calibration::exact::ExactError;
 use crate::calibration::extent::Extent;
 use crate::calibration::scaling::Scaling;
-use crate::calibration::solver::{Problem, Solution, Solver, SolverKind, Tsqr};
+use crate::calibration::solver::{Exact, Problem, Solution, Solver, SolverKind, Tsqr};
 use crate::calibration::{Basis, Calibration, FitError, Model};
 use crate::log_file::{Log, ReadOptions, Wanted};
 use crate::plot::FitPlot;
@@ -19,7 +20,7 @@ pub struct FitOptions<'a> {
     pub basis: Basis,
     /// Whether to fit a constant beside them.
     pub intercept: bool,
-    /// The solver.
+    /// The solver. Where the exact one cannot take the rows, Householder QR does.
     pub solver: SolverKind,
     /// λ of a ridge on columns of norm one, 0 for none.
     pub ridge: f64,
@@ -38,6 +39,10 @@ pub struct Fit {
     pub calibration: Calibration,
     /// What the solver says.
     pub solution: Solution,
+    /// The solver that was used.
+    pub solver: SolverKind,
+    /// Why it is not the exact one, where that was asked for.
+    pub not_exact: Option<ExactError>,
     /// Errors on each training log.
     pub train: Vec<Evaluation>,
     /// Errors on each test log.
@@ -85,8 +90,26 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
 
     let plain = ReadOptions { checksum: false, ..read };
-    let (solution, extent) = match options.solver {
-        SolverKind::Tsqr => solve(&Tsqr::new(problem)?, train, options.fresh, &plain, &finished)?,
+    let mut not_exact = None;
+    let exact = match options.solver {
+        SolverKind::Exact => {
+            match solve(&Exact::new(&problem)?, train, options.fresh, &plain, &finished) {
+                Err(WorkflowError::Fit(FitError::NotExact(error))) => {
+                    not_exact = Some(error);
+                    read_before.store(0, Ordering::Relaxed);
+                    None
+                }
+                solved => Some(solved?),
+            }
+        }
+        SolverKind::Tsqr => None,
+    };
+    let (solver, (solution, extent)) = match exact {
+        Some(solved) => (SolverKind::Exact, solved),
+        None => {
+            let tsqr = Tsqr::new(problem)?;
+            (SolverKind::Tsqr, solve(&tsqr, train, options.fresh, &plain, &finished)?)
+        }
     };
     let calibration = Calibration::of_solution(&solution, &extent);
 
@@ -102,7 +125,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         logs.iter().map(errors).collect()
     };
     let (train, test) = (evaluate(train, false)?, evaluate(test, true)?);
-    Ok(Fit { calibration, solution, train, test, plots })
+    Ok(Fit { calibration, solution, solver, not_exact, train, test, plots })
 }
 
 /// One pass over the logs with any solver.

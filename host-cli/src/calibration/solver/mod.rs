@@ -4,11 +4,13 @@
 //! and solves what is left. Memory does not grow with the number of rows, and blocks may be
 //! reduced on several threads.
 
+mod exact;
 mod tsqr;
 
 use faer::Mat;
 use serde::{Deserialize, Serialize};
 
+pub use self::exact::{Exact, ExactPartial};
 pub use self::tsqr::Tsqr;
 use super::extent::Extent;
 use super::scaling::Scaling;
@@ -44,6 +46,8 @@ pub trait Solver: Sync {
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum SolverKind {
+    /// Exact sums of integer readings.
+    Exact,
     /// Householder QR over row blocks.
     Tsqr,
 }
@@ -52,6 +56,7 @@ impl SolverKind {
     /// The name in files and on the command line.
     pub const fn name(self) -> &'static str {
         match self {
+            SolverKind::Exact => "exact",
             SolverKind::Tsqr => "tsqr",
         }
     }
