@@ -1,11 +1,13 @@
 //! The scatter of an unloaded sensor, of logs whose scatter is known.
 
+#![expect(clippy::unwrap_used, reason = "a failed expectation is a failed test")]
+
 use std::path::{Path, PathBuf};
 
 use shellcal::calibration::scaling::Scaling;
 use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::log_file::{Log, Mapping, ReadOptions};
-use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, Scatter, noise};
+use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, noise};
 use shellcal::workflow::selection::{Rows, TimeWindow};
 
 fn calibration(channels: usize) -> Calibration {
