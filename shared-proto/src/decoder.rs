@@ -4,7 +4,7 @@ use crate::bytes::Bytes;
 use crate::command::{Answer, Command};
 use crate::error::DecodeError;
 use crate::frame::MAX_FRAME;
-use crate::packet::{Boot, Packet, Sample};
+use crate::packet::{self, Boot, Packet, Sample};
 use crate::sequence::{Arrival, Tracker};
 use crate::xbee::{ApiFrame, Deframer, Mode, TransmitStatus};
 
@@ -55,7 +55,12 @@ pub enum Event {
     /// The module at this end says what became of a transmission.
     TransmitStatus(TransmitStatus),
     /// A good packet of another version of the protocol.
-    OtherVersion(u8),
+    OtherVersion {
+        /// The version.
+        version: u8,
+        /// Whether it is a command, which a board answers in its own version.
+        command: bool,
+    },
 }
 
 /// What arrived, and what did not.
@@ -200,9 +205,9 @@ impl Stream {
         }
         match Packet::decode(frame) {
             Ok(packet) => self.accept(packet, sink),
-            Err(DecodeError::UnknownVersion(version)) => {
+            Err(DecodeError::UnknownVersion { version, kind }) => {
                 self.counters.unknown_version += 1;
-                sink(Event::OtherVersion(version));
+                sink(Event::OtherVersion { version, command: kind == packet::COMMAND });
             }
             Err(DecodeError::UnknownKind(_)) => self.counters.unknown_kind += 1,
             Err(error) => {
