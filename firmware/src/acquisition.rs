@@ -14,8 +14,8 @@ pub const MAX_CONVERSIONS: u8 = 64;
 /// Largest code of the 12-bit converter.
 pub const FULL_SCALE: u16 = (1 << 12) - 1;
 
-/// Allowance per channel for switching and waking up, in µs.
-const OVERHEAD_US: u32 = 5;
+/// Allowance per channel for starting two bursts and waking up four times, in µs.
+const OVERHEAD_US: u32 = 30;
 
 /// Eight readings at one time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +59,7 @@ async fn settle<C: Clock>(clock: &C, settings: &Settings) {
 /// Mean lit code less mean dark code, in counts, rounded; zero if it is darker with light.
 fn difference(dark: &[u16], lit: &[u16]) -> u16 {
     let sum = |codes: &[u16]| codes.iter().map(|&code| u32::from(code)).sum::<u32>();
-    let conversions = lit.len() as u32;
+    let conversions = (lit.len() as u32).max(1);
     let counts = sum(lit).saturating_sub(sum(dark)) * u32::from(COUNTS_PER_LSB);
     // At most 4095 steps of 16 counts, which fit.
     ((counts + conversions / 2) / conversions) as u16
@@ -105,6 +105,6 @@ mod tests {
     #[test]
     fn a_frame_takes_two_settlings_and_two_bursts_per_channel() {
         let settings = Settings { conversions: 16, settling_us: 50, ..Settings::DEFAULT };
-        assert_eq!(duration_us(&settings, 1_500), 8 * (2 * (50 + 24) + 5));
+        assert_eq!(duration_us(&settings, 1_500), 8 * (2 * (50 + 24) + 30));
     }
 }

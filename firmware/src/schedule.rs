@@ -1,10 +1,12 @@
 //! When to take frames.
 
+use core::num::{NonZeroU32, NonZeroU64};
+
 /// Slots at a fixed distance from the first: the error of one does not carry over to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Schedule {
     next_us: u64,
-    period_us: u32,
+    period_us: NonZeroU32,
     tolerance_us: u32,
 }
 
@@ -12,21 +14,26 @@ impl Schedule {
     /// The first slot is at `first_us`, the others every `period_us`, which is at least 1; a frame
     /// may start later than its slot by `tolerance_us`.
     pub(crate) fn new(first_us: u64, period_us: u32, tolerance_us: u32) -> Self {
-        Self { next_us: first_us, period_us: period_us.max(1), tolerance_us }
+        let period_us = NonZeroU32::new(period_us).unwrap_or(NonZeroU32::MIN);
+        Self { next_us: first_us, period_us, tolerance_us }
     }
 
     /// Time of the next slot that can still be kept, and how many before it cannot.
     pub(crate) fn next(&mut self, now_us: u64) -> (u64, u32) {
         let latest_us = self.next_us.saturating_add(u64::from(self.tolerance_us));
         let late_us = now_us.saturating_sub(latest_us);
-        let skipped = late_us.div_ceil(u64::from(self.period_us));
-        self.next_us = self.next_us.saturating_add(skipped * u64::from(self.period_us));
+        if late_us == 0 {
+            return (self.next_us, 0); // nearly always, and without a 64-bit division
+        }
+        let period_us = NonZeroU64::from(self.period_us);
+        let skipped = late_us.div_ceil(period_us.get());
+        self.next_us = self.next_us.saturating_add(skipped * period_us.get());
         (self.next_us, u32::try_from(skipped).unwrap_or(u32::MAX))
     }
 
     /// The slot that [`Schedule::next`] gave is used.
     pub(crate) fn advance(&mut self) {
-        self.next_us = self.next_us.saturating_add(u64::from(self.period_us));
+        self.next_us = self.next_us.saturating_add(u64::from(self.period_us.get()));
     }
 }
 

@@ -319,7 +319,7 @@ mod tests {
     fn a_thousand_hertz_fits_once_settling_and_oversampling_are_lower() {
         let mut bench = Bench::new();
         let commands = [
-            Command::SetSettling { settling_us: 40 },
+            Command::SetSettling { settling_us: 30 },
             Command::SetOversampling { conversions: 8 },
             Command::SetPeriod { period_us: 1_000 },
         ];
