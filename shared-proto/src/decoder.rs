@@ -146,6 +146,8 @@ struct Stream {
     /// beginning nobody sent here.
     synchronised: bool,
     tracker: Tracker,
+    /// Sequence number and clock of the newest sample.
+    newest: Option<(u16, u32)>,
     counters: Counters,
 }
 
@@ -155,6 +157,7 @@ impl Stream {
             partial: Bytes::new(),
             synchronised: false,
             tracker: Tracker::new(),
+            newest: None,
             counters: Counters {
                 packets: 0,
                 bad_crc: 0,
@@ -228,16 +231,33 @@ impl Stream {
         self.counters.packets += 1;
         sink(match packet {
             Packet::Sample(sample) => {
+                if self.has_restarted(&sample) {
+                    self.tracker.restart();
+                }
                 let (index, arrival) = self.tracker.place(sample.sequence);
+                if matches!(arrival, Arrival::InOrder { .. }) {
+                    self.newest = Some((sample.sequence, sample.clock_us));
+                }
                 Event::Sample { sample, index, arrival }
             }
             Packet::Command { number, command } => Event::Command { number, command },
             Packet::Answer { number, answer } => Event::Answer { number, answer },
             Packet::Boot(boot) => {
                 self.tracker.restart();
+                self.newest = None;
                 Event::Boot(boot)
             }
         });
+    }
+
+    /// Whether a sample shows that the board has started anew and word of it was lost: its number
+    /// is ahead of the newest, its clock behind.
+    fn has_restarted(&self, sample: &Sample) -> bool {
+        self.newest.is_some_and(|(sequence, clock_us)| {
+            let ahead = sample.sequence.wrapping_sub(sequence).cast_signed() > 0;
+            let behind = sample.clock_us.wrapping_sub(clock_us).cast_signed() < 0;
+            ahead && behind
+        })
     }
 }
 
