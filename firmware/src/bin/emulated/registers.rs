@@ -1,7 +1,7 @@
 //! Access to the board's registers and memory: the only place that makes pointers of addresses.
 #![expect(unsafe_code, reason = "registers are reached through their addresses")]
 
-/// A block of 32-bit registers of a device of the mps2-an386 (Arm DAI0400, memory map), or an area
+/// A block of 32-bit registers of a device of the mps2-an386 (Arm DAI0386), or an area
 /// of its 16 MiB of PSRAM at 0x2100_0000, which nothing else uses.
 #[derive(Clone, Copy)]
 pub(crate) struct Block(usize);

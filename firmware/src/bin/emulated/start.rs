@@ -10,7 +10,7 @@ use shared_proto::{Board, Identity, ResetCause};
 
 const BAUD: u32 = 57_600;
 
-/// Numbers of the interrupts in use (Arm DAI0400, table 3-7).
+/// Numbers of the interrupts in use (Arm DAI0386).
 const RECEIVED: u16 = 0;
 const SENT: u16 = 1;
 const TIMER: u16 = 10;
