@@ -12,6 +12,7 @@ use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::filter::{Butterworth, Filter, FilterError};
 use shellcal::log_file::{Log, Mapping, ReadOptions};
 use shellcal::plot::WrenchTrace;
+use shellcal::workflow::ChannelMismatch;
 use shellcal::workflow::convert::{
     Columns, ConvertError, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
 };
@@ -286,7 +287,7 @@ fn what_cannot_be_done_is_said_by_name() {
     let no_covariance = error(ConvertOptions { columns: errors, ..options() });
     assert!(matches!(no_covariance, ConvertError::NoCovariance));
     let other = run_on(&open(&path), &linear(8), &options()).unwrap_err();
-    assert!(matches!(other, ConvertError::Channels { expected: 8, found: 3, .. }));
+    assert!(matches!(other, ConvertError::Channels(ChannelMismatch { expected: 8, found: 3, .. })));
 
     let short = csv(directory.path(), 15, 1);
     let options = || ConvertOptions { low_pass: low_pass(20.0, true), ..options() };
