@@ -1,7 +1,5 @@
 //! The README's console blocks, run as they stand.
 
-#![expect(clippy::unwrap_used, reason = "a failed expectation is a failed test")]
-
 use std::fs;
 use std::path::Path;
 
