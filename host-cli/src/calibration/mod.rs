@@ -7,6 +7,7 @@ mod conversion;
 mod error;
 pub mod extent;
 pub mod features;
+pub mod least_squares;
 pub mod model;
 pub mod quality;
 pub mod rank_loss;
@@ -15,6 +16,7 @@ pub mod scaling;
 pub mod solver;
 pub mod triangle;
 pub mod uncertainty;
+mod wide_features;
 
 pub use self::conversion::Calibration;
 pub use self::error::FitError;

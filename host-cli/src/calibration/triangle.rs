@@ -84,6 +84,20 @@ pub enum LeastSquaresError {
         columns: usize,
         /// p × (p − rank): directions along which equilibrated columns cancel, orthonormal.
         null_space: Mat<f64>,
+        /// p × p: columns with the lengths and angles of those of `X`.
+        triangle: Mat<f64>,
+    },
+    /// The columns are so nearly dependent that this method cannot tell what they say.
+    #[error("the condition number is above `{limit:.1e}`, which this method cannot solve for")]
+    IllConditioned {
+        /// The largest condition number, of columns scaled to norm one, that it can.
+        limit: f64,
+    },
+    /// An iteration that does not come to rest.
+    #[error("no answer after `{passes}` passes over the rows")]
+    NotConverged {
+        /// Passes made.
+        passes: usize,
     },
     /// Infinite or not a number, in the input or by overflow.
     #[error("a value is not finite, or too large for its square to be")]
@@ -202,7 +216,13 @@ impl Triangle {
         if rank < p && ridge.lambda == 0.0 {
             let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
             let null_space = svd.V().subcols(rank, p - rank).to_owned();
-            return Err(LeastSquaresError::RankDeficient { rank, columns: p, null_space });
+            let triangle = self.r().to_owned();
+            return Err(LeastSquaresError::RankDeficient {
+                rank,
+                columns: p,
+                null_space,
+                triangle,
+            });
         }
 
         let damped = self.damped(&norms, ridge);
@@ -211,9 +231,7 @@ impl Triangle {
         triangular_solve::solve_upper_triangular_in_place(r, coefficients.as_mut(), Par::Seq);
         let mut factor = Mat::zeros(p, p);
         triangular_inverse::invert_upper_triangular(factor.as_mut(), r, Par::Seq);
-        let misfit = self.r.as_ref().submatrix(0, p, p, q) - self.r() * &coefficients;
-        let rest = self.r.as_ref().submatrix(p, p, q, q);
-        let residual_products = misfit.transpose() * &misfit + rest.transpose() * rest;
+        let residual_products = self.residual_products(coefficients.as_ref());
         if !coefficients.is_all_finite() || !factor.is_all_finite() {
             return Err(LeastSquaresError::NotFinite);
         }
@@ -226,6 +244,29 @@ impl Triangle {
             condition,
             rank,
         })
+    }
+
+    /// `(Y − X·C)ᵀ(Y − X·C)` of any `C`, q × q.
+    pub(super) fn residual_products(&self, coefficients: MatRef<'_, f64>) -> Mat<f64> {
+        let (p, q) = (self.features, self.r.nrows() - self.features);
+        let misfit = self.r.as_ref().submatrix(0, p, p, q) - self.r() * coefficients;
+        misfit.transpose() * &misfit + self.rest_products()
+    }
+
+    /// `EᵀE`, q × q: what no `C` can fit.
+    pub(super) fn rest_products(&self) -> Mat<f64> {
+        let (p, q) = (self.features, self.r.nrows() - self.features);
+        let rest = self.r.as_ref().submatrix(p, p, q, q);
+        rest.transpose() * rest
+    }
+
+    /// `R` and `Z` after the rows of a ridge have been added.
+    pub(super) fn damped_parts(&self, ridge: Ridge) -> (Mat<f64>, Mat<f64>) {
+        let (p, q) = (self.features, self.r.nrows() - self.features);
+        let (_, norms) = self.equilibrated();
+        let damped = self.damped(&norms, ridge);
+        let part = |from, columns| damped.as_ref().submatrix(0, from, p, columns).to_owned();
+        (part(0, p), part(p, q))
     }
 
     /// `R` with columns of norm one, and the norms. A column of zeros stays as it is.
@@ -387,7 +428,7 @@ mod tests {
             x[(i, 3)] = 2.0 * x[(i, 0)] - x[(i, 1)];
         }
         let error = least_squares(x.as_ref(), noise(100, 1, 6).as_ref(), Ridge::NONE).unwrap_err();
-        let LeastSquaresError::RankDeficient { rank: 3, columns: 4, null_space } = error else {
+        let LeastSquaresError::RankDeficient { rank: 3, columns: 4, null_space, .. } = error else {
             panic!("{error:?}")
         };
         assert!(null_space[(2, 0)].abs() < 1e-12);

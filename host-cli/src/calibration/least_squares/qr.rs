@@ -1,0 +1,35 @@
+//! The pass that leaves the triangle of [`triangle`](crate::calibration::triangle).
+
+use super::{Chunk, Reduction, Shape};
+use crate::calibration::triangle::{Triangle, Workspace};
+
+/// Householder QR over row blocks.
+pub(super) struct Factor {
+    pub(super) shape: Shape,
+}
+
+impl Reduction for Factor {
+    type Partial = Triangle;
+    type Scratch = Workspace;
+    const WIDE: bool = false;
+
+    fn empty(&self) -> Triangle {
+        Triangle::new(self.shape.features, self.shape.outputs)
+    }
+
+    fn scratch(&self) -> Workspace {
+        Workspace::new(self.shape.features, self.shape.outputs)
+    }
+
+    fn absorb(&self, partial: &mut Triangle, chunk: &Chunk<'_>, scratch: &mut Workspace) {
+        partial.absorb(chunk.rows, scratch, |columns, stride| {
+            for (j, column) in columns.chunks_mut(stride).enumerate() {
+                column[..chunk.rows].copy_from_slice(chunk.column(j));
+            }
+        });
+    }
+
+    fn merge(&self, earlier: &mut Triangle, later: Triangle) {
+        earlier.merge(&later);
+    }
+}

@@ -1,0 +1,116 @@
+//! Column pivoting and singular values, both of the triangle that a pass of QR leaves.
+//!
+//! `X = Q·R` with orthonormal `Q`, so every column of `R` has the length of that of `X` and every
+//! pair the angle: pivots, singular values and directions are the same, at the cost of p columns of
+//! p elements in place of n.
+
+use faer::linalg::triangular_solve;
+use faer::prelude::*;
+use faer::{Mat, Par};
+
+use super::{LeastSquares, LeastSquaresError, Ridge};
+use crate::calibration::triangle::Triangle;
+
+/// Solves by QR with column pivoting of the equilibrated triangle.
+///
+/// Rank is decided as in [`Triangle::solve`], by singular values: the diagonal that pivoting leaves
+/// may stay large while the smallest singular value does not (Golub & Van Loan 4e, §5.4.2).
+pub(super) fn pivoted(
+    triangle: &Triangle,
+    ridge: Ridge,
+) -> Result<LeastSquares, LeastSquaresError> {
+    let mut solved = triangle.solve(ridge)?;
+    let (r, z) = triangle.damped_parts(ridge);
+    let p = r.ncols();
+    let norms: Vec<f64> = r.col_iter().map(|column| column.norm_l2()).collect();
+    let unit = Mat::from_fn(p, p, |i, j| r[(i, j)] / norms[j]);
+    let pivoted = unit.col_piv_qr();
+    let mut rotated = pivoted.compute_Q().transpose() * &z;
+    triangular_solve::solve_upper_triangular_in_place(pivoted.R(), rotated.as_mut(), Par::Seq);
+    let (order, _) = pivoted.P().arrays();
+    for (k, &column) in order.iter().enumerate() {
+        for a in 0..z.ncols() {
+            solved.coefficients[(column, a)] = rotated[(k, a)] / norms[column];
+        }
+    }
+    Ok(with_residuals_of(solved, triangle))
+}
+
+/// Solves by singular values of the equilibrated triangle.
+///
+/// With `truncate`, directions whose singular value is below that share of the largest get no part
+/// in the answer, which then is the shortest of those that fit the others best; `rank` tells how
+/// many were kept.
+pub(super) fn svd(
+    triangle: &Triangle,
+    ridge: Ridge,
+    truncate: Option<f64>,
+) -> Result<LeastSquares, LeastSquaresError> {
+    let (r, z) = triangle.damped_parts(ridge);
+    if !r.is_all_finite() || !z.is_all_finite() {
+        return Err(LeastSquaresError::NotFinite);
+    }
+    let p = r.ncols();
+    let Some(share) = truncate else {
+        let solved = triangle.solve(ridge)?;
+        return by_singular_values(solved, r.as_ref(), z.as_ref(), 0.0)
+            .map(|solved| with_residuals_of(solved, triangle));
+    };
+    if triangle.rows() == 0 {
+        return Err(LeastSquaresError::TooFewRows { rows: 0, columns: p });
+    }
+    let empty = LeastSquares {
+        coefficients: Mat::zeros(p, z.ncols()),
+        factor: Mat::zeros(p, p),
+        residual_products: Mat::zeros(z.ncols(), z.ncols()),
+        rows: triangle.rows(),
+        condition: 1.0,
+        rank: p,
+    };
+    by_singular_values(empty, r.as_ref(), z.as_ref(), share)
+        .map(|solved| with_residuals_of(solved, triangle))
+}
+
+fn by_singular_values(
+    mut solved: LeastSquares,
+    r: MatRef<'_, f64>,
+    z: MatRef<'_, f64>,
+    share: f64,
+) -> Result<LeastSquares, LeastSquaresError> {
+    let p = r.ncols();
+    let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
+    let norms: Vec<f64> = r.col_iter().map(|column| unit(column.norm_l2())).collect();
+    let scaled = Mat::from_fn(p, p, |i, j| r[(i, j)] / norms[j]);
+    let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
+    let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+    let largest = values.first().copied().unwrap_or(0.0);
+    let rank = values.iter().filter(|&&s| s > share * largest && s > 0.0).count();
+    let mut rotated = svd.U().transpose() * z;
+    for (i, &value) in values.iter().enumerate() {
+        let weight = if i < rank { value.recip() } else { 0.0 };
+        rotated.row_mut(i).iter_mut().for_each(|b| *b *= weight);
+    }
+    let coefficients = svd.V() * rotated;
+    solved.coefficients = Mat::from_fn(p, z.ncols(), |i, a| coefficients[(i, a)] / norms[i]);
+    if rank < p || share > 0.0 {
+        // (XᵀX)⁺ = V·S⁻²·Vᵀ; a QR factorisation makes its root triangular.
+        let root = Mat::from_fn(p, p, |i, j| {
+            // Rows and columns turned round, so that an upper triangle comes out.
+            let (row, feature) = (i, p - 1 - j);
+            let weight = if row < rank { values[row].recip() } else { 0.0 };
+            weight * svd.V()[(feature, row)] / norms[feature]
+        });
+        let factor = root.qr();
+        let triangle = factor.R();
+        solved.factor =
+            Mat::from_fn(p, p, |i, j| if i <= j { triangle[(p - 1 - j, p - 1 - i)] } else { 0.0 });
+        solved.condition = largest / values.get(rank.max(1) - 1).copied().unwrap_or(largest);
+    }
+    solved.rank = rank;
+    if solved.coefficients.is_all_finite() { Ok(solved) } else { Err(LeastSquaresError::NotFinite) }
+}
+
+fn with_residuals_of(mut solved: LeastSquares, triangle: &Triangle) -> LeastSquares {
+    solved.residual_products = triangle.residual_products(solved.coefficients.as_ref());
+    solved
+}
