@@ -4,6 +4,8 @@
 //! equations can be formed and solved without any rounding: the residual of that solution is the
 //! smallest there is.
 
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may panic and say why")]
+
 use num_bigint::BigInt;
 use num_rational::BigRational;
 use shellcal::block::Block;
@@ -38,7 +40,8 @@ const BITS: u32 = 80;
 
 /// Features and wrench as integers, the latter in units of 2^-[`BITS`], one column each.
 fn integers(block: &Block, model: Model) -> (Vec<Vec<BigInt>>, Vec<Vec<BigInt>>) {
-    let features = model.terms().iter().map(|term| {
+    let terms = model.terms();
+    let features = terms.iter().map(|term| {
         let value = |row: usize| {
             let factors = term.factors().iter().map(|&c| block.readings[usize::from(c)][row]);
             factors.map(|s| BigInt::from(s as i64)).product()

@@ -73,6 +73,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             ],
         }];
         tools.extend(peers(&args.peers, &train, &test, theirs));
+        let tools = working(tools)?;
         let medians = medians(&tools, args.runs)?;
         print_table(ours, &tools, &medians, bytes, floor_s);
     }
@@ -97,7 +98,7 @@ fn peers(dir: &Path, train: &Path, test: &Path, model: &str) -> Vec<Tool> {
         ("polars + numpy", "python3", "peer_polars.py", &["-c", "import numpy, polars"]),
         ("scikit-learn", "python3", "peer_sklearn.py", &["-c", "import pandas, sklearn"]),
         ("R data.table", "Rscript", "peer_fit.R", &["-e", "library(data.table)"]),
-        ("Octave", "octave", "peer_fit.m", &["--version"]),
+        ("Octave", "octave-cli", "peer_fit.m", &["--version"]),
     ];
     known
         .into_iter()
@@ -114,6 +115,19 @@ fn peers(dir: &Path, train: &Path, test: &Path, model: &str) -> Vec<Tool> {
             Tool { name, command }
         })
         .collect()
+}
+
+/// The tools that get through a first run, which also warms the caches; ours has to.
+fn working(tools: Vec<Tool>) -> Result<Vec<Tool>> {
+    let mut works = Vec::new();
+    for tool in tools {
+        match measure(&tool.command) {
+            Ok(_) => works.push(tool),
+            Err(error) if works.is_empty() => return Err(error),
+            Err(error) => println!("{}: left out: {error:#}", tool.name),
+        }
+    }
+    Ok(works)
 }
 
 /// Interleaved runs, one summary per tool.

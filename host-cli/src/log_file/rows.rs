@@ -4,7 +4,7 @@
 //! separators. Lines with quotes go to the csv crate, with the same results; a quoted field cannot
 //! contain a line break.
 
-use memchr::{memchr, memchr2};
+use memchr::{memchr, memchr_iter, memchr2};
 
 use super::error::{Field, RowProblem};
 use super::number::{NumberError, parse_field, parse_plain};
@@ -168,7 +168,11 @@ impl RowPlan {
             let found = reader.from_reader(line).read_byte_record(&mut record).unwrap_or(false);
             let blank = record.len() == 1 && record[0].trim_ascii().is_empty();
             if found && !blank {
-                let result = self.parse_fields(record.iter(), parsed);
+                let open = memchr_iter(b'"', line).count() % 2 != 0;
+                let result = match open {
+                    true => Err((RowProblem::OpenQuote, false)),
+                    false => self.parse_fields(record.iter(), parsed),
+                };
                 finish_row(result, start, skip_bad_rows, parsed)?;
             }
             start = end;

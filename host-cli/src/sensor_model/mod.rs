@@ -78,6 +78,9 @@ pub enum ModelError {
     },
 }
 
+/// The largest load that a frame is computed for, N or N·m: past it there is no instrument left.
+pub const LIMIT: f64 = 1e6;
+
 /// One instrument during one recording.
 #[derive(Clone, Debug)]
 pub struct SensorModel {
@@ -122,9 +125,10 @@ impl SensorModel {
     /// The frame at `time_s` since the start of the recording, under `wrench` (N and N·m, shell
     /// frame), which is taken to have held since the frame before. Times go forward.
     ///
-    /// A wrench that is not finite tears the plate off: all channels saturated at zero.
+    /// A load that is not finite, or above [`LIMIT`], tears the plate off: for that frame all
+    /// channels are saturated at zero.
     pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> Frame {
-        if !(time_s.is_finite() && wrench.iter().all(|w| w.is_finite())) {
+        if !(time_s.is_finite() && wrench.iter().all(|w| w.abs() <= LIMIT)) {
             return Frame { readings: [0; 8], saturated: 0xFF };
         }
         let motion = RigidMotion::new(&self.suspension.displacement(time_s, wrench));
@@ -143,7 +147,7 @@ impl SensorModel {
             let signal = light + dark + variance.sqrt() * self.random.normal();
             let count = (signal * self.full_scale).round().clamp(0.0, highest);
             frame.readings[i] = count as u16;
-            frame.saturated |= u8::from(count == 0.0 || count == highest) << i;
+            frame.saturated |= u8::from(!(count > 0.0 && count < highest)) << i;
         }
         frame
     }

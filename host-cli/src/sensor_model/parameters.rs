@@ -110,23 +110,25 @@ impl Parameters {
     ///   Goldberg et al. 2015. Their places are assumed, on a board of 5 cm × 5 cm: the flat ones
     ///   near the corners, for Mx and My; each tilted pair far apart, for Mz.
     /// - Springs: a hand or a beam puts up to some 3 N on the shell of an 87 g robot (its weight is
-    ///   0.85 N), which shall move the plate by a few tenths of a millimetre, the range in which
-    ///   the GP2S60 answers steeply. With 3 N/mm along z and 1.5 N/mm across per spring, 1 N
-    ///   moves it 0.08 mm along z and 0.17 mm along x or y.
+    ///   0.85 N). Recordings of the original board answer that with a few hundred to a thousand
+    ///   counts, which on the slope of the response is a few tenths of a millimetre. With 6 N/mm
+    ///   along z and 2.4 N/mm across per spring, 1 N moves the plate 0.04 mm along z and 0.10 mm
+    ///   along x or y.
     /// - Gap at rest: 1.2 mm, on the falling side of the response, so that the plate can travel
     ///   0.5 mm both ways without passing the maximum at 0.7 mm.
-    /// - Gain: 1600 to 2200 counts of 4096 at rest, as in recordings of the original board (500 to
-    ///   2900 under load).
-    /// - Noise: recordings of the original board at rest scatter by 0.7 to 1.6 counts after its own
-    ///   smoothing. Here 1.5 counts from amplifier and converter, shot noise of 1.2 million
-    ///   effective electrons at full scale, 0.02 % of the emitter's intensity: 2.8 counts at 1900.
+    /// - Gain: some 1950 of 4096 counts at rest, 800 to 3800 under load; recordings of the original
+    ///   board go from 700 to 2900.
+    /// - Noise: 2.5 counts of 4096 from amplifier and converter, shot noise of 800,000 effective
+    ///   electrons at full scale, 0.02 % of the emitter's intensity, together 4.0 counts at rest.
+    ///   That is more than the 0.7 to 1.6 counts of the original board, which smooths its readings,
+    ///   and makes 0.02 N of zero-load noise, where the paper has 0.015 to 0.048 N.
     /// - Temperature: an infrared emitter loses about 0.7 % per K, a phototransistor gains about
     ///   0.5 %; what is left is taken as −0.2 % per K.
-    /// - Reference: the calibration of ATI's Nano17, SI-25-0.25 (1/160 N, 1/32 N·mm), with noise of
-    ///   1.5 steps.
+    /// - Reference: resolution as of a small strain-gauge sensor for 25 N and 250 N·mm (1/160 N,
+    ///   1/32 N·mm), with noise of 1.5 steps.
     /// - Creep and hysteresis: chosen so that a cubic calibration at the paper's sizes (77,522 and
-    ///   19,932 rows) leaves the paper's errors, 0.118, 0.122 and 0.126 N. They are of the size
-    ///   that springs in printed seats show: several percent.
+    ///   19,932 rows) leaves the paper's errors, 0.118, 0.122 and 0.126 N: a tenth of the travel
+    ///   comes late, and a loop is 2 · 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
     pub fn nominal() -> Self {
         let spring = |[x, y]: [f64; 2]| Spring {
             position_m: [x * MM, y * MM, 0.0],

@@ -1,7 +1,14 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod info;
 mod mapping;
 mod synth;
+mod eval;
+mod fit;
+mod import;
+mod mapping;
+mod origin;
+mod quality;
 
 use std::process::ExitCode;
 
@@ -12,6 +19,10 @@ use crate::printer::Printer;
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Synth(synth::Synth),
+    Info(info::InfoArgs),
+    Fit(Box<fit::FitArgs>),
+    Eval(Box<eval::EvalArgs>),
+    Import(import::ImportArgs),
 }
 
 /// How a command that could run has ended.
@@ -27,6 +38,10 @@ impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
             Command::Synth(command) => command.run(printer),
+            Command::Info(args) => args.run(printer),
+            Command::Fit(args) => args.run(printer),
+            Command::Eval(args) => args.run(printer),
+            Command::Import(args) => args.run(printer),
         }
     }
 }

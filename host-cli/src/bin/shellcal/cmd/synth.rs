@@ -35,11 +35,11 @@ enum KindArgs {
 #[derive(Clone, Debug, clap::Args)]
 struct RecordingArgs {
     /// Rows to make (default: 77522 for train, 19932 for test, 5000 for zero)
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     rows: Option<u64>,
 
     /// Rows per second
-    #[arg(long, value_name = "HZ", default_value_t = 100.0)]
+    #[arg(long, value_name = "HZ", default_value_t = 100.0, allow_negative_numbers = true)]
     rate: f64,
 
     /// Which recording: its loads, noise, light and mounting
@@ -55,7 +55,7 @@ struct RecordingArgs {
     start_time: f64,
 
     /// Factor on all random noise; 0 for none
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
     noise_scale: f64,
 
     /// Resolution of the board's converter, 8 to 16

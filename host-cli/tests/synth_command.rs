@@ -1,0 +1,151 @@
+//! `shellcal synth` as a user runs it, and the data sets that it ships.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use sha2::{Digest, Sha256};
+
+fn synth(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_shellcal"))
+        .arg("synth")
+        .args(args)
+        .output()
+        .expect("a program to run")
+}
+
+fn stdout(args: &[&str]) -> String {
+    let output = synth(args);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("text")
+}
+
+fn shipped() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data")
+}
+
+/// The lines of the README's code blocks that are commands.
+fn shipped_commands() -> Vec<Vec<String>> {
+    let readme = fs::read_to_string(shipped().join("README.md")).expect("a README");
+    let lines = readme.lines().filter_map(|line| line.trim().strip_prefix("shellcal synth "));
+    lines.map(|line| line.split_whitespace().map(str::to_owned).collect()).collect()
+}
+
+#[test]
+fn shipped_sets_are_made_again_byte_for_byte_by_the_commands_in_their_readme() {
+    let commands = shipped_commands();
+    assert_eq!(commands.len(), 3);
+    for mut command in commands {
+        let file = command.pop().unwrap();
+        assert_eq!(command.pop().as_deref(), Some("--output"));
+        let args: Vec<&str> = command.iter().map(String::as_str).collect();
+        let shipped = fs::read_to_string(shipped().join(&file)).unwrap();
+        assert!(stdout(&args) == shipped, "`{file}` differs from what its command makes");
+    }
+}
+
+#[test]
+fn shipped_sets_have_their_checksums() {
+    let sums = fs::read_to_string(shipped().join("SHA256SUMS")).unwrap();
+    assert_eq!(sums.lines().count(), 3);
+    for line in sums.lines() {
+        let (sum, file) = line.split_once("  ").unwrap();
+        let digest = Sha256::digest(fs::read(shipped().join(file)).unwrap());
+        let found: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(found, sum, "{file}");
+    }
+}
+
+#[test]
+fn layouts_carry_the_same_rows_in_their_own_order() {
+    let of = |layout| -> Vec<String> {
+        let text = stdout(&["train", "--rows", "150", "--layout", layout]);
+        text.lines().map(str::to_owned).collect()
+    };
+    let [shellcal, peer, training] = ["shellcal", "peer", "training"].map(of);
+    assert_eq!(shellcal[0], "t_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,group");
+    assert_eq!(peer[0], "Timestamp,Fx,Fy,Fz,Mx,My,Mz,s0,s1,s2,s3,s4,s5,s6,s7");
+    assert_eq!((shellcal.len(), peer.len(), training.len()), (151, 151, 150));
+    for row in 0..150 {
+        let fields: Vec<&str> = shellcal[row + 1].split(',').collect();
+        assert_eq!(training[row], fields[..15].join(","));
+        let peer_order = [&fields[..1], &fields[9..15], &fields[1..9]].concat();
+        assert_eq!(peer[row + 1], peer_order.join(","));
+    }
+}
+
+#[test]
+fn a_zero_load_recording_has_no_poses_to_group_by() {
+    let text = stdout(&["zero", "--rows", "3"]);
+    assert_eq!(
+        text.lines().next(),
+        Some("t_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm")
+    );
+    assert!(text.lines().all(|line| line.split(',').count() == 15));
+}
+
+#[test]
+fn without_rows_the_sizes_are_those_of_the_paper() {
+    assert_eq!(stdout(&["train"]).lines().count(), 1 + 77_522);
+    assert_eq!(stdout(&["test"]).lines().count(), 1 + 19_932);
+}
+
+#[test]
+fn time_starts_where_told_and_advances_by_the_rate() {
+    let text = stdout(&["zero", "--rows", "3", "--start-time", "-1.5", "--rate", "1000"]);
+    let times: Vec<&str> = text.lines().skip(1).filter_map(|l| l.split(',').next()).collect();
+    assert_eq!(times, ["-1.500000", "-1.499000", "-1.498000"]);
+}
+
+#[test]
+fn no_row_holds_a_negative_zero() {
+    let text = stdout(&["zero", "--rows", "2000"]);
+    assert!(!text.contains("-0.00000,") && !text.contains("-0.00000000"));
+}
+
+#[test]
+fn json_tells_what_was_made_and_the_file_is_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("rows.csv");
+    let path_arg = path.to_str().unwrap();
+    let told = stdout(&["train", "--rows", "2500", "--output", path_arg, "--json"]);
+    let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+    assert_eq!(told["rows"], 2500);
+    assert_eq!(told["bytes"], fs::metadata(&path).unwrap().len());
+    assert_eq!(fs::read_to_string(&path).unwrap(), stdout(&["train", "--rows", "2500"]));
+}
+
+#[test]
+fn what_cannot_be_made_is_refused_before_the_work_and_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("rows.csv");
+    let path_arg = path.to_str().unwrap();
+    let missing = dir.path().join("missing/rows.csv");
+    let cases: [(&[&str], &str); 7] = [
+        (&["train", "--rows", "0", "-o", path_arg], "0 is not in 1.."),
+        (&["train", "--rate", "0", "-o", path_arg], "rate 0 Hz"),
+        (&["train", "--rate", "nan", "-o", path_arg], "rate NaN Hz"),
+        (&["train", "--adc-bits", "24", "-o", path_arg], "24 bits"),
+        (&["train", "--noise-scale", "-1", "-o", path_arg], "noise"),
+        (&["train", "--json"], "`--json` needs `--output`"),
+        // So many rows that the test would not end if the work were begun.
+        (&["train", "--rows", "1000000000000", "-o", missing.to_str().unwrap()], "cannot write"),
+    ];
+    for (args, expected) in cases {
+        let output = synth(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(said.contains(expected), "{args:?}: {said}");
+    }
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
+    command.args(["synth", "train", "--rows", "100000000"]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+}
