@@ -2,15 +2,28 @@
 
 use std::io;
 
+use shellcal::calibration::FitError;
+use shellcal::calibration_file::matrix::MatrixError;
+use shellcal::calibration_file::{CalibrationFileError, Problem, SCHEMA_VERSION};
 use shellcal::log_file::{LogError, RowProblem};
+use shellcal::workflow::WorkflowError;
 
 /// The next step after `error`, where one is known.
 pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
-    error.chain().find_map(|cause| cause.downcast_ref().and_then(for_log))
+    let hint = error.chain().find_map(|cause| match cause.downcast_ref() {
+        Some(WorkflowError::Log(error)) => after_log(error),
+        Some(WorkflowError::Fit(error)) => after_fit(error),
+        _ => {
+            let log = || cause.downcast_ref().and_then(after_log);
+            let file = || cause.downcast_ref().and_then(after_calibration);
+            log().or_else(file)
+        }
+    });
+    hint.map(str::to_owned)
 }
 
-fn for_log(error: &LogError) -> Option<String> {
-    let hint = match error {
+fn after_log(error: &LogError) -> Option<&'static str> {
+    Some(match error {
         LogError::Gzip { .. } => "copy the file again: it is cut short or damaged",
         LogError::Empty { .. } | LogError::NoRows { .. } => {
             "nothing was recorded, or the file was not copied to its end"
@@ -40,30 +53,7 @@ fn for_log(error: &LogError) -> Option<String> {
         }
         LogError::Row { .. } => "correct the line, or leave such rows out with `--skip-bad-rows`",
         _ => return None,
-    };
-    Some(hint.to_owned())
-}
-
-/// Whether a field becomes a number with a point for its comma.
-fn is_decimal_comma(field: &str) -> bool {
-    field.matches(',').count() == 1 && field.replace(',', ".").parse::<f64>().is_ok()
-use shellcal::calibration::FitError;
-use shellcal::calibration_file::matrix::MatrixError;
-use shellcal::calibration_file::{CalibrationFileError, Problem, SCHEMA_VERSION};
-use shellcal::workflow::WorkflowError;
-
-/// The next step after `error`, where one is known.
-pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
-    let hint = error.chain().find_map(|cause| {
-        let fit = match cause.downcast_ref() {
-            Some(WorkflowError::Fit(fit)) => Some(fit),
-            _ => cause.downcast_ref::<FitError>(),
-        };
-        fit.and_then(after_fit).or_else(|| {
-            cause.downcast_ref::<CalibrationFileError>().and_then(|e| after_reading(&e.problem))
-        })
-    });
-    hint.map(str::to_owned)
+    })
 }
 
 fn after_fit(error: &FitError) -> Option<&'static str> {
@@ -82,8 +72,8 @@ fn after_fit(error: &FitError) -> Option<&'static str> {
     })
 }
 
-fn after_reading(problem: &Problem) -> Option<&'static str> {
-    Some(match problem {
+fn after_calibration(error: &CalibrationFileError) -> Option<&'static str> {
+    Some(match &error.problem {
         Problem::NotJson { .. } => {
             "a calibration is the JSON file that `shellcal fit --output` or `shellcal import` writes"
         }
@@ -94,6 +84,11 @@ fn after_reading(problem: &Problem) -> Option<&'static str> {
         Problem::Matrix(MatrixError::Variable { .. }) => "choose one with `--variable`",
         _ => return None,
     })
+}
+
+/// Whether a field becomes a number with a point for its comma.
+fn is_decimal_comma(field: &str) -> bool {
+    field.matches(',').count() == 1 && field.replace(',', ".").parse::<f64>().is_ok()
 }
 
 /// Whether the reader of our output has gone away, which is not an error.

@@ -1,14 +1,13 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
-mod info;
-mod mapping;
-mod synth;
 mod eval;
 mod fit;
 mod import;
+mod info;
 mod mapping;
 mod origin;
 mod quality;
+mod synth;
 
 use std::process::ExitCode;
 
