@@ -193,9 +193,8 @@ impl Triangle {
 
     /// Solves for the coefficients.
     ///
-    /// Singular values of the equilibrated `R` below `10·p·2⁻⁵²` of the largest count as zero:
-    /// they are within what rounding in the factorisation does to exactly dependent columns. A
-    /// ridge fills those directions, so rank is then only reported.
+    /// Singular values of the equilibrated `R` that rounding in the factorisation may have made out
+    /// of zero count as zero. A ridge fills those directions, so rank is then only reported.
     ///
     /// # Errors
     /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, or where
@@ -211,7 +210,7 @@ impl Triangle {
         let (equilibrated, norms) = self.equilibrated();
         let singular = equilibrated.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
         let largest = singular.first().copied().unwrap_or(0.0);
-        let tolerance = 10.0 * p as f64 * f64::EPSILON * largest;
+        let tolerance = self.rounding() * largest;
         let rank = singular.iter().filter(|&&s| s > tolerance).count();
         if rank < p && ridge.lambda == 0.0 {
             let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
@@ -244,6 +243,13 @@ impl Triangle {
             condition,
             rank,
         })
+    }
+
+    /// What rounding leaves of a singular value that is zero, as a share of the largest: roundings
+    /// of p columns add up like steps at random, those of one row block after another likewise.
+    fn rounding(&self) -> f64 {
+        const ROWS: f64 = 1024.0;
+        4.0 * f64::EPSILON * (self.features as f64 * (1.0 + self.rows as f64 / ROWS)).sqrt()
     }
 
     /// `(Y − X·C)ᵀ(Y − X·C)` of any `C`, q × q.

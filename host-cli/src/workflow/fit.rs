@@ -3,12 +3,11 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{EvalOptions, Evaluation, eval};
+use super::log_blocks::LogBlocks;
 use super::{WorkflowError, check_channels};
-use crate::block::Block;
-use crate::calibration::extent::Extent;
 use crate::calibration::scaling::Scaling;
-use crate::calibration::solver::{Problem, Solution, Solver, SolverKind, Tsqr};
-use crate::calibration::{Basis, Calibration, FitError, Model};
+use crate::calibration::solver::{self, Problem, Solution, SolverKind};
+use crate::calibration::{Basis, Calibration, Model};
 use crate::log_file::{Log, ReadOptions, Wanted};
 use crate::plot::FitPlot;
 
@@ -85,9 +84,9 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
 
     let plain = ReadOptions { checksum: false, ..read };
-    let (solution, extent) = match options.solver {
-        SolverKind::Tsqr => solve(&Tsqr::new(problem)?, train, options.fresh, &plain, &finished)?,
-    };
+    let fresh = options.fresh;
+    let mut rows = LogBlocks { logs: train, fresh, read: plain, finished: &finished, passes: 0 };
+    let (solution, extent) = solver::fit(options.solver, problem, &mut rows)?;
     let calibration = Calibration::of_solution(&solution, &extent);
 
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
@@ -103,36 +102,4 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
     let (train, test) = (evaluate(train, false)?, evaluate(test, true)?);
     Ok(Fit { calibration, solution, train, test, plots })
-}
-
-/// One pass over the logs with any solver.
-fn solve<S: Solver>(
-    solver: &S,
-    logs: &[Log],
-    fresh: bool,
-    read: &ReadOptions<'_>,
-    finished: &dyn Fn(&Log),
-) -> Result<(Solution, Extent), WorkflowError> {
-    let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-    let channels = logs.first().map_or(0, Log::channels);
-    let mut all = solver.empty();
-    let mut extent = Extent::new(channels);
-    let map = |mut block: Block| -> Result<(S::Partial, Extent), FitError> {
-        if fresh {
-            let fresh = block.fresh_rows();
-            block.retain_rows(&fresh);
-        }
-        let extent = Extent::of_block(&block, channels)?;
-        Ok((solver.reduce(&block)?, extent))
-    };
-    for log in logs {
-        log.read(&wanted, read, map, |block| -> Result<(), WorkflowError> {
-            let (partial, seen) = block?;
-            solver.merge(&mut all, partial);
-            extent.merge(&seen);
-            Ok(())
-        })?;
-        finished(log);
-    }
-    Ok((solver.solve(&all, &extent)?, extent))
 }

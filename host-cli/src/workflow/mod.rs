@@ -2,6 +2,7 @@
 
 pub mod eval;
 pub mod fit;
+mod log_blocks;
 
 use std::path::PathBuf;
 

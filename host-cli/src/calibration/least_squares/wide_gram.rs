@@ -75,6 +75,9 @@ impl WideGram {
 
     /// Solves by Cholesky's factorisation.
     ///
+    /// A loss of rank is not told from a condition number above the limit: the smallest gap between
+    /// columns of `f64`, squared, is below the rounding of these sums.
+    ///
     /// # Errors
     /// [`LeastSquaresError`].
     pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
@@ -100,9 +103,10 @@ impl WideGram {
             damped[(j, j)] += penalty;
         }
         let bound = p as f64 * self.rounding();
-        let Some(r) = damped.cholesky() else {
-            return Err(pivoted_rank_loss(&gram, &scales, bound));
-        };
+        // An error of one part in a thousand of the coefficients in the worst case.
+        let limit = (1e-3 / bound).sqrt();
+        let ill_conditioned = LeastSquaresError::IllConditioned { limit };
+        let Some(r) = damped.cholesky() else { return Err(ill_conditioned) };
         let right = WideMatrix::from_fn(p, q, |i, a| self.product(i, p + a).scaled(scales[i]));
         let z = r.solve_transposed(&right);
         let coefficients = r.solve_upper(&z);
@@ -121,16 +125,11 @@ impl WideGram {
         let residual_products = Mat::from_fn(q, q, residual);
         let triangle = WideTriangle { r, z, residual_products, rows: self.rows };
         let mut solved = match triangle.solve(bound.sqrt()) {
-            // Far enough from zero for Cholesky, not far enough to be sure.
-            Err(LeastSquaresError::RankDeficient { .. }) if ridge.lambda == 0.0 => {
-                return Err(pivoted_rank_loss(&gram, &scales, bound));
-            }
+            Err(LeastSquaresError::RankDeficient { .. }) => return Err(ill_conditioned),
             solved => solved?,
         };
-        // An error of one part in 10³ of the coefficients in the worst case.
-        let limit = (1e-3 / bound).sqrt();
-        if solved.condition > limit {
-            return Err(LeastSquaresError::IllConditioned { limit });
+        if solved.condition > limit && ridge.lambda == 0.0 {
+            return Err(ill_conditioned);
         }
         for (i, &scale) in scales.iter().enumerate() {
             solved.coefficients.row_mut(i).iter_mut().for_each(|c| *c *= scale);
@@ -138,55 +137,4 @@ impl WideGram {
         }
         Ok(solved)
     }
-}
-
-/// The loss of rank of a Gram matrix, by Cholesky's factorisation with diagonal pivoting.
-fn pivoted_rank_loss(gram: &WideMatrix, scales: &[f64], bound: f64) -> LeastSquaresError {
-    let p = scales.len();
-    let mut order: Vec<usize> = (0..p).collect();
-    let mut r = WideMatrix::zeros(p, p);
-    let mut rest: Vec<DoubleDouble> = (0..p).map(|j| gram[(j, j)]).collect();
-    let mut rank = 0;
-    while rank < p {
-        let k = rank;
-        let at = (k..p)
-            .max_by(|&a, &b| rest[order[a]].to_f64().total_cmp(&rest[order[b]].to_f64()))
-            .unwrap_or(k);
-        order.swap(k, at);
-        let pivot = order[k];
-        if rest[pivot].to_f64() <= bound * gram[(pivot, pivot)].to_f64() {
-            break;
-        }
-        let root = rest[pivot].sqrt();
-        r[(k, pivot)] = root;
-        for &j in &order[k + 1..] {
-            let known = (0..k).map(|i| r[(i, pivot)] * r[(i, j)]).sum();
-            let share = (gram[(pivot, j)] - known) / root;
-            r[(k, j)] = share;
-            rest[j] -= share * share;
-        }
-        rank += 1;
-    }
-    if rank == p {
-        return LeastSquaresError::IllConditioned { limit: (1e-3 / bound).sqrt() };
-    }
-    // R11·shares = R12, in the order of the pivots.
-    let (kept, dependent) = order.split_at(rank);
-    let head = WideMatrix::from_fn(rank, rank, |i, j| r[(i, kept[j])]);
-    let tail = WideMatrix::from_fn(rank, p - rank, |i, a| r[(i, dependent[a])]);
-    let shares = head.solve_upper(&tail);
-    let norm = |j: usize| match gram[(j, j)].to_f64().sqrt() {
-        norm if norm > 0.0 => norm,
-        _ => 1.0,
-    };
-    let mut directions = Mat::zeros(p, p - rank);
-    for (a, &column) in dependent.iter().enumerate() {
-        directions[(column, a)] = norm(column);
-        for (i, &kept) in kept.iter().enumerate() {
-            directions[(kept, a)] = -shares[(i, a)].to_f64() * norm(kept);
-        }
-    }
-    let null_space = directions.qr().compute_thin_Q();
-    let triangle = Mat::from_fn(p, p, |i, j| r[(i, j)].to_f64() / scales[j]);
-    LeastSquaresError::RankDeficient { rank, columns: p, null_space, triangle }
 }

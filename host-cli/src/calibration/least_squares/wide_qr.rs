@@ -149,8 +149,8 @@ impl Factored {
         };
         let residual_products = Mat::from_fn(q, q, products);
         let triangle = WideTriangle { r, z, residual_products, rows: self.rows };
-        let rounding = p as f64 * 16.0 * (f64::EPSILON / 2.0).powi(2);
-        let solved = triangle.solve(16.0 * rounding)?;
+        let rounding = p as f64 * 2.0 * (f64::EPSILON / 2.0).powi(2);
+        let solved = triangle.solve(64.0 * rounding)?;
         // Where the residual is large, its share of the error grows with the square of the
         // condition number (Björck 1996, §1.4.3): at most one part in a hundred.
         let steepest = (0..q).map(|a| {
