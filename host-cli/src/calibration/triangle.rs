@@ -197,9 +197,32 @@ impl Triangle {
     /// of zero count as zero. A ridge fills those directions, so rank is then only reported.
     ///
     /// # Errors
-    /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, or where
-    /// something is not finite.
+    /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, if the
+    /// columns are so nearly dependent that rounding may have left no digit of the coefficients, or
+    /// where something is not finite.
     pub fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
+        let solved = self.solve_roughly(ridge)?;
+        // The relative error is about ε·κ·(1 + κ·‖r‖/‖D·C‖), D the norms of columns (Björck 1996,
+        // theorem 1.4.6); sixteen times that leaves room for the constants in it.
+        let steepest = (0..solved.coefficients.ncols()).map(|a| {
+            let sizes = self.r().col_iter().zip(solved.coefficients.col(a).iter());
+            let fitted = sizes.fold(0.0, |f: f64, (x, c)| f.hypot(x.norm_l2() * c));
+            solved.residual_products[(a, a)].sqrt() / fitted.max(f64::MIN_POSITIVE)
+        });
+        let digits_lost =
+            solved.condition * (1.0 + solved.condition * steepest.fold(0.0, f64::max));
+        let limit = 1.0 / (16.0 * f64::EPSILON);
+        if ridge.lambda == 0.0 && digits_lost > limit {
+            return Err(LeastSquaresError::IllConditioned {
+                limit: solved.condition * (limit / digits_lost).sqrt(),
+            });
+        }
+        Ok(solved)
+    }
+
+    /// As [`Triangle::solve`], whatever rounding has left of the coefficients: something to begin
+    /// with.
+    pub(super) fn solve_roughly(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         if self.rows < p as u64 && ridge.lambda == 0.0 {
             return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });

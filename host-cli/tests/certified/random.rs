@@ -106,13 +106,6 @@ fn ten_thousand_random_problems_get_what_theory_promises_or_a_refusal() {
                     assert!(solved.coefficients.is_all_finite() && solved.factor.is_all_finite());
                     assert_eq!(solved.rank, problem.x.ncols(), "{name}, {label}");
                     let error = error(&solved.coefficients, &truth, &norms);
-                    let r = error / theory(*method, &problem, &widest);
-                    if r > worst[k] && r > 20.0 {
-                        println!(
-                            "DBG {label} {name} {r} cond {} err {error} rp {:?} c {:?}",
-                            widest.condition, widest.residual_products, widest.coefficients
-                        );
-                    }
                     worst[k] = worst[k].max(error / theory(*method, &problem, &widest));
                     answered[k] += 1;
                     hardest[k] = hardest[k].max(solved.condition);

@@ -96,7 +96,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
     let triangle = rows.pass(&Factor { shape })?;
-    let mut solved = triangle.solve(ridge)?;
+    let mut solved = triangle.solve_roughly(ridge)?;
     let norms: Vec<f64> = triangle.r().col_iter().map(|column| column.norm_l2()).collect();
     let penalty = |j: usize| {
         if ridge.free_column == Some(j) { 0.0 } else { ridge.lambda * norms[j] * norms[j] }
