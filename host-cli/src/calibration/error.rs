@@ -1,5 +1,6 @@
 //! Why a calibration cannot be fitted.
 
+use super::exact::ExactError;
 use super::extent::Extent;
 use super::features::Features;
 use super::least_squares::LeastSquaresError;
@@ -40,6 +41,12 @@ pub enum FitError {
         /// Passes made.
         passes: usize,
     },
+    /// The features are independent, but so nearly not that the coefficients cannot be computed.
+    #[error("the features are so nearly dependent that their coefficients cannot be computed")]
+    NearlyDependent,
+    /// The rows cannot be summed exactly; another solver can do with them.
+    #[error("the exact solver cannot take these rows: {0}")]
+    NotExact(#[from] ExactError),
     /// A value is infinite or not a number.
     #[error("`{column}` is not a finite number in row `{row}` of a block")]
     NotFinite {

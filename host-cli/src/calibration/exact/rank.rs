@@ -123,7 +123,8 @@ impl fmt::Display for RankLoss {
 }
 
 impl Relation {
-    fn share(&self, term: Term) -> f64 {
+    /// The share of `term`, zero if it has none.
+    pub fn share(&self, term: Term) -> f64 {
         self.shares.iter().find(|(t, _)| *t == term).map_or(0.0, |&(_, share)| share)
     }
 

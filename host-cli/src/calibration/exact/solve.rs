@@ -10,7 +10,8 @@
 //!    *Accuracy and Stability of Numerical Algorithms*, chapter 12: it converges as long as
 //!    κ(X) < 10¹⁵.
 
-use faer::Mat;
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::{Mat, Par};
 use num_bigint::BigInt;
 use num_traits::{ToPrimitive, Zero};
 
@@ -45,6 +46,8 @@ pub struct Fit {
     pub total_squares: PerAxis<f64>,
     /// Condition number of the features, columns scaled to norm one.
     pub condition: f64,
+    /// Independent features: all, unless a ridge stands in for the others.
+    pub rank: usize,
     factor: Factor,
 }
 
@@ -113,15 +116,15 @@ impl Moments {
         if self.rows < terms.len() as u64 && ridge == 0.0 || self.rows == 0 {
             return Err(SolveError::TooFewRows { rows: self.rows, coefficients: terms.len() });
         }
-        if ridge == 0.0 {
-            if let Some(loss) = rank_loss(self, model) {
-                return Err(SolveError::RankDeficient(loss));
-            }
+        let loss = rank_loss(self, model);
+        let rank = loss.as_ref().map_or(terms.len(), |loss| loss.rank);
+        if let Some(loss) = loss.filter(|_| ridge == 0.0) {
+            return Err(SolveError::RankDeficient(loss));
         }
         let centre: Vec<i64> = (0..model.channels)
             .map(|i| if model.intercept { self.rounded_mean(i) } else { 0 })
             .collect();
-        Equations::new(self, model, terms, &centre).solve(ridge)
+        Equations::new(self, model, terms, &centre).solve(ridge, rank)
     }
 
     fn rounded_mean(&self, channel: usize) -> i64 {
@@ -195,7 +198,7 @@ impl<'a> Equations<'a> {
         }
     }
 
-    fn solve(self, ridge: f64) -> Result<Fit, SolveError> {
+    fn solve(self, ridge: f64, rank: usize) -> Result<Fit, SolveError> {
         let size = self.terms.len();
         let mut bordered = Bordered::zero(size, 6);
         let mut penalties = vec![DoubleDouble::ZERO; size];
@@ -240,7 +243,7 @@ impl<'a> Equations<'a> {
         } else {
             penalised_residuals(&products, &coefficients, &penalties)
         };
-        self.fit(bordered, &coefficients, &residuals, condition)
+        self.fit(bordered, &coefficients, &residuals, condition, rank)
     }
 
     fn gram(&self, a: usize, b: usize) -> i128 {
@@ -333,6 +336,7 @@ impl<'a> Equations<'a> {
         coefficients: &[Row],
         residuals: &[Row],
         condition: f64,
+        rank: usize,
     ) -> Result<Fit, SolveError> {
         let decimals = |i: usize| 10f64.powi(self.moments.channels[i].decimals as i32);
         let exponents: Vec<i32> = (self.terms.iter().zip(&self.columns))
@@ -367,6 +371,7 @@ impl<'a> Equations<'a> {
             residual_products,
             total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
             condition,
+            rank,
             factor: Factor { cholesky, exponents },
         })
     }
@@ -405,25 +410,19 @@ impl Fit {
     }
 
     /// Upper triangular `F` with `F·Fᵀ = (XᵀX)⁻¹`, ridge included: rows are features of centred
-    /// and scaled readings.
+    /// and scaled readings. In `f64`, which is enough for standard errors.
     pub fn covariance_factor(&self) -> Mat<f64> {
         let Factor { cholesky, exponents } = &self.factor;
         let size = cholesky.size;
-        let mut factor = Mat::<f64>::zeros(size, size);
-        for first in (0..size).step_by(LANES) {
-            let count = LANES.min(size - first);
-            let mut columns = vec![[DoubleDouble::ZERO; LANES]; size];
-            for lane in 0..count {
-                columns[first + lane][lane] = DoubleDouble::ONE;
-            }
-            cholesky.solve_upper(&mut columns);
-            for (i, row) in columns.iter().enumerate() {
-                for lane in 0..count {
-                    factor[(i, first + lane)] = shifted(row[lane], exponents[i]).to_f64();
-                }
+        let r = Mat::from_fn(size, size, |i, j| cholesky.get(i, j.max(i)).to_f64());
+        let mut inverse = Mat::<f64>::identity(size, size);
+        solve_upper_triangular_in_place(r.as_ref(), inverse.as_mut(), Par::Seq);
+        for (i, &exponent) in exponents.iter().enumerate() {
+            for j in i..size {
+                inverse[(i, j)] = shifted(inverse[(i, j)].into(), exponent).to_f64();
             }
         }
-        factor
+        inverse
     }
 }
 

@@ -1,13 +1,13 @@
 //! Every solver by its name, over blocks that can be passed over as often as it asks.
 
-use super::{Pass, Problem, Solution, SolverKind};
+use super::{Exact, Pass, Problem, Solution, Solver, SolverKind};
 use crate::block::Block;
-use crate::calibration::FitError;
 use crate::calibration::extent::Extent;
 use crate::calibration::features::Features;
 use crate::calibration::least_squares::{
     self, Chunk, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape,
 };
+use crate::calibration::{FitError, Model};
 use crate::wrench::Axis;
 
 /// Blocks of rows that can be passed over any number of times, always in the same order.
@@ -46,6 +46,7 @@ pub fn fit<B: Blocks>(
     blocks: &mut B,
 ) -> Result<(Solution, Extent), B::Error> {
     let method = match kind {
+        SolverKind::Exact => return in_one_pass(&Exact::new(&problem)?, problem.model, blocks),
         SolverKind::Tsqr => Method::Tsqr,
         SolverKind::RefinedTsqr => Method::RefinedTsqr,
         SolverKind::PivotedQr => Method::PivotedQr,
@@ -57,6 +58,39 @@ pub fn fit<B: Blocks>(
         SolverKind::Huber => Method::Huber,
     };
     fit_by(method, problem, blocks)
+}
+
+/// A solver that needs one pass.
+fn in_one_pass<S: Solver, B: Blocks>(
+    solver: &S,
+    model: Model,
+    blocks: &mut B,
+) -> Result<(Solution, Extent), B::Error> {
+    let (extent, partial) = blocks.pass(&WithExtent { channels: model.channels, pass: solver })?;
+    Ok((solver.solve(&partial, &extent)?, extent))
+}
+
+/// A pass that finds the extent of the rows as it goes.
+struct WithExtent<'a, P> {
+    channels: usize,
+    pass: &'a P,
+}
+
+impl<P: Pass> Pass for WithExtent<'_, P> {
+    type Partial = (Extent, P::Partial);
+
+    fn empty(&self) -> Self::Partial {
+        (Extent::new(self.channels), self.pass.empty())
+    }
+
+    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError> {
+        Ok((Extent::of_block(block, self.channels)?, self.pass.reduce(block)?))
+    }
+
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
+        earlier.0.merge(&later.0);
+        self.pass.merge(&mut earlier.1, later.1);
+    }
 }
 
 /// As [`fit`], by a method of [`least_squares`] on the features.
@@ -114,6 +148,7 @@ impl<B: Blocks> Rows for FeatureRows<'_, B> {
 
     fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
         let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
+        let pass = WithExtent { channels: self.features.model().channels, pass: &pass };
         let (extent, partial) = self.blocks.pass(&pass).map_err(Stopped::Reading)?;
         self.extent.get_or_insert(extent);
         Ok(partial)
@@ -128,14 +163,13 @@ struct OverFeatures<'a, R> {
 }
 
 impl<R: Reduction> Pass for OverFeatures<'_, R> {
-    type Partial = (Extent, R::Partial);
+    type Partial = R::Partial;
 
-    fn empty(&self) -> Self::Partial {
-        (Extent::new(self.features.model().channels), self.reduction.empty())
+    fn empty(&self) -> R::Partial {
+        self.reduction.empty()
     }
 
-    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError> {
-        let extent = Extent::of_block(block, self.features.model().channels)?;
+    fn reduce(&self, block: &Block) -> Result<R::Partial, FitError> {
         let p = self.features.len();
         let stride = Chunk::rows_in_cache(self.shape.columns()).min(block.rows);
         let mut heads = vec![0.0; stride * self.shape.columns()];
@@ -157,11 +191,10 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
             let chunk = Chunk { rows: rows.len(), stride, heads: &heads, tails };
             self.reduction.absorb(&mut partial, &chunk, &mut scratch);
         }
-        Ok((extent, partial))
+        Ok(partial)
     }
 
-    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
-        earlier.0.merge(&later.0);
-        self.reduction.merge(&mut earlier.1, later.1);
+    fn merge(&self, earlier: &mut R::Partial, later: R::Partial) {
+        self.reduction.merge(earlier, later);
     }
 }

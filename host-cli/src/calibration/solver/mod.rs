@@ -4,12 +4,14 @@
 //! and solves what is left. Memory does not grow with the number of rows, and blocks may be
 //! reduced on several threads.
 
+mod exact;
 mod family;
 mod tsqr;
 
 use faer::Mat;
 use serde::{Deserialize, Serialize};
 
+pub use self::exact::{Exact, ExactPartial};
 pub use self::family::{Blocks, fit, fit_by};
 pub use self::tsqr::Tsqr;
 use super::extent::Extent;
@@ -52,6 +54,8 @@ pub trait Solver: Pass {
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum SolverKind {
+    /// Exact sums of integer readings.
+    Exact,
     /// Householder QR over row blocks.
     Tsqr,
     /// The same, corrected by residuals in double-double: two passes or more.
@@ -74,7 +78,8 @@ pub enum SolverKind {
 
 impl SolverKind {
     /// All solvers.
-    pub const ALL: [SolverKind; 9] = [
+    pub const ALL: [SolverKind; 10] = [
+        SolverKind::Exact,
         SolverKind::Tsqr,
         SolverKind::RefinedTsqr,
         SolverKind::PivotedQr,
@@ -89,6 +94,7 @@ impl SolverKind {
     /// The name in files and on the command line.
     pub const fn name(self) -> &'static str {
         match self {
+            SolverKind::Exact => "exact",
             SolverKind::Tsqr => "tsqr",
             SolverKind::RefinedTsqr => "refined-tsqr",
             SolverKind::PivotedQr => "pivoted-qr",

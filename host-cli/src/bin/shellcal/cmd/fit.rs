@@ -52,7 +52,7 @@ pub(crate) struct FitArgs {
     ridge: f64,
 
     /// How to solve the least-squares problem
-    #[arg(long, value_name = "SOLVER", default_value = "tsqr")]
+    #[arg(long, value_name = "SOLVER", default_value = "exact")]
     solver: SolverArg,
 
     /// Leave out rows that repeat the readings of the row before
@@ -97,8 +97,26 @@ enum ModelArg {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum SolverArg {
+    /// Exact sums of integer readings; `refined-tsqr` where readings are not integers
+    Exact,
     /// Householder QR over row blocks
     Tsqr,
+    /// The same, corrected by residuals in double-double
+    RefinedTsqr,
+    /// QR with column pivoting
+    PivotedQr,
+    /// Singular values
+    Svd,
+    /// Normal equations in double precision: fast and coarse
+    Gram,
+    /// Normal equations in double-double
+    WideGram,
+    /// Householder QR in double-double: slow and sure
+    WideTsqr,
+    /// Ridge, its parameter chosen by generalised cross-validation
+    RidgeGcv,
+    /// Huber's M-estimator: rows far off count less
+    Huber,
 }
 
 /// The files that are written, opened before the work.
@@ -127,6 +145,9 @@ impl FitArgs {
         let fitted = fit::fit(&train, &test, &self.options(read))?;
         bar.finish_and_clear();
 
+        if let Some(reason) = &fitted.not_exact {
+            printer.warning(format!("not solved exactly but by refined QR: {reason}"));
+        }
         let file = self.calibration_file(&fitted)?;
         self.write(outputs, &file, &fitted)?;
         let seconds = start.elapsed().as_secs_f64();
@@ -180,7 +201,7 @@ impl FitArgs {
                 made_by: origin::program(),
                 date: origin::date()?,
                 sensor_serial: self.serial.clone(),
-                solver: Some(SolverRecord { name: self.solver.into(), ridge: self.ridge }),
+                solver: Some(SolverRecord { name: fitted.solver, ridge: self.ridge }),
                 diagnostics: Some(Diagnostics {
                     rows: fitted.solution.rows,
                     skipped_rows: train.skipped_rows,
@@ -313,7 +334,16 @@ impl From<ModelArg> for Basis {
 impl From<SolverArg> for SolverKind {
     fn from(solver: SolverArg) -> Self {
         match solver {
+            SolverArg::Exact => SolverKind::Exact,
             SolverArg::Tsqr => SolverKind::Tsqr,
+            SolverArg::RefinedTsqr => SolverKind::RefinedTsqr,
+            SolverArg::PivotedQr => SolverKind::PivotedQr,
+            SolverArg::Svd => SolverKind::Svd,
+            SolverArg::Gram => SolverKind::Gram,
+            SolverArg::WideGram => SolverKind::WideGram,
+            SolverArg::WideTsqr => SolverKind::WideTsqr,
+            SolverArg::RidgeGcv => SolverKind::RidgeGcv,
+            SolverArg::Huber => SolverKind::Huber,
         }
     }
 }
