@@ -4,6 +4,8 @@
 //! `cargo bench -p shellcal --bench parse` prints what divan measures, then a table of ratios taken
 //! in alternating rounds, so that what else the machine does hits all of them alike.
 
+#![expect(clippy::print_stdout, reason = "a benchmark prints its figures")]
+
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Read;

@@ -1,6 +1,6 @@
 //! `shellcal fit`, `eval` and `import` as a user meets them: results, failures, exit codes.
 
-#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may panic and say why")]
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::fmt::Write as _;
 use std::fs;

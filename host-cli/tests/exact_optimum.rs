@@ -4,7 +4,7 @@
 //! equations can be formed and solved without any rounding: the residual of that solution is the
 //! smallest there is.
 
-#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may panic and say why")]
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use num_bigint::BigInt;
 use num_rational::BigRational;

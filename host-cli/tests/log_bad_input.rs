@@ -1,5 +1,11 @@
 //! Bad input: what was expected, what was found and where; exit code 2 and a hint.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "tests may panic, and say that they were skipped"
+)]
+
 use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output};

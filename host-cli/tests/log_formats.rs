@@ -1,6 +1,12 @@
 //! Each format on small files; and that what is read depends on the file alone, not on threads, on
 //! where it is cut, on compression or on which parser reads a row.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "tests may panic, and say that they were skipped"
+)]
+
 use std::io::Write;
 use std::path::Path;
 
@@ -270,6 +276,42 @@ fn plain_rows_and_quoted_rows_give_the_same_bits() {
         block.wrench.iter().flatten().map(|value| value.to_bits()).collect()
     };
     assert_eq!(bits(&plain.0), bits(&quoted.0));
+}
+
+/// A number as a log may have it: mostly plain, of every length, some of them not plain.
+fn number(i: usize) -> String {
+    let value = (i as f64 * 0.7).sin();
+    match i % 97 {
+        0 => format!("{:e}", value * 1e-7),
+        1 => format!("{value:.17}"),
+        2 => format!("+{}", i % 4096),
+        3 => format!("{}.", i % 4096),
+        4 => ".5".to_owned(),
+        5 => "-0".to_owned(),
+        6 => format!(" {} ", i % 4096),
+        n if n % 2 == 0 => format!("{}", (value * 10_f64.powi(n as i32 % 12)) as i64),
+        n => format!("{:.*}", n % 16, value * 10_f64.powi(i as i32 % 7)),
+    }
+}
+
+#[test]
+fn every_number_of_a_long_file_has_the_bits_of_the_standard_library() {
+    let columns = 15;
+    let fields: Vec<String> = (0..columns * 5000).map(number).collect();
+    for line_end in ["\n", "\r\n"] {
+        let rows: Vec<String> = fields.chunks(columns).map(|row| row.join(",")).collect();
+        let (_file, log) = open(&(rows.join(line_end) + line_end));
+        let wanted = Wanted { others: (0..columns).collect(), ..Wanted::default() };
+        let (block, _) = read_with(&log, &wanted, &ReadOptions::default());
+        for (i, field) in fields.iter().enumerate() {
+            let value = block.others[i % columns][i / columns];
+            let expected: f64 = field.trim().parse().unwrap();
+            assert_eq!(value.to_bits(), expected.to_bits(), "row {}: {field}", i / columns);
+        }
+        let some = Wanted { others: vec![3, 11], ..Wanted::default() };
+        let (some, _) = read_with(&log, &some, &ReadOptions::default());
+        assert!(some.others == [block.others[3].clone(), block.others[11].clone()]);
+    }
 }
 
 #[test]

@@ -1,7 +1,5 @@
 //! Identities that hold for the least-squares fit of a log, whatever the numbers.
 
-#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
-
 use shellcal::block::Block;
 use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};

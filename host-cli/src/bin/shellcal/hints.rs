@@ -5,8 +5,11 @@ use std::io;
 use shellcal::calibration::FitError;
 use shellcal::calibration_file::matrix::MatrixError;
 use shellcal::calibration_file::{CalibrationFileError, Problem, SCHEMA_VERSION};
+use shellcal::filter::FilterError;
 use shellcal::log_file::{LogError, RowProblem};
 use shellcal::workflow::WorkflowError;
+use shellcal::workflow::convert::ConvertError;
+use shellcal::workflow::noise::NoiseError;
 
 /// The next step after `error`, where one is known.
 pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
@@ -16,11 +19,44 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
         _ => {
             let log = || cause.downcast_ref().and_then(after_log);
             let file = || cause.downcast_ref().and_then(after_calibration);
-            log().or_else(file)
+            let conversion = || cause.downcast_ref().and_then(after_conversion);
+            let noise = || cause.downcast_ref().and_then(after_noise);
+            log().or_else(file).or_else(conversion).or_else(noise)
         }
     });
     hint.map(str::to_owned)
 }
+
+fn after_conversion(error: &ConvertError) -> Option<&'static str> {
+    Some(match error {
+        ConvertError::Log(error) => return after_log(error),
+        ConvertError::Channels { .. } => CHANNELS,
+        ConvertError::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
+        ConvertError::TareTime { .. } => "`shellcal info` tells the times of a log",
+        ConvertError::NoRate { .. } => "say how many frames there are in a second with `--rate`",
+        ConvertError::Filter(FilterError::Cutoff { .. }) => {
+            "frames are fewer than rows where telemetry repeats them; choose a lower `--lowpass`, or \
+             `--all-rows`"
+        }
+        ConvertError::Filter(FilterError::TooFewSamples { .. }) => "leave out `--zero-phase`",
+        ConvertError::NoCovariance => {
+            "leave `se` out of `--columns`; calibrations made by `shellcal fit` have a covariance"
+        }
+        _ => return None,
+    })
+}
+
+fn after_noise(error: &NoiseError) -> Option<&'static str> {
+    Some(match error {
+        NoiseError::Log(error) => return after_log(error),
+        NoiseError::Channels { .. } => CHANNELS,
+        NoiseError::TooFewFrames { .. } => "`shellcal info` tells the times of a log",
+        _ => return None,
+    })
+}
+
+const CHANNELS: &str = "name the sensor columns of the log with `--sensors`, or use the calibration \
+                        of this sensor";
 
 fn after_log(error: &LogError) -> Option<&'static str> {
     Some(match error {

@@ -1,5 +1,6 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
+use std::io::Write;
 use std::path::PathBuf;
 
 use serde::Serialize;
@@ -15,7 +16,6 @@ use super::Outcome;
 use super::mapping::MappingArgs;
 use super::quality::{significant, table_row};
 use crate::printer::Printer;
-use std::io::Write;
 
 /// Compare a calibration with the wrench measured in logs
 ///
