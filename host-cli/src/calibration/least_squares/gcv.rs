@@ -69,14 +69,12 @@ impl Criterion {
         let order: Vec<usize> =
             free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
         let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);
-        let factored = moved.qr();
-        let z = factored.compute_Q().transpose() * z;
+        let (turned, z) = Triangle::of_rows(&moved, &z).damped_parts(super::Ridge::NONE);
         let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
         let norms: Vec<f64> = order.iter().map(|&j| unit(r.col(j).norm_l2())).collect();
         let m = p - free;
-        let triangle_of = factored.R();
         let scaled = Mat::from_fn(m, m, |i, j| {
-            if i <= j { triangle_of[(free + i, free + j)] / norms[free + j] } else { 0.0 }
+            if i <= j { turned[(free + i, free + j)] / norms[free + j] } else { 0.0 }
         });
         let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
         let b = svd.U().transpose() * z.subrows(free, m);
@@ -117,4 +115,56 @@ fn golden_section(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
         if f(a) <= f(b) { high = b } else { low = a }
     }
     (low + high) / 2.0
+}
+
+#[cfg(test)]
+mod tests {
+    use faer::linalg::solvers::Solve;
+    use faer::{Mat, Side};
+
+    use super::super::{Dense, Method, Ridge, solve_dense};
+
+    /// GCV from its definition, by the matrix that takes `Y` to its prediction.
+    fn gcv(x: &Mat<f64>, y: &Mat<f64>, lambda: f64) -> f64 {
+        let (n, p) = x.shape();
+        let mut gram = x.transpose() * x;
+        for j in 0..p - 1 {
+            gram[(j, j)] += lambda * x.col(j).squared_norm_l2();
+        }
+        let hat = x * gram.llt(Side::Lower).unwrap().solve(x.transpose());
+        let freedom = n as f64 - (0..n).map(|i| hat[(i, i)]).sum::<f64>();
+        let residual = y - hat * y;
+        residual.col_iter().map(|r| (r.squared_norm_l2() / freedom / freedom).ln()).sum()
+    }
+
+    #[test]
+    fn the_ridge_chosen_has_the_smallest_score_of_all() {
+        // Nearly collinear columns, an intercept, and noise: some ridge helps.
+        let noise = |i: usize, j: usize| {
+            (((i * 131 + j * 57 + 11) * 2_654_435) % 1009) as f64 / 504.5 - 1.0
+        };
+        let x = Mat::from_fn(40, 6, |i, j| match j {
+            5 => 1.0,
+            _ => noise(i, 9) + 0.05 * noise(i, j) + 3.0,
+        });
+        let y = Mat::from_fn(40, 2, |i, a| noise(i, 9) + 0.5 * noise(i, 20 + a));
+        let rows = || Dense::new(x.as_ref(), None, y.as_ref());
+        let ridge = Ridge { lambda: 0.0, free_column: Some(5) };
+        let chosen = solve_dense(rows(), Method::RidgeGcv, ridge).unwrap();
+        // Which λ was chosen shows in the coefficients: find it by bisection of their decrease.
+        let score = |lambda: f64| gcv(&x, &y, lambda);
+        let grid = (0..=160).map(|k| 10_f64.powf(-10.0 + 0.08 * f64::from(k)));
+        let best = grid.min_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap();
+        let at = |lambda| {
+            solve_dense(rows(), Method::Tsqr, Ridge { lambda, ..ridge }).unwrap().coefficients
+        };
+        let (below, above) = (at(best / 1.21), at(best * 1.21));
+        assert!(best > 1e-8 && best < 1e2, "{best}: a ridge inside the search");
+        for j in 0..6 {
+            let (low, high) = (below[(j, 0)].min(above[(j, 0)]), below[(j, 0)].max(above[(j, 0)]));
+            let found = chosen.coefficients[(j, 0)];
+            let slack = 1e-9 + 0.05 * (high - low);
+            assert!(low - slack <= found && found <= high + slack, "{j}: {low} {found} {high}");
+        }
+    }
 }

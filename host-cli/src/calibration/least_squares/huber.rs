@@ -17,6 +17,7 @@ use pulp::Arch;
 
 use super::qr::Factor;
 use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Rows, Shape};
+use crate::calibration::triangle::dot;
 
 /// Residuals are clipped beyond this many σ.
 const CLIP: f64 = 1.345;
@@ -160,19 +161,6 @@ impl Reduction for FormClipped {
     }
 }
 
-#[inline(always)]
-fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let mut sums = [0.0; 16];
-    let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<16>(), y.as_chunks::<16>());
-    for (x, y) in x.iter().zip(y) {
-        for lane in 0..16 {
-            sums[lane] += x[lane] * y[lane];
-        }
-    }
-    let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
-    sums.iter().sum::<f64>() + rest
-}
-
 /// Solves by least squares and modified residuals.
 pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
@@ -227,4 +215,83 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
         }
     }
     Err(LeastSquaresError::NotConverged { passes: MOST_PASSES }.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Dense, Method, solve_dense};
+    use super::*;
+
+    /// Brownlee's stack loss data: air flow, water temperature, acid concentration, loss.
+    const STACK_LOSS: [[f64; 4]; 21] = [
+        [80.0, 27.0, 89.0, 42.0],
+        [80.0, 27.0, 88.0, 37.0],
+        [75.0, 25.0, 90.0, 37.0],
+        [62.0, 24.0, 87.0, 28.0],
+        [62.0, 22.0, 87.0, 18.0],
+        [62.0, 23.0, 87.0, 18.0],
+        [62.0, 24.0, 93.0, 19.0],
+        [62.0, 24.0, 93.0, 20.0],
+        [58.0, 23.0, 87.0, 15.0],
+        [58.0, 18.0, 80.0, 14.0],
+        [58.0, 18.0, 89.0, 14.0],
+        [58.0, 17.0, 88.0, 13.0],
+        [58.0, 18.0, 82.0, 11.0],
+        [58.0, 19.0, 93.0, 12.0],
+        [50.0, 18.0, 89.0, 8.0],
+        [50.0, 18.0, 86.0, 7.0],
+        [50.0, 19.0, 72.0, 8.0],
+        [50.0, 19.0, 79.0, 8.0],
+        [50.0, 20.0, 80.0, 9.0],
+        [56.0, 20.0, 82.0, 15.0],
+        [70.0, 20.0, 91.0, 15.0],
+    ];
+
+    #[test]
+    fn stack_loss_gives_the_published_robust_regression() {
+        let x = Mat::from_fn(21, 4, |i, j| if j == 3 { 1.0 } else { STACK_LOSS[i][j] });
+        let y = Mat::from_fn(21, 1, |i, _| STACK_LOSS[i][3]);
+        let rows = Dense::new(x.as_ref(), None, y.as_ref());
+        let solved = solve_dense(rows, Method::Huber, Ridge::NONE).unwrap();
+        // `summary(rlm(stack.loss ~ ., stackloss))`, Venables & Ripley, MASS, 4th ed., §6.5:
+        // coefficient and standard error of each column.
+        let published = [(0.8294, 0.1112), (0.9261, 0.3034), (-0.1278, 0.1289), (-41.0265, 9.8073)];
+        let variance = solved.residual_products[(0, 0)] / 17.0;
+        for (j, (coefficient, error)) in published.into_iter().enumerate() {
+            // The printed digits, and a median from bins of a part in a thousand.
+            let found = solved.coefficients[(j, 0)];
+            assert!((found - coefficient).abs() < 2e-3 * error + 5e-5, "{j}: {found}");
+            let row = solved.factor.row(j);
+            let found = (variance * row.iter().map(|f| f * f).sum::<f64>()).sqrt();
+            assert!((found / error - 1.0).abs() < 3e-3, "{j}: {found}");
+        }
+    }
+
+    #[test]
+    fn wild_rows_hardly_move_the_answer_and_clean_rows_give_least_squares() {
+        let x = Mat::from_fn(200, 2, |i, j| if j == 0 { i as f64 } else { 1.0 });
+        let wave = |i: usize| ((i * 37) % 19) as f64 / 19.0 - 0.5;
+        let line = |i: usize| 3.0 * i as f64 - 7.0;
+        let solve = |y: &Mat<f64>, method| {
+            let rows = Dense::new(x.as_ref(), None, y.as_ref());
+            solve_dense(rows, method, Ridge::NONE).unwrap().coefficients
+        };
+        let wild = Mat::from_fn(200, 1, |i, _| if i % 20 == 3 { 1e6 } else { line(i) + wave(i) });
+        let robust = solve(&wild, Method::Huber);
+        assert!((robust[(0, 0)] - 3.0).abs() < 1e-2, "{}", robust[(0, 0)]);
+        assert!((solve(&wild, Method::Tsqr)[(0, 0)] - 3.0).abs() > 1.0);
+        let exact = Mat::from_fn(200, 1, |i, _| line(i));
+        let robust = solve(&exact, Method::Huber);
+        assert!((robust[(0, 0)] - 3.0).abs() < 1e-12 && (robust[(1, 0)] + 7.0).abs() < 1e-10);
+    }
+
+    #[test]
+    fn the_median_is_that_of_the_numbers_to_a_part_in_a_thousand() {
+        for n in [1_u32, 2, 7, 1000] {
+            let mut sizes = Sizes::new();
+            (0..n).for_each(|i| sizes.add(0.001 * f64::from(i * 7919 % n + 1)));
+            let expected = 0.001 * (f64::from(n) / 2.0).ceil();
+            assert!((sizes.median() / expected - 1.0).abs() < 1.1e-3, "{n}");
+        }
+    }
 }

@@ -100,8 +100,8 @@ fn by_singular_values(
             let weight = if row < rank { values[row].recip() } else { 0.0 };
             weight * svd.V()[(feature, row)] / norms[feature]
         });
-        let factor = root.qr();
-        let triangle = factor.R();
+        let nothing = Mat::zeros(p, 0);
+        let (triangle, _) = Triangle::of_rows(&root, &nothing).damped_parts(Ridge::NONE);
         solved.factor =
             Mat::from_fn(p, p, |i, j| if i <= j { triangle[(p - 1 - j, p - 1 - i)] } else { 0.0 });
         solved.condition = largest / values.get(rank.max(1) - 1).copied().unwrap_or(largest);
@@ -113,4 +113,60 @@ fn by_singular_values(
 fn with_residuals_of(mut solved: LeastSquares, triangle: &Triangle) -> LeastSquares {
     solved.residual_products = triangle.residual_products(solved.coefficients.as_ref());
     solved
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Dense, Method, solve_dense};
+    use super::*;
+
+    fn noise(i: usize, j: usize) -> f64 {
+        (((i * 131 + j * 577 + 11) * 2_654_435) % 1009) as f64 - 504.0
+    }
+
+    #[test]
+    fn truncation_shares_a_coefficient_between_equal_columns_and_tells_the_rank() {
+        let x = Mat::from_fn(60, 4, |i, j| if j == 3 { noise(i, 1) } else { noise(i, j) });
+        let y = Mat::from_fn(60, 1, |i, _| 3.0 * noise(i, 0) + 4.0 * noise(i, 1));
+        let rows = || Dense::new(x.as_ref(), None, y.as_ref());
+        let solve = |truncate| solve_dense(rows(), Method::Svd { truncate }, Ridge::NONE);
+        assert!(matches!(solve(None), Err(LeastSquaresError::RankDeficient { rank: 3, .. })));
+        let solved = solve(Some(1e-10)).unwrap();
+        assert_eq!(solved.rank, 3);
+        for (j, expected) in [3.0, 2.0, 0.0, 2.0].into_iter().enumerate() {
+            assert!((solved.coefficients[(j, 0)] - expected).abs() < 1e-12);
+        }
+        // F·Fᵀ is the pseudo-inverse of XᵀX in scaled columns: G·(F·Fᵀ)·G = G.
+        let gram = x.transpose() * &x;
+        let inverse = &solved.factor * solved.factor.transpose();
+        let product = &gram * inverse * &gram;
+        assert!((product - &gram).norm_max() < 1e-12 * gram.norm_max());
+        assert!((0..4).all(|j| (0..j).all(|i| solved.factor[(j, i)] == 0.0)));
+    }
+
+    #[test]
+    fn every_method_gives_the_same_ridge() {
+        let x = Mat::from_fn(60, 4, |i, j| if j == 3 { 1.0 } else { noise(i, j) + 700.0 });
+        let y = Mat::from_fn(60, 2, noise);
+        let ridge = Ridge { lambda: 0.01, free_column: Some(3) };
+        let solve =
+            |method| solve_dense(Dense::new(x.as_ref(), None, y.as_ref()), method, ridge).unwrap();
+        let expected = solve(Method::Tsqr);
+        for method in [
+            Method::RefinedTsqr,
+            Method::PivotedQr,
+            Method::Svd { truncate: None },
+            Method::Gram,
+            Method::WideGram,
+            Method::WideTsqr,
+        ] {
+            let solved = solve(method);
+            let close = |a: &Mat<f64>, b: &Mat<f64>| (a - b).norm_max() <= 1e-11 * b.norm_max();
+            assert!(close(&solved.coefficients, &expected.coefficients), "{method:?}");
+            assert!(close(&solved.residual_products, &expected.residual_products), "{method:?}");
+            let inverse = |s: &LeastSquares| &s.factor * s.factor.transpose();
+            assert!(close(&inverse(&solved), &inverse(&expected)), "{method:?}");
+            assert!((solved.condition / expected.condition - 1.0).abs() < 1e-9, "{method:?}");
+        }
+    }
 }

@@ -4,7 +4,7 @@ use faer::Mat;
 use pulp::Arch;
 
 use super::kernels::{LANES, dot};
-use super::wide_matrix::{WideMatrix, WideTriangle};
+use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
 use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Shape};
 use crate::double_double::DoubleDouble;
 
@@ -128,7 +128,13 @@ impl WideGram {
             Err(LeastSquaresError::RankDeficient { .. }) => return Err(ill_conditioned),
             solved => solved?,
         };
-        if solved.condition > limit && ridge.lambda == 0.0 {
+        if ridge.lambda > 0.0 {
+            // Without the ridge there may be no triangle: the columns may be dependent.
+            (solved.condition, solved.rank) = match gram.cholesky() {
+                Some(r) => spectrum(&r.to_f64())?,
+                None => (f64::INFINITY, p - 1),
+            };
+        } else if solved.condition > limit {
             return Err(ill_conditioned);
         }
         for (i, &scale) in scales.iter().enumerate() {

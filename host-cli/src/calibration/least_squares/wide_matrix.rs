@@ -173,13 +173,13 @@ impl WideTriangle {
         let norms: Vec<f64> = (0..p).map(norm).collect();
         let unit = WideMatrix::from_fn(p, p, |i, j| self.r[(i, j)] / DoubleDouble::from(norms[j]));
         let inverse = unit.solve_upper(&WideMatrix::identity(p));
-        let largest = |m: &WideMatrix| -> Result<f64, LeastSquaresError> {
-            let values = m.to_f64().singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
-            Ok(values.first().copied().unwrap_or(1.0))
-        };
-        let size = largest(&unit)?;
+        let size = largest_singular_value(&unit)?;
         // Rounding dependent columns leaves a singular value that is zero or tiny.
-        let condition = if inverse.is_finite() { size * largest(&inverse)? } else { f64::INFINITY };
+        let condition = if inverse.is_finite() {
+            size * largest_singular_value(&inverse)?
+        } else {
+            f64::INFINITY
+        };
         if condition * resolution >= size {
             return Err(rank_loss(&unit, &norms, resolution));
         }
@@ -194,6 +194,25 @@ impl WideTriangle {
         let rows = self.rows;
         Ok(LeastSquares { coefficients, factor, residual_products, rows, condition, rank: p })
     }
+}
+
+/// Condition number and rank, as far as `f64` can tell, of the upper triangle `r` with columns
+/// scaled to norm one: for what a ridge has made solvable.
+pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> {
+    let norms: Vec<f64> = r.col_iter().map(|column| column.norm_l2()).collect();
+    let unit = |j: usize| if norms[j] > 0.0 { norms[j] } else { 1.0 };
+    let scaled = Mat::from_fn(r.nrows(), r.ncols(), |i, j| r[(i, j)] / unit(j));
+    let values = scaled.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
+    let (Some(largest), Some(smallest)) = (values.first(), values.last()) else {
+        return Ok((1.0, 0));
+    };
+    let tolerance = f64::EPSILON * r.ncols() as f64 * largest;
+    Ok((largest / smallest, values.iter().filter(|&&s| s > tolerance).count()))
+}
+
+fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
+    let values = m.to_f64().singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
+    Ok(values.first().copied().unwrap_or(1.0))
 }
 
 /// The loss of rank of a triangle whose columns have norm one.

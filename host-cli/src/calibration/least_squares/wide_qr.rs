@@ -5,7 +5,7 @@ use faer::Mat;
 use pulp::Arch;
 
 use super::kernels::{Wide, add_multiple, dot};
-use super::wide_matrix::{WideMatrix, WideTriangle};
+use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
 use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Shape};
 use crate::double_double::DoubleDouble;
 
@@ -150,7 +150,12 @@ impl Factored {
         let residual_products = Mat::from_fn(q, q, products);
         let triangle = WideTriangle { r, z, residual_products, rows: self.rows };
         let rounding = p as f64 * 2.0 * (f64::EPSILON / 2.0).powi(2);
-        let solved = triangle.solve(64.0 * rounding)?;
+        let mut solved = triangle.solve(64.0 * rounding)?;
+        if ridge.lambda > 0.0 {
+            let undamped = Mat::from_fn(p, p, |i, j| self.r[(i, j)].to_f64());
+            (solved.condition, solved.rank) = spectrum(&undamped)?;
+            return Ok(solved);
+        }
         // Where the residual is large, its share of the error grows with the square of the
         // condition number (Björck 1996, §1.4.3): at most one part in a hundred.
         let steepest = (0..q).map(|a| {
@@ -158,7 +163,7 @@ impl Factored {
             (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()
         });
         let limit = (1e-2 / rounding / steepest.fold(1e-13, f64::max)).sqrt();
-        if solved.condition > limit && ridge.lambda == 0.0 {
+        if solved.condition > limit {
             return Err(LeastSquaresError::IllConditioned { limit });
         }
         Ok(solved)
