@@ -28,8 +28,8 @@ struct Rows {
 fn rows(span: f64) -> Rows {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut uniform = move || random.next_u64() as f64 / 2f64.powi(64) - 0.5;
-    let mut readings = vec![Vec::with_capacity(ROWS); 8];
-    let mut wrench = vec![Vec::with_capacity(ROWS); 6];
+    let mut readings = vec![Vec::new(); 8];
+    let mut wrench = vec![Vec::new(); 6];
     for _ in 0..ROWS {
         let load: [f64; 6] = std::array::from_fn(|_| uniform());
         for (i, column) in readings.iter_mut().enumerate() {

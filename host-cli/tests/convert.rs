@@ -1,5 +1,8 @@
 //! Logs converted to wrenches, against direct evaluation of the same formulas.
 
+#![expect(clippy::unwrap_used, reason = "a failed expectation is a failed test")]
+#![expect(clippy::print_stdout, reason = "a skipped test says so")]
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

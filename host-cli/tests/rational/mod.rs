@@ -95,18 +95,8 @@ pub(crate) fn solve(rows: &Rows, model: &Model, centre: &[f64], scale: &[f64]) -
             terms.iter().map(|term| term.factors().iter().map(value).product()).collect()
         })
         .collect();
-    let unit = -1100;
-    let unit = rows
-        .wrench
-        .iter()
-        .flatten()
-        .filter(|w| **w != 0.0)
-        .fold(i32::MAX, |unit, w| {
-            let (mantissa, exponent) = dyadic(*w);
-            unit.min(exponent + mantissa.trailing_zeros().unwrap_or(0) as i32)
-        })
-        .max(unit)
-        .min(0);
+    let nonzero = rows.wrench.iter().flatten().filter(|w| **w != 0.0);
+    let unit = nonzero.map(|w| dyadic(*w).1).min().unwrap_or(0);
     let wrench: Vec<[BigInt; 6]> = (0..rows.len())
         .map(|row| std::array::from_fn(|axis| in_units(rows.wrench[axis][row], unit)))
         .collect();
@@ -123,10 +113,9 @@ pub(crate) fn solve(rows: &Rows, model: &Model, centre: &[f64], scale: &[f64]) -
             }
         }
     }
-    for a in 0..size {
-        for b in 0..a {
-            gram[b][a] = gram[a][b];
-        }
+    let lower = gram.clone();
+    for (a, row) in gram.iter_mut().enumerate() {
+        row[a + 1..].iter_mut().zip(&lower[a + 1..]).for_each(|(x, below)| *x = below[a]);
     }
     let (numerators, denominator) = lift(&gram, &right);
     for (row, right) in gram.iter().zip(&right) {
@@ -348,8 +337,8 @@ fn inverse_matrix(a: &[Vec<i128>]) -> Vec<Vec<u64>> {
         let scale = inverse(rows[k][k]);
         rows[k].iter_mut().for_each(|x| *x = times(*x, scale));
         let pivot_row = rows[k].clone();
-        for (i, row) in rows.iter_mut().enumerate().filter(|(i, row)| *i != k && row[k] != 0) {
-            let _ = i;
+        let others = rows.iter_mut().enumerate().filter(|(i, row)| *i != k && row[k] != 0);
+        for (_, row) in others {
             let factor = PRIME - row[k];
             for (x, p) in row.iter_mut().zip(&pivot_row) {
                 *x = (*x + times(factor, *p)) % PRIME;

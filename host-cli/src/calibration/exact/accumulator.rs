@@ -10,7 +10,7 @@
 use std::sync::Arc;
 
 use num_bigint::BigInt;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use super::kernel::{ROWS, products};
 use super::layout::{Group, Layout};
@@ -421,7 +421,7 @@ impl Open {
                 }
             }
         }
-        for left in 0..6 {
+        for (left, axis) in wrench.iter_mut().enumerate() {
             // Sums by limb on the left, then by axis and limb on the right, then one.
             let rows: Vec<Vec<i128>> = (0..squares[left].count)
                 .map(|_| (0..squares_right(squares, left)).map(|_| next()).collect())
@@ -442,7 +442,7 @@ impl Open {
             let ones = join(rows.iter().map(|row| row[column]), SQUARE_WIDTH);
             // The other sums of this axis count in units of other limbs.
             let up = squares[left].unit - cross[left].unit;
-            wrench[left][0] = if up >= 0 { ones << up } else { ones >> -up };
+            axis[0] = if up >= 0 { ones << up } else { ones >> -up };
         }
         let back: Vec<i64> = centre.iter().map(|c| -c).collect();
         move_origin(layout, &mut moments.readings, &mut wrench, &back);
@@ -627,7 +627,7 @@ fn fill(layout: &Layout, centre: &[i64], staged: usize, readings: &[f64], featur
 /// Range of a column in integers, or a reading that is not one.
 fn survey(column: &[f64], decimals: u32) -> Result<Channel, f64> {
     let (lowest, highest, integers) = if decimals == 0 {
-        survey_integers(column)
+        Arch::new().dispatch(SurveyIntegers(column))
     } else {
         let range = (f64::INFINITY, f64::NEG_INFINITY, true);
         column.iter().fold(range, |(lowest, highest, integers), &x| {
@@ -649,16 +649,21 @@ fn survey(column: &[f64], decimals: u32) -> Result<Channel, f64> {
 }
 
 /// Smallest, largest, and whether all are integers.
-fn survey_integers(column: &[f64]) -> (f64, f64, bool) {
-    /// Adding and taking it away rounds to an integer.
-    const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
-    Arch::new().dispatch(|| {
-        let mut lowest = [f64::INFINITY; 8];
-        let mut highest = [f64::NEG_INFINITY; 8];
-        let mut odd = [0.0; 8];
-        let (chunks, rest) = column.as_chunks::<8>();
+struct SurveyIntegers<'a>(&'a [f64]);
+
+impl NullaryFnOnce for SurveyIntegers<'_> {
+    type Output = (f64, f64, bool);
+
+    #[inline(always)]
+    fn call(self) -> (f64, f64, bool) {
+        /// Adding and taking it away rounds to an integer.
+        const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
+        let mut lowest = [f64::INFINITY; 32];
+        let mut highest = [f64::NEG_INFINITY; 32];
+        let mut odd = [0.0; 32];
+        let (chunks, rest) = self.0.as_chunks::<32>();
         for chunk in chunks {
-            for i in 0..8 {
+            for i in 0..32 {
                 let x = chunk[i];
                 lowest[i] = if x < lowest[i] { x } else { lowest[i] };
                 highest[i] = if x > highest[i] { x } else { highest[i] };
@@ -670,7 +675,7 @@ fn survey_integers(column: &[f64]) -> (f64, f64, bool) {
         let lowest = lowest.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
         let highest = highest.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
         (lowest, highest, integers)
-    })
+    }
 }
 
 /// Writes readings that were surveyed as integers.

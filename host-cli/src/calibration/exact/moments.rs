@@ -220,14 +220,12 @@ pub(super) fn move_origin(
     by: &[i64],
 ) {
     for (channel, &by) in by.iter().enumerate().filter(|&(_, &by)| by != 0) {
-        let steps = layout.steps(channel, layout.sums());
         let integer = i128::from(by);
-        shift(readings, &steps, |value, from| {
+        shift(readings, layout.steps(channel), |value, from| {
             *value = value.wrapping_sub(from.wrapping_mul(integer));
         });
-        let steps = layout.steps(channel, layout.features.len() + 1);
         for axis in &mut *wrench {
-            shift(axis, &steps, |value, from| *value -= from * by);
+            shift(axis, layout.feature_steps(channel), |value, from| *value -= from * by);
         }
     }
 }

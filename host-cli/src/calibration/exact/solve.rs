@@ -116,7 +116,8 @@ impl Moments {
         if self.rows < terms.len() as u64 && ridge == 0.0 || self.rows == 0 {
             return Err(SolveError::TooFewRows { rows: self.rows, coefficients: terms.len() });
         }
-        let loss = rank_loss(self, model);
+        let positions = self.positions(&terms);
+        let loss = rank_loss(self, &terms, &positions);
         let rank = loss.as_ref().map_or(terms.len(), |loss| loss.rank);
         if let Some(loss) = loss.filter(|_| ridge == 0.0) {
             return Err(SolveError::RankDeficient(loss));
@@ -124,7 +125,21 @@ impl Moments {
         let centre: Vec<i64> = (0..model.channels)
             .map(|i| if model.intercept { self.rounded_mean(i) } else { 0 })
             .collect();
-        Equations::new(self, model, terms, &centre).solve(ridge, rank)
+        Equations::new(self, model, terms, positions, &centre).solve(ridge, rank)
+    }
+
+    /// Where the products of each two terms stand among the sums, row by row.
+    fn positions(&self, terms: &[Term]) -> Vec<usize> {
+        let size = terms.len();
+        let mut positions = vec![0; size * size];
+        for a in 0..size {
+            for b in a..size {
+                let position = self.layout.position(terms[a], terms[b]);
+                positions[a * size + b] = position;
+                positions[b * size + a] = position;
+            }
+        }
+        positions
     }
 
     fn rounded_mean(&self, channel: usize) -> i64 {
@@ -164,13 +179,14 @@ struct Equations<'a> {
 }
 
 impl<'a> Equations<'a> {
-    fn new(moments: &'a Moments, model: &Model, terms: Vec<Term>, centre: &[i64]) -> Self {
+    fn new(
+        moments: &'a Moments,
+        model: &Model,
+        terms: Vec<Term>,
+        positions: Vec<usize>,
+        centre: &[i64],
+    ) -> Self {
         let (readings, wrench) = moments.about(centre);
-        let positions: Vec<usize> = terms
-            .iter()
-            .flat_map(|&a| terms.iter().map(move |&b| (a, b)))
-            .map(|(a, b)| moments.layout.position(a, b))
-            .collect();
         let size = terms.len();
         let half = |exponent: i32| exponent.div_euclid(2) + 1;
         let columns = (0..size).map(|j| match readings[positions[j * size + j]] {
@@ -202,7 +218,7 @@ impl<'a> Equations<'a> {
         let size = self.terms.len();
         let mut bordered = Bordered::zero(size, 6);
         let mut penalties = vec![DoubleDouble::ZERO; size];
-        for a in 0..size {
+        for (a, penalty) in penalties.iter_mut().enumerate() {
             for b in a..size {
                 let scale = power_of_two(-self.columns[a] - self.columns[b]);
                 bordered.set(a, b, round(self.gram(a, b)).scaled(scale));
@@ -211,8 +227,8 @@ impl<'a> Equations<'a> {
                 let square = bordered.get(a, a);
                 // A column of zeros: any penalty keeps its coefficient at zero.
                 let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
-                penalties[a] = square * DoubleDouble::from(ridge);
-                bordered.set(a, a, bordered.get(a, a) + penalties[a]);
+                *penalty = square * DoubleDouble::from(ridge);
+                bordered.set(a, a, bordered.get(a, a) + *penalty);
             }
             for axis in 0..6 {
                 let (value, exponent) = self.right(a, axis);
@@ -279,7 +295,7 @@ impl<'a> Equations<'a> {
                     }
                 }
             }
-            if !(largest < before) && largest > DONE {
+            if largest > DONE && largest >= before || largest.is_nan() {
                 return Err(SolveError::NearlyDependent);
             }
             // The next correction would be smaller than this one by the same factor again.

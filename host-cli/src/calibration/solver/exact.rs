@@ -56,12 +56,13 @@ impl Pass for Exact {
 
     fn reduce(&self, block: &Block) -> Result<ExactPartial, FitError> {
         let mut sums = self.fork();
-        let before = sums.fork();
         sums.absorb(&block.readings, &block.wrench)?;
         sums.settle()?;
-        if !sums.matches(&before) {
-            *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = sums.fork();
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        if !latest.matches(&sums) {
+            *latest = sums.fork();
         }
+        drop(latest);
         Ok(ExactPartial(Ok(sums)))
     }
 

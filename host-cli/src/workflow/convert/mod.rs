@@ -348,7 +348,8 @@ impl Totals {
                 max = max.max(value);
                 sum += value;
             }
-            if !(min.is_finite() && max.is_finite() && sum.is_finite()) && !column.is_empty() {
+            let finite = min.is_finite() && max.is_finite() && sum.is_finite();
+            if !finite && !column.is_empty() {
                 let bad = column.iter().position(|value| !value.is_finite()).unwrap_or(0);
                 return Err(self.frames + bad as u64 + 1);
             }
