@@ -84,7 +84,7 @@ pub(crate) struct FitArgs {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum ModelArg {
+pub(super) enum ModelArg {
     /// Each reading
     Linear,
     /// Each reading, its square and its cube
@@ -96,7 +96,7 @@ enum ModelArg {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum SolverArg {
+pub(super) enum SolverArg {
     /// Exact sums of integer readings; `refined-tsqr` where readings are not integers
     Exact,
     /// Householder QR over row blocks
