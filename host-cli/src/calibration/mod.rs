@@ -17,6 +17,7 @@ pub mod scaling;
 pub mod solver;
 pub mod triangle;
 pub mod uncertainty;
+mod vectors;
 mod wide_features;
 
 pub use self::conversion::Calibration;

@@ -23,11 +23,12 @@
 use faer::linalg::matmul::matmul;
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::prelude::*;
-use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};
-use pulp::Arch;
+use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
 
-/// Bytes of a row block: it is gone over once per panel, so it should stay in a core's own cache.
-const BLOCK_BYTES: usize = 1 << 18;
+use super::vectors::{add_multiple, dot};
+
+/// Bytes of a row block: each reflector goes over it, so it should stay in the cache next to a core.
+const BLOCK_BYTES: usize = 1 << 15;
 
 /// What is kept of the rows seen so far.
 #[derive(Clone, Debug, PartialEq)]
@@ -232,42 +233,42 @@ impl Triangle {
     /// the reflectors in their place and `T` in `compact`.
     fn factor_panel(&mut self, start: usize, mut panel: MatMut<'_, f64>, compact: &mut Mat<f64>) {
         let width = panel.ncols();
-        Arch::new().dispatch(|| {
-            for k in 0..width {
-                let (before, rest) = panel.rb_mut().split_at_col_mut(k);
-                let (column, mut later) = rest.split_at_col_mut(1);
-                let mut column = column.col_mut(0);
-                let below = column.norm_l2();
-                let diagonal = self.r[(start + k, start + k)];
-                let reflected = -below.hypot(diagonal).copysign(diagonal);
-                let first = diagonal - reflected;
-                let tau = if below > 0.0 { -first / reflected } else { 0.0 };
-                compact[(k, k)] = tau;
-                if tau == 0.0 {
-                    (0..k).for_each(|i| compact[(i, k)] = 0.0);
-                    column.fill(0.0);
-                    continue;
-                }
-                self.r[(start + k, start + k)] = reflected;
-                column.rb_mut().iter_mut().for_each(|v| *v /= first);
-                let v = contiguous(column.rb());
-                for j in 0..later.ncols() {
-                    let top = &mut self.r[(start + k, start + k + 1 + j)];
-                    let share = tau * (*top + dot(v, contiguous(later.rb().col(j))));
-                    *top -= share;
-                    later.rb_mut().col_mut(j).iter_mut().zip(v).for_each(|(x, v)| *x -= share * v);
-                }
-                // Column k of T: −τ·T·(Vᵀv), T and V those of the reflectors before.
-                for i in 0..k {
-                    compact[(k, i)] = dot(contiguous(before.rb().col(i)), v);
-                }
-                for i in 0..k {
-                    let sum: f64 = (i..k).map(|l| compact[(i, l)] * compact[(k, l)]).sum();
-                    compact[(i, k)] = -tau * sum;
-                }
-                (0..k).for_each(|i| compact[(k, i)] = 0.0);
+        for k in 0..width {
+            let (before, rest) = panel.rb_mut().split_at_col_mut(k);
+            let (column, mut later) = rest.split_at_col_mut(1);
+            let mut column = column.col_mut(0);
+            let below = column.norm_l2();
+            let diagonal = self.r[(start + k, start + k)];
+            let reflected = -below.hypot(diagonal).copysign(diagonal);
+            let first = diagonal - reflected;
+            let tau = if below > 0.0 { -first / reflected } else { 0.0 };
+            compact[(k, k)] = tau;
+            if tau == 0.0 {
+                (0..k).for_each(|i| compact[(i, k)] = 0.0);
+                column.fill(0.0);
+                continue;
             }
-        });
+            self.r[(start + k, start + k)] = reflected;
+            let v = contiguous_mut(column);
+            v.iter_mut().for_each(|v| *v /= first);
+            let v = &*v;
+            for j in 0..later.ncols() {
+                let top = &mut self.r[(start + k, start + k + 1 + j)];
+                let x = contiguous_mut(later.rb_mut().col_mut(j));
+                let share = tau * (*top + dot(v, x));
+                *top -= share;
+                add_multiple(x, -share, v);
+            }
+            // Column k of T: −τ·T·(Vᵀv), T and V those of the reflectors before.
+            for i in 0..k {
+                compact[(k, i)] = dot(contiguous(before.rb().col(i)), v);
+            }
+            for i in 0..k {
+                let sum: f64 = (i..k).map(|l| compact[(i, l)] * compact[(k, l)]).sum();
+                compact[(i, k)] = -tau * sum;
+            }
+            (0..k).for_each(|i| compact[(k, i)] = 0.0);
+        }
     }
 
     /// Solves for the coefficients.
@@ -350,7 +351,7 @@ impl Triangle {
     /// What rounding leaves of a singular value that is zero, as a share of the largest: roundings
     /// of p columns add up like steps at random, those of one row block after another likewise.
     fn rounding(&self) -> f64 {
-        const ROWS: f64 = 1024.0;
+        const ROWS: f64 = 256.0;
         4.0 * f64::EPSILON * (self.features as f64 * (1.0 + self.rows as f64 / ROWS)).sqrt()
     }
 
@@ -431,18 +432,9 @@ fn contiguous(column: ColRef<'_, f64>) -> &[f64] {
     column.try_as_col_major().expect("a column of a column-major matrix").as_slice()
 }
 
-/// `xᵀy` in sums carried side by side.
 #[inline(always)]
-pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let mut sums = [0.0; 16];
-    let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<16>(), y.as_chunks::<16>());
-    for (x, y) in x.iter().zip(y) {
-        for lane in 0..16 {
-            sums[lane] = x[lane].mul_add(y[lane], sums[lane]);
-        }
-    }
-    let rest: f64 = x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum();
-    sums.iter().sum::<f64>() + rest
+fn contiguous_mut(column: ColMut<'_, f64>) -> &mut [f64] {
+    column.try_as_col_major_mut().expect("a column of a column-major matrix").as_slice_mut()
 }
 
 /// Solves `min ‖X·C − Y‖` for dense `X` (n × p) and `Y` (n × q).

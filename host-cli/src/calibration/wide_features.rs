@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::features::{Features, Recipe};
 use crate::double_double::{two_product, two_sum};
@@ -22,43 +22,59 @@ impl Features {
         stride: usize,
     ) -> bool {
         let n = rows.len();
-        Arch::new().dispatch(|| {
-            let mut largest = 0.0;
-            for (j, recipe) in self.recipe().iter().enumerate() {
-                let (heads_before, head) = heads.split_at_mut(j * stride);
-                let (tails_before, tail) = tails.split_at_mut(j * stride);
-                let (head, tail) = (&mut head[..n], &mut tail[..n]);
-                match *recipe {
-                    Recipe::One => {
-                        head.fill(1.0);
-                        tail.fill(0.0);
-                    }
-                    Recipe::Reading(channel) => {
-                        let (centre, factor) = self.standardise(channel);
-                        let readings = &readings[channel][rows.clone()];
-                        for ((z, rest), &s) in head.iter_mut().zip(tail.iter_mut()).zip(readings) {
-                            let (difference, lost) = two_sum(s, -centre);
-                            (*z, *rest) = (difference * factor, lost * factor);
-                        }
-                    }
-                    Recipe::Product(a, b) => {
-                        let (x, y) =
-                            (&heads_before[a * stride..][..n], &heads_before[b * stride..][..n]);
-                        let (u, v) =
-                            (&tails_before[a * stride..][..n], &tails_before[b * stride..][..n]);
-                        for i in 0..n {
-                            let (product, error) = two_product(x[i], y[i]);
-                            let rest = error + x[i].mul_add(v[i], u[i] * y[i]);
-                            head[i] = product + rest;
-                            tail[i] = rest - (head[i] - product);
-                        }
+        let mut is_rounded = false;
+        for (j, recipe) in self.recipe().iter().enumerate() {
+            let (heads_before, head) = heads.split_at_mut(j * stride);
+            let (tails_before, tail) = tails.split_at_mut(j * stride);
+            let (head, tail) = (&mut head[..n], &mut tail[..n]);
+            match *recipe {
+                Recipe::One => {
+                    head.fill(1.0);
+                    tail.fill(0.0);
+                }
+                Recipe::Reading(channel) => {
+                    let (centre, factor) = self.standardise(channel);
+                    let readings = &readings[channel][rows.clone()];
+                    for ((z, rest), &s) in head.iter_mut().zip(tail.iter_mut()).zip(readings) {
+                        let (difference, lost) = two_sum(s, -centre);
+                        (*z, *rest) = (difference * factor, lost * factor);
                     }
                 }
-                largest =
-                    tail.iter().fold(largest, |a: f64, t| if t.abs() > a { t.abs() } else { a });
+                Recipe::Product(a, b) => {
+                    let of = |j: usize| {
+                        (&heads_before[j * stride..][..n], &tails_before[j * stride..][..n])
+                    };
+                    let (x, y) = (of(a), of(b));
+                    Arch::new().dispatch(Products { x, y, head, tail });
+                }
             }
-            largest > 0.0
-        })
+            is_rounded |= tail.iter().any(|&rest| rest != 0.0);
+        }
+        is_rounded
+    }
+}
+
+/// Products of two columns, each of heads and tails.
+struct Products<'a> {
+    x: (&'a [f64], &'a [f64]),
+    y: (&'a [f64], &'a [f64]),
+    head: &'a mut [f64],
+    tail: &'a mut [f64],
+}
+
+impl WithSimd for Products<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { x: (x, u), y: (y, v), head, tail } = self;
+        let operands = x.iter().zip(u).zip(y.iter().zip(v));
+        for ((head, tail), ((&x, &u), (&y, &v))) in head.iter_mut().zip(tail).zip(operands) {
+            let (product, error) = two_product(x, y);
+            let rest = error + x.mul_add(v, u * y);
+            *head = product + rest;
+            *tail = rest - (*head - product);
+        }
     }
 }
 

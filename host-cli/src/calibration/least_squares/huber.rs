@@ -13,11 +13,10 @@
 //! covariances of coefficients follow from them as in least squares (§7.6).
 
 use faer::Mat;
-use pulp::Arch;
 
 use super::qr::Factor;
 use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Rows, Shape};
-use crate::calibration::triangle::dot;
+use crate::calibration::vectors::{add_multiple, dot};
 
 /// Residuals are clipped beyond this many σ.
 const CLIP: f64 = 1.345;
@@ -25,7 +24,9 @@ const CLIP: f64 = 1.345;
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
 const MOST_PASSES: usize = 100;
 /// Passes end when a step is smaller than this share of the standard errors.
-const STEP: f64 = 1e-7;
+const STEP: f64 = 1e-6;
+/// σ stays as it is while it would change by less than this share of it.
+const SCALE: f64 = 1e-4;
 
 /// Forms the gradient of clipped residuals.
 struct FormClipped {
@@ -57,11 +58,11 @@ struct Sizes {
 
 impl Sizes {
     /// Bins per factor of two, as a power of two: the leading bits of a mantissa.
-    const BITS: u32 = 10;
+    const BITS: u32 = 8;
     /// Factors of two below the largest bin.
-    const OCTAVES: u64 = 40;
+    const OCTAVES: u64 = 24;
     /// The largest bin begins at this power of two times the unit.
-    const TOP: i64 = 12;
+    const TOP: i64 = 8;
 
     fn new() -> Self {
         Self { counts: vec![0; (Self::OCTAVES << Self::BITS) as usize] }
@@ -125,30 +126,28 @@ impl Reduction for FormClipped {
         let rows = chunk.rows;
         residuals.clear();
         (0..q).for_each(|a| residuals.extend(chunk.column(p + a)));
-        Arch::new().dispatch(|| {
-            for (a, residual) in residuals.chunks_mut(rows.max(1)).enumerate() {
-                for j in 0..p {
-                    let c = self.coefficients[(j, a)];
-                    residual.iter_mut().zip(chunk.column(j)).for_each(|(r, x)| *r -= c * x);
-                }
-                let clip = self.clip[a];
-                let unit = self.unit[a].recip();
-                for r in residual.iter_mut() {
-                    sums.sizes[a].add(r.abs() * unit);
-                    sums.inside[a] += u64::from(r.abs() <= clip);
-                    *r = r.clamp(-clip, clip);
-                }
+        for (a, residual) in residuals.chunks_mut(rows.max(1)).enumerate() {
+            for j in 0..p {
+                let c = self.coefficients[(j, a)];
+                add_multiple(residual, -c, chunk.column(j));
             }
-            let clipped = |a: usize| &residuals[a * rows..][..rows];
-            for a in 0..q {
-                for j in 0..p {
-                    sums.gradient[(j, a)] += dot(clipped(a), chunk.column(j));
-                }
-                for b in 0..q {
-                    sums.products[(a, b)] += dot(clipped(a), clipped(b));
-                }
+            let clip = self.clip[a];
+            let unit = self.unit[a].recip();
+            for r in residual.iter_mut() {
+                sums.sizes[a].add(r.abs() * unit);
+                sums.inside[a] += u64::from(r.abs() <= clip);
+                *r = r.clamp(-clip, clip);
             }
-        });
+        }
+        let clipped = |a: usize| &residuals[a * rows..][..rows];
+        for a in 0..q {
+            for j in 0..p {
+                sums.gradient[(j, a)] += dot(clipped(a), chunk.column(j));
+            }
+            for b in 0..=a {
+                sums.products[(b, a)] += dot(clipped(a), clipped(b));
+            }
+        }
     }
 
     fn merge(&self, earlier: &mut Clipped, later: Clipped) {
@@ -197,9 +196,12 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
             for j in 0..p {
                 solved.coefficients[(j, a)] += stretch * step[(j, a)];
             }
-            let scale = sizes[a].median() * unit[a] / QUARTILE;
-            settled &= inner.col(a).norm_l2() <= STEP * sigma[a]
-                && (scale - sigma[a]).abs() <= 1e-3 * STEP.sqrt() * sigma[a];
+            // A median of bins may go to and fro between two of them for ever.
+            let scale = match sizes[a].median() * unit[a] / QUARTILE {
+                scale if (scale - sigma[a]).abs() > SCALE * sigma[a] => scale,
+                _ => sigma[a],
+            };
+            settled &= inner.col(a).norm_l2() <= STEP * sigma[a] && scale == sigma[a];
             sigma[a] = scale;
         }
         solved.residual_products = Mat::from_fn(q, q, |a, b| {
@@ -207,7 +209,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
                 let m = share(a).max(1.0 / n);
                 (1.0 + p as f64 / n * (1.0 - m) / m) / m
             };
-            products[(a, b)] * correction(a) * correction(b)
+            products[(a.min(b), a.max(b))] * correction(a) * correction(b)
         });
         if settled {
             let finite = solved.coefficients.is_all_finite();

@@ -1,7 +1,9 @@
 //! Inner loops in double-double arithmetic, heads and tails in columns of their own.
 //!
-//! To be called inside [`pulp::Arch::dispatch`], so that they are compiled for the widest vectors
-//! that the machine has.
+//! Compiled for the widest vectors that the machine has, as those of
+//! [`vectors`](crate::calibration::vectors).
+
+use pulp::{Arch, Simd, WithSimd};
 
 use crate::double_double::{DoubleDouble, two_product, two_sum};
 
@@ -17,13 +19,27 @@ pub(super) struct Wide<'a> {
 
 /// `xᵀy` as if computed in double-double and rounded last: compensated summation (Ogita, Rump and
 /// Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
-#[inline(always)]
 pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
-    match (x.tails.is_empty(), y.tails.is_empty()) {
-        (true, true) => lanes::<false, false>(x, y),
-        (false, true) => lanes::<true, false>(x, y),
-        (true, false) => lanes::<true, false>(y, x),
-        (false, false) => lanes::<true, true>(x, y),
+    Arch::new().dispatch(Dot { x, y })
+}
+
+struct Dot<'a> {
+    x: Wide<'a>,
+    y: Wide<'a>,
+}
+
+impl WithSimd for Dot<'_> {
+    type Output = DoubleDouble;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> DoubleDouble {
+        let Self { x, y } = self;
+        match (x.tails.is_empty(), y.tails.is_empty()) {
+            (true, true) => lanes::<false, false>(x, y),
+            (false, true) => lanes::<true, false>(x, y),
+            (true, false) => lanes::<true, false>(y, x),
+            (false, false) => lanes::<true, true>(x, y),
+        }
     }
 }
 
@@ -58,14 +74,29 @@ fn lanes<const X: bool, const Y: bool>(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble
 }
 
 /// `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
-#[inline(always)]
 pub(super) fn add_multiple(heads: &mut [f64], tails: &mut [f64], c: DoubleDouble, x: Wide<'_>) {
-    if x.tails.is_empty() {
+    Arch::new().dispatch(AddMultiple { heads, tails, c, x });
+}
+
+struct AddMultiple<'a> {
+    heads: &'a mut [f64],
+    tails: &'a mut [f64],
+    c: DoubleDouble,
+    x: Wide<'a>,
+}
+
+impl WithSimd for AddMultiple<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { heads, tails, c, x } = self;
         let y = heads.iter_mut().zip(tails).zip(x.heads);
-        y.for_each(|((head, tail), &x)| add(head, tail, c, x, 0.0));
-    } else {
-        let y = heads.iter_mut().zip(tails).zip(x.heads).zip(x.tails);
-        y.for_each(|(((head, tail), &x), &x_tail)| add(head, tail, c, x, x_tail));
+        if x.tails.is_empty() {
+            y.for_each(|((head, tail), &x)| add(head, tail, c, x, 0.0));
+        } else {
+            y.zip(x.tails).for_each(|(((head, tail), &x), &rest)| add(head, tail, c, x, rest));
+        }
     }
 }
 

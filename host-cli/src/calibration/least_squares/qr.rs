@@ -22,11 +22,15 @@ impl Reduction for Factor {
     }
 
     fn absorb(&self, partial: &mut Triangle, chunk: &Chunk<'_>, scratch: &mut Workspace) {
-        partial.absorb(chunk.rows, scratch, |columns, stride| {
-            for (j, column) in columns.chunks_mut(stride).enumerate() {
-                column[..chunk.rows].copy_from_slice(chunk.column(j));
-            }
-        });
+        let step = scratch.rows();
+        for start in (0..chunk.rows).step_by(step) {
+            let rows = step.min(chunk.rows - start);
+            partial.absorb(rows, scratch, |columns, stride| {
+                for (j, column) in columns.chunks_mut(stride).enumerate() {
+                    column[..rows].copy_from_slice(&chunk.column(j)[start..][..rows]);
+                }
+            });
+        }
     }
 
     fn merge(&self, earlier: &mut Triangle, later: Triangle) {

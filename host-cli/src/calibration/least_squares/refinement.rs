@@ -9,7 +9,6 @@
 //! and more passes over the rows are made where the bound on what is left asks for them.
 
 use faer::{Mat, MatRef};
-use pulp::Arch;
 
 use super::kernels::{Wide, add_multiple, dot};
 use super::qr::Factor;
@@ -63,26 +62,24 @@ impl Reduction for FormGradient {
         if rows == 0 {
             return;
         }
-        Arch::new().dispatch(|| {
-            let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));
-            for (a, (heads, tails)) in residuals.enumerate() {
-                for j in 0..p {
-                    add_multiple(heads, tails, -self.coefficients[(j, a)], chunk.wide(j));
-                }
+        let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));
+        for (a, (heads, tails)) in residuals.enumerate() {
+            for j in 0..p {
+                add_multiple(heads, tails, -self.coefficients[(j, a)], chunk.wide(j));
             }
-            let residual = |a: usize| Wide {
-                heads: &heads[a * rows..][..rows],
-                tails: &tails[a * rows..][..rows],
-            };
-            for a in 0..q {
-                for j in 0..p {
-                    sums.gradient[(j, a)] += dot(residual(a), chunk.wide(j));
-                }
-                for b in 0..=a {
-                    sums.products[(b, a)] += dot(residual(a), residual(b));
-                }
+        }
+        let residual = |a: usize| Wide {
+            heads: &heads[a * rows..][..rows],
+            tails: &tails[a * rows..][..rows],
+        };
+        for a in 0..q {
+            for j in 0..p {
+                sums.gradient[(j, a)] += dot(residual(a), chunk.wide(j));
             }
-        });
+            for b in 0..=a {
+                sums.products[(b, a)] += dot(residual(a), residual(b));
+            }
+        }
     }
 
     fn merge(&self, earlier: &mut Gradient, later: Gradient) {

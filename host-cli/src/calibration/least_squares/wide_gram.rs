@@ -1,7 +1,6 @@
 //! Normal equations in double-double: forming them costs no digit that an `f64` could hold.
 
 use faer::Mat;
-use pulp::Arch;
 
 use super::kernels::{LANES, dot};
 use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
@@ -37,14 +36,12 @@ impl Reduction for FormWideGram {
     fn scratch(&self) {}
 
     fn absorb(&self, gram: &mut WideGram, chunk: &Chunk<'_>, (): &mut ()) {
-        Arch::new().dispatch(|| {
-            let mut products = gram.products.iter_mut();
-            for j in 0..self.shape.columns() {
-                for (i, product) in (0..=j).zip(&mut products) {
-                    *product += dot(chunk.wide(i), chunk.wide(j));
-                }
+        let mut products = gram.products.iter_mut();
+        for j in 0..self.shape.columns() {
+            for (i, product) in (0..=j).zip(&mut products) {
+                *product += dot(chunk.wide(i), chunk.wide(j));
             }
-        });
+        }
         gram.rows += chunk.rows as u64;
         gram.additions += 1;
     }

@@ -2,7 +2,6 @@
 //! `f64` for any condition number that `f64` data can have.
 
 use faer::Mat;
-use pulp::Arch;
 
 use super::kernels::{Wide, add_multiple, dot};
 use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
@@ -82,30 +81,28 @@ impl Factored {
         if height == 0 {
             return;
         }
-        Arch::new().dispatch(|| {
-            for k in 0..n {
-                let (head, later_heads) = heads[k * height..].split_at_mut(height);
-                let (tail, later_tails) = tails[k * height..].split_at_mut(height);
-                let v = Wide { heads: head, tails: tail };
-                let below = dot(v, v);
-                if below == DoubleDouble::ZERO {
-                    continue;
-                }
-                let diagonal = self.r[(k, k)];
-                let length = (diagonal * diagonal + below).sqrt();
-                let reflected = if diagonal.to_f64() > 0.0 { -length } else { length };
-                let first = diagonal - reflected;
-                let factor = DoubleDouble::from(-2.0) / (first * first + below);
-                let later = later_heads.chunks_mut(height).zip(later_tails.chunks_mut(height));
-                for (j, (heads, tails)) in (k + 1..n).zip(later) {
-                    let x = Wide { heads, tails };
-                    let share = (first * self.r[(k, j)] + dot(v, x)) * factor;
-                    self.r[(k, j)] += share * first;
-                    add_multiple(heads, tails, share, v);
-                }
-                self.r[(k, k)] = reflected;
+        for k in 0..n {
+            let (head, later_heads) = heads[k * height..].split_at_mut(height);
+            let (tail, later_tails) = tails[k * height..].split_at_mut(height);
+            let v = Wide { heads: head, tails: tail };
+            let below = dot(v, v);
+            if below == DoubleDouble::ZERO {
+                continue;
             }
-        });
+            let diagonal = self.r[(k, k)];
+            let length = (diagonal * diagonal + below).sqrt();
+            let reflected = if diagonal.to_f64() > 0.0 { -length } else { length };
+            let first = diagonal - reflected;
+            let factor = DoubleDouble::from(-2.0) / (first * first + below);
+            let later = later_heads.chunks_mut(height).zip(later_tails.chunks_mut(height));
+            for (j, (heads, tails)) in (k + 1..n).zip(later) {
+                let x = Wide { heads, tails };
+                let share = (first * self.r[(k, j)] + dot(v, x)) * factor;
+                self.r[(k, j)] += share * first;
+                add_multiple(heads, tails, share, v);
+            }
+            self.r[(k, k)] = reflected;
+        }
     }
 
     /// Solves for the coefficients.
