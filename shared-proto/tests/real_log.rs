@@ -3,7 +3,7 @@
 //! The log is looked for under the directory that `SHELLCAL_REAL_DATA` names.
 
 use shared_proto::skinproc::{Decoder, Scan, decode_scan};
-use std::path::PathBuf;
+use system_tests::real_recording;
 
 /// The numbers in brackets at the end of a line.
 fn numbers<T: std::str::FromStr>(line: &str) -> Option<Vec<T>> {
@@ -14,11 +14,8 @@ fn numbers<T: std::str::FromStr>(line: &str) -> Option<Vec<T>> {
 
 #[test]
 fn logged_payloads_give_the_readings_that_the_base_station_printed() {
-    let Some(data) = std::env::var_os("SHELLCAL_REAL_DATA").map(PathBuf::from) else {
-        println!("skipped: SHELLCAL_REAL_DATA is not set");
-        return;
-    };
-    let log = std::fs::read_to_string(data.join("skinproc/stream_log_excerpt.txt")).unwrap();
+    let Some(path) = real_recording("skinproc/stream_log_excerpt.txt") else { return };
+    let log = std::fs::read_to_string(path).unwrap();
     let (mut scans, mut stream) = (Vec::new(), Vec::new());
     for line in log.lines().map(str::trim_end) {
         if line.starts_with("SRC:") {

@@ -115,7 +115,7 @@ pub enum Role {
 
 /// A calibration file that cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[error("`{}`: {problem}", path.display())]
+#[error("`{}`", path.display())]
 pub struct CalibrationFileError {
     /// The file.
     pub path: PathBuf,

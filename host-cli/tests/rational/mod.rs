@@ -3,8 +3,6 @@
 //! Whatever the lifting does, its result is checked: numerators and denominator satisfy the normal
 //! equations in integers.
 
-use std::path::PathBuf;
-
 use num_bigint::{BigInt, Sign};
 use num_rational::BigRational;
 use num_traits::{One, Signed, ToPrimitive, Zero};
@@ -22,12 +20,7 @@ pub(crate) struct Rows {
 impl Rows {
     /// The lab's header-less training CSV, where this machine has it.
     pub(crate) fn recorded(name: &str) -> Option<Self> {
-        let root = std::env::var_os("SHELLCAL_REAL_DATA");
-        let path = root.map(|root| PathBuf::from(root).join(name)).filter(|path| path.exists());
-        let Some(path) = path else {
-            println!("skipped: no recording `{name}` under SHELLCAL_REAL_DATA");
-            return None;
-        };
+        let path = system_tests::real_recording(name)?;
         let text = std::fs::read_to_string(path).unwrap();
         let mut columns = vec![Vec::new(); 15];
         for line in text.lines() {

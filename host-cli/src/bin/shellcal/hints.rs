@@ -16,6 +16,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
     let hint = error.chain().find_map(|cause| match cause.downcast_ref() {
         Some(WorkflowError::Log(error)) => after_log(error),
         Some(WorkflowError::Fit(error)) => after_fit(error),
+        Some(WorkflowError::Channels(_)) => Some(CHANNELS),
         _ => {
             let log = || cause.downcast_ref().and_then(after_log);
             let file = || cause.downcast_ref().and_then(after_calibration);
@@ -30,7 +31,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
 fn after_conversion(error: &ConvertError) -> Option<&'static str> {
     Some(match error {
         ConvertError::Log(error) => return after_log(error),
-        ConvertError::Channels { .. } => CHANNELS,
+        ConvertError::Channels(_) => CHANNELS,
         ConvertError::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
         ConvertError::TareTime { .. } => "`shellcal info` tells the times of a log",
         ConvertError::NoRate { .. } => "say how many frames there are in a second with `--rate`",
@@ -49,7 +50,7 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
 fn after_noise(error: &NoiseError) -> Option<&'static str> {
     Some(match error {
         NoiseError::Log(error) => return after_log(error),
-        NoiseError::Channels { .. } => CHANNELS,
+        NoiseError::Channels(_) => CHANNELS,
         NoiseError::TooFewFrames { .. } => "`shellcal info` tells the times of a log",
         _ => return None,
     })

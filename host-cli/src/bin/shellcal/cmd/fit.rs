@@ -16,6 +16,7 @@ use shellcal::calibration_file::{
 use shellcal::log_file::{Log, ReadOptions};
 use shellcal::output::AtomicFile;
 use shellcal::plot::{Format, fit_figure};
+use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, Fit, FitOptions};
 use shellcal::wrench::{Axis, PerAxis};
@@ -25,11 +26,18 @@ use super::quality::{significant, table_row};
 use super::{Outcome, origin};
 use crate::printer::Printer;
 
+const EXAMPLES: &str = "\
+Examples:
+  shellcal fit train.csv --test test.csv -o calibration.json --plot fit.svg
+  shellcal fit monday.csv tuesday.csv --model quadratic --json
+  shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm";
+
 /// Fit a calibration to logs with readings and a measured wrench
 ///
 /// Prints the error of every axis, on the training logs and on test logs that the fit has not
 /// seen. Rows are read twice, never held: memory does not grow with the logs.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct FitArgs {
     /// Logs to fit to
     #[arg(required = true, value_name = "TRAIN")]
@@ -142,7 +150,8 @@ impl FitArgs {
             progress: Some(&progress),
             ..self.mapping.read_options()
         };
-        let fitted = fit::fit(&train, &test, &self.options(read))?;
+        let fitted =
+            fit::fit(&train, &test, &self.options(read)).map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
 
         if let Some(reason) = &fitted.not_exact {
@@ -153,6 +162,17 @@ impl FitArgs {
         let seconds = start.elapsed().as_secs_f64();
         report(printer, &fitted, &file, seconds)?;
         Ok(Outcome::Done)
+    }
+
+    /// Says which rows do not determine a calibration.
+    fn name_logs(&self, error: WorkflowError) -> anyhow::Error {
+        let rows_fail = matches!(error, WorkflowError::Fit(_));
+        let error = anyhow::Error::new(error);
+        if !rows_fail {
+            return error;
+        }
+        let logs: Vec<_> = self.train.iter().map(|path| format!("`{}`", path.display())).collect();
+        error.context(logs.join(", "))
     }
 
     fn options<'a>(&self, read: ReadOptions<'a>) -> FitOptions<'a> {
@@ -302,14 +322,18 @@ fn report(
     printer.table(&header, &rows)?;
     let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
     printer.line(format!(
-        "{}: rank {} of {}, condition {condition}; {} rows used, {} skipped, {} repeated; {} s",
+        "{}, solver {}: rank {} of {}, condition {condition}",
         model.name(),
+        solver.name.name(),
         diagnostics.rank,
         model.term_count(),
+    ))?;
+    printer.line(format!(
+        "{} rows used, {} skipped, {} repeated; {:.0} ms",
         diagnostics.rows,
         diagnostics.skipped_rows,
         diagnostics.repeated_rows,
-        significant(seconds, 3),
+        seconds * 1e3,
     ))?;
     if test.out_of_range_rows > 0 {
         printer.note(format!(
