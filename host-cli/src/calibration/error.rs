@@ -88,7 +88,7 @@ impl FitError {
                 FitError::IdenticalRows { rows: extent.rows }
             }
             LeastSquaresError::RankDeficient { null_space, triangle, .. } => {
-                let (r, null_space) = (triangle.as_ref(), null_space.as_ref());
+                let (r, null_space) = (triangle.as_ref().as_ref(), null_space.as_ref());
                 FitError::RankDeficient(RankLoss::explain(features, extent, r, null_space))
             }
             LeastSquaresError::IllConditioned { limit } => FitError::IllConditioned { limit },

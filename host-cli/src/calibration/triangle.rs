@@ -93,7 +93,7 @@ pub enum LeastSquaresError {
         /// p × (p − rank): directions along which equilibrated columns cancel, orthonormal.
         null_space: Mat<f64>,
         /// p × p: columns with the lengths and angles of those of `X`.
-        triangle: Mat<f64>,
+        triangle: Box<Mat<f64>>,
     },
     /// The columns are so nearly dependent that this method cannot tell what they say.
     #[error("the condition number is above `{limit:.1e}`, which this method cannot solve for")]
@@ -318,7 +318,7 @@ impl Triangle {
         if rank < p && ridge.lambda == 0.0 {
             let svd = equilibrated.svd().map_err(|_| LeastSquaresError::NotFinite)?;
             let null_space = svd.V().subcols(rank, p - rank).to_owned();
-            let triangle = self.r().to_owned();
+            let triangle = Box::new(self.r().to_owned());
             return Err(LeastSquaresError::RankDeficient {
                 rank,
                 columns: p,

@@ -199,13 +199,18 @@ fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>
 fn mark_front(solvers: &mut [Measurement]) {
     let points: Vec<Option<(f64, f64)>> =
         solvers.iter().map(|m| m.coefficient_error.map(|error| (m.seconds, error))).collect();
-    for (measurement, own) in solvers.iter_mut().zip(&points) {
-        let Some((seconds, error)) = *own else { continue };
-        measurement.on_front = !points
-            .iter()
-            .flatten()
-            .any(|&(s, e)| (s < seconds && e <= error) || (s <= seconds && e < error));
-    }
+    let flags = front(&points);
+    solvers.iter_mut().zip(flags).for_each(|(m, on_front)| m.on_front = on_front);
+}
+
+/// Which of these points of time and error no other beats in one without losing in the other.
+fn front(points: &[Option<(f64, f64)>]) -> Vec<bool> {
+    let is_beaten = |(seconds, error): (f64, f64)| {
+        let beats =
+            |&(s, e): &(f64, f64)| (s < seconds && e <= error) || (s <= seconds && e < error);
+        points.iter().flatten().any(beats)
+    };
+    points.iter().map(|own| own.is_some_and(|own| !is_beaten(own))).collect()
 }
 
 /// Which error a figure shows.
@@ -227,9 +232,13 @@ pub fn figure(benches: &[ModelBench], kind: ErrorKind) -> Figure {
         };
         error.map(|error| (1e3 * m.seconds, error))
     };
+    // The reference is not compared with itself.
+    fn of_bench(bench: &ModelBench) -> impl Iterator<Item = &Measurement> {
+        bench.solvers.iter().filter(|m| m.solver != bench.reference)
+    }
     let names: Vec<&str> = benches
         .iter()
-        .flat_map(|bench| bench.solvers.iter().filter(|m| point(m).is_some()).map(|m| m.solver))
+        .flat_map(|bench| of_bench(bench).filter(|m| point(m).is_some()).map(|m| m.solver))
         .fold(Vec::new(), |mut names, name| {
             if !names.contains(&name) {
                 names.push(name);
@@ -240,19 +249,24 @@ pub fn figure(benches: &[ModelBench], kind: ErrorKind) -> Figure {
         label: (*name).to_owned(),
         points: benches
             .iter()
-            .flat_map(|bench| bench.solvers.iter().filter(|m| m.solver == *name))
+            .flat_map(|bench| of_bench(bench).filter(|m| m.solver == *name))
             .filter_map(point)
             .collect(),
         mark: Mark::Points,
     };
-    let front = |bench: &ModelBench| {
-        let on_front = bench.solvers.iter().filter(|m| m.on_front);
-        let mut points: Vec<_> = on_front.filter_map(point).collect();
+    let front_of = |bench: &ModelBench| {
+        let placed: Vec<_> = of_bench(bench).map(point).collect();
+        let flags = front(&placed);
+        let mut points: Vec<_> = placed
+            .into_iter()
+            .zip(flags)
+            .filter_map(|(p, on_front)| p.filter(|_| on_front))
+            .collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         Series { label: format!("front of {}", bench.model), points, mark: Mark::Line }
     };
     let series: Vec<Series> =
-        names.iter().map(of_solver).chain(benches.iter().map(front)).collect();
+        names.iter().map(of_solver).chain(benches.iter().map(front_of)).collect();
     let points = || series.iter().flat_map(|s| &s.points);
     let axis = |quantity: &str, unit: &str, of: fn(&(f64, f64)) -> f64| {
         let low = points().map(of).fold(f64::INFINITY, f64::min);

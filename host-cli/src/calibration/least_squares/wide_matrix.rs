@@ -240,5 +240,5 @@ fn rank_loss(unit: &WideMatrix, norms: &[f64], resolution: f64) -> LeastSquaresE
     }
     let null_space = directions.qr().compute_thin_Q();
     let triangle = Mat::from_fn(p, p, |i, j| unit[(i, j)].to_f64() * norms[j]);
-    LeastSquaresError::RankDeficient { rank, columns: p, null_space, triangle }
+    LeastSquaresError::RankDeficient { rank, columns: p, null_space, triangle: Box::new(triangle) }
 }
