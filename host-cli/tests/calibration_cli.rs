@@ -110,7 +110,7 @@ fn the_table_names_axes_figures_and_rows() {
     for word in ["RMS train", "RMS test", "max train", "R² test", "Fx", "Mz", "N·m"] {
         assert!(text.contains(word), "{word} in {text}");
     }
-    assert!(text.contains("cubic+1: rank 25 of 25"), "{text}");
+    assert!(text.contains("cubic+1, solver exact: rank 25 of 25"), "{text}");
     assert!(text.contains("400 rows used, 0 skipped, 0 repeated"), "{text}");
 }
 
@@ -216,7 +216,11 @@ fn calibrations_that_do_not_fit_are_refused() {
         ("eval cut.json train.csv", "line ", "shellcal fit --output"),
         ("eval not.json train.csv", "line 1, column 1: not valid JSON", "shellcal import"),
         ("eval missing.json train.csv", "`missing.json`: cannot read it", ""),
-        ("eval cal.json train.csv --sensors s1,s2,s3", "has `3` channels, expected `8`", ""),
+        (
+            "eval cal.json train.csv --sensors s1,s2,s3",
+            "has `3` sensor channels, expected `8`",
+            "--sensors",
+        ),
     ];
     for (arguments, expected, hint) in cases {
         let error = refused(&dir, arguments);
