@@ -50,6 +50,7 @@ pub mod output;
 pub mod plot;
 pub mod sensor_model;
 pub mod survey;
+pub mod synthetic_block;
 pub mod synthetic_log;
 pub mod workflow;
 pub mod wrench;

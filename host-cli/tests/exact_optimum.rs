@@ -13,7 +13,7 @@ use shellcal::calibration::Calibration;
 use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Problem, Solver, Tsqr};
+use shellcal::calibration::solver::{Pass, Problem, Solver, Tsqr};
 
 /// The rows of the lab's training recording: time, eight readings, six components of the wrench.
 fn recording() -> Option<Block> {

@@ -3,12 +3,11 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{EvalOptions, Evaluation, eval};
+use super::log_blocks::LogBlocks;
 use super::{WorkflowError, check_channels};
-use crate::block::Block;
 use crate::calibration::exact::ExactError;
-use crate::calibration::extent::Extent;
 use crate::calibration::scaling::Scaling;
-use crate::calibration::solver::{Exact, Problem, Solution, Solver, SolverKind, Tsqr};
+use crate::calibration::solver::{self, Problem, Solution, SolverKind};
 use crate::calibration::{Basis, Calibration, FitError, Model};
 use crate::log_file::{Log, ReadOptions, Wanted};
 use crate::plot::FitPlot;
@@ -20,7 +19,7 @@ pub struct FitOptions<'a> {
     pub basis: Basis,
     /// Whether to fit a constant beside them.
     pub intercept: bool,
-    /// The solver. Where the exact one cannot take the rows, Householder QR does.
+    /// The solver. Where the exact one cannot take the rows, refined QR does.
     pub solver: SolverKind,
     /// λ of a ridge on columns of norm one, 0 for none.
     pub ridge: f64,
@@ -90,27 +89,22 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
 
     let plain = ReadOptions { checksum: false, ..read };
-    let mut not_exact = None;
-    let exact = match options.solver {
-        SolverKind::Exact => {
-            match solve(&Exact::new(&problem)?, train, options.fresh, &plain, &finished) {
-                Err(WorkflowError::Fit(FitError::NotExact(error))) => {
-                    not_exact = Some(error);
-                    read_before.store(0, Ordering::Relaxed);
-                    None
-                }
-                solved => Some(solved?),
-            }
-        }
-        SolverKind::Tsqr => None,
+    let mut rows = LogBlocks {
+        logs: train,
+        fresh: options.fresh,
+        read: plain,
+        finished: &finished,
+        passes: 0,
     };
-    let (solver, (solution, extent)) = match exact {
-        Some(solved) => (SolverKind::Exact, solved),
-        None => {
-            let tsqr = Tsqr::new(problem)?;
-            (SolverKind::Tsqr, solve(&tsqr, train, options.fresh, &plain, &finished)?)
+    let (mut solver, mut not_exact) = (options.solver, None);
+    let solved = match solver::fit(solver, problem.clone(), &mut rows) {
+        Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {
+            (solver, not_exact) = (SolverKind::RefinedTsqr, Some(error));
+            solver::fit(solver, problem, &mut rows)
         }
+        solved => solved,
     };
+    let (solution, extent) = solved?;
     let calibration = Calibration::of_solution(&solution, &extent);
 
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
@@ -126,36 +120,4 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
     let (train, test) = (evaluate(train, false)?, evaluate(test, true)?);
     Ok(Fit { calibration, solution, solver, not_exact, train, test, plots })
-}
-
-/// One pass over the logs with any solver.
-fn solve<S: Solver>(
-    solver: &S,
-    logs: &[Log],
-    fresh: bool,
-    read: &ReadOptions<'_>,
-    finished: &dyn Fn(&Log),
-) -> Result<(Solution, Extent), WorkflowError> {
-    let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-    let channels = logs.first().map_or(0, Log::channels);
-    let mut all = solver.empty();
-    let mut extent = Extent::new(channels);
-    let map = |mut block: Block| -> Result<(S::Partial, Extent), FitError> {
-        if fresh {
-            let fresh = block.fresh_rows();
-            block.retain_rows(&fresh);
-        }
-        let extent = Extent::of_block(&block, channels)?;
-        Ok((solver.reduce(&block)?, extent))
-    };
-    for log in logs {
-        log.read(&wanted, read, map, |block| -> Result<(), WorkflowError> {
-            let (partial, seen) = block?;
-            solver.merge(&mut all, partial);
-            extent.merge(&seen);
-            Ok(())
-        })?;
-        finished(log);
-    }
-    Ok((solver.solve(&all, &extent)?, extent))
 }

@@ -1,8 +1,10 @@
 //! Whole tasks over logs: reading joined to the core, without printing and without files written.
 
+pub mod bench;
 pub mod convert;
 pub mod eval;
 pub mod fit;
+mod log_blocks;
 pub mod noise;
 pub mod sampling;
 pub mod selection;

@@ -100,6 +100,9 @@ fn after_fit(error: &FitError) -> Option<&'static str> {
             "the readings never move: check the cable and the shell, and that `--sensors` names the \
              right columns"
         }
+        FitError::IllConditioned { .. } | FitError::NotConverged { .. } => {
+            "use `--solver exact` or `--solver wide-tsqr`, or choose a smaller `--model`"
+        }
         FitError::RankDeficient(_) | FitError::NearlyDependent => {
             "record loads that move the channels independently, drop a channel with `--sensors`, \
              choose a smaller `--model`, or accept a damped answer with `--ridge 1e-6`"

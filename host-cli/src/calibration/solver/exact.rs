@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use faer::Mat;
 
-use super::{Problem, Solution, Solver};
+use super::{Pass, Problem, Solution, Solver};
 use crate::block::Block;
 use crate::calibration::exact::{Accumulator, ExactError, RankLoss as ExactLoss, SolveError};
 use crate::calibration::extent::Extent;
@@ -47,7 +47,7 @@ impl Exact {
     }
 }
 
-impl Solver for Exact {
+impl Pass for Exact {
     type Partial = ExactPartial;
 
     fn empty(&self) -> ExactPartial {
@@ -76,7 +76,9 @@ impl Solver for Exact {
             earlier.0 = Err(error);
         }
     }
+}
 
+impl Solver for Exact {
     fn solve(&self, partial: &ExactPartial, extent: &Extent) -> Result<Solution, FitError> {
         let moments = partial.0.clone()?.finish()?;
         let fit = moments.solve(&self.model, self.ridge).map_err(|error| match error {

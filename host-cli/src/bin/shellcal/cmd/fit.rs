@@ -92,7 +92,7 @@ pub(crate) struct FitArgs {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum ModelArg {
+pub(super) enum ModelArg {
     /// Each reading
     Linear,
     /// Each reading, its square and its cube
@@ -104,11 +104,27 @@ enum ModelArg {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum SolverArg {
-    /// Exact sums of integer readings; `tsqr` where readings are not integers
+pub(super) enum SolverArg {
+    /// Exact sums of integer readings; `refined-tsqr` where readings are not integers
     Exact,
     /// Householder QR over row blocks
     Tsqr,
+    /// The same, corrected by residuals in double-double
+    RefinedTsqr,
+    /// QR with column pivoting
+    PivotedQr,
+    /// Singular values
+    Svd,
+    /// Normal equations in double precision: fast and coarse
+    Gram,
+    /// Normal equations in double-double
+    WideGram,
+    /// Householder QR in double-double: slow and sure
+    WideTsqr,
+    /// Ridge, its parameter chosen by generalised cross-validation
+    RidgeGcv,
+    /// Huber's M-estimator: rows far off count less
+    Huber,
 }
 
 /// The files that are written, opened before the work.
@@ -139,7 +155,7 @@ impl FitArgs {
         bar.finish_and_clear();
 
         if let Some(reason) = &fitted.not_exact {
-            printer.warning(format!("not solved exactly but by Householder QR: {reason}"));
+            printer.warning(format!("not solved exactly but by refined QR: {reason}"));
         }
         let file = self.calibration_file(&fitted)?;
         self.write(outputs, &file, &fitted)?;
@@ -344,6 +360,14 @@ impl From<SolverArg> for SolverKind {
         match solver {
             SolverArg::Exact => SolverKind::Exact,
             SolverArg::Tsqr => SolverKind::Tsqr,
+            SolverArg::RefinedTsqr => SolverKind::RefinedTsqr,
+            SolverArg::PivotedQr => SolverKind::PivotedQr,
+            SolverArg::Svd => SolverKind::Svd,
+            SolverArg::Gram => SolverKind::Gram,
+            SolverArg::WideGram => SolverKind::WideGram,
+            SolverArg::WideTsqr => SolverKind::WideTsqr,
+            SolverArg::RidgeGcv => SolverKind::RidgeGcv,
+            SolverArg::Huber => SolverKind::Huber,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod bench;
 mod convert;
 mod eval;
 mod fit;
@@ -26,6 +27,7 @@ pub(crate) enum Command {
     Convert(Box<convert::ConvertArgs>),
     Noise(noise::NoiseArgs),
     Import(import::ImportArgs),
+    Bench(bench::BenchArgs),
     Synth(synth::SynthArgs),
 }
 
@@ -47,6 +49,7 @@ impl Command {
             Command::Convert(args) => args.run(printer),
             Command::Noise(args) => args.run(printer),
             Command::Import(args) => args.run(printer),
+            Command::Bench(args) => args.run(printer),
             Command::Synth(args) => args.run(printer),
         }
     }
