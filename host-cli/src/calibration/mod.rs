@@ -16,6 +16,7 @@ pub mod scaling;
 pub mod solver;
 pub mod triangle;
 pub mod uncertainty;
+pub mod validation;
 
 pub use self::conversion::Calibration;
 pub use self::error::FitError;

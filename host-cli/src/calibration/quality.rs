@@ -33,8 +33,8 @@ pub struct AxisErrors {
 pub struct AxisQuality {
     /// Root mean square of the error.
     pub rms: f64,
-    /// Largest magnitude of the error.
-    pub max: f64,
+    /// Largest magnitude of the error; absent where only sums over the rows are left.
+    pub max: Option<f64>,
     /// Mean error, predicted less measured.
     pub bias: f64,
     /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent where the
@@ -114,7 +114,7 @@ impl AxisErrors {
         let total = self.measured.squares;
         (count > 0).then(|| AxisQuality {
             rms: self.error.rms(),
-            max: self.max,
+            max: Some(self.max),
             bias: mean,
             r_squared: (total > 0.0).then(|| 1.0 - (squares + count as f64 * mean * mean) / total),
         })

@@ -20,12 +20,14 @@ mod document;
 mod layout;
 mod matlab;
 pub mod matrix;
+mod partial;
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
 use crate::calibration::Calibration;
 use crate::calibration::quality::AxisQuality;
 use crate::calibration::solver::SolverKind;

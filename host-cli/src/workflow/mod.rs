@@ -3,6 +3,7 @@
 pub mod convert;
 pub mod eval;
 pub mod fit;
+pub mod moments;
 pub mod noise;
 pub mod sampling;
 pub mod selection;
@@ -10,6 +11,7 @@ pub mod selection;
 use std::path::PathBuf;
 
 use crate::calibration::FitError;
+use crate::calibration::validation::ValidationError;
 use crate::log_file::{Log, LogError};
 
 /// Why a task over logs could not be done.
@@ -32,6 +34,9 @@ pub enum WorkflowError {
         /// Channels of the log.
         found: usize,
     },
+    /// A calibration cannot be validated on these rows.
+    #[error(transparent)]
+    Validation(ValidationError),
     /// There was nothing to work on.
     #[error("no logs were given")]
     NoLogs,

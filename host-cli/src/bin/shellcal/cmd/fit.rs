@@ -7,17 +7,18 @@ use std::time::Instant;
 use anyhow::Context;
 use clap::ValueEnum;
 use serde::Serialize;
-use shellcal::calibration::Basis;
 use shellcal::calibration::quality::AxisQuality;
 use shellcal::calibration::solver::SolverKind;
+use shellcal::calibration::{Basis, Model};
 use shellcal::calibration_file::{
-    CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
+    CalibrationFile, Diagnostics, Origin, PartialFit, Role, SolverRecord, Source, matrix,
 };
 use shellcal::log_file::{Log, ReadOptions};
 use shellcal::output::AtomicFile;
 use shellcal::plot::{Format, fit_figure};
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, Fit, FitOptions};
+use shellcal::workflow::moments::{self, GroupBy, SumOptions};
 use shellcal::wrench::{Axis, PerAxis};
 
 use super::mapping::MappingArgs;
@@ -62,6 +63,14 @@ pub(crate) struct FitArgs {
     /// Write the calibration (JSON)
     #[arg(long, short, value_name = "CAL.json")]
     output: Option<PathBuf>,
+
+    /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON)
+    #[arg(
+        long,
+        value_name = "FILE.json",
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver"]
+    )]
+    partial: Option<PathBuf>,
 
     /// Write the coefficients for raw readings, one row per feature, moments in mN·m (CSV)
     #[arg(long, value_name = "FILE.csv")]
@@ -116,6 +125,10 @@ impl FitArgs {
         let mapping = self.mapping.mapping()?;
         let open = |path: &PathBuf| Log::open(path, &mapping);
         let train = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        if let Some(path) = &self.partial {
+            self.write_partial(path, &train, printer)?;
+            return Ok(Outcome::Done);
+        }
         let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let outputs = self.open_outputs()?;
 
@@ -137,6 +150,52 @@ impl FitArgs {
         let seconds = start.elapsed().as_secs_f64();
         report(printer, &fitted, &file, seconds)?;
         Ok(Outcome::Done)
+    }
+
+    fn write_partial(
+        &self,
+        path: &PathBuf,
+        train: &[Log],
+        printer: &mut Printer,
+    ) -> anyhow::Result<()> {
+        let mut output = AtomicFile::create(path)?;
+        let options = SumOptions {
+            basis: self.model.into(),
+            group_by: GroupBy::File,
+            random_folds: 0,
+            seed: 0,
+            fresh: self.fresh,
+            read: ReadOptions { checksum: true, ..self.mapping.read_options() },
+        };
+        let (sums, summaries) = moments::sum(train, &options)?;
+        let total = sums.total()?.context("no training rows are left")?;
+        let model = Model {
+            basis: self.model.into(),
+            intercept: !self.no_intercept,
+            channels: total.channels(),
+        };
+        let mut partial = PartialFit::new(model, total);
+        partial.made_by = origin::program();
+        partial.date = origin::date()?;
+        for (log, summary) in train.iter().zip(&summaries) {
+            partial.skipped_rows += summary.skipped_rows;
+            partial.repeated_rows += summary.repeated_rows;
+            let rows = if self.fresh { summary.rows - summary.repeated_rows } else { summary.rows };
+            let checksum = summary.checksum.clone();
+            partial.sources.push(Source {
+                role: Role::Train,
+                path: log.path().into(),
+                checksum,
+                rows,
+            });
+        }
+        output.write_all(partial.to_json().as_bytes())?;
+        output.commit()?;
+        let rows = partial.moments.rows();
+        if printer.json() {
+            return printer.document(&serde_json::json!({ "model": model.name(), "rows": rows }));
+        }
+        printer.line(format!("{}: sums over {rows} rows of {} files", model.name(), train.len()))
     }
 
     fn options<'a>(&self, read: ReadOptions<'a>) -> FitOptions<'a> {

@@ -7,6 +7,7 @@ mod frames;
 mod import;
 mod info;
 mod mapping;
+mod merge;
 mod noise;
 mod origin;
 mod quality;
@@ -22,6 +23,7 @@ use crate::printer::Printer;
 pub(crate) enum Command {
     Info(info::InfoArgs),
     Fit(Box<fit::FitArgs>),
+    Merge(merge::MergeArgs),
     Eval(Box<eval::EvalArgs>),
     Convert(Box<convert::ConvertArgs>),
     Noise(noise::NoiseArgs),
@@ -43,6 +45,7 @@ impl Command {
         match self {
             Command::Info(args) => args.run(printer),
             Command::Fit(args) => args.run(printer),
+            Command::Merge(args) => args.run(printer),
             Command::Eval(args) => args.run(printer),
             Command::Convert(args) => args.run(printer),
             Command::Noise(args) => args.run(printer),
