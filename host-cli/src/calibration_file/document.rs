@@ -163,6 +163,9 @@ mod tests {
                 condition: Some(1.7e5),
                 train: [quality; 6],
                 test: None,
+                cross_validation: None,
+                selection: None,
+                excitation: None,
             }),
             sources: vec![Source {
                 role: Role::Train,

@@ -22,7 +22,7 @@ use super::moments::Moments;
 use super::rank::{RankLoss, rank_loss};
 use crate::calibration::model::{Model, Term};
 use crate::double_double::DoubleDouble;
-use crate::wrench::PerAxis;
+use crate::wrench::{Axis, PerAxis};
 
 /// Coefficients, and what the sums say about them. Features are in the order of [`Model::terms`],
 /// axes in that of [`crate::wrench::Axis::ALL`].
@@ -401,6 +401,11 @@ const REFINE_ABOVE: f64 = 1e5;
 const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
 impl Moments {
+    /// The variance of an axis over all rows, in N² or (N·m)²; NaN of no rows.
+    pub fn variance(&self, axis: Axis) -> f64 {
+        self.total_square(axis.index()) / self.rows as f64
+    }
+
     /// The sum of squared differences from the mean of an axis.
     pub(super) fn total_square(&self, axis: usize) -> f64 {
         let square = &self.squares[pair(axis, axis)];

@@ -10,7 +10,9 @@
 //! from the whole would cancel.
 
 pub mod cross_validation;
+pub mod excitation;
 pub mod grouped;
+pub mod selection;
 
 use super::exact::{ExactError, SolveError};
 

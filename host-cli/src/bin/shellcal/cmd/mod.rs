@@ -12,6 +12,7 @@ mod noise;
 mod origin;
 mod quality;
 mod synth;
+mod validation;
 
 use std::process::ExitCode;
 
