@@ -175,7 +175,7 @@ mod tests {
         let errors = AxisErrors::of(&[1.0, 1.0, 7.0, 7.0], &[0.0, 2.0, 4.0, 6.0]);
         let quality = errors.quality().unwrap();
         assert_eq!(quality.bias, 1.0);
-        assert_eq!(quality.max, 3.0);
+        assert_eq!(quality.max, Some(3.0));
         assert_eq!(quality.rms, 3f64.sqrt());
         assert_eq!(quality.r_squared, Some(1.0 - 12.0 / 20.0));
     }
