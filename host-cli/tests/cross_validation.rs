@@ -130,8 +130,8 @@ fn leaving_out_each_group_equals_refitting_without_its_rows() {
                 *all = (all.0 + errors.0, all.1 + errors.1);
             }
         }
-        for axis in 0..6 {
-            let (rms, bias) = ((expected[axis].0 / 840.0).sqrt(), expected[axis].1 / 840.0);
+        for (axis, (squares, sum)) in expected.into_iter().enumerate() {
+            let (rms, bias) = (f64::sqrt(squares / 840.0), sum / 840.0);
             // Householder QR at conditions up to 1e4 leaves eleven digits or so.
             assert!((found.grouped[axis].rms / rms - 1.0).abs() < 1e-9, "{basis:?}");
             assert!((found.grouped[axis].bias - bias).abs() < 1e-9 * rms, "{basis:?}");

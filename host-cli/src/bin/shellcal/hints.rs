@@ -3,8 +3,9 @@
 use std::io;
 
 use shellcal::calibration::FitError;
+use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration_file::matrix::MatrixError;
-use shellcal::calibration_file::{CalibrationFileError, Problem, SCHEMA_VERSION};
+use shellcal::calibration_file::{CalibrationFileError, MergeError, Problem, SCHEMA_VERSION};
 use shellcal::filter::FilterError;
 use shellcal::log_file::{LogError, RowProblem};
 use shellcal::workflow::WorkflowError;
@@ -17,15 +18,43 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
         Some(WorkflowError::Log(error)) => after_log(error),
         Some(WorkflowError::Fit(error)) => after_fit(error),
         Some(WorkflowError::Channels(_)) => Some(CHANNELS),
+        Some(WorkflowError::Validation(error)) => after_validation(error),
         _ => {
             let log = || cause.downcast_ref().and_then(after_log);
             let file = || cause.downcast_ref().and_then(after_calibration);
             let conversion = || cause.downcast_ref().and_then(after_conversion);
             let noise = || cause.downcast_ref().and_then(after_noise);
-            log().or_else(file).or_else(conversion).or_else(noise)
+            let validation = || cause.downcast_ref().and_then(after_validation);
+            let merge = || cause.downcast_ref().and_then(after_merge);
+            let rest = || validation().or_else(merge);
+            log().or_else(file).or_else(conversion).or_else(noise).or_else(rest)
         }
     });
     hint.map(str::to_owned)
+}
+
+fn after_validation(error: &ValidationError) -> Option<&'static str> {
+    Some(match error {
+        ValidationError::TooFewGroups { .. } => {
+            "record more poses, give several logs, or name the column of groups with `--group`"
+        }
+        ValidationError::TooManyGroups { .. } => "name the column of groups with `--group`",
+        ValidationError::Folds { .. } => "leave the number out to hold out one group at a time",
+        ValidationError::Undetermined(_) | ValidationError::NoModel => {
+            "record more poses, choose a smaller `--model`, or accept a damped answer with \
+             `--ridge 1e-6`"
+        }
+        _ => return None,
+    })
+}
+
+fn after_merge(error: &MergeError) -> Option<&'static str> {
+    Some(match error {
+        MergeError::Model { .. } => "make both with the same `--model` and `--no-intercept`",
+        MergeError::Channels { .. } => "name the same sensor columns with `--sensors`",
+        MergeError::Twice(_) => "leave one of them out",
+        _ => return None,
+    })
 }
 
 fn after_conversion(error: &ConvertError) -> Option<&'static str> {

@@ -270,9 +270,9 @@ fn deal(columns: &[&[f64]], rows: usize, folds: usize, seed: u64) -> Vec<Vec<usi
 /// The finaliser of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), after its increment.
 fn mix(state: u64) -> u64 {
     let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ z >> 31
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }
 
 #[cfg(test)]
@@ -282,8 +282,8 @@ mod tests {
     #[expect(clippy::single_range_in_vec_init, reason = "one range is meant")]
     #[test]
     fn runs_of_one_label_are_put_together_in_the_order_of_first_rows() {
-        let runs = [("b".to_owned(), 2), ("a".to_owned(), 1), ("b".to_owned(), 3)];
-        assert_eq!(by_label(&runs), [("b", vec![0..2, 3..6]), ("a", vec![2..3])]);
+        let runs = [("b", 2), ("a", 1), ("b", 3), ("a", 4)].map(|(l, rows)| (l.to_owned(), rows));
+        assert_eq!(by_label(&runs), [("b", vec![0..2, 3..6]), ("a", vec![2..3, 6..10])]);
     }
 
     #[test]
