@@ -10,7 +10,7 @@ use shellcal::calibration::exact::{
 use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Exact, Problem, Solution, Solver, Tsqr};
+use shellcal::calibration::solver::{Exact, Pass, Problem, Solution, Solver, Tsqr};
 use shellcal::wrench::Axis;
 
 type Columns = Vec<Vec<f64>>;

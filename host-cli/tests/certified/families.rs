@@ -81,7 +81,7 @@ fn row_order(ascending: bool) -> Problem {
     let values = integers(&mut random, 64, 4, 8);
     let size = |i: usize| {
         let step = if ascending { i as i32 } else { 63 - i as i32 };
-        2f64.powi(step / 2 - 16) * if i % 2 == 0 { 1.0 } else { -1.0 }
+        2f64.powi(step / 2 - 16) * if i.is_multiple_of(2) { 1.0 } else { -1.0 }
     };
     let x = Mat::from_fn(64, 4, |i, j| values[(i, j)] * size(i));
     let y = integers(&mut random, 64, 2, 8);

@@ -2,6 +2,9 @@
 //!
 //! See `README.md` for where the problems come from and how the answers are had.
 
+#![expect(clippy::print_stdout, reason = "figures to look at when a test fails")]
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
+
 mod exact;
 mod families;
 mod problem;
