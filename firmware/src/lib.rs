@@ -9,7 +9,7 @@
 //!
 //! At every slot of a schedule, [`acquisition`] reads the eight channels through a [`FrontEnd`];
 //! the core makes a sample of the frame, on request through the [`Converter`], and puts it into the
-//! outbox. Commands go to the session and their answers into the same outbox. [`run`] ties the
+//! outbox. Commands go to the session and their answers into the same outbox. [`run()`] ties the
 //! parts to a link, a clock and a watchdog.
 //!
 //! Nothing here names a pin or a register: a board is a binary that implements the traits of

@@ -64,6 +64,6 @@ fn a_window_without_frames_and_another_sensor_are_refused() {
     let log = Log::open(&path, &Mapping::default()).unwrap();
     let options = NoiseOptions { rows: Rows::All, window: None };
     let error = noise(&log, &calibration(8), &options, &ReadOptions::default()).unwrap_err();
-    let expected = "has `2` sensor channels, the calibration is for `8`";
+    let expected = "has `2` sensor channels, expected `8`";
     assert!(error.to_string().ends_with(expected), "{error}");
 }

@@ -17,6 +17,7 @@ pub mod scaling;
 pub mod solver;
 pub mod triangle;
 pub mod uncertainty;
+pub mod validation;
 mod vectors;
 mod wide_features;
 

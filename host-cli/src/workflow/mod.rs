@@ -5,6 +5,7 @@ pub mod convert;
 pub mod eval;
 pub mod fit;
 mod log_blocks;
+pub mod moments;
 pub mod noise;
 pub mod sampling;
 pub mod selection;
@@ -12,6 +13,7 @@ pub mod selection;
 use std::path::PathBuf;
 
 use crate::calibration::FitError;
+use crate::calibration::validation::ValidationError;
 use crate::log_file::{Log, LogError};
 
 /// Why a task over logs could not be done.
@@ -27,6 +29,9 @@ pub enum WorkflowError {
     /// A log has another number of channels than the calibration, or than the first log.
     #[error(transparent)]
     Channels(#[from] ChannelMismatch),
+    /// A calibration cannot be validated on these rows.
+    #[error(transparent)]
+    Validation(ValidationError),
     /// There was nothing to work on.
     #[error("no logs were given")]
     NoLogs,

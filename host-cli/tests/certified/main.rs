@@ -2,8 +2,11 @@
 //!
 //! See `README.md` for where the problems come from and how the answers are had.
 
-#![expect(clippy::print_stdout, reason = "figures to look at when a test fails")]
-#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a failed expectation is a failed test, and a test may report its figures"
+)]
 
 mod exact;
 mod families;

@@ -22,7 +22,7 @@ use super::moments::Moments;
 use super::rank::{RankLoss, rank_loss};
 use crate::calibration::model::{Model, Term};
 use crate::double_double::DoubleDouble;
-use crate::wrench::PerAxis;
+use crate::wrench::{Axis, PerAxis};
 
 /// Coefficients, and what the sums say about them. Features are in the order of [`Model::terms`],
 /// axes in that of [`crate::wrench::Axis::ALL`].
@@ -129,7 +129,7 @@ impl Moments {
     }
 
     /// Where the products of each two terms stand among the sums, row by row.
-    fn positions(&self, terms: &[Term]) -> Vec<usize> {
+    pub(super) fn positions(&self, terms: &[Term]) -> Vec<usize> {
         let size = terms.len();
         let mut positions = vec![0; size * size];
         for a in 0..size {
@@ -142,7 +142,7 @@ impl Moments {
         positions
     }
 
-    fn rounded_mean(&self, channel: usize) -> i64 {
+    pub(super) fn rounded_mean(&self, channel: usize) -> i64 {
         let sum = self.readings[1 + self.layout.single(channel)];
         let rows = i128::from(self.rows);
         (sum + rows / 2).div_euclid(rows) as i64
@@ -156,7 +156,7 @@ impl Moments {
     }
 }
 
-fn contains(moments: &Moments, terms: &[Term]) -> bool {
+pub(super) fn contains(moments: &Moments, terms: &[Term]) -> bool {
     terms.iter().all(|term| *term == Term::INTERCEPT || moments.layout.features.contains(term))
 }
 
@@ -401,8 +401,13 @@ const REFINE_ABOVE: f64 = 1e5;
 const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
 impl Moments {
-    /// The sum of squared differences from the mean.
-    fn total_square(&self, axis: usize) -> f64 {
+    /// The variance of an axis over all rows, in N² or (N·m)²; NaN of no rows.
+    pub fn variance(&self, axis: Axis) -> f64 {
+        self.total_square(axis.index()) / self.rows as f64
+    }
+
+    /// The sum of squared differences from the mean of an axis.
+    pub(super) fn total_square(&self, axis: usize) -> f64 {
         let square = &self.squares[pair(axis, axis)];
         let sums = &self.wrench[axis];
         let sum = &sums.values[0];
@@ -488,14 +493,14 @@ fn condition(cholesky: &Bordered) -> f64 {
 }
 
 /// The nearest double-double of an integer.
-fn round(value: i128) -> DoubleDouble {
+pub(super) fn round(value: i128) -> DoubleDouble {
     let head = value as f64;
     // The head of a number below 2¹²⁶ is one too.
     DoubleDouble::from_sum(head, value.wrapping_sub(head as i128) as f64)
 }
 
 /// `value·2^exponent` as a double-double.
-fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
+pub(super) fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
     /// More bits than these do not matter.
     const BITS: u64 = 240;
     let cut = value.bits().saturating_sub(BITS);
@@ -511,7 +516,7 @@ fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
 }
 
 /// `value·2^exponent`, in steps that do not leave the range of `f64` unless the result does.
-fn shifted(value: DoubleDouble, exponent: i32) -> DoubleDouble {
+pub(super) fn shifted(value: DoubleDouble, exponent: i32) -> DoubleDouble {
     const STEP: i32 = 1000;
     let (mut value, mut exponent) = (value, exponent);
     while exponent.abs() > STEP {

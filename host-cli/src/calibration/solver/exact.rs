@@ -6,7 +6,9 @@ use faer::Mat;
 
 use super::{Pass, Problem, Solution, Solver};
 use crate::block::Block;
-use crate::calibration::exact::{Accumulator, ExactError, RankLoss as ExactLoss, SolveError};
+use crate::calibration::exact::{
+    Accumulator, ExactError, Moments, RankLoss as ExactLoss, SolveError,
+};
 use crate::calibration::extent::Extent;
 use crate::calibration::rank_loss::{Dependence, RankLoss};
 use crate::calibration::scaling::Scaling;
@@ -80,36 +82,47 @@ impl Pass for Exact {
 
 impl Solver for Exact {
     fn solve(&self, partial: &ExactPartial, extent: &Extent) -> Result<Solution, FitError> {
-        let moments = partial.0.clone()?.finish()?;
-        let fit = moments.solve(&self.model, self.ridge).map_err(|error| match error {
-            SolveError::TooFewRows { rows, coefficients } => {
-                FitError::TooFewRows { rows, coefficients }
-            }
-            SolveError::RankDeficient(_)
-                if extent.constant_channels().len() == extent.ranges.len() =>
-            {
-                FitError::IdenticalRows { rows: extent.rows }
-            }
-            SolveError::RankDeficient(loss) => FitError::RankDeficient(explain(loss, extent)),
-            SolveError::NearlyDependent => FitError::NearlyDependent,
-            SolveError::Overflow => FitError::Overflow,
-            SolveError::Ridge(ridge) => FitError::Ridge(ridge),
-            SolveError::OtherFeatures { .. } => {
-                FitError::Channels { expected: self.model.channels, found: extent.ranges.len() }
-            }
-        })?;
-        let coefficients = &fit.coefficients;
-        Ok(Solution {
-            model: fit.model,
-            coefficients: Mat::from_fn(coefficients.len(), 6, |i, j| coefficients[i][j].to_f64()),
-            factor: fit.covariance_factor(),
-            residual_products: Mat::from_fn(6, 6, |i, j| fit.residual_products[i][j]),
-            rows: fit.rows,
-            condition: fit.condition,
-            rank: fit.rank,
-            scaling: Scaling { centre: fit.centre, scale: fit.scale },
-        })
+        solve_moments(&partial.0.clone()?.finish()?, &self.model, self.ridge, extent)
     }
+}
+
+/// The coefficients of `model` that fit the rows of `moments` best. `extent` is that of the same
+/// rows; `ridge` as in [`Problem::ridge`].
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients.
+pub fn solve_moments(
+    moments: &Moments,
+    model: &Model,
+    ridge: f64,
+    extent: &Extent,
+) -> Result<Solution, FitError> {
+    let fit = moments.solve(model, ridge).map_err(|error| match error {
+        SolveError::TooFewRows { rows, coefficients } => {
+            FitError::TooFewRows { rows, coefficients }
+        }
+        SolveError::RankDeficient(_) if extent.constant_channels().len() == extent.ranges.len() => {
+            FitError::IdenticalRows { rows: extent.rows }
+        }
+        SolveError::RankDeficient(loss) => FitError::RankDeficient(explain(loss, extent)),
+        SolveError::NearlyDependent => FitError::NearlyDependent,
+        SolveError::Overflow => FitError::Overflow,
+        SolveError::Ridge(ridge) => FitError::Ridge(ridge),
+        SolveError::OtherFeatures { .. } => {
+            FitError::Channels { expected: model.channels, found: extent.ranges.len() }
+        }
+    })?;
+    let coefficients = &fit.coefficients;
+    Ok(Solution {
+        model: fit.model,
+        coefficients: Mat::from_fn(coefficients.len(), 6, |i, j| coefficients[i][j].to_f64()),
+        factor: fit.covariance_factor(),
+        residual_products: Mat::from_fn(6, 6, |i, j| fit.residual_products[i][j]),
+        rows: fit.rows,
+        condition: fit.condition,
+        rank: fit.rank,
+        scaling: Scaling { centre: fit.centre, scale: fit.scale },
+    })
 }
 
 /// Names the channels that are to blame: constant ones first, then what does not follow from them.

@@ -11,7 +11,7 @@ mod tsqr;
 use faer::Mat;
 use serde::{Deserialize, Serialize};
 
-pub use self::exact::{Exact, ExactPartial};
+pub use self::exact::{Exact, ExactPartial, solve_moments};
 pub use self::family::{Blocks, fit, fit_by};
 pub use self::tsqr::Tsqr;
 use super::extent::Extent;

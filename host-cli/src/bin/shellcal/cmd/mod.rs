@@ -8,10 +8,12 @@ mod frames;
 mod import;
 mod info;
 mod mapping;
+mod merge;
 mod noise;
 mod origin;
 mod quality;
 mod synth;
+mod validation;
 
 use std::process::ExitCode;
 
@@ -23,6 +25,7 @@ use crate::printer::Printer;
 pub(crate) enum Command {
     Info(info::InfoArgs),
     Fit(Box<fit::FitArgs>),
+    Merge(merge::MergeArgs),
     Eval(Box<eval::EvalArgs>),
     Convert(Box<convert::ConvertArgs>),
     Noise(noise::NoiseArgs),
@@ -45,6 +48,7 @@ impl Command {
         match self {
             Command::Info(args) => args.run(printer),
             Command::Fit(args) => args.run(printer),
+            Command::Merge(args) => args.run(printer),
             Command::Eval(args) => args.run(printer),
             Command::Convert(args) => args.run(printer),
             Command::Noise(args) => args.run(printer),
