@@ -7,7 +7,7 @@
 //! least-squares fit of what is left, `C += q·(XᵀX)⁻¹Xᵀψ`. Every pass over the rows then costs a
 //! gradient and no factorisation, which would be one for each column of `Y`, and for
 //! q < 2 each step is certain to improve. The median of all rows is read off a histogram of
-//! logarithmic bins, to a part in 2000.
+//! logarithmic bins, to four parts in a thousand at worst, and nearer where rows are many.
 //!
 //! Products of residuals are those of Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, so that
 //! covariances of coefficients follow from them as in least squares (§7.6).
@@ -25,8 +25,13 @@ const QUARTILE: f64 = 0.674_489_750_196_081_7;
 const MOST_PASSES: usize = 100;
 /// Passes end when a step is smaller than this share of the standard errors.
 const STEP: f64 = 1e-6;
-/// σ stays as it is while it would change by less than this share of it.
+/// σ stays as it is after so many passes, which a median of few rows may need to come to rest.
+const SCALE_PASSES: usize = 20;
+/// It also stays while it would change by less than this share.
 const SCALE: f64 = 1e-4;
+/// The smallest σ, as a share of the RMS: where most rows are fitted without error, others must not
+/// count for nothing.
+const SMALLEST: f64 = 1e-12;
 
 /// Forms the gradient of clipped residuals.
 struct FormClipped {
@@ -60,7 +65,7 @@ impl Sizes {
     /// Bins per factor of two, as a power of two: the leading bits of a mantissa.
     const BITS: u32 = 8;
     /// Factors of two below the largest bin.
-    const OCTAVES: u64 = 24;
+    const OCTAVES: u64 = 48;
     /// The largest bin begins at this power of two times the unit.
     const TOP: i64 = 8;
 
@@ -175,7 +180,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
     let mut sigma: Vec<f64> = (0..q).map(rms).collect();
     // A column that is fitted without error is clipped nowhere, and its residuals are all alike.
     let unit: Vec<f64> = sigma.iter().map(|&s| if s > 0.0 { s } else { 1.0 }).collect();
-    for _ in 0..MOST_PASSES {
+    for pass_number in 0..MOST_PASSES {
         let clip = sigma.iter().map(|&s| if s > 0.0 { CLIP * s } else { f64::MAX }).collect();
         let coefficients = solved.coefficients.clone();
         let pass = FormClipped { shape, coefficients, clip, unit: unit.clone() };
@@ -196,9 +201,10 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
             for j in 0..p {
                 solved.coefficients[(j, a)] += stretch * step[(j, a)];
             }
-            // A median of bins may go to and fro between two of them for ever.
-            let scale = match sizes[a].median() * unit[a] / QUARTILE {
-                scale if (scale - sigma[a]).abs() > SCALE * sigma[a] => scale,
+            let scale = match sizes[a].median().max(SMALLEST) * unit[a] / QUARTILE {
+                scale if pass_number < SCALE_PASSES && (scale / sigma[a] - 1.0).abs() > SCALE => {
+                    scale
+                }
                 _ => sigma[a],
             };
             settled &= inner.col(a).norm_l2() <= STEP * sigma[a] && scale == sigma[a];
@@ -260,7 +266,7 @@ mod tests {
         let published = [(0.8294, 0.1112), (0.9261, 0.3034), (-0.1278, 0.1289), (-41.0265, 9.8073)];
         let variance = solved.residual_products[(0, 0)] / 17.0;
         for (j, (coefficient, error)) in published.into_iter().enumerate() {
-            // The printed digits, and a median from bins of a part in a thousand.
+            // The printed digits, and a median from bins of four parts in a thousand.
             let found = solved.coefficients[(j, 0)];
             assert!((found - coefficient).abs() < 2e-3 * error + 5e-5, "{j}: {found}");
             let row = solved.factor.row(j);
@@ -288,12 +294,12 @@ mod tests {
     }
 
     #[test]
-    fn the_median_is_that_of_the_numbers_to_a_part_in_a_thousand() {
+    fn the_median_is_that_of_the_numbers_to_four_parts_in_a_thousand() {
         for n in [1_u32, 2, 7, 1000] {
             let mut sizes = Sizes::new();
             (0..n).for_each(|i| sizes.add(0.001 * f64::from(i * 7919 % n + 1)));
             let expected = 0.001 * (f64::from(n) / 2.0).ceil();
-            assert!((sizes.median() / expected - 1.0).abs() < 1.1e-3, "{n}");
+            assert!((sizes.median() / expected - 1.0).abs() < 4e-3, "{n}");
         }
     }
 }

@@ -18,11 +18,18 @@ use super::fit::{ModelArg, SolverArg};
 use super::mapping::MappingArgs;
 use crate::printer::Printer;
 
+const EXAMPLES: &str = "\
+Examples:
+  shellcal bench train.csv
+  shellcal bench train.csv --model cubic --solver exact,tsqr,gram --plot solvers.svg
+  shellcal bench --rows 10000 --json";
+
 /// Compare solvers on your data: run time against error
 ///
 /// Rows are read into memory first; then every solver fits every model on one thread. Errors are
 /// relative to an answer in twice the precision.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct BenchArgs {
     /// Training logs, plain or gzip [default: rows of the sensor model]
     #[arg(value_name = "TRAIN")]
