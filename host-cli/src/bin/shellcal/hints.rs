@@ -2,11 +2,15 @@
 
 use std::io;
 
+use shared_proto::Refusal;
 use shellcal::calibration::FitError;
 use shellcal::calibration_file::matrix::MatrixError;
 use shellcal::calibration_file::{CalibrationFileError, Problem, SCHEMA_VERSION};
 use shellcal::filter::FilterError;
+use shellcal::link::{LinkError, NotForBoard, RecordError};
 use shellcal::log_file::{LogError, RowProblem};
+use shellcal::output::OutputError;
+use shellcal::recording::NoFrame;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::noise::NoiseError;
@@ -21,7 +25,18 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             let file = || cause.downcast_ref().and_then(after_calibration);
             let conversion = || cause.downcast_ref().and_then(after_conversion);
             let noise = || cause.downcast_ref().and_then(after_noise);
-            log().or_else(file).or_else(conversion).or_else(noise)
+            let link = || cause.downcast_ref().and_then(after_link);
+            let record = || cause.downcast_ref().and_then(after_recording);
+            let board = || cause.downcast_ref().and_then(after_not_for_board);
+            let output = || cause.downcast_ref().and_then(after_output);
+            log()
+                .or_else(file)
+                .or_else(conversion)
+                .or_else(noise)
+                .or_else(link)
+                .or_else(record)
+                .or_else(board)
+                .or_else(output)
         }
     });
     hint.map(str::to_owned)
@@ -51,6 +66,72 @@ fn after_noise(error: &NoiseError) -> Option<&'static str> {
         NoiseError::Log(error) => return after_log(error),
         NoiseError::Channels { .. } => CHANNELS,
         NoiseError::TooFewFrames { .. } => "`shellcal info` tells the times of a log",
+        _ => return None,
+    })
+}
+
+fn after_link(error: &LinkError) -> Option<&'static str> {
+    Some(match error {
+        LinkError::Missing { .. } => "`shellcal ports` lists the ports there are",
+        LinkError::Busy { .. } => "close the program that has it: a terminal, another recording",
+        LinkError::Denied { .. } => {
+            "on Linux, join the group that owns the port, as a rule `dialout`, and log in again"
+        }
+        LinkError::Lost { .. } => {
+            "what arrived until then is kept; with `--reconnect` `record` waits for the port"
+        }
+        LinkError::NoAnswer { silent: true, .. } => {
+            "is the board on, and are both radios in one network? Try another `--baud`, or \
+             `--framing xbee-ap1` or `xbee-ap2` for a base station in API mode"
+        }
+        LinkError::NoAnswer { .. } => {
+            "bytes arrive but no answer: try another `--baud`, or `--framing xbee-ap1` or `xbee-ap2` \
+             for a base station in API mode"
+        }
+        LinkError::OtherVersion { .. } => VERSIONS,
+        LinkError::Refused { refusal: Refusal::NoCalibration, .. } => {
+            "upload one: `shellcal board PORT upload CAL`"
+        }
+        LinkError::Refused { refusal: Refusal::PeriodTooShort, .. } => {
+            "choose a lower rate, or fewer conversions and less settling: `shellcal board PORT \
+             sampling`"
+        }
+        LinkError::NotKept { .. } => "upload it again",
+        _ => return None,
+    })
+}
+
+const VERSIONS: &str = "flash the firmware that belongs to this version of shellcal";
+
+fn after_recording(error: &RecordError) -> Option<&'static str> {
+    Some(match error {
+        RecordError::Link(error) => return after_link(error),
+        RecordError::Output(error) => return after_output(error),
+        RecordError::NoFrame { problem: NoFrame::Any { .. }, .. } => {
+            "try another `--baud` (57600 unless told), or `--framing` if you know it"
+        }
+        RecordError::NoFrame { problem: NoFrame::OtherProtocol { .. }, .. } => {
+            "leave out `--framing` to have it recognised"
+        }
+        RecordError::NoFrame { problem: NoFrame::OtherVersion { .. }, .. } => VERSIONS,
+        RecordError::Silence { .. } => {
+            "a board streams when told to: `--start`, or `shellcal board PORT start`"
+        }
+        _ => return None,
+    })
+}
+
+fn after_not_for_board(error: &NotForBoard) -> Option<&'static str> {
+    Some(match error {
+        NotForBoard::Basis { .. } => "fit one for the board with `shellcal fit --model cubic`",
+        _ => return None,
+    })
+}
+
+fn after_output(error: &OutputError) -> Option<&'static str> {
+    Some(match error.source.kind() {
+        io::ErrorKind::AlreadyExists => "choose another name, or `--overwrite` it",
+        io::ErrorKind::StorageFull => "what was written until then is whole; make room",
         _ => return None,
     })
 }

@@ -1,5 +1,6 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod board;
 mod convert;
 mod eval;
 mod fit;
@@ -9,7 +10,10 @@ mod info;
 mod mapping;
 mod noise;
 mod origin;
+mod ports;
 mod quality;
+mod record;
+mod serial;
 mod synth;
 
 use std::process::ExitCode;
@@ -20,6 +24,9 @@ use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    Ports(ports::PortsArgs),
+    Board(board::BoardArgs),
+    Record(record::RecordArgs),
     Info(info::InfoArgs),
     Fit(Box<fit::FitArgs>),
     Eval(Box<eval::EvalArgs>),
@@ -41,6 +48,9 @@ pub(crate) enum Outcome {
 impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
+            Command::Ports(args) => args.run(printer),
+            Command::Board(args) => args.run(printer),
+            Command::Record(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Fit(args) => args.run(printer),
             Command::Eval(args) => args.run(printer),
