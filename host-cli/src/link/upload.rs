@@ -65,7 +65,7 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Model, Scaling};
+    use crate::calibration::{Model, scaling::Scaling};
     use crate::wrench::PerAxis;
 
     fn calibration(basis: Basis, intercept: bool) -> Calibration {
