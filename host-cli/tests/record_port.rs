@@ -385,7 +385,8 @@ fn commands_are_repeated_until_they_are_answered() {
     let said = succeed(dir.path(), &format!("--json board {name} status"));
     let said: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!((&said["frames"], &said["rate_hz"]), (&1234.into(), &100.0.into()));
-    for order in ["start", "stop", "rate 250", "mode wrench", "zero --frames 20"] {
+    let sampling = "sampling --conversions 8 --settling 30";
+    for order in ["start", "stop", "rate 250", sampling, "mode wrench", "zero --frames 20"] {
         succeed(dir.path(), &format!("board {name} {order}"));
     }
     let error = refused(dir.path(), &format!("board {name} rate 2000"));
@@ -398,11 +399,25 @@ fn commands_are_repeated_until_they_are_answered() {
         Command::Start,
         Command::Stop,
         Command::SetPeriod { period_us: 4000 },
+        Command::SetOversampling { conversions: 8 },
+        Command::SetSettling { settling_us: 30 },
         Command::SetStream(Stream::Wrench),
         Command::Zero { frames: 20 },
         Command::SetPeriod { period_us: 500 },
     ];
     assert_eq!(heard, expected);
+}
+
+#[test]
+fn a_board_is_told_to_start_until_it_does() {
+    let dir = tempfile::tempdir().unwrap();
+    let (port, name) = pty();
+    // It misses the first start, and answers the second, with a frame each time.
+    let board = FakeBoard::start(port, false, true);
+    succeed(dir.path(), &format!("record {name} -o log.csv --duration 1.5 --start"));
+    let heard = board.stop();
+    assert_eq!(heard[0], Command::Start);
+    assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), [7]);
 }
 
 #[test]
