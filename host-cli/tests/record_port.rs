@@ -409,14 +409,17 @@ fn commands_are_repeated_until_they_are_answered() {
 }
 
 #[test]
-fn a_board_is_told_to_start_until_it_does() {
+fn a_board_is_told_to_start_until_it_does_and_to_stop_at_the_end() {
     let dir = tempfile::tempdir().unwrap();
     let (port, name) = pty();
-    // It misses the first start, and answers the second, with a frame each time.
+    // It hears every second command: the second start and the second stop.
     let board = FakeBoard::start(port, false, true);
     succeed(dir.path(), &format!("record {name} -o log.csv --duration 1.5 --start"));
+    // It looks for commands every few ms.
+    thread::sleep(Duration::from_millis(200));
     let heard = board.stop();
-    assert_eq!(heard[0], Command::Start);
+    assert_eq!(heard, [Command::Start, Command::Stop]);
+    // Each answer comes with frame 7, twice.
     assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), [7]);
 }
 

@@ -148,7 +148,10 @@ pub fn record(
     };
     let ran = session.run(source, stop, observe);
     if let Some(uplink) = &options.start {
-        source.send(&uplink.encode(0, Command::Stop));
+        // Nobody waits for the answer, so once more in case the first is lost.
+        for number in 0..2 {
+            source.send(&uplink.encode(number, Command::Stop));
+        }
     }
     // Whatever has happened: what has arrived is kept.
     let finished = match ran {
