@@ -2,10 +2,10 @@
 //!
 //! Three layers, arrows pointing inward only:
 //!
-//! - *pure core*: [`wrench`], [`block`], [`calibration`], [`filter`], [`sensor_model`], [`plot`]:
-//!   slices and matrices in, values out; no files, no clocks, no printing;
-//! - *adapters*: [`log_file`], [`calibration_file`], [`output`]: the world to core types and back,
-//!   and [`workflow`], which joins them to the core;
+//! - *pure core*: [`wrench`], [`block`], [`calibration`], [`filter`], [`sensor_model`],
+//!   [`recording`], [`plot`]: slices and matrices in, values out; no files, no clocks, no printing;
+//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`output`]: the world to core types
+//!   and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
 //! From a training log to the wrench of a frame:
@@ -45,9 +45,11 @@ pub mod calibration;
 pub mod calibration_file;
 pub mod double_double;
 pub mod filter;
+pub mod link;
 pub mod log_file;
 pub mod output;
 pub mod plot;
+pub mod recording;
 pub mod sensor_model;
 pub mod survey;
 pub mod synthetic_block;

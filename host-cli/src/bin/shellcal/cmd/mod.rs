@@ -1,6 +1,7 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
 mod bench;
+mod board;
 mod convert;
 mod eval;
 mod fit;
@@ -11,7 +12,10 @@ mod mapping;
 mod merge;
 mod noise;
 mod origin;
+mod ports;
 mod quality;
+mod record;
+mod serial;
 mod synth;
 mod validation;
 
@@ -23,6 +27,9 @@ use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    Ports(ports::PortsArgs),
+    Board(board::BoardArgs),
+    Record(record::RecordArgs),
     Info(info::InfoArgs),
     Fit(Box<fit::FitArgs>),
     Merge(merge::MergeArgs),
@@ -46,6 +53,9 @@ pub(crate) enum Outcome {
 impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
+            Command::Ports(args) => args.run(printer),
+            Command::Board(args) => args.run(printer),
+            Command::Record(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Fit(args) => args.run(printer),
             Command::Merge(args) => args.run(printer),
