@@ -7,6 +7,7 @@
 //! - *adapters*: [`log_file`], [`calibration_file`], [`output`]: the world to core types and back;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 
+pub mod alignment;
 pub mod block;
 pub mod calibration;
 pub mod double_double;
