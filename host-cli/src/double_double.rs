@@ -18,7 +18,7 @@ pub struct DoubleDouble {
 }
 
 /// `a + b` and its rounding error, exactly.
-#[inline]
+#[inline(always)]
 pub fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let b_part = sum - a;
@@ -26,14 +26,14 @@ pub fn two_sum(a: f64, b: f64) -> (f64, f64) {
 }
 
 /// `a·b` and its rounding error, exactly unless the error underflows.
-#[inline]
+#[inline(always)]
 pub fn two_product(a: f64, b: f64) -> (f64, f64) {
     let product = a * b;
     (product, a.mul_add(b, -product))
 }
 
 /// As [`two_sum`], for `|a| ≥ |b|` or `a = 0`.
-#[inline]
+#[inline(always)]
 fn fast_two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     (sum, b - (sum - a))
@@ -46,27 +46,40 @@ impl DoubleDouble {
     pub const ONE: Self = Self { head: 1.0, tail: 0.0 };
 
     /// The sum of any two numbers, exactly.
-    #[inline]
+    #[inline(always)]
     pub fn from_sum(a: f64, b: f64) -> Self {
         let (head, tail) = two_sum(a, b);
         Self { head, tail }
     }
 
     /// The product of two numbers, exactly.
-    #[inline]
+    #[inline(always)]
     pub fn from_product(a: f64, b: f64) -> Self {
         let (head, tail) = two_product(a, b);
         Self { head, tail }
     }
 
+    /// The number with this head and tail, `|tail| ≤ ulp(head) / 2`, as [`Self::to_f64`] and
+    /// [`Self::tail`] give them.
+    #[inline(always)]
+    pub const fn from_parts(head: f64, tail: f64) -> Self {
+        Self { head, tail }
+    }
+
+    /// The product with a power of two, exact unless it under- or overflows.
+    #[inline(always)]
+    pub const fn scaled(self, power_of_two: f64) -> Self {
+        Self { head: self.head * power_of_two, tail: self.tail * power_of_two }
+    }
+
     /// The nearest `f64`.
-    #[inline]
+    #[inline(always)]
     pub const fn to_f64(self) -> f64 {
         self.head
     }
 
     /// What the nearest `f64` leaves out.
-    #[inline]
+    #[inline(always)]
     pub const fn tail(self) -> f64 {
         self.tail
     }
@@ -94,7 +107,7 @@ impl DoubleDouble {
 }
 
 impl From<f64> for DoubleDouble {
-    #[inline]
+    #[inline(always)]
     fn from(value: f64) -> Self {
         Self { head: value, tail: 0.0 }
     }
@@ -102,7 +115,7 @@ impl From<f64> for DoubleDouble {
 
 impl Neg for DoubleDouble {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn neg(self) -> Self {
         Self { head: -self.head, tail: -self.tail }
     }
@@ -110,7 +123,7 @@ impl Neg for DoubleDouble {
 
 impl Add for DoubleDouble {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         let (head, error) = two_sum(self.head, other.head);
         let (tail, tail_error) = two_sum(self.tail, other.tail);
@@ -122,7 +135,7 @@ impl Add for DoubleDouble {
 
 impl Sub for DoubleDouble {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn sub(self, other: Self) -> Self {
         self + -other
     }
@@ -130,7 +143,7 @@ impl Sub for DoubleDouble {
 
 impl Mul for DoubleDouble {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn mul(self, other: Self) -> Self {
         let (head, error) = two_product(self.head, other.head);
         let cross = self.head.mul_add(other.tail, self.tail * other.head);
@@ -141,7 +154,7 @@ impl Mul for DoubleDouble {
 
 impl Div for DoubleDouble {
     type Output = Self;
-    #[inline]
+    #[inline(always)]
     fn div(self, other: Self) -> Self {
         let first = self.head / other.head;
         let remainder = self - other * Self::from(first);
@@ -154,14 +167,14 @@ impl Div for DoubleDouble {
 }
 
 impl AddAssign for DoubleDouble {
-    #[inline]
+    #[inline(always)]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
 }
 
 impl SubAssign for DoubleDouble {
-    #[inline]
+    #[inline(always)]
     fn sub_assign(&mut self, other: Self) {
         *self = *self - other;
     }

@@ -4,6 +4,8 @@
 //! equations can be formed and solved without any rounding: the residual of that solution is the
 //! smallest there is.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
+
 use num_bigint::BigInt;
 use num_rational::BigRational;
 use shellcal::block::Block;
@@ -38,7 +40,8 @@ const BITS: u32 = 80;
 
 /// Features and wrench as integers, the latter in units of 2^-[`BITS`], one column each.
 fn integers(block: &Block, model: Model) -> (Vec<Vec<BigInt>>, Vec<Vec<BigInt>>) {
-    let features = model.terms().iter().map(|term| {
+    let terms = model.terms();
+    let features = terms.iter().map(|term| {
         let value = |row: usize| {
             let factors = term.factors().iter().map(|&c| block.readings[usize::from(c)][row]);
             factors.map(|s| BigInt::from(s as i64)).product()
@@ -118,7 +121,7 @@ fn to_f64(value: &BigRational) -> f64 {
 }
 
 #[test]
-fn residuals_on_a_real_recording_are_within_1e_9_of_the_exact_optimum() {
+fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
     let Some(block) = recording() else {
         println!("skipped: SHELLCAL_REAL_DATA does not name the recordings");
         return;
@@ -139,8 +142,9 @@ fn residuals_on_a_real_recording_are_within_1e_9_of_the_exact_optimum() {
             let rms = (to_f64(&optimum) / block.rows as f64).sqrt();
             println!("{} axis {axis}: optimum {rms:.12e}, excess {excess:.1e}", model.name());
             assert!(excess >= 0.0, "nothing is better than the optimum");
-            // The RMS has half the relative excess of the sum of squares.
-            assert!(excess / 2.0 < 1e-9, "{} axis {axis}: {excess:e}", model.name());
+            // The RMS has half the relative excess of the sum of squares. 1e-9 would do; the
+            // excess is of second order in the rounding of the coefficients, 1e-22 when measured.
+            assert!(excess / 2.0 < 1e-18, "{} axis {axis}: {excess:e}", model.name());
             let told = solution.residual_products[(axis, axis)];
             assert!((told / to_f64(reached) - 1.0).abs() < 1e-9);
         }

@@ -1,5 +1,11 @@
 //! The readers on the real recordings, where this machine has them.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "tests may panic, and say that they were skipped"
+)]
+
 use std::path::PathBuf;
 
 use shellcal::block::Block;

@@ -1,3 +1,66 @@
 //! The wire protocol between the SkinProc board and `shellcal`, used by both ends.
+//!
+//! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the
+//! frames are the byte stream; in API mode they are the data of [`xbee`] frames. Either way a
+//! [`Decoder`] turns bytes, in slices of any size, back into packets and counts what was lost.
+//! The layout, byte by byte, is in this crate's README; the literal bytes in `tests/golden.rs`
+//! keep it.
+//!
+//! ```
+//! use shared_proto::{Decoder, Event, Framing, Packet, Sample, Values};
+//!
+//! let sample = Sample {
+//!     sequence: 7,
+//!     clock_us: 70_000,
+//!     values: Values::Readings([31_376; 8]),
+//!     saturated: 0,
+//!     dropped: 0,
+//! };
+//! let frame = Packet::Sample(sample).encode();
+//!
+//! let mut decoder = Decoder::new(Framing::Cobs);
+//! let mut samples = Vec::new();
+//! for piece in frame.chunks(3) {
+//!     decoder.feed(piece, |event| {
+//!         if let Event::Sample { sample, .. } = event {
+//!             samples.push(sample);
+//!         }
+//!     });
+//! }
+//! assert_eq!(samples, [sample]);
+//! assert_eq!(decoder.counters().missing, 0);
+//! ```
+//!
+//! The crate does no input or output, allocates nothing and never panics on what it is fed. What
+//! to do about a loss (ask again, mark a gap) is left to the caller. The byte protocol of the
+//! original SkinProc board is in [`skinproc`].
 #![no_std]
 #![forbid(unsafe_code)]
+
+mod bytes;
+mod calibration;
+mod command;
+mod decoder;
+mod error;
+mod frame;
+mod packet;
+mod sequence;
+pub mod skinproc;
+pub mod xbee;
+
+pub use bytes::Bytes;
+pub use calibration::{Calibration, FEATURES, crc32};
+pub use command::{
+    Answer, Board, Command, Identity, MAX_PIECE, Piece, Refusal, ResetCause, Status, Stream,
+};
+pub use decoder::{Counters, Decoder, Event, Framing};
+pub use error::DecodeError;
+pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
+pub use packet::{Boot, COUNTS_PER_LSB, Packet, Sample, VERSION, Values};
+pub use sequence::{Arrival, Clock, Tracker, WINDOW};
+
+/// Photointerrupters on the board.
+pub const CHANNELS: usize = 8;
+
+/// Axes of a wrench: Fx, Fy, Fz in N, then Mx, My, Mz in N·m.
+pub const AXES: usize = 6;

@@ -1,9 +1,9 @@
 //! Applying a calibration: from readings to wrenches.
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::extent::{Extent, Range};
-use super::features::{Features, LANES};
+use super::features::{Features, LANES, Lanes};
 use super::model::Model;
 use super::scaling::Scaling;
 use super::solver::Solution;
@@ -76,26 +76,8 @@ impl Calibration {
     pub fn wrench(&self, readings: &[Vec<f64>], wrench: &mut PerAxis<Vec<f64>>) {
         let rows = self.rows_of(readings);
         wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
-        let mut features = vec![[0.0; LANES]; self.features.len()];
-        Arch::new().dispatch(|| {
-            for start in (0..rows).step_by(LANES) {
-                self.features.lanes(readings, start, &mut features);
-                let mut sums = PerAxis::<[f64; LANES]>::default();
-                for (feature, coefficients) in features.iter().zip(&self.coefficients) {
-                    for (sum, &c) in sums.iter_mut().zip(coefficients) {
-                        for (sum, &x) in sum.iter_mut().zip(feature) {
-                            *sum = x.mul_add(c, *sum);
-                        }
-                    }
-                }
-                for (axis, sums) in wrench.iter_mut().zip(&sums) {
-                    match axis[start..].first_chunk_mut() {
-                        Some(lanes) => *lanes = *sums,
-                        None => axis[start..].copy_from_slice(&sums[..rows - start]),
-                    }
-                }
-            }
-        });
+        let features = vec![[0.0; LANES]; self.features.len()];
+        Arch::new().dispatch(Convert { calibration: self, readings, rows, features, wrench });
     }
 
     /// For every row, the channels whose reading lies outside the range of the training data: bit
@@ -118,6 +100,47 @@ impl Calibration {
         let rows = readings.first().map_or(0, Vec::len);
         assert!(readings.iter().all(|column| column.len() == rows), "columns of one length");
         rows
+    }
+}
+
+/// The loop over rows, inlined whole into code for the widest vectors of the machine.
+struct Convert<'a> {
+    calibration: &'a Calibration,
+    readings: &'a [Vec<f64>],
+    rows: usize,
+    features: Vec<Lanes>,
+    wrench: &'a mut PerAxis<Vec<f64>>,
+}
+
+impl WithSimd for Convert<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Convert { calibration, readings, rows, mut features, wrench } = self;
+        for start in (0..rows).step_by(LANES) {
+            calibration.features.lanes(readings, start, &mut features);
+            let mut sums = [[0.0; LANES]; 6];
+            // One vector of rows at a time: six sums and a feature stay in registers.
+            for vector in 0..LANES / S::F64_LANES {
+                let mut vectors = [simd.splat_f64s(0.0); 6];
+                for (feature, coefficients) in features.iter().zip(&calibration.coefficients) {
+                    let x = S::as_simd_f64s(feature).0[vector];
+                    for (sum, &c) in vectors.iter_mut().zip(coefficients) {
+                        *sum = simd.mul_add_f64s(x, simd.splat_f64s(c), *sum);
+                    }
+                }
+                for (lanes, sum) in sums.iter_mut().zip(vectors) {
+                    S::as_mut_simd_f64s(lanes).0[vector] = sum;
+                }
+            }
+            for (axis, sums) in wrench.iter_mut().zip(&sums) {
+                match axis[start..].first_chunk_mut() {
+                    Some(lanes) => *lanes = *sums,
+                    None => axis[start..].copy_from_slice(&sums[..rows - start]),
+                }
+            }
+        }
     }
 }
 

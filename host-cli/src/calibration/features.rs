@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use super::model::{Model, Term};
 use super::scaling::Scaling;
@@ -84,28 +84,7 @@ impl Features {
         columns: &mut [f64],
         stride: usize,
     ) {
-        let n = rows.len();
-        Arch::new().dispatch(|| {
-            for (j, recipe) in self.recipe.iter().enumerate() {
-                let (before, column) = columns.split_at_mut(j * stride);
-                let column = &mut column[..n];
-                match *recipe {
-                    Recipe::One => column.fill(1.0),
-                    Recipe::Reading(channel) => {
-                        let (centre, factor) = self.standardise(channel);
-                        for (z, s) in column.iter_mut().zip(&readings[channel][rows.clone()]) {
-                            *z = (s - centre) * factor;
-                        }
-                    }
-                    Recipe::Product(a, b) => {
-                        let (a, b) = (&before[a * stride..][..n], &before[b * stride..][..n]);
-                        for ((x, a), b) in column.iter_mut().zip(a).zip(b) {
-                            *x = a * b;
-                        }
-                    }
-                }
-            }
-        });
+        Arch::new().dispatch(Fill { features: self, readings, rows, columns, stride });
     }
 
     /// The features of the eight rows from `start`, of which the last may be missing: those repeat
@@ -117,11 +96,18 @@ impl Features {
                 Recipe::One => [1.0; LANES],
                 Recipe::Reading(channel) => {
                     let (centre, factor) = self.standardise(channel);
-                    load(&readings[channel][start..]).map(|s| (s - centre) * factor)
+                    let mut lanes = load(&readings[channel][start..]);
+                    for z in &mut lanes {
+                        *z = (*z - centre) * factor;
+                    }
+                    lanes
                 }
                 Recipe::Product(a, b) => {
-                    let (a, b) = (features[a], features[b]);
-                    std::array::from_fn(|i| a[i] * b[i])
+                    let (mut lanes, b) = (features[a], features[b]);
+                    for i in 0..LANES {
+                        lanes[i] *= b[i];
+                    }
+                    lanes
                 }
             };
         }
@@ -131,6 +117,44 @@ impl Features {
     #[inline(always)]
     pub(super) fn standardise(&self, channel: usize) -> (f64, f64) {
         (self.scaling.centre[channel], self.scaling.scale[channel].recip())
+    }
+}
+
+/// The loops over columns, inlined whole into code for the widest vectors of the machine.
+struct Fill<'a> {
+    features: &'a Features,
+    readings: &'a [Vec<f64>],
+    rows: Range<usize>,
+    columns: &'a mut [f64],
+    stride: usize,
+}
+
+impl NullaryFnOnce for Fill<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Fill { features, readings, rows, columns, stride } = self;
+        let n = rows.len();
+        for (j, recipe) in features.recipe.iter().enumerate() {
+            let (before, column) = columns.split_at_mut(j * stride);
+            let column = &mut column[..n];
+            match *recipe {
+                Recipe::One => column.fill(1.0),
+                Recipe::Reading(channel) => {
+                    let (centre, factor) = features.standardise(channel);
+                    for (z, s) in column.iter_mut().zip(&readings[channel][rows.clone()]) {
+                        *z = (s - centre) * factor;
+                    }
+                }
+                Recipe::Product(a, b) => {
+                    let (a, b) = (&before[a * stride..][..n], &before[b * stride..][..n]);
+                    for i in 0..n {
+                        column[i] = a[i] * b[i];
+                    }
+                }
+            }
+        }
     }
 }
 

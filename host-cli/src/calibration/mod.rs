@@ -5,6 +5,7 @@
 
 mod conversion;
 mod error;
+pub mod exact;
 pub mod extent;
 pub mod features;
 pub mod model;

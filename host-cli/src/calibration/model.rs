@@ -45,6 +45,9 @@ impl Basis {
     }
 }
 
+/// The largest number of channels: their indices are bytes.
+pub const MAX_CHANNELS: usize = 255;
+
 /// The features of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Model {
@@ -123,6 +126,19 @@ impl Model {
         terms
     }
 
+    /// The number of [terms](Self::terms).
+    pub fn term_count(&self) -> usize {
+        let n = self.channels;
+        let pairs = n * (n + 1) / 2;
+        let features = match self.basis {
+            Basis::Linear => n,
+            Basis::Cubic => 3 * n,
+            Basis::Quadratic => n + pairs,
+            Basis::Poly3 => n + pairs + n * (n + 1) * (n + 2) / 6,
+        };
+        features + usize::from(self.intercept)
+    }
+
     /// The name people read: `cubic`, or `cubic+1` with an intercept.
     pub fn name(&self) -> String {
         format!("{}{}", self.basis.name(), if self.intercept { "+1" } else { "" })
@@ -145,6 +161,9 @@ mod tests {
     fn eight_channels_give_the_published_numbers_of_features() {
         let counts = Basis::ALL.map(|basis| names(basis, 8, false).len());
         assert_eq!(counts, [8, 24, 44, 164]);
+        let counted =
+            Basis::ALL.map(|basis| Model { basis, intercept: true, channels: 8 }.term_count());
+        assert_eq!(counted, [9, 25, 45, 165]);
     }
 
     #[test]

@@ -15,15 +15,16 @@
 //! are not, and then the second term is too small. With a ridge, `F` includes it, which leaves out
 //! the bias that the ridge brings.
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
+use serde::{Deserialize, Serialize};
 
 use super::conversion::Calibration;
-use super::features::LANES;
+use super::features::{Features, LANES, Lanes};
 use super::solver::Solution;
 use crate::wrench::PerAxis;
 
 /// The covariance of the coefficients, in factors.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Covariance {
     /// The columns of the upper triangular `F`, of lengths 1, 2, …, one per feature.
     pub factor: Vec<Vec<f64>>,
@@ -103,35 +104,68 @@ impl Calibration {
         let rows = self.rows_of(readings);
         errors.iter_mut().for_each(Vec::clear);
         let Some(covariance) = &self.covariance else { return false };
-        let own = 1.0 + tare.map_or(0.0, |tare| (tare.frames as f64).recip());
-        let sd = covariance.residual_sd();
-        let mut features = vec![[0.0; LANES]; self.features().len()];
-        Arch::new().dispatch(|| {
-            for start in (0..rows).step_by(LANES) {
-                self.features().lanes(readings, start, &mut features);
-                for (x, &mean) in features.iter_mut().zip(tare.iter().flat_map(|t| &t.features)) {
-                    *x = x.map(|x| x - mean);
-                }
-                let mut sums = [own; LANES];
-                for column in &covariance.factor {
-                    let mut product = [0.0; LANES];
-                    for (x, &f) in features.iter().zip(column) {
-                        for (product, &x) in product.iter_mut().zip(x) {
-                            *product = x.mul_add(f, *product);
-                        }
-                    }
-                    for (sum, product) in sums.iter_mut().zip(product) {
-                        *sum += product * product;
-                    }
-                }
-                let spread = sums.map(f64::sqrt);
-                let filled = &spread[..LANES.min(rows - start)];
-                for (errors, sd) in errors.iter_mut().zip(sd) {
-                    errors.extend(filled.iter().map(|spread| sd * spread));
-                }
-            }
+        let features = vec![[0.0; LANES]; self.features().len()];
+        Arch::new().dispatch(Errors {
+            features: self.features(),
+            covariance,
+            readings,
+            rows,
+            tare,
+            lanes: features,
+            errors,
         });
         true
+    }
+}
+
+/// The loop over rows, inlined whole into code for the widest vectors of the machine.
+struct Errors<'a> {
+    features: &'a Features,
+    covariance: &'a Covariance,
+    readings: &'a [Vec<f64>],
+    rows: usize,
+    tare: Option<&'a Tare>,
+    lanes: Vec<Lanes>,
+    errors: &'a mut PerAxis<Vec<f64>>,
+}
+
+impl NullaryFnOnce for Errors<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Errors { features, covariance, readings, rows, tare, mut lanes, errors } = self;
+        let own = 1.0 + tare.map_or(0.0, |tare| (tare.frames as f64).recip());
+        let sd = covariance.residual_sd();
+        for start in (0..rows).step_by(LANES) {
+            features.lanes(readings, start, &mut lanes);
+            if let Some(tare) = tare {
+                for (x, &mean) in lanes.iter_mut().zip(&tare.features) {
+                    for x in x {
+                        *x -= mean;
+                    }
+                }
+            }
+            let mut spread = [own; LANES];
+            for column in &covariance.factor {
+                let mut product = [0.0; LANES];
+                for (x, &f) in lanes.iter().zip(column) {
+                    for lane in 0..LANES {
+                        product[lane] = x[lane].mul_add(f, product[lane]);
+                    }
+                }
+                for lane in 0..LANES {
+                    spread[lane] = product[lane].mul_add(product[lane], spread[lane]);
+                }
+            }
+            for spread in &mut spread {
+                *spread = spread.sqrt();
+            }
+            let filled = &spread[..LANES.min(rows - start)];
+            for (errors, sd) in errors.iter_mut().zip(sd) {
+                errors.extend(filled.iter().map(|spread| sd * spread));
+            }
+        }
     }
 }
 

@@ -174,6 +174,9 @@ pub enum RowProblem {
         /// As many as this row has.
         found: usize,
     },
+    /// A quoted field does not end on its line.
+    #[error("expected a closing quote on the same line")]
+    OpenQuote,
     /// A payload is not as long as it says.
     #[error("expected a payload of {expected} bytes (0 to 255), found `{found}`")]
     Payload {

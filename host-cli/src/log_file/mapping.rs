@@ -10,6 +10,11 @@ pub enum Format {
     /// Separated values with a header line.
     Csv,
     /// The lab's training file, without a header: time, eight sensors, six wrench columns.
+    ///
+    /// Moments are taken as N·m unless [`Mapping::moment_unit`] says otherwise. In the lab's own
+    /// recording they vary by 0.04 where forces vary by 0.16 N: a lever of a quarter of a metre in
+    /// N·m, of a quarter of a millimetre in mN·m. The matrices that the lab fitted later give
+    /// moments in mN·m, which are some 150 times these figures, not about the same.
     Training,
     /// The reference sensor's file: two columns to drop, time, six wrench columns, three
     /// accelerations.

@@ -26,6 +26,8 @@ mod number;
 mod pipeline;
 mod plan;
 mod rows;
+#[cfg(target_arch = "x86_64")]
+mod rows_avx2;
 mod source;
 
 use std::io::Read;

@@ -68,7 +68,11 @@ impl Plan {
                 Format::Console => Rows::Console(places),
                 _ => Rows::Separated(RowPlan {
                     separator: layout.separator,
-                    steps: steps(&places, roles.group.filter(|_| wanted.groups)),
+                    steps: steps(
+                        layout.columns.len(),
+                        &places,
+                        roles.group.filter(|_| wanted.groups),
+                    ),
                     names: layout.columns.iter().map(|column| column.name.clone()).collect(),
                 }),
             },
@@ -129,12 +133,11 @@ impl Plan {
     }
 }
 
-/// What to do with each column up to the last that is wanted.
-fn steps(places: &[usize], group: Option<usize>) -> Vec<Step> {
-    let last = places.iter().copied().chain(group).max();
-    let mut steps = vec![Step::Skip; last.map_or(0, |last| last + 1)];
-    for (slot, &place) in places.iter().enumerate() {
-        steps[place] = Step::Number(slot);
+/// What to do with each of the columns.
+fn steps(columns: usize, places: &[usize], group: Option<usize>) -> Vec<Step> {
+    let mut steps = vec![Step::Skip; columns];
+    for &place in places {
+        steps[place] = Step::Number;
     }
     if let Some(group) = group {
         steps[group] = Step::Group;

@@ -4,16 +4,18 @@
 //! separators. Lines with quotes go to the csv crate, with the same results; a quoted field cannot
 //! contain a line break.
 
-use memchr::{memchr, memchr2};
+use memchr::{memchr, memchr_iter, memchr2};
 
 use super::error::{Field, RowProblem};
-use super::number::{NumberError, parse_field, parse_plain};
+use super::number::{NumberError, ParsePlain, Portable, parse_field};
+#[cfg(target_arch = "x86_64")]
+use super::rows_avx2::PlainRows;
 
 /// What is wanted from each row.
 #[derive(Debug)]
 pub(super) struct RowPlan {
     pub(super) separator: u8,
-    /// What to do with the columns in order, up to the last that is wanted.
+    /// What to do with each column.
     pub(super) steps: Vec<Step>,
     /// Names of all columns.
     pub(super) names: Vec<String>,
@@ -23,8 +25,8 @@ pub(super) struct RowPlan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
     Skip,
-    /// Parse it into this column of the result.
-    Number(usize),
+    /// Parse it into the next column of the result.
+    Number,
     /// Keep it as the label of the row's group.
     Group,
 }
@@ -53,7 +55,7 @@ impl Parsed {
         Self { columns, ..Self::default() }
     }
 
-    fn push_group(&mut self, label: &[u8]) {
+    pub(super) fn push_group(&mut self, label: &[u8]) {
         match self.groups.last_mut() {
             Some((last, rows)) if last.as_bytes() == label => *rows += 1,
             _ => self.groups.push((String::from_utf8_lossy(label).into_owned(), 1)),
@@ -88,10 +90,9 @@ impl RowPlan {
         }
         let mut at = 0;
         while at < lines.len() {
-            if let Some(next) = self.parse_row(lines, at, parsed) {
-                parsed.rows += 1;
-                at = next;
-                continue;
+            at = self.parse_plain_rows(lines, at, parsed);
+            if at == lines.len() {
+                break;
             }
             // A blank line, a bad row or one with something unusual: look at it by itself.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
@@ -107,17 +108,32 @@ impl RowPlan {
         Ok(())
     }
 
+    /// Parses rows of plain numbers from `lines[at]` on; returns where the first row starts that is
+    /// not that, part of which may be left in `parsed.columns`.
+    fn parse_plain_rows(&self, lines: &[u8], mut at: usize, parsed: &mut Parsed) -> usize {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = pulp::x86::V3::try_new() {
+            return simd.vectorize(PlainRows { simd, plan: self, lines, at, parsed });
+        }
+        while let Some(next) = self.parse_row(lines, at, parsed) {
+            parsed.rows += 1;
+            at = next;
+        }
+        at
+    }
+
     /// Parses the row of plain numbers that starts at `lines[at]` and returns where the next one
     /// starts; `None`, with part of the row left in `parsed.columns`, if it is not that.
     #[inline(always)]
     fn parse_row(&self, lines: &[u8], mut at: usize, parsed: &mut Parsed) -> Option<usize> {
-        let last = self.names.len() - 1;
+        let last = self.steps.len() - 1;
         let mut label = None;
+        let mut columns = parsed.columns.iter_mut();
         for (column, step) in self.steps.iter().enumerate() {
-            let end = match *step {
-                Step::Number(slot) => {
-                    let (value, end) = parse_plain(lines, at)?;
-                    parsed.columns[slot].push(value);
+            let end = match step {
+                Step::Number => {
+                    let (value, end) = Portable.parse_plain(lines, at)?;
+                    columns.next()?.push(value);
                     end
                 }
                 Step::Skip => field_end(lines, at, self.separator)?,
@@ -135,14 +151,6 @@ impl RowPlan {
             } else {
                 at = after_line_end(lines, end)?;
             }
-        }
-        if self.steps.len() <= last {
-            let end = at + memchr(b'\n', lines.get(at..)?)?;
-            let separators = lines[at..end].iter().filter(|&&b| b == self.separator).count();
-            if self.steps.len() + separators != last {
-                return None;
-            }
-            at = end + 1;
         }
         if let Some(label) = label {
             parsed.push_group(lines[label].trim_ascii());
@@ -168,7 +176,11 @@ impl RowPlan {
             let found = reader.from_reader(line).read_byte_record(&mut record).unwrap_or(false);
             let blank = record.len() == 1 && record[0].trim_ascii().is_empty();
             if found && !blank {
-                let result = self.parse_fields(record.iter(), parsed);
+                let closed = memchr_iter(b'"', line).count().is_multiple_of(2);
+                let result = match closed {
+                    true => self.parse_fields(record.iter(), parsed),
+                    false => Err((RowProblem::OpenQuote, false)),
+                };
                 finish_row(result, start, skip_bad_rows, parsed)?;
             }
             start = end;
@@ -186,15 +198,19 @@ impl RowPlan {
         let mut labelled = false;
         let mut problem = None;
         let mut found = 0;
+        let mut slot = 0;
         for (column, field) in fields.enumerate() {
             found += 1;
             match self.steps.get(column) {
-                Some(&Step::Number(slot)) => match parse_field(field) {
-                    Ok(value) => parsed.columns[slot].push(value),
-                    Err(error) => {
-                        problem = problem.or_else(|| Some(self.problem(error, column, field)));
+                Some(Step::Number) => {
+                    match parse_field(field) {
+                        Ok(value) => parsed.columns[slot].push(value),
+                        Err(error) => {
+                            problem = problem.or_else(|| Some(self.problem(error, column, field)));
+                        }
                     }
-                },
+                    slot += 1;
+                }
                 Some(Step::Group) => {
                     parsed.push_group(field.trim_ascii());
                     labelled = true;

@@ -3,11 +3,15 @@
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
-use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
 use crate::args::OutputArgs;
+
+/// Tables as papers set them: a rule below the header and no other lines.
+const TABLE: TableStyle =
+    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// Where a command's results and remarks go.
 #[derive(Debug)]
@@ -33,6 +37,11 @@ impl Printer {
         Ok(())
     }
 
+    /// Where a result goes that is a stream of bytes.
+    pub(crate) fn stream(&self) -> impl Write + use<> {
+        io::stdout().lock()
+    }
+
     /// Prints one line of a result that people read.
     pub(crate) fn line(&mut self, text: impl AsRef<str>) -> anyhow::Result<()> {
         writeln!(io::stdout().lock(), "{}", text.as_ref())?;
@@ -42,7 +51,7 @@ impl Printer {
     /// Prints a table: the first column is a label, the others are numbers.
     pub(crate) fn table(&mut self, header: &[&str], rows: &[Vec<String>]) -> anyhow::Result<()> {
         let mut table = Table::new();
-        table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+        table.load_style(TABLE);
         table.set_content_arrangement(ContentArrangement::Disabled);
         table.set_header(header.iter().copied());
         table.add_rows(rows);

@@ -1,6 +1,15 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod convert;
+mod eval;
+mod fit;
+mod frames;
+mod import;
+mod info;
 mod mapping;
+mod noise;
+mod origin;
+mod quality;
 mod synth;
 
 use std::process::ExitCode;
@@ -11,7 +20,13 @@ use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    Synth(synth::Synth),
+    Info(info::InfoArgs),
+    Fit(Box<fit::FitArgs>),
+    Eval(Box<eval::EvalArgs>),
+    Convert(Box<convert::ConvertArgs>),
+    Noise(noise::NoiseArgs),
+    Import(import::ImportArgs),
+    Synth(synth::SynthArgs),
 }
 
 /// How a command that could run has ended.
@@ -26,7 +41,13 @@ pub(crate) enum Outcome {
 impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
-            Command::Synth(command) => command.run(printer),
+            Command::Info(args) => args.run(printer),
+            Command::Fit(args) => args.run(printer),
+            Command::Eval(args) => args.run(printer),
+            Command::Convert(args) => args.run(printer),
+            Command::Noise(args) => args.run(printer),
+            Command::Import(args) => args.run(printer),
+            Command::Synth(args) => args.run(printer),
         }
     }
 }

@@ -17,7 +17,7 @@ use crate::printer::Printer;
 /// A rigid plate on springs, eight reflectors, the response of the GP2S60, noise, drift, creep and
 /// hysteresis, a reference sensor. The same command makes the same bytes on every machine.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Synth {
+pub(crate) struct SynthArgs {
     #[command(subcommand)]
     kind: KindArgs,
 }
@@ -102,7 +102,7 @@ struct Summary<'a> {
     unit_seed: u64,
 }
 
-impl Synth {
+impl SynthArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match &self.kind {
             // The paper's sizes; for noise, less than a minute.

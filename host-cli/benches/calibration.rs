@@ -1,0 +1,105 @@
+//! Fitting and converting at the paper's size: 77,522 rows of eight 12-bit readings.
+
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use shellcal::block::Block;
+use shellcal::calibration::extent::Extent;
+use shellcal::calibration::model::{Basis, Model};
+use shellcal::calibration::scaling::Scaling;
+use shellcal::calibration::solver::{Problem, Solver, Tsqr};
+use shellcal::calibration::{Calibration, quality};
+use shellcal::wrench::PerAxis;
+
+fn main() {
+    divan::main();
+}
+
+const ROWS: usize = 77_522;
+/// About what the log reader hands over at once.
+const BLOCK_ROWS: usize = 6_000;
+
+fn blocks() -> Vec<Block> {
+    let mut state = 1_u64;
+    let mut random = || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 52) as f64
+    };
+    (0..ROWS)
+        .step_by(BLOCK_ROWS)
+        .map(|start| {
+            let rows = BLOCK_ROWS.min(ROWS - start);
+            let mut columns = |n: usize| -> Vec<Vec<f64>> {
+                (0..n).map(|_| (0..rows).map(|_| random()).collect()).collect()
+            };
+            Block { rows, readings: columns(8), wrench: columns(6), ..Block::default() }
+        })
+        .collect()
+}
+
+fn solver(basis: Basis, blocks: &[Block]) -> Tsqr {
+    let model = Model { basis, intercept: true, channels: 8 };
+    let scaling = Scaling::of_sample(&blocks[0].readings, true);
+    Tsqr::new(Problem { model, scaling, ridge: 0.0 }).expect("a valid problem")
+}
+
+fn calibration(basis: Basis, blocks: &[Block]) -> Calibration {
+    let solver = solver(basis, blocks);
+    let extent = Extent::of_block(&blocks[0], 8).expect("finite");
+    let partial = solver.reduce(&blocks[0]).expect("finite");
+    Calibration::of_solution(&solver.solve(&partial, &extent).expect("full rank"), &extent)
+}
+
+/// One thread; the log reader does this on as many as there are.
+#[divan::bench(args = Basis::ALL, sample_count = 15)]
+fn tsqr(bencher: Bencher, basis: &Basis) {
+    let blocks = blocks();
+    let solver = solver(*basis, &blocks);
+    bencher.counter(ItemsCount::new(ROWS)).bench(|| {
+        let mut all = solver.empty();
+        let mut extent = Extent::new(8);
+        for block in &blocks {
+            extent.merge(&Extent::of_block(block, 8).expect("finite"));
+            solver.merge(&mut all, solver.reduce(black_box(block)).expect("finite"));
+        }
+        solver.solve(&all, &extent).expect("full rank")
+    });
+}
+
+#[divan::bench(args = Basis::ALL, sample_count = 15)]
+fn convert(bencher: Bencher, basis: &Basis) {
+    let blocks = blocks();
+    let calibration = calibration(*basis, &blocks);
+    let mut wrench = PerAxis::default();
+    bencher.counter(ItemsCount::new(ROWS)).bench_local(|| {
+        for block in &blocks {
+            calibration.wrench(black_box(&block.readings), &mut wrench);
+        }
+    });
+}
+
+#[divan::bench(args = Basis::ALL, sample_count = 15)]
+fn standard_errors(bencher: Bencher, basis: &Basis) {
+    let blocks = blocks();
+    let calibration = calibration(*basis, &blocks);
+    let mut errors = PerAxis::default();
+    bencher.counter(ItemsCount::new(ROWS)).bench_local(|| {
+        for block in &blocks {
+            calibration.standard_errors(black_box(&block.readings), None, &mut errors);
+        }
+    });
+}
+
+#[divan::bench(sample_count = 15)]
+fn errors(bencher: Bencher) {
+    let blocks = blocks();
+    let calibration = calibration(Basis::Cubic, &blocks);
+    let mut wrench = PerAxis::default();
+    bencher.counter(ItemsCount::new(ROWS)).bench_local(|| {
+        let mut all = PerAxis::default();
+        for block in &blocks {
+            calibration.wrench(black_box(&block.readings), &mut wrench);
+            quality::merge(&mut all, &quality::errors(&wrench, &block.wrench));
+        }
+        all
+    });
+}

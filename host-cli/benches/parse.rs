@@ -1,0 +1,180 @@
+//! Parsing a training file of the paper's size on one thread, beside the csv crate with
+//! `str::parse` and beside the floor: reading the file and finding its line ends.
+//!
+//! `cargo bench -p shellcal --bench parse` prints what divan measures, then a table of ratios taken
+//! in alternating rounds, so that what else the machine does hits all of them alike.
+
+#![expect(clippy::print_stdout, reason = "a benchmark prints its figures")]
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use std::sync::LazyLock;
+use std::time::{Duration, Instant};
+
+use divan::counter::BytesCount;
+use divan::{Bencher, black_box};
+use shellcal::log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+
+/// Rows of the paper's training set.
+const ROWS: usize = 77_522;
+
+/// Time, eight sensors and six wrench columns.
+const COLUMNS: usize = 15;
+
+/// Rounds of the table of ratios.
+const ROUNDS: usize = 31;
+
+static TRAINING: LazyLock<tempfile::NamedTempFile> = LazyLock::new(training_file);
+
+type Way = (&'static str, fn(&Path) -> f64);
+
+const WAYS: [Way; 5] = [
+    ("shellcal", shellcal_reader),
+    ("csv ByteRecord + str::parse", csv_byte_record),
+    ("csv StringRecord + str::parse", csv_string_record),
+    ("shellcal with SHA-256", shellcal_with_checksum),
+    ("floor: read, find newlines", floor),
+];
+
+fn main() {
+    divan::main();
+    // `cargo test --benches` runs this too, and wants no figures.
+    if std::env::args().any(|arg| arg == "--bench") {
+        print_ratios();
+    }
+}
+
+#[divan::bench(args = WAYS.map(|(name, _)| name), sample_count = 20, sample_size = 1)]
+fn parse(bencher: Bencher<'_, '_>, name: &str) {
+    let (_, way) =
+        WAYS[WAYS.iter().position(|(n, _)| *n == name).expect("an argument given above")];
+    let path = TRAINING.path();
+    let bytes = std::fs::metadata(path).expect("the file was just written").len();
+    bencher.counter(BytesCount::new(bytes)).bench_local(|| black_box(way(path)));
+}
+
+fn print_ratios() {
+    let path = TRAINING.path();
+    let bytes = std::fs::metadata(path).expect("the file was just written").len();
+    let mut times = vec![Vec::with_capacity(ROUNDS); WAYS.len()];
+    for _ in 0..ROUNDS {
+        for ((_, way), times) in WAYS.iter().zip(&mut times) {
+            let start = Instant::now();
+            black_box(way(path));
+            times.push(start.elapsed());
+        }
+    }
+    let medians: Vec<Duration> = times.iter_mut().map(|times| median(times)).collect();
+    let ours = medians[0].as_secs_f64();
+    println!(
+        "\n{ROWS} rows × {COLUMNS} columns, {bytes} bytes, one thread, medians of {ROUNDS} rounds"
+    );
+    println!("{:<32}{:>10}{:>10}{:>20}", "", "ms", "MB/s", "time / shellcal's");
+    for ((name, _), median) in WAYS.iter().zip(&medians) {
+        let s = median.as_secs_f64();
+        let megabytes = bytes as f64 / 1e6 / s;
+        println!("{name:<32}{:>10.2}{megabytes:>10.0}{:>20.2}", s * 1e3, s / ours);
+    }
+    println!("shellcal takes {:.2} times the floor", ours / medians[WAYS.len() - 1].as_secs_f64());
+}
+
+fn median(times: &mut [Duration]) -> Duration {
+    times.sort_unstable();
+    times[times.len() / 2]
+}
+
+/// All columns, by the library. The sum keeps the work from being optimised away, and shows that
+/// all ways read the same numbers.
+fn shellcal_reader(path: &Path) -> f64 {
+    read_with(path, ReadOptions { threads: 1, ..ReadOptions::default() })
+}
+
+fn shellcal_with_checksum(path: &Path) -> f64 {
+    read_with(path, ReadOptions { threads: 1, checksum: true, ..ReadOptions::default() })
+}
+
+fn read_with(path: &Path, options: ReadOptions<'_>) -> f64 {
+    let log = Log::open(path, &Mapping::default()).expect("a training file");
+    let wanted = Wanted { time: true, readings: true, wrench: true, ..Wanted::default() };
+    let mut last = 0.0;
+    let summary = log.read(
+        &wanted,
+        &options,
+        |block| black_box(block).wrench[5].last().copied().unwrap_or_default(),
+        |z| {
+            last = z;
+            Ok::<(), LogError>(())
+        },
+    );
+    assert_eq!(summary.expect("rows that are right").rows, ROWS as u64);
+    last
+}
+
+fn csv_byte_record(path: &Path) -> f64 {
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_path(path).expect("a file");
+    let mut columns = vec![Vec::<f64>::new(); COLUMNS];
+    let mut record = csv::ByteRecord::new();
+    while reader.read_byte_record(&mut record).expect("rows that are right") {
+        for (column, field) in columns.iter_mut().zip(&record) {
+            let text = std::str::from_utf8(field).expect("ASCII");
+            column.push(text.parse().expect("a number"));
+        }
+    }
+    black_box(&columns)[COLUMNS - 1].last().copied().unwrap_or_default()
+}
+
+fn csv_string_record(path: &Path) -> f64 {
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_path(path).expect("a file");
+    let mut columns = vec![Vec::<f64>::new(); COLUMNS];
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).expect("rows that are right") {
+        for (column, field) in columns.iter_mut().zip(&record) {
+            column.push(field.parse().expect("a number"));
+        }
+    }
+    black_box(&columns)[COLUMNS - 1].last().copied().unwrap_or_default()
+}
+
+fn floor(path: &Path) -> f64 {
+    let mut file = File::open(path).expect("a file");
+    let mut buffer = vec![0; 1 << 18];
+    let mut lines = 0;
+    loop {
+        let read = file.read(&mut buffer).expect("a file");
+        if read == 0 {
+            return lines as f64;
+        }
+        lines += memchr::memchr_iter(b'\n', &buffer[..read]).count();
+    }
+}
+
+/// Rows as the lab's training files have them: `1425168310.852012,1482,…,-0.0630686291217`.
+fn training_file() -> tempfile::NamedTempFile {
+    let mut state = 1_u64;
+    let mut next = move || {
+        // SplitMix64 (Steele, Lea, Flood 2014): any numbers of the right length will do.
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (state ^ state >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (z ^ z >> 31) as f64 / u64::MAX as f64
+    };
+    let mut text = String::new();
+    for row in 0..ROWS {
+        write!(text, "{:.6}", 1_425_168_310.852 + row as f64 * 0.002).expect("a string");
+        for _ in 0..8 {
+            write!(text, ",{}", 900 + (next() * 1200.0) as u32).expect("a string");
+        }
+        for scale in [0.5, 0.5, 4.0, 0.3, 0.3, 0.3] {
+            let value = (next() - 0.5) * scale;
+            // Twelve significant digits, as in the lab's files.
+            let decimals = 11 - value.abs().log10().floor() as i32;
+            write!(text, ",{value:.*}", decimals as usize).expect("a string");
+        }
+        text.push('\n');
+    }
+    let file = tempfile::Builder::new().suffix(".csv").tempfile().expect("a writable directory");
+    std::fs::write(file.path(), text).expect("room for the file");
+    file
+}

@@ -1,0 +1,398 @@
+//! `shellcal convert`: from logs of readings to tables of wrenches.
+
+use std::collections::HashSet;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use serde::Serialize;
+use shellcal::calibration::Calibration;
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::log_file::{Log, ReadOptions};
+use shellcal::output::AtomicFile;
+use shellcal::plot::{Format, WrenchTrace, trace_figure};
+use shellcal::workflow::convert::{
+    Columns, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
+};
+use shellcal::workflow::selection::TimeWindow;
+use shellcal::wrench::{Axis, PerAxis};
+
+use super::Outcome;
+use super::frames::{FrameArgs, note_rows, parse_window};
+use super::mapping::MappingArgs;
+use crate::printer::Printer;
+
+/// Convert logs of readings to forces and moments
+///
+/// Writes one row per frame: time, wrench, the standard error of each axis where the calibration
+/// carries a covariance, and flags for readings that cannot be trusted.
+#[derive(Debug, clap::Args)]
+pub(crate) struct ConvertArgs {
+    /// Calibration file
+    #[arg(value_name = "CAL")]
+    calibration: PathBuf,
+
+    /// Logs, plain or gzip
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+
+    /// Write the table of one log to a file [default: standard output]
+    #[arg(long, short, value_name = "FILE", conflicts_with = "output_dir")]
+    output: Option<PathBuf>,
+
+    /// Write a table `NAME.wrench.csv` for each log into a directory
+    #[arg(long, value_name = "DIR")]
+    output_dir: Option<PathBuf>,
+
+    /// What to write, of t, fx, fy, fz, mx, my, mz, se (standard errors), flags [default: all there
+    /// is]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    columns: Option<Vec<ColumnArg>>,
+
+    /// Draw the wrench over time, to .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+
+    #[command(flatten)]
+    tare: TareArgs,
+
+    #[command(flatten)]
+    low_pass: LowPassArgs,
+
+    #[command(flatten)]
+    frames: FrameArgs,
+
+    /// The highest reading the converter can give, to flag saturation [default: 4095, or 65535 for
+    /// a calibration beyond that]
+    #[arg(long, value_name = "COUNTS")]
+    full_scale: Option<f64>,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What is taken as unloaded. A calibration without an intercept gives differences only, and is
+/// tared on the first 50 frames unless told otherwise; one with an intercept keeps its own zero.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Taring")]
+struct TareArgs {
+    /// Subtract the mean wrench of the first N frames [default: 50 for a calibration without an
+    /// intercept, no tare otherwise]
+    #[arg(long, value_name = "N", group = "tares", value_parser = parse_count)]
+    tare: Option<usize>,
+
+    /// Subtract the mean wrench between two times, in s on the log's clock
+    #[arg(long, value_name = "START:END", group = "tares", value_parser = parse_window)]
+    tare_time: Option<TimeWindow>,
+
+    /// Subtract nothing
+    #[arg(long, group = "tares")]
+    no_tare: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Filtering")]
+struct LowPassArgs {
+    /// Cutoff of a Butterworth low-pass, in Hz
+    #[arg(long, value_name = "HZ")]
+    lowpass: Option<f64>,
+
+    /// Number of poles of the low-pass
+    #[arg(long, value_name = "N", default_value_t = 4, requires = "lowpass")]
+    order: usize,
+
+    /// Filter forward and backward: no delay, -6 dB at the cutoff; holds the log in memory
+    #[arg(long, requires = "lowpass")]
+    zero_phase: bool,
+
+    /// Frames per second, for the low-pass [default: the mean rate of the frames used]
+    #[arg(long, value_name = "HZ", requires = "lowpass")]
+    rate: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum ColumnArg {
+    T,
+    Fx,
+    Fy,
+    Fz,
+    Mx,
+    My,
+    Mz,
+    Se,
+    Flags,
+}
+
+/// The lab's tare, in frames.
+const DEFAULT_TARE: usize = 50;
+/// Frames that follow one another this unevenly, in medians of their period, are said so.
+const UNEVEN: f64 = 0.2;
+
+impl ConvertArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let targets = self.targets(printer.json())?;
+        let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
+        let calibration = CalibrationFile::read(&self.calibration)?.calibration;
+        let mapping = self.mapping.mapping()?;
+        let open = |path: &PathBuf| Log::open(path, &mapping);
+        let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let mut plot = self.plot.as_ref().map(AtomicFile::create).transpose()?;
+
+        let mut conversions = Vec::new();
+        for (log, target) in logs.iter().zip(targets) {
+            let mut trace = plot.is_some().then(WrenchTrace::new);
+            let summary = self.convert(log, &calibration, &target, trace.as_mut(), printer)?;
+            if let (Some(trace), Some(format), Some(mut file)) = (trace, plot_format, plot.take()) {
+                let figure = trace_figure(&log.path().display().to_string(), &trace);
+                file.write_all(&figure.render(format)?).context("cannot write the picture")?;
+                file.commit()?;
+            }
+            report(printer, log, &summary);
+            if let (Target::File(path), false) = (&target, printer.json()) {
+                printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
+                print_axes(printer, &summary)?;
+            }
+            conversions.push(Conversion {
+                log: log.path().display().to_string(),
+                output: target.path().map(|path| path.display().to_string()),
+                summary,
+            });
+        }
+        if printer.json() {
+            printer.document(&conversions)?;
+        }
+        Ok(Outcome::Done)
+    }
+
+    fn convert(
+        &self,
+        log: &Log,
+        calibration: &Calibration,
+        target: &Target,
+        trace: Option<&mut WrenchTrace>,
+        printer: &mut Printer,
+    ) -> anyhow::Result<ConvertSummary> {
+        let options = self.options(log, calibration);
+        let bar = printer.progress(&log.path().display().to_string(), log.bytes());
+        let progress = |bytes| bar.set_position(bytes);
+        let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+        let summary = match target {
+            Target::Stdout => {
+                let mut out = printer.stream();
+                let summary = convert(log, calibration, &options, &read, &mut out, trace);
+                summary.and_then(|summary| Ok(out.flush().map(|()| summary)?))
+            }
+            Target::File(path) => {
+                let mut file = AtomicFile::create(path)?;
+                let summary = convert(log, calibration, &options, &read, &mut file, trace)?;
+                file.commit()?;
+                Ok(summary)
+            }
+        };
+        bar.finish_and_clear();
+        Ok(summary?)
+    }
+
+    /// Where each log's table goes; every clash is found here, before any work.
+    fn targets(&self, json: bool) -> anyhow::Result<Vec<Target>> {
+        if self.plot.is_some() && self.logs.len() > 1 {
+            bail!("`--plot` draws one log, `{}` were given", self.logs.len());
+        }
+        let targets: Vec<Target> = match (&self.output, &self.output_dir) {
+            (Some(file), _) if self.logs.len() == 1 => vec![Target::File(file.clone())],
+            (None, None) if self.logs.len() == 1 => vec![Target::Stdout],
+            (_, Some(directory)) => {
+                std::fs::create_dir_all(directory)
+                    .with_context(|| format!("cannot create `{}`", directory.display()))?;
+                self.logs.iter().map(|log| Target::File(directory.join(table_name(log)))).collect()
+            }
+            _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
+        };
+        if json && matches!(targets[..], [Target::Stdout]) {
+            bail!(
+                "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
+            );
+        }
+        let mut seen = HashSet::new();
+        for path in targets.iter().filter_map(Target::path) {
+            if !seen.insert(path) {
+                bail!("two of the logs would be written to `{}`", path.display());
+            }
+            let replaces = |input: &&PathBuf| is_same_file(input, path);
+            if let Some(input) = self.logs.iter().chain([&self.calibration]).find(replaces) {
+                bail!("the table would replace its own input `{}`", input.display());
+            }
+            AtomicFile::create(path)?;
+        }
+        Ok(targets)
+    }
+
+    fn options(&self, log: &Log, calibration: &Calibration) -> ConvertOptions {
+        let tare = match &self.tare {
+            TareArgs { tare: Some(frames), .. } => TareWindow::First(*frames),
+            TareArgs { tare_time: Some(window), .. } => TareWindow::Time(*window),
+            TareArgs { no_tare: true, .. } => TareWindow::Untared,
+            _ if calibration.model().intercept => TareWindow::Untared,
+            _ => TareWindow::First(DEFAULT_TARE),
+        };
+        let LowPassArgs { lowpass, order, zero_phase, rate } = self.low_pass;
+        let low_pass = |cutoff_hz| LowPass { cutoff_hz, order, zero_phase, rate_hz: rate };
+        ConvertOptions {
+            rows: self.frames.rows(log),
+            tare,
+            low_pass: lowpass.map(low_pass),
+            columns: self.columns(log, calibration),
+            full_scale: Some(self.full_scale.unwrap_or_else(|| full_scale(calibration))),
+        }
+    }
+
+    /// Everything that log and calibration have to give, or what was asked for by name.
+    fn columns(&self, log: &Log, calibration: &Calibration) -> Columns {
+        match &self.columns {
+            None => Columns {
+                time: log.has_time(),
+                axes: [true; 6],
+                standard_errors: calibration.covariance.is_some(),
+                flags: true,
+            },
+            Some(columns) => {
+                let asked = |column| columns.contains(&column);
+                use ColumnArg::{Flags, Fx, Fy, Fz, Mx, My, Mz, Se, T};
+                Columns {
+                    time: asked(T),
+                    axes: [Fx, Fy, Fz, Mx, My, Mz].map(asked),
+                    standard_errors: asked(Se),
+                    flags: asked(Flags),
+                }
+            }
+        }
+    }
+}
+
+/// Where a table goes.
+#[derive(Debug)]
+enum Target {
+    Stdout,
+    File(PathBuf),
+}
+
+impl Target {
+    fn path(&self) -> Option<&Path> {
+        match self {
+            Target::Stdout => None,
+            Target::File(path) => Some(path),
+        }
+    }
+}
+
+/// What `--json` says of one log.
+#[derive(Debug, Serialize)]
+struct Conversion {
+    log: String,
+    output: Option<String>,
+    #[serde(flatten)]
+    summary: ConvertSummary,
+}
+
+/// `run3.txt.gz` becomes `run3.wrench.csv`.
+fn table_name(log: &Path) -> String {
+    let name = log.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    format!("{stem}.wrench.csv")
+}
+
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    let canonical: io::Result<_> = a.canonicalize().and_then(|a| Ok(a == b.canonicalize()?));
+    canonical.unwrap_or(false)
+}
+
+/// The end of a 12-bit converter, or of a 16-bit one if the calibration has seen more than that.
+fn full_scale(calibration: &Calibration) -> f64 {
+    let ranges = calibration.valid_range.iter().flatten();
+    if ranges.into_iter().any(|range| range.max > 4095.0) { 65535.0 } else { 4095.0 }
+}
+
+/// Says what was done, and warns of what may be wrong with it.
+fn report(printer: &mut Printer, log: &Log, summary: &ConvertSummary) {
+    let ConvertSummary { rows, repeated_rows, skipped_rows, frames, .. } = *summary;
+    note_rows(printer, log.path(), summary.rows_used, [rows, repeated_rows, skipped_rows]);
+    match &summary.tare {
+        None => printer.note("tare: none, zero is that of the calibration"),
+        Some(tare) => {
+            let when = match (tare.start_s, tare.end_s) {
+                (Some(start), Some(end)) => format!(", {start} s to {end} s"),
+                _ => String::new(),
+            };
+            printer.note(format!("tare: mean of {} frames{when}", tare.frames));
+        }
+    }
+    if let Some(LowPass { cutoff_hz, order, zero_phase, rate_hz: Some(rate) }) = summary.low_pass {
+        let phase = if zero_phase { "zero-phase" } else { "causal" };
+        printer.note(format!(
+            "low-pass: {cutoff_hz} Hz, order {order}, {phase}, at {rate:.2} frames per second"
+        ));
+    }
+    if let Some(rate) = summary.sampling {
+        let path = log.path().display();
+        if rate.spread > UNEVEN {
+            printer.warning(format!(
+                "`{path}`: 90 % of the periods between frames spread over {:.0} % of their median; \
+                 the low-pass takes frames as even, so its cutoff is approximate (with `--all-rows` \
+                 it follows the rows of the log)",
+                100.0 * rate.spread
+            ));
+        }
+        if rate.gaps > 0 {
+            printer.warning(format!("`{path}`: the low-pass runs across {} gaps", rate.gaps));
+        }
+        if rate.backwards > 0 {
+            let times = rate.backwards;
+            printer.warning(format!("`{path}`: time stands still or runs backwards {times} times"));
+        }
+    }
+    for (count, what) in [
+        (summary.out_of_range_frames, "outside the calibrated range"),
+        (summary.saturated_frames, "saturated"),
+    ] {
+        if count > 0 {
+            let share = 100.0 * count as f64 / frames.max(1) as f64;
+            printer.warning(format!(
+                "`{}`: {count} of {frames} frames ({share:.1} %) have a reading {what}",
+                log.path().display()
+            ));
+        }
+    }
+}
+
+fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
+    let row = |axis: Axis| {
+        let values: &PerAxis<_> = &summary.axes;
+        let value = values[axis.index()];
+        let decimals = if axis.is_moment() { 6 } else { 4 };
+        let figures = [value.min, value.mean, value.max].map(|v| format!("{v:.decimals$}"));
+        let mut row = vec![format!("{} ({})", axis.name(), axis.unit())];
+        row.extend(figures);
+        row
+    };
+    printer.table(&["axis", "min", "mean", "max"], &Axis::ALL.map(row))
+}
+
+fn parse_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count > 0 => Ok(count),
+        _ => Err("expected a number of frames, at least 1".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_named_after_its_log() {
+        let names =
+            ["a/run3.txt", "run3.csv.gz", "run", ".hidden"].map(|p| table_name(Path::new(p)));
+        assert_eq!(names[..3], ["run3.wrench.csv", "run3.wrench.csv", "run.wrench.csv"]);
+    }
+}

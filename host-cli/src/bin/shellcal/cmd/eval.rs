@@ -1,0 +1,172 @@
+//! `shellcal eval`: the errors of a calibration against a measured wrench.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde::Serialize;
+use shellcal::calibration::quality::AxisQuality;
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::log_file::{Log, ReadOptions};
+use shellcal::output::AtomicFile;
+use shellcal::plot::{FitPlot, Format, fit_figure};
+use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
+use shellcal::wrench::{Axis, PerAxis};
+
+use super::Outcome;
+use super::mapping::MappingArgs;
+use super::quality::{significant, table_row};
+use crate::printer::Printer;
+
+/// Compare a calibration with the wrench measured in logs
+///
+/// Exits with 1 when the RMS error of an axis over all logs is above its limit.
+#[derive(Debug, clap::Args)]
+pub(crate) struct EvalArgs {
+    /// The calibration
+    #[arg(value_name = "CAL.json")]
+    calibration: PathBuf,
+
+    /// Logs with readings and a measured wrench
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+
+    /// Fail when the RMS error of Fx, Fy or Fz is above this many N
+    #[arg(long, value_name = "N", value_parser = limit)]
+    max_rms: Option<f64>,
+
+    /// Fail when the RMS error of Mx, My or Mz is above this many N·m
+    #[arg(long, value_name = "N·m", value_parser = limit)]
+    max_rms_moment: Option<f64>,
+
+    /// Leave out rows that repeat the readings of the row before
+    #[arg(long)]
+    fresh: bool,
+
+    /// Draw predicted against measured, and the residuals, over all logs
+    #[arg(long, value_name = "FILE.svg|png")]
+    plot: Option<PathBuf>,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What `--json` prints of one log, or of all.
+#[derive(Serialize)]
+struct Report {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    log: Option<PathBuf>,
+    rows: u64,
+    skipped_rows: u64,
+    repeated_rows: u64,
+    out_of_range_rows: u64,
+    errors: PerAxis<AxisQuality>,
+}
+
+#[derive(Serialize)]
+struct Document {
+    axes: PerAxis<&'static str>,
+    logs: Vec<Report>,
+    all: Report,
+    above_limit: Vec<&'static str>,
+}
+
+impl EvalArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let calibration = CalibrationFile::read(&self.calibration)?.calibration;
+        let mapping = self.mapping.mapping()?;
+        let open = |path: &PathBuf| Log::open(path, &mapping);
+        let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let format = self.plot.as_ref().map(Format::of).transpose()?;
+        let output = self.plot.as_ref().map(AtomicFile::create).transpose()?.zip(format);
+        let mut plot = output.is_some().then(FitPlot::new);
+
+        let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());
+        let mut all = Evaluation::default();
+        let (mut reports, mut read_before) = (Vec::new(), 0);
+        for log in &logs {
+            let progress = |bytes| bar.set_position(read_before + bytes);
+            let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+            let options = EvalOptions { fresh: self.fresh, read };
+            let evaluation = eval(&calibration, log, &options, plot.as_mut())?;
+            all.merge(&evaluation);
+            reports.push(report(Some(log.path().to_path_buf()), &evaluation)?);
+            read_before += log.bytes();
+        }
+        bar.finish_and_clear();
+        if let (Some((mut output, format)), Some(plot)) = (output, &plot) {
+            let title = format!("Evaluation of {}", self.calibration.display());
+            output.write_all(&fit_figure(&title, plot, None).render(format)?)?;
+            output.commit()?;
+        }
+
+        let all = report(None, &all)?;
+        let above_limit = self.above_limit(&all.errors);
+        let failed = !above_limit.is_empty();
+        if printer.json() {
+            let names = above_limit.iter().map(|(axis, ..)| axis.column()).collect();
+            let axes = Axis::ALL.map(Axis::column);
+            printer.document(&Document { axes, logs: reports, all, above_limit: names })?;
+        } else {
+            for report in &reports {
+                print(printer, report)?;
+            }
+            if reports.len() > 1 {
+                print(printer, &all)?;
+            }
+            for (axis, rms, limit) in above_limit {
+                let (name, unit) = (axis.name(), axis.unit());
+                let (rms, limit) = (significant(rms, 4), significant(limit, 4));
+                printer.warning(format!(
+                    "the RMS error of `{name}` is {rms} {unit}, above the limit of {limit} {unit}"
+                ));
+            }
+        }
+        Ok(if failed { Outcome::CheckFailed } else { Outcome::Done })
+    }
+
+    /// The axes whose RMS error is above its limit, with both.
+    fn above_limit(&self, errors: &PerAxis<AxisQuality>) -> Vec<(Axis, f64, f64)> {
+        let limit = |axis: Axis| if axis.is_moment() { self.max_rms_moment } else { self.max_rms };
+        Axis::ALL
+            .into_iter()
+            .filter_map(|axis| Some((axis, errors[axis.index()].rms, limit(axis)?)))
+            .filter(|(_, rms, limit)| rms > limit)
+            .collect()
+    }
+}
+
+fn report(log: Option<PathBuf>, evaluation: &Evaluation) -> anyhow::Result<Report> {
+    let Some(errors) = evaluation.quality() else {
+        let log = log.unwrap_or_default();
+        anyhow::bail!("`{}`: no rows are left to compare", log.display());
+    };
+    Ok(Report {
+        log,
+        rows: evaluation.rows,
+        skipped_rows: evaluation.skipped_rows,
+        repeated_rows: evaluation.repeated_rows,
+        out_of_range_rows: evaluation.out_of_range_rows,
+        errors,
+    })
+}
+
+fn print(printer: &mut Printer, report: &Report) -> anyhow::Result<()> {
+    let name = report.log.as_ref().map_or("all logs".to_owned(), |log| log.display().to_string());
+    printer.line(format!(
+        "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",
+        report.rows, report.skipped_rows, report.repeated_rows, report.out_of_range_rows
+    ))?;
+    let rows = Axis::ALL.map(|axis| {
+        let mut row = table_row(axis, &[&report.errors]);
+        row.insert(3, significant(report.errors[axis.index()].bias, 4));
+        row
+    });
+    printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], &rows)
+}
+
+fn limit(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(limit) if limit >= 0.0 => Ok(limit),
+        _ => Err("expected a number that is not negative".to_owned()),
+    }
+}

@@ -1,0 +1,78 @@
+//! `shellcal import`: a calibration from a coefficient matrix.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde::Serialize;
+use shellcal::calibration_file::{CalibrationFile, matrix::ImportOptions};
+use shellcal::output::AtomicFile;
+
+use super::mapping::MomentUnitArg;
+use super::{Outcome, origin};
+use crate::printer::Printer;
+
+/// Make a calibration from a coefficient matrix for raw readings
+///
+/// CSV with a header `feature,Fx_N,…,Mz_mNm` and rows `s1^1,…`; bare numbers, features by axes or
+/// axes by features (8 channels; linear, cubic, quadratic or poly3, one feature more with an
+/// intercept); or a MATLAB 5 file with such a matrix.
+#[derive(Debug, clap::Args)]
+pub(crate) struct ImportArgs {
+    /// The matrix
+    #[arg(value_name = "FILE.csv|mat")]
+    matrix: PathBuf,
+
+    /// Write the calibration (JSON)
+    #[arg(long, short, value_name = "CAL.json")]
+    output: PathBuf,
+
+    /// The variable of a MATLAB file [default: the only one, else N or C]
+    #[arg(long, value_name = "NAME")]
+    variable: Option<String>,
+
+    /// The unit of moments [default: what the header says, else mN·m]
+    #[arg(long, value_name = "UNIT")]
+    moment_unit: Option<MomentUnitArg>,
+
+    /// The label of the sensor, for the calibration file
+    #[arg(long, value_name = "SERIAL")]
+    serial: Option<String>,
+}
+
+#[derive(Serialize)]
+struct Report {
+    model: String,
+    channels: usize,
+    features: usize,
+}
+
+impl ImportArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let mut output = AtomicFile::create(&self.output)?;
+        let options = ImportOptions {
+            moment_unit: self.moment_unit.map(Into::into),
+            variable: self.variable.clone(),
+        };
+        let mut file = CalibrationFile::import(&self.matrix, &options)?;
+        file.origin.made_by = origin::program();
+        file.origin.date = origin::date()?;
+        file.origin.sensor_serial.clone_from(&self.serial);
+        output.write_all(file.to_json().as_bytes())?;
+        output.commit()?;
+
+        let model = file.calibration.model();
+        let (channels, features) = (model.channels, model.term_count());
+        if printer.json() {
+            printer.document(&Report { model: model.name(), channels, features })?;
+        } else {
+            printer.line(format!(
+                "{}: {features} features of {channels} channels by 6 axes",
+                model.name()
+            ))?;
+        }
+        if !model.intercept {
+            printer.note("without an intercept wrenches are right only after a tare");
+        }
+        Ok(Outcome::Done)
+    }
+}

@@ -1,0 +1,339 @@
+//! `shellcal info`: what a log is, before anything is computed from it.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use shellcal::log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
+use shellcal::survey::{ColumnSurvey, Survey};
+use shellcal::wrench::Axis;
+
+use super::Outcome;
+use super::mapping::MappingArgs;
+use crate::printer::Printer;
+
+/// Say what a log is: format, columns, rows, timing, repeats, saturated or constant channels
+#[derive(Debug, clap::Args)]
+pub(crate) struct InfoArgs {
+    /// Logs, plain or gzip
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+impl InfoArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let mapping = self.mapping.mapping()?;
+        let mut infos = Vec::new();
+        for file in &self.files {
+            let log = Log::open(file, &mapping)?;
+            infos.push(survey(&log, &self.mapping, printer)?);
+        }
+        if printer.json() {
+            printer.document(&infos)?;
+            return Ok(Outcome::Done);
+        }
+        for (i, info) in infos.iter().enumerate() {
+            if i > 0 {
+                printer.line("")?;
+            }
+            info.print(printer)?;
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+fn survey(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<Info> {
+    let wanted = Wanted {
+        time: log.has_time(),
+        readings: log.channels() > 0,
+        wrench: log.has_wrench(),
+        ..Wanted::default()
+    };
+    let bar = printer.progress(&log.path().display().to_string(), log.bytes());
+    let progress = |bytes| bar.set_position(bytes);
+    let options = ReadOptions { progress: Some(&progress), ..args.read_options() };
+    let mut survey = Survey::default();
+    let read = log.read(
+        &wanted,
+        &options,
+        |block| block,
+        |block| {
+            survey.add(&block);
+            Ok::<(), LogError>(())
+        },
+    );
+    bar.finish_and_clear();
+    Ok(Info::new(log, &survey, read?.skipped_rows))
+}
+
+/// What is said about a log; the field names are those of the JSON document.
+#[derive(Debug, Serialize)]
+struct Info {
+    file: String,
+    format: &'static str,
+    compressed: bool,
+    bytes: u64,
+    rows: u64,
+    skipped_rows: u64,
+    repeated_rows: Option<u64>,
+    repeats_are_stale: bool,
+    fresh_rate_hz: Option<f64>,
+    time: Option<TimeInfo>,
+    columns: Vec<ColumnInfo>,
+    #[serde(skip)]
+    title: Format,
+}
+
+#[derive(Debug, Serialize)]
+struct TimeInfo {
+    start_s: f64,
+    end_s: f64,
+    duration_s: f64,
+    median_rate_hz: Option<f64>,
+    median_interval_s: Option<f64>,
+    jitter_s: Option<f64>,
+    gaps: u64,
+    missing_rows: u64,
+    longest_interval_s: Option<f64>,
+    longest_interval_start_s: Option<f64>,
+    longest_interval_row: Option<u64>,
+    backward_steps: u64,
+    first_backward_row: Option<u64>,
+    equal_times: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct ColumnInfo {
+    column: usize,
+    name: String,
+    meaning: Option<String>,
+    #[serde(flatten)]
+    values: Option<ValueInfo>,
+}
+
+#[derive(Debug, Serialize)]
+struct ValueInfo {
+    min: f64,
+    mean: f64,
+    max: f64,
+    sd: f64,
+    constant: bool,
+    /// Only readings can saturate.
+    #[serde(flatten)]
+    limits: Option<LimitInfo>,
+}
+
+#[derive(Debug, Serialize)]
+struct LimitInfo {
+    rows_at_0: u64,
+    rows_at_4095: u64,
+    rows_at_65535: u64,
+    rows_at_max: u64,
+    pinned_at_max: bool,
+}
+
+impl Info {
+    fn new(log: &Log, survey: &Survey, skipped_rows: u64) -> Self {
+        let columns = log.columns().iter().enumerate();
+        Self {
+            file: log.path().display().to_string(),
+            format: format_name(log.format()),
+            compressed: log.is_compressed(),
+            bytes: log.bytes(),
+            rows: survey.rows,
+            skipped_rows,
+            repeated_rows: (log.channels() > 0).then_some(survey.repeated_rows),
+            repeats_are_stale: log.repeats_are_stale(),
+            fresh_rate_hz: survey.fresh_rate_hz().filter(|_| log.channels() > 0),
+            time: TimeInfo::new(survey),
+            columns: columns
+                .map(|(place, column)| ColumnInfo::new(place, column, survey))
+                .collect(),
+            title: log.format(),
+        }
+    }
+
+    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+        let gzip = if self.compressed { ", gzip" } else { "" };
+        printer.line(format!("{}: {}{gzip}", self.file, self.title))?;
+        let mut rows = format!("  rows      {}", self.rows);
+        if let Some(repeated) = self.repeated_rows {
+            let share = 100.0 * repeated as f64 / self.rows as f64;
+            rows += &format!(", {repeated} ({share:.1} %) with the readings of the row before");
+        }
+        printer.line(rows)?;
+        if self.skipped_rows > 0 {
+            printer.line(format!("  skipped   {} bad rows", self.skipped_rows))?;
+        }
+        if let Some(time) = &self.time {
+            time.print(printer)?;
+        }
+        if let (true, Some(rate)) = (self.repeats_are_stale, self.fresh_rate_hz) {
+            printer
+                .line(format!("  fresh     {rate:.2} frames per second (repeats are not new)"))?;
+        }
+        let (used, unused): (Vec<_>, Vec<_>) =
+            self.columns.iter().partition(|column| column.meaning.is_some());
+        if !unused.is_empty() {
+            let names: Vec<_> = unused.iter().map(|column| column.name.as_str()).collect();
+            printer.line(format!("  unused    {}", names.join(", ")))?;
+        }
+        let header = ["column", "taken for", "min", "mean", "max", "sd", "note"];
+        let rows: Vec<_> = used.into_iter().map(ColumnInfo::row).collect();
+        printer.table(&header, &rows)
+    }
+}
+
+impl TimeInfo {
+    fn new(survey: &Survey) -> Option<Self> {
+        let timing = &survey.timing;
+        let gaps = timing.gaps();
+        Some(Self {
+            start_s: timing.start_s?,
+            end_s: timing.end_s?,
+            duration_s: timing.duration_s()?,
+            median_rate_hz: timing.median_rate_hz(),
+            median_interval_s: timing.median_interval_s(),
+            jitter_s: timing.jitter_s(),
+            gaps: gaps.count,
+            missing_rows: gaps.missing_rows,
+            longest_interval_s: timing.longest.map(|longest| longest.length_s),
+            longest_interval_start_s: timing.longest.map(|longest| longest.start_s),
+            longest_interval_row: timing.longest.map(|longest| longest.row + 1),
+            backward_steps: timing.backward_steps,
+            first_backward_row: timing.first_backward_row.map(|row| row + 1),
+            equal_times: timing.equal_times,
+        })
+    }
+
+    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+        printer.line(format!(
+            "  time      {:.6} s to {:.6} s, {:.3} s",
+            self.start_s, self.end_s, self.duration_s
+        ))?;
+        if let (Some(rate), Some(interval), Some(jitter)) =
+            (self.median_rate_hz, self.median_interval_s, self.jitter_s)
+        {
+            let (interval, jitter) = (interval * 1e3, jitter * 1e3);
+            printer.line(format!(
+                "  rate      {rate:.2} Hz (median interval {interval:.3} ms, jitter {jitter:.3} ms)"
+            ))?;
+        }
+        if let (Some(length), Some(start), Some(row)) = (
+            self.longest_interval_s.filter(|_| self.gaps > 0),
+            self.longest_interval_start_s,
+            self.longest_interval_row,
+        ) {
+            printer.line(format!(
+                "  gaps      {} (about {} rows missing), the longest {:.3} ms at {start:.6} s, \
+                 before row {row}",
+                self.gaps,
+                self.missing_rows,
+                length * 1e3
+            ))?;
+        }
+        if let Some(row) = self.first_backward_row {
+            let steps = self.backward_steps;
+            printer.line(format!(
+                "  backward  time runs backwards {steps} times, first at row {row}"
+            ))?;
+        }
+        if self.equal_times > 0 {
+            printer.line(format!("  equal     {} rows have the time before", self.equal_times))?;
+        }
+        Ok(())
+    }
+}
+
+impl ColumnInfo {
+    fn new(place: usize, column: &Column, survey: &Survey) -> Self {
+        let values = match column.meaning {
+            Meaning::Sensor(channel) => survey.readings.get(channel).map(|s| (s, true)),
+            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
+                survey.wrench.get(axis.index()).map(|s| (s, false))
+            }
+            _ => None,
+        };
+        Self {
+            column: place + 1,
+            name: column.name.clone(),
+            meaning: meaning(column.meaning),
+            values: values.map(|(survey, readings)| ValueInfo::new(survey, readings)),
+        }
+    }
+
+    fn row(&self) -> Vec<String> {
+        let meaning = self.meaning.clone().unwrap_or_default();
+        let mut cells = vec![format!("{} {}", self.column, self.name), meaning];
+        let Some(values) = &self.values else { return cells };
+        let decimals = if values.limits.is_some() { 2 } else { 4 };
+        let figures = [values.min, values.mean, values.max, values.sd];
+        cells.extend(figures.map(|value| format!("{value:.decimals$}")));
+        cells.push(values.note());
+        cells
+    }
+}
+
+impl ValueInfo {
+    fn new(survey: &ColumnSurvey, readings: bool) -> Self {
+        Self {
+            min: survey.min,
+            mean: survey.mean,
+            max: survey.max,
+            sd: survey.sd(),
+            constant: survey.is_constant(),
+            limits: readings.then(|| LimitInfo {
+                rows_at_0: survey.rows_at_zero,
+                rows_at_4095: survey.rows_at_12_bits,
+                rows_at_65535: survey.rows_at_16_bits,
+                rows_at_max: survey.rows_at_max,
+                pinned_at_max: survey.is_pinned_at_max(),
+            }),
+        }
+    }
+
+    fn note(&self) -> String {
+        let mut notes = Vec::new();
+        if self.constant {
+            notes.push("constant".to_owned());
+        }
+        if let Some(limits) = &self.limits {
+            let ends =
+                [(0, limits.rows_at_0), (4095, limits.rows_at_4095), (65535, limits.rows_at_65535)];
+            for (end, rows) in ends.into_iter().filter(|(_, rows)| *rows > 0) {
+                notes.push(format!("saturated: {rows} rows at {end}"));
+            }
+            if limits.pinned_at_max && ![4095.0, 65535.0].contains(&self.max) {
+                notes.push(format!("pinned: {} rows at its maximum", limits.rows_at_max));
+            }
+        }
+        notes.join(", ")
+    }
+}
+
+fn format_name(format: Format) -> &'static str {
+    match format {
+        Format::Telemetry => "telemetry",
+        Format::Csv => "csv",
+        Format::Training => "training",
+        Format::Reference => "reference",
+        Format::Console => "console",
+    }
+}
+
+/// What a column is taken for, with the unit that it is in.
+fn meaning(meaning: Meaning) -> Option<String> {
+    let name = |axis: Axis| axis.name();
+    Some(match meaning {
+        Meaning::Time(unit) => format!("time ({})", unit.symbol()),
+        Meaning::Sensor(channel) => format!("sensor {}", channel + 1),
+        Meaning::Force(axis, false) => format!("{} (N)", name(axis)),
+        Meaning::Force(axis, true) => format!("{} (mN)", name(axis)),
+        Meaning::Moment(axis, MomentUnit::NewtonMetre) => format!("{} (N·m)", name(axis)),
+        Meaning::Moment(axis, MomentUnit::MillinewtonMetre) => format!("{} (mN·m)", name(axis)),
+        Meaning::Group => "group".to_owned(),
+        Meaning::Other => return None,
+    })
+}

@@ -1,0 +1,93 @@
+//! `shellcal noise`: how much an unloaded sensor scatters.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::log_file::{Log, ReadOptions};
+use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
+use shellcal::workflow::selection::TimeWindow;
+use shellcal::wrench::Axis;
+
+use super::Outcome;
+use super::frames::{FrameArgs, note_rows, parse_window};
+use super::mapping::MappingArgs;
+use crate::printer::Printer;
+
+/// Measure the noise of an unloaded sensor: RMS about the mean, per axis and channel
+#[derive(Debug, clap::Args)]
+pub(crate) struct NoiseArgs {
+    /// Calibration file
+    #[arg(value_name = "CAL")]
+    calibration: PathBuf,
+
+    /// Logs of the unloaded sensor, plain or gzip
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+
+    /// Use only what lies between two times, in s on the log's clock
+    #[arg(long, value_name = "START:END", value_parser = parse_window)]
+    window: Option<TimeWindow>,
+
+    #[command(flatten)]
+    frames: FrameArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What `--json` says of one log.
+#[derive(Debug, Serialize)]
+struct Noise {
+    log: String,
+    #[serde(flatten)]
+    summary: NoiseSummary,
+}
+
+impl NoiseArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let calibration = CalibrationFile::read(&self.calibration)?.calibration;
+        let mapping = self.mapping.mapping()?;
+        let mut noises = Vec::new();
+        for path in &self.logs {
+            let log = Log::open(path, &mapping)?;
+            let bar = printer.progress(&path.display().to_string(), log.bytes());
+            let progress = |bytes| bar.set_position(bytes);
+            let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+            let options = NoiseOptions { rows: self.frames.rows(&log), window: self.window };
+            let summary = noise(&log, &calibration, &options, &read);
+            bar.finish_and_clear();
+            let summary = summary?;
+            let counts = [summary.rows, summary.repeated_rows, summary.skipped_rows];
+            note_rows(printer, path, summary.rows_used, counts);
+            noises.push(Noise { log: path.display().to_string(), summary });
+        }
+        if printer.json() {
+            printer.document(&noises)?;
+            return Ok(Outcome::Done);
+        }
+        for noise in &noises {
+            noise.print(printer)?;
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+impl Noise {
+    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+        printer.line(format!("{}: noise of {} frames", self.log, self.summary.frames))?;
+        let axes = Axis::ALL.into_iter().zip(&self.summary.axes).map(|(axis, scatter)| {
+            let decimals = if axis.is_moment() { 6 } else { 4 };
+            row(format!("{} ({})", axis.name(), axis.unit()), scatter, decimals)
+        });
+        let channels = self.summary.channels.iter().enumerate();
+        let channels = channels.map(|(i, scatter)| row(format!("s{} (counts)", i + 1), scatter, 2));
+        let rows: Vec<_> = axes.chain(channels).collect();
+        printer.table(&["quantity", "RMS", "peak to peak", "mean"], &rows)
+    }
+}
+
+fn row(name: String, scatter: &Scatter, decimals: usize) -> Vec<String> {
+    let figures = [scatter.rms, scatter.peak_to_peak, scatter.mean];
+    [name].into_iter().chain(figures.map(|value| format!("{value:.decimals$}"))).collect()
+}

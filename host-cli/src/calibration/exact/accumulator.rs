@@ -1,0 +1,578 @@
+//! Summing rows exactly.
+//!
+//! Rows are worked on [`ROWS`] at a time, in integers about a centre near the middle of each
+//! channel's range, which makes them small. Each sum over such a block is exact (see
+//! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
+//! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches turn up that the choice of
+//! centre and limbs does not cover, the sums so far are put into [`Moments`] and a new choice is
+//! made.
+
+use std::sync::Arc;
+
+use num_bigint::BigInt;
+use pulp::{Arch, Simd, WithSimd};
+
+use super::kernel::{ROWS, products};
+use super::layout::Layout;
+use super::limbs::{FeatureLimbs, Limbs, Places, SQUARE_WIDTH, power_of_two};
+use super::moments::{Channel, Moments, Scaled, join, move_origin};
+use super::{ExactError, MAX_ROWS};
+use crate::calibration::model::Basis;
+use crate::wrench::Axis;
+
+/// Decimals that a reading may have: more do not leave an integer of 16 bits.
+pub(super) const MOST_DECIMALS: u32 = 5;
+
+/// Blocks after which the pairs of sums could lose their exactness: `2^25·2^26 < 2^53`, and
+/// multiples of 2²⁶ below `2^53·2^26`.
+const MOST_BLOCKS: u64 = 1 << 26;
+
+/// Sums rows of readings and wrenches exactly, in memory that does not grow with the rows.
+#[derive(Clone, Debug)]
+pub struct Accumulator {
+    layout: Arc<Layout>,
+    total: Moments,
+    /// What is known of the channels from all rows, staged ones included.
+    channels: Vec<Channel>,
+    places: [Places; 6],
+    open: Option<Open>,
+    /// Rows not yet summed: columns of [`ROWS`] numbers.
+    staged: usize,
+    readings: Vec<f64>,
+    wrench: Vec<f64>,
+    scratch: Scratch,
+}
+
+/// Sums under way, and how they are computed.
+#[derive(Clone, Debug)]
+struct Open {
+    centre: Vec<i64>,
+    features: FeatureLimbs,
+    /// For every group of the layout, the left operands: feature and limb.
+    lefts: Vec<Vec<(usize, usize)>>,
+    /// Limbs of each axis that are multiplied with features.
+    cross: [Limbs; 6],
+    /// Limbs of each axis that are multiplied with those of other axes.
+    squares: [Limbs; 6],
+    rows: u64,
+    blocks: u64,
+    /// Sums of parts of the right operands, group by group, then of one and the limbs of the
+    /// wrench with them, then of the products of axes; multiples of 2²⁶.
+    high: Vec<f64>,
+    /// What is not a multiple of 2²⁶ in each sum.
+    low: Vec<f64>,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Scratch {
+    features: Vec<f64>,
+    rights: Vec<f64>,
+    left: Vec<f64>,
+    cross: Vec<f64>,
+    squares: Vec<f64>,
+    sums: Vec<f64>,
+}
+
+impl Accumulator {
+    /// No rows yet, of `channels` channels.
+    pub fn new(basis: Basis, channels: usize) -> Self {
+        let total = Moments::new(basis, channels);
+        Self {
+            layout: total.layout.clone(),
+            channels: total.channels.clone(),
+            total,
+            places: [Places::NONE; 6],
+            open: None,
+            staged: 0,
+            readings: vec![0.0; channels * ROWS],
+            wrench: vec![0.0; 6 * ROWS],
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// Takes up rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six
+    /// columns; all of the same length.
+    ///
+    /// # Errors
+    /// [`ExactError`] if the rows cannot be summed exactly. Rows before them may have been taken
+    /// up; the accumulator is of no further use.
+    ///
+    /// # Panics
+    /// If the numbers or lengths of columns are not as said.
+    pub fn absorb<C: AsRef<[f64]>>(
+        &mut self,
+        readings: &[C],
+        wrench: &[C],
+    ) -> Result<(), ExactError> {
+        assert_eq!((readings.len(), wrench.len()), (self.channels.len(), 6), "columns");
+        let rows = wrench[0].as_ref().len();
+        assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
+        let mut start = 0;
+        while start < rows {
+            let end = rows.min(start + ROWS - self.staged);
+            self.survey(readings, start..end)?;
+            let staged = self.staged..self.staged + end - start;
+            for (i, column) in readings.iter().enumerate() {
+                let target = &mut self.readings[i * ROWS..][staged.clone()];
+                scale(&column.as_ref()[start..end], self.channels[i].decimals, target);
+            }
+            for (i, column) in wrench.iter().enumerate() {
+                self.wrench[i * ROWS..][staged.clone()]
+                    .copy_from_slice(&column.as_ref()[start..end]);
+            }
+            self.staged = staged.end;
+            if self.staged == ROWS {
+                self.sum_staged()?;
+            }
+            start = end;
+        }
+        Ok(())
+    }
+
+    /// The sums over all rows taken up.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be exact.
+    pub fn finish(mut self) -> Result<Moments, ExactError> {
+        self.sum_staged()?;
+        self.close()?;
+        Ok(self.total)
+    }
+
+    /// Sees to it that readings count as integers, and widens the known ranges by them.
+    fn survey<C: AsRef<[f64]>>(
+        &mut self,
+        readings: &[C],
+        rows: std::ops::Range<usize>,
+    ) -> Result<(), ExactError> {
+        for (i, column) in readings.iter().enumerate() {
+            let column = &column.as_ref()[rows.clone()];
+            let known = self.channels[i];
+            let found = survey(column, known.decimals).or_else(|value| {
+                (known.decimals + 1..=MOST_DECIMALS)
+                    .find_map(|decimals| survey(column, decimals).ok())
+                    .ok_or(ExactError::NotAnInteger { channel: i, value })
+            })?;
+            if found.decimals != known.decimals {
+                self.sum_staged()?;
+                self.close()?;
+            }
+            self.channels[i].merge(&found);
+            if !self.channels[i].fits() {
+                return Err(ExactError::TooWide { channel: i });
+            }
+        }
+        Ok(())
+    }
+
+    fn sum_staged(&mut self) -> Result<(), ExactError> {
+        if self.staged == 0 {
+            return Ok(());
+        }
+        for axis in Axis::ALL {
+            let column = &self.wrench[axis.index() * ROWS..][..self.staged];
+            if !column.iter().all(|x| x.is_finite()) {
+                return Err(ExactError::NotFinite { axis });
+            }
+        }
+        for column in self.wrench.chunks_mut(ROWS) {
+            column[self.staged..].fill(0.0);
+        }
+        let covered = self.open.as_ref().is_some_and(|open| {
+            open.blocks < MOST_BLOCKS
+                && distance(&self.channels, &open.centre) <= open.features.largest
+        });
+        if !covered {
+            self.reopen()?;
+        }
+        if !self.sum() {
+            self.reopen()?;
+            let exact = self.sum();
+            assert!(exact, "limbs chosen for these rows");
+        }
+        self.staged = 0;
+        Ok(())
+    }
+
+    fn sum(&mut self) -> bool {
+        let open = self.open.as_mut().expect("opened before");
+        Arch::new().dispatch(Sum {
+            layout: &self.layout,
+            open,
+            staged: self.staged,
+            readings: &self.readings,
+            wrench: &self.wrench,
+            scratch: &mut self.scratch,
+        })
+    }
+
+    /// Puts the open sums away and opens new ones that cover all rows so far and those staged.
+    fn reopen(&mut self) -> Result<(), ExactError> {
+        self.close()?;
+        let degree = self.total.basis.degree();
+        let centre: Vec<i64> = self.channels.iter().map(Channel::middle).collect();
+        let features = FeatureLimbs::new(distance(&self.channels, &centre), degree as u32);
+        let mut limbs = |width| -> Result<[Limbs; 6], ExactError> {
+            let mut limbs = [Limbs::of_integers(width, 0); 6];
+            for axis in Axis::ALL {
+                let i = axis.index();
+                let staged = Places::of(&self.wrench[i * ROWS..][..self.staged]);
+                self.places[i] = self.places[i].and(staged);
+                limbs[i] = self.places[i].limbs(width).ok_or(ExactError::TooManyPlaces { axis })?;
+            }
+            Ok(limbs)
+        };
+        let (cross, squares) = (limbs(features.width)?, limbs(SQUARE_WIDTH)?);
+        self.open = Some(Open::new(&self.layout, centre, features, cross, squares));
+        self.scratch.resize(&self.layout, self.open.as_ref().expect("just opened"));
+        Ok(())
+    }
+
+    fn close(&mut self) -> Result<(), ExactError> {
+        let Some(open) = self.open.take() else { return Ok(()) };
+        if self.total.rows + open.rows > MAX_ROWS {
+            return Err(ExactError::TooManyRows);
+        }
+        let mut part = open.moments(&self.layout, self.total.basis);
+        part.channels.clone_from(&self.channels);
+        self.total.merge(&part)
+    }
+}
+
+impl Open {
+    fn new(
+        layout: &Layout,
+        centre: Vec<i64>,
+        features: FeatureLimbs,
+        cross: [Limbs; 6],
+        squares: [Limbs; 6],
+    ) -> Self {
+        let limbs = |&f: &usize| {
+            let limbs = features.left[layout.features[f].factors().len()];
+            (0..limbs).map(move |limb| (f, limb))
+        };
+        let lefts: Vec<Vec<_>> =
+            layout.groups.iter().map(|group| group.left.iter().flat_map(limbs).collect()).collect();
+        let groups = layout.groups.iter().zip(&lefts);
+        let gram: usize = groups.map(|(group, left)| left.len() * group.right.len()).sum();
+        let operands = 1 + cross.iter().map(|limbs| limbs.count).sum::<usize>();
+        let per_part = gram + operands * layout.features.len();
+        let square: usize =
+            (0..6).map(|axis| squares[axis].count * squares_right(&squares, axis)).sum();
+        let sums = per_part * features.rights() + square;
+        Self {
+            centre,
+            features,
+            lefts,
+            cross,
+            squares,
+            rows: 0,
+            blocks: 0,
+            high: vec![0.0; sums],
+            low: vec![0.0; sums],
+        }
+    }
+
+    /// The sums about the origin of the readings.
+    fn moments(&self, layout: &Arc<Layout>, basis: Basis) -> Moments {
+        let mut moments = Moments::with_layout(basis, layout.clone());
+        let mut sums = self.high.iter().zip(&self.low).map(|(&h, &l)| h as i128 + l as i128);
+        let mut next = || sums.next().expect("one sum for every product");
+        let features = layout.features.len();
+        let axis_sums = || vec![BigInt::ZERO; features + 1];
+        let mut wrench: [Vec<BigInt>; 6] = std::array::from_fn(|_| axis_sums());
+        moments.rows = self.rows;
+        moments.readings[0] = i128::from(self.rows);
+        for part in 0..self.features.rights() {
+            let up = self.features.right.unwrap_or(0) * part as u32;
+            let mut first = 1 + features;
+            for (group, lefts) in layout.groups.iter().zip(&self.lefts) {
+                for left in lefts.chunk_by(|a, b| a.0 == b.0) {
+                    for &(_, limb) in left {
+                        let up = up + self.features.width * limb as u32;
+                        for sum in &mut moments.readings[first..first + group.right.len()] {
+                            *sum = sum.wrapping_add(next() << up);
+                        }
+                    }
+                    first += group.right.len();
+                }
+            }
+            for sum in &mut moments.readings[1..=features] {
+                *sum += next() << up;
+            }
+            for (limbs, axis) in self.cross.iter().zip(&mut wrench) {
+                let parts: Vec<i128> = (0..limbs.count * features).map(|_| next()).collect();
+                for (f, sum) in axis[1..].iter_mut().enumerate() {
+                    *sum +=
+                        join(parts.iter().skip(f).step_by(features).copied(), limbs.width) << up;
+                }
+            }
+        }
+        for left in 0..6 {
+            // Sums by limb on the left, then by axis and limb on the right, then one.
+            let rows: Vec<Vec<i128>> = (0..self.squares[left].count)
+                .map(|_| (0..squares_right(&self.squares, left)).map(|_| next()).collect())
+                .collect();
+            let mut column = 0;
+            for right in left..6 {
+                let count = self.squares[right].count;
+                let sum: BigInt = (column..column + count)
+                    .zip((0u32..).step_by(SQUARE_WIDTH as usize))
+                    .map(|(column, up)| {
+                        join(rows.iter().map(|row| row[column]), SQUARE_WIDTH) << up
+                    })
+                    .sum();
+                let exponent = self.squares[left].unit + self.squares[right].unit;
+                moments.squares[pair(left, right)] = Scaled::new(exponent, vec![sum]);
+                column += count;
+            }
+            let ones = join(rows.iter().map(|row| row[column]), SQUARE_WIDTH);
+            // The other sums of this axis count in units of other limbs.
+            let up = self.squares[left].unit - self.cross[left].unit;
+            wrench[left][0] = if up >= 0 { ones << up } else { ones >> -up };
+        }
+        let back: Vec<i64> = self.centre.iter().map(|c| -c).collect();
+        move_origin(layout, &mut moments.readings, &mut wrench, &back);
+        for ((scaled, sums), limbs) in moments.wrench.iter_mut().zip(wrench).zip(&self.cross) {
+            *scaled = Scaled::new(limbs.unit, sums);
+        }
+        moments
+    }
+}
+
+/// Where the sum of products of two axes stands, `left ≤ right`.
+pub(super) const fn pair(left: usize, right: usize) -> usize {
+    left * (13 - left) / 2 + right - left
+}
+
+/// Right operands of the products of an axis with itself, later axes and one.
+fn squares_right(squares: &[Limbs; 6], axis: usize) -> usize {
+    squares[axis..].iter().map(|limbs| limbs.count).sum::<usize>() + 1
+}
+
+/// The largest distance between a reading and its centre.
+fn distance(channels: &[Channel], centre: &[i64]) -> u32 {
+    let of = |(channel, &centre): (&Channel, &i64)| {
+        (channel.highest.saturating_sub(centre)).max(centre.saturating_sub(channel.lowest))
+    };
+    let largest = channels.iter().zip(centre).map(of).max().unwrap_or(0);
+    u32::try_from(largest.max(0)).unwrap_or(u32::MAX)
+}
+
+impl Scratch {
+    fn resize(&mut self, layout: &Layout, open: &Open) {
+        let features = layout.features.len();
+        let lefts = open.lefts.iter().map(Vec::len);
+        let groups = layout.groups.iter().zip(&open.lefts);
+        let cross: usize = open.cross.iter().map(|limbs| limbs.count).sum();
+        let squares: usize = open.squares.iter().map(|limbs| limbs.count).sum();
+        let sums = groups
+            .map(|(group, left)| group.right.len() * left.len())
+            .chain([(1 + cross) * features, (1 + squares) * squares])
+            .max();
+        self.features.resize(features * ROWS, 0.0);
+        self.rights.resize(open.features.right.map_or(0, |_| 2 * features * ROWS), 0.0);
+        self.left.resize(lefts.max().unwrap_or(0) * ROWS, 0.0);
+        self.cross.resize((1 + cross) * ROWS, 0.0);
+        self.squares.resize((1 + squares) * ROWS, 0.0);
+        self.sums.resize(sums.unwrap_or(0), 0.0);
+    }
+}
+
+/// Adds the staged rows to the open sums, unless the limbs do not cover the wrench: says whether.
+struct Sum<'a> {
+    layout: &'a Layout,
+    open: &'a mut Open,
+    staged: usize,
+    readings: &'a [f64],
+    wrench: &'a [f64],
+    scratch: &'a mut Scratch,
+}
+
+impl WithSimd for Sum<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> bool {
+        let Self { layout, open, staged, readings, wrench, scratch } = self;
+        let Scratch { features, rights, left, cross, squares, sums } = scratch;
+        // One comes before the limbs of the cross products and after those of the squares.
+        let (ones, mut cross_limbs) = cross.split_at_mut(ROWS);
+        let mut square_limbs = &mut squares[..];
+        for (axis, column) in wrench.chunks_exact(ROWS).enumerate() {
+            let now;
+            (now, cross_limbs) = cross_limbs.split_at_mut(open.cross[axis].count * ROWS);
+            if !open.cross[axis].cut(column, now) {
+                return false;
+            }
+            let now;
+            (now, square_limbs) = square_limbs.split_at_mut(open.squares[axis].count * ROWS);
+            if !open.squares[axis].cut(column, now) {
+                return false;
+            }
+        }
+        for column in [ones, square_limbs] {
+            column[..staged].fill(1.0);
+            column[staged..].fill(0.0);
+        }
+        fill(layout, &open.centre, staged, readings, features);
+        let count = layout.features.len();
+        let parts: &[f64] = match open.features.right {
+            None => features,
+            Some(width) => {
+                let limbs = Limbs::of_integers(width, 2);
+                for f in 0..count {
+                    limbs.cut(&features[f * ROWS..][..ROWS], &mut left[..2 * ROWS]);
+                    rights[f * ROWS..][..ROWS].copy_from_slice(&left[..ROWS]);
+                    rights[(count + f) * ROWS..][..ROWS].copy_from_slice(&left[ROWS..2 * ROWS]);
+                }
+                rights
+            }
+        };
+        let mut target = Target { simd, sums, high: &mut open.high, low: &mut open.low };
+        for part in parts.chunks_exact(count * ROWS) {
+            for (group, lefts) in layout.groups.iter().zip(&open.lefts) {
+                let mut cut = 0;
+                for &f in &group.left {
+                    let limbs = open.features.left[layout.features[f].factors().len()];
+                    let now = &mut left[cut * ROWS..][..limbs * ROWS];
+                    let column = &features[f * ROWS..][..ROWS];
+                    Limbs::of_integers(open.features.width, limbs).cut(column, now);
+                    cut += limbs;
+                }
+                let right = &part[group.right.start * ROWS..group.right.end * ROWS];
+                target.add_products(&left[..lefts.len() * ROWS], right);
+            }
+            target.add_products(cross, part);
+        }
+        let mut right = &squares[..];
+        for limbs in open.squares {
+            target.add_products(&right[..limbs.count * ROWS], right);
+            right = &right[limbs.count * ROWS..];
+        }
+        open.rows += staged as u64;
+        open.blocks += 1;
+        true
+    }
+}
+
+struct Target<'a, S> {
+    simd: S,
+    sums: &'a mut [f64],
+    high: &'a mut [f64],
+    low: &'a mut [f64],
+}
+
+impl<S: Simd> Target<'_, S> {
+    /// Adds the next sums.
+    #[inline(always)]
+    fn add_products(&mut self, left: &[f64], right: &[f64]) {
+        let count = left.len() / ROWS * (right.len() / ROWS);
+        let sums = &mut self.sums[..count];
+        products(self.simd, left, right, sums);
+        let (high, rest) = std::mem::take(&mut self.high).split_at_mut(count);
+        self.high = rest;
+        let (low, rest) = std::mem::take(&mut self.low).split_at_mut(count);
+        self.low = rest;
+        let round = 1.5 * power_of_two(52 + 26);
+        for ((&sum, high), low) in sums.iter().zip(high).zip(low) {
+            let rounded = (sum + round) - round;
+            *high += rounded;
+            *low += sum - rounded;
+        }
+    }
+}
+
+/// The features of readings about their centres; zero for rows that are not there.
+#[inline(always)]
+fn fill(layout: &Layout, centre: &[i64], staged: usize, readings: &[f64], features: &mut [f64]) {
+    for (f, &(factor, channel)) in layout.recipe.iter().enumerate() {
+        let (before, now) = features.split_at_mut(f * ROWS);
+        let now = &mut now[..ROWS];
+        match factor {
+            None => {
+                let centre = centre[channel] as f64;
+                for (x, s) in now.iter_mut().zip(&readings[channel * ROWS..][..ROWS]) {
+                    *x = s - centre;
+                }
+                now[staged..].fill(0.0);
+            }
+            Some(factor) => {
+                let single = layout.single(channel);
+                let single = &before[single * ROWS..][..ROWS];
+                let factor = &before[factor * ROWS..][..ROWS];
+                for ((x, a), b) in now.iter_mut().zip(factor).zip(single) {
+                    *x = a * b;
+                }
+            }
+        }
+    }
+}
+
+/// Range of a column in integers, or a reading that is not one.
+fn survey(column: &[f64], decimals: u32) -> Result<Channel, f64> {
+    let (lowest, highest, integers) = if decimals == 0 {
+        survey_integers(column)
+    } else {
+        let range = (f64::INFINITY, f64::NEG_INFINITY, true);
+        column.iter().fold(range, |(lowest, highest, integers), &x| {
+            let number = scaled(x, decimals);
+            let integers = integers && number / power_of_ten(decimals) == x;
+            (lowest.min(number), highest.max(number), integers)
+        })
+    };
+    let fits = |x: f64| x.abs() < f64::from(1 << 16);
+    if integers && (column.is_empty() || fits(lowest) && fits(highest)) {
+        let (lowest, highest) = (lowest as i64, highest as i64);
+        return Ok(Channel { decimals, lowest, highest });
+    }
+    let good = |&x: &f64| {
+        let number = scaled(x, decimals);
+        fits(number) && number / power_of_ten(decimals) == x
+    };
+    Err(column.iter().copied().find(|x| !good(x)).unwrap_or(f64::NAN))
+}
+
+/// Smallest, largest, and whether all are integers.
+fn survey_integers(column: &[f64]) -> (f64, f64, bool) {
+    /// Adding and taking it away rounds to an integer.
+    const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
+    Arch::new().dispatch(|| {
+        let mut lowest = [f64::INFINITY; 8];
+        let mut highest = [f64::NEG_INFINITY; 8];
+        let mut odd = [0.0; 8];
+        let (chunks, rest) = column.as_chunks::<8>();
+        for chunk in chunks {
+            for i in 0..8 {
+                let x = chunk[i];
+                lowest[i] = if x < lowest[i] { x } else { lowest[i] };
+                highest[i] = if x > highest[i] { x } else { highest[i] };
+                // Zero for integers of up to 51 bits, more for fractions, NaN if not finite.
+                odd[i] += (x - ((x + ROUND) - ROUND)).abs();
+            }
+        }
+        let integers = odd.iter().all(|&odd| odd == 0.0) && rest.iter().all(|x| x.fract() == 0.0);
+        let lowest = lowest.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
+        let highest = highest.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
+        (lowest, highest, integers)
+    })
+}
+
+/// Writes readings that were surveyed as integers.
+fn scale(column: &[f64], decimals: u32, out: &mut [f64]) {
+    if decimals == 0 {
+        out.copy_from_slice(column);
+    } else {
+        for (out, &x) in out.iter_mut().zip(column) {
+            *out = scaled(x, decimals);
+        }
+    }
+}
+
+fn scaled(x: f64, decimals: u32) -> f64 {
+    (x * power_of_ten(decimals)).round()
+}
+
+fn power_of_ten(decimals: u32) -> f64 {
+    f64::from(10u32.pow(decimals))
+}

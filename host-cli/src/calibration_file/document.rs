@@ -1,0 +1,232 @@
+//! The JSON document, field by field.
+
+use serde::{Deserialize, Serialize};
+
+use super::layout::Layout;
+use super::{CalibrationFile, Origin, Problem, SCHEMA_VERSION};
+use crate::calibration::extent::Range;
+use crate::calibration::model::{Model, Term};
+use crate::calibration::scaling::Scaling;
+use crate::calibration::uncertainty::Covariance;
+use crate::calibration::{Calibration, model};
+use crate::wrench::{Axis, PerAxis};
+
+#[derive(Serialize, Deserialize)]
+struct Document {
+    schema_version: u64,
+    #[serde(flatten)]
+    origin: Origin,
+    model: Model,
+    terms: Vec<String>,
+    scaling: Scaling,
+    axes: PerAxis<String>,
+    coefficients: Vec<PerAxis<f64>>,
+    covariance: Option<Covariance>,
+    valid_range: Option<Vec<Range>>,
+}
+
+#[derive(Deserialize)]
+struct Version {
+    schema_version: u64,
+}
+
+pub(super) fn format(file: &CalibrationFile) -> String {
+    let calibration = &file.calibration;
+    let document = Document {
+        schema_version: SCHEMA_VERSION,
+        origin: file.origin.clone(),
+        model: calibration.model(),
+        terms: calibration.model().terms().iter().map(Term::name).collect(),
+        scaling: calibration.scaling().clone(),
+        axes: Axis::ALL.map(|axis| axis.column().to_owned()),
+        coefficients: calibration.coefficients().to_vec(),
+        covariance: calibration.covariance.clone(),
+        valid_range: calibration.valid_range.clone(),
+    };
+    let mut json = Vec::new();
+    let mut serializer = serde_json::Serializer::with_formatter(&mut json, Layout::default());
+    document.serialize(&mut serializer).expect("plain numbers and strings are always JSON");
+    json.push(b'\n');
+    String::from_utf8(json).expect("JSON is UTF-8")
+}
+
+pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
+    // The version first: a document of another version may differ in any other field.
+    let Version { schema_version } = serde_json::from_slice(text).map_err(problem)?;
+    if schema_version != SCHEMA_VERSION {
+        return Err(Problem::SchemaVersion { found: schema_version });
+    }
+    let document: Document = serde_json::from_slice(text).map_err(problem)?;
+    document.check().map_err(Problem::Inconsistent)?;
+    let mut calibration = Calibration::new(document.model, document.scaling, document.coefficients);
+    calibration.covariance = document.covariance;
+    calibration.valid_range = document.valid_range;
+    Ok(CalibrationFile { calibration, origin: document.origin })
+}
+
+fn problem(error: serde_json::Error) -> Problem {
+    let (line, column) = (error.line(), error.column());
+    let text = error.to_string();
+    let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
+    if error.is_data() {
+        Problem::Field { line, column, message }
+    } else {
+        Problem::NotJson { line, column, message }
+    }
+}
+
+impl Document {
+    /// Whether the parts fit together, as the rest of the program takes for granted.
+    fn check(&self) -> Result<(), String> {
+        let channels = self.model.channels;
+        if !(1..=model::MAX_CHANNELS).contains(&channels) {
+            let most = model::MAX_CHANNELS;
+            return Err(format!("`model.channels` is `{channels}`, expected 1 to {most}"));
+        }
+        let terms = self.model.terms();
+        let count = |name: &str, found: usize, expected: usize| match found == expected {
+            true => Ok(()),
+            false => Err(format!("`{name}` has `{found}` entries, the model needs `{expected}`")),
+        };
+        count("terms", self.terms.len(), terms.len())?;
+        count("coefficients", self.coefficients.len(), terms.len())?;
+        count("scaling.centre", self.scaling.centre.len(), channels)?;
+        count("scaling.scale", self.scaling.scale.len(), channels)?;
+        if let Some(range) = &self.valid_range {
+            count("valid_range", range.len(), channels)?;
+        }
+        for (found, term) in self.terms.iter().zip(&terms) {
+            if *found != term.name() {
+                let expected = term.name();
+                return Err(format!("`terms` has `{found}` where the model has `{expected}`"));
+            }
+        }
+        for (found, axis) in self.axes.iter().zip(Axis::ALL) {
+            if found != axis.column() {
+                let expected = axis.column();
+                return Err(format!("`axes` has `{found}` where `{expected}` is expected"));
+            }
+        }
+        if let Some(scale) = self.scaling.scale.iter().find(|s| !is_power_of_two(**s)) {
+            return Err(format!("`scaling.scale` has `{scale}`, expected powers of two"));
+        }
+        if !self.model.intercept && self.scaling.centre.iter().any(|&centre| centre != 0.0) {
+            return Err("`scaling.centre` is not zero in a model without an intercept".to_owned());
+        }
+        if let Some(covariance) = &self.covariance {
+            count("covariance.factor", covariance.factor.len(), terms.len())?;
+            for (j, column) in covariance.factor.iter().enumerate() {
+                count(&format!("covariance.factor[{j}]"), column.len(), j + 1)?;
+            }
+            if (0..6).any(|axis| covariance.residual[axis][axis] < 0.0) {
+                return Err("`covariance.residual` has a negative variance".to_owned());
+            }
+        }
+        Ok(())
+    }
+}
+
+fn is_power_of_two(value: f64) -> bool {
+    value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Diagnostics, Role, SolverRecord, Source};
+    use super::*;
+    use crate::calibration::model::Basis;
+    use crate::calibration::quality::AxisQuality;
+    use crate::calibration::solver::SolverKind;
+
+    fn file() -> CalibrationFile {
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let scaling = Scaling { centre: vec![1500.0, 1700.0], scale: vec![512.0, 1024.0] };
+        let thirds = |j: usize| std::array::from_fn(|axis| (j * 6 + axis + 1) as f64 / 3.0);
+        let mut calibration = Calibration::new(model, scaling, (0..3).map(thirds).collect());
+        calibration.covariance = Some(Covariance {
+            factor: vec![vec![0.1], vec![0.2, 1e-300], vec![0.3, 5e-324, 0.7]],
+            residual: [[1.0 / 7.0; 6]; 6],
+            degrees_of_freedom: 9,
+        });
+        calibration.valid_range = Some(vec![Range { min: 0.5, max: 4095.0 }; 2]);
+        let quality = AxisQuality { rms: 0.1, max: 0.4, bias: -1e-17, r_squared: None };
+        let origin = Origin {
+            made_by: "shellcal 0.1.0".into(),
+            date: "2017-05-29T00:00:00Z".into(),
+            sensor_serial: Some("shell 7".into()),
+            solver: Some(SolverRecord { name: SolverKind::Tsqr, ridge: 0.0 }),
+            diagnostics: Some(Diagnostics {
+                rows: 12,
+                skipped_rows: 1,
+                repeated_rows: 2,
+                rank: 3,
+                condition: Some(1.7e5),
+                train: [quality; 6],
+                test: None,
+            }),
+            sources: vec![Source {
+                role: Role::Train,
+                path: "train.csv".into(),
+                checksum: Some("sha256:00".into()),
+                rows: 12,
+            }],
+        };
+        CalibrationFile { calibration, origin }
+    }
+
+    #[test]
+    fn a_file_reads_back_to_the_last_bit() {
+        let file = file();
+        assert_eq!(parse(file.to_json().as_bytes()).unwrap(), file);
+    }
+
+    #[test]
+    fn what_is_not_json_is_told_with_its_place() {
+        let Problem::NotJson { line: 2, column, .. } = parse(b"{\n  nonsense").unwrap_err() else {
+            panic!()
+        };
+        assert_eq!(column, 3);
+        let overflow = file().to_json().replace("0.1", "1e999");
+        assert!(matches!(parse(overflow.as_bytes()), Err(Problem::NotJson { .. })));
+        let nan = file().to_json().replace("0.1", "NaN");
+        assert!(matches!(parse(nan.as_bytes()), Err(Problem::NotJson { .. })));
+    }
+
+    #[test]
+    fn a_missing_field_is_named() {
+        let text = file().to_json().replace("\"scaling\"", "\"scalling\"");
+        let Err(Problem::Field { message, .. }) = parse(text.as_bytes()) else { panic!() };
+        assert!(message.contains("missing field `scaling`"), "{message}");
+    }
+
+    #[test]
+    fn another_schema_version_is_told_whatever_else_the_file_holds() {
+        let Err(Problem::SchemaVersion { found: 2 }) = parse(b"{\"schema_version\": 2}") else {
+            panic!()
+        };
+    }
+
+    #[test]
+    fn parts_that_do_not_fit_together_are_refused() {
+        let cases = [
+            ("\"channels\": 2", "\"channels\": 3", "`terms` has `3` entries"),
+            ("\"channels\": 2", "\"channels\": 0", "`model.channels` is `0`"),
+            ("\"channels\": 2", "\"channels\": 256", "`model.channels` is `256`"),
+            ("\"s2\"", "\"s3\"", "`terms` has `s3`"),
+            ("\"fx_n\"", "\"fx_lbf\"", "`axes` has `fx_lbf`"),
+            ("1024.0", "1000.0", "powers of two"),
+            ("1024.0", "-1024.0", "powers of two"),
+            ("[0.1]", "[0.1, 0.2]", "`covariance.factor[0]` has `2` entries"),
+        ];
+        for (from, to, expected) in cases {
+            let text = file().to_json();
+            assert!(text.contains(from), "{from} in {text}");
+            match parse(text.replacen(from, to, 1).as_bytes()) {
+                Err(Problem::Inconsistent(message)) => {
+                    assert!(message.contains(expected), "{message}");
+                }
+                other => panic!("{from} → {to}: {other:?}"),
+            }
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! Calibrations as files: one JSON document, and the matrices that labs exchange.
+//!
+//! The document holds all that is needed to apply a calibration, to trust it and to make it again.
+//! Numbers are written with the fewest digits that read back as the same `f64`.
+//!
+//! | field | content |
+//! |---|---|
+//! | `schema_version` | [`SCHEMA_VERSION`] |
+//! | `made_by`, `date`, `sensor_serial` | program and version, UTC, the label of the sensor |
+//! | `model`, `terms` | features and intercept; the name of each term |
+//! | `scaling` | `z = (s − centre) / scale` for each channel, counts |
+//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m |
+//! | `solver` | its name and the ridge parameter; absent for an imported matrix |
+//! | `diagnostics` | rows, condition number, rank, errors on training and test data |
+//! | `covariance` | see [`crate::calibration::uncertainty`] |
+//! | `valid_range` | the smallest and largest reading of each channel in the training data |
+//! | `sources` | files, their checksums and rows |
+
+mod document;
+mod layout;
+mod matlab;
+pub mod matrix;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::calibration::Calibration;
+use crate::calibration::quality::AxisQuality;
+use crate::calibration::solver::SolverKind;
+use crate::wrench::PerAxis;
+
+/// The version of the document that this program writes and reads.
+pub const SCHEMA_VERSION: u64 = 1;
+
+/// A calibration with its origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CalibrationFile {
+    /// What converts readings.
+    pub calibration: Calibration,
+    /// Where it comes from.
+    pub origin: Origin,
+}
+
+/// Where a calibration comes from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// Program and version.
+    pub made_by: String,
+    /// When, in UTC, RFC 3339.
+    pub date: String,
+    /// The label of the sensor.
+    pub sensor_serial: Option<String>,
+    /// The solver; `None` for an imported matrix.
+    pub solver: Option<SolverRecord>,
+    /// How well the fit went; `None` for an imported matrix.
+    pub diagnostics: Option<Diagnostics>,
+    /// The files it was made from.
+    pub sources: Vec<Source>,
+}
+
+/// Which solver was used, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SolverRecord {
+    /// Its name.
+    pub name: SolverKind,
+    /// The ridge parameter, 0 for none.
+    pub ridge: f64,
+}
+
+/// How well a fit went.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Diagnostics {
+    /// Rows fitted.
+    pub rows: u64,
+    /// Wrong rows that were left out.
+    pub skipped_rows: u64,
+    /// Rows whose readings repeat those of the row before.
+    pub repeated_rows: u64,
+    /// Independent features.
+    pub rank: usize,
+    /// Condition number of the features, columns scaled to norm one; `None` if infinite.
+    pub condition: Option<f64>,
+    /// Errors on the training data, per axis.
+    pub train: PerAxis<AxisQuality>,
+    /// Errors on the test data, per axis.
+    pub test: Option<PerAxis<AxisQuality>>,
+}
+
+/// A file that a calibration was made from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Source {
+    /// What it was used for.
+    pub role: Role,
+    /// The file as it was named.
+    pub path: PathBuf,
+    /// `sha256:` and hexadecimal digits.
+    pub checksum: Option<String>,
+    /// Rows used.
+    pub rows: u64,
+}
+
+/// What a source file was used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Fitted to.
+    Train,
+    /// Tested on.
+    Test,
+    /// A coefficient matrix that was imported.
+    Matrix,
+}
+
+/// A calibration file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("`{}`: {problem}", path.display())]
+pub struct CalibrationFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    #[source]
+    pub problem: Problem,
+}
+
+/// What is wrong with a calibration file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Problem {
+    /// It cannot be read.
+    #[error("cannot read it: {0}")]
+    Io(io::Error),
+    /// It is not JSON, or a number does not fit into an `f64`.
+    #[error("line {line}, column {column}: not valid JSON: {message}")]
+    NotJson {
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// What the parser says.
+        message: String,
+    },
+    /// A field is missing or of another type.
+    #[error("line {line}, column {column}: not a calibration: {message}")]
+    Field {
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// Which field, and what was expected.
+        message: String,
+    },
+    /// Written by a program of another time.
+    #[error("its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`")]
+    SchemaVersion {
+        /// The version of the file.
+        found: u64,
+    },
+    /// Parts that do not fit together.
+    #[error("{0}")]
+    Inconsistent(String),
+    /// A coefficient matrix that is none.
+    #[error("{0}")]
+    Matrix(matrix::MatrixError),
+}
+
+impl CalibrationFile {
+    /// Reads the JSON document at `path`.
+    ///
+    /// # Errors
+    /// [`CalibrationFileError`] if it cannot be read or is no calibration of this version.
+    pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
+        let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
+        let text = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        document::parse(&text).map_err(problem)
+    }
+
+    /// The JSON document.
+    pub fn to_json(&self) -> String {
+        document::format(self)
+    }
+
+    /// Makes a calibration from the coefficient matrix at `path`: CSV, or MATLAB 5 if the file
+    /// begins like one. `options` says what the file does not. The origin names the file and is
+    /// otherwise empty.
+    ///
+    /// # Errors
+    /// [`CalibrationFileError`] if the file cannot be read or is no such matrix.
+    pub fn import(
+        path: &Path,
+        options: &matrix::ImportOptions,
+    ) -> Result<Self, CalibrationFileError> {
+        let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
+        let bytes = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let calibration = if matlab::is_matlab(&bytes) {
+            matlab::parse(&bytes, options)
+        } else {
+            matrix::parse_csv(&bytes, options)
+        };
+        let calibration = calibration.map_err(|error| problem(Problem::Matrix(error)))?;
+        let rows = calibration.coefficients().len() as u64;
+        let source = Source { role: Role::Matrix, path: path.into(), checksum: None, rows };
+        let origin = Origin { sources: vec![source], ..Origin::default() };
+        Ok(Self { calibration, origin })
+    }
+}

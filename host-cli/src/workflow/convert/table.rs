@@ -1,0 +1,152 @@
+//! Frames as CSV text.
+
+use std::ops::Range;
+
+use super::frames::Frames;
+use crate::wrench::{Axis, PerAxis};
+
+/// What is written of every frame, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Columns {
+    /// Time in s.
+    pub time: bool,
+    /// The axes of the wrench, N and N·m.
+    pub axes: PerAxis<bool>,
+    /// The standard error of each axis written, N and N·m: that of the frame before filtering.
+    pub standard_errors: bool,
+    /// Which channels cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at
+    /// an end of the converter; empty when all is well.
+    pub flags: bool,
+}
+
+/// The writer of a table.
+pub(super) struct Table {
+    columns: Columns,
+    axes: Vec<Axis>,
+}
+
+impl Table {
+    pub(super) fn new(columns: Columns) -> Self {
+        let axes = Axis::ALL.into_iter().filter(|axis| columns.axes[axis.index()]).collect();
+        Self { columns, axes }
+    }
+
+    pub(super) fn header(&self, text: &mut Vec<u8>) {
+        let mut names = Vec::new();
+        if self.columns.time {
+            names.push("t_s".to_owned());
+        }
+        names.extend(self.axes.iter().map(|axis| axis.column().to_owned()));
+        if self.columns.standard_errors {
+            names.extend(self.axes.iter().map(|axis| axis.column().replace('_', "_se_")));
+        }
+        if self.columns.flags {
+            names.push("flags".to_owned());
+        }
+        text.extend_from_slice(names.join(",").as_bytes());
+        text.push(b'\n');
+    }
+
+    pub(super) fn rows(&self, frames: &Frames, text: &mut Vec<u8>) {
+        self.rows_between(frames, 0..frames.len(), text);
+    }
+
+    /// Writes every number with the fewest digits that read back as the same number.
+    pub(super) fn rows_between(&self, frames: &Frames, rows: Range<usize>, text: &mut Vec<u8>) {
+        let Columns { time, standard_errors, flags, .. } = self.columns;
+        let mut columns: Vec<&[f64]> = Vec::new();
+        if time {
+            columns.push(&frames.time_s);
+        }
+        columns.extend(self.axes.iter().map(|axis| &*frames.wrench[axis.index()]));
+        if standard_errors {
+            columns.extend(self.axes.iter().map(|axis| &*frames.standard_errors[axis.index()]));
+        }
+        // Some 20 bytes a number; a little much costs less than growing.
+        text.reserve(rows.len() * (22 * columns.len() + 8));
+        let mut digits = zmij::Buffer::new();
+        for row in rows {
+            for (i, column) in columns.iter().enumerate() {
+                if i > 0 {
+                    text.push(b',');
+                }
+                text.extend_from_slice(digits.format(column[row]).as_bytes());
+            }
+            if flags {
+                if !columns.is_empty() {
+                    text.push(b',');
+                }
+                let (range, saturated) = (frames.out_of_range[row], frames.saturated[row]);
+                if range | saturated != 0 {
+                    write_flags(range, saturated, text);
+                }
+            }
+            text.push(b'\n');
+        }
+    }
+}
+
+fn write_flags(out_of_range: u64, saturated: u64, text: &mut Vec<u8>) {
+    let start = text.len();
+    for channel in 0..64 {
+        for (flags, what) in [(out_of_range, "range"), (saturated, "saturated")] {
+            if flags >> channel & 1 == 1 {
+                let space = if text.len() > start { " " } else { "" };
+                text.extend_from_slice(format!("{space}s{}:{what}", channel + 1).as_bytes());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames() -> Frames {
+        Frames {
+            time_s: vec![0.001302, 1425168310.852012],
+            wrench: std::array::from_fn(|axis| vec![axis as f64 / 10.0, -1.0 / 3.0]),
+            standard_errors: std::array::from_fn(|_| vec![0.5, 1e-20]),
+            out_of_range: vec![0, 0b101],
+            saturated: vec![0, 0b100],
+        }
+    }
+
+    fn written(columns: Columns) -> String {
+        let mut text = Vec::new();
+        Table::new(columns).header(&mut text);
+        Table::new(columns).rows(&frames(), &mut text);
+        String::from_utf8(text).unwrap()
+    }
+
+    #[test]
+    fn columns_carry_their_units_and_numbers_read_back_as_the_same_bits() {
+        let axes = [true; 6];
+        let text = written(Columns { time: true, axes, standard_errors: true, flags: true });
+        let mut lines = text.lines();
+        assert_eq!(
+            lines.next(),
+            Some(
+                "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,\
+                 fx_se_n,fy_se_n,fz_se_n,mx_se_nm,my_se_nm,mz_se_nm,flags"
+            )
+        );
+        for (row, line) in lines.enumerate() {
+            let fields: Vec<_> = line.split(',').collect();
+            assert_eq!(fields.len(), 14);
+            assert_eq!(fields[0].parse(), Ok(frames().time_s[row]));
+            for axis in 0..6 {
+                assert_eq!(fields[1 + axis].parse(), Ok(frames().wrench[axis][row]));
+                assert_eq!(fields[7 + axis].parse(), Ok(frames().standard_errors[axis][row]));
+            }
+            assert_eq!(fields[13], ["", "s1:range s3:range s3:saturated"][row]);
+        }
+    }
+
+    #[test]
+    fn only_the_columns_asked_for_are_written() {
+        let axes = [false, false, true, false, false, false];
+        let text = written(Columns { time: false, axes, standard_errors: false, flags: false });
+        assert_eq!(text, "fz_n\n0.2\n-0.3333333333333333\n");
+    }
+}

@@ -1,0 +1,110 @@
+//! How well a calibration predicts the wrench that a log has measured.
+
+use super::WorkflowError;
+use crate::block::Block;
+use crate::calibration::Calibration;
+use crate::calibration::quality::{self, AxisErrors, AxisQuality};
+use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
+use crate::plot::FitPlot;
+use crate::wrench::PerAxis;
+
+/// Which rows are used, and what is kept of them.
+#[derive(Clone, Copy, Default)]
+pub struct EvalOptions<'a> {
+    /// Use only rows whose readings differ from those of the row before.
+    pub fresh: bool,
+    /// How logs are read.
+    pub read: ReadOptions<'a>,
+}
+
+/// Errors of a calibration over some logs.
+#[derive(Clone, Debug, Default)]
+pub struct Evaluation {
+    /// Rows used.
+    pub rows: u64,
+    /// Wrong rows that were left out.
+    pub skipped_rows: u64,
+    /// Rows whose readings repeat those of the row before, used or not.
+    pub repeated_rows: u64,
+    /// Rows used with a reading outside the range of the training data.
+    pub out_of_range_rows: u64,
+    /// Predicted less measured, per axis.
+    pub errors: PerAxis<AxisErrors>,
+    /// The checksum of the log, if asked for; of the last, after a merge.
+    pub checksum: Option<String>,
+}
+
+impl Evaluation {
+    /// Adds the rows of `other`.
+    pub fn merge(&mut self, other: &Evaluation) {
+        self.rows += other.rows;
+        self.skipped_rows += other.skipped_rows;
+        self.repeated_rows += other.repeated_rows;
+        self.out_of_range_rows += other.out_of_range_rows;
+        quality::merge(&mut self.errors, &other.errors);
+        self.checksum.clone_from(&other.checksum);
+    }
+
+    /// The figures of every axis; `None` of no rows.
+    pub fn quality(&self) -> Option<PerAxis<AxisQuality>> {
+        let [fx, fy, fz, mx, my, mz] = self.errors.map(|errors| errors.quality());
+        Some([fx?, fy?, fz?, mx?, my?, mz?])
+    }
+}
+
+/// What is known of one block. Predictions and measurements are kept only if they are to be drawn.
+struct BlockErrors {
+    rows: u64,
+    out_of_range: u64,
+    errors: PerAxis<AxisErrors>,
+    drawn: Option<Drawn>,
+}
+
+struct Drawn {
+    predicted: PerAxis<Vec<f64>>,
+    measured: Vec<Vec<f64>>,
+}
+
+/// Compares the wrench that `calibration` predicts with the one that `log` has measured; what is
+/// to be drawn is added to `plot`.
+///
+/// # Errors
+/// [`WorkflowError`] if the log cannot be read or has not the calibration's number of channels.
+pub fn eval(
+    calibration: &Calibration,
+    log: &Log,
+    options: &EvalOptions<'_>,
+    mut plot: Option<&mut FitPlot>,
+) -> Result<Evaluation, WorkflowError> {
+    let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+    log.require(&wanted)?;
+    super::check_channels(log, calibration.model().channels)?;
+    let keep = plot.is_some();
+    let mut all = Evaluation::default();
+    let map = |mut block: Block| {
+        if options.fresh {
+            let fresh = block.fresh_rows();
+            block.retain_rows(&fresh);
+        }
+        let mut predicted = PerAxis::default();
+        calibration.wrench(&block.readings, &mut predicted);
+        let flags = calibration.out_of_range(&block.readings);
+        BlockErrors {
+            rows: block.rows as u64,
+            out_of_range: flags.iter().filter(|&&flags| flags != 0).count() as u64,
+            errors: quality::errors(&predicted, &block.wrench),
+            drawn: keep.then_some(Drawn { predicted, measured: block.wrench }),
+        }
+    };
+    let ReadSummary { skipped_rows, repeated_rows, checksum, .. } =
+        log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
+            all.rows += block.rows;
+            all.out_of_range_rows += block.out_of_range;
+            quality::merge(&mut all.errors, &block.errors);
+            if let (Some(plot), Some(drawn)) = (&mut plot, &block.drawn) {
+                plot.add(&drawn.predicted, &drawn.measured);
+            }
+            Ok(())
+        })?;
+    Ok(Evaluation { skipped_rows, repeated_rows, checksum, ..all })
+}

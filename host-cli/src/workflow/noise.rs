@@ -1,0 +1,216 @@
+//! How much the readings and the wrench of an unloaded sensor scatter.
+//!
+//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove.
+
+use super::selection::{Rows, TimeWindow, by_column};
+use crate::calibration::Calibration;
+use crate::log_file::{Log, LogError, ReadOptions, Wanted};
+use crate::wrench::PerAxis;
+
+/// Which part of a log is looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoiseOptions {
+    /// Which rows are used.
+    pub rows: Rows,
+    /// The stretch of time that is unloaded; `None` for all of the log.
+    pub window: Option<TimeWindow>,
+}
+
+/// The scatter of an unloaded sensor.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct NoiseSummary {
+    /// Rows in the log.
+    pub rows: u64,
+    /// Those whose readings equal those of the row before.
+    pub repeated_rows: u64,
+    /// Rows that were wrong and left out.
+    pub skipped_rows: u64,
+    /// Frames used.
+    pub frames: u64,
+    /// Which rows these were.
+    pub rows_used: Rows,
+    /// The wrench, N and N·m.
+    #[serde(serialize_with = "by_column")]
+    pub axes: PerAxis<Scatter>,
+    /// The readings of each channel, counts.
+    pub channels: Vec<Scatter>,
+}
+
+/// How a quantity scatters, in its own unit.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Scatter {
+    /// The mean.
+    pub mean: f64,
+    /// Root of the mean square distance from the mean.
+    pub rms: f64,
+    /// Largest less smallest.
+    pub peak_to_peak: f64,
+}
+
+/// A log whose noise cannot be told.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NoiseError {
+    /// The log cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// The calibration is for another sensor.
+    #[error("`{path}` has `{found}` sensor channels, the calibration is for `{expected}`")]
+    Channels {
+        /// The log.
+        path: String,
+        /// Channels of the calibration.
+        expected: usize,
+        /// Channels of the log.
+        found: usize,
+    },
+    /// Too few frames to scatter.
+    #[error("`{path}` has `{found}` frames to tell the noise from, at least 2 are needed")]
+    TooFewFrames {
+        /// The log.
+        path: String,
+        /// Frames found.
+        found: u64,
+    },
+}
+
+/// Measures the scatter of the frames of a log, in one pass and constant memory.
+///
+/// # Errors
+/// [`NoiseError`].
+pub fn noise(
+    log: &Log,
+    calibration: &Calibration,
+    options: &NoiseOptions,
+    read: &ReadOptions<'_>,
+) -> Result<NoiseSummary, NoiseError> {
+    let path = || log.path().display().to_string();
+    let (expected, found) = (calibration.model().channels, log.channels());
+    let wanted = Wanted { readings: true, time: options.window.is_some(), ..Wanted::default() };
+    log.require(&wanted)?;
+    if found != expected {
+        return Err(NoiseError::Channels { path: path(), expected, found });
+    }
+    let mut axes = PerAxis::<Moments>::default();
+    let mut channels = vec![Moments::default(); found];
+    let summary = log.read(
+        &wanted,
+        read,
+        |mut block| {
+            options.rows.select(&mut block);
+            if let Some(window) = options.window {
+                let keep: Vec<_> = block.time_s.iter().map(|&t| window.contains(t)).collect();
+                block.retain_rows(&keep);
+            }
+            let mut wrench = PerAxis::default();
+            calibration.wrench(&block.readings, &mut wrench);
+            let channels: Vec<_> = block.readings.iter().map(|c| Moments::of(c)).collect();
+            (wrench.map(|column| Moments::of(&column)), channels)
+        },
+        |(block_axes, block_channels)| {
+            axes.iter_mut().zip(&block_axes).for_each(|(all, block)| all.merge(block));
+            channels.iter_mut().zip(&block_channels).for_each(|(all, block)| all.merge(block));
+            Ok::<(), NoiseError>(())
+        },
+    )?;
+    let frames = axes[0].count;
+    if frames < 2 {
+        return Err(NoiseError::TooFewFrames { path: path(), found: frames });
+    }
+    Ok(NoiseSummary {
+        rows: summary.rows,
+        repeated_rows: summary.repeated_rows,
+        skipped_rows: summary.skipped_rows,
+        frames,
+        rows_used: options.rows,
+        axes: axes.map(|moments| moments.scatter()),
+        channels: channels.iter().map(Moments::scatter).collect(),
+    })
+}
+
+/// Count, mean, sum of squared distances from it, and extremes. Merged after Chan, Golub and LeVeque
+/// ("Updating Formulae and a Pairwise Algorithm for Computing Sample Variances", 1979).
+#[derive(Clone, Copy, Debug)]
+struct Moments {
+    count: u64,
+    mean: f64,
+    squares: f64,
+    min: f64,
+    max: f64,
+}
+
+impl Default for Moments {
+    fn default() -> Self {
+        Self { count: 0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: f64::NEG_INFINITY }
+    }
+}
+
+impl Moments {
+    fn of(values: &[f64]) -> Self {
+        if values.is_empty() {
+            return Self::default();
+        }
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        Self {
+            count: values.len() as u64,
+            mean,
+            squares: values.iter().map(|value| (value - mean) * (value - mean)).sum(),
+            min: values.iter().copied().fold(f64::INFINITY, f64::min),
+            max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        let count = self.count + other.count;
+        if other.count == 0 {
+            return;
+        }
+        let (n, m) = (self.count as f64, other.count as f64);
+        let distance = other.mean - self.mean;
+        *self = Self {
+            count,
+            mean: self.mean + distance * (m / count as f64),
+            squares: self.squares + other.squares + distance * distance * (n * m / count as f64),
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        };
+    }
+
+    fn scatter(&self) -> Scatter {
+        Scatter {
+            mean: self.mean,
+            rms: (self.squares / self.count as f64).sqrt(),
+            peak_to_peak: self.max - self.min,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn scatter_of_known_numbers() {
+        let Scatter { mean, rms, peak_to_peak } =
+            Moments::of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).scatter();
+        assert_eq!((mean, rms, peak_to_peak), (5.0, 2.0, 7.0));
+    }
+
+    proptest! {
+        #[test]
+        fn parts_merge_to_the_whole(
+            values in prop::collection::vec(-1e3..1e3_f64, 2..80), at in 0usize..80,
+        ) {
+            let (a, b) = values.split_at(at.min(values.len()));
+            let mut merged = Moments::of(a);
+            merged.merge(&Moments::of(b));
+            let (merged, whole) = (merged.scatter(), Moments::of(&values).scatter());
+            // 80 sums of 1e3 each round by less than 80 · 80 · 1e3 · 1e-16.
+            prop_assert!((merged.mean - whole.mean).abs() < 1e-9);
+            prop_assert!((merged.rms - whole.rms).abs() < 1e-9);
+            prop_assert_eq!(merged.peak_to_peak, whole.peak_to_peak);
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! How evenly frames follow one another, found while streaming.
+
+/// Steps of the histogram of periods for each doubling of the period: 0.3 % each.
+const STEPS: f64 = 256.0;
+/// Periods from 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years) are told apart.
+const DOUBLINGS: i32 = 30;
+/// A period this many times as long as the usual one is a gap in the recording.
+const GAP: f64 = 10.0;
+
+/// The periods between frames, in a histogram with equal steps of their logarithm.
+#[derive(Clone, Debug)]
+pub struct Sampling {
+    frames: u64,
+    last_s: Option<f64>,
+    /// Number and sum of the periods of each step.
+    steps: Vec<(u64, f64)>,
+    backwards: u64,
+}
+
+/// What the periods were.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Rate {
+    /// Frames per second, gaps left out.
+    pub mean_hz: f64,
+    /// One over the median period.
+    pub median_hz: f64,
+    /// How far apart the 5th and the 95th percentile of the periods lie, in medians.
+    pub spread: f64,
+    /// Periods more than ten times the median.
+    pub gaps: u64,
+    /// Frames that were not later than the one before.
+    pub backwards: u64,
+}
+
+impl Default for Sampling {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Sampling {
+    /// No frames yet.
+    pub fn new() -> Self {
+        let steps = vec![(0, 0.0); 2 * DOUBLINGS as usize * STEPS as usize];
+        Self { frames: 0, last_s: None, steps, backwards: 0 }
+    }
+
+    /// The next frames' times, s.
+    pub fn add(&mut self, time_s: &[f64]) {
+        for &time in time_s {
+            if let Some(last) = self.last_s.replace(time) {
+                let period = time - last;
+                if period > 0.0 {
+                    let step = ((period.log2() + f64::from(DOUBLINGS)) * STEPS) as usize;
+                    let step = step.min(self.steps.len() - 1);
+                    self.steps[step].0 += 1;
+                    self.steps[step].1 += period;
+                } else {
+                    self.backwards += 1;
+                }
+            }
+        }
+        self.frames += time_s.len() as u64;
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// The rate; `None` unless time has moved on between some frames.
+    pub fn rate(&self) -> Option<Rate> {
+        let periods: u64 = self.steps.iter().map(|step| step.0).sum();
+        let median = self.percentile(periods, 0.5)?;
+        let spread = self.percentile(periods, 0.95)? - self.percentile(periods, 0.05)?;
+        let is_gap = |&&(count, sum): &&(u64, f64)| sum > GAP * median * count as f64;
+        let gaps = self.steps.iter().filter(is_gap).map(|step| step.0).sum();
+        let usual = self.steps.iter().filter(|step| !is_gap(step));
+        let (count, sum) = usual.fold((0, 0.0), |(n, s), &(count, sum)| (n + count, s + sum));
+        Some(Rate {
+            mean_hz: count as f64 / sum,
+            median_hz: 1.0 / median,
+            spread: spread / median,
+            gaps,
+            backwards: self.backwards,
+        })
+    }
+
+    /// The mean of the step in which a percentile falls: exact where periods are equal.
+    fn percentile(&self, periods: u64, share: f64) -> Option<f64> {
+        let rank = (share * periods as f64).ceil().max(1.0) as u64;
+        let mut passed = 0;
+        let holds = |&&(count, _): &&(u64, f64)| {
+            passed += count;
+            passed >= rank
+        };
+        self.steps.iter().find(holds).filter(|step| step.0 > 0).map(|step| step.1 / step.0 as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rate(times: &[f64]) -> Option<Rate> {
+        let mut sampling = Sampling::new();
+        // In two pieces: a period must not get lost between blocks.
+        let (a, b) = times.split_at(times.len() / 2);
+        sampling.add(a);
+        sampling.add(b);
+        assert_eq!(sampling.frames(), times.len() as u64);
+        sampling.rate()
+    }
+
+    #[test]
+    fn even_sampling_has_its_rate_and_no_spread() {
+        let times: Vec<f64> = (0..1000).map(|i| 5.0 + f64::from(i) / 1000.0).collect();
+        let rate = rate(&times).unwrap();
+        // Times of about 5 s carry rounding errors of 1e-15 s, periods of 1e-3 s.
+        assert!((rate.median_hz - 1000.0).abs() < 1e-6 && (rate.mean_hz - 1000.0).abs() < 1e-6);
+        assert!(rate.spread < 0.01, "{rate:?}");
+        assert_eq!((rate.gaps, rate.backwards), (0, 0));
+    }
+
+    #[test]
+    fn gaps_and_steps_back_are_counted_and_do_not_change_the_rate() {
+        let times = [0.0, 0.25, 0.5, 0.75, 10.0, 10.25, 10.25, 10.0, 10.25];
+        let rate = rate(&times).unwrap();
+        assert_eq!((rate.mean_hz, rate.median_hz), (4.0, 4.0));
+        assert_eq!((rate.gaps, rate.backwards), (1, 2));
+    }
+
+    #[test]
+    fn uneven_sampling_has_a_spread() {
+        // Periods of 4 and 10 ms in turn: 7 ms in the mean.
+        let times: Vec<f64> =
+            (0..200).map(|i| f64::from(i / 2) * 0.014 + f64::from(i % 2) * 0.004).collect();
+        let rate = rate(&times).unwrap();
+        assert!((rate.mean_hz - 1.0 / 0.007).abs() < 0.5, "{rate:?}");
+        assert!(rate.spread > 0.5);
+    }
+
+    #[test]
+    fn without_time_passing_there_is_no_rate() {
+        assert_eq!(rate(&[]), None);
+        assert_eq!(rate(&[1.0]), None);
+        assert_eq!(rate(&[1.0, 1.0, 0.5]), None);
+        assert!(rate(&[0.0, 1e-300, 1e300]).unwrap().mean_hz > 0.0);
+    }
+}

@@ -1,0 +1,61 @@
+//! Which rows of a log are used, and how results are laid out, for all jobs alike.
+
+use crate::block::Block;
+use crate::log_file::LogError;
+use crate::wrench::{Axis, PerAxis};
+
+/// Which rows of a log are used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rows {
+    /// Every row.
+    All,
+    /// Rows whose readings differ from those of the row before: each frame once, where a log runs
+    /// faster than its sensor.
+    Fresh,
+}
+
+/// A stretch of time, both ends included, in s on the log's own clock.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct TimeWindow {
+    /// First instant.
+    pub start_s: f64,
+    /// Last instant.
+    pub end_s: f64,
+}
+
+impl Rows {
+    /// Leaves in `block` the rows that are used.
+    pub fn select(self, block: &mut Block) {
+        if self == Rows::Fresh {
+            block.retain_rows(&block.fresh_rows());
+        }
+    }
+}
+
+impl TimeWindow {
+    /// Whether an instant lies within.
+    pub fn contains(&self, time_s: f64) -> bool {
+        self.start_s <= time_s && time_s <= self.end_s
+    }
+}
+
+/// Why a reading of a log ends before its end.
+pub(super) enum Stop<E> {
+    Enough,
+    Failed(E),
+}
+
+impl<E: From<LogError>> From<LogError> for Stop<E> {
+    fn from(error: LogError) -> Self {
+        Stop::Failed(error.into())
+    }
+}
+
+/// Writes one value per axis under the axes' column names.
+pub(super) fn by_column<T: serde::Serialize, S: serde::Serializer>(
+    values: &PerAxis<T>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(Axis::ALL.iter().map(|axis| axis.column()).zip(values))
+}

@@ -1,0 +1,126 @@
+//! Byte strings of bounded length, and reading and writing of little-endian fields.
+
+use core::fmt;
+use core::ops::Deref;
+
+/// Up to `N` bytes in place; `N` is at most 255.
+#[derive(Clone, Copy)]
+pub struct Bytes<const N: usize> {
+    bytes: [u8; N],
+    len: u8,
+}
+
+impl<const N: usize> Bytes<N> {
+    /// No bytes.
+    pub const fn new() -> Self {
+        const { assert!(N <= 255, "the length is kept in a byte") };
+        Self { bytes: [0; N], len: 0 }
+    }
+
+    /// A copy of `slice`, `None` if it is longer than `N`.
+    pub fn copy_of(slice: &[u8]) -> Option<Self> {
+        let mut copy = Self::new();
+        copy.extend(slice).then_some(copy)
+    }
+
+    /// Appends one byte; false, and nothing done, if there is no room.
+    pub(crate) fn push(&mut self, byte: u8) -> bool {
+        self.extend(&[byte])
+    }
+
+    /// Appends a slice; false, and nothing done, if there is no room for all of it.
+    pub(crate) fn extend(&mut self, slice: &[u8]) -> bool {
+        let len = usize::from(self.len);
+        let Some(room) = self.bytes.get_mut(len..len + slice.len()) else { return false };
+        room.copy_from_slice(slice);
+        self.len += slice.len() as u8;
+        true
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// Removes the first `count` bytes, or all of them.
+    pub(crate) fn remove_front(&mut self, count: usize) {
+        let len = usize::from(self.len);
+        let count = count.min(len);
+        self.bytes.copy_within(count..len, 0);
+        self.len = (len - count) as u8;
+    }
+
+    pub(crate) fn as_mut_slice(&mut self) -> &mut [u8] {
+        self.bytes.get_mut(..usize::from(self.len)).unwrap_or_default()
+    }
+}
+
+impl<const N: usize> Default for Bytes<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> Deref for Bytes<N> {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or_default()
+    }
+}
+
+impl<const N: usize> AsRef<[u8]> for Bytes<N> {
+    fn as_ref(&self) -> &[u8] {
+        self
+    }
+}
+
+impl<const N: usize> PartialEq for Bytes<N> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl<const N: usize> Eq for Bytes<N> {}
+
+impl<const N: usize> fmt::Debug for Bytes<N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:02x?}", &**self)
+    }
+}
+
+/// Takes fields off the front of a slice.
+pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
+
+impl<'a> Reader<'a> {
+    pub(crate) fn array<const K: usize>(&mut self) -> Option<[u8; K]> {
+        let (field, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(*field)
+    }
+
+    pub(crate) fn u8(&mut self) -> Option<u8> {
+        self.array().map(|[byte]| byte)
+    }
+
+    pub(crate) fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    pub(crate) fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub(crate) fn f32(&mut self) -> Option<f32> {
+        self.array().map(f32::from_le_bytes)
+    }
+
+    /// What is left.
+    pub(crate) fn rest(self) -> &'a [u8] {
+        self.0
+    }
+
+    /// `value` if nothing is left.
+    pub(crate) fn end<T>(self, value: T) -> Option<T> {
+        self.0.is_empty().then_some(value)
+    }
+}

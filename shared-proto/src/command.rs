@@ -1,0 +1,435 @@
+//! What the host asks of the board, and what the board answers.
+//!
+//! Every command carries a number of the host's choosing and the answer repeats it, so that a
+//! command that was lost can be sent again: doing any of them twice is the same as doing it once.
+
+use crate::bytes::{Bytes, Reader};
+
+/// Most bytes of a calibration in one command.
+pub const MAX_PIECE: usize = 40;
+
+/// Some bytes of a calibration.
+pub type Piece = Bytes<MAX_PIECE>;
+
+/// What the samples of the stream hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stream {
+    /// Readings.
+    #[default]
+    Raw,
+    /// Wrenches, converted on the board.
+    Wrench,
+}
+
+impl Stream {
+    const fn code(self) -> u8 {
+        match self {
+            Self::Raw => 0,
+            Self::Wrench => 1,
+        }
+    }
+
+    const fn from_code(code: u8) -> Option<Self> {
+        match code {
+            0 => Some(Self::Raw),
+            1 => Some(Self::Wrench),
+            _ => None,
+        }
+    }
+}
+
+/// A request to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Command {
+    /// Say what you are: [`Answer::Identity`].
+    Identify,
+    /// Say how you do: [`Answer::Status`].
+    Status,
+    /// Start streaming.
+    Start,
+    /// Stop streaming.
+    Stop,
+    /// Take a frame every so many µs.
+    SetPeriod {
+        /// Time from frame to frame in µs.
+        period_us: u32,
+    },
+    /// Average so many conversions for each lit and each dark value.
+    SetOversampling {
+        /// Number of conversions, from 1.
+        conversions: u8,
+    },
+    /// Wait so long after an emitter is switched before converting.
+    SetSettling {
+        /// Time in µs.
+        settling_us: u16,
+    },
+    /// Stream readings or wrenches.
+    SetStream(Stream),
+    /// A calibration is going to be uploaded.
+    BeginCalibration {
+        /// Its length in bytes.
+        size: u32,
+        /// CRC-32 of all its bytes, see [`crate::crc32`].
+        crc32: u32,
+    },
+    /// Some bytes of the calibration.
+    CalibrationPiece {
+        /// Where they belong.
+        offset: u16,
+        /// The bytes.
+        data: Piece,
+    },
+    /// The calibration is complete: check it, keep it, use it.
+    CommitCalibration,
+    /// Take the mean wrench of the next frames as zero.
+    Zero {
+        /// How many frames to average; none takes the zero back.
+        frames: u16,
+    },
+    /// A command that this version does not know, or one with arguments that are not its own.
+    Unknown {
+        /// The code that names it.
+        code: u8,
+    },
+}
+
+impl Command {
+    /// The code that names the command on the wire.
+    pub const fn code(&self) -> u8 {
+        match self {
+            Self::Identify => 0x01,
+            Self::Status => 0x02,
+            Self::Start => 0x03,
+            Self::Stop => 0x04,
+            Self::SetPeriod { .. } => 0x05,
+            Self::SetOversampling { .. } => 0x06,
+            Self::SetSettling { .. } => 0x07,
+            Self::SetStream(_) => 0x08,
+            Self::BeginCalibration { .. } => 0x09,
+            Self::CalibrationPiece { .. } => 0x0A,
+            Self::CommitCalibration => 0x0B,
+            Self::Zero { .. } => 0x0C,
+            Self::Unknown { code } => *code,
+        }
+    }
+
+    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        out.push(self.code());
+        match self {
+            Self::Identify | Self::Status | Self::Start | Self::Stop => {}
+            Self::CommitCalibration | Self::Unknown { .. } => {}
+            Self::SetPeriod { period_us } => {
+                out.extend(&period_us.to_le_bytes());
+            }
+            Self::SetOversampling { conversions } => {
+                out.push(*conversions);
+            }
+            Self::SetSettling { settling_us } => {
+                out.extend(&settling_us.to_le_bytes());
+            }
+            Self::SetStream(stream) => {
+                out.push(stream.code());
+            }
+            Self::BeginCalibration { size, crc32 } => {
+                out.extend(&size.to_le_bytes());
+                out.extend(&crc32.to_le_bytes());
+            }
+            Self::CalibrationPiece { offset, data } => {
+                out.extend(&offset.to_le_bytes());
+                out.extend(data);
+            }
+            Self::Zero { frames } => {
+                out.extend(&frames.to_le_bytes());
+            }
+        }
+    }
+
+    /// `None` if there is not even a code.
+    pub(crate) fn read(mut body: Reader<'_>) -> Option<Self> {
+        let code = body.u8()?;
+        Some(Self::read_arguments(code, body).unwrap_or(Self::Unknown { code }))
+    }
+
+    fn read_arguments(code: u8, mut body: Reader<'_>) -> Option<Self> {
+        let command = match code {
+            0x01 => Self::Identify,
+            0x02 => Self::Status,
+            0x03 => Self::Start,
+            0x04 => Self::Stop,
+            0x05 => Self::SetPeriod { period_us: body.u32()? },
+            0x06 => Self::SetOversampling { conversions: body.u8()? },
+            0x07 => Self::SetSettling { settling_us: body.u16()? },
+            0x08 => Self::SetStream(Stream::from_code(body.u8()?)?),
+            0x09 => Self::BeginCalibration { size: body.u32()?, crc32: body.u32()? },
+            0x0A => {
+                let offset = body.u16()?;
+                return Some(Self::CalibrationPiece { offset, data: Piece::copy_of(body.rest())? });
+            }
+            0x0B => Self::CommitCalibration,
+            0x0C => Self::Zero { frames: body.u16()? },
+            _ => return None,
+        };
+        body.end(command)
+    }
+}
+
+/// What the board has to say to a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Answer {
+    /// Done, or begun.
+    Done,
+    /// To [`Command::Identify`].
+    Identity(Identity),
+    /// To [`Command::Status`].
+    Status(Status),
+    /// Not done; nothing has changed.
+    Refused(Refusal),
+}
+
+impl Answer {
+    const DONE: u8 = 0x00;
+    const IDENTITY: u8 = 0x01;
+    const STATUS: u8 = 0x02;
+    const REFUSED: u8 = 0x03;
+
+    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        match self {
+            Self::Done => {
+                out.push(Self::DONE);
+            }
+            Self::Identity(identity) => {
+                out.push(Self::IDENTITY);
+                identity.write(out);
+            }
+            Self::Status(status) => {
+                out.push(Self::STATUS);
+                status.write(out);
+            }
+            Self::Refused(refusal) => {
+                out.push(Self::REFUSED);
+                out.push(refusal.code());
+            }
+        }
+    }
+
+    pub(crate) fn read(mut body: Reader<'_>) -> Option<Self> {
+        let answer = match body.u8()? {
+            Self::DONE => Self::Done,
+            Self::IDENTITY => Self::Identity(Identity::read(&mut body)?),
+            Self::STATUS => Self::Status(Status::read(&mut body)?),
+            Self::REFUSED => Self::Refused(Refusal::from_code(body.u8()?)?),
+            _ => return None,
+        };
+        body.end(answer)
+    }
+}
+
+/// Gives an enum its one-byte codes both ways.
+macro_rules! codes {
+    ($name:ident { $($variant:ident = $code:literal),+ $(,)? }) => {
+        impl $name {
+            /// All variants, in the order of their codes.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
+
+            /// The code on the wire.
+            pub const fn code(self) -> u8 {
+                match self {
+                    $(Self::$variant => $code,)+
+                }
+            }
+
+            /// The variant of a code.
+            pub const fn from_code(code: u8) -> Option<Self> {
+                match code {
+                    $($code => Some(Self::$variant),)+
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+/// Why the board does not do what it was asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Refusal {
+    /// The board does not know the command, or not with these arguments.
+    UnknownCommand,
+    /// The board speaks another version of the protocol: that of the answer's own header.
+    OtherVersion,
+    /// An argument is outside its range.
+    OutOfRange,
+    /// Conversions and settling of a frame would take longer than the period.
+    PeriodTooShort,
+    /// Wrenches need a calibration, and there is none.
+    NoCalibration,
+    /// A piece or a commit of a calibration that was not begun.
+    NoUpload,
+    /// The piece does not follow on the one before.
+    WrongOffset,
+    /// The calibration has not the length of one, or not the one announced.
+    WrongSize,
+    /// The CRC-32 of the calibration is not the one announced.
+    WrongCrc,
+    /// The calibration arrived whole but is not one that this board can use.
+    BadCalibration,
+    /// The flash did not keep the calibration.
+    StorageFailed,
+}
+
+codes!(Refusal {
+    UnknownCommand = 1,
+    OtherVersion = 2,
+    OutOfRange = 3,
+    PeriodTooShort = 4,
+    NoCalibration = 5,
+    NoUpload = 6,
+    WrongOffset = 7,
+    WrongSize = 8,
+    WrongCrc = 9,
+    BadCalibration = 10,
+    StorageFailed = 11,
+});
+
+/// Where the firmware runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Board {
+    /// STM32L432KC.
+    SkinProc,
+    /// A Cortex-M4F in emulation.
+    Emulated,
+    /// A process on the host.
+    Simulated,
+}
+
+codes!(Board { SkinProc = 1, Emulated = 2, Simulated = 3 });
+
+/// Why the board last started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ResetCause {
+    /// Power was switched on, or fell too low.
+    Power,
+    /// The reset line, or a debugger.
+    Pin,
+    /// The firmware panicked.
+    Panic,
+    /// The watchdog was not fed.
+    Watchdog,
+    /// Any other.
+    Other,
+}
+
+codes!(ResetCause { Power = 1, Pin = 2, Panic = 3, Watchdog = 4, Other = 5 });
+
+/// What a board is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Where the firmware runs.
+    pub board: Board,
+    /// Version of the firmware: major, minor, patch.
+    pub firmware: [u8; 3],
+    /// Serial number of the chip.
+    pub serial: [u8; 12],
+    /// Shortest period that the board accepts, in µs.
+    pub min_period_us: u32,
+}
+
+impl Identity {
+    fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        out.push(self.board.code());
+        out.extend(&self.firmware);
+        out.extend(&self.serial);
+        out.extend(&self.min_period_us.to_le_bytes());
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        Some(Self {
+            board: Board::from_code(body.u8()?)?,
+            firmware: body.array()?,
+            serial: body.array()?,
+            min_period_us: body.u32()?,
+        })
+    }
+}
+
+/// How a board does. All counts are since the last reset and wrap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// Whether it streams.
+    pub streaming: bool,
+    /// Whether it has a calibration.
+    pub calibrated: bool,
+    /// Whether the wrench has a zero.
+    pub zeroed: bool,
+    /// What it streams.
+    pub stream: Stream,
+    /// Why it last started.
+    pub reset_cause: ResetCause,
+    /// Time from frame to frame in µs.
+    pub period_us: u32,
+    /// Conversions averaged for each lit and each dark value.
+    pub conversions: u8,
+    /// Time from switching an emitter to converting, in µs.
+    pub settling_us: u16,
+    /// Time since the reset in s.
+    pub uptime_s: u32,
+    /// Frames taken.
+    pub frames: u32,
+    /// Frames not taken because their time had passed.
+    pub late: u32,
+    /// Frames taken but dropped because the link was not drained.
+    pub overflowed: u32,
+    /// Frames that arrived damaged at the board.
+    pub damaged: u16,
+    /// Longest time that a frame has taken, in µs; it stays at the largest value that fits.
+    pub longest_frame_us: u16,
+    /// CRC-32 of the calibration in use, zero without one.
+    pub calibration_crc32: u32,
+}
+
+impl Status {
+    fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        let flags = u8::from(self.streaming)
+            | u8::from(self.calibrated) << 1
+            | u8::from(self.zeroed) << 2
+            | self.stream.code() << 3;
+        out.push(flags);
+        out.push(self.reset_cause.code());
+        out.extend(&self.period_us.to_le_bytes());
+        out.push(self.conversions);
+        out.extend(&self.settling_us.to_le_bytes());
+        out.extend(&self.uptime_s.to_le_bytes());
+        out.extend(&self.frames.to_le_bytes());
+        out.extend(&self.late.to_le_bytes());
+        out.extend(&self.overflowed.to_le_bytes());
+        out.extend(&self.damaged.to_le_bytes());
+        out.extend(&self.longest_frame_us.to_le_bytes());
+        out.extend(&self.calibration_crc32.to_le_bytes());
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        let flags = body.u8()?;
+        Some(Self {
+            streaming: flags & 1 != 0,
+            calibrated: flags & 2 != 0,
+            zeroed: flags & 4 != 0,
+            stream: Stream::from_code(flags >> 3)?,
+            reset_cause: ResetCause::from_code(body.u8()?)?,
+            period_us: body.u32()?,
+            conversions: body.u8()?,
+            settling_us: body.u16()?,
+            uptime_s: body.u32()?,
+            frames: body.u32()?,
+            late: body.u32()?,
+            overflowed: body.u32()?,
+            damaged: body.u16()?,
+            longest_frame_us: body.u16()?,
+            calibration_crc32: body.u32()?,
+        })
+    }
+}

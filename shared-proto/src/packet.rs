@@ -1,0 +1,220 @@
+//! The packets: what each kind holds and where.
+
+use crate::bytes::Reader;
+use crate::command::{Answer, Board, Command, ResetCause};
+use crate::error::DecodeError;
+use crate::frame::{self, Frame, Plain};
+use crate::{AXES, CHANNELS};
+use crc::{CRC_16_M17, Crc};
+
+/// Version of the protocol: the upper four bits of every header.
+pub const VERSION: u8 = 1;
+
+/// Steps of a reading per step of the board's 12-bit converter.
+///
+/// A reading is a mean of conversions and carries four bits after the point, whatever the
+/// oversampling is, so that a calibration holds for all of them.
+pub const COUNTS_PER_LSB: u16 = 16;
+
+/// CRC-16/M17, polynomial 0x5935: finds every error of up to four bits in up to 241 bits of
+/// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5), and a packet of readings has 200.
+/// The common 0x1021 finds three.
+static CRC: Crc<u16, Tables> = Crc::<u16, Tables>::new(&CRC_16_M17);
+
+/// Sixteen tables (8 KiB) where memory is plenty, one (512 B) on a board.
+#[cfg(not(target_os = "none"))]
+type Tables = crc::Table<16>;
+#[cfg(target_os = "none")]
+type Tables = crc::Table<1>;
+
+/// Kinds of packet, the lower four bits of the header. Those that would make the header 0x11 or
+/// 0x13 in version 1 are not used: they would need a mask every time.
+const SAMPLE_READINGS: u8 = 0x4;
+const SAMPLE_WRENCH: u8 = 0x5;
+const COMMAND: u8 = 0x8;
+const ANSWER: u8 = 0x9;
+const BOOT: u8 = 0xA;
+
+/// Everything that travels between board and host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Packet {
+    /// One frame of the stream.
+    Sample(Sample),
+    /// From the host.
+    Command {
+        /// Number that the answer repeats.
+        number: u16,
+        /// What to do.
+        command: Command,
+    },
+    /// From the board.
+    Answer {
+        /// Number of the command that is answered.
+        number: u16,
+        /// What came of it.
+        answer: Answer,
+    },
+    /// The board has started.
+    Boot(Boot),
+}
+
+/// One frame of the stream.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Counts the samples that the board has sent since its reset, and wraps.
+    pub sequence: u16,
+    /// The board's clock at the start of the frame, in µs since its reset; it wraps.
+    pub clock_us: u32,
+    /// What was measured.
+    pub values: Values,
+    /// Bit i is set if channel i was at an end of the converter's range.
+    pub saturated: u8,
+    /// Counts the frames that the board did not take or could not send, and wraps.
+    pub dropped: u8,
+}
+
+/// What a sample holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Values {
+    /// Readings in counts, [`COUNTS_PER_LSB`] to a step of a 12-bit converter.
+    Readings([u16; CHANNELS]),
+    /// Fx, Fy, Fz in N, then Mx, My, Mz in N·m.
+    Wrench([f32; AXES]),
+}
+
+/// What a board says of itself when it has started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Boot {
+    /// Where the firmware runs.
+    pub board: Board,
+    /// Version of the firmware: major, minor, patch.
+    pub firmware: [u8; 3],
+    /// Why it started.
+    pub cause: ResetCause,
+}
+
+impl Packet {
+    /// The packet as a frame, delimiter included.
+    pub fn encode(&self) -> Frame {
+        let (kind, number) = match self {
+            Self::Sample(Sample { sequence, values: Values::Readings(_), .. }) => {
+                (SAMPLE_READINGS, *sequence)
+            }
+            Self::Sample(Sample { sequence, .. }) => (SAMPLE_WRENCH, *sequence),
+            Self::Command { number, .. } => (COMMAND, *number),
+            Self::Answer { number, .. } => (ANSWER, *number),
+            Self::Boot(_) => (BOOT, 0),
+        };
+        let mut packet = Plain::new();
+        packet.push(0);
+        packet.push(VERSION << 4 | kind);
+        packet.extend(&number.to_le_bytes());
+        match self {
+            Self::Sample(sample) => sample.write(&mut packet),
+            Self::Command { command, .. } => command.write(&mut packet),
+            Self::Answer { answer, .. } => answer.write(&mut packet),
+            Self::Boot(boot) => boot.write(&mut packet),
+        }
+        let crc = CRC.checksum(packet.get(1..).unwrap_or_default());
+        packet.extend(&crc.to_le_bytes());
+        frame::encode(packet)
+    }
+
+    /// The packet in a frame that is given without its delimiter.
+    ///
+    /// # Errors
+    /// [`DecodeError`]: the bytes are not a frame, are damaged, or are of another version.
+    pub fn decode(frame: &[u8]) -> Result<Self, DecodeError> {
+        let plain = frame::decode(frame)?;
+        let Some((content, crc)) = plain.get(1..).and_then(|rest| rest.split_last_chunk()) else {
+            return Err(DecodeError::Framing);
+        };
+        let mut body = Reader(content);
+        let Some(header) = body.u8() else { return Err(DecodeError::Framing) };
+        if CRC.checksum(content) != u16::from_le_bytes(*crc) {
+            return Err(DecodeError::Crc);
+        }
+        if header >> 4 != VERSION {
+            return Err(DecodeError::UnknownVersion(header >> 4));
+        }
+        let Some(number) = body.u16() else { return Err(DecodeError::Body) };
+        match header & 0xF {
+            SAMPLE_READINGS => Sample::read_readings(number, body).map(Self::Sample),
+            SAMPLE_WRENCH => Sample::read_wrench(number, body).map(Self::Sample),
+            COMMAND => Command::read(body).map(|command| Self::Command { number, command }),
+            ANSWER => Answer::read(body).map(|answer| Self::Answer { number, answer }),
+            BOOT => Boot::read(body).map(Self::Boot),
+            kind => return Err(DecodeError::UnknownKind(kind)),
+        }
+        .ok_or(DecodeError::Body)
+    }
+
+    /// Whether a header is one of this version.
+    pub(crate) fn has_known_header(frame: &[u8]) -> bool {
+        frame::header(frame).is_some_and(|header| {
+            header >> 4 == VERSION
+                && matches!(header & 0xF, SAMPLE_READINGS | SAMPLE_WRENCH | COMMAND | ANSWER | BOOT)
+        })
+    }
+}
+
+impl Sample {
+    fn write(&self, out: &mut Plain) {
+        out.extend(&self.clock_us.to_le_bytes());
+        match &self.values {
+            Values::Readings(readings) => {
+                readings.iter().for_each(|reading| _ = out.extend(&reading.to_le_bytes()));
+            }
+            Values::Wrench(wrench) => {
+                wrench.iter().for_each(|value| _ = out.extend(&value.to_le_bytes()));
+            }
+        }
+        out.push(self.saturated);
+        out.push(self.dropped);
+    }
+
+    fn read_readings(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
+        let clock_us = body.u32()?;
+        let mut readings = [0; CHANNELS];
+        for reading in &mut readings {
+            *reading = body.u16()?;
+        }
+        Self::read_flags(sequence, clock_us, Values::Readings(readings), body)
+    }
+
+    fn read_wrench(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
+        let clock_us = body.u32()?;
+        let mut wrench = [0.0; AXES];
+        for value in &mut wrench {
+            *value = body.f32()?;
+        }
+        Self::read_flags(sequence, clock_us, Values::Wrench(wrench), body)
+    }
+
+    fn read_flags(
+        sequence: u16,
+        clock_us: u32,
+        values: Values,
+        mut body: Reader<'_>,
+    ) -> Option<Self> {
+        let (saturated, dropped) = (body.u8()?, body.u8()?);
+        body.end(Self { sequence, clock_us, values, saturated, dropped })
+    }
+}
+
+impl Boot {
+    fn write(&self, out: &mut Plain) {
+        out.push(self.board.code());
+        out.extend(&self.firmware);
+        out.push(self.cause.code());
+    }
+
+    fn read(mut body: Reader<'_>) -> Option<Self> {
+        let boot = Self {
+            board: Board::from_code(body.u8()?)?,
+            firmware: body.array()?,
+            cause: ResetCause::from_code(body.u8()?)?,
+        };
+        body.end(boot)
+    }
+}

@@ -1,0 +1,164 @@
+//! Finding API frames in a byte stream.
+
+use super::{ApiFrame, ESCAPE, ESCAPED_BY, Mode, START};
+use crate::bytes::Bytes;
+
+/// Most bytes of a frame between length and checksum that are followed. The longest with a payload
+/// has 14 bytes of header; room is left for other kinds.
+const MAX_DATA: usize = 128;
+
+/// Start, length, data, checksum.
+const MAX_RAW: usize = MAX_DATA + 4;
+
+/// Turns a byte stream into API frames.
+///
+/// Without escapes a start byte can stand anywhere. So after a damaged frame its bytes are looked
+/// through again for the start of the next, lest a wrong length swallow it; and a frame with a
+/// start byte in its data, which might be two frames of which the first has a wrong length, is
+/// believed when another start follows it.
+#[derive(Clone, Debug)]
+pub struct Deframer {
+    mode: Mode,
+    /// Unescaped, from a start byte on; empty while none has been seen.
+    pending: Bytes<{ MAX_RAW + 1 }>,
+    /// Bytes at the front of `pending` that belong to a frame already counted as damaged.
+    condemned: usize,
+    /// Whether bytes outside a frame are left over from damage that has been counted, or from
+    /// before this end listened.
+    skipping: bool,
+    escape: bool,
+    /// Frames with a wrong start, length or checksum, or cut short.
+    pub damaged: u64,
+}
+
+impl Deframer {
+    /// Nothing has arrived.
+    pub const fn new(mode: Mode) -> Self {
+        let pending = Bytes::new();
+        Self { mode, pending, condemned: 0, skipping: true, escape: false, damaged: 0 }
+    }
+
+    /// Takes bytes, in slices of any size, and calls `sink` with every frame.
+    pub fn feed(&mut self, mut bytes: &[u8], mut sink: impl FnMut(ApiFrame<'_>)) {
+        while let Some((&byte, rest)) = bytes.split_first() {
+            if self.pending.is_empty() {
+                if let Some((data, after)) = whole_frame(bytes) {
+                    self.skipping = false;
+                    give(data, &mut sink);
+                    bytes = after;
+                    continue;
+                }
+                if byte != START {
+                    self.count_damage();
+                    bytes = rest;
+                    continue;
+                }
+            }
+            match self.mode {
+                Mode::Plain => self.take_plain(byte, &mut sink),
+                Mode::Escaped => self.take_escaped(byte, &mut sink),
+            }
+            bytes = rest;
+        }
+    }
+
+    /// Counts damage once, however many bytes it leaves behind.
+    fn count_damage(&mut self) {
+        self.damaged += u64::from(!self.skipping);
+        self.skipping = true;
+    }
+
+    fn take_plain(&mut self, byte: u8, sink: &mut impl FnMut(ApiFrame<'_>)) {
+        self.pending.push(byte);
+        while !self.pending.is_empty() {
+            let (len, good) = match progress(&self.pending) {
+                Progress::Incomplete => return,
+                Progress::Damaged { len } => (len, false),
+                Progress::Whole(data) => {
+                    let len = data.len() + 4;
+                    let next = self.pending.get(len);
+                    let suspect = data.contains(&START);
+                    if suspect && next.is_none() {
+                        return;
+                    }
+                    let good = !suspect || next == Some(&START);
+                    if good {
+                        give(data, sink);
+                    }
+                    (len, good)
+                }
+            };
+            if !good && self.condemned == 0 {
+                self.damaged += 1;
+                self.condemned = len;
+            }
+            self.skipping = !good;
+            let len = if good { len } else { 1 };
+            let next = self.pending.iter().skip(len).position(|&byte| byte == START);
+            let gone = next.map_or(self.pending.len(), |next| len + next);
+            self.pending.remove_front(gone);
+            self.condemned = self.condemned.saturating_sub(gone);
+        }
+    }
+
+    fn take_escaped(&mut self, byte: u8, sink: &mut impl FnMut(ApiFrame<'_>)) {
+        if byte == START {
+            self.damaged += u64::from(!self.pending.is_empty());
+            self.pending.clear();
+            self.escape = false;
+        } else if byte == ESCAPE {
+            self.escape = true;
+            return;
+        }
+        self.pending.push(if self.escape { byte ^ ESCAPED_BY } else { byte });
+        self.escape = false;
+        match progress(&self.pending) {
+            Progress::Incomplete => return,
+            Progress::Whole(data) => {
+                self.skipping = false;
+                give(data, sink);
+            }
+            Progress::Damaged { .. } => {
+                self.damaged += 1;
+                self.skipping = true;
+            }
+        }
+        self.pending.clear();
+    }
+}
+
+enum Progress<'a> {
+    Incomplete,
+    Whole(&'a [u8]),
+    Damaged { len: usize },
+}
+
+/// How far a frame is that begins at the front of `bytes`.
+fn progress(bytes: &[u8]) -> Progress<'_> {
+    let [_, high, low, rest @ ..] = bytes else { return Progress::Incomplete };
+    let len = usize::from(u16::from_be_bytes([*high, *low]));
+    if len == 0 || len > MAX_DATA {
+        return Progress::Damaged { len: 3 };
+    }
+    let Some(sealed) = rest.get(..=len) else { return Progress::Incomplete };
+    match sealed.iter().copied().fold(0, u8::wrapping_add) {
+        0xFF => Progress::Whole(&sealed[..len]),
+        _ => Progress::Damaged { len: len + 4 },
+    }
+}
+
+/// The data of a good frame at the front of `bytes`, if in either mode it can be read as it
+/// stands, and what follows it.
+fn whole_frame(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let Progress::Whole(data) = progress(bytes) else { return None };
+    let (frame, after) = bytes.split_at(data.len() + 4);
+    let (&start, rest) = frame.split_first()?;
+    let as_it_is = start == START && !rest.iter().any(|byte| matches!(*byte, START | ESCAPE));
+    as_it_is.then_some((data, after))
+}
+
+fn give(data: &[u8], sink: &mut impl FnMut(ApiFrame<'_>)) {
+    // A frame too short for its kind has a right checksum: not damage, but nothing to read either.
+    let kind = data.first().copied().unwrap_or_default();
+    sink(ApiFrame::parse(data).unwrap_or(ApiFrame::Other { kind }));
+}

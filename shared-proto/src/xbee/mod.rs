@@ -1,0 +1,325 @@
+//! API frames of an XBee: what a base station in API mode says and hears.
+//!
+//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum that makes the sum
+//! of data and checksum 0xFF. With escapes (AP=2) 0x7E, 0x7D, 0x11 and 0x13 after the start are
+//! sent as 0x7D and the byte exclusive-or 0x20, so that 0x7E always starts a frame; without (AP=1)
+//! it can stand anywhere. Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982,
+//! chapter "API operation"; for 0x10, 0x8B and 0x90 the "XBee/XBee-PRO S2C Zigbee User Guide",
+//! 90002002.
+
+mod deframer;
+
+use crate::bytes::{Bytes, Reader};
+use crate::frame::is_escaped;
+pub use deframer::Deframer;
+
+/// Most data bytes in one radio packet of an 802.15.4 XBee.
+pub const MAX_PAYLOAD: usize = 100;
+
+const START: u8 = 0x7E;
+const ESCAPE: u8 = 0x7D;
+const ESCAPED_BY: u8 = 0x20;
+
+/// An encoded frame: at worst every byte but the start is escaped.
+pub type Encoded = Bytes<{ 1 + 2 * (2 + 14 + MAX_PAYLOAD + 1) }>;
+
+/// How the module is set (parameter AP).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// AP=1.
+    Plain,
+    /// AP=2: with escapes.
+    Escaped,
+}
+
+/// A module's address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Address {
+    /// 16 bits (802.15.4: frames 0x01, 0x81).
+    Short(u16),
+    /// 64 bits (802.15.4: frames 0x00, 0x80).
+    Long(u64),
+    /// Both (Zigbee and DigiMesh: frames 0x10, 0x90).
+    Zigbee {
+        /// 64 bits.
+        long: u64,
+        /// 16 bits, 0xFFFE if it is not known.
+        short: u16,
+    },
+}
+
+/// One API frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ApiFrame<'a> {
+    /// Data for the other side: 0x00, 0x01 or 0x10, as the address has it.
+    Transmit {
+        /// Repeated in the status; 0 asks for none.
+        id: u8,
+        /// Where to.
+        to: Address,
+        /// The data, at most [`MAX_PAYLOAD`] bytes.
+        payload: &'a [u8],
+    },
+    /// Data from the other side: 0x80, 0x81 or 0x90, as the address has it.
+    Receive {
+        /// Where from.
+        from: Address,
+        /// Signal strength in −dBm; Zigbee does not tell.
+        rssi: Option<u8>,
+        /// The data.
+        payload: &'a [u8],
+    },
+    /// What became of a transmission: 0x89 or 0x8B.
+    TransmitStatus(TransmitStatus),
+    /// Any other kind.
+    Other {
+        /// The first byte.
+        kind: u8,
+    },
+}
+
+/// What became of a transmission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TransmitStatus {
+    /// That of the transmission.
+    pub id: u8,
+    /// 0 if it arrived, else the module's reason.
+    pub status: u8,
+}
+
+impl<'a> ApiFrame<'a> {
+    /// The frame whose data, between length and checksum, this is; `None` if it is too short.
+    pub fn parse(data: &'a [u8]) -> Option<Self> {
+        let mut rest = Reader(data);
+        let kind = rest.u8()?;
+        Some(match kind {
+            0x00 | 0x01 | 0x10 => {
+                let id = rest.u8()?;
+                let to = match kind {
+                    0x00 => Address::Long(rest.array().map(u64::from_be_bytes)?),
+                    0x01 => Address::Short(rest.array().map(u16::from_be_bytes)?),
+                    _ => Address::zigbee(&mut rest)?,
+                };
+                let _options = rest.u8()?;
+                if kind == 0x10 {
+                    let _radius = rest.u8()?;
+                }
+                Self::Transmit { id, to, payload: rest.rest() }
+            }
+            0x80 | 0x81 | 0x90 => {
+                let (from, rssi) = match kind {
+                    0x80 => (Address::Long(rest.array().map(u64::from_be_bytes)?), rest.u8()),
+                    0x81 => (Address::Short(rest.array().map(u16::from_be_bytes)?), rest.u8()),
+                    _ => (Address::zigbee(&mut rest)?, None),
+                };
+                let _options = rest.u8()?;
+                Self::Receive { from, rssi, payload: rest.rest() }
+            }
+            0x89 => {
+                let (id, status) = (rest.u8()?, rest.u8()?);
+                Self::TransmitStatus(TransmitStatus { id, status })
+            }
+            0x8B => {
+                let (id, _short, _retries) = (rest.u8()?, rest.u16()?, rest.u8()?);
+                Self::TransmitStatus(TransmitStatus { id, status: rest.u8()? })
+            }
+            _ => Self::Other { kind },
+        })
+    }
+
+    /// The frame as it goes over the serial line; `None` if the payload is too long or the kind is
+    /// one that only a module would send and that carries nothing ([`ApiFrame::Other`]).
+    pub fn encode(&self, mode: Mode) -> Option<Encoded> {
+        let mut header = Bytes::<14>::new();
+        let payload: &[u8] = match *self {
+            Self::Transmit { id, to, payload } => {
+                header.push(to.kinds().0);
+                header.push(id);
+                to.write(&mut header);
+                if matches!(to, Address::Zigbee { .. }) {
+                    header.push(0); // as many hops as the network needs
+                }
+                header.push(0); // no options
+                payload
+            }
+            Self::Receive { from, rssi, payload } => {
+                header.push(from.kinds().1);
+                from.write(&mut header);
+                if !matches!(from, Address::Zigbee { .. }) {
+                    header.push(rssi.unwrap_or(0));
+                }
+                header.push(0);
+                payload
+            }
+            Self::TransmitStatus(TransmitStatus { id, status }) => {
+                header.extend(&[0x89, id, status]);
+                &[]
+            }
+            Self::Other { .. } => return None,
+        };
+        if payload.len() > MAX_PAYLOAD {
+            return None;
+        }
+        let data = || header.iter().chain(payload).copied();
+        let len = (header.len() + payload.len()) as u16;
+        let checksum = 0xFF - data().fold(0, u8::wrapping_add);
+        let mut out = Encoded::new();
+        out.push(START);
+        for byte in len.to_be_bytes().into_iter().chain(data()).chain([checksum]) {
+            if mode == Mode::Escaped && is_escaped(byte) {
+                out.extend(&[ESCAPE, byte ^ ESCAPED_BY]);
+            } else {
+                out.push(byte);
+            }
+        }
+        Some(out)
+    }
+}
+
+impl Address {
+    fn zigbee(rest: &mut Reader<'_>) -> Option<Self> {
+        let long = rest.array().map(u64::from_be_bytes)?;
+        Some(Self::Zigbee { long, short: rest.array().map(u16::from_be_bytes)? })
+    }
+
+    /// The kinds of frame to transmit to such an address and to receive from it.
+    const fn kinds(self) -> (u8, u8) {
+        match self {
+            Self::Long(_) => (0x00, 0x80),
+            Self::Short(_) => (0x01, 0x81),
+            Self::Zigbee { .. } => (0x10, 0x90),
+        }
+    }
+
+    fn write<const N: usize>(self, out: &mut Bytes<N>) {
+        match self {
+            Self::Short(short) => {
+                out.extend(&short.to_be_bytes());
+            }
+            Self::Long(long) => {
+                out.extend(&long.to_be_bytes());
+            }
+            Self::Zigbee { long, short } => {
+                out.extend(&long.to_be_bytes());
+                out.extend(&short.to_be_bytes());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    /// Frames as text, for they borrow from the decoder.
+    fn frames(mode: Mode, stream: &[u8], piece: usize) -> (Vec<std::string::String>, u64) {
+        let (mut deframer, mut frames) = (Deframer::new(mode), Vec::new());
+        for bytes in stream.chunks(piece) {
+            deframer.feed(bytes, |frame| frames.push(std::format!("{frame:?}")));
+        }
+        (frames, deframer.damaged)
+    }
+
+    fn text(frame: &ApiFrame<'_>) -> std::string::String {
+        std::format!("{frame:?}")
+    }
+
+    fn receive(payload: &[u8]) -> ApiFrame<'_> {
+        ApiFrame::Receive { from: Address::Short(0x2052), rssi: Some(40), payload }
+    }
+
+    // Examples in Digi's user guides.
+    #[test]
+    fn frames_are_those_of_the_manual() {
+        // 90002002, "Transmit Request frame - 0x10".
+        let payload = b"TxData0A";
+        let to = Address::Zigbee { long: 0x0013_A200_400A_0127, short: 0xFFFE };
+        let expected = [
+            0x7E, 0x00, 0x16, 0x10, 0x01, 0x00, 0x13, 0xA2, 0x00, 0x40, 0x0A, 0x01, 0x27, 0xFF,
+            0xFE, 0x00, 0x00, 0x54, 0x78, 0x44, 0x61, 0x74, 0x61, 0x30, 0x41, 0x13,
+        ];
+        let plain = ApiFrame::Transmit { id: 1, to, payload }.encode(Mode::Plain).unwrap();
+        assert_eq!(&*plain, expected);
+        // The same with escapes: 0x13 in the address and as the checksum.
+        let escaped = ApiFrame::Transmit { id: 1, to, payload }.encode(Mode::Escaped).unwrap();
+        let expected = [
+            0x7E, 0x00, 0x16, 0x10, 0x01, 0x00, 0x7D, 0x33, 0xA2, 0x00, 0x40, 0x0A, 0x01, 0x27,
+            0xFF, 0xFE, 0x00, 0x00, 0x54, 0x78, 0x44, 0x61, 0x74, 0x61, 0x30, 0x41, 0x7D, 0x33,
+        ];
+        assert_eq!(&*escaped, expected);
+    }
+
+    #[test]
+    fn status_frames_tell_what_became_of_a_transmission() {
+        let status = |id, status| Some(ApiFrame::TransmitStatus(TransmitStatus { id, status }));
+        assert_eq!(ApiFrame::parse(&[0x89, 5, 0]), status(5, 0));
+        assert_eq!(ApiFrame::parse(&[0x8B, 0x47, 0xFF, 0xFE, 0, 0x24, 2]), status(0x47, 0x24));
+        assert_eq!(ApiFrame::parse(&[0x89, 5]), None);
+        assert_eq!(ApiFrame::parse(&[0x8A, 6]), Some(ApiFrame::Other { kind: 0x8A }));
+    }
+
+    #[test]
+    fn a_payload_too_long_for_the_radio_is_refused() {
+        assert!(receive(&[0; MAX_PAYLOAD]).encode(Mode::Escaped).is_some());
+        assert_eq!(receive(&[0; MAX_PAYLOAD + 1]).encode(Mode::Plain), None);
+    }
+
+    fn any_address() -> impl Strategy<Value = Address> {
+        prop_oneof![
+            any::<u16>().prop_map(Address::Short),
+            any::<u64>().prop_map(Address::Long),
+            any::<(u64, u16)>().prop_map(|(long, short)| Address::Zigbee { long, short }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn frames_survive_any_splitting(
+            payload in prop::collection::vec(prop_oneof![Just(0x7E), any::<u8>()], 0..=MAX_PAYLOAD),
+            address in any_address(),
+            id: u8,
+            escaped: bool,
+            piece in 1..300_usize,
+        ) {
+            let mode = if escaped { Mode::Escaped } else { Mode::Plain };
+            let rssi = (!matches!(address, Address::Zigbee { .. })).then_some(id);
+            let sent = [
+                ApiFrame::Transmit { id, to: address, payload: &payload },
+                ApiFrame::Receive { from: address, rssi, payload: &payload },
+                ApiFrame::TransmitStatus(TransmitStatus { id, status: 1 }),
+            ];
+            let mut stream: Vec<u8> =
+                sent.iter().flat_map(|frame| frame.encode(mode).unwrap().to_vec()).collect();
+            stream.push(START); // the last frame may have a start byte in its data
+            let expected: Vec<_> = sent.iter().map(text).collect();
+            let (frames, damaged) = frames(mode, &stream, piece);
+            prop_assert_eq!((frames, damaged), (expected, 0));
+        }
+
+        #[test]
+        fn a_damaged_byte_costs_no_more_than_its_frame(
+            at in 0..20_usize,
+            by in 1..=255_u8,
+            escaped: bool,
+            piece in 1..100_usize,
+        ) {
+            let mode = if escaped { Mode::Escaped } else { Mode::Plain };
+            let [first, second, third] = [b"01234567890", b"abcdefghijk", b"ABCDEFGHIJK"];
+            let encoded = [first, second, third].map(|p| receive(p).encode(mode).unwrap());
+            let mut stream: Vec<u8> = encoded.iter().flat_map(|bytes| bytes.to_vec()).collect();
+            stream[encoded[0].len() + at] ^= by;
+            // What can still be waiting for its length is pushed out.
+            stream.extend([0; 132]);
+            let (frames, damaged) = frames(mode, &stream, piece);
+            prop_assert!(frames.contains(&text(&receive(first))));
+            prop_assert!(frames.contains(&text(&receive(third))));
+            // A byte that became a start makes two frames of one; the zeros count as well.
+            prop_assert!(damaged <= 3);
+        }
+    }
+}
