@@ -38,8 +38,6 @@ const FLOOR: f64 = 0.02;
 pub(super) struct Match {
     /// Reference time minus board time, both since the start of their recording, s.
     pub(super) offset_s: f64,
-    /// Width of a bin, s: what the offset is uncertain by.
-    pub(super) bin_s: f64,
     /// Share of the readings' changes explained.
     pub(super) explained: f64,
     /// Score of the second-best peak over that of the best.
@@ -97,7 +95,6 @@ pub(super) fn find_match(
     }
     Ok(Match {
         offset_s: offset_of(best),
-        bin_s,
         explained: explained[best],
         ratio,
         scores: (0..lags).map(|i| (offset_of(i), scores[i] / peak)).collect(),

@@ -99,3 +99,17 @@ pub enum AlignError {
         limit_ppm: f64,
     },
 }
+
+impl AlignError {
+    /// Whether the recordings could be compared, but the match is not to be trusted.
+    pub fn is_refusal(&self) -> bool {
+        matches!(
+            self,
+            Self::NoMatch { .. }
+                | Self::Ambiguous { .. }
+                | Self::ShortOverlap { .. }
+                | Self::NotConverged { .. }
+                | Self::Skew { .. }
+        )
+    }
+}

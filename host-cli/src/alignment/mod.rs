@@ -114,6 +114,17 @@ pub struct Quality {
     pub search: Vec<(f64, f64)>,
     /// Standard errors of offset (s) and skew if residuals were white noise.
     pub white_se: [f64; 2],
+    /// A lively stretch, to look at.
+    pub excerpt: Excerpt,
+}
+
+/// A channel around its steepest change: what it read and what the aligned reference predicts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Excerpt {
+    /// The channel, from 0, of those that change.
+    pub channel: usize,
+    /// Board time (s), reading and prediction (counts).
+    pub points: Vec<[f64; 3]>,
 }
 
 /// Two recordings lined up.
@@ -166,7 +177,10 @@ pub fn align(
         skew_se: covariance[1][1].sqrt(),
         covariance_s: covariance[0][1],
     };
+    let mut excerpt = estimate.excerpt;
+    excerpt.points.iter_mut().for_each(|[time_s, ..]| *time_s += board.start_s);
     let quality = Quality {
+        excerpt,
         explained: estimate.explained,
         residual_counts: estimate.residual,
         rows: estimate.rows,
@@ -245,6 +259,11 @@ fn grow(
 }
 
 impl Aligned {
+    /// Number of channels of the board.
+    pub fn channels(&self) -> usize {
+        self.board.columns.len()
+    }
+
     /// The reference at the times of the board's rows, low-passed below the board's Nyquist frequency
     /// ([`Kernel`]) and averaged over its exposure.
     ///

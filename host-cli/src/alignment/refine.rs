@@ -23,11 +23,11 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
-use super::AlignError;
 use super::normal::{Projected, inverse};
 use super::recording::Clean;
 use super::response::Memory;
 use super::trajectory::Trajectory;
+use super::{AlignError, Excerpt};
 
 /// Rows per Gram update.
 const BLOCK: usize = 256;
@@ -38,6 +38,8 @@ const CORRELATED_S: f64 = 0.5;
 const SCORE_BIN_S: f64 = 0.01;
 /// A row whose residual is farther out than this (squared, per channel) counts less (Huber).
 const OUTLIER: f64 = 4.0;
+/// The excerpt reaches this far to both sides, s.
+const EXCERPT_S: f64 = 0.6;
 /// The largest step of the offset, s: features hardly change in less.
 const LARGEST_STEP_S: f64 = 0.01;
 
@@ -112,6 +114,8 @@ pub(super) struct Estimate {
     /// Share of the readings' variance explained.
     pub(super) explained: f64,
     pub(super) rows: usize,
+    /// Times since the start of the board's recording.
+    pub(super) excerpt: Excerpt,
 }
 
 /// The map from features to readings and the weights of the channels, so far.
@@ -345,7 +349,30 @@ impl<'a> Problem<'a> {
             residual: squares.iter().map(|s| (s / count).sqrt()).collect(),
             explained: 1.0 - left / channels as f64,
             rows,
+            excerpt: self.excerpt(&warp, current),
         }
+    }
+
+    /// The channel that changes most between frames, around its steepest change.
+    fn excerpt(&self, warp: &Warp, current: &Current) -> Excerpt {
+        let mut steepest = (0.0, 0, 0.0);
+        self.for_each(warp, current, |row| {
+            for (channel, slope) in row.slope.iter().enumerate() {
+                if slope.abs() > steepest.0 {
+                    steepest = (slope.abs(), channel, row.from_pivot_s);
+                }
+            }
+        });
+        let (_, channel, centre_s) = steepest;
+        let mut points = Vec::new();
+        self.for_each(warp, current, |row| {
+            if (row.from_pivot_s - centre_s).abs() <= EXCERPT_S {
+                let reading = row.readings[channel];
+                let time_s = row.from_pivot_s + self.pivot_s;
+                points.push([time_s, reading, reading - row.residual[channel]]);
+            }
+        });
+        Excerpt { channel, points }
     }
 }
 

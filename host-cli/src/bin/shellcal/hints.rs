@@ -2,12 +2,14 @@
 
 use std::io;
 
+use shellcal::alignment::AlignError;
 use shellcal::calibration::FitError;
 use shellcal::calibration_file::matrix::MatrixError;
 use shellcal::calibration_file::{CalibrationFileError, Problem, SCHEMA_VERSION};
 use shellcal::filter::FilterError;
 use shellcal::log_file::{LogError, RowProblem};
 use shellcal::workflow::WorkflowError;
+use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::noise::NoiseError;
 
@@ -21,7 +23,8 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             let file = || cause.downcast_ref().and_then(after_calibration);
             let conversion = || cause.downcast_ref().and_then(after_conversion);
             let noise = || cause.downcast_ref().and_then(after_noise);
-            log().or_else(file).or_else(conversion).or_else(noise)
+            let alignment = || cause.downcast_ref().and_then(after_alignment);
+            log().or_else(file).or_else(conversion).or_else(noise).or_else(alignment)
         }
     });
     hint.map(str::to_owned)
@@ -42,6 +45,35 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
         ConvertError::NoCovariance => {
             "leave `se` out of `--columns`; calibrations made by `shellcal fit` have a covariance"
         }
+        _ => return None,
+    })
+}
+
+fn after_alignment(error: &AlignLogsError) -> Option<&'static str> {
+    let error = match error {
+        AlignLogsError::Log(error) => return after_log(error),
+        AlignLogsError::Align { source, .. } => source,
+        _ => return None,
+    };
+    Some(match error {
+        AlignError::NoMatch { .. } => {
+            "are these of the same session? both must have recorded the same loads: tap the shell a \
+             few times in different places at the start and at the end"
+        }
+        AlignError::Ambiguous { .. } => {
+            "a load that repeats itself fits at several offsets: tap the shell at uneven intervals, in \
+             different places"
+        }
+        AlignError::TimeGoesBack { .. } | AlignError::Skew { .. } => {
+            "check the time columns and their units, `--time-unit` and `--reference-time-unit`"
+        }
+        AlignError::TooShort { .. } | AlignError::ShortOverlap { .. } => {
+            "record for longer; `shellcal info` tells the times of a log"
+        }
+        AlignError::Constant { .. } => {
+            "check the cable, and that `--sensors` and `--wrench` name the right columns"
+        }
+        AlignError::NotConverged { .. } => "record a few sharp taps in different directions",
         _ => return None,
     })
 }

@@ -1,5 +1,6 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod align;
 mod convert;
 mod eval;
 mod fit;
@@ -11,6 +12,7 @@ mod noise;
 mod origin;
 mod quality;
 mod synth;
+mod synth_pair;
 
 use std::process::ExitCode;
 
@@ -21,6 +23,7 @@ use crate::printer::Printer;
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Info(info::InfoArgs),
+    Align(Box<align::AlignArgs>),
     Fit(Box<fit::FitArgs>),
     Eval(Box<eval::EvalArgs>),
     Convert(Box<convert::ConvertArgs>),
@@ -42,6 +45,7 @@ impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
             Command::Info(args) => args.run(printer),
+            Command::Align(args) => args.run(printer),
             Command::Fit(args) => args.run(printer),
             Command::Eval(args) => args.run(printer),
             Command::Convert(args) => args.run(printer),
