@@ -1,18 +1,18 @@
 //! Where two recordings match: all offsets at once, whatever the map from wrench to readings.
 //!
 //! Both sides are averaged into bins, differenced (which takes off drift and long holds) and
-//! whitened, so that the six columns x of the wrench and the columns y of the readings each have unit
-//! covariance. At an offset of l bins the share of the readings' changes that a linear map of
+//! whitened, so that the six columns x of the wrench and the columns y of the readings each have
+//! unit covariance. At an offset of l bins the share of the readings' changes that a linear map of
 //! the wrench explains is then
 //!
 //! ```text
 //! R²(l) = Σ_ij c_ij(l)² / (E_x(l)/d_x · E_y(l))      c_ij(l) = Σ_k x_i[k + l] y_j[k]
 //! ```
 //!
-//! with E the energies in the overlap; the mean square of the canonical correlations, up to the whitening
-//! being that of the whole. All c_ij come from fast Fourier transforms. The *score* weighs R² with the share of the readings'
-//! energy that overlaps, so that a little overlap cannot win by chance. A match counts if R² is
-//! large there and no other peak of the score comes near.
+//! with E the energies in the overlap; the mean square of the canonical correlations, up to the
+//! whitening being that of the whole. All c_ij come from fast Fourier transforms. The *score*
+//! weighs R² with the share of the readings' energy that overlaps, so that a little overlap cannot
+//! win by chance. A match counts if R² is large there and no other peak of the score comes near.
 
 use faer::{Mat, Side as Triangle};
 use realfft::RealFftPlanner;

@@ -6,8 +6,8 @@
 //!
 //! Both saw the same loads, through a map from wrench to readings that nobody knows yet: the
 //! calibration is what the result is for. [`coarse`] finds the offset among all possible ones by
-//! correlation and refuses where it is not clear; [`refine`] then estimates offset, skew and the map
-//! together, with the spring's memory as part of it, close to the bound of Cramér and Rao.
+//! correlation and refuses where it is not clear; [`refine`] then estimates offset, skew and the
+//! map together, with the spring's memory as part of it, close to the bound of Cramér and Rao.
 //! [`Aligned::resample`] evaluates the low-passed reference at the board's own times.
 //!
 //! The derivations are in `docs/alignment.md`. Left out: clocks whose skew changes during a
@@ -15,6 +15,7 @@
 
 mod coarse;
 mod error;
+mod frames;
 mod kernel;
 mod normal;
 mod recording;
@@ -22,27 +23,29 @@ mod refine;
 mod resample;
 mod response;
 mod trajectory;
+mod uncertainty;
 
 pub use error::AlignError;
 pub use kernel::{Kernel, STOPBAND_DB};
 pub use recording::{LeftOut, Recording, Side};
 
 use coarse::Match;
+use frames::Frames;
 use recording::Clean;
-use refine::{Estimate, Frames, Warp, refine};
+use refine::{Estimate, Warp, refine};
 use resample::Resampler;
 use trajectory::Trajectory;
 
 /// The least time that both recordings must cover, s.
 pub const LEAST_OVERLAP_S: f64 = 5.0;
-/// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most ceramic
-/// resonators.
+/// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most
+/// ceramic resonators.
 pub const LARGEST_SKEW_PPM: f64 = 1000.0;
 /// Loads faster than this are not matched: hands and taps are slower, and there are fewer rows to
 /// work through.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
-/// What offsets are first searched with: long enough for many contacts, and short enough that 200 ppm of
-/// skew blur it by less than a tap.
+/// What offsets are first searched with: long enough for many contacts, and short enough that 200
+/// ppm of skew blur it by less than a tap.
 const PROBE_S: f64 = 120.0;
 /// As many stretches are tried before giving up.
 const PROBES: usize = 8;
@@ -112,6 +115,8 @@ pub struct Quality {
     pub search_ratio: f64,
     /// The score over all offsets (s), the best being 1.
     pub search: Vec<(f64, f64)>,
+    /// How late the springs' memory makes the readings, s: part of the model, not of the offset.
+    pub spring_delay_s: f64,
     /// Standard errors of offset (s) and skew if residuals were white noise.
     pub white_se: [f64; 2],
     /// A lively stretch, to look at.
@@ -187,6 +192,7 @@ pub fn align(
         search_explained: found.explained,
         search_ratio: found.ratio,
         search: found.scores,
+        spring_delay_s: estimate.delay_s,
         white_se: [white[0][0].sqrt(), white[1][1].sqrt()],
     };
     Ok(Aligned {
@@ -264,11 +270,12 @@ impl Aligned {
         self.board.columns.len()
     }
 
-    /// The reference at the times of the board's rows, low-passed below the board's Nyquist frequency
-    /// ([`Kernel`]) and averaged over its exposure.
+    /// The reference at the times of the board's rows, low-passed below the board's Nyquist
+    /// frequency ([`Kernel`]) and averaged over its exposure.
     ///
     /// Calls `row` with board time (s, on its own clock), readings and wrench for every row that is
-    /// neither a repeat nor without a reference; returns how many rows the reference does not cover.
+    /// neither a repeat nor without a reference; returns how many rows the reference does not
+    /// cover.
     ///
     /// # Errors
     /// Whatever `row` says.
@@ -277,7 +284,7 @@ impl Aligned {
         mut row: impl FnMut(f64, &[f64], &[f64]) -> Result<(), E>,
     ) -> Result<usize, E> {
         let rate_hz = (1.0 / self.board.period_s).min(1.0 / self.reference.period_s);
-        let kernel = Kernel::new(rate_hz, self.options.exposure_s);
+        let kernel = Kernel::new(rate_hz, self.options.exposure_s, STOPBAND_DB);
         let mut resampler = Resampler::new(&self.reference, &kernel, rate_hz);
         let mut readings = vec![0.0; self.board.columns.len()];
         let mut wrench = vec![0.0; self.reference.columns.len()];

@@ -2,8 +2,8 @@
 
 use faer::Mat;
 
-/// A pivot below this fraction of its diagonal is a feature that the ones before explain: features of a
-/// load that never goes there, say.
+/// A pivot below this fraction of its diagonal is a feature that the ones before explain: features
+/// of a load that never goes there, say.
 const TOLERANCE: f64 = 1e-9;
 
 /// Columns [X | D | tD | Y] after X is projected out.
@@ -21,8 +21,8 @@ pub(super) struct Projected {
 
 impl Projected {
     /// `gram` is that of the columns [X | D | tD | Y], X of `features` columns, the others of
-    /// `channels` each; `total` is the sum of the row weights. `None` if there are no more rows than
-    /// features.
+    /// `channels` each; `total` is the sum of the row weights. `None` if there are no more rows
+    /// than features.
     pub(super) fn new(
         gram: &Mat<f64>,
         features: usize,
@@ -112,4 +112,55 @@ pub(super) fn inverse([[a, b], [_, c]]: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> 
         return None;
     }
     Some([[c / determinant, -b / determinant], [-b / determinant, a / determinant]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The Gram matrix of rows [X | D | tD | Y].
+    fn gram(rows: &[Vec<f64>]) -> Mat<f64> {
+        let width = rows[0].len();
+        Mat::from_fn(width, width, |i, j| rows.iter().map(|row| row[i] * row[j]).sum())
+    }
+
+    /// Two features, one channel, and Y = 2 X₀ − X₁ + 0.5 D + 0.25 tD without error.
+    fn rows(repeat_a_feature: bool) -> Vec<Vec<f64>> {
+        let row = |i: i32| {
+            let t = f64::from(i) / 20.0;
+            let (a, b) = (1.0, t.sin());
+            let (d, e) = ((3.0 * t).cos(), t * (3.0 * t).cos());
+            let mut row = vec![a, b];
+            row.extend(repeat_a_feature.then_some(2.0 * b - a));
+            row.extend([d, e, 2.0 * a - b + 0.5 * d + 0.25 * e]);
+            row
+        };
+        (0..100).map(row).collect()
+    }
+
+    #[test]
+    fn a_step_recovers_what_the_features_do_not_explain() {
+        for (features, repeated) in [(2, false), (3, true)] {
+            let projected = Projected::new(&gram(&rows(repeated)), features, 1, 100.0).unwrap();
+            let (hessian, gradient) = projected.normal_equations();
+            let inverse = inverse(hessian).unwrap();
+            let step = inverse.map(|row| row[0] * gradient[0] + row[1] * gradient[1]);
+            // Exact but for rounding; the Gram matrix has a condition number of some 1e3.
+            assert!((step[0] - 0.5).abs() < 1e-9 && (step[1] - 0.25).abs() < 1e-9, "{step:?}");
+        }
+    }
+
+    #[test]
+    fn a_feature_that_others_explain_is_left_out() {
+        let projected = Projected::new(&gram(&rows(true)), 3, 1, 100.0).unwrap();
+        assert_eq!(projected.map[(2, 0)], 0.0);
+        assert!((0..3).all(|i| projected.map[(i, 0)].is_finite()));
+    }
+
+    #[test]
+    fn too_few_rows_determine_nothing() {
+        assert!(Projected::new(&gram(&rows(false)[..3]), 2, 1, 3.0).is_none());
+        assert!(inverse([[1.0, 1.0], [1.0, 1.0]]).is_none());
+        assert!(inverse([[0.0, 0.0], [0.0, 0.0]]).is_none());
+    }
 }

@@ -48,7 +48,8 @@ pub struct LeftOut {
 const LONGEST_REPEAT_S: f64 = 0.02;
 /// A change by as many of its smallest steps is a column on the move.
 const MOVE: f64 = 3.0;
-/// The smallest step is taken to be at least this fraction of the range, for columns of no fixed resolution.
+/// The smallest step is taken to be at least this fraction of the range, for columns of no fixed
+/// resolution.
 const LEAST_STEP: f64 = 1e-4;
 /// As many equal values in a row at the extreme of a column mark the end of the range.
 const SATURATED_RUN: usize = 5;
@@ -119,8 +120,8 @@ impl Clean {
 ///
 /// A load that rests leaves equal rows, and so does a logger that runs faster than its sensor. The
 /// latter repeats rows amid a movement, with a jump before and after: only such are left out,
-/// unless it is known that all repeats are the logger's. (At rest they do no harm. Leaving out rows at rest
-/// would: it takes away one side of each tap.)
+/// unless it is known that all repeats are the logger's. (At rest they do no harm. Leaving out rows
+/// at rest would: it takes away one side of each tap.)
 fn rows_to_keep(
     time_s: &[f64],
     columns: &[Vec<f64>],

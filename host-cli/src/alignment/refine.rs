@@ -7,78 +7,43 @@
 //! ```
 //!
 //! x are the [features](super::response) of the reference, a constant and a drift. For given o and
-//! s the map B is a linear least-squares problem; the steps in (o, s) are Gauss–Newton steps
-//! with B eliminated (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, in Kaufman's form): with d_i = Bᵀ ẋ(τ_i),
-//! J = (d, (t − t̄) d) projected off the features, and W = Σ̂⁻¹,
+//! s the map B is a linear least-squares problem; the steps in (o, s) are Gauss–Newton steps with B
+//! eliminated (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, in Kaufman's form): with d_i =
+//! Bᵀ ẋ(τ_i), J = (d, (t − t̄) d) projected off the features, and W = Σ̂⁻¹,
 //!
 //! ```text
 //! H = Jᵀ W J      g = Jᵀ W y      (o, s) ← (o, s) + H⁻¹ g
 //! ```
 //!
-//! All that is needed from the rows is one Gram matrix per step, so that memory does not grow.
-//! H⁻¹ would be the covariance of (o, s) if the residuals were white. They are not, where the model of the
-//! springs is not theirs; so the covariance is H⁻¹ S H⁻¹ with S the long-run covariance of the scores
-//! (Newey & West, Econometrica 55, 703, 1987).
+//! All that is needed from the rows is one Gram matrix per step, so that memory does not grow. H⁻¹
+//! would be the covariance of (o, s) if the residuals were white. They are not, where the model of
+//! the springs is not theirs; so the covariance is H⁻¹ S H⁻¹ with S the long-run covariance of the
+//! scores (Newey & West, Econometrica 55, 703, 1987).
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
+use super::frames::Frames;
 use super::normal::{Projected, inverse};
-use super::recording::Clean;
 use super::response::Memory;
 use super::trajectory::Trajectory;
-use super::{AlignError, Excerpt};
+use super::uncertainty::Tally;
+use super::{AlignError, Excerpt, LEAST_OVERLAP_S};
 
 /// Rows per Gram update.
 const BLOCK: usize = 256;
 const STEPS: usize = 40;
-/// Residuals correlated over longer than this are drift, which the model has, s.
-const CORRELATED_S: f64 = 0.5;
-/// Bins that scores are summed in before their correlations are, s.
-const SCORE_BIN_S: f64 = 0.01;
+/// In the first steps the memory of the springs is found as well; then it stays, so that the steps
+/// can settle.
+const MEMORY_STEPS: usize = 4;
 /// A row whose residual is farther out than this (squared, per channel) counts less (Huber).
 const OUTLIER: f64 = 4.0;
+/// A step as long as this has lost the match, s.
+const LOST_S: f64 = 10.0;
 /// The excerpt reaches this far to both sides, s.
 const EXCERPT_S: f64 = 0.6;
 /// The largest step of the offset, s: features hardly change in less.
 const LARGEST_STEP_S: f64 = 0.01;
-
-/// The board's rows that are matched, at the rate of the band that is.
-#[derive(Debug)]
-pub(super) struct Frames {
-    time_s: Vec<f64>,
-    /// Row by row.
-    readings: Vec<f64>,
-    pub(super) channels: usize,
-}
-
-impl Frames {
-    /// Averages rows that come faster than `rate_hz`.
-    pub(super) fn new(board: &Clean, rate_hz: f64) -> Self {
-        let moving: Vec<&Vec<f64>> =
-            board.columns.iter().filter(|c| c.iter().any(|&x| x != c[0])).collect();
-        let mut frames = Self { time_s: vec![], readings: vec![], channels: moving.len() };
-        // With a little margin, so that rows at the rate itself are not paired by rounding.
-        let cell_s = if rate_hz * board.period_s > 0.75 { 0.0 } else { 1.0 / rate_hz };
-        let rows: Vec<usize> = (0..board.time_s.len()).filter(|&row| board.in_range[row]).collect();
-        let cell = |row: usize| match cell_s > 0.0 {
-            true => (board.time_s[row] / cell_s) as usize,
-            false => row,
-        };
-        for group in rows.chunk_by(|&a, &b| cell(a) == cell(b)) {
-            let mean = |column: &[f64]| {
-                group.iter().map(|&row| column[row]).sum::<f64>() / group.len() as f64
-            };
-            frames.time_s.push(mean(&board.time_s));
-            frames.readings.extend(moving.iter().map(|column| mean(column)));
-        }
-        frames
-    }
-
-    pub(super) fn row(&self, i: usize) -> (f64, &[f64]) {
-        (self.time_s[i], &self.readings[i * self.channels..(i + 1) * self.channels])
-    }
-}
 
 /// From board time to reference time, both since the start of their recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,7 +72,9 @@ pub(super) struct Estimate {
     pub(super) warp: Warp,
     /// Covariance of offset (s) and skew.
     pub(super) covariance: [[f64; 2]; 2],
-    /// The same if the residuals were white.
+    /// How late the springs make the readings, which the model takes off, s.
+    pub(super) delay_s: f64,
+    /// The covariance if the residuals were white.
     pub(super) white: [[f64; 2]; 2],
     /// RMS residual of each channel, counts.
     pub(super) residual: Vec<f64>,
@@ -127,8 +94,8 @@ struct Current {
 
 /// Fits the warp, from near it, to the rows with board times in `window`.
 ///
-/// `prior_skew` holds the skew near zero with that standard deviation, where the window is too short
-/// to tell it.
+/// `prior_skew` holds the skew near zero with that standard deviation, where the window is too
+/// short to tell it.
 pub(super) fn refine(
     trajectory: &Trajectory,
     frames: &Frames,
@@ -137,6 +104,10 @@ pub(super) fn refine(
     prior_skew: Option<f64>,
 ) -> Result<Estimate, AlignError> {
     let problem = Problem::new(trajectory, frames, window, start);
+    let overlap_s = 2.0 * problem.half_span_s;
+    if overlap_s < LEAST_OVERLAP_S {
+        return Err(AlignError::ShortOverlap { overlap_s, needed_s: LEAST_OVERLAP_S });
+    }
     let mut warp = start.about(problem.pivot_s);
     let mut current = Current {
         map: Mat::zeros(problem.features, frames.channels),
@@ -150,7 +121,7 @@ pub(super) fn refine(
         };
         let (mut hessian, mut gradient) = projected.normal_equations();
         // Before the first map there are no slopes.
-        if iteration > 1 {
+        if iteration > 0 {
             if let Some(sd) = prior_skew {
                 hessian[1][1] += 1.0 / (sd * sd);
                 gradient[1] -= warp.skew / (sd * sd);
@@ -164,18 +135,18 @@ pub(super) fn refine(
             warp.skew = (warp.skew + damping * full[1]).clamp(-2e-3, 2e-3);
             step_s = full[0].abs();
             let small = |i: usize| full[i] * full[i] < 1e-4 * white[i][i];
-            if !(step_s < 10.0) {
+            if step_s.is_nan() || step_s > LOST_S {
                 return Err(AlignError::NotConverged { step_s });
             }
-            if iteration > 6 && small(0) && small(1) {
+            if iteration > MEMORY_STEPS && small(0) && small(1) {
                 current.weights = projected.weights();
-                current.map = projected.map;
-                return Ok(problem.finish(warp, white, &current));
+                current.map.copy_from(&projected.map);
+                return Ok(problem.finish(warp, white, &projected, &current));
             }
         }
         current.weights = projected.weights();
         current.map = projected.map;
-        if (2..6).contains(&iteration) {
+        if iteration < MEMORY_STEPS {
             let linear = current.map.subrows(2, problem.features - 2);
             current.memory = Memory::of(linear, trajectory.axes());
         }
@@ -193,16 +164,16 @@ struct Problem<'a> {
 }
 
 /// One row of the board beside what the reference says.
-struct Row<'a> {
+pub(super) struct Row<'a> {
     /// Time from the pivot, s.
-    from_pivot_s: f64,
-    features: &'a [f64],
+    pub(super) from_pivot_s: f64,
+    pub(super) features: &'a [f64],
     /// The change of the predicted readings with the offset, counts/s.
-    slope: &'a [f64],
-    readings: &'a [f64],
+    pub(super) slope: &'a [f64],
+    pub(super) readings: &'a [f64],
     /// What the row counts: 1, or less for an outlier.
-    weight: f64,
-    residual: &'a [f64],
+    pub(super) weight: f64,
+    pub(super) residual: &'a [f64],
 }
 
 impl<'a> Problem<'a> {
@@ -223,7 +194,7 @@ impl<'a> Problem<'a> {
         let end = (first..last).rev().find(inside).map_or(last, |i| i + 1);
         let (begin_s, end_s) = match begin < end {
             true => (frames.time_s[begin], frames.time_s[end - 1]),
-            false => (from_s, to_s),
+            false => (from_s, from_s),
         };
         Self {
             trajectory,
@@ -303,67 +274,34 @@ impl<'a> Problem<'a> {
     }
 
     /// Uncertainty and figures of merit at the solution.
-    fn finish(&self, warp: Warp, white: [[f64; 2]; 2], current: &Current) -> Estimate {
+    fn finish(
+        &self,
+        warp: Warp,
+        white: [[f64; 2]; 2],
+        projected: &Projected,
+        current: &Current,
+    ) -> Estimate {
         let channels = self.frames.channels;
-        let projected = self.project(&warp, current);
-        let (along, weights) = match &projected {
-            Some(p) => (p.along.clone(), p.weights()),
-            None => (Mat::zeros(self.features, 2 * channels), None),
-        };
-        let weights = weights.unwrap_or_else(|| Mat::identity(channels, channels));
-        let mut scores: Vec<[f64; 2]> = Vec::new();
-        let mut rows = 0;
-        let mut squares = vec![0.0; channels];
-        let (mut sum, mut sum_of_squares) = (vec![0.0; channels], vec![0.0; channels]);
-        let start_s = -self.half_span_s;
-        self.for_each(&warp, current, |row| {
-            rows += 1;
-            let bin = ((row.from_pivot_s - start_s).max(0.0) / SCORE_BIN_S) as usize;
-            if scores.len() <= bin {
-                scores.resize(bin + 1, [0.0; 2]);
-            }
-            for a in 0..channels {
-                squares[a] += row.residual[a] * row.residual[a];
-                sum[a] += row.readings[a];
-                sum_of_squares[a] += row.readings[a] * row.readings[a];
-            }
-            for parameter in 0..2 {
-                let time = if parameter == 0 { 1.0 } else { row.from_pivot_s };
-                for a in 0..channels {
-                    let column = along.col_as_slice(parameter * channels + a);
-                    let fitted: f64 = column.iter().zip(row.features).map(|(c, x)| c * x).sum();
-                    let j = row.slope[a] * time - fitted;
-                    let wr: f64 = (0..channels).map(|b| weights[(a, b)] * row.residual[b]).sum();
-                    scores[bin][parameter] += row.weight * j * wr;
-                }
-            }
-        });
-        let long_run = long_run_covariance(&scores, (CORRELATED_S / SCORE_BIN_S) as usize);
-        let count = rows as f64;
-        let spread = |a: usize| sum_of_squares[a] - sum[a] * sum[a] / count;
-        let left: f64 = (0..channels).map(|a| squares[a] / spread(a)).sum();
+        let weights = projected.weights().unwrap_or_else(|| Mat::identity(channels, channels));
+        let linear = current.map.subrows(2, self.features - 2);
+        let mut tally = Tally::new(&projected.along, &weights, linear, -self.half_span_s);
+        self.for_each(&warp, current, |row| tally.add(row, self.trajectory.axes()));
+        let (covariance, delay_s) = tally.covariance(white);
+        let (channel, centre_s) = tally.steepest();
         Estimate {
             warp,
-            covariance: sandwich(white, long_run),
+            covariance,
             white,
-            residual: squares.iter().map(|s| (s / count).sqrt()).collect(),
-            explained: 1.0 - left / channels as f64,
-            rows,
-            excerpt: self.excerpt(&warp, current),
+            delay_s,
+            residual: tally.residual(),
+            explained: tally.explained(),
+            rows: tally.rows,
+            excerpt: self.excerpt(&warp, current, channel, centre_s),
         }
     }
 
-    /// The channel that changes most between frames, around its steepest change.
-    fn excerpt(&self, warp: &Warp, current: &Current) -> Excerpt {
-        let mut steepest = (0.0, 0, 0.0);
-        self.for_each(warp, current, |row| {
-            for (channel, slope) in row.slope.iter().enumerate() {
-                if slope.abs() > steepest.0 {
-                    steepest = (slope.abs(), channel, row.from_pivot_s);
-                }
-            }
-        });
-        let (_, channel, centre_s) = steepest;
+    /// A channel around a time from the pivot.
+    fn excerpt(&self, warp: &Warp, current: &Current, channel: usize, centre_s: f64) -> Excerpt {
         let mut points = Vec::new();
         self.for_each(warp, current, |row| {
             if (row.from_pivot_s - centre_s).abs() <= EXCERPT_S {
@@ -374,28 +312,4 @@ impl<'a> Problem<'a> {
         });
         Excerpt { channel, points }
     }
-}
-
-/// Σ over lags of the scores' covariances, with Bartlett's weights, which keep it positive.
-fn long_run_covariance(scores: &[[f64; 2]], longest: usize) -> [[f64; 2]; 2] {
-    let mut sum = [[0.0; 2]; 2];
-    for lag in 0..=longest.min(scores.len().saturating_sub(1)) {
-        let taper = 1.0 - lag as f64 / (longest + 1) as f64;
-        for (a, b) in scores.iter().zip(&scores[lag..]) {
-            for i in 0..2 {
-                for j in 0..2 {
-                    let product = a[i] * b[j] + if lag > 0 { a[j] * b[i] } else { 0.0 };
-                    sum[i][j] += taper * product;
-                }
-            }
-        }
-    }
-    sum
-}
-
-fn sandwich(bread: [[f64; 2]; 2], filling: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
-    let product = |a: [[f64; 2]; 2], b: [[f64; 2]; 2]| {
-        [0, 1].map(|i| [0, 1].map(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j]))
-    };
-    product(product(bread, filling), bread)
 }

@@ -1,10 +1,10 @@
-//! What a spring-borne optical sensor may do with a wrench, as features that its readings are a linear
-//! map of.
+//! What a spring-borne optical sensor may do with a wrench, as features that its readings are a
+//! linear map of.
 //!
 //! Springs answer late: they creep, and their friction makes the answer depend on where the load
 //! came from. Both shift a reading against the load by milliseconds in one direction, whatever the
-//! clocks do, so that an alignment without a model of them is biased by as much. Beside the wrench itself the
-//! features are therefore
+//! clocks do, so that an alignment without a model of them is biased by as much. Beside the wrench
+//! itself the features are therefore
 //!
 //! - *play* operators of several widths, `p ← clamp(p, w − r, w + r)`: any rate-independent
 //!   hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate & Sprekels,
@@ -13,7 +13,7 @@
 //! - products of two axes: the curvature of the optical response.
 
 /// Half-widths of the play, as fractions of the largest load on the axis.
-const PLAY: [f64; 8] = [0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45];
+const PLAY: [f64; 6] = [0.04, 0.08, 0.14, 0.21, 0.3, 0.42];
 /// Time constants of the lags, s.
 const LAG_S: [f64; 2] = [0.5, 2.0];
 
@@ -23,8 +23,8 @@ pub(super) struct Response {
     axes: usize,
     largest: Vec<f64>,
     retained: [f64; LAG_S.len()],
-    play: Vec<f64>,
-    lag: Vec<f64>,
+    /// Plays and lags, axis by axis.
+    state: Vec<f64>,
     at_rest: bool,
     memory: Memory,
     effective: Vec<f64>,
@@ -35,6 +35,21 @@ pub(super) struct Response {
 pub(super) struct Memory(Vec<f64>);
 
 const MEMORIES: usize = PLAY.len() + LAG_S.len();
+
+/// The delay-like part of the readings: what the memory adds to an immediate answer, per channel,
+/// from the features of one row and the map (features × channels).
+pub(super) fn late_part(
+    features: &[f64],
+    map: faer::MatRef<'_, f64>,
+    axes: usize,
+    late: &mut [f64],
+) {
+    let memories = &features[axes..axes + axes * MEMORIES];
+    for (c, late) in late.iter_mut().enumerate() {
+        let share = |i: usize| map[(axes + i, c)] * (memories[i] - features[i / MEMORIES]);
+        *late = (0..memories.len()).map(share).sum();
+    }
+}
 
 impl Memory {
     /// All of the answer is immediate.
@@ -73,8 +88,7 @@ impl Response {
             axes,
             largest: largest.to_vec(),
             retained: LAG_S.map(|lag_s| (-step_s / lag_s).exp()),
-            play: vec![0.0; axes * PLAY.len()],
-            lag: vec![0.0; axes * LAG_S.len()],
+            state: vec![0.0; axes * MEMORIES],
             at_rest: true,
             memory,
             effective: vec![0.0; axes],
@@ -83,39 +97,101 @@ impl Response {
 
     /// Number of features.
     pub(super) fn features(axes: usize) -> usize {
-        axes * (1 + PLAY.len() + LAG_S.len()) + axes * (axes + 1) / 2
+        axes * (1 + MEMORIES) + axes * (axes + 1) / 2
     }
 
-    /// Appends the features of the next sample, all of order 1.
-    pub(super) fn push(&mut self, wrench: &[f64], features: &mut Vec<f64>) {
-        let start = features.len();
-        features.extend(wrench.iter().zip(&self.largest).map(|(w, largest)| w / largest));
+    /// Writes the features of the next sample, all of order 1: the wrench, then its plays and lags
+    /// axis by axis, then the products of what the axes effectively do.
+    pub(super) fn next(&mut self, wrench: &[f64], features: &mut [f64]) {
+        let (immediate, rest) = features.split_at_mut(self.axes);
+        let (memories, products) = rest.split_at_mut(self.axes * MEMORIES);
         for axis in 0..self.axes {
-            let w = features[start + axis];
+            let w = wrench[axis] / self.largest[axis];
+            immediate[axis] = w;
+            let state = &mut self.state[axis * MEMORIES..][..MEMORIES];
             if self.at_rest {
-                self.play[axis * PLAY.len()..][..PLAY.len()].fill(w);
-                self.lag[axis * LAG_S.len()..][..LAG_S.len()].fill(w);
+                state.fill(w);
             }
-            let (mut effective, mut shares) = (w, self.memory.0[axis * MEMORIES..].iter());
-            let mut take = |memory: f64| {
-                effective += shares.next().copied().unwrap_or(0.0) * (memory - w);
-                features.push(memory);
-            };
-            for (play, width) in self.play[axis * PLAY.len()..].iter_mut().zip(PLAY) {
-                *play = play.clamp(w - width, w + width);
-                take(*play);
+            let (plays, lags) = state.split_at_mut(PLAY.len());
+            for (play, width) in plays.iter_mut().zip(PLAY) {
+                // Not `clamp`: it would check the order of its bounds.
+                *play = play.max(w - width).min(w + width);
             }
-            for (lag, retained) in self.lag[axis * LAG_S.len()..].iter_mut().zip(self.retained) {
+            for (lag, retained) in lags.iter_mut().zip(self.retained) {
                 *lag = w + retained * (*lag - w);
-                take(*lag);
             }
-            self.effective[axis] = effective;
+            memories[axis * MEMORIES..][..MEMORIES].copy_from_slice(state);
+            let shares = &self.memory.0[axis * MEMORIES..][..MEMORIES];
+            let late: f64 = shares.iter().zip(state).map(|(share, m)| share * (*m - w)).sum();
+            self.effective[axis] = w + late;
         }
         self.at_rest = false;
-        for i in 0..self.axes {
-            for j in i..self.axes {
-                features.push(self.effective[i] * self.effective[j]);
+        let mut products = products.iter_mut();
+        for (i, a) in self.effective.iter().enumerate() {
+            // In this order: a product taken for no factor would be lost.
+            for (b, product) in self.effective[i..].iter().zip(products.by_ref()) {
+                *product = a * b;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(wrench: &[[f64; 2]], memory: Memory) -> Vec<Vec<f64>> {
+        let mut response = Response::new(&[2.0, 4.0], 0.01, memory);
+        let mut features = vec![0.0; Response::features(2)];
+        let mut next = |w: &[f64; 2]| {
+            response.next(w, &mut features);
+            features.clone()
+        };
+        wrench.iter().map(&mut next).collect()
+    }
+
+    #[test]
+    fn features_of_a_load_that_never_changes_are_its_powers() {
+        for features in run(&[[1.0, -2.0]; 50], Memory::none(2)) {
+            assert_eq!(features[..2], [0.5, -0.5]);
+            assert!(features[2..2 + MEMORIES].iter().all(|&x| x == 0.5));
+            assert_eq!(features[2 + 2 * MEMORIES..], [0.25, -0.25, 0.25]);
+        }
+    }
+
+    #[test]
+    fn a_play_follows_at_its_half_width_and_stays_on_the_way_back() {
+        let wrench = [[0.0, 0.0], [2.0, 0.0], [1.9, 0.0], [0.0, 0.0]];
+        let features = run(&wrench, Memory::none(2));
+        let widest = 2 + PLAY.len() - 1;
+        let width = PLAY[PLAY.len() - 1];
+        let play: Vec<f64> = features.iter().map(|features| features[widest]).collect();
+        assert_eq!(play, [0.0, 1.0 - width, 1.0 - width, width]);
+    }
+
+    #[test]
+    fn a_lag_relaxes_with_its_time_constant() {
+        let mut wrench = vec![[0.0, 0.0]];
+        wrench.extend([[2.0, 0.0]; 100]);
+        let features = run(&wrench, Memory::none(2));
+        for (lag, lag_s) in LAG_S.into_iter().enumerate() {
+            // A unit step, 100 steps of 0.01 s ago.
+            let expected = 1.0 - (-1.0 / lag_s).exp();
+            assert!((features[100][2 + PLAY.len() + lag] - expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn shares_of_the_memory_are_found_from_the_map() {
+        let mut map = faer::Mat::<f64>::zeros(Response::features(2), 3);
+        for c in 0..3 {
+            let whole = [3.0, -1.0, 2.0][c];
+            map[(0, c)] = 0.7 * whole;
+            map[(2, c)] = 0.3 * whole;
+            map[(1, c)] = whole;
+        }
+        let Memory(shares) = Memory::of(map.as_ref(), 2);
+        assert!((shares[0] - 0.3).abs() < 1e-15);
+        assert!(shares[1..].iter().all(|&share| share == 0.0));
     }
 }

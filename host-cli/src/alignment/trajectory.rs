@@ -9,6 +9,9 @@ use super::response::{Memory, Response};
 /// the cut-off and 1e-5 at a quarter of it.
 const PER_OUTPUT: f64 = 4.0;
 
+/// What is left of faster loads is small against the noise; a longer kernel would only take longer.
+const STOPBAND_DB: f64 = 50.0;
+
 /// The low-passed reference on an even grid.
 #[derive(Debug)]
 pub(super) struct Trajectory {
@@ -23,7 +26,7 @@ pub(super) struct Trajectory {
 impl Trajectory {
     /// The band that is matched is that of an output sampled `rate_hz` times per second.
     pub(super) fn new(reference: &Clean, rate_hz: f64) -> Self {
-        let kernel = Kernel::new(rate_hz, 0.0);
+        let kernel = Kernel::new(rate_hz, 0.0, STOPBAND_DB);
         let mut resampler = Resampler::new(reference, &kernel, rate_hz);
         let step_s = 1.0 / (PER_OUTPUT * rate_hz);
         let points = (reference.span_s() / step_s) as usize + 1;
@@ -126,10 +129,11 @@ impl FeatureWindow<'_> {
         let (a, rest) = stencil.split_at(self.width);
         let (b, rest) = rest.split_at(self.width);
         let (c, d) = rest.split_at(self.width);
-        for i in 0..self.width {
-            let four = [a[i], b[i], c[i], d[i]];
-            values[i] = (0..4).map(|j| weights[j] * four[j]).sum();
-            slopes[i] = (0..4).map(|j| slope_weights[j] * four[j]).sum();
+        let stencil = a.iter().zip(b).zip(c).zip(d);
+        for ((value, slope), (((a, b), c), d)) in values.iter_mut().zip(slopes).zip(stencil) {
+            let combine = |w: &[f64; 4]| w[0] * a + w[1] * b + w[2] * c + w[3] * d;
+            *value = combine(&weights);
+            *slope = combine(&slope_weights);
         }
         true
     }
@@ -145,7 +149,9 @@ impl FeatureWindow<'_> {
         let axes = self.trajectory.axes;
         while self.end < k + 4 {
             let wrench = &self.trajectory.values[self.end * axes..(self.end + 1) * axes];
-            self.response.push(wrench, &mut self.rows);
+            let start = self.rows.len();
+            self.rows.resize(start + self.width, 0.0);
+            self.response.next(wrench, &mut self.rows[start..]);
             self.end += 1;
             // On the way to a far k nothing needs to be kept.
             if self.end <= k {

@@ -112,6 +112,7 @@ mod tests {
             search_explained: 0.0,
             search_ratio: 0.0,
             search: vec![],
+            spring_delay_s: 0.0,
             white_se: [0.0; 2],
             excerpt: Excerpt::default(),
         };

@@ -25,8 +25,8 @@ pub struct PairSettings {
     pub loaded: bool,
     /// How long the board records, s.
     pub duration_s: f64,
-    /// The reference starts this long before the board and stops as long after it, s; it starts later
-    /// and stops earlier if negative.
+    /// The reference starts this long before the board and stops as long after it, s; it starts
+    /// later and stops earlier if negative.
     pub margin_s: f64,
     /// Samples per second of the reference.
     pub reference_rate_hz: f64,

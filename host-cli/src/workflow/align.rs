@@ -1,8 +1,8 @@
 //! From a reference's recording and a board log to one training log.
 //!
 //! The columns needed of both are held in memory: the offset may be anything, so that no row can be
-//! let go before the match is found. That is 8 bytes per value, 56 per row of the reference and 72 per
-//! frame of eight readings.
+//! let go before the match is found. That is 8 bytes per value, 56 per row of the reference and 72
+//! per frame of eight readings.
 
 use std::io::{self, Write};
 use std::path::PathBuf;

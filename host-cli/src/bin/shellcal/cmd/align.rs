@@ -23,9 +23,9 @@ use crate::printer::Printer;
 /// Line up a reference sensor's recording with a board log from another clock
 ///
 /// Finds the offset of the two clocks, whatever it is, and how much faster one runs, from the loads
-/// that both saw; no map from wrench to readings is needed. Writes a training log: the board's frames
-/// with the reference at the same times, low-passed below the board's Nyquist frequency. Where the
-/// match is not clear, nothing is written and the exit code is 1.
+/// that both saw; no map from wrench to readings is needed. Writes a training log: the board's
+/// frames with the reference at the same times, low-passed below the board's Nyquist frequency.
+/// Where the match is not clear, nothing is written and the exit code is 1.
 #[derive(Debug, clap::Args)]
 pub(crate) struct AlignArgs {
     /// Recording of the reference sensor: time and six wrench columns, plain or gzip
@@ -87,6 +87,7 @@ struct Report<'a> {
     rows: TrainingRows,
     explained: f64,
     residual_counts: &'a [f64],
+    spring_delay_s: f64,
     white_offset_se_s: f64,
     white_skew_se: f64,
     search_explained: f64,
@@ -199,14 +200,14 @@ impl AlignArgs {
         let (clock, quality) = (&aligned.clock, &aligned.quality);
         if rows.uncovered > 0 {
             printer.note(format!(
-                "{} rows left out: the reference has no value, or no undisturbed one, at their time",
+                "{} rows left out: the reference has no undisturbed value at their time",
                 rows.uncovered
             ));
         }
         if quality.explained < POOR {
             printer.warning(format!(
-                "the aligned reference explains only {:.0} % of the readings; is something else moving \
-                 the shell?",
+                "the aligned reference explains only {:.0} % of the readings; is something else \
+                 moving the shell?",
                 100.0 * quality.explained
             ));
         }
@@ -221,6 +222,7 @@ impl AlignArgs {
                 rows,
                 explained: quality.explained,
                 residual_counts: &quality.residual_counts,
+                spring_delay_s: quality.spring_delay_s,
                 white_offset_se_s,
                 white_skew_se,
                 search_explained: quality.search_explained,

@@ -132,7 +132,8 @@ impl PairArgs {
             printer.document(&truth)?;
         } else {
             printer.line(format!(
-                "{reference_rows} synthetic rows in `{}`, {log_rows} in `{}`: offset {} s, skew {} ppm",
+                "{reference_rows} synthetic rows in `{}`, {log_rows} in `{}`: offset {} s, \
+                 skew {} ppm",
                 self.reference.display(),
                 self.log.display(),
                 self.offset,
