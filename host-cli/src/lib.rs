@@ -2,8 +2,9 @@
 //!
 //! Three layers, arrows pointing inward only:
 //!
-//! - *pure core*: [`wrench`], [`block`], [`calibration`], [`filter`], [`sensor_model`],
-//!   [`recording`], [`plot`]: slices and matrices in, values out; no files, no clocks, no printing;
+//! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
+//!   [`sensor_model`], [`recording`], [`plot`]: slices and matrices in, values out; no files, no
+//!   clocks, no printing;
 //! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`output`]: the world to core types
 //!   and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
@@ -40,6 +41,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod alignment;
 pub mod block;
 pub mod calibration;
 pub mod calibration_file;

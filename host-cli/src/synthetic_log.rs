@@ -5,8 +5,8 @@
 
 use std::io::{self, Write};
 
-use crate::sensor_model::{Kind, Sample};
-use crate::wrench::Axis;
+use crate::sensor_model::{Frame, Kind, Sample};
+use crate::wrench::{Axis, PerAxis};
 
 /// Which columns a log has, in which order and under which names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,30 +58,74 @@ impl Layout {
         write!(out, "{:.6}", sample.time_s)?;
         match self {
             Layout::Shellcal => {
-                write_readings(out, sample)?;
-                write_wrench(out, sample)?;
+                write_readings(out, &sample.frame)?;
+                write_wrench(out, &sample.wrench)?;
                 if kind != Kind::Zero {
                     write!(out, ",{}", sample.pose)?;
                 }
             }
             Layout::Peer => {
-                write_wrench(out, sample)?;
-                write_readings(out, sample)?;
+                write_wrench(out, &sample.wrench)?;
+                write_readings(out, &sample.frame)?;
             }
             Layout::Training => {
-                write_readings(out, sample)?;
-                write_wrench(out, sample)?;
+                write_readings(out, &sample.frame)?;
+                write_wrench(out, &sample.wrench)?;
             }
         }
         writeln!(out)
     }
 }
 
-fn write_readings(out: &mut impl Write, sample: &Sample) -> io::Result<()> {
-    sample.frame.readings.iter().try_for_each(|reading| write!(out, ",{reading}"))
+/// Writes the header of a reference's recording: time and wrench.
+///
+/// # Errors
+/// Whatever `out` says.
+pub fn write_wrench_header(out: &mut impl Write) -> io::Result<()> {
+    write!(out, "t_s")?;
+    Axis::ALL.into_iter().try_for_each(|axis| write!(out, ",{}", axis.column()))?;
+    writeln!(out)
 }
 
-fn write_wrench(out: &mut impl Write, sample: &Sample) -> io::Result<()> {
-    let [fx, fy, fz, mx, my, mz] = sample.wrench;
+/// Writes a row of a reference's recording.
+///
+/// # Errors
+/// Whatever `out` says.
+pub fn write_wrench_row(
+    out: &mut impl Write,
+    time_s: f64,
+    wrench: &PerAxis<f64>,
+) -> io::Result<()> {
+    write!(out, "{time_s:.7}")?;
+    write_wrench(out, wrench)?;
+    writeln!(out)
+}
+
+/// Writes the header of a board's log: time and readings.
+///
+/// # Errors
+/// Whatever `out` says.
+pub fn write_frame_header(out: &mut impl Write) -> io::Result<()> {
+    write!(out, "t_s")?;
+    (1..=8).try_for_each(|channel| write!(out, ",s{channel}"))?;
+    writeln!(out)
+}
+
+/// Writes a row of a board's log; its clock counts µs.
+///
+/// # Errors
+/// Whatever `out` says.
+pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &Frame) -> io::Result<()> {
+    write!(out, "{time_s:.6}")?;
+    write_readings(out, frame)?;
+    writeln!(out)
+}
+
+fn write_readings(out: &mut impl Write, frame: &Frame) -> io::Result<()> {
+    frame.readings.iter().try_for_each(|reading| write!(out, ",{reading}"))
+}
+
+fn write_wrench(out: &mut impl Write, wrench: &PerAxis<f64>) -> io::Result<()> {
+    let [fx, fy, fz, mx, my, mz] = wrench;
     write!(out, ",{fx:.5},{fy:.5},{fz:.5},{mx:.8},{my:.8},{mz:.8}")
 }

@@ -19,6 +19,7 @@
 
 mod geometry;
 mod load;
+mod pair;
 mod parameters;
 mod random;
 mod recording;
@@ -28,6 +29,7 @@ mod springs;
 
 pub use geometry::Reflector;
 pub use load::{LoadScript, POSE_S};
+pub use pair::{Pair, PairSettings};
 pub use parameters::{Channel, Noise, Parameters, Reference, Spread, Surroundings};
 pub use recording::{Kind, Recording, Sample, Settings};
 pub use reference::ReferenceSensor;
@@ -69,6 +71,12 @@ pub enum ModelError {
         rate_hz: f64,
         /// The start asked for.
         start_time_s: f64,
+    },
+    /// Not all frames, nor less than none, can get lost.
+    #[error("a share of {share} of the frames lost, where 0 to 1 (excluded) is wanted")]
+    Loss {
+        /// The share asked for.
+        share: f64,
     },
     /// Noise cannot be scaled by a negative or infinite factor.
     #[error("noise scaled by {factor}, where a factor of 0 or more is wanted")]

@@ -25,6 +25,8 @@ pub(super) enum Purpose {
     TestPoses = 6,
     /// How the mounting of the reference sensor differs from one recording to the next.
     Mounting = 7,
+    /// Frames that get lost on the way.
+    Losses = 8,
 }
 
 /// A stream of random numbers.

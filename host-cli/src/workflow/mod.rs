@@ -1,5 +1,6 @@
 //! Whole tasks over logs: reading joined to the core, without printing and without files written.
 
+pub mod align;
 pub mod bench;
 pub mod convert;
 pub mod eval;

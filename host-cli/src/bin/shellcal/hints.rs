@@ -4,6 +4,7 @@ use std::error::Error;
 use std::io;
 
 use shared_proto::Refusal;
+use shellcal::alignment::AlignError;
 use shellcal::calibration::FitError;
 use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration_file::matrix::MatrixError;
@@ -14,6 +15,7 @@ use shellcal::log_file::{LogError, RowProblem};
 use shellcal::output::OutputError;
 use shellcal::recording::NoFrame;
 use shellcal::workflow::WorkflowError;
+use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::noise::NoiseError;
 
@@ -28,6 +30,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             .or_else(|| known(cause, after_calibration))
             .or_else(|| known(cause, after_conversion))
             .or_else(|| known(cause, after_noise))
+            .or_else(|| known(cause, after_alignment))
             .or_else(|| known(cause, after_validation))
             .or_else(|| known(cause, after_merge))
             .or_else(|| known(cause, after_link))
@@ -85,6 +88,35 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
         ConvertError::NoCovariance => {
             "leave `se` out of `--columns`; calibrations made by `shellcal fit` have a covariance"
         }
+        _ => return None,
+    })
+}
+
+fn after_alignment(error: &AlignLogsError) -> Option<&'static str> {
+    let error = match error {
+        AlignLogsError::Log(error) => return after_log(error),
+        AlignLogsError::Align { source, .. } => source,
+        _ => return None,
+    };
+    Some(match error {
+        AlignError::NoMatch { .. } => {
+            "are these of the same session? both must have recorded the same loads: tap the shell a \
+             few times in different places at the start and at the end"
+        }
+        AlignError::Ambiguous { .. } => {
+            "a load that repeats itself fits at several offsets: tap the shell at uneven intervals, in \
+             different places"
+        }
+        AlignError::TimeGoesBack { .. } | AlignError::Skew { .. } => {
+            "check the time columns and their units, `--time-unit` and `--reference-time-unit`"
+        }
+        AlignError::TooShort { .. } | AlignError::ShortOverlap { .. } => {
+            "record for longer; `shellcal info` tells the times of a log"
+        }
+        AlignError::Constant { .. } => {
+            "check the cable, and that `--sensors` and `--wrench` name the right columns"
+        }
+        AlignError::NotConverged { .. } => "record a few sharp taps in different directions",
         _ => return None,
     })
 }

@@ -279,7 +279,6 @@ fn mix(state: u64) -> u64 {
 mod tests {
     use super::*;
 
-    #[expect(clippy::single_range_in_vec_init, reason = "one range is meant")]
     #[test]
     fn runs_of_one_label_are_put_together_in_the_order_of_first_rows() {
         let runs = [("b", 2), ("a", 1), ("b", 3), ("a", 4)].map(|(l, rows)| (l.to_owned(), rows));

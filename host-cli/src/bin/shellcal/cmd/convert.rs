@@ -309,7 +309,7 @@ fn table_name(log: &Path) -> String {
     format!("{stem}.wrench.csv")
 }
 
-fn is_same_file(a: &Path, b: &Path) -> bool {
+pub(super) fn is_same_file(a: &Path, b: &Path) -> bool {
     let canonical: io::Result<_> = a.canonicalize().and_then(|a| Ok(a == b.canonicalize()?));
     canonical.unwrap_or(false)
 }

@@ -147,7 +147,7 @@ impl From<MomentUnitArg> for MomentUnit {
 }
 
 /// A number is a place, anything else a name.
-fn parse_column(text: &str) -> Result<ColumnRef, String> {
+pub(crate) fn parse_column(text: &str) -> Result<ColumnRef, String> {
     match (text.trim(), text.trim().parse()) {
         ("", _) => Err("expected the name or place of a column".to_owned()),
         (_, Ok(0)) => Err("the first column is 1".to_owned()),

@@ -1,5 +1,6 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
+mod align;
 mod bench;
 mod board;
 mod convert;
@@ -17,6 +18,7 @@ mod quality;
 mod record;
 mod serial;
 mod synth;
+mod synth_pair;
 mod validation;
 
 use std::process::ExitCode;
@@ -31,6 +33,7 @@ pub(crate) enum Command {
     Board(board::BoardArgs),
     Record(record::RecordArgs),
     Info(info::InfoArgs),
+    Align(Box<align::AlignArgs>),
     Fit(Box<fit::FitArgs>),
     Merge(merge::MergeArgs),
     Eval(Box<eval::EvalArgs>),
@@ -57,6 +60,7 @@ impl Command {
             Command::Board(args) => args.run(printer),
             Command::Record(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
+            Command::Align(args) => args.run(printer),
             Command::Fit(args) => args.run(printer),
             Command::Merge(args) => args.run(printer),
             Command::Eval(args) => args.run(printer),

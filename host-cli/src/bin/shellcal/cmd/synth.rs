@@ -9,6 +9,7 @@ use shellcal::output::AtomicFile;
 use shellcal::sensor_model::{Kind, Recording, Settings};
 use shellcal::synthetic_log;
 
+use super::synth_pair::PairArgs;
 use crate::cmd::Outcome;
 use crate::printer::Printer;
 
@@ -30,6 +31,7 @@ enum KindArgs {
     Test(RecordingArgs),
     /// No load: noise and drift
     Zero(RecordingArgs),
+    Pair(PairArgs),
 }
 
 #[derive(Clone, Debug, clap::Args)]
@@ -108,6 +110,7 @@ impl SynthArgs {
             // The paper's sizes; for noise, less than a minute.
             KindArgs::Train(args) => args.run(Kind::Training, 77_522, printer),
             KindArgs::Test(args) => args.run(Kind::Test, 19_932, printer),
+            KindArgs::Pair(args) => args.run(printer),
             KindArgs::Zero(args) => args.run(Kind::Zero, 5_000, printer),
         }
     }

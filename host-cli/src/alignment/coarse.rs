@@ -1,0 +1,282 @@
+//! Where two recordings match: all offsets at once, whatever the map from wrench to readings.
+//!
+//! Both sides are averaged into bins, differenced (which takes off drift and long holds) and
+//! whitened, so that the six columns x of the wrench and the columns y of the readings each have
+//! unit covariance. At an offset of l bins the share of the readings' changes that a linear map of
+//! the wrench explains is then
+//!
+//! ```text
+//! R²(l) = Σ_ij c_ij(l)² / (E_x(l)/d_x · E_y(l))      c_ij(l) = Σ_k x_i[k + l] y_j[k]
+//! ```
+//!
+//! with E the energies in the overlap; the mean square of the canonical correlations, up to the
+//! whitening being that of the whole. All c_ij come from fast Fourier transforms. The *score*
+//! weighs R² with the share of the readings' energy that overlaps, so that a little overlap cannot
+//! win by chance. A match counts if R² is large there and no other peak of the score comes near.
+
+use faer::{Mat, Side as Triangle};
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
+
+use super::AlignError;
+use super::recording::Clean;
+
+/// The finest bins, s: below the duration of a tap.
+const BIN_S: f64 = 0.02;
+/// The readings' changes that the reference must explain.
+pub(super) const LEAST_EXPLAINED: f64 = 0.25;
+/// The highest score of another peak, relative to the best.
+pub(super) const HIGHEST_RATIO: f64 = 0.7;
+/// Changes beyond this many standard deviations count as that many: a damaged frame must not
+/// decide.
+const CLIP: f64 = 6.0;
+/// Directions weaker than this fraction of the strongest are not blown up to unit variance.
+const FLOOR: f64 = 0.02;
+
+/// A match of the two recordings.
+#[derive(Clone, Debug)]
+pub(super) struct Match {
+    /// Reference time minus board time, both since the start of their recording, s.
+    pub(super) offset_s: f64,
+    /// Share of the readings' changes explained.
+    pub(super) explained: f64,
+    /// Score of the second-best peak over that of the best.
+    pub(super) ratio: f64,
+    /// Score over offset (s), relative to the best, for a figure.
+    pub(super) scores: Vec<(f64, f64)>,
+}
+
+/// Finds the offset at which the rows of `board` from `from_s` to `to_s` match the reference.
+pub(super) fn find_match(
+    reference: &Clean,
+    board: &Clean,
+    (from_s, to_s): (f64, f64),
+    needed_s: f64,
+) -> Result<Match, AlignError> {
+    let bin_s = BIN_S.max(1.5 * reference.period_s).max(1.5 * board.period_s);
+    let x = Changes::new(reference, bin_s, (0.0, reference.span_s()));
+    let y = Changes::new(board, bin_s, (from_s, to_s));
+    let correlation = Correlation::new(&x, &y);
+    let needed_bins = needed_s / bin_s;
+    let lags = x.bins + y.bins - 1;
+    let dims = x.columns.len() as f64;
+    // Offsets run from −(y.bins − 1) to x.bins − 1.
+    let (mut explained, mut energy) = (vec![0.0; lags], vec![0.0; lags]);
+    for i in 0..lags {
+        if correlation.overlap[i] < 0.5 * needed_bins {
+            continue;
+        }
+        let (ex, ey) = (correlation.x_energy[i], correlation.y_energy[i]);
+        if ex > 1e-6 * x.energy && ey > 1e-6 * y.energy {
+            explained[i] = (correlation.squared[i] / (ex / dims * ey)).min(1.0);
+            energy[i] = ey;
+        }
+    }
+    let most = energy.iter().copied().fold(0.0, f64::max);
+    let scores: Vec<f64> = explained.iter().zip(&energy).map(|(r, e)| r * e / most).collect();
+    let offset_of = |i: usize| (i as f64 - (y.bins as f64 - 1.0)) * bin_s - from_s;
+    let best = argmax(&scores, 0..lags);
+    let peak = best.map_or(0.0, |i| scores[i]);
+    let Some(best) = best.filter(|&i| explained[i] >= LEAST_EXPLAINED && most > 0.0) else {
+        let explained = best.map_or(0.0, |i| explained[i]);
+        return Err(AlignError::NoMatch { explained, needed: LEAST_EXPLAINED });
+    };
+    let (low, high) = lobe(&scores, best);
+    let second = argmax(&scores, 0..low).into_iter().chain(argmax(&scores, high..lags));
+    let second = second.max_by(|&a, &b| scores[a].total_cmp(&scores[b]));
+    let ratio = second.map_or(0.0, |i| scores[i] / peak);
+    if let Some(second) = second.filter(|_| ratio > HIGHEST_RATIO) {
+        return Err(AlignError::Ambiguous {
+            best_s: offset_of(best),
+            second_s: offset_of(second),
+            ratio,
+            accepted: HIGHEST_RATIO,
+        });
+    }
+    Ok(Match {
+        offset_s: offset_of(best),
+        explained: explained[best],
+        ratio,
+        scores: (0..lags).map(|i| (offset_of(i), scores[i] / peak)).collect(),
+    })
+}
+
+fn argmax(values: &[f64], range: std::ops::Range<usize>) -> Option<usize> {
+    range.max_by(|&a, &b| values[a].total_cmp(&values[b]))
+}
+
+/// The peak at `best`: down to the first minimum on each side that is below half of it.
+fn lobe(scores: &[f64], best: usize) -> (usize, usize) {
+    let half = 0.5 * scores[best];
+    let is_foot = |i: usize| {
+        let next = scores[(i + 1).min(scores.len() - 1)];
+        scores[i] < half && scores[i] <= scores[i.saturating_sub(1)] && scores[i] <= next
+    };
+    let low = (0..best).rev().find(|&i| is_foot(i)).unwrap_or(0);
+    let high = (best + 1..scores.len()).find(|&i| is_foot(i)).unwrap_or(scores.len());
+    (low, high)
+}
+
+/// Whitened changes from bin to bin; zero where there are none.
+struct Changes {
+    bins: usize,
+    columns: Vec<Vec<f64>>,
+    /// Squared length of each change, 0 where there is none.
+    squared: Vec<f64>,
+    /// 1 where there is a change.
+    present: Vec<f64>,
+    energy: f64,
+}
+
+impl Changes {
+    fn new(recording: &Clean, bin_s: f64, (from_s, to_s): (f64, f64)) -> Self {
+        let rows = {
+            let time = &recording.time_s;
+            time.partition_point(|&t| t < from_s)..time.partition_point(|&t| t <= to_s)
+        };
+        let bin_of = |row: usize| ((recording.time_s[row] - from_s) / bin_s) as usize;
+        let bins = rows.clone().next_back().map_or(0, bin_of) + 1;
+        let mut count = vec![0.0; bins];
+        let usable = || rows.clone().filter(|&row| recording.in_range[row]);
+        usable().for_each(|row| count[bin_of(row)] += 1.0);
+        let mut present: Vec<f64> = count
+            .windows(2)
+            .map(|pair| f64::from(u8::from(pair[0] > 0.0 && pair[1] > 0.0)))
+            .collect();
+        present.push(0.0);
+        let mut columns = Vec::new();
+        for column in &recording.columns {
+            let mut mean = vec![0.0; bins];
+            usable().for_each(|row| mean[bin_of(row)] += column[row] / count[bin_of(row)]);
+            let mut change = vec![0.0; bins];
+            for k in (0..bins - 1).filter(|&k| present[k] > 0.0) {
+                change[k] = mean[k + 1] - mean[k];
+            }
+            columns.push(change);
+        }
+        whiten(&mut columns, &present);
+        let mut squared = vec![0.0; bins];
+        let limit = CLIP * CLIP * columns.len() as f64;
+        for k in 0..bins {
+            let length: f64 = columns.iter().map(|column| column[k] * column[k]).sum();
+            let factor = (1.0 / (1.0 + length / limit)).sqrt();
+            columns.iter_mut().for_each(|column| column[k] *= factor);
+            squared[k] = length * factor * factor;
+        }
+        let energy = squared.iter().sum();
+        Self { bins, columns, squared, present, energy }
+    }
+}
+
+/// Gives the columns unit covariance, but for directions in which next to nothing happens.
+fn whiten(columns: &mut Vec<Vec<f64>>, present: &[f64]) {
+    let rows: f64 = present.iter().sum::<f64>().max(1.0);
+    columns.retain_mut(|column| {
+        let rms = (column.iter().map(|x| x * x).sum::<f64>() / rows).sqrt();
+        column.iter_mut().for_each(|x| *x /= rms);
+        rms > 0.0 && rms.is_finite()
+    });
+    let dims = columns.len();
+    if dims == 0 {
+        return;
+    }
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>() / rows;
+    let covariance = Mat::from_fn(dims, dims, |i, j| product(&columns[i], &columns[j]));
+    let Ok(eigen) = covariance.self_adjoint_eigen(Triangle::Lower) else {
+        return;
+    };
+    let values: Vec<f64> = (0..dims).map(|i| eigen.S()[i].max(0.0)).collect();
+    let floor = FLOOR * values.iter().copied().fold(0.0, f64::max);
+    let directions = eigen.U();
+    *columns = (0..dims)
+        .map(|i| {
+            let mut sum = vec![0.0; columns[0].len()];
+            for (j, column) in columns.iter().enumerate() {
+                let factor = directions[(j, i)] / values[i].max(floor).sqrt();
+                sum.iter_mut().zip(column).for_each(|(sum, x)| *sum += factor * x);
+            }
+            sum
+        })
+        .collect();
+}
+
+/// Sums over the overlap at each offset, from −(y.bins − 1) on.
+struct Correlation {
+    /// Σ_ij c_ij².
+    squared: Vec<f64>,
+    x_energy: Vec<f64>,
+    y_energy: Vec<f64>,
+    /// Bins that have a change on both sides.
+    overlap: Vec<f64>,
+}
+
+impl Correlation {
+    fn new(x: &Changes, y: &Changes) -> Self {
+        let mut fft = Fft::new(x.bins + y.bins - 1, y.bins);
+        let xs: Vec<_> = x.columns.iter().map(|column| fft.forward(column)).collect();
+        let mut squared = vec![0.0; x.bins + y.bins - 1];
+        for column in &y.columns {
+            let column = fft.forward(column);
+            for other in &xs {
+                for (sum, c) in squared.iter_mut().zip(fft.correlate(other, &column)) {
+                    *sum += c * c;
+                }
+            }
+        }
+        let mut correlate = |x: &[f64], y: &[f64]| {
+            let (x, y) = (fft.forward(x), fft.forward(y));
+            fft.correlate(&x, &y).collect::<Vec<f64>>()
+        };
+        Self {
+            squared,
+            x_energy: correlate(&x.squared, &y.present),
+            y_energy: correlate(&x.present, &y.squared),
+            overlap: correlate(&x.present, &y.present),
+        }
+    }
+}
+
+/// Transforms of one length.
+struct Fft {
+    forward: std::sync::Arc<dyn realfft::RealToComplex<f64>>,
+    inverse: std::sync::Arc<dyn realfft::ComplexToReal<f64>>,
+    input: Vec<f64>,
+    product: Vec<Complex<f64>>,
+    lags: usize,
+    /// The smallest offset is minus this, plus one.
+    behind: usize,
+}
+
+impl Fft {
+    fn new(lags: usize, behind: usize) -> Self {
+        let length = lags.next_power_of_two();
+        let mut planner = RealFftPlanner::new();
+        let forward = planner.plan_fft_forward(length);
+        let inverse = planner.plan_fft_inverse(length);
+        let (input, product) = (forward.make_input_vec(), inverse.make_input_vec());
+        Self { forward, inverse, input, product, lags, behind }
+    }
+
+    fn forward(&mut self, values: &[f64]) -> Vec<Complex<f64>> {
+        self.input[..values.len()].copy_from_slice(values);
+        self.input[values.len()..].fill(0.0);
+        let mut spectrum = self.forward.make_output_vec();
+        self.forward.process(&mut self.input, &mut spectrum).expect("buffers made by the plan");
+        spectrum
+    }
+
+    /// Σ_k x[k + l] y[k] for l from −(behind − 1) on.
+    fn correlate(&mut self, x: &[Complex<f64>], y: &[Complex<f64>]) -> impl Iterator<Item = f64> {
+        for ((product, x), y) in self.product.iter_mut().zip(x).zip(y) {
+            *product = x * y.conj();
+        }
+        // The first and the last are real by symmetry; rounding must not say otherwise.
+        for end in [0, self.product.len() - 1] {
+            self.product[end].im = 0.0;
+        }
+        self.inverse.process(&mut self.product, &mut self.input).expect("buffers made by the plan");
+        let (length, behind) = (self.input.len(), self.behind);
+        let values = &self.input;
+        (0..self.lags).map(move |i| values[(i + length + 1 - behind) % length] / length as f64)
+    }
+}

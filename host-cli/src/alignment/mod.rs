@@ -1,0 +1,306 @@
+//! Lining up a reference sensor's recording with a board log that has a clock of its own.
+//!
+//! ```text
+//! t_reference = t_board + offset + skew · (t_board − pivot)
+//! ```
+//!
+//! Both saw the same loads, through a map from wrench to readings that nobody knows yet: the
+//! calibration is what the result is for. [`coarse`] finds the offset among all possible ones by
+//! correlation and refuses where it is not clear; [`refine`] then estimates offset, skew and the
+//! map together, with the spring's memory as part of it, close to the bound of Cramér and Rao.
+//! [`Aligned::resample`] evaluates the low-passed reference at the board's own times.
+//!
+//! The derivations are in `docs/alignment.md`. Left out: clocks whose skew changes during a
+//! recording by more than the uncertainty, and loads faster than the board samples.
+
+mod coarse;
+mod error;
+mod frames;
+mod kernel;
+mod normal;
+mod recording;
+mod refine;
+mod resample;
+mod response;
+mod trajectory;
+mod uncertainty;
+
+pub use error::AlignError;
+pub use kernel::{Kernel, STOPBAND_DB};
+pub use recording::{LeftOut, Recording, Side};
+
+use coarse::Match;
+use frames::Frames;
+use recording::Clean;
+use refine::{Estimate, Warp, refine};
+use resample::Resampler;
+use trajectory::Trajectory;
+
+/// The least time that both recordings must cover, s.
+pub const LEAST_OVERLAP_S: f64 = 5.0;
+/// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most
+/// ceramic resonators.
+pub const LARGEST_SKEW_PPM: f64 = 1000.0;
+/// Loads faster than this are not matched: hands and taps are slower, and there are fewer rows to
+/// work through.
+const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
+/// What offsets are first searched with: long enough for many contacts, and short enough that 200
+/// ppm of skew blur it by less than a tap.
+const PROBE_S: f64 = 120.0;
+/// As many stretches are tried before giving up.
+const PROBES: usize = 8;
+/// Skew of clocks before anything is known about them (standard deviation).
+const PRIOR_SKEW: f64 = 2e-4;
+
+/// How recordings are aligned.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Time that the board averages a frame over, s; 0 for an instant.
+    pub exposure_s: f64,
+    /// Whether equal readings in a row are one frame logged repeatedly, at rest as well.
+    pub repeats_are_stale: bool,
+}
+
+/// From the board's clock to the reference's.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct ClockMap {
+    /// Reference time minus board time at the pivot, s.
+    pub offset_s: f64,
+    /// How much faster the reference's clock runs: (dt_reference/dt_board) − 1.
+    pub skew: f64,
+    /// Board time at which the offset is given, s: the middle of what overlaps.
+    pub pivot_s: f64,
+    /// Standard error of the offset at the pivot, s.
+    pub offset_se_s: f64,
+    /// Standard error of the skew.
+    pub skew_se: f64,
+    /// Covariance of the two, s.
+    pub covariance_s: f64,
+}
+
+impl ClockMap {
+    /// Reference time at a board time, s.
+    pub fn reference_time_s(&self, board_time_s: f64) -> f64 {
+        board_time_s + self.offset_at_s(board_time_s)
+    }
+
+    /// Reference time minus board time at a board time, s.
+    pub fn offset_at_s(&self, board_time_s: f64) -> f64 {
+        self.offset_s + self.skew * (board_time_s - self.pivot_s)
+    }
+
+    /// Standard error of [`Self::offset_at_s`], s.
+    pub fn offset_se_at_s(&self, board_time_s: f64) -> f64 {
+        let d = board_time_s - self.pivot_s;
+        let variance = self.offset_se_s * self.offset_se_s
+            + 2.0 * d * self.covariance_s
+            + d * d * self.skew_se * self.skew_se;
+        variance.max(0.0).sqrt()
+    }
+}
+
+/// How well two recordings match.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quality {
+    /// Share of the readings' variance that the aligned reference explains, through the map with
+    /// memory, mean over the channels.
+    pub explained: f64,
+    /// RMS of what it does not explain, per channel that changes, counts.
+    pub residual_counts: Vec<f64>,
+    /// Rows of the board (averaged down to 250 Hz) that were compared.
+    pub rows: usize,
+    /// Share of the readings' changes explained at the best offset of the search.
+    pub search_explained: f64,
+    /// Score of the second-best offset over that of the best.
+    pub search_ratio: f64,
+    /// The score over all offsets (s), the best being 1.
+    pub search: Vec<(f64, f64)>,
+    /// How late the springs' memory makes the readings, s: part of the model, not of the offset.
+    pub spring_delay_s: f64,
+    /// Standard errors of offset (s) and skew if residuals were white noise.
+    pub white_se: [f64; 2],
+    /// A lively stretch, to look at.
+    pub excerpt: Excerpt,
+}
+
+/// A channel around its steepest change: what it read and what the aligned reference predicts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Excerpt {
+    /// The channel, from 0, of those that change.
+    pub channel: usize,
+    /// Board time (s), reading and prediction (counts).
+    pub points: Vec<[f64; 3]>,
+}
+
+/// Two recordings lined up.
+#[derive(Debug)]
+pub struct Aligned {
+    /// The clocks.
+    pub clock: ClockMap,
+    /// The match.
+    pub quality: Quality,
+    /// Rows of the reference that took no part.
+    pub reference_left_out: LeftOut,
+    /// Rows of the board that took no part.
+    pub board_left_out: LeftOut,
+    reference: Clean,
+    board: Clean,
+    options: Options,
+}
+
+/// Lines up `reference` (six axes, or those there are) with `board` (readings of any number of
+/// channels).
+///
+/// Neither sampling needs to be even; rows may be missing, repeated or out of range. What the board
+/// delays, be it in its filter or on the way to its clock, is part of the offset, so that a row of
+/// the board is paired with the load that made it.
+///
+/// # Errors
+/// [`AlignError`] if a recording is too short or does not change, or if the match is not clear.
+pub fn align(
+    reference: Recording,
+    board: Recording,
+    options: Options,
+) -> Result<Aligned, AlignError> {
+    let reference = Clean::new(reference, Side::Reference, LEAST_OVERLAP_S, false)?;
+    let board = Clean::new(board, Side::Board, LEAST_OVERLAP_S, options.repeats_are_stale)?;
+    let (found, probe) = search(&reference, &board)?;
+    let rate_hz = HIGHEST_MATCHED_RATE_HZ.min(1.0 / board.period_s).min(1.0 / reference.period_s);
+    let trajectory = Trajectory::new(&reference, rate_hz);
+    let frames = Frames::new(&board, rate_hz);
+    let estimate = grow(&trajectory, &frames, &found, probe, board.span_s())?;
+    let skew_ppm = 1e6 * estimate.warp.skew;
+    if skew_ppm.abs() > LARGEST_SKEW_PPM {
+        return Err(AlignError::Skew { skew_ppm, limit_ppm: LARGEST_SKEW_PPM });
+    }
+    let Estimate { warp, covariance, white, .. } = estimate;
+    let clock = ClockMap {
+        offset_s: warp.offset_s + reference.start_s - board.start_s,
+        skew: warp.skew,
+        pivot_s: warp.pivot_s + board.start_s,
+        offset_se_s: covariance[0][0].sqrt(),
+        skew_se: covariance[1][1].sqrt(),
+        covariance_s: covariance[0][1],
+    };
+    let mut excerpt = estimate.excerpt;
+    excerpt.points.iter_mut().for_each(|[time_s, ..]| *time_s += board.start_s);
+    let quality = Quality {
+        excerpt,
+        explained: estimate.explained,
+        residual_counts: estimate.residual,
+        rows: estimate.rows,
+        search_explained: found.explained,
+        search_ratio: found.ratio,
+        search: found.scores,
+        spring_delay_s: estimate.delay_s,
+        white_se: [white[0][0].sqrt(), white[1][1].sqrt()],
+    };
+    Ok(Aligned {
+        clock,
+        quality,
+        reference_left_out: reference.left_out,
+        board_left_out: board.left_out,
+        reference,
+        board,
+        options,
+    })
+}
+
+/// Searches with one stretch of the board log after another, the liveliest first, until one has a
+/// clear match.
+fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), AlignError> {
+    let count = (board.span_s() / PROBE_S).ceil().max(1.0);
+    let length_s = board.span_s() / count;
+    let mut stretches: Vec<(f64, f64)> =
+        (0..count as usize).map(|i| (i as f64 * length_s, (i + 1) as f64 * length_s)).collect();
+    let activity: Vec<f64> = stretches.iter().map(|&stretch| activity(board, stretch)).collect();
+    let mut order: Vec<usize> = (0..stretches.len()).collect();
+    order.sort_by(|&a, &b| activity[b].total_cmp(&activity[a]).then(a.cmp(&b)));
+    let mut refused = None;
+    for &i in order.iter().take(PROBES) {
+        match coarse::find_match(reference, board, stretches[i], LEAST_OVERLAP_S) {
+            Ok(found) => return Ok((found, stretches.swap_remove(i))),
+            Err(error) => refused = refused.or(Some(error)),
+        }
+    }
+    Err(refused.unwrap_or(AlignError::Constant { side: Side::Board }))
+}
+
+/// How much the readings change in a stretch, relative to what they do overall.
+fn activity(board: &Clean, (from_s, to_s): (f64, f64)) -> f64 {
+    let first = board.time_s.partition_point(|&t| t < from_s);
+    let last = board.time_s.partition_point(|&t| t <= to_s);
+    let variance = |values: &[f64]| {
+        let n = values.len().max(1) as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / n
+    };
+    let relative = |column: &Vec<f64>| match variance(column) {
+        whole if whole > 0.0 => variance(&column[first..last]) / whole,
+        _ => 0.0,
+    };
+    board.columns.iter().map(relative).sum()
+}
+
+/// Refines the match of a stretch, then of ever longer ones around it, up to all.
+fn grow(
+    trajectory: &Trajectory,
+    frames: &Frames,
+    found: &Match,
+    (mut from_s, mut to_s): (f64, f64),
+    span_s: f64,
+) -> Result<Estimate, AlignError> {
+    let mut warp = Warp { offset_s: found.offset_s, skew: 0.0, pivot_s: 0.5 * (from_s + to_s) };
+    loop {
+        let whole = from_s <= 0.0 && to_s >= span_s;
+        let prior = (!whole).then_some(PRIOR_SKEW);
+        let estimate = refine(trajectory, frames, warp, (from_s, to_s), prior)?;
+        if whole {
+            return Ok(estimate);
+        }
+        warp = estimate.warp;
+        let length_s = to_s - from_s;
+        (from_s, to_s) = ((from_s - length_s).max(0.0), (to_s + length_s).min(span_s));
+    }
+}
+
+impl Aligned {
+    /// Number of channels of the board.
+    pub fn channels(&self) -> usize {
+        self.board.columns.len()
+    }
+
+    /// The reference at the times of the board's rows, low-passed below the board's Nyquist
+    /// frequency ([`Kernel`]) and averaged over its exposure.
+    ///
+    /// Calls `row` with board time (s, on its own clock), readings and wrench for every row that is
+    /// neither a repeat nor without a reference; returns how many rows the reference does not
+    /// cover.
+    ///
+    /// # Errors
+    /// Whatever `row` says.
+    pub fn resample<E>(
+        &self,
+        mut row: impl FnMut(f64, &[f64], &[f64]) -> Result<(), E>,
+    ) -> Result<usize, E> {
+        let rate_hz = (1.0 / self.board.period_s).min(1.0 / self.reference.period_s);
+        let kernel = Kernel::new(rate_hz, self.options.exposure_s, STOPBAND_DB);
+        let mut resampler = Resampler::new(&self.reference, &kernel, rate_hz);
+        let mut readings = vec![0.0; self.board.columns.len()];
+        let mut wrench = vec![0.0; self.reference.columns.len()];
+        let mut uncovered = 0;
+        for (i, &since_start_s) in self.board.time_s.iter().enumerate() {
+            let time_s = self.board.start_s + since_start_s;
+            let at_s = self.clock.reference_time_s(time_s) - self.reference.start_s;
+            if !resampler.at(at_s, &mut wrench) {
+                uncovered += 1;
+                continue;
+            }
+            for (reading, column) in readings.iter_mut().zip(&self.board.columns) {
+                *reading = column[i];
+            }
+            row(time_s, &readings, &wrench)?;
+        }
+        Ok(uncovered)
+    }
+}

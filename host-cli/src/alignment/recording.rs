@@ -1,0 +1,206 @@
+//! A recording made ready: rows in order of time, repeats left out, saturated rows marked.
+
+use std::fmt;
+
+use super::AlignError;
+
+/// One of the two recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The reference sensor's.
+    Reference,
+    /// The board's.
+    Board,
+}
+
+impl fmt::Display for Side {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Side::Reference => "reference",
+            Side::Board => "board log",
+        })
+    }
+}
+
+/// What one sensor recorded on its own clock.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recording {
+    /// Time of each row, s, on the sensor's clock.
+    pub time_s: Vec<f64>,
+    /// Columns: for the reference the six axes in N and N·m, for the board its readings in counts.
+    pub columns: Vec<Vec<f64>>,
+}
+
+/// Rows that take no part.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct LeftOut {
+    /// Not finite.
+    pub not_finite: usize,
+    /// Not later than the row before.
+    pub not_later: usize,
+    /// All columns as in the row before: the sensor had nothing new.
+    pub repeated: usize,
+    /// At an end of the range: they are kept, but not matched.
+    pub saturated: usize,
+}
+
+/// A logger that runs faster than its sensor repeats a row for no longer than this, s.
+const LONGEST_REPEAT_S: f64 = 0.02;
+/// A change by as many of its smallest steps is a column on the move.
+const MOVE: f64 = 3.0;
+/// The smallest step is taken to be at least this fraction of the range, for columns of no fixed
+/// resolution.
+const LEAST_STEP: f64 = 1e-4;
+/// As many equal values in a row at the extreme of a column mark the end of the range.
+const SATURATED_RUN: usize = 5;
+/// Rows out of order are errors of transmission up to this share.
+const OUT_OF_ORDER: f64 = 0.01;
+
+/// A recording whose rows can be relied on.
+#[derive(Clone, Debug)]
+pub(super) struct Clean {
+    /// Time since `start_s`, strictly increasing.
+    pub(super) time_s: Vec<f64>,
+    pub(super) columns: Vec<Vec<f64>>,
+    /// Whether a row is within the range in every column.
+    pub(super) in_range: Vec<bool>,
+    pub(super) start_s: f64,
+    /// Median time between rows.
+    pub(super) period_s: f64,
+    pub(super) left_out: LeftOut,
+}
+
+impl Clean {
+    pub(super) fn new(
+        recording: Recording,
+        side: Side,
+        needed_s: f64,
+        all_repeats: bool,
+    ) -> Result<Self, AlignError> {
+        let Recording { mut time_s, mut columns } = recording;
+        let expected = time_s.len();
+        if let Some(found) = match columns.is_empty() {
+            true => Some(0),
+            false => columns.iter().map(Vec::len).find(|&len| len != expected),
+        } {
+            return Err(AlignError::Shape { side, expected, found });
+        }
+        let mut left_out = LeftOut::default();
+        let keep = rows_to_keep(&time_s, &columns, all_repeats, &mut left_out);
+        if left_out.not_later as f64 > OUT_OF_ORDER * expected as f64 {
+            return Err(AlignError::TimeGoesBack { side, rows: left_out.not_later, of: expected });
+        }
+        for column in columns.iter_mut().chain([&mut time_s]) {
+            let mut flags = keep.iter();
+            column.retain(|_| *flags.next().expect("a flag per row"));
+        }
+        let rows = time_s.len();
+        let span_s = time_s.last().zip(time_s.first()).map_or(0.0, |(last, first)| last - first);
+        // Written so that a span that is not a number is refused.
+        if rows < 100 || span_s.is_nan() || span_s < needed_s {
+            return Err(AlignError::TooShort { side, rows, span_s, needed_s });
+        }
+        if columns.iter().all(|column| column.iter().all(|&x| x == column[0])) {
+            return Err(AlignError::Constant { side });
+        }
+        let start_s = time_s[0];
+        time_s.iter_mut().for_each(|t| *t -= start_s);
+        let period_s = median_step(&time_s);
+        let in_range = in_range(&columns);
+        left_out.saturated = in_range.iter().filter(|&&inside| !inside).count();
+        Ok(Self { time_s, columns, in_range, start_s, period_s, left_out })
+    }
+
+    pub(super) fn span_s(&self) -> f64 {
+        self.time_s.last().copied().unwrap_or(0.0)
+    }
+}
+
+/// Finite rows in order of time that hold something new.
+///
+/// A load that rests leaves equal rows, and so does a logger that runs faster than its sensor. The
+/// latter repeats rows amid a movement, with a jump before and after: only such are left out,
+/// unless it is known that all repeats are the logger's. (At rest they do no harm. Leaving out rows
+/// at rest would: it takes away one side of each tap.)
+fn rows_to_keep(
+    time_s: &[f64],
+    columns: &[Vec<f64>],
+    all_repeats: bool,
+    left_out: &mut LeftOut,
+) -> Vec<bool> {
+    let mut keep = vec![true; time_s.len()];
+    let mut latest = f64::NEG_INFINITY;
+    for (row, keep) in keep.iter_mut().enumerate() {
+        let finite = time_s[row].is_finite() && columns.iter().all(|c| c[row].is_finite());
+        let later = time_s[row] > latest;
+        *keep = finite && later;
+        left_out.not_finite += usize::from(!finite);
+        left_out.not_later += usize::from(finite && !later);
+        if *keep {
+            latest = time_s[row];
+        }
+    }
+    let steps: Vec<f64> = columns.iter().map(|column| smallest_step(column)).collect();
+    let moves = |a: usize, b: usize| {
+        let change =
+            |(column, step): (&Vec<f64>, &f64)| (column[a] - column[b]).abs() >= MOVE * step;
+        columns.iter().zip(&steps).any(change)
+    };
+    let rows: Vec<usize> = (0..time_s.len()).filter(|&row| keep[row]).collect();
+    let equal = |&a: &usize, &b: &usize| columns.iter().all(|c| c[a] == c[b]);
+    let runs: Vec<&[usize]> = rows.chunk_by(equal).collect();
+    for (i, run) in runs.iter().enumerate().filter(|(_, run)| run.len() > 1) {
+        let jumps = |next: Option<&&[usize]>| next.is_none_or(|next| moves(run[0], next[0]));
+        let held_s = time_s[run[run.len() - 1]] - time_s[run[0]];
+        let is_short = held_s <= LONGEST_REPEAT_S;
+        if all_repeats
+            || (is_short && jumps(i.checked_sub(1).map(|i| &runs[i])) && jumps(runs.get(i + 1)))
+        {
+            run[1..].iter().for_each(|&row| keep[row] = false);
+            left_out.repeated += run.len() - 1;
+        }
+    }
+    keep
+}
+
+/// Rows in which no column stays at its own extreme.
+///
+/// A load that truly rests at its extreme is marked too; it has no slope there, so that it would
+/// say nothing about time.
+fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
+    let mut inside = vec![true; columns.first().map_or(0, Vec::len)];
+    for column in columns {
+        let low = column.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = column.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if low == high {
+            continue;
+        }
+        let least = MOVE * smallest_step(column).max(LEAST_STEP * (high - low));
+        let mut row = 0_usize;
+        for run in column.chunk_by(|a, b| a == b) {
+            let moves = |other: Option<&f64>| other.is_none_or(|x| (x - run[0]).abs() >= least);
+            let is_extreme = run[0] == low || run[0] == high;
+            if run.len() >= SATURATED_RUN
+                && is_extreme
+                && moves(row.checked_sub(1).map(|before| &column[before]))
+                && moves(column.get(row + run.len()))
+            {
+                inside[row..row + run.len()].fill(false);
+            }
+            row += run.len();
+        }
+    }
+    inside
+}
+
+fn median_step(time_s: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let middle = steps.len() / 2;
+    *steps.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// The smallest change from row to row that is not none.
+fn smallest_step(column: &[f64]) -> f64 {
+    let steps = column.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|&step| step > 0.0);
+    steps.fold(f64::INFINITY, f64::min)
+}

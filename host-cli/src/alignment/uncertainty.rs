@@ -1,0 +1,178 @@
+//! What the residuals say about a warp: covariance and figures of merit, in one pass over the rows.
+
+use faer::{Mat, MatRef};
+
+use super::refine::Row;
+use super::response::late_part;
+
+/// Residuals correlated over longer than this are drift, which the model has, s.
+const CORRELATED_S: f64 = 0.5;
+/// Bins that scores are summed in before their correlations are, s.
+const SCORE_BIN_S: f64 = 0.01;
+/// The springs' delay is known to this share of itself: what is left of it in sessions of the
+/// sensor model, whose truth is known. No residual shows it, because all taps are late alike.
+const MODEL_SHARE: f64 = 0.008;
+
+/// Sums over the rows at the solution.
+#[derive(Debug)]
+pub(super) struct Tally<'a> {
+    /// Coefficients of [slope | slope · time] on the features.
+    along: &'a Mat<f64>,
+    /// W, the inverse of the residual covariance.
+    weights: &'a Mat<f64>,
+    /// B without constant and drift.
+    map: MatRef<'a, f64>,
+    /// Time of the first row from the pivot, s.
+    start_s: f64,
+    pub(super) rows: usize,
+    /// Jᵀ W e, summed in bins of time.
+    scores: Vec<[f64; 2]>,
+    /// Per channel: Σ e², Σ y, Σ y².
+    squares: Vec<[f64; 3]>,
+    /// dᵀ W m and dᵀ W d, of slopes d and remembered parts m.
+    late: [f64; 2],
+    /// Slope, channel and time from the pivot where a reading changes fastest.
+    steepest: (f64, usize, f64),
+    late_part: Vec<f64>,
+}
+
+impl<'a> Tally<'a> {
+    pub(super) fn new(
+        along: &'a Mat<f64>,
+        weights: &'a Mat<f64>,
+        map: MatRef<'a, f64>,
+        start_s: f64,
+    ) -> Self {
+        let channels = weights.ncols();
+        Self {
+            along,
+            weights,
+            map,
+            start_s,
+            rows: 0,
+            scores: Vec::new(),
+            squares: vec![[0.0; 3]; channels],
+            late: [0.0; 2],
+            steepest: (0.0, 0, 0.0),
+            late_part: vec![0.0; channels],
+        }
+    }
+
+    pub(super) fn add(&mut self, row: &Row<'_>, axes: usize) {
+        self.rows += 1;
+        late_part(&row.features[2..], self.map, axes, &mut self.late_part);
+        let bin = ((row.from_pivot_s - self.start_s).max(0.0) / SCORE_BIN_S) as usize;
+        if self.scores.len() <= bin {
+            self.scores.resize(bin + 1, [0.0; 2]);
+        }
+        for channel in 0..self.squares.len() {
+            let (slope, e, y) = (row.slope[channel], row.residual[channel], row.readings[channel]);
+            let sums = &mut self.squares[channel];
+            *sums = [sums[0] + e * e, sums[1] + y, sums[2] + y * y];
+            if slope.abs() > self.steepest.0 {
+                self.steepest = (slope.abs(), channel, row.from_pivot_s);
+            }
+            let weighted = |x: &[f64]| -> f64 {
+                let column = self.weights.col_as_slice(channel);
+                row.weight * column.iter().zip(x).map(|(w, x)| w * x).sum::<f64>()
+            };
+            let [weighted_residual, weighted_slope] = [row.residual, row.slope].map(weighted);
+            self.late[0] += weighted_slope * self.late_part[channel];
+            self.late[1] += weighted_slope * slope;
+            for (parameter, time) in [1.0, row.from_pivot_s].into_iter().enumerate() {
+                let column = self.along.col_as_slice(parameter * self.squares.len() + channel);
+                let fitted: f64 = column.iter().zip(row.features).map(|(c, x)| c * x).sum();
+                self.scores[bin][parameter] += (slope * time - fitted) * weighted_residual;
+            }
+        }
+    }
+
+    /// The covariance of offset (s) and skew, and the delay of the springs, s. `white` is H⁻¹.
+    pub(super) fn covariance(&self, white: [[f64; 2]; 2]) -> ([[f64; 2]; 2], f64) {
+        let longest = (CORRELATED_S / SCORE_BIN_S) as usize;
+        let mut covariance = sandwich(white, long_run_covariance(&self.scores, longest));
+        // Long-run covariances are biased downward, more so the shorter the recording.
+        for (i, row) in covariance.iter_mut().enumerate() {
+            row[i] = row[i].max(white[i][i]);
+        }
+        let delay_s = match self.late {
+            [late, along] if along > 0.0 => -late / along,
+            _ => 0.0,
+        };
+        covariance[0][0] += (MODEL_SHARE * delay_s) * (MODEL_SHARE * delay_s);
+        (covariance, delay_s)
+    }
+
+    /// RMS residual of each channel, counts.
+    pub(super) fn residual(&self) -> Vec<f64> {
+        self.squares.iter().map(|[squares, ..]| (squares / self.rows as f64).sqrt()).collect()
+    }
+
+    /// Share of the readings' variance that is explained, mean over the channels that change.
+    pub(super) fn explained(&self) -> f64 {
+        let left = self.squares.iter().filter_map(|[squares, sum, sum_of_squares]| {
+            let spread = sum_of_squares - sum * sum / self.rows as f64;
+            (spread > 0.0).then_some(squares / spread)
+        });
+        let (count, sum) = left.fold((0.0, 0.0), |(count, sum), left| (count + 1.0, sum + left));
+        if count > 0.0 { 1.0 - sum / count } else { 0.0 }
+    }
+
+    /// The channel that changes fastest, and when, from the pivot.
+    pub(super) fn steepest(&self) -> (usize, f64) {
+        (self.steepest.1, self.steepest.2)
+    }
+}
+
+/// Σ over lags of the scores' covariances, with Bartlett's weights, which keep it positive.
+fn long_run_covariance(scores: &[[f64; 2]], longest: usize) -> [[f64; 2]; 2] {
+    let mut sum = [[0.0; 2]; 2];
+    for lag in 0..=longest.min(scores.len().saturating_sub(1)) {
+        let taper = 1.0 - lag as f64 / (longest + 1) as f64;
+        for (a, b) in scores.iter().zip(&scores[lag..]) {
+            for i in 0..2 {
+                for j in 0..2 {
+                    let product = a[i] * b[j] + if lag > 0 { a[j] * b[i] } else { 0.0 };
+                    sum[i][j] += taper * product;
+                }
+            }
+        }
+    }
+    sum
+}
+
+fn sandwich(bread: [[f64; 2]; 2], filling: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    let product = |a: [[f64; 2]; 2], b: [[f64; 2]; 2]| {
+        [0, 1].map(|i| [0, 1].map(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j]))
+    };
+    product(product(bread, filling), bread)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_long_run_variance_of_an_alternating_series_vanishes() {
+        let scores: Vec<_> =
+            (0..1000).map(|i| [if i % 2 == 0 { 1.0 } else { -1.0 }, 0.5]).collect();
+        let sum = long_run_covariance(&scores, 49);
+        // Bartlett's window over ±1 leaves 1/50 of the variance, but for the ends.
+        assert!(sum[0][0] > 0.0 && sum[0][0] < 0.03 * 1000.0, "{sum:?}");
+        // A constant adds up over all lags: 50 times the variance, but for the ends.
+        assert!((sum[1][1] / (0.25 * 50.0 * 1000.0) - 1.0).abs() < 0.02, "{sum:?}");
+        assert_eq!(sum[0][1], sum[1][0]);
+    }
+
+    #[test]
+    fn a_sandwich_of_the_inverse_is_the_inverse() {
+        let bread = [[2.0, 0.5], [0.5, 1.0]];
+        let inverse = super::super::normal::inverse(bread).unwrap();
+        let back = sandwich(inverse, bread);
+        for i in 0..2 {
+            for j in 0..2 {
+                assert!((back[i][j] - inverse[i][j]).abs() < 1e-15);
+            }
+        }
+    }
+}

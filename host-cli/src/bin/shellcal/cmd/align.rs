@@ -1,0 +1,281 @@
+//! `shellcal align`: a reference's recording and a board log to one training log.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use serde::Serialize;
+use shellcal::alignment::{Aligned, ClockMap, LeftOut};
+use shellcal::log_file::{ColumnRef, Log, Mapping, ReadOptions};
+use shellcal::output::AtomicFile;
+use shellcal::plot::{Format, match_figure};
+use shellcal::workflow::align::{
+    AlignLogsError, AlignOptions, AlignedLogs, TrainingRows, align_logs, write_training,
+};
+
+use super::Outcome;
+use super::convert::is_same_file;
+use super::frames::{FrameArgs, note_rows};
+use super::mapping::{FormatArg, MappingArgs, TimeUnitArg, parse_column};
+use crate::hints;
+use crate::printer::Printer;
+
+/// Line up a reference sensor's recording with a board log from another clock
+///
+/// Finds the offset of the two clocks, whatever it is, and how much faster one runs, from the loads
+/// that both saw; no map from wrench to readings is needed. Writes a training log: the board's
+/// frames with the reference at the same times, low-passed below the board's Nyquist frequency.
+/// Where the match is not clear, nothing is written and the exit code is 1.
+#[derive(Debug, clap::Args)]
+pub(crate) struct AlignArgs {
+    /// Recording of the reference sensor: time and six wrench columns, plain or gzip
+    #[arg(value_name = "REFERENCE")]
+    reference: PathBuf,
+
+    /// Log of the board: time and readings, plain or gzip
+    #[arg(value_name = "LOG")]
+    log: PathBuf,
+
+    /// Write the training log to a file [default: standard output]
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+
+    /// Draw the match, to .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+
+    /// Time that the board averages a frame over, in s: the reference is averaged likewise
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_exposure)]
+    averaging: f64,
+
+    #[command(flatten)]
+    frames: FrameArgs,
+
+    #[command(flatten)]
+    of_reference: ReferenceArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What the columns of the reference are; those below are of the log, but for the wrench.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Reading the reference")]
+struct ReferenceArgs {
+    /// What kind of file the reference is [default: recognised]
+    #[arg(long, value_name = "FORMAT")]
+    reference_format: Option<FormatArg>,
+
+    /// The time column of the reference: its name or place
+    #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
+    reference_time: Option<ColumnRef>,
+
+    /// The unit of that column, whatever its name says
+    #[arg(long, value_name = "UNIT")]
+    reference_time_unit: Option<TimeUnitArg>,
+}
+
+/// What `--json` says.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    reference: String,
+    log: String,
+    output: Option<String>,
+    /// t_reference = t_log + offset_s + skew · (t_log − pivot_s).
+    clock: ClockMap,
+    skew_ppm: f64,
+    rows: TrainingRows,
+    explained: f64,
+    residual_counts: &'a [f64],
+    spring_delay_s: f64,
+    white_offset_se_s: f64,
+    white_skew_se: f64,
+    search_explained: f64,
+    search_second_best: f64,
+    reference_left_out: LeftOut,
+    log_left_out: LeftOut,
+}
+
+/// A match that explains less than this share of the readings is worth a warning.
+const POOR: f64 = 0.9;
+
+impl AlignArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        if printer.json() && self.output.is_none() {
+            bail!("`--json` needs `--output`: the training log would go to the same place");
+        }
+        for path in self.output.iter().chain(&self.plot) {
+            let inputs = [&self.reference, &self.log];
+            if let Some(input) = inputs.into_iter().find(|input| is_same_file(input, path)) {
+                bail!("the output would replace its own input `{}`", input.display());
+            }
+        }
+        let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
+        let (reference_mapping, log_mapping) = self.mappings()?;
+        let reference = Log::open(&self.reference, &reference_mapping)?;
+        let log = Log::open(&self.log, &log_mapping)?;
+        let mut output = self.output.as_ref().map(AtomicFile::create).transpose()?;
+        let plot = self.plot.as_ref().map(AtomicFile::create).transpose()?;
+
+        let rows = self.frames.rows(&log);
+        let options = AlignOptions { exposure_s: self.averaging, rows };
+        let bar = printer.progress("reading", reference.bytes().max(log.bytes()));
+        let progress = |bytes| bar.set_position(bytes);
+        let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+        let logs = align_logs(&reference, &log, &options, &read);
+        bar.finish_and_clear();
+        let AlignedLogs { aligned, reference: reference_read, board: log_read } = match logs {
+            Err(error @ AlignLogsError::Align { .. }) if error.is_refusal() => {
+                let error = anyhow::Error::from(error);
+                printer.error(&error, hints::for_error(&error).as_deref());
+                return Ok(Outcome::CheckFailed);
+            }
+            logs => logs?,
+        };
+
+        let counts = [log_read.rows, log_read.repeated_rows, log_read.skipped_rows];
+        note_rows(printer, &self.log, rows, counts);
+        if reference_read.skipped_rows > 0 {
+            let (path, skipped) = (self.reference.display(), reference_read.skipped_rows);
+            printer.note(format!("{path}: {skipped} bad rows left out"));
+        }
+        note_left_out(printer, "reference", &aligned.reference_left_out);
+        note_left_out(printer, "log", &aligned.board_left_out);
+        let rows = match &mut output {
+            Some(file) => write_training(&aligned, file)?,
+            None => {
+                let mut out = printer.stream();
+                let rows = write_training(&aligned, &mut out)?;
+                out.flush()?;
+                rows
+            }
+        };
+        if let (Some(mut file), Some(format)) = (plot, plot_format) {
+            let figure = match_figure(&self.title(&aligned), &aligned.quality);
+            file.write_all(&figure.render(format)?).context("cannot write the picture")?;
+            file.commit()?;
+        }
+        if let Some(file) = output {
+            file.commit()?;
+        }
+        self.report(printer, &aligned, rows)?;
+        Ok(Outcome::Done)
+    }
+
+    /// Each flag to the file that has such columns.
+    fn mappings(&self) -> anyhow::Result<(Mapping, Mapping)> {
+        let all = self.mapping.mapping()?;
+        let ReferenceArgs { reference_format, reference_time, reference_time_unit } =
+            &self.of_reference;
+        let reference = Mapping {
+            format: reference_format.map(Into::into),
+            wrench: all.wrench,
+            moment_unit: all.moment_unit,
+            time: reference_time.clone(),
+            time_unit: reference_time_unit.map(Into::into),
+            ..Mapping::default()
+        };
+        let log = Mapping {
+            format: all.format,
+            sensors: all.sensors,
+            time: all.time,
+            time_unit: all.time_unit,
+            ..Mapping::default()
+        };
+        Ok((reference, log))
+    }
+
+    fn title(&self, aligned: &Aligned) -> String {
+        let ClockMap { offset_s, skew, pivot_s, .. } = aligned.clock;
+        let name = self.log.file_name().unwrap_or_default().to_string_lossy();
+        format!("{name}: offset {offset_s:.6} s at {pivot_s:.3} s, skew {:.2} ppm", 1e6 * skew)
+    }
+
+    fn report(
+        &self,
+        printer: &mut Printer,
+        aligned: &Aligned,
+        rows: TrainingRows,
+    ) -> anyhow::Result<()> {
+        let (clock, quality) = (&aligned.clock, &aligned.quality);
+        if rows.uncovered > 0 {
+            printer.note(format!(
+                "{} rows left out: the reference has no undisturbed value at their time",
+                rows.uncovered
+            ));
+        }
+        if quality.explained < POOR {
+            printer.warning(format!(
+                "the aligned reference explains only {:.0} % of the readings; is something else \
+                 moving the shell?",
+                100.0 * quality.explained
+            ));
+        }
+        let [white_offset_se_s, white_skew_se] = quality.white_se;
+        if printer.json() {
+            return printer.document(&Report {
+                reference: self.reference.display().to_string(),
+                log: self.log.display().to_string(),
+                output: self.output.as_ref().map(|path| path.display().to_string()),
+                clock: *clock,
+                skew_ppm: 1e6 * clock.skew,
+                rows,
+                explained: quality.explained,
+                residual_counts: &quality.residual_counts,
+                spring_delay_s: quality.spring_delay_s,
+                white_offset_se_s,
+                white_skew_se,
+                search_explained: quality.search_explained,
+                search_second_best: quality.search_ratio,
+                reference_left_out: aligned.reference_left_out,
+                log_left_out: aligned.board_left_out,
+            });
+        }
+        let offset = format!("offset at {:.3} s (ms)", clock.pivot_s);
+        let table = [
+            (offset, 1e3 * clock.offset_s, 1e3 * clock.offset_se_s, 4),
+            ("skew (ppm)".to_owned(), 1e6 * clock.skew, 1e6 * clock.skew_se, 3),
+        ];
+        let table = table.map(|(name, value, error, decimals)| {
+            vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
+        });
+        let explained = format!(
+            "{} rows; the aligned reference explains {:.2} % of the readings; the second-best \
+             offset scores {:.0} % of the best",
+            rows.written,
+            100.0 * quality.explained,
+            100.0 * quality.search_ratio
+        );
+        if self.output.is_none() {
+            // Standard output has the rows.
+            for row in table {
+                printer.note(format!("{}: {} ± {}", row[0], row[1], row[2]));
+            }
+            printer.note(explained);
+            return Ok(());
+        }
+        printer.table(&["reference minus log", "estimate", "standard error"], &table)?;
+        printer.line(explained)
+    }
+}
+
+fn note_left_out(printer: &mut Printer, what: &str, left_out: &LeftOut) {
+    let LeftOut { not_finite, not_later, repeated, saturated } = *left_out;
+    for (count, why) in [
+        (not_finite, "left out: not finite"),
+        (not_later, "left out: not later than the row before"),
+        (repeated, "left out: they repeat the row before"),
+        (saturated, "not matched: at the end of the range"),
+    ] {
+        if count > 0 {
+            printer.note(format!("{what}: {count} rows {why}"));
+        }
+    }
+}
+
+fn parse_exposure(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if (0.0..=1.0).contains(&seconds) => Ok(seconds),
+        _ => Err("expected a time from 0 to 1 s".to_owned()),
+    }
+}

@@ -1,0 +1,145 @@
+//! `shellcal synth pair`: one session on two clocks.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde::Serialize;
+use shellcal::output::{AtomicFile, write_atomically};
+use shellcal::sensor_model::{Pair, PairSettings};
+use shellcal::synthetic_log::{
+    write_frame, write_frame_header, write_wrench_header, write_wrench_row,
+};
+
+use super::Outcome;
+use crate::printer::Printer;
+
+/// One session recorded on two clocks, with known offset and skew
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct PairArgs {
+    /// The reference's recording: t_s,fx_n..mz_nm
+    #[arg(value_name = "REFERENCE")]
+    reference: PathBuf,
+
+    /// The board's log: t_s,s1..s8
+    #[arg(value_name = "LOG")]
+    log: PathBuf,
+
+    /// What the reference's clock shows when the board's shows 0
+    #[arg(long, value_name = "S", default_value_t = 12.3456789, allow_negative_numbers = true)]
+    offset: f64,
+
+    /// How much faster the reference's clock runs
+    #[arg(long, value_name = "PPM", default_value_t = 50.0, allow_negative_numbers = true)]
+    skew: f64,
+
+    /// How long the board records
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    duration: f64,
+
+    /// The reference starts as much earlier and stops as much later
+    #[arg(long, value_name = "S", default_value_t = 5.0, allow_negative_numbers = true)]
+    margin: f64,
+
+    /// Rows per second of the reference
+    #[arg(long, value_name = "HZ", default_value_t = 10_000.0)]
+    reference_rate: f64,
+
+    /// Frames per second of the board
+    #[arg(long, value_name = "HZ", default_value_t = 1000.0)]
+    rate: f64,
+
+    /// Share of the board's frames that get lost, from 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    loss: f64,
+
+    /// Nothing touches the shell
+    #[arg(long)]
+    no_load: bool,
+
+    /// Which session: its loads, noise, light and mounting
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Which unit: its springs, reflectors and gains
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    unit_seed: u64,
+
+    /// Factor on all random noise; 0 for none
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    noise_scale: f64,
+
+    /// Write offset, skew and all else that is known, as JSON
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+}
+
+/// What is known of a pair.
+#[derive(Debug, Serialize)]
+struct Truth {
+    /// t_reference = t_log · (1 + skew) + offset_s.
+    offset_s: f64,
+    skew_ppm: f64,
+    reference_rows: u64,
+    log_rows: u64,
+    settings: PairSettings,
+}
+
+impl PairArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let settings = PairSettings {
+            seed: self.seed,
+            unit_seed: self.unit_seed,
+            loaded: !self.no_load,
+            duration_s: self.duration,
+            margin_s: self.margin,
+            reference_rate_hz: self.reference_rate,
+            board_rate_hz: self.rate,
+            offset_s: self.offset,
+            skew: 1e-6 * self.skew,
+            loss: self.loss,
+            noise_scale: self.noise_scale,
+        };
+        let pair = Pair::new(settings)?;
+        let (mut reference, mut log) =
+            (AtomicFile::create(&self.reference)?, AtomicFile::create(&self.log)?);
+        let (mut reference_rows, mut log_rows) = (0, 0);
+        write_wrench_header(&mut reference)?;
+        for (time_s, wrench) in pair.reference() {
+            write_wrench_row(&mut reference, time_s, &wrench)?;
+            reference_rows += 1;
+        }
+        write_frame_header(&mut log)?;
+        for (time_s, frame) in pair.board()? {
+            write_frame(&mut log, time_s, &frame)?;
+            log_rows += 1;
+        }
+        log.flush()?;
+        reference.commit()?;
+        log.commit()?;
+        let truth = Truth {
+            offset_s: self.offset,
+            skew_ppm: self.skew,
+            reference_rows,
+            log_rows,
+            settings,
+        };
+        if let Some(path) = &self.truth {
+            let mut text = serde_json::to_vec_pretty(&truth)?;
+            text.push(b'\n');
+            write_atomically(path, &text)?;
+        }
+        if printer.json() {
+            printer.document(&truth)?;
+        } else {
+            printer.line(format!(
+                "{reference_rows} synthetic rows in `{}`, {log_rows} in `{}`: offset {} s, \
+                 skew {} ppm",
+                self.reference.display(),
+                self.log.display(),
+                self.offset,
+                self.skew
+            ))?;
+        }
+        Ok(Outcome::Done)
+    }
+}

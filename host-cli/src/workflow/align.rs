@@ -1,0 +1,149 @@
+//! From a reference's recording and a board log to one training log.
+//!
+//! The columns needed of both are held in memory: the offset may be anything, so that no row can be
+//! let go before the match is found. That is 8 bytes per value, 56 per row of the reference and 72
+//! per frame of eight readings.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use super::selection::Rows;
+use crate::alignment::{AlignError, Aligned, Options, Recording, align};
+use crate::log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
+use crate::wrench::Axis;
+
+/// How two logs are aligned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AlignOptions {
+    /// Time that the board averages a frame over, s; 0 for an instant.
+    pub exposure_s: f64,
+    /// Which rows of the board log are frames.
+    pub rows: Rows,
+}
+
+/// Two logs lined up.
+#[derive(Debug)]
+pub struct AlignedLogs {
+    /// The recordings and how their clocks stand to each other.
+    pub aligned: Aligned,
+    /// What the reference's file was.
+    pub reference: ReadSummary,
+    /// What the board's file was.
+    pub board: ReadSummary,
+}
+
+/// Two logs that cannot be lined up.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum AlignLogsError {
+    /// One of them cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// They do not match, or not clearly.
+    #[error("cannot align `{}` with `{}`", board.display(), reference.display())]
+    Align {
+        /// The reference's file.
+        reference: PathBuf,
+        /// The board's file.
+        board: PathBuf,
+        /// Why.
+        source: AlignError,
+    },
+}
+
+impl AlignLogsError {
+    /// Whether the logs could be read and compared, but the match is not to be trusted.
+    pub fn is_refusal(&self) -> bool {
+        matches!(self, Self::Align { source, .. } if source.is_refusal())
+    }
+}
+
+/// Reads both logs and lines them up.
+///
+/// # Errors
+/// [`AlignLogsError`] if a log cannot be read, lacks time, wrench or readings, or if there is no
+/// clear match.
+pub fn align_logs(
+    reference: &Log,
+    board: &Log,
+    options: &AlignOptions,
+    read: &ReadOptions<'_>,
+) -> Result<AlignedLogs, AlignLogsError> {
+    let wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
+    let readings = Wanted { time: true, readings: true, ..Wanted::default() };
+    // Both are looked at before the first is read.
+    reference.require(&wrench)?;
+    board.require(&readings)?;
+    let (wrench, reference_summary) = columns(reference, &wrench, read)?;
+    let (readings, board_summary) = columns(board, &readings, read)?;
+    let options =
+        Options { exposure_s: options.exposure_s, repeats_are_stale: options.rows == Rows::Fresh };
+    let aligned = align(wrench, readings, options).map_err(|source| AlignLogsError::Align {
+        reference: reference.path().to_owned(),
+        board: board.path().to_owned(),
+        source,
+    })?;
+    Ok(AlignedLogs { aligned, reference: reference_summary, board: board_summary })
+}
+
+fn columns(
+    log: &Log,
+    wanted: &Wanted,
+    read: &ReadOptions<'_>,
+) -> Result<(Recording, ReadSummary), LogError> {
+    let mut recording = Recording::default();
+    let summary = log.read(
+        wanted,
+        read,
+        |block| block,
+        |mut block| {
+            let columns = if wanted.wrench { &mut block.wrench } else { &mut block.readings };
+            recording.columns.resize_with(columns.len(), Vec::new);
+            recording.time_s.append(&mut block.time_s);
+            for (all, column) in recording.columns.iter_mut().zip(columns) {
+                all.append(column);
+            }
+            Ok::<(), LogError>(())
+        },
+    )?;
+    Ok((recording, summary))
+}
+
+/// How many rows of a training log were written, and how many were not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct TrainingRows {
+    /// Written.
+    pub written: usize,
+    /// Left out because the reference was not recording, or had a gap, around that time.
+    pub uncovered: usize,
+}
+
+/// Writes the training log: `t_s` (the board's clock), `s1` …, `fx_n` … `mz_nm`.
+///
+/// # Errors
+/// Whatever `out` says.
+pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<TrainingRows> {
+    write!(out, "t_s")?;
+    for channel in 1..=aligned.channels() {
+        write!(out, ",s{channel}")?;
+    }
+    for axis in Axis::ALL {
+        write!(out, ",{}", axis.column())?;
+    }
+    writeln!(out)?;
+    let mut written = 0;
+    let uncovered = aligned.resample(|time_s, readings, wrench| {
+        written += 1;
+        write!(out, "{time_s}")?;
+        readings.iter().try_for_each(|reading| write!(out, ",{reading}"))?;
+        for (axis, value) in Axis::ALL.into_iter().zip(wrench) {
+            // A thousandth of what reference sensors resolve. Adding zero takes off a minus.
+            match axis.is_moment() {
+                true => write!(out, ",{:.8}", value + 0.0)?,
+                false => write!(out, ",{:.6}", value + 0.0)?,
+            }
+        }
+        writeln!(out)
+    })?;
+    Ok(TrainingRows { written, uncovered })
+}
