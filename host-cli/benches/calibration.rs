@@ -6,7 +6,7 @@ use shellcal::block::Block;
 use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Problem, Solver, Tsqr};
+use shellcal::calibration::solver::{Pass, Problem, Solver, Tsqr};
 use shellcal::calibration::{Calibration, quality};
 use shellcal::wrench::PerAxis;
 

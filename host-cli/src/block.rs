@@ -29,12 +29,12 @@ impl Block {
     /// log is always fresh.
     pub fn fresh_rows(&self) -> Vec<bool> {
         let mut fresh = vec![false; self.rows];
-        for (channel, column) in self.readings.iter().enumerate() {
-            let mut before = self.readings_before.as_ref().map_or(f64::NAN, |row| row[channel]);
-            for (fresh, &reading) in fresh.iter_mut().zip(column) {
-                // A NaN before the first row differs from every reading, which makes it fresh.
+        let Some((first, others)) = fresh.split_first_mut() else { return fresh };
+        let firsts = self.readings.iter().filter_map(|column| column.first());
+        *first = self.readings_before.as_ref().is_none_or(|before| !firsts.eq(before));
+        for column in &self.readings {
+            for ((fresh, before), reading) in others.iter_mut().zip(column).zip(&column[1..]) {
                 *fresh |= reading != before;
-                before = reading;
             }
         }
         fresh

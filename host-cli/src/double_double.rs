@@ -96,6 +96,7 @@ impl DoubleDouble {
 
     /// The square root by one step of Newton's method on the root of the head (Karp's trick).
     /// Zero for zero, NaN for a negative number.
+    #[inline(always)]
     pub fn sqrt(self) -> Self {
         if self.head <= 0.0 {
             return Self::from(self.head.sqrt());

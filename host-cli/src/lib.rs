@@ -6,7 +6,43 @@
 //!   [`sensor_model`], [`plot`]: slices and matrices in, values out; no files, no clocks, no printing;
 //! - *adapters*: [`log_file`], [`calibration_file`], [`output`]: the world to core types and back,
 //!   and [`workflow`], which joins them to the core;
+//! - *pure core*: [`wrench`], [`block`], [`calibration`], [`filter`], [`sensor_model`],
+//!   [`recording`], [`plot`]: slices and matrices in, values out; no files, no clocks, no printing;
+//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`output`]: the world to core types
+//!   and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
+//!
+//! From a training log to the wrench of a frame:
+//!
+//! ```
+//! use std::path::Path;
+//!
+//! use shellcal::calibration::Basis;
+//! use shellcal::calibration::solver::SolverKind;
+//! use shellcal::log_file::{Log, Mapping, ReadOptions};
+//! use shellcal::workflow::fit::{FitOptions, fit};
+//!
+//! let log = |name| Log::open(&Path::new("../calibration-data").join(name), &Mapping::default());
+//! let options = FitOptions {
+//!     basis: Basis::Cubic,
+//!     intercept: true,
+//!     solver: SolverKind::Exact,
+//!     ridge: 0.0,
+//!     fresh: false,
+//!     plot: false,
+//!     read: ReadOptions::default(),
+//! };
+//! let fitted = fit(&[log("synthetic-train.csv")?], &[log("synthetic-test.csv")?], &options)?;
+//! let quality = fitted.test[0].quality().ok_or("no rows")?;
+//! assert!(quality[0].rms < 0.15, "Fx is off by {} N", quality[0].rms);
+//!
+//! // A frame of the unloaded sensor: eight columns of one row.
+//! let frame = [1986.0, 1483.0, 1909.0, 1784.0, 1691.0, 1786.0, 2196.0, 1799.0].map(|s| vec![s]);
+//! let mut wrench = Default::default();
+//! fitted.calibration.wrench(&frame, &mut wrench);
+//! assert!(wrench.iter().all(|axis| axis[0].abs() < 0.15));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod alignment;
 pub mod block;
@@ -14,11 +50,14 @@ pub mod calibration;
 pub mod calibration_file;
 pub mod double_double;
 pub mod filter;
+pub mod link;
 pub mod log_file;
 pub mod output;
 pub mod plot;
+pub mod recording;
 pub mod sensor_model;
 pub mod survey;
+pub mod synthetic_block;
 pub mod synthetic_log;
 pub mod workflow;
 pub mod wrench;

@@ -26,7 +26,7 @@ enum Target {
 
 /// An output that could not be opened, written or put in place.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot write `{}`: {source}", path.display())]
+#[error("cannot write `{}`", path.display())]
 pub struct OutputError {
     /// The file that was to be written.
     pub path: PathBuf,
@@ -71,7 +71,15 @@ impl Target {
         };
         let mut builder = tempfile::Builder::new();
         builder.prefix(".shellcal-").permissions(new_file_permissions());
-        builder.tempfile_in(directory).map(|file| Target::Replace(BufWriter::new(file)))
+        match builder.tempfile_in(directory) {
+            Ok(file) => Ok(Target::Replace(BufWriter::new(file))),
+            Err(_) if !directory.is_dir() => Err(io::Error::new(
+                io::ErrorKind::NotFound,
+                format!("there is no directory `{}`", directory.display()),
+            )),
+            // The name of the temporary file says nothing to a user; the kind of error does.
+            Err(error) => Err(error.kind().into()),
+        }
     }
 
     fn finish(self, path: &Path) -> io::Result<()> {

@@ -7,6 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use system_tests::real_recording;
 use tempfile::TempDir;
 
 const HEADER: &str = "s1,s2,s3,s4,s5,s6,s7,s8,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm";
@@ -109,7 +110,7 @@ fn the_table_names_axes_figures_and_rows() {
     for word in ["RMS train", "RMS test", "max train", "R² test", "Fx", "Mz", "N·m"] {
         assert!(text.contains(word), "{word} in {text}");
     }
-    assert!(text.contains("cubic+1: rank 25 of 25"), "{text}");
+    assert!(text.contains("cubic+1, solver exact: rank 25 of 25"), "{text}");
     assert!(text.contains("400 rows used, 0 skipped, 0 repeated"), "{text}");
 }
 
@@ -215,7 +216,11 @@ fn calibrations_that_do_not_fit_are_refused() {
         ("eval cut.json train.csv", "line ", "shellcal fit --output"),
         ("eval not.json train.csv", "line 1, column 1: not valid JSON", "shellcal import"),
         ("eval missing.json train.csv", "`missing.json`: cannot read it", ""),
-        ("eval cal.json train.csv --sensors s1,s2,s3", "has `3` channels, expected `8`", ""),
+        (
+            "eval cal.json train.csv --sensors s1,s2,s3",
+            "has `3` sensor channels, expected `8`",
+            "--sensors",
+        ),
     ];
     for (arguments, expected, hint) in cases {
         let error = refused(&dir, arguments);
@@ -241,21 +246,18 @@ fn repeated_rows_are_counted_and_left_out_on_request() {
 
 #[test]
 fn the_lab_s_matrices_in_both_formats_make_the_same_calibration() {
-    let Some(root) = std::env::var_os("SHELLCAL_REAL_DATA") else {
-        println!("skipped: SHELLCAL_REAL_DATA does not name the recordings");
-        return;
-    };
+    let matrix = |extension| real_recording(&format!("skinproc/N_matrix_trial9.{extension}"));
+    let (Some(csv), Some(mat)) = (matrix("csv"), matrix("mat")) else { return };
     let dir = tempfile::tempdir().unwrap();
-    let import = |extension: &str| {
-        let matrix = Path::new(&root).join(format!("skinproc/N_matrix_trial9.{extension}"));
+    let import = |matrix: &Path| {
         let output = dir.path().join("cal.json");
-        let arguments = [Path::new("import"), &matrix, Path::new("-o"), &output];
+        let arguments = [Path::new("import"), matrix, Path::new("-o"), &output];
         let status = Command::new(env!("CARGO_BIN_EXE_shellcal")).args(arguments).output().unwrap();
         assert!(status.status.success());
         shellcal::calibration_file::CalibrationFile::read(&output).unwrap().calibration
     };
-    let calibration = import("csv");
-    assert_eq!(import("mat"), calibration);
+    let calibration = import(&csv);
+    assert_eq!(import(&mat), calibration);
     assert_eq!(calibration.model().name(), "cubic");
     // The first line of the file, moments in mN·m.
     let expected = [-0.0036893645001891415, -0.011788310916859727, -0.0054612987129912085];

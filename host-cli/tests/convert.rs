@@ -1,5 +1,7 @@
 //! Logs converted to wrenches, against direct evaluation of the same formulas.
 
+#![expect(clippy::unwrap_used, reason = "a failed expectation is a failed test")]
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -9,10 +11,12 @@ use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::filter::{Butterworth, Filter, FilterError};
 use shellcal::log_file::{Log, Mapping, ReadOptions};
 use shellcal::plot::WrenchTrace;
+use shellcal::workflow::ChannelMismatch;
 use shellcal::workflow::convert::{
     Columns, ConvertError, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
 };
 use shellcal::workflow::selection::{Rows, TimeWindow};
+use system_tests::real_recording;
 
 /// Coefficients without any pattern, in N per count.
 fn linear(channels: usize) -> Calibration {
@@ -283,7 +287,7 @@ fn what_cannot_be_done_is_said_by_name() {
     let no_covariance = error(ConvertOptions { columns: errors, ..options() });
     assert!(matches!(no_covariance, ConvertError::NoCovariance));
     let other = run_on(&open(&path), &linear(8), &options()).unwrap_err();
-    assert!(matches!(other, ConvertError::Channels { expected: 8, found: 3, .. }));
+    assert!(matches!(other, ConvertError::Channels(ChannelMismatch { expected: 8, found: 3, .. })));
 
     let short = csv(directory.path(), 15, 1);
     let options = || ConvertOptions { low_pass: low_pass(20.0, true), ..options() };
@@ -305,18 +309,8 @@ fn calibration_that_overflows() -> Calibration {
     Calibration::new(model, Scaling::identity(3), vec![[1e3; 6]; 3])
 }
 
-/// A file of the lab; without the recordings the test says that it was skipped.
-fn recording(name: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("SHELLCAL_REAL_DATA");
-    let path = root.map(|root| Path::new(&root).join("skinproc").join(name));
-    let path = path.filter(|path| path.exists());
-    if path.is_none() {
-        println!("skipped: SHELLCAL_REAL_DATA does not name a directory with `skinproc/{name}`");
-    }
-    path
-}
-
-const TRIAL: &str = "velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
+const TRIAL: &str =
+    "skinproc/velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
 
 /// The lab's matrix: 24 features (s1, s1², s1³, s2, …) by six axes in N and mN·m.
 fn lab_matrix(path: &Path) -> Vec<[f64; 6]> {
@@ -340,7 +334,9 @@ fn lab_trial(path: &Path) -> Vec<(f64, [f64; 8])> {
 
 #[test]
 fn the_labs_trial_is_converted_as_by_direct_evaluation() {
-    let (Some(matrix), Some(trial)) = (recording("N_matrix_trial9.csv"), recording(TRIAL)) else {
+    let (Some(matrix), Some(trial)) =
+        (real_recording("skinproc/N_matrix_trial9.csv"), real_recording(TRIAL))
+    else {
         return;
     };
     let (matrix, log) = (lab_matrix(&matrix), lab_trial(&trial));

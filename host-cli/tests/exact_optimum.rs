@@ -13,12 +13,11 @@ use shellcal::calibration::Calibration;
 use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Problem, Solver, Tsqr};
+use shellcal::calibration::solver::{Pass, Problem, Solver, Tsqr};
 
 /// The rows of the lab's training recording: time, eight readings, six components of the wrench.
 fn recording() -> Option<Block> {
-    let root = std::env::var_os("SHELLCAL_REAL_DATA")?;
-    let path = std::path::Path::new(&root).join("skinproc/behavior4_2Hz.csv");
+    let path = system_tests::real_recording("skinproc/behavior4_2Hz.csv")?;
     let text = std::fs::read_to_string(path).ok()?;
     let mut columns = vec![Vec::new(); 15];
     for line in text.lines() {
@@ -122,10 +121,7 @@ fn to_f64(value: &BigRational) -> f64 {
 
 #[test]
 fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
-    let Some(block) = recording() else {
-        println!("skipped: SHELLCAL_REAL_DATA does not name the recordings");
-        return;
-    };
+    let Some(block) = recording() else { return };
     for intercept in [false, true] {
         let model = Model { basis: Basis::Cubic, intercept, channels: 8 };
         let scaling = Scaling::of_sample(&block.readings, intercept);

@@ -1,25 +1,10 @@
 //! The readers on the real recordings, where this machine has them.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::print_stdout,
-    reason = "tests may panic, and say that they were skipped"
-)]
-
-use std::path::PathBuf;
+#![expect(clippy::unwrap_used, reason = "a failed expectation is a failed test")]
 
 use shellcal::block::Block;
 use shellcal::log_file::{Format, Log, LogError, Mapping, ReadOptions, ReadSummary, Wanted};
-
-/// The recording `name`; without it the test says that it was skipped.
-fn recording(name: &str) -> Option<PathBuf> {
-    let path = std::env::var_os("SHELLCAL_REAL_DATA").map(|root| PathBuf::from(root).join(name));
-    let path = path.filter(|path| path.exists());
-    if path.is_none() {
-        println!("skipped: SHELLCAL_REAL_DATA does not name a directory with `{name}`");
-    }
-    path
-}
+use system_tests::real_recording;
 
 fn read(log: &Log, wanted: &Wanted) -> (Vec<Block>, ReadSummary) {
     let mut blocks = Vec::new();
@@ -36,7 +21,7 @@ const TRIAL: &str =
 
 #[test]
 fn the_trial_log_has_its_rows_and_three_quarters_of_them_repeat() {
-    let Some(path) = recording(TRIAL) else { return };
+    let Some(path) = real_recording(TRIAL) else { return };
     let log = Log::open(&path, &Mapping::default()).unwrap();
     assert_eq!(log.format(), Format::Telemetry);
     assert_eq!((log.columns().len(), log.channels()), (24, 8));
@@ -57,7 +42,7 @@ fn the_trial_log_has_its_rows_and_three_quarters_of_them_repeat() {
 
 #[test]
 fn the_training_set_has_its_rows_in_si_units() {
-    let Some(path) = recording("skinproc/behavior4_2Hz.csv") else { return };
+    let Some(path) = real_recording("skinproc/behavior4_2Hz.csv") else { return };
     let log = Log::open(&path, &Mapping::default()).unwrap();
     assert_eq!((log.format(), log.channels()), (Format::Training, 8));
     let wanted = Wanted { time: true, readings: true, wrench: true, ..Wanted::default() };
@@ -70,7 +55,7 @@ fn the_training_set_has_its_rows_in_si_units() {
 
 #[test]
 fn the_console_log_has_the_frames_that_the_base_station_printed() {
-    let Some(path) = recording("skinproc/stream_log_excerpt.txt") else { return };
+    let Some(path) = real_recording("skinproc/stream_log_excerpt.txt") else { return };
     let log = Log::open(&path, &Mapping::default()).unwrap();
     assert_eq!((log.format(), log.channels()), (Format::Console, 8));
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };

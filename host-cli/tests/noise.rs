@@ -1,11 +1,13 @@
 //! The scatter of an unloaded sensor, of logs whose scatter is known.
 
+#![expect(clippy::unwrap_used, reason = "a failed expectation is a failed test")]
+
 use std::path::{Path, PathBuf};
 
 use shellcal::calibration::scaling::Scaling;
 use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::log_file::{Log, Mapping, ReadOptions};
-use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, Scatter, noise};
+use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, noise};
 use shellcal::workflow::selection::{Rows, TimeWindow};
 
 fn calibration(channels: usize) -> Calibration {
@@ -40,9 +42,11 @@ fn scatter_about_the_mean_of_fresh_frames_in_a_window() {
     let options = NoiseOptions { rows: Rows::Fresh, window };
     let summary = run(&log(directory.path()), options).unwrap();
     assert_eq!((summary.rows, summary.repeated_rows, summary.frames), (400, 200, 150));
-    // Half of the frames one count up: mean and RMS half a count, exactly.
-    let scatter = |mean| Scatter { mean, rms: 0.5, peak_to_peak: 1.0 };
-    assert_eq!(summary.channels, [scatter(10.5), scatter(20.5)]);
+    // Half of the frames one count up: mean and RMS half a count, up to the rounding of 150 sums.
+    for (channel, mean) in summary.channels.iter().zip([10.5, 20.5]) {
+        assert!((channel.mean - mean).abs() < 1e-13 && (channel.rms - 0.5).abs() < 1e-13);
+        assert_eq!(channel.peak_to_peak, 1.0);
+    }
     for (axis, found) in summary.axes.iter().enumerate() {
         let slope = (2 * axis + 1) as f64 / 4.0;
         assert!((found.rms - 0.5 * slope).abs() < 1e-14);
@@ -60,6 +64,6 @@ fn a_window_without_frames_and_another_sensor_are_refused() {
     let log = Log::open(&path, &Mapping::default()).unwrap();
     let options = NoiseOptions { rows: Rows::All, window: None };
     let error = noise(&log, &calibration(8), &options, &ReadOptions::default()).unwrap_err();
-    let expected = "has `2` sensor channels, the calibration is for `8`";
+    let expected = "has `2` sensor channels, expected `8`";
     assert!(error.to_string().ends_with(expected), "{error}");
 }

@@ -5,7 +5,7 @@ use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::rank_loss::Dependence;
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Problem, Solution, Solver, Tsqr};
+use shellcal::calibration::solver::{Pass, Problem, Solution, Solver, Tsqr};
 use shellcal::calibration::{Calibration, FitError, raw_units};
 use shellcal::wrench::PerAxis;
 

@@ -4,7 +4,7 @@ use crate::bytes::Bytes;
 use crate::command::{Answer, Command};
 use crate::error::DecodeError;
 use crate::frame::MAX_FRAME;
-use crate::packet::{Boot, Packet, Sample};
+use crate::packet::{self, Boot, Packet, Sample};
 use crate::sequence::{Arrival, Tracker};
 use crate::xbee::{ApiFrame, Deframer, Mode, TransmitStatus};
 
@@ -55,7 +55,12 @@ pub enum Event {
     /// The module at this end says what became of a transmission.
     TransmitStatus(TransmitStatus),
     /// A good packet of another version of the protocol.
-    OtherVersion(u8),
+    OtherVersion {
+        /// The version.
+        version: u8,
+        /// Whether it is a command, which a board answers in its own version.
+        command: bool,
+    },
 }
 
 /// What arrived, and what did not.
@@ -141,6 +146,8 @@ struct Stream {
     /// beginning nobody sent here.
     synchronised: bool,
     tracker: Tracker,
+    /// Sequence number and clock of the newest sample.
+    newest: Option<(u16, u32)>,
     counters: Counters,
 }
 
@@ -150,6 +157,7 @@ impl Stream {
             partial: Bytes::new(),
             synchronised: false,
             tracker: Tracker::new(),
+            newest: None,
             counters: Counters {
                 packets: 0,
                 bad_crc: 0,
@@ -200,9 +208,9 @@ impl Stream {
         }
         match Packet::decode(frame) {
             Ok(packet) => self.accept(packet, sink),
-            Err(DecodeError::UnknownVersion(version)) => {
+            Err(DecodeError::UnknownVersion { version, kind }) => {
                 self.counters.unknown_version += 1;
-                sink(Event::OtherVersion(version));
+                sink(Event::OtherVersion { version, command: kind == packet::COMMAND });
             }
             Err(DecodeError::UnknownKind(_)) => self.counters.unknown_kind += 1,
             Err(error) => {
@@ -223,16 +231,33 @@ impl Stream {
         self.counters.packets += 1;
         sink(match packet {
             Packet::Sample(sample) => {
+                if self.has_restarted(&sample) {
+                    self.tracker.restart();
+                }
                 let (index, arrival) = self.tracker.place(sample.sequence);
+                if matches!(arrival, Arrival::InOrder { .. }) {
+                    self.newest = Some((sample.sequence, sample.clock_us));
+                }
                 Event::Sample { sample, index, arrival }
             }
             Packet::Command { number, command } => Event::Command { number, command },
             Packet::Answer { number, answer } => Event::Answer { number, answer },
             Packet::Boot(boot) => {
                 self.tracker.restart();
+                self.newest = None;
                 Event::Boot(boot)
             }
         });
+    }
+
+    /// Whether a sample shows that the board has started anew and word of it was lost: its number
+    /// is ahead of the newest, its clock behind.
+    fn has_restarted(&self, sample: &Sample) -> bool {
+        self.newest.is_some_and(|(sequence, clock_us)| {
+            let ahead = sample.sequence.wrapping_sub(sequence).cast_signed() > 0;
+            let behind = sample.clock_us.wrapping_sub(clock_us).cast_signed() < 0;
+            ahead && behind
+        })
     }
 }
 

@@ -11,7 +11,12 @@ pub enum DecodeError {
     /// The CRC does not match.
     Crc,
     /// The CRC matches, the version is another one.
-    UnknownVersion(u8),
+    UnknownVersion {
+        /// The version.
+        version: u8,
+        /// The kind, by that version's count; a command has the same in all.
+        kind: u8,
+    },
     /// The CRC matches, the version too, but it has no such kind.
     UnknownKind(u8),
     /// The CRC matches and the kind is known, but the body is not one of that kind.
@@ -23,7 +28,7 @@ impl fmt::Display for DecodeError {
         match self {
             Self::Framing => f.write_str("not a frame"),
             Self::Crc => f.write_str("the CRC does not match"),
-            Self::UnknownVersion(version) => write!(f, "protocol version `{version}`"),
+            Self::UnknownVersion { version, .. } => write!(f, "protocol version `{version}`"),
             Self::UnknownKind(kind) => write!(f, "unknown kind of packet `{kind}`"),
             Self::Body => f.write_str("the body does not fit its kind"),
         }

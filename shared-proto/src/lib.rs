@@ -41,6 +41,7 @@ mod bytes;
 mod calibration;
 mod command;
 mod decoder;
+mod detect;
 mod error;
 mod frame;
 mod packet;
@@ -54,6 +55,7 @@ pub use command::{
     Answer, Board, Command, Identity, MAX_PIECE, Piece, Refusal, ResetCause, Status, Stream,
 };
 pub use decoder::{Counters, Decoder, Event, Framing};
+pub use detect::{Protocol, detect};
 pub use error::DecodeError;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
 pub use packet::{Boot, COUNTS_PER_LSB, Packet, Sample, VERSION, Values};

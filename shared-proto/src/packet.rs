@@ -31,7 +31,7 @@ type Tables = crc::Table<1>;
 /// 0x13 in version 1 are not used: they would need a mask every time.
 const SAMPLE_READINGS: u8 = 0x4;
 const SAMPLE_WRENCH: u8 = 0x5;
-const COMMAND: u8 = 0x8;
+pub(crate) const COMMAND: u8 = 0x8;
 const ANSWER: u8 = 0x9;
 const BOOT: u8 = 0xA;
 
@@ -135,7 +135,7 @@ impl Packet {
             return Err(DecodeError::Crc);
         }
         if header >> 4 != VERSION {
-            return Err(DecodeError::UnknownVersion(header >> 4));
+            return Err(DecodeError::UnknownVersion { version: header >> 4, kind: header & 0xF });
         }
         let Some(number) = body.u16() else { return Err(DecodeError::Body) };
         match header & 0xF {

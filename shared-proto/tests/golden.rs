@@ -179,7 +179,7 @@ fn packets_of_other_versions_and_kinds_are_told_from_damage() {
     let mut events = Vec::new();
     decoder.feed(&bytes("01 03 24 01 08 6c 61 74 65 72 33 5d 00"), |event| events.push(event));
     decoder.feed(&bytes("01 03 1f 01 04 78 6a 75 00"), |event| events.push(event));
-    assert_eq!(events, [Event::OtherVersion(2)]);
+    assert_eq!(events, [Event::OtherVersion { version: 2, command: false }]);
     let counters = decoder.counters();
     assert_eq!((counters.unknown_version, counters.unknown_kind), (1, 1));
     assert_eq!((counters.packets, counters.bad_crc, counters.malformed), (0, 0, 0));

@@ -142,6 +142,28 @@ fn a_packet_right_after_endless_noise_without_a_delimiter_is_found() {
 }
 
 #[test]
+fn a_restart_shows_in_a_clock_that_goes_back_while_the_numbers_go_on() {
+    use shared_proto::{Sample, Values};
+    let sample = |sequence, clock_us| {
+        let values = Values::Readings([0; 8]);
+        Packet::Sample(Sample { sequence, clock_us, values, saturated: 0, dropped: 0 }).encode()
+    };
+    let mut decoder = Decoder::new(Framing::Cobs);
+    // Late samples and a clock that wraps are no restarts; the numbers wrap as well.
+    let run =
+        [(65_533, u32::MAX - 20_000), (65_535, u32::MAX), (65_534, u32::MAX - 10_000), (0, 9)];
+    for (sequence, clock_us) in run {
+        decode(&mut decoder, &sample(sequence, clock_us));
+    }
+    assert_eq!((decoder.counters().restarts, decoder.counters().missing), (0, 0));
+    decode(&mut decoder, &sample(1, 20_000_000));
+    decode(&mut decoder, &sample(20_000, 500));
+    decode(&mut decoder, &sample(20_001, 10_500));
+    let counters = decoder.counters();
+    assert_eq!((counters.restarts, counters.missing, counters.gaps), (1, 0, 1));
+}
+
+#[test]
 fn a_boot_announces_that_the_numbering_begins_anew() {
     use shared_proto::{Board, Boot, ResetCause, Sample, Values};
     let sample = |sequence| {

@@ -34,7 +34,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     step("tests", tests.envs(real_data.map(|path| (REAL_DATA, path))))?;
     if !args.tests_only {
         let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
-        step("documentation", cargo(&doc).env("RUSTDOCFLAGS", "-D warnings"))?;
+        let mut doc = cargo(&[&doc[..], &PROFILE].concat());
+        step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))?;
     }
     Ok(())
 }

@@ -1,5 +1,9 @@
 //! Why a calibration cannot be fitted.
 
+use super::exact::ExactError;
+use super::extent::Extent;
+use super::features::Features;
+use super::least_squares::LeastSquaresError;
 use super::rank_loss::RankLoss;
 
 /// Why a calibration cannot be fitted.
@@ -23,6 +27,26 @@ pub enum FitError {
     /// The features are not independent.
     #[error("{0}")]
     RankDeficient(RankLoss),
+    /// The features are so nearly dependent that the solver cannot tell what the rows say.
+    #[error(
+        "the features are nearly dependent: their condition number is above `{limit:.0e}`, the most that this solver can answer for"
+    )]
+    IllConditioned {
+        /// The largest condition number it can answer for.
+        limit: f64,
+    },
+    /// A solver that improves its answer pass by pass does not come to rest.
+    #[error("no answer after `{passes}` passes over the rows")]
+    NotConverged {
+        /// Passes made.
+        passes: usize,
+    },
+    /// The features are independent, but so nearly not that the coefficients cannot be computed.
+    #[error("the features are so nearly dependent that their coefficients cannot be computed")]
+    NearlyDependent,
+    /// The rows cannot be summed exactly; another solver can do with them.
+    #[error("the exact solver cannot take these rows: {0}")]
+    NotExact(#[from] ExactError),
     /// A value is infinite or not a number.
     #[error("`{column}` is not a finite number in row `{row}` of a block")]
     NotFinite {
@@ -45,4 +69,31 @@ pub enum FitError {
     /// A ridge parameter that is not a finite number from zero up.
     #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
     Ridge(f64),
+}
+
+impl FitError {
+    /// What it means for a calibration that its features do not determine the coefficients.
+    pub(super) fn of_least_squares(
+        error: LeastSquaresError,
+        features: &Features,
+        extent: &Extent,
+    ) -> Self {
+        match error {
+            LeastSquaresError::TooFewRows { rows, columns } => {
+                FitError::TooFewRows { rows, coefficients: columns }
+            }
+            LeastSquaresError::RankDeficient { .. }
+                if extent.constant_channels().len() == extent.ranges.len() =>
+            {
+                FitError::IdenticalRows { rows: extent.rows }
+            }
+            LeastSquaresError::RankDeficient { null_space, triangle, .. } => {
+                let (r, null_space) = (triangle.as_ref().as_ref(), null_space.as_ref());
+                FitError::RankDeficient(RankLoss::explain(features, extent, r, null_space))
+            }
+            LeastSquaresError::IllConditioned { limit } => FitError::IllConditioned { limit },
+            LeastSquaresError::NotConverged { passes } => FitError::NotConverged { passes },
+            LeastSquaresError::NotFinite => FitError::Overflow,
+        }
+    }
 }

@@ -8,6 +8,7 @@ mod error;
 pub mod exact;
 pub mod extent;
 pub mod features;
+pub mod least_squares;
 pub mod model;
 pub mod quality;
 pub mod rank_loss;
@@ -16,6 +17,9 @@ pub mod scaling;
 pub mod solver;
 pub mod triangle;
 pub mod uncertainty;
+pub mod validation;
+mod vectors;
+mod wide_features;
 
 pub use self::conversion::Calibration;
 pub use self::error::FitError;

@@ -33,8 +33,8 @@ pub struct AxisErrors {
 pub struct AxisQuality {
     /// Root mean square of the error.
     pub rms: f64,
-    /// Largest magnitude of the error.
-    pub max: f64,
+    /// Largest magnitude of the error; absent where only sums over the rows are left.
+    pub max: Option<f64>,
     /// Mean error, predicted less measured.
     pub bias: f64,
     /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent where the
@@ -114,7 +114,7 @@ impl AxisErrors {
         let total = self.measured.squares;
         (count > 0).then(|| AxisQuality {
             rms: self.error.rms(),
-            max: self.max,
+            max: Some(self.max),
             bias: mean,
             r_squared: (total > 0.0).then(|| 1.0 - (squares + count as f64 * mean * mean) / total),
         })
@@ -175,7 +175,7 @@ mod tests {
         let errors = AxisErrors::of(&[1.0, 1.0, 7.0, 7.0], &[0.0, 2.0, 4.0, 6.0]);
         let quality = errors.quality().unwrap();
         assert_eq!(quality.bias, 1.0);
-        assert_eq!(quality.max, 3.0);
+        assert_eq!(quality.max, Some(3.0));
         assert_eq!(quality.rms, 3f64.sqrt());
         assert_eq!(quality.r_squared, Some(1.0 - 12.0 / 20.0));
     }

@@ -8,6 +8,7 @@ use std::fmt;
 use faer::prelude::*;
 use faer::{Col, ColRef, Mat, MatRef};
 
+use super::exact::Relation;
 use super::extent::Extent;
 use super::features::{Features, Recipe};
 use super::model::Term;
@@ -35,6 +36,8 @@ pub enum Dependence {
     },
     /// A combination of features that is always zero: each with its share, the largest being one.
     Combination(Vec<(Term, f64)>),
+    /// A feature that is a combination of others, found in integers.
+    Relation(Relation),
 }
 
 /// How many features are independent, and what makes the others depend on them.
@@ -166,6 +169,24 @@ fn shares(terms: &[Term], direction: ColRef<'_, f64>) -> Vec<(Term, f64)> {
     shares
 }
 
+impl From<Relation> for Dependence {
+    fn from(relation: Relation) -> Self {
+        let one = relation.feature.factors();
+        let &[second] = one else { return Dependence::Relation(relation) };
+        let (second, offset) = (usize::from(second), relation.share(Term::INTERCEPT));
+        let others: Vec<_> =
+            relation.shares.iter().filter(|(term, _)| *term != Term::INTERCEPT).collect();
+        match others[..] {
+            [] if relation.exact => Dependence::Constant { channel: second, value: offset },
+            [&(term, ratio)] if term.factors().len() == 1 => {
+                let first = usize::from(term.factors()[0]);
+                Dependence::Line { first, second, ratio, offset }
+            }
+            _ => Dependence::Relation(relation),
+        }
+    }
+}
+
 impl fmt::Display for RankLoss {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "only `{}` of `{}` features are independent: ", self.rank, self.features)?;
@@ -197,6 +218,7 @@ impl fmt::Display for Dependence {
                     write!(f, "(s{second} = {ratio}·s{first} {sign} {offset})")
                 }
             }
+            Dependence::Relation(relation) => relation.fmt(f),
             Dependence::Combination(shares) => {
                 let names: Vec<String> = shares.iter().map(|(term, _)| term.name()).collect();
                 let more = if names.len() > NAMES { ", …" } else { "" };

@@ -64,7 +64,7 @@ pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     Ok(CalibrationFile { calibration, origin: document.origin })
 }
 
-fn problem(error: serde_json::Error) -> Problem {
+pub(super) fn problem(error: serde_json::Error) -> Problem {
     let (line, column) = (error.line(), error.column());
     let text = error.to_string();
     let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
@@ -149,7 +149,7 @@ mod tests {
             degrees_of_freedom: 9,
         });
         calibration.valid_range = Some(vec![Range { min: 0.5, max: 4095.0 }; 2]);
-        let quality = AxisQuality { rms: 0.1, max: 0.4, bias: -1e-17, r_squared: None };
+        let quality = AxisQuality { rms: 0.1, max: Some(0.4), bias: -1e-17, r_squared: None };
         let origin = Origin {
             made_by: "shellcal 0.1.0".into(),
             date: "2017-05-29T00:00:00Z".into(),
@@ -163,6 +163,9 @@ mod tests {
                 condition: Some(1.7e5),
                 train: [quality; 6],
                 test: None,
+                cross_validation: None,
+                selection: None,
+                excitation: None,
             }),
             sources: vec![Source {
                 role: Role::Train,

@@ -11,7 +11,7 @@
 //! | `scaling` | `z = (s − centre) / scale` for each channel, counts |
 //! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m |
 //! | `solver` | its name and the ridge parameter; absent for an imported matrix |
-//! | `diagnostics` | rows, condition number, rank, errors on training and test data |
+//! | `diagnostics` | rows, condition number, rank, errors on training and test data; optional: held-out errors, model selection, excitation |
 //! | `covariance` | see [`crate::calibration::uncertainty`] |
 //! | `valid_range` | the smallest and largest reading of each channel in the training data |
 //! | `sources` | files, their checksums and rows |
@@ -20,15 +20,20 @@ mod document;
 mod layout;
 mod matlab;
 pub mod matrix;
+mod partial;
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
 use crate::calibration::Calibration;
 use crate::calibration::quality::AxisQuality;
 use crate::calibration::solver::SolverKind;
+use crate::calibration::validation::cross_validation::CrossValidation;
+use crate::calibration::validation::excitation::Excitation;
+use crate::calibration::validation::selection::Selection;
 use crate::wrench::PerAxis;
 
 /// The version of the document that this program writes and reads.
@@ -86,6 +91,15 @@ pub struct Diagnostics {
     pub train: PerAxis<AxisQuality>,
     /// Errors on the test data, per axis.
     pub test: Option<PerAxis<AxisQuality>>,
+    /// Errors on training groups that were held out, if that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cross_validation: Option<CrossValidation>,
+    /// What models were compared, if that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub selection: Option<Selection>,
+    /// How well the training loads cover the six axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub excitation: Option<Excitation>,
 }
 
 /// A file that a calibration was made from.
@@ -115,7 +129,7 @@ pub enum Role {
 
 /// A calibration file that cannot be used.
 #[derive(Debug, thiserror::Error)]
-#[error("`{}`: {problem}", path.display())]
+#[error("`{}`", path.display())]
 pub struct CalibrationFileError {
     /// The file.
     pub path: PathBuf,

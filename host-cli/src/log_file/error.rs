@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum LogError {
     /// The file cannot be opened or read.
-    #[error("cannot read `{}`: {source}", path.display())]
+    #[error("cannot read `{}`", path.display())]
     Io {
         /// The file.
         path: PathBuf,
@@ -17,7 +17,7 @@ pub enum LogError {
         source: io::Error,
     },
     /// The file is gzip, but damaged or cut short.
-    #[error("`{}` is a damaged gzip file: {source}", path.display())]
+    #[error("`{}` is a damaged gzip file", path.display())]
     Gzip {
         /// The file.
         path: PathBuf,

@@ -21,13 +21,14 @@ mod columns;
 mod console;
 mod error;
 mod head;
+mod lanes;
+#[cfg(target_arch = "x86_64")]
+mod lanes_x86;
 mod mapping;
 mod number;
 mod pipeline;
 mod plan;
 mod rows;
-#[cfg(target_arch = "x86_64")]
-mod rows_avx2;
 mod source;
 
 use std::io::Read;

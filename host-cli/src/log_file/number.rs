@@ -14,52 +14,39 @@ pub(super) enum NumberError {
     NotFinite,
 }
 
-/// A short way to read plain decimals.
-pub(super) trait ParsePlain: Copy {
-    /// The number that starts at `bytes[at]` if it is a plain decimal (`-12`, `-0.125`), and where
-    /// it ends. `None` leaves the field to [`parse_field`]; so must the caller where what follows
-    /// the number does not end the field.
-    fn parse_plain(self, bytes: &[u8], at: usize) -> Option<(f64, usize)>;
-}
-
-/// Any processor: eight digits at a time within one 64-bit word.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Portable;
-
-impl ParsePlain for Portable {
-    #[inline(always)]
-    fn parse_plain(self, bytes: &[u8], at: usize) -> Option<(f64, usize)> {
-        let negative = *bytes.get(at)? == b'-';
-        let mut end = at + usize::from(negative);
-        let (mut mantissa, digits) = leading_15_digits(bytes, end)?;
-        end += digits;
-        let mut decimals = 0;
-        if *bytes.get(end)? == b'.' {
-            let fraction;
-            (fraction, decimals) = leading_15_digits(bytes, end + 1)?;
-            // Nineteen digits always fit 64 bits.
-            if digits + decimals > 19 {
-                return None;
-            }
-            mantissa = mantissa * POWERS_OF_TEN[decimals] + fraction;
-            end += 1 + decimals;
-        }
-        Some((plain_value(negative, mantissa, decimals)?, end))
-    }
-}
-
-/// `±mantissa / 10^decimals`, `None` where that division need not be exact enough.
+/// The number that starts at `bytes[at]` if it is a plain decimal (`-12`, `-0.125`), and where it
+/// ends. `None` leaves the field to [`parse_field`]; so must the caller where what follows the
+/// number does not end the field.
 #[inline(always)]
-pub(super) fn plain_value(negative: bool, mantissa: u64, decimals: usize) -> Option<f64> {
-    if mantissa > 1 << 53 {
-        return None;
+pub(super) fn parse_plain(bytes: &[u8], at: usize) -> Option<(f64, usize)> {
+    let negative = *bytes.get(at)? == b'-';
+    let mut end = at + usize::from(negative);
+    let (mut mantissa, digits) = leading_15_digits(bytes, end)?;
+    end += digits;
+    let mut decimals = 0;
+    if *bytes.get(end)? == b'.' {
+        let fraction;
+        (fraction, decimals) = leading_15_digits(bytes, end + 1)?;
+        // Nineteen digits always fit 64 bits.
+        if digits + decimals > 19 {
+            return None;
+        }
+        mantissa = mantissa * POWERS_OF_TEN[decimals] + fraction;
+        end += 1 + decimals;
     }
+    (mantissa <= 1 << 53).then(|| (quotient(negative, mantissa, decimals), end))
+}
+
+/// `±mantissa / 10^decimals`, correctly rounded for mantissas up to 2⁵³ and 22 decimals; at most 15
+/// are asked for.
+#[inline(always)]
+pub(super) fn quotient(negative: bool, mantissa: u64, decimals: usize) -> f64 {
     let mut magnitude = mantissa as i64 as f64;
     // Most readings are whole, and a division is the longest step of all.
     if decimals > 0 {
         magnitude /= EXACT_POWERS_OF_TEN[decimals];
     }
-    Some(f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63))
+    f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63)
 }
 
 /// The value and number of the digits that stand at `bytes[at]`; `None` unless there are 1 to 15.
@@ -147,7 +134,7 @@ mod tests {
             Some((value, end)) if end == BEFORE.len() + text.len() => Ok(value),
             _ => parse_field(text.as_bytes()),
         };
-        way(Portable.parse_plain(&bytes, BEFORE.len()))
+        way(parse_plain(&bytes, BEFORE.len()))
     }
 
     /// What precedes a field in a file.
@@ -200,7 +187,7 @@ mod tests {
         #[test]
         fn any_bytes_are_read_without_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..80)) {
             for at in 0..bytes.len() + 2 {
-                let _ = Portable.parse_plain(&bytes, at);
+                let _ = parse_plain(&bytes, at);
             }
             let _ = parse_field(&bytes);
         }

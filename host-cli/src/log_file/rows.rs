@@ -1,15 +1,17 @@
 //! Parses rows of separated values into columns, only those that are wanted.
 //!
-//! The short way here walks once over the bytes and expects plain numbers between single-byte
-//! separators. Lines with quotes go to the csv crate, with the same results; a quoted field cannot
+//! For a few rows at a time, the short way first finds where their fields end, then parses them
+//! column by column: no step waits for the one before it. Blank and wrong rows are looked at one
+//! by one. Lines with quotes go to the csv crate, with the same results; a quoted field cannot
 //! contain a line break.
 
-use memchr::{memchr, memchr_iter, memchr2};
+use memchr::{memchr, memchr_iter};
 
 use super::error::{Field, RowProblem};
-use super::number::{NumberError, ParsePlain, Portable, parse_field};
+use super::lanes::{Lanes, Marks, Portable};
 #[cfg(target_arch = "x86_64")]
-use super::rows_avx2::PlainRows;
+use super::lanes_x86::Wide;
+use super::number::{NumberError, parse_field};
 
 /// What is wanted from each row.
 #[derive(Debug)]
@@ -85,19 +87,33 @@ impl RowPlan {
         skip_bad_rows: bool,
         parsed: &mut Parsed,
     ) -> Result<(), RowError> {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(wide) = Wide::detect() {
+            return self.parse_lines_with(wide, lines, skip_bad_rows, parsed);
+        }
+        self.parse_lines_with(Portable, lines, skip_bad_rows, parsed)
+    }
+
+    fn parse_lines_with(
+        &self,
+        lanes: impl Lanes,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut Parsed,
+    ) -> Result<(), RowError> {
         if memchr(b'"', lines).is_some() {
             return self.parse_quoted(lines, skip_bad_rows, parsed);
         }
+        let mut ends = vec![0; (self.steps.len() + 1) * self.stride()];
         let mut at = 0;
         while at < lines.len() {
-            at = self.parse_plain_rows(lines, at, parsed);
+            at = self.parse_plain_rows(lanes, lines, at, &mut ends, parsed);
             if at == lines.len() {
                 break;
             }
             // A blank line, a bad row or one with something unusual: look at it by itself.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
             let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
-            parsed.columns.iter_mut().for_each(|column| column.truncate(parsed.rows));
             if !line.trim_ascii().is_empty() {
                 let fields = line.split(|&byte| byte == self.separator);
                 let result = self.parse_fields(fields, parsed);
@@ -108,54 +124,110 @@ impl RowPlan {
         Ok(())
     }
 
-    /// Parses rows of plain numbers from `lines[at]` on; returns where the first row starts that is
-    /// not that, part of which may be left in `parsed.columns`.
-    fn parse_plain_rows(&self, lines: &[u8], mut at: usize, parsed: &mut Parsed) -> usize {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(simd) = pulp::x86::V3::try_new() {
-            return simd.vectorize(PlainRows { simd, plan: self, lines, at, parsed });
-        }
-        while let Some(next) = self.parse_row(lines, at, parsed) {
-            parsed.rows += 1;
-            at = next;
-        }
-        at
+    /// How many rows have their fields found before they are parsed: so few that both the text and
+    /// the places of its fields stay in the first-level cache, and that little is done in vain
+    /// where one of them is wrong.
+    fn rows_at_once(&self) -> usize {
+        (512 / self.steps.len()).max(1)
     }
 
-    /// Parses the row of plain numbers that starts at `lines[at]` and returns where the next one
-    /// starts; `None`, with part of the row left in `parsed.columns`, if it is not that.
+    /// How far the columns are apart in a table of places: there is one for what ends before the
+    /// first fields, with a row more than the others.
+    fn stride(&self) -> usize {
+        self.rows_at_once() + 1
+    }
+
+    /// Parses rows from `lines[at]` on; returns where the first row starts that is blank or wrong.
+    /// `ends` is room for a table of places.
+    fn parse_plain_rows<L: Lanes>(
+        &self,
+        lanes: L,
+        lines: &[u8],
+        at: usize,
+        ends: &mut [usize],
+        parsed: &mut Parsed,
+    ) -> usize {
+        let mut marks = Marks::new(lanes, lines, at, [self.separator, b'\n']);
+        ends[0] = at.wrapping_sub(1);
+        loop {
+            let whole;
+            (whole, marks) = lanes.run(
+                #[inline(always)]
+                || self.find_fields(lines, marks, ends),
+            );
+            let right = self.parse_columns(lanes, lines, ends, whole, parsed);
+            parsed.rows += right;
+            if right < self.rows_at_once() {
+                return ends[right].wrapping_add(1);
+            }
+            ends[0] = ends[right];
+        }
+    }
+
+    /// Finds where fields end, column by column after one for what ends before each row; returns
+    /// how many rows have the right number of fields.
     #[inline(always)]
-    fn parse_row(&self, lines: &[u8], mut at: usize, parsed: &mut Parsed) -> Option<usize> {
-        let last = self.steps.len() - 1;
-        let mut label = None;
-        let mut columns = parsed.columns.iter_mut();
-        for (column, step) in self.steps.iter().enumerate() {
-            let end = match step {
-                Step::Number => {
-                    let (value, end) = Portable.parse_plain(lines, at)?;
-                    columns.next()?.push(value);
-                    end
-                }
-                Step::Skip => field_end(lines, at, self.separator)?,
-                Step::Group => {
-                    let end = field_end(lines, at, self.separator)?;
-                    label = Some(at..end);
-                    end
-                }
-            };
-            if column < last {
-                if *lines.get(end)? != self.separator {
-                    return None;
-                }
-                at = end + 1;
-            } else {
-                at = after_line_end(lines, end)?;
+    fn find_fields<'a, L: Lanes>(
+        &self,
+        lines: &'a [u8],
+        mut marks: Marks<'a, L>,
+        ends: &mut [usize],
+    ) -> (usize, Marks<'a, L>) {
+        let (rows, stride) = (self.rows_at_once(), self.stride());
+        for row in 0..rows {
+            let start = ends[row].wrapping_add(1);
+            let mut place = row;
+            let mut end = start;
+            for _ in 0..self.steps.len() {
+                let Some(next) = marks.next() else { return (row, marks) };
+                end = next;
+                place += stride;
+                ends[place] = end;
+            }
+            // The last field ends at the first line end: so none before it does.
+            if lines.get(start..).and_then(|rest| memchr(b'\n', rest)) != Some(end - start) {
+                return (row, marks);
+            }
+            ends[row + 1] = end;
+            if lines[start..end].last() == Some(&b'\r') {
+                ends[place] = end - 1;
             }
         }
-        if let Some(label) = label {
-            parsed.push_group(lines[label].trim_ascii());
+        (rows, marks)
+    }
+
+    /// Parses `rows` rows, column by column, from the places where their fields end; returns how
+    /// many are right before the first that is wrong.
+    fn parse_columns<L: Lanes>(
+        &self,
+        lanes: L,
+        lines: &[u8],
+        ends: &[usize],
+        rows: usize,
+        parsed: &mut Parsed,
+    ) -> usize {
+        let mut right = rows;
+        let places = |column: usize, rows: usize| &ends[column * self.stride()..][..rows];
+        let mut columns = parsed.columns.iter_mut();
+        for (column, _) in self.steps.iter().enumerate().filter(|(_, step)| **step == Step::Number)
+        {
+            let Some(values) = columns.next() else { break };
+            values.resize(parsed.rows + right, 0.0);
+            let fields = places(column, right).iter().zip(places(column + 1, right));
+            let values = &mut values[parsed.rows..];
+            let wrong = lanes.run(
+                #[inline(always)]
+                || parse_column(lanes, lines, fields, values),
+            );
+            right = wrong.unwrap_or(right);
         }
-        Some(at)
+        parsed.columns.iter_mut().for_each(|column| column.truncate(parsed.rows + right));
+        if let Some(group) = self.steps.iter().position(|step| *step == Step::Group) {
+            for (&before, &end) in places(group, right).iter().zip(places(group + 1, right)) {
+                parsed.push_group(lines[before.wrapping_add(1)..end].trim_ascii());
+            }
+        }
+        right
     }
 
     /// The same for lines with quotes, by the csv crate.
@@ -261,18 +333,137 @@ fn finish_row(
     Ok(())
 }
 
-/// Where the field ends that starts at `lines[at]`: at a separator or at a line end.
+/// Parses the fields between places into `values`; returns which one is the first that is wrong.
 #[inline(always)]
-fn field_end(lines: &[u8], at: usize, separator: u8) -> Option<usize> {
-    memchr2(separator, b'\n', lines.get(at..)?).map(|i| at + i)
+fn parse_column<'a>(
+    lanes: impl Lanes,
+    lines: &[u8],
+    fields: impl Iterator<Item = (&'a usize, &'a usize)>,
+    values: &mut [f64],
+) -> Option<usize> {
+    for (row, (value, (before, &end))) in values.iter_mut().zip(fields).enumerate() {
+        let start = before.wrapping_add(1);
+        *value = match lanes.plain_number(lines, start, end) {
+            Some(number) => number,
+            None => match parse_unusual(lines, start, end) {
+                Some(number) => number,
+                None => return Some(row),
+            },
+        };
+    }
+    None
 }
 
-/// Where the next line starts if a line ends at `lines[at]`.
-#[inline(always)]
-fn after_line_end(lines: &[u8], at: usize) -> Option<usize> {
-    match *lines.get(at)? {
-        b'\n' => Some(at + 1),
-        b'\r' if lines.get(at + 1) == Some(&b'\n') => Some(at + 2),
-        _ => None,
+/// Out of the way of the loop for plain numbers.
+#[cold]
+#[inline(never)]
+fn parse_unusual(lines: &[u8], start: usize, end: usize) -> Option<f64> {
+    parse_field(lines.get(start..end)?).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const NUMBERS: usize = 2;
+
+    fn plan() -> RowPlan {
+        let names = ["time", "group", "talk", "fx"].map(str::to_owned).to_vec();
+        let steps = vec![Step::Number, Step::Group, Step::Skip, Step::Number];
+        RowPlan { separator: b',', steps, names }
+    }
+
+    fn parse(lanes: impl Lanes, lines: &[u8], skip: bool) -> (Result<(), RowError>, Parsed) {
+        let mut parsed = Parsed::with_capacity(NUMBERS, 0);
+        let result = plan().parse_lines_with(lanes, lines, skip, &mut parsed);
+        (result, parsed)
+    }
+
+    /// The same row by row, from the fields that [`slice::split`] finds.
+    fn parse_slowly(lines: &[u8], skip: bool) -> (Result<(), RowError>, Parsed) {
+        let plan = plan();
+        let mut parsed = Parsed::with_capacity(NUMBERS, 0);
+        let mut offset = 0;
+        for line in lines.split(|&byte| byte == b'\n') {
+            let text = line.strip_suffix(b"\r").unwrap_or(line);
+            if !text.trim_ascii().is_empty() {
+                let fields = text.split(|&byte| byte == plan.separator);
+                let result = plan.parse_fields(fields, &mut parsed);
+                if let Err(error) = finish_row(result, offset, skip, &mut parsed) {
+                    return (Err(error), parsed);
+                }
+            }
+            offset += line.len() + 1;
+        }
+        (Ok(()), parsed)
+    }
+
+    fn assert_all_ways_agree(lines: &[u8]) {
+        for skip in [false, true] {
+            let (result, expected) = parse_slowly(lines, skip);
+            let mut ways = vec![parse(Portable, lines, skip)];
+            #[cfg(target_arch = "x86_64")]
+            ways.extend(Wide::detect().map(|wide| parse(wide, lines, skip)));
+            for (found, parsed) in ways {
+                assert_eq!(found, result, "{:?}", String::from_utf8_lossy(lines));
+                if result.is_ok() {
+                    assert_eq!(bits(&parsed), bits(&expected));
+                    assert_eq!(parsed, expected, "{:?}", String::from_utf8_lossy(lines));
+                }
+            }
+        }
+    }
+
+    fn bits(parsed: &Parsed) -> Vec<Vec<u64>> {
+        parsed.columns.iter().map(|c| c.iter().map(|value| value.to_bits()).collect()).collect()
+    }
+
+    /// Rows, most of them right.
+    fn rows() -> impl Strategy<Value = String> {
+        let number = "-?[0-9]{1,18}(\\.[0-9]{1,17})?|-?[0-9]{3,4}|-?0\\.0?[0-9]{11,13}";
+        let line_end = prop_oneof![9 => Just("\n"), 2 => Just("\r\n"), 1 => Just("\n\n")];
+        let odd = "[-+.eE0-9 ,x\r]{0,40}";
+        let row = prop_oneof![
+            30 => (number, "[ab]", "[a-z0-9.]{0,70}", number)
+                .prop_map(|(a, b, c, d)| format!("{a},{b},{c},{d}")),
+            1 => odd.prop_map(String::from),
+            1 => (odd, number).prop_map(|(a, d)| format!("{a},a,,{d}")),
+        ];
+        let line = (row, line_end).prop_map(|(row, end)| row + end);
+        (proptest::collection::vec(line, 0..300), any::<bool>()).prop_map(|(lines, open)| {
+            let text = lines.concat();
+            if open { text.trim_end().to_owned() } else { text }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn rows_are_read_as_one_by_one_on_any_processor(text in rows()) {
+            assert_all_ways_agree(text.as_bytes());
+        }
+
+        #[test]
+        fn any_bytes_are_read_as_one_by_one_on_any_processor(
+            bytes in proptest::collection::vec(
+                prop_oneof![8 => proptest::sample::select(&b"0123456789.-,\n\r"[..]),
+                            1 => any::<u8>().prop_filter("no quote", |&byte| byte != b'"')],
+                0..400,
+            )
+        ) {
+            assert_all_ways_agree(&bytes);
+        }
+    }
+
+    #[test]
+    fn a_bad_row_anywhere_among_many_is_found() {
+        let right = "1425168310.852012,a,,-0.0630686291217\n";
+        for place in 0..300 {
+            for wrong in ["1,a,,x\n", "x,a,,1\n", "1,a,1\n", "1,a,,2,\n", "1,a,,.\n", "\n"] {
+                let lines = right.repeat(place) + wrong + &right.repeat(3);
+                assert_all_ways_agree(lines.as_bytes());
+            }
+        }
     }
 }

@@ -4,6 +4,7 @@ use super::WorkflowError;
 use crate::block::Block;
 use crate::calibration::Calibration;
 use crate::calibration::quality::{self, AxisErrors, AxisQuality};
+use crate::calibration::validation::excitation::WrenchSums;
 use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
 use crate::plot::FitPlot;
 use crate::wrench::PerAxis;
@@ -30,6 +31,8 @@ pub struct Evaluation {
     pub out_of_range_rows: u64,
     /// Predicted less measured, per axis.
     pub errors: PerAxis<AxisErrors>,
+    /// The measured wrench.
+    pub loads: WrenchSums,
     /// The checksum of the log, if asked for; of the last, after a merge.
     pub checksum: Option<String>,
 }
@@ -42,6 +45,7 @@ impl Evaluation {
         self.repeated_rows += other.repeated_rows;
         self.out_of_range_rows += other.out_of_range_rows;
         quality::merge(&mut self.errors, &other.errors);
+        self.loads.merge(&other.loads);
         self.checksum.clone_from(&other.checksum);
     }
 
@@ -57,6 +61,7 @@ struct BlockErrors {
     rows: u64,
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
+    loads: WrenchSums,
     drawn: Option<Drawn>,
 }
 
@@ -93,6 +98,7 @@ pub fn eval(
             rows: block.rows as u64,
             out_of_range: flags.iter().filter(|&&flags| flags != 0).count() as u64,
             errors: quality::errors(&predicted, &block.wrench),
+            loads: WrenchSums::of(&block.wrench),
             drawn: keep.then_some(Drawn { predicted, measured: block.wrench }),
         }
     };
@@ -101,6 +107,7 @@ pub fn eval(
             all.rows += block.rows;
             all.out_of_range_rows += block.out_of_range;
             quality::merge(&mut all.errors, &block.errors);
+            all.loads.merge(&block.loads);
             if let (Some(plot), Some(drawn)) = (&mut plot, &block.drawn) {
                 plot.add(&drawn.predicted, &drawn.measured);
             }

@@ -3,11 +3,11 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{EvalOptions, Evaluation, eval};
+use super::log_blocks::LogBlocks;
 use super::{WorkflowError, check_channels};
-use crate::block::Block;
-use crate::calibration::extent::Extent;
+use crate::calibration::exact::ExactError;
 use crate::calibration::scaling::Scaling;
-use crate::calibration::solver::{Problem, Solution, Solver, SolverKind, Tsqr};
+use crate::calibration::solver::{self, Problem, Solution, SolverKind};
 use crate::calibration::{Basis, Calibration, FitError, Model};
 use crate::log_file::{Log, ReadOptions, Wanted};
 use crate::plot::FitPlot;
@@ -19,7 +19,7 @@ pub struct FitOptions<'a> {
     pub basis: Basis,
     /// Whether to fit a constant beside them.
     pub intercept: bool,
-    /// The solver.
+    /// The solver. Where the exact one cannot take the rows, refined QR does.
     pub solver: SolverKind,
     /// λ of a ridge on columns of norm one, 0 for none.
     pub ridge: f64,
@@ -38,6 +38,10 @@ pub struct Fit {
     pub calibration: Calibration,
     /// What the solver says.
     pub solution: Solution,
+    /// The solver that was used.
+    pub solver: SolverKind,
+    /// Why it is not the exact one, where that was asked for.
+    pub not_exact: Option<ExactError>,
     /// Errors on each training log.
     pub train: Vec<Evaluation>,
     /// Errors on each test log.
@@ -85,9 +89,22 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
 
     let plain = ReadOptions { checksum: false, ..read };
-    let (solution, extent) = match options.solver {
-        SolverKind::Tsqr => solve(&Tsqr::new(problem)?, train, options.fresh, &plain, &finished)?,
+    let mut rows = LogBlocks {
+        logs: train,
+        fresh: options.fresh,
+        read: plain,
+        finished: &finished,
+        passes: 0,
     };
+    let (mut solver, mut not_exact) = (options.solver, None);
+    let solved = match solver::fit(solver, problem.clone(), &mut rows) {
+        Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {
+            (solver, not_exact) = (SolverKind::RefinedTsqr, Some(error));
+            solver::fit(solver, problem, &mut rows)
+        }
+        solved => solved,
+    };
+    let (solution, extent) = solved?;
     let calibration = Calibration::of_solution(&solution, &extent);
 
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
@@ -102,37 +119,5 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         logs.iter().map(errors).collect()
     };
     let (train, test) = (evaluate(train, false)?, evaluate(test, true)?);
-    Ok(Fit { calibration, solution, train, test, plots })
-}
-
-/// One pass over the logs with any solver.
-fn solve<S: Solver>(
-    solver: &S,
-    logs: &[Log],
-    fresh: bool,
-    read: &ReadOptions<'_>,
-    finished: &dyn Fn(&Log),
-) -> Result<(Solution, Extent), WorkflowError> {
-    let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-    let channels = logs.first().map_or(0, Log::channels);
-    let mut all = solver.empty();
-    let mut extent = Extent::new(channels);
-    let map = |mut block: Block| -> Result<(S::Partial, Extent), FitError> {
-        if fresh {
-            let fresh = block.fresh_rows();
-            block.retain_rows(&fresh);
-        }
-        let extent = Extent::of_block(&block, channels)?;
-        Ok((solver.reduce(&block)?, extent))
-    };
-    for log in logs {
-        log.read(&wanted, read, map, |block| -> Result<(), WorkflowError> {
-            let (partial, seen) = block?;
-            solver.merge(&mut all, partial);
-            extent.merge(&seen);
-            Ok(())
-        })?;
-        finished(log);
-    }
-    Ok((solver.solve(&all, &extent)?, extent))
+    Ok(Fit { calibration, solution, solver, not_exact, train, test, plots })
 }

@@ -1,9 +1,12 @@
 //! Whole tasks over logs: reading joined to the core, without printing and without files written.
 
 pub mod align;
+pub mod bench;
 pub mod convert;
 pub mod eval;
 pub mod fit;
+mod log_blocks;
+pub mod moments;
 pub mod noise;
 pub mod sampling;
 pub mod selection;
@@ -11,6 +14,7 @@ pub mod selection;
 use std::path::PathBuf;
 
 use crate::calibration::FitError;
+use crate::calibration::validation::ValidationError;
 use crate::log_file::{Log, LogError};
 
 /// Why a task over logs could not be done.
@@ -24,24 +28,32 @@ pub enum WorkflowError {
     #[error(transparent)]
     Fit(#[from] FitError),
     /// A log has another number of channels than the calibration, or than the first log.
-    #[error("`{}` has `{found}` channels, expected `{expected}`", path.display())]
-    Channels {
-        /// The log.
-        path: PathBuf,
-        /// Channels of the calibration or the first log.
-        expected: usize,
-        /// Channels of the log.
-        found: usize,
-    },
+    #[error(transparent)]
+    Channels(#[from] ChannelMismatch),
+    /// A calibration cannot be validated on these rows.
+    #[error(transparent)]
+    Validation(ValidationError),
     /// There was nothing to work on.
     #[error("no logs were given")]
     NoLogs,
 }
 
-fn check_channels(log: &Log, expected: usize) -> Result<(), WorkflowError> {
+/// A log of another number of channels than the calibration, or than the first log.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{}` has `{found}` sensor channels, expected `{expected}`", path.display())]
+pub struct ChannelMismatch {
+    /// The log.
+    pub path: PathBuf,
+    /// Channels of the calibration or of the first log.
+    pub expected: usize,
+    /// Channels of the log.
+    pub found: usize,
+}
+
+fn check_channels(log: &Log, expected: usize) -> Result<(), ChannelMismatch> {
     let found = log.channels();
     if found == expected {
         return Ok(());
     }
-    Err(WorkflowError::Channels { path: log.path().to_path_buf(), expected, found })
+    Err(ChannelMismatch { path: log.path().to_path_buf(), expected, found })
 }

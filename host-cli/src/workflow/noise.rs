@@ -3,6 +3,7 @@
 //! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove.
 
 use super::selection::{Rows, TimeWindow, by_column};
+use super::{ChannelMismatch, check_channels};
 use crate::calibration::Calibration;
 use crate::log_file::{Log, LogError, ReadOptions, Wanted};
 use crate::wrench::PerAxis;
@@ -55,15 +56,8 @@ pub enum NoiseError {
     #[error(transparent)]
     Log(#[from] LogError),
     /// The calibration is for another sensor.
-    #[error("`{path}` has `{found}` sensor channels, the calibration is for `{expected}`")]
-    Channels {
-        /// The log.
-        path: String,
-        /// Channels of the calibration.
-        expected: usize,
-        /// Channels of the log.
-        found: usize,
-    },
+    #[error(transparent)]
+    Channels(#[from] ChannelMismatch),
     /// Too few frames to scatter.
     #[error("`{path}` has `{found}` frames to tell the noise from, at least 2 are needed")]
     TooFewFrames {
@@ -85,14 +79,11 @@ pub fn noise(
     read: &ReadOptions<'_>,
 ) -> Result<NoiseSummary, NoiseError> {
     let path = || log.path().display().to_string();
-    let (expected, found) = (calibration.model().channels, log.channels());
     let wanted = Wanted { readings: true, time: options.window.is_some(), ..Wanted::default() };
     log.require(&wanted)?;
-    if found != expected {
-        return Err(NoiseError::Channels { path: path(), expected, found });
-    }
+    check_channels(log, calibration.model().channels)?;
     let mut axes = PerAxis::<Moments>::default();
-    let mut channels = vec![Moments::default(); found];
+    let mut channels = vec![Moments::default(); log.channels()];
     let summary = log.read(
         &wanted,
         read,

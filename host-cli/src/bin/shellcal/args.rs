@@ -28,3 +28,13 @@ pub(crate) struct OutputArgs {
     #[arg(long, short, global = true)]
     pub(crate) quiet: bool,
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        super::Args::command().debug_assert();
+    }
+}

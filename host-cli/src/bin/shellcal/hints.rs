@@ -1,13 +1,19 @@
 //! What to do about an error: which flag, which file, which column.
 
+use std::error::Error;
 use std::io;
 
+use shared_proto::Refusal;
 use shellcal::alignment::AlignError;
 use shellcal::calibration::FitError;
+use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration_file::matrix::MatrixError;
-use shellcal::calibration_file::{CalibrationFileError, Problem, SCHEMA_VERSION};
+use shellcal::calibration_file::{CalibrationFileError, MergeError, Problem, SCHEMA_VERSION};
 use shellcal::filter::FilterError;
+use shellcal::link::{LinkError, NotForBoard, RecordError};
 use shellcal::log_file::{LogError, RowProblem};
+use shellcal::output::OutputError;
+use shellcal::recording::NoFrame;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
@@ -18,22 +24,59 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
     let hint = error.chain().find_map(|cause| match cause.downcast_ref() {
         Some(WorkflowError::Log(error)) => after_log(error),
         Some(WorkflowError::Fit(error)) => after_fit(error),
-        _ => {
-            let log = || cause.downcast_ref().and_then(after_log);
-            let file = || cause.downcast_ref().and_then(after_calibration);
-            let conversion = || cause.downcast_ref().and_then(after_conversion);
-            let noise = || cause.downcast_ref().and_then(after_noise);
-            let alignment = || cause.downcast_ref().and_then(after_alignment);
-            log().or_else(file).or_else(conversion).or_else(noise).or_else(alignment)
-        }
+        Some(WorkflowError::Channels(_)) => Some(CHANNELS),
+        Some(WorkflowError::Validation(error)) => after_validation(error),
+        _ => known(cause, after_log)
+            .or_else(|| known(cause, after_calibration))
+            .or_else(|| known(cause, after_conversion))
+            .or_else(|| known(cause, after_noise))
+            .or_else(|| known(cause, after_alignment))
+            .or_else(|| known(cause, after_validation))
+            .or_else(|| known(cause, after_merge))
+            .or_else(|| known(cause, after_link))
+            .or_else(|| known(cause, after_recording))
+            .or_else(|| known(cause, after_not_for_board))
+            .or_else(|| known(cause, after_output)),
     });
     hint.map(str::to_owned)
+}
+
+/// What `after` says if the cause is of its kind.
+fn known<E: Error + 'static>(
+    cause: &(dyn Error + 'static),
+    after: fn(&E) -> Option<&'static str>,
+) -> Option<&'static str> {
+    cause.downcast_ref().and_then(after)
+}
+
+fn after_validation(error: &ValidationError) -> Option<&'static str> {
+    Some(match error {
+        ValidationError::TooFewGroups { .. } => {
+            "record more poses, give several logs, or name the column of groups with `--group`"
+        }
+        ValidationError::TooManyGroups { .. } => "name the column of groups with `--group`",
+        ValidationError::Folds { .. } => "leave the number out to hold out one group at a time",
+        ValidationError::Undetermined(_) | ValidationError::NoModel => {
+            "record more poses, choose a smaller `--model`, or accept a damped answer with \
+             `--ridge 1e-6`"
+        }
+        _ => return None,
+    })
+}
+
+fn after_merge(error: &MergeError) -> Option<&'static str> {
+    Some(match error {
+        MergeError::Model { .. } => "make both with the same `--model` and `--no-intercept`",
+        MergeError::Channels { .. } => "name the same sensor columns with `--sensors`",
+        MergeError::Twice(_) => "leave one of them out",
+        _ => return None,
+    })
 }
 
 fn after_conversion(error: &ConvertError) -> Option<&'static str> {
     Some(match error {
         ConvertError::Log(error) => return after_log(error),
-        ConvertError::Channels { .. } => CHANNELS,
+        ConvertError::Channels(_) => CHANNELS,
         ConvertError::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
         ConvertError::TareTime { .. } => "`shellcal info` tells the times of a log",
         ConvertError::NoRate { .. } => "say how many frames there are in a second with `--rate`",
@@ -81,8 +124,74 @@ fn after_alignment(error: &AlignLogsError) -> Option<&'static str> {
 fn after_noise(error: &NoiseError) -> Option<&'static str> {
     Some(match error {
         NoiseError::Log(error) => return after_log(error),
-        NoiseError::Channels { .. } => CHANNELS,
+        NoiseError::Channels(_) => CHANNELS,
         NoiseError::TooFewFrames { .. } => "`shellcal info` tells the times of a log",
+        _ => return None,
+    })
+}
+
+fn after_link(error: &LinkError) -> Option<&'static str> {
+    Some(match error {
+        LinkError::Missing { .. } => "`shellcal ports` lists the ports there are",
+        LinkError::Busy { .. } => "close the program that has it: a terminal, another recording",
+        LinkError::Denied { .. } => {
+            "on Linux, join the group that owns the port, as a rule `dialout`, and log in again"
+        }
+        LinkError::Lost { .. } => {
+            "what arrived until then is kept; with `--reconnect` `record` waits for the port"
+        }
+        LinkError::NoAnswer { silent: true, .. } => {
+            "is the board on, and are both radios in one network? Try another `--baud`, or \
+             `--framing xbee-ap1` or `xbee-ap2` for a base station in API mode"
+        }
+        LinkError::NoAnswer { .. } => {
+            "bytes arrive but no answer: try another `--baud`, or `--framing xbee-ap1` or `xbee-ap2` \
+             for a base station in API mode"
+        }
+        LinkError::OtherVersion { .. } => VERSIONS,
+        LinkError::Refused { refusal: Refusal::NoCalibration, .. } => {
+            "upload one: `shellcal board PORT upload CAL`"
+        }
+        LinkError::Refused { refusal: Refusal::PeriodTooShort, .. } => {
+            "choose a lower rate, or fewer conversions and less settling: `shellcal board PORT \
+             sampling`"
+        }
+        LinkError::NotKept { .. } => "upload it again",
+        _ => return None,
+    })
+}
+
+const VERSIONS: &str = "flash the firmware that belongs to this version of shellcal";
+
+fn after_recording(error: &RecordError) -> Option<&'static str> {
+    Some(match error {
+        RecordError::Link(error) => return after_link(error),
+        RecordError::Output(error) => return after_output(error),
+        RecordError::NoFrame { problem: NoFrame::Any { .. }, .. } => {
+            "try another `--baud` (57600 unless told), or `--framing` if you know it"
+        }
+        RecordError::NoFrame { problem: NoFrame::OtherProtocol { .. }, .. } => {
+            "leave out `--framing` to have it recognised"
+        }
+        RecordError::NoFrame { problem: NoFrame::OtherVersion { .. }, .. } => VERSIONS,
+        RecordError::Silence { .. } => {
+            "a board streams when told to: `--start`, or `shellcal board PORT start`"
+        }
+        _ => return None,
+    })
+}
+
+fn after_not_for_board(error: &NotForBoard) -> Option<&'static str> {
+    Some(match error {
+        NotForBoard::Basis { .. } => "fit one for the board with `shellcal fit --model cubic`",
+        _ => return None,
+    })
+}
+
+fn after_output(error: &OutputError) -> Option<&'static str> {
+    Some(match error.source.kind() {
+        io::ErrorKind::AlreadyExists => "choose another name, or `--overwrite` it",
+        io::ErrorKind::StorageFull => "what was written until then is whole; make room",
         _ => return None,
     })
 }
@@ -131,7 +240,10 @@ fn after_fit(error: &FitError) -> Option<&'static str> {
             "the readings never move: check the cable and the shell, and that `--sensors` names the \
              right columns"
         }
-        FitError::RankDeficient(_) => {
+        FitError::IllConditioned { .. } | FitError::NotConverged { .. } => {
+            "use `--solver exact` or `--solver wide-tsqr`, or choose a smaller `--model`"
+        }
+        FitError::RankDeficient(_) | FitError::NearlyDependent => {
             "record loads that move the channels independently, drop a channel with `--sensors`, \
              choose a smaller `--model`, or accept a damped answer with `--ridge 1e-6`"
         }

@@ -97,6 +97,18 @@ impl Printer {
         bar
     }
 
+    /// A line on stderr that says how it goes; draws nothing when quiet or not on a terminal.
+    pub(crate) fn status(&self) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
+        if !self.options.quiet && io::stderr().is_terminal() {
+            bar.set_style(
+                ProgressStyle::with_template("{wide_msg}").expect("a template that parses"),
+            );
+            bar.set_draw_target(ProgressDrawTarget::stderr());
+        }
+        bar
+    }
+
     /// A closed stderr leaves nobody to tell.
     fn talk(&self, text: &str) {
         let _ = writeln!(io::stderr().lock(), "{text}");

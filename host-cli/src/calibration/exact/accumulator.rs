@@ -10,10 +10,10 @@
 use std::sync::Arc;
 
 use num_bigint::BigInt;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use super::kernel::{ROWS, products};
-use super::layout::Layout;
+use super::layout::{Group, Layout};
 use super::limbs::{FeatureLimbs, Limbs, Places, SQUARE_WIDTH, power_of_two};
 use super::moments::{Channel, Moments, Scaled, join, move_origin};
 use super::{ExactError, MAX_ROWS};
@@ -34,6 +34,9 @@ pub struct Accumulator {
     total: Moments,
     /// What is known of the channels from all rows, staged ones included.
     channels: Vec<Channel>,
+    /// What the choice of centre and limbs is made for: rows so far, and what other accumulators
+    /// have met. Has no influence on results.
+    expected: Vec<Channel>,
     places: [Places; 6],
     open: Option<Open>,
     /// Rows not yet summed: columns of [`ROWS`] numbers.
@@ -43,9 +46,9 @@ pub struct Accumulator {
     scratch: Scratch,
 }
 
-/// Sums under way, and how they are computed.
-#[derive(Clone, Debug)]
-struct Open {
+/// How sums are computed.
+#[derive(Debug, PartialEq)]
+struct Choice {
     centre: Vec<i64>,
     features: FeatureLimbs,
     /// For every group of the layout, the left operands: feature and limb.
@@ -54,6 +57,12 @@ struct Open {
     cross: [Limbs; 6],
     /// Limbs of each axis that are multiplied with those of other axes.
     squares: [Limbs; 6],
+}
+
+/// Sums under way.
+#[derive(Clone, Debug)]
+struct Open {
+    choice: Arc<Choice>,
     rows: u64,
     blocks: u64,
     /// Sums of parts of the right operands, group by group, then of one and the limbs of the
@@ -80,6 +89,7 @@ impl Accumulator {
         Self {
             layout: total.layout.clone(),
             channels: total.channels.clone(),
+            expected: total.channels.clone(),
             total,
             places: [Places::NONE; 6],
             open: None,
@@ -88,6 +98,81 @@ impl Accumulator {
             wrench: vec![0.0; 6 * ROWS],
             scratch: Scratch::default(),
         }
+    }
+
+    /// An accumulator of no rows that begins with this one's choice of centre and limbs, so that
+    /// both can be merged cheaply.
+    pub fn fork(&self) -> Self {
+        let mut fork = Self {
+            layout: self.layout.clone(),
+            total: Moments::with_layout(self.total.basis, self.layout.clone()),
+            channels: Vec::new(),
+            expected: self.expected.clone(),
+            places: self.places,
+            open: None,
+            staged: 0,
+            readings: vec![0.0; self.readings.len()],
+            wrench: vec![0.0; self.wrench.len()],
+            scratch: Scratch::default(),
+        };
+        fork.channels.clone_from(&fork.total.channels);
+        // Readings with decimals are too rare to be taken care of here.
+        if self.expected.iter().any(|channel| channel.decimals > 0) {
+            fork.expected.clone_from(&fork.channels);
+        } else if let Some(open) = &self.open {
+            fork.open = Some(Open::new(&self.layout, open.choice.clone()));
+        }
+        fork
+    }
+
+    /// Whether the sums of both can be added without putting them away first.
+    pub fn matches(&self, other: &Self) -> bool {
+        match (&self.open, &other.open) {
+            (Some(own), Some(other)) => Arc::ptr_eq(&own.choice, &other.choice),
+            (own, other) => own.is_none() && other.is_none(),
+        }
+    }
+
+    /// Adds the rows of `other`, which are other rows of the same channels and basis.
+    ///
+    /// # Errors
+    /// [`ExactError`] if the rows of both cannot be summed exactly; the accumulator is then of no
+    /// further use.
+    ///
+    /// # Panics
+    /// If basis or number of channels differ.
+    pub fn merge(&mut self, mut other: Self) -> Result<(), ExactError> {
+        self.sum_staged()?;
+        other.sum_staged()?;
+        if other.total.rows > 0 {
+            self.total.merge(&other.total)?;
+        }
+        for i in 0..self.channels.len() {
+            if self.channels[i].decimals != other.channels[i].decimals {
+                self.close()?;
+            }
+            self.channels[i].merge(&other.channels[i]);
+            self.expected[i].merge(&other.expected[i]);
+            if !self.channels[i].fits() {
+                return Err(ExactError::TooWide { channel: i });
+            }
+        }
+        for (own, other) in self.places.iter_mut().zip(other.places) {
+            *own = own.and(other);
+        }
+        let Some(open) = other.open.take_if(|open| open.rows > 0) else { return Ok(()) };
+        let same_units = self.channels.iter().zip(&other.channels);
+        if same_units.into_iter().any(|(a, b)| a.decimals != b.decimals) {
+            return self.put_away(&open, &other.channels);
+        }
+        match &mut self.open {
+            None => self.open = Some(open),
+            Some(own) if own.choice == open.choice && own.blocks + open.blocks <= MOST_BLOCKS => {
+                own.add(&open);
+            }
+            Some(_) => self.put_away(&open, &other.channels)?,
+        }
+        Ok(())
     }
 
     /// Takes up rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six
@@ -129,6 +214,16 @@ impl Accumulator {
         Ok(())
     }
 
+    /// Sums the rows that still wait for a full block, and gives back working memory.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be summed exactly.
+    pub fn settle(&mut self) -> Result<(), ExactError> {
+        self.sum_staged()?;
+        self.scratch = Scratch::default();
+        Ok(())
+    }
+
     /// The sums over all rows taken up.
     ///
     /// # Errors
@@ -158,6 +253,7 @@ impl Accumulator {
                 self.close()?;
             }
             self.channels[i].merge(&found);
+            self.expected[i].merge(&found);
             if !self.channels[i].fits() {
                 return Err(ExactError::TooWide { channel: i });
             }
@@ -179,8 +275,9 @@ impl Accumulator {
             column[self.staged..].fill(0.0);
         }
         let covered = self.open.as_ref().is_some_and(|open| {
+            let choice = &open.choice;
             open.blocks < MOST_BLOCKS
-                && distance(&self.channels, &open.centre) <= open.features.largest
+                && distance(&self.channels, &choice.centre) <= choice.features.largest
         });
         if !covered {
             self.reopen()?;
@@ -210,8 +307,8 @@ impl Accumulator {
     fn reopen(&mut self) -> Result<(), ExactError> {
         self.close()?;
         let degree = self.total.basis.degree();
-        let centre: Vec<i64> = self.channels.iter().map(Channel::middle).collect();
-        let features = FeatureLimbs::new(distance(&self.channels, &centre), degree as u32);
+        let centre: Vec<i64> = self.expected.iter().map(Channel::middle).collect();
+        let features = FeatureLimbs::new(distance(&self.expected, &centre), degree as u32);
         let mut limbs = |width| -> Result<[Limbs; 6], ExactError> {
             let mut limbs = [Limbs::of_integers(width, 0); 6];
             for axis in Axis::ALL {
@@ -223,23 +320,29 @@ impl Accumulator {
             Ok(limbs)
         };
         let (cross, squares) = (limbs(features.width)?, limbs(SQUARE_WIDTH)?);
-        self.open = Some(Open::new(&self.layout, centre, features, cross, squares));
-        self.scratch.resize(&self.layout, self.open.as_ref().expect("just opened"));
+        let choice = Choice::new(&self.layout, centre, features, cross, squares);
+        self.open = Some(Open::new(&self.layout, Arc::new(choice)));
         Ok(())
     }
 
     fn close(&mut self) -> Result<(), ExactError> {
-        let Some(open) = self.open.take() else { return Ok(()) };
+        match self.open.take() {
+            Some(open) if open.rows > 0 => self.put_away(&open, &self.channels.clone()),
+            _ => Ok(()),
+        }
+    }
+
+    fn put_away(&mut self, open: &Open, channels: &[Channel]) -> Result<(), ExactError> {
         if self.total.rows + open.rows > MAX_ROWS {
             return Err(ExactError::TooManyRows);
         }
         let mut part = open.moments(&self.layout, self.total.basis);
-        part.channels.clone_from(&self.channels);
+        part.channels = channels.to_vec();
         self.total.merge(&part)
     }
 }
 
-impl Open {
+impl Choice {
     fn new(
         layout: &Layout,
         centre: Vec<i64>,
@@ -251,30 +354,40 @@ impl Open {
             let limbs = features.left[layout.features[f].factors().len()];
             (0..limbs).map(move |limb| (f, limb))
         };
-        let lefts: Vec<Vec<_>> =
-            layout.groups.iter().map(|group| group.left.iter().flat_map(limbs).collect()).collect();
-        let groups = layout.groups.iter().zip(&lefts);
+        let left = |group: &Group| group.left.iter().flat_map(limbs).collect();
+        let lefts = layout.groups.iter().map(left).collect();
+        Self { centre, features, lefts, cross, squares }
+    }
+
+    /// Number of sums.
+    fn sums(&self, layout: &Layout) -> usize {
+        let groups = layout.groups.iter().zip(&self.lefts);
         let gram: usize = groups.map(|(group, left)| left.len() * group.right.len()).sum();
-        let operands = 1 + cross.iter().map(|limbs| limbs.count).sum::<usize>();
+        let operands = 1 + self.cross.iter().map(|limbs| limbs.count).sum::<usize>();
         let per_part = gram + operands * layout.features.len();
-        let square: usize =
-            (0..6).map(|axis| squares[axis].count * squares_right(&squares, axis)).sum();
-        let sums = per_part * features.rights() + square;
-        Self {
-            centre,
-            features,
-            lefts,
-            cross,
-            squares,
-            rows: 0,
-            blocks: 0,
-            high: vec![0.0; sums],
-            low: vec![0.0; sums],
+        let squares =
+            (0..6).map(|axis| self.squares[axis].count * squares_right(&self.squares, axis));
+        per_part * self.features.rights() + squares.sum::<usize>()
+    }
+}
+
+impl Open {
+    fn new(layout: &Layout, choice: Arc<Choice>) -> Self {
+        let sums = choice.sums(layout);
+        Self { choice, rows: 0, blocks: 0, high: vec![0.0; sums], low: vec![0.0; sums] }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.rows += other.rows;
+        self.blocks += other.blocks;
+        for (own, other) in [(&mut self.high, &other.high), (&mut self.low, &other.low)] {
+            own.iter_mut().zip(other).for_each(|(own, other)| *own += other);
         }
     }
 
     /// The sums about the origin of the readings.
     fn moments(&self, layout: &Arc<Layout>, basis: Basis) -> Moments {
+        let Choice { centre, features: limbs, lefts, cross, squares } = &*self.choice;
         let mut moments = Moments::with_layout(basis, layout.clone());
         let mut sums = self.high.iter().zip(&self.low).map(|(&h, &l)| h as i128 + l as i128);
         let mut next = || sums.next().expect("one sum for every product");
@@ -283,13 +396,13 @@ impl Open {
         let mut wrench: [Vec<BigInt>; 6] = std::array::from_fn(|_| axis_sums());
         moments.rows = self.rows;
         moments.readings[0] = i128::from(self.rows);
-        for part in 0..self.features.rights() {
-            let up = self.features.right.unwrap_or(0) * part as u32;
+        for part in 0..limbs.rights() {
+            let up = limbs.right.unwrap_or(0) * part as u32;
             let mut first = 1 + features;
-            for (group, lefts) in layout.groups.iter().zip(&self.lefts) {
+            for (group, lefts) in layout.groups.iter().zip(lefts) {
                 for left in lefts.chunk_by(|a, b| a.0 == b.0) {
                     for &(_, limb) in left {
-                        let up = up + self.features.width * limb as u32;
+                        let up = up + limbs.width * limb as u32;
                         for sum in &mut moments.readings[first..first + group.right.len()] {
                             *sum = sum.wrapping_add(next() << up);
                         }
@@ -300,40 +413,40 @@ impl Open {
             for sum in &mut moments.readings[1..=features] {
                 *sum += next() << up;
             }
-            for (limbs, axis) in self.cross.iter().zip(&mut wrench) {
-                let parts: Vec<i128> = (0..limbs.count * features).map(|_| next()).collect();
+            for (axis_limbs, axis) in cross.iter().zip(&mut wrench) {
+                let parts: Vec<i128> = (0..axis_limbs.count * features).map(|_| next()).collect();
                 for (f, sum) in axis[1..].iter_mut().enumerate() {
-                    *sum +=
-                        join(parts.iter().skip(f).step_by(features).copied(), limbs.width) << up;
+                    *sum += join(parts.iter().skip(f).step_by(features).copied(), axis_limbs.width)
+                        << up;
                 }
             }
         }
-        for left in 0..6 {
+        for (left, axis) in wrench.iter_mut().enumerate() {
             // Sums by limb on the left, then by axis and limb on the right, then one.
-            let rows: Vec<Vec<i128>> = (0..self.squares[left].count)
-                .map(|_| (0..squares_right(&self.squares, left)).map(|_| next()).collect())
+            let rows: Vec<Vec<i128>> = (0..squares[left].count)
+                .map(|_| (0..squares_right(squares, left)).map(|_| next()).collect())
                 .collect();
             let mut column = 0;
             for right in left..6 {
-                let count = self.squares[right].count;
+                let count = squares[right].count;
                 let sum: BigInt = (column..column + count)
                     .zip((0u32..).step_by(SQUARE_WIDTH as usize))
                     .map(|(column, up)| {
                         join(rows.iter().map(|row| row[column]), SQUARE_WIDTH) << up
                     })
                     .sum();
-                let exponent = self.squares[left].unit + self.squares[right].unit;
+                let exponent = squares[left].unit + squares[right].unit;
                 moments.squares[pair(left, right)] = Scaled::new(exponent, vec![sum]);
                 column += count;
             }
             let ones = join(rows.iter().map(|row| row[column]), SQUARE_WIDTH);
             // The other sums of this axis count in units of other limbs.
-            let up = self.squares[left].unit - self.cross[left].unit;
-            wrench[left][0] = if up >= 0 { ones << up } else { ones >> -up };
+            let up = squares[left].unit - cross[left].unit;
+            axis[0] = if up >= 0 { ones << up } else { ones >> -up };
         }
-        let back: Vec<i64> = self.centre.iter().map(|c| -c).collect();
+        let back: Vec<i64> = centre.iter().map(|c| -c).collect();
         move_origin(layout, &mut moments.readings, &mut wrench, &back);
-        for ((scaled, sums), limbs) in moments.wrench.iter_mut().zip(wrench).zip(&self.cross) {
+        for ((scaled, sums), limbs) in moments.wrench.iter_mut().zip(wrench).zip(cross) {
             *scaled = Scaled::new(limbs.unit, sums);
         }
         moments
@@ -360,18 +473,18 @@ fn distance(channels: &[Channel], centre: &[i64]) -> u32 {
 }
 
 impl Scratch {
-    fn resize(&mut self, layout: &Layout, open: &Open) {
+    fn resize(&mut self, layout: &Layout, choice: &Choice) {
         let features = layout.features.len();
-        let lefts = open.lefts.iter().map(Vec::len);
-        let groups = layout.groups.iter().zip(&open.lefts);
-        let cross: usize = open.cross.iter().map(|limbs| limbs.count).sum();
-        let squares: usize = open.squares.iter().map(|limbs| limbs.count).sum();
+        let lefts = choice.lefts.iter().map(Vec::len);
+        let groups = layout.groups.iter().zip(&choice.lefts);
+        let cross: usize = choice.cross.iter().map(|limbs| limbs.count).sum();
+        let squares: usize = choice.squares.iter().map(|limbs| limbs.count).sum();
         let sums = groups
             .map(|(group, left)| group.right.len() * left.len())
             .chain([(1 + cross) * features, (1 + squares) * squares])
             .max();
         self.features.resize(features * ROWS, 0.0);
-        self.rights.resize(open.features.right.map_or(0, |_| 2 * features * ROWS), 0.0);
+        self.rights.resize(choice.features.right.map_or(0, |_| 2 * features * ROWS), 0.0);
         self.left.resize(lefts.max().unwrap_or(0) * ROWS, 0.0);
         self.cross.resize((1 + cross) * ROWS, 0.0);
         self.squares.resize((1 + squares) * ROWS, 0.0);
@@ -395,19 +508,21 @@ impl WithSimd for Sum<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> bool {
         let Self { layout, open, staged, readings, wrench, scratch } = self;
+        let choice = &*open.choice;
+        scratch.resize(layout, choice);
         let Scratch { features, rights, left, cross, squares, sums } = scratch;
         // One comes before the limbs of the cross products and after those of the squares.
         let (ones, mut cross_limbs) = cross.split_at_mut(ROWS);
         let mut square_limbs = &mut squares[..];
         for (axis, column) in wrench.chunks_exact(ROWS).enumerate() {
             let now;
-            (now, cross_limbs) = cross_limbs.split_at_mut(open.cross[axis].count * ROWS);
-            if !open.cross[axis].cut(column, now) {
+            (now, cross_limbs) = cross_limbs.split_at_mut(choice.cross[axis].count * ROWS);
+            if !choice.cross[axis].cut(column, now) {
                 return false;
             }
             let now;
-            (now, square_limbs) = square_limbs.split_at_mut(open.squares[axis].count * ROWS);
-            if !open.squares[axis].cut(column, now) {
+            (now, square_limbs) = square_limbs.split_at_mut(choice.squares[axis].count * ROWS);
+            if !choice.squares[axis].cut(column, now) {
                 return false;
             }
         }
@@ -415,9 +530,9 @@ impl WithSimd for Sum<'_> {
             column[..staged].fill(1.0);
             column[staged..].fill(0.0);
         }
-        fill(layout, &open.centre, staged, readings, features);
+        fill(layout, &choice.centre, staged, readings, features);
         let count = layout.features.len();
-        let parts: &[f64] = match open.features.right {
+        let parts: &[f64] = match choice.features.right {
             None => features,
             Some(width) => {
                 let limbs = Limbs::of_integers(width, 2);
@@ -431,13 +546,13 @@ impl WithSimd for Sum<'_> {
         };
         let mut target = Target { simd, sums, high: &mut open.high, low: &mut open.low };
         for part in parts.chunks_exact(count * ROWS) {
-            for (group, lefts) in layout.groups.iter().zip(&open.lefts) {
+            for (group, lefts) in layout.groups.iter().zip(&choice.lefts) {
                 let mut cut = 0;
                 for &f in &group.left {
-                    let limbs = open.features.left[layout.features[f].factors().len()];
+                    let limbs = choice.features.left[layout.features[f].factors().len()];
                     let now = &mut left[cut * ROWS..][..limbs * ROWS];
                     let column = &features[f * ROWS..][..ROWS];
-                    Limbs::of_integers(open.features.width, limbs).cut(column, now);
+                    Limbs::of_integers(choice.features.width, limbs).cut(column, now);
                     cut += limbs;
                 }
                 let right = &part[group.right.start * ROWS..group.right.end * ROWS];
@@ -446,7 +561,7 @@ impl WithSimd for Sum<'_> {
             target.add_products(cross, part);
         }
         let mut right = &squares[..];
-        for limbs in open.squares {
+        for limbs in choice.squares {
             target.add_products(&right[..limbs.count * ROWS], right);
             right = &right[limbs.count * ROWS..];
         }
@@ -512,7 +627,7 @@ fn fill(layout: &Layout, centre: &[i64], staged: usize, readings: &[f64], featur
 /// Range of a column in integers, or a reading that is not one.
 fn survey(column: &[f64], decimals: u32) -> Result<Channel, f64> {
     let (lowest, highest, integers) = if decimals == 0 {
-        survey_integers(column)
+        Arch::new().dispatch(SurveyIntegers(column))
     } else {
         let range = (f64::INFINITY, f64::NEG_INFINITY, true);
         column.iter().fold(range, |(lowest, highest, integers), &x| {
@@ -534,16 +649,21 @@ fn survey(column: &[f64], decimals: u32) -> Result<Channel, f64> {
 }
 
 /// Smallest, largest, and whether all are integers.
-fn survey_integers(column: &[f64]) -> (f64, f64, bool) {
-    /// Adding and taking it away rounds to an integer.
-    const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
-    Arch::new().dispatch(|| {
-        let mut lowest = [f64::INFINITY; 8];
-        let mut highest = [f64::NEG_INFINITY; 8];
-        let mut odd = [0.0; 8];
-        let (chunks, rest) = column.as_chunks::<8>();
+struct SurveyIntegers<'a>(&'a [f64]);
+
+impl NullaryFnOnce for SurveyIntegers<'_> {
+    type Output = (f64, f64, bool);
+
+    #[inline(always)]
+    fn call(self) -> (f64, f64, bool) {
+        /// Adding and taking it away rounds to an integer.
+        const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
+        let mut lowest = [f64::INFINITY; 32];
+        let mut highest = [f64::NEG_INFINITY; 32];
+        let mut odd = [0.0; 32];
+        let (chunks, rest) = self.0.as_chunks::<32>();
         for chunk in chunks {
-            for i in 0..8 {
+            for i in 0..32 {
                 let x = chunk[i];
                 lowest[i] = if x < lowest[i] { x } else { lowest[i] };
                 highest[i] = if x > highest[i] { x } else { highest[i] };
@@ -555,7 +675,7 @@ fn survey_integers(column: &[f64]) -> (f64, f64, bool) {
         let lowest = lowest.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
         let highest = highest.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
         (lowest, highest, integers)
-    })
+    }
 }
 
 /// Writes readings that were surveyed as integers.

@@ -1,6 +1,6 @@
 //! Cholesky factorisation in double-double arithmetic, vectorised.
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 
 use crate::double_double::DoubleDouble;
 
@@ -28,11 +28,13 @@ impl Bordered {
         Self { size, width, head: vec![0.0; width * width], tail: vec![0.0; width * width] }
     }
 
+    #[inline(always)]
     pub(super) fn get(&self, row: usize, column: usize) -> DoubleDouble {
         let at = row * self.width + column;
         DoubleDouble::from_parts(self.head[at], self.tail[at])
     }
 
+    #[inline(always)]
     pub(super) fn set(&mut self, row: usize, column: usize, value: DoubleDouble) {
         let at = row * self.width + column;
         (self.head[at], self.tail[at]) = (value.to_f64(), value.tail());
@@ -43,7 +45,7 @@ impl Bordered {
     /// # Errors
     /// The column at which the matrix turned out not to be positive definite.
     pub(super) fn factor(&mut self) -> Result<(), usize> {
-        Arch::new().dispatch(|| self.factor_inline())
+        Arch::new().dispatch(Factor(self))
     }
 
     #[inline(always)]
@@ -51,7 +53,7 @@ impl Bordered {
         let width = self.width;
         for k in 0..self.size {
             let pivot = self.get(k, k);
-            if !(pivot.to_f64() > 0.0) {
+            if pivot.to_f64().is_nan() || pivot.to_f64() <= 0.0 {
                 return Err(k);
             }
             let root = pivot.sqrt();
@@ -86,29 +88,62 @@ impl Bordered {
 
     /// `x` with `R·x = y`, in place.
     pub(super) fn solve_upper(&self, y: &mut [Row]) {
-        Arch::new().dispatch(|| {
-            for k in (0..self.size).rev() {
-                let (rows, solved) = y.split_at_mut(k + 1);
-                let mut row = rows[k];
-                for (j, other) in (k + 1..).zip(solved.iter()) {
-                    take_away(&mut row, self.get(k, j), other);
-                }
-                rows[k] = divide(&row, self.get(k, k));
-            }
-        });
+        Arch::new().dispatch(SolveUpper(self, y));
     }
 
     /// `y` with `Rᵀ·y = b`, in place.
     pub(super) fn solve_lower(&self, b: &mut [Row]) {
-        Arch::new().dispatch(|| {
-            for k in 0..self.size {
-                let (solved, rest) = b.split_at_mut(k + 1);
-                solved[k] = divide(&solved[k], self.get(k, k));
-                for (j, row) in (k + 1..).zip(rest.iter_mut()) {
-                    take_away(row, self.get(k, j), &solved[k]);
-                }
+        Arch::new().dispatch(SolveLower(self, b));
+    }
+}
+
+// What follows is inlined whole into code for the widest vectors of the machine; closures are not.
+
+struct Factor<'a>(&'a mut Bordered);
+
+impl NullaryFnOnce for Factor<'_> {
+    type Output = Result<(), usize>;
+
+    #[inline(always)]
+    fn call(self) -> Result<(), usize> {
+        self.0.factor_inline()
+    }
+}
+
+struct SolveUpper<'a>(&'a Bordered, &'a mut [Row]);
+
+impl NullaryFnOnce for SolveUpper<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(factor, y) = self;
+        for k in (0..factor.size).rev() {
+            let (rows, solved) = y.split_at_mut(k + 1);
+            let mut row = rows[k];
+            for (j, other) in (k + 1..).zip(solved.iter()) {
+                take_away(&mut row, factor.get(k, j), other);
             }
-        });
+            rows[k] = divide(&row, factor.get(k, k));
+        }
+    }
+}
+
+struct SolveLower<'a>(&'a Bordered, &'a mut [Row]);
+
+impl NullaryFnOnce for SolveLower<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(factor, b) = self;
+        for k in 0..factor.size {
+            let (solved, rest) = b.split_at_mut(k + 1);
+            solved[k] = divide(&solved[k], factor.get(k, k));
+            for (j, row) in (k + 1..).zip(rest.iter_mut()) {
+                take_away(row, factor.get(k, j), &solved[k]);
+            }
+        }
     }
 }
 
@@ -123,7 +158,11 @@ fn take_away(row: &mut Row, factor: DoubleDouble, other: &Row) {
 #[inline(always)]
 fn divide(row: &Row, divisor: DoubleDouble) -> Row {
     let inverse = DoubleDouble::ONE / divisor;
-    row.map(|x| x * inverse)
+    let mut quotient = *row;
+    for x in &mut quotient {
+        *x = *x * inverse;
+    }
+    quotient
 }
 
 #[cfg(test)]

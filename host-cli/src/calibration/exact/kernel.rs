@@ -39,14 +39,22 @@ fn strip<S: Simd, const L: usize>(simd: S, left: &[f64], right: &[f64], out: &mu
     let rights = right.len() / ROWS;
     let left: [&[S::f64s]; L] = std::array::from_fn(|l| column::<S>(left, l));
     let mut r = 0;
-    while r + 3 <= rights {
-        tile::<S, L, 3>(simd, left, right, r, out);
-        r += 3;
-    }
-    match rights - r {
-        2 => tile::<S, L, 2>(simd, left, right, r, out),
-        1 => tile::<S, L, 1>(simd, left, right, r, out),
-        _ => {}
+    while r < rights {
+        match rights - r {
+            1 => {
+                tile::<S, L, 1>(simd, left, right, r, out);
+                r += 1;
+            }
+            // Four are better done as two and two than as three and one.
+            2 | 4 => {
+                tile::<S, L, 2>(simd, left, right, r, out);
+                r += 2;
+            }
+            _ => {
+                tile::<S, L, 3>(simd, left, right, r, out);
+                r += 3;
+            }
+        }
     }
 }
 

@@ -14,6 +14,7 @@
 //! one triangle of the Gram matrix has 13,695. The powers of the cubic basis split likewise.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hash, Hasher};
 use std::ops::Range;
 
 use crate::calibration::model::{Basis, Model, Term};
@@ -22,7 +23,7 @@ use crate::calibration::model::{Basis, Model, Term};
 const MAX_DEGREE: usize = 6;
 
 /// A product of up to six readings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Monomial {
     /// Channels in ascending order, counted from 1; zeros, the empty factor, in front.
     factors: [u8; MAX_DEGREE],
@@ -57,6 +58,36 @@ impl Monomial {
     }
 }
 
+impl Hash for Monomial {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        let mut bytes = [0; 8];
+        bytes[..MAX_DEGREE].copy_from_slice(&self.factors);
+        state.write_u64(u64::from_le_bytes(bytes));
+    }
+}
+
+/// A multiplicative hash of one integer (Knuth, TAOCP 3, §6.4): keys come from the model, not from
+/// strangers.
+#[derive(Clone, Default)]
+struct Multiplicative(u64);
+
+impl Hasher for Multiplicative {
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.write_u64(u64::from(byte)));
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        let product = u128::from(self.0 ^ value) * 0x9e37_79b9_7f4a_7c15;
+        self.0 = product as u64 ^ (product >> 64) as u64;
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}
+
+type Index = HashMap<Monomial, usize, BuildHasherDefault<Multiplicative>>;
+
 /// One dense block of products of features.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Group {
@@ -67,7 +98,7 @@ pub(super) struct Group {
 }
 
 /// `value[of] −= shift·value[from]`, part of moving the origin of one channel.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Step {
     of: usize,
     from: usize,
@@ -88,7 +119,9 @@ pub(super) struct Layout {
     /// Where each channel alone stands among the features.
     singles: Vec<usize>,
     monomials: Vec<Monomial>,
-    index: HashMap<Monomial, usize>,
+    index: Index,
+    /// For each channel the steps for all sums, and for those of one and the features.
+    steps: Vec<(Vec<Step>, Vec<Step>)>,
 }
 
 impl Layout {
@@ -109,11 +142,17 @@ impl Layout {
                 right.map(move |r| Monomial::product(features[l], features[r]))
             }));
         }
-        let index: HashMap<_, _> = monomials.iter().enumerate().map(|(i, &m)| (m, i)).collect();
+        let index: Index = monomials.iter().enumerate().map(|(i, &m)| (m, i)).collect();
         debug_assert_eq!(index.len(), monomials.len(), "every monomial once");
         let recipe = features.iter().map(|term| recipe(term, &index)).collect();
         let singles = (0..features.len()).filter(|&f| features[f].factors().len() == 1).collect();
-        Self { features, recipe, groups, singles, monomials, index }
+        let steps = (0..channels)
+            .map(|channel| {
+                let of_features = &monomials[..=features.len()];
+                (steps(&monomials, &index, channel), steps(of_features, &index, channel))
+            })
+            .collect();
+        Self { features, recipe, groups, singles, monomials, index, steps }
     }
 
     /// Number of distinct sums of products of features, with the number of rows.
@@ -144,20 +183,25 @@ impl Layout {
         self.monomials.iter().map(move |m| m.exponent(channel))
     }
 
-    /// What [`shift`] does to move the origin of `channel` in the first `count` sums: all of them,
-    /// or those of one and the features.
-    pub(super) fn steps(&self, channel: usize, count: usize) -> Vec<Step> {
-        let mut steps: Vec<Step> = self.monomials[..count]
-            .iter()
-            .enumerate()
-            .filter_map(|(of, m)| {
-                let exponent = m.exponent(channel);
-                (exponent > 0).then(|| Step { of, from: self.index[&m.without(channel)], exponent })
-            })
-            .collect();
-        steps.sort_by_key(|step| std::cmp::Reverse(step.exponent));
-        steps
+    /// What [`shift`] does to move the origin of `channel` in all sums.
+    pub(super) fn steps(&self, channel: usize) -> &[Step] {
+        &self.steps[channel].0
     }
+
+    /// What [`shift`] does to move the origin of `channel` in the sums of one and the features.
+    pub(super) fn feature_steps(&self, channel: usize) -> &[Step] {
+        &self.steps[channel].1
+    }
+}
+
+fn steps(monomials: &[Monomial], index: &Index, channel: usize) -> Vec<Step> {
+    let step = |(of, m): (usize, &Monomial)| {
+        let exponent = m.exponent(channel);
+        (exponent > 0).then(|| Step { of, from: index[&m.without(channel)], exponent })
+    };
+    let mut steps: Vec<Step> = monomials.iter().enumerate().filter_map(step).collect();
+    steps.sort_by_key(|step| std::cmp::Reverse(step.exponent));
+    steps
 }
 
 /// Turns sums of products with powers of a reading `s` into those with powers of `s − shift`.
@@ -202,7 +246,7 @@ fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<Group> {
         .collect()
 }
 
-fn recipe(term: &Term, index: &HashMap<Monomial, usize>) -> (Option<usize>, usize) {
+fn recipe(term: &Term, index: &Index) -> (Option<usize>, usize) {
     let (&last, rest) = term.factors().split_last().expect("a feature is not the constant");
     let rest = Monomial::product(Term::product(rest), Term::INTERCEPT);
     (index[&rest].checked_sub(1), usize::from(last))
@@ -245,8 +289,7 @@ mod tests {
         };
         let mut shifted = values([5, -3, 7]);
         for (channel, by) in [(0, 2), (1, -4), (2, 11)] {
-            let steps = layout.steps(channel, layout.sums());
-            shift(&mut shifted, &steps, |value, from| *value -= by * from);
+            shift(&mut shifted, layout.steps(channel), |value, from| *value -= by * from);
         }
         assert_eq!(shifted, values([3, 1, -4]));
     }

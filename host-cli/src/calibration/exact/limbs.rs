@@ -157,29 +157,29 @@ impl Limbs {
         let top = power_of_two(i32::try_from(count).expect("few limbs") * width as i32 - 1);
         let scale = power_of_two(-unit);
         let mut exact = true;
-        let (column, _) = column.as_chunks::<8>();
+        // Enough rows at once to hide the latency of one chain of additions.
+        const TOGETHER: usize = 32;
+        let (column, _) = column.as_chunks::<TOGETHER>();
         for (block, numbers) in column.iter().enumerate() {
-            let mut rest: [f64; 8] = std::array::from_fn(|i| numbers[i] * scale);
-            let mut fits = true;
+            let mut rest: [f64; TOGETHER] = std::array::from_fn(|i| numbers[i] * scale);
+            let mut largest: f64 = 0.0;
             for x in rest {
-                fits &= x.abs() <= top;
+                largest = if x.abs() > largest { x.abs() } else { largest };
             }
             for limb in (0..count).rev() {
                 // Adding and taking away 1.5·2^(52 + e) rounds to a multiple of 2^e, exactly.
                 let places = width as i32 * limb as i32;
                 let (round, down) = (1.5 * power_of_two(52 + places), power_of_two(-places));
-                let start = limb * ROWS + block * 8;
-                let out = &mut out[start..start + 8];
-                for i in 0..8 {
+                let start = limb * ROWS + block * TOGETHER;
+                let out = &mut out[start..start + TOGETHER];
+                for i in 0..TOGETHER {
                     let rounded = (rest[i] + round) - round;
                     rest[i] -= rounded;
                     out[i] = rounded * down;
                 }
             }
-            for x in rest {
-                fits &= x == 0.0;
-            }
-            exact &= fits;
+            let left: f64 = rest.iter().map(|x| x.abs()).sum();
+            exact &= largest <= top && left == 0.0;
         }
         exact
     }

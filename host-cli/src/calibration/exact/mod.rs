@@ -13,6 +13,7 @@
 
 mod accumulator;
 mod cholesky;
+mod held_out;
 mod kernel;
 mod layout;
 mod limbs;
@@ -22,6 +23,7 @@ mod rank;
 mod solve;
 
 pub use self::accumulator::Accumulator;
+pub use self::held_out::{HeldOut, Part, Parts};
 pub use self::moments::Moments;
 pub use self::rank::{RankLoss, Relation};
 pub use self::solve::{Fit, SolveError};

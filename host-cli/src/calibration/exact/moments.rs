@@ -1,5 +1,6 @@
 //! Exact sums over rows, in a form that does not depend on how they were computed.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use num_bigint::BigInt;
@@ -8,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::layout::{Layout, shift};
 use super::{ExactError, MAX_ROWS};
+use crate::calibration::extent::{Extent, Range};
 use crate::calibration::model::Basis;
 
 /// Exact sums over rows of products of readings and wrench: all that a least-squares fit of a
@@ -129,6 +131,23 @@ impl Moments {
         self.basis
     }
 
+    /// Number of channels.
+    pub fn channels(&self) -> usize {
+        self.channels.len()
+    }
+
+    /// Rows and the range of each channel, as far as the sums tell.
+    pub fn extent(&self) -> Extent {
+        let mut extent = Extent::new(self.channels.len());
+        extent.rows = self.rows;
+        for (i, range) in extent.ranges.iter_mut().enumerate() {
+            if let Some((min, max)) = self.range(i) {
+                *range = Range { min, max };
+            }
+        }
+        extent
+    }
+
     /// Smallest and largest reading of each channel; `None` of no rows.
     pub fn range(&self, channel: usize) -> Option<(f64, f64)> {
         let Channel { decimals, lowest, highest } = *self.channels.get(channel)?;
@@ -180,6 +199,35 @@ impl Moments {
         Ok(())
     }
 
+    /// The sums over the rows that are not among those of `part`, which are rows of these. The
+    /// ranges of the channels stay those of all rows.
+    pub(super) fn without(&self, part: &Moments) -> Moments {
+        let mut rest = self.clone();
+        let part = part.in_units_of(self);
+        rest.rows -= part.rows;
+        for (sum, part) in rest.readings.iter_mut().zip(&part.readings) {
+            *sum = sum.wrapping_sub(*part);
+        }
+        let sums = rest.wrench.iter_mut().chain(&mut rest.squares);
+        for (sum, part) in sums.zip(part.wrench.iter().chain(&part.squares)) {
+            let values = part.values.iter().map(|value| -value).collect();
+            sum.add(&Scaled { exponent: part.exponent, values });
+        }
+        rest
+    }
+
+    /// These sums, of some of the rows of `whole`, with readings counted in its units.
+    pub(super) fn in_units_of(&self, whole: &Moments) -> Cow<'_, Moments> {
+        let same = self.channels.iter().zip(&whole.channels).all(|(a, b)| a.decimals == b.decimals);
+        if same {
+            return Cow::Borrowed(self);
+        }
+        let decimals: Vec<u32> = whole.channels.iter().map(|channel| channel.decimals).collect();
+        let mut rescaled = self.clone();
+        rescaled.rescale(&decimals);
+        Cow::Owned(rescaled)
+    }
+
     /// Counts the readings in finer units.
     pub(super) fn rescale(&mut self, decimals: &[u32]) {
         for (i, &decimals) in decimals.iter().enumerate() {
@@ -220,14 +268,12 @@ pub(super) fn move_origin(
     by: &[i64],
 ) {
     for (channel, &by) in by.iter().enumerate().filter(|&(_, &by)| by != 0) {
-        let steps = layout.steps(channel, layout.sums());
         let integer = i128::from(by);
-        shift(readings, &steps, |value, from| {
+        shift(readings, layout.steps(channel), |value, from| {
             *value = value.wrapping_sub(from.wrapping_mul(integer));
         });
-        let steps = layout.steps(channel, layout.features.len() + 1);
         for axis in &mut *wrench {
-            shift(axis, &steps, |value, from| *value -= from * by);
+            shift(axis, layout.feature_steps(channel), |value, from| *value -= from * by);
         }
     }
 }

@@ -7,7 +7,7 @@ use num_traits::Zero;
 
 use super::modular::{Elimination, fraction, residue};
 use super::moments::Moments;
-use crate::calibration::model::{Model, Term};
+use crate::calibration::model::Term;
 
 /// Features that are not independent over the rows.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,12 +37,19 @@ pub struct Relation {
 /// Independence is certain: a minor of the integer Gram matrix that does not vanish modulo a prime
 /// does not vanish. Dependence is certain where its relation is [`Relation::exact`], and otherwise
 /// wrong with a probability near 2⁻⁶¹ per feature.
-pub(super) fn rank_loss(moments: &Moments, model: &Model) -> Option<RankLoss> {
-    let mut terms = model.terms();
+///
+/// `positions`: where the products of each two terms stand among the sums, row by row.
+pub(super) fn rank_loss(
+    moments: &Moments,
+    model_terms: &[Term],
+    positions: &[usize],
+) -> Option<RankLoss> {
+    let size = model_terms.len();
     // The simplest first, so that what depends on what reads best.
-    terms.sort_by_key(|term| term.factors().len());
-    let size = terms.len();
-    let sum = |a: usize, b: usize| moments.readings[moments.layout.position(terms[a], terms[b])];
+    let mut order: Vec<usize> = (0..size).collect();
+    order.sort_by_key(|&i| model_terms[i].factors().len());
+    let terms: Vec<Term> = order.iter().map(|&i| model_terms[i]).collect();
+    let sum = |a: usize, b: usize| moments.readings[positions[order[a] * size + order[b]]];
     let mut gram = vec![0; size * size];
     for a in 0..size {
         for b in a..size {
@@ -123,7 +130,8 @@ impl fmt::Display for RankLoss {
 }
 
 impl Relation {
-    fn share(&self, term: Term) -> f64 {
+    /// The share of `term`, zero if it has none.
+    pub fn share(&self, term: Term) -> f64 {
         self.shares.iter().find(|(t, _)| *t == term).map_or(0.0, |&(_, share)| share)
     }
 

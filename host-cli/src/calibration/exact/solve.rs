@@ -10,7 +10,8 @@
 //!    *Accuracy and Stability of Numerical Algorithms*, chapter 12: it converges as long as
 //!    κ(X) < 10¹⁵.
 
-use faer::Mat;
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::{Mat, Par};
 use num_bigint::BigInt;
 use num_traits::{ToPrimitive, Zero};
 
@@ -21,7 +22,7 @@ use super::moments::Moments;
 use super::rank::{RankLoss, rank_loss};
 use crate::calibration::model::{Model, Term};
 use crate::double_double::DoubleDouble;
-use crate::wrench::PerAxis;
+use crate::wrench::{Axis, PerAxis};
 
 /// Coefficients, and what the sums say about them. Features are in the order of [`Model::terms`],
 /// axes in that of [`crate::wrench::Axis::ALL`].
@@ -45,6 +46,8 @@ pub struct Fit {
     pub total_squares: PerAxis<f64>,
     /// Condition number of the features, columns scaled to norm one.
     pub condition: f64,
+    /// Independent features: all, unless a ridge stands in for the others.
+    pub rank: usize,
     factor: Factor,
 }
 
@@ -113,18 +116,33 @@ impl Moments {
         if self.rows < terms.len() as u64 && ridge == 0.0 || self.rows == 0 {
             return Err(SolveError::TooFewRows { rows: self.rows, coefficients: terms.len() });
         }
-        if ridge == 0.0 {
-            if let Some(loss) = rank_loss(self, model) {
-                return Err(SolveError::RankDeficient(loss));
-            }
+        let positions = self.positions(&terms);
+        let loss = rank_loss(self, &terms, &positions);
+        let rank = loss.as_ref().map_or(terms.len(), |loss| loss.rank);
+        if let Some(loss) = loss.filter(|_| ridge == 0.0) {
+            return Err(SolveError::RankDeficient(loss));
         }
         let centre: Vec<i64> = (0..model.channels)
             .map(|i| if model.intercept { self.rounded_mean(i) } else { 0 })
             .collect();
-        Equations::new(self, model, terms, &centre).solve(ridge)
+        Equations::new(self, model, terms, positions, &centre).solve(ridge, rank)
     }
 
-    fn rounded_mean(&self, channel: usize) -> i64 {
+    /// Where the products of each two terms stand among the sums, row by row.
+    pub(super) fn positions(&self, terms: &[Term]) -> Vec<usize> {
+        let size = terms.len();
+        let mut positions = vec![0; size * size];
+        for a in 0..size {
+            for b in a..size {
+                let position = self.layout.position(terms[a], terms[b]);
+                positions[a * size + b] = position;
+                positions[b * size + a] = position;
+            }
+        }
+        positions
+    }
+
+    pub(super) fn rounded_mean(&self, channel: usize) -> i64 {
         let sum = self.readings[1 + self.layout.single(channel)];
         let rows = i128::from(self.rows);
         (sum + rows / 2).div_euclid(rows) as i64
@@ -138,7 +156,7 @@ impl Moments {
     }
 }
 
-fn contains(moments: &Moments, terms: &[Term]) -> bool {
+pub(super) fn contains(moments: &Moments, terms: &[Term]) -> bool {
     terms.iter().all(|term| *term == Term::INTERCEPT || moments.layout.features.contains(term))
 }
 
@@ -161,13 +179,14 @@ struct Equations<'a> {
 }
 
 impl<'a> Equations<'a> {
-    fn new(moments: &'a Moments, model: &Model, terms: Vec<Term>, centre: &[i64]) -> Self {
+    fn new(
+        moments: &'a Moments,
+        model: &Model,
+        terms: Vec<Term>,
+        positions: Vec<usize>,
+        centre: &[i64],
+    ) -> Self {
         let (readings, wrench) = moments.about(centre);
-        let positions: Vec<usize> = terms
-            .iter()
-            .flat_map(|&a| terms.iter().map(move |&b| (a, b)))
-            .map(|(a, b)| moments.layout.position(a, b))
-            .collect();
         let size = terms.len();
         let half = |exponent: i32| exponent.div_euclid(2) + 1;
         let columns = (0..size).map(|j| match readings[positions[j * size + j]] {
@@ -195,11 +214,11 @@ impl<'a> Equations<'a> {
         }
     }
 
-    fn solve(self, ridge: f64) -> Result<Fit, SolveError> {
+    fn solve(self, ridge: f64, rank: usize) -> Result<Fit, SolveError> {
         let size = self.terms.len();
         let mut bordered = Bordered::zero(size, 6);
         let mut penalties = vec![DoubleDouble::ZERO; size];
-        for a in 0..size {
+        for (a, penalty) in penalties.iter_mut().enumerate() {
             for b in a..size {
                 let scale = power_of_two(-self.columns[a] - self.columns[b]);
                 bordered.set(a, b, round(self.gram(a, b)).scaled(scale));
@@ -208,8 +227,8 @@ impl<'a> Equations<'a> {
                 let square = bordered.get(a, a);
                 // A column of zeros: any penalty keeps its coefficient at zero.
                 let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
-                penalties[a] = square * DoubleDouble::from(ridge);
-                bordered.set(a, a, bordered.get(a, a) + penalties[a]);
+                *penalty = square * DoubleDouble::from(ridge);
+                bordered.set(a, a, bordered.get(a, a) + *penalty);
             }
             for axis in 0..6 {
                 let (value, exponent) = self.right(a, axis);
@@ -240,7 +259,7 @@ impl<'a> Equations<'a> {
         } else {
             penalised_residuals(&products, &coefficients, &penalties)
         };
-        self.fit(bordered, &coefficients, &residuals, condition)
+        self.fit(bordered, &coefficients, &residuals, condition, rank)
     }
 
     fn gram(&self, a: usize, b: usize) -> i128 {
@@ -276,7 +295,7 @@ impl<'a> Equations<'a> {
                     }
                 }
             }
-            if !(largest < before) && largest > DONE {
+            if largest > DONE && largest >= before || largest.is_nan() {
                 return Err(SolveError::NearlyDependent);
             }
             // The next correction would be smaller than this one by the same factor again.
@@ -333,6 +352,7 @@ impl<'a> Equations<'a> {
         coefficients: &[Row],
         residuals: &[Row],
         condition: f64,
+        rank: usize,
     ) -> Result<Fit, SolveError> {
         let decimals = |i: usize| 10f64.powi(self.moments.channels[i].decimals as i32);
         let exponents: Vec<i32> = (self.terms.iter().zip(&self.columns))
@@ -367,6 +387,7 @@ impl<'a> Equations<'a> {
             residual_products,
             total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
             condition,
+            rank,
             factor: Factor { cholesky, exponents },
         })
     }
@@ -380,8 +401,13 @@ const REFINE_ABOVE: f64 = 1e5;
 const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
 impl Moments {
-    /// The sum of squared differences from the mean.
-    fn total_square(&self, axis: usize) -> f64 {
+    /// The variance of an axis over all rows, in N² or (N·m)²; NaN of no rows.
+    pub fn variance(&self, axis: Axis) -> f64 {
+        self.total_square(axis.index()) / self.rows as f64
+    }
+
+    /// The sum of squared differences from the mean of an axis.
+    pub(super) fn total_square(&self, axis: usize) -> f64 {
         let square = &self.squares[pair(axis, axis)];
         let sums = &self.wrench[axis];
         let sum = &sums.values[0];
@@ -405,25 +431,19 @@ impl Fit {
     }
 
     /// Upper triangular `F` with `F·Fᵀ = (XᵀX)⁻¹`, ridge included: rows are features of centred
-    /// and scaled readings.
+    /// and scaled readings. In `f64`, which is enough for standard errors.
     pub fn covariance_factor(&self) -> Mat<f64> {
         let Factor { cholesky, exponents } = &self.factor;
         let size = cholesky.size;
-        let mut factor = Mat::<f64>::zeros(size, size);
-        for first in (0..size).step_by(LANES) {
-            let count = LANES.min(size - first);
-            let mut columns = vec![[DoubleDouble::ZERO; LANES]; size];
-            for lane in 0..count {
-                columns[first + lane][lane] = DoubleDouble::ONE;
-            }
-            cholesky.solve_upper(&mut columns);
-            for (i, row) in columns.iter().enumerate() {
-                for lane in 0..count {
-                    factor[(i, first + lane)] = shifted(row[lane], exponents[i]).to_f64();
-                }
+        let r = Mat::from_fn(size, size, |i, j| cholesky.get(i, j.max(i)).to_f64());
+        let mut inverse = Mat::<f64>::identity(size, size);
+        solve_upper_triangular_in_place(r.as_ref(), inverse.as_mut(), Par::Seq);
+        for (i, &exponent) in exponents.iter().enumerate() {
+            for j in i..size {
+                inverse[(i, j)] = shifted(inverse[(i, j)].into(), exponent).to_f64();
             }
         }
-        factor
+        inverse
     }
 }
 
@@ -473,14 +493,14 @@ fn condition(cholesky: &Bordered) -> f64 {
 }
 
 /// The nearest double-double of an integer.
-fn round(value: i128) -> DoubleDouble {
+pub(super) fn round(value: i128) -> DoubleDouble {
     let head = value as f64;
     // The head of a number below 2¹²⁶ is one too.
     DoubleDouble::from_sum(head, value.wrapping_sub(head as i128) as f64)
 }
 
 /// `value·2^exponent` as a double-double.
-fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
+pub(super) fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
     /// More bits than these do not matter.
     const BITS: u64 = 240;
     let cut = value.bits().saturating_sub(BITS);
@@ -496,7 +516,7 @@ fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
 }
 
 /// `value·2^exponent`, in steps that do not leave the range of `f64` unless the result does.
-fn shifted(value: DoubleDouble, exponent: i32) -> DoubleDouble {
+pub(super) fn shifted(value: DoubleDouble, exponent: i32) -> DoubleDouble {
     const STEP: i32 = 1000;
     let (mut value, mut exponent) = (value, exponent);
     while exponent.abs() > STEP {

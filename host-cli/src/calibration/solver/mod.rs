@@ -4,20 +4,26 @@
 //! and solves what is left. Memory does not grow with the number of rows, and blocks may be
 //! reduced on several threads.
 
+mod exact;
+mod family;
 mod tsqr;
 
 use faer::Mat;
 use serde::{Deserialize, Serialize};
 
+pub use self::exact::{Exact, ExactPartial, solve_moments};
+pub use self::family::{Blocks, fit, fit_by};
 pub use self::tsqr::Tsqr;
 use super::extent::Extent;
+use super::features::Features;
+use super::least_squares::LeastSquares;
 use super::scaling::Scaling;
 use super::{FitError, Model};
 use crate::block::Block;
 
-/// A way to find the coefficients `C` that minimise `‖X(s)·C − W‖` over the rows of a log.
-pub trait Solver: Sync {
-    /// What some rows say about the coefficients.
+/// A pass over the rows of a log, block by block.
+pub trait Pass: Sync {
+    /// What some rows leave behind.
     type Partial: Send;
 
     /// Of no rows.
@@ -31,7 +37,11 @@ pub trait Solver: Sync {
 
     /// Adds the rows of `later` to those of `earlier`.
     fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+}
 
+/// A way to find the coefficients `C` that minimise `‖X(s)·C − W‖` in one pass over the rows of a
+/// log.
+pub trait Solver: Pass {
     /// The coefficients that fit all rows best. `extent` is that of the same rows.
     ///
     /// # Errors
@@ -41,18 +51,59 @@ pub trait Solver: Sync {
 
 /// The solvers by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum SolverKind {
+    /// Exact sums of integer readings.
+    Exact,
     /// Householder QR over row blocks.
     Tsqr,
+    /// The same, corrected by residuals in double-double: two passes or more.
+    RefinedTsqr,
+    /// QR with column pivoting.
+    PivotedQr,
+    /// Singular values.
+    Svd,
+    /// Normal equations and Cholesky in `f64`.
+    Gram,
+    /// Normal equations and Cholesky in double-double.
+    WideGram,
+    /// Householder QR over row blocks in double-double.
+    WideTsqr,
+    /// A ridge whose parameter generalised cross-validation chooses.
+    RidgeGcv,
+    /// Huber's M-estimator: rows far off count less. About ten passes.
+    Huber,
 }
 
 impl SolverKind {
+    /// All solvers.
+    pub const ALL: [SolverKind; 10] = [
+        SolverKind::Exact,
+        SolverKind::Tsqr,
+        SolverKind::RefinedTsqr,
+        SolverKind::PivotedQr,
+        SolverKind::Svd,
+        SolverKind::Gram,
+        SolverKind::WideGram,
+        SolverKind::WideTsqr,
+        SolverKind::RidgeGcv,
+        SolverKind::Huber,
+    ];
+
     /// The name in files and on the command line.
     pub const fn name(self) -> &'static str {
         match self {
+            SolverKind::Exact => "exact",
             SolverKind::Tsqr => "tsqr",
+            SolverKind::RefinedTsqr => "refined-tsqr",
+            SolverKind::PivotedQr => "pivoted-qr",
+            SolverKind::Svd => "svd",
+            SolverKind::Gram => "gram",
+            SolverKind::WideGram => "wide-gram",
+            SolverKind::WideTsqr => "wide-tsqr",
+            SolverKind::RidgeGcv => "ridge-gcv",
+            SolverKind::Huber => "huber",
         }
     }
 }
@@ -88,4 +139,19 @@ pub struct Solution {
     pub condition: f64,
     /// Independent features.
     pub rank: usize,
+}
+
+impl Solution {
+    pub(super) fn new(features: &Features, solved: LeastSquares) -> Self {
+        Self {
+            model: features.model(),
+            scaling: features.scaling().clone(),
+            coefficients: solved.coefficients,
+            factor: solved.factor,
+            residual_products: solved.residual_products,
+            rows: solved.rows,
+            condition: solved.condition,
+            rank: solved.rank,
+        }
+    }
 }

@@ -1,12 +1,11 @@
 //! The solver that keeps a triangle: Householder QR over row blocks.
 
-use super::{Problem, Solution, Solver};
+use super::{Pass, Problem, Solution, Solver};
 use crate::block::Block;
+use crate::calibration::FitError;
 use crate::calibration::extent::Extent;
 use crate::calibration::features::Features;
-use crate::calibration::rank_loss::RankLoss;
-use crate::calibration::triangle::{LeastSquaresError, Ridge, Triangle, Workspace};
-use crate::calibration::{FitError, Model};
+use crate::calibration::triangle::{Ridge, Triangle, Workspace};
 use crate::wrench::Axis;
 
 /// Householder QR over row blocks, see [`crate::calibration::triangle`].
@@ -35,16 +34,12 @@ impl Tsqr {
         Ok(Self { features, ridge: Ridge { lambda, free_column } })
     }
 
-    fn model(&self) -> Model {
-        self.features.model()
-    }
-
     fn workspace(&self) -> Workspace {
         Workspace::new(self.features.len(), Axis::ALL.len())
     }
 }
 
-impl Solver for Tsqr {
+impl Pass for Tsqr {
     type Partial = Triangle;
 
     fn empty(&self) -> Triangle {
@@ -71,35 +66,13 @@ impl Solver for Tsqr {
     fn merge(&self, earlier: &mut Triangle, later: Triangle) {
         earlier.merge(&later);
     }
+}
 
+impl Solver for Tsqr {
     fn solve(&self, triangle: &Triangle, extent: &Extent) -> Result<Solution, FitError> {
-        let solved = triangle.solve(self.ridge).map_err(|error| match error {
-            LeastSquaresError::TooFewRows { rows, columns } => {
-                FitError::TooFewRows { rows, coefficients: columns }
-            }
-            LeastSquaresError::RankDeficient { null_space, .. } => {
-                if extent.constant_channels().len() == extent.ranges.len() {
-                    return FitError::IdenticalRows { rows: extent.rows };
-                }
-                let r = triangle.r();
-                FitError::RankDeficient(RankLoss::explain(
-                    &self.features,
-                    extent,
-                    r,
-                    null_space.as_ref(),
-                ))
-            }
-            LeastSquaresError::NotFinite => FitError::Overflow,
-        })?;
-        Ok(Solution {
-            model: self.model(),
-            scaling: self.features.scaling().clone(),
-            coefficients: solved.coefficients,
-            factor: solved.factor,
-            residual_products: solved.residual_products,
-            rows: solved.rows,
-            condition: solved.condition,
-            rank: solved.rank,
-        })
+        let solved = triangle
+            .solve(self.ridge)
+            .map_err(|error| FitError::of_least_squares(error, &self.features, extent))?;
+        Ok(Solution::new(&self.features, solved))
     }
 }

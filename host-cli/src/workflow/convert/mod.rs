@@ -19,6 +19,7 @@ pub use table::Columns;
 
 use super::sampling::Rate;
 use super::selection::{Rows, TimeWindow, by_column};
+use super::{ChannelMismatch, check_channels};
 use crate::calibration::Calibration;
 use crate::filter::{Butterworth, Filter, FilterError};
 use crate::log_file::{Log, LogError, ReadOptions, Wanted};
@@ -115,15 +116,8 @@ pub enum ConvertError {
     #[error(transparent)]
     Log(#[from] LogError),
     /// The calibration is for another sensor.
-    #[error("`{path}` has `{found}` sensor channels, the calibration is for `{expected}`")]
-    Channels {
-        /// The log.
-        path: String,
-        /// Channels of the calibration.
-        expected: usize,
-        /// Channels of the log.
-        found: usize,
-    },
+    #[error(transparent)]
+    Channels(#[from] ChannelMismatch),
     /// Too few frames for the tare.
     #[error("`{path}` has only `{found}` frames, `{wanted}` are to be taken as unloaded")]
     TareFrames {
@@ -189,13 +183,10 @@ pub fn convert(
     mut trace: Option<&mut WrenchTrace>,
 ) -> Result<ConvertSummary, ConvertError> {
     let path = || log.path().display().to_string();
-    let (expected, found) = (calibration.model().channels, log.channels());
     let wants_time = options.columns.time || trace.is_some();
     let wanted = Wanted { readings: true, time: wants_time, ..Wanted::default() };
     log.require(&wanted)?;
-    if found != expected {
-        return Err(ConvertError::Channels { path: path(), expected, found });
-    }
+    check_channels(log, calibration.model().channels)?;
     if options.columns.standard_errors && calibration.covariance.is_none() {
         return Err(ConvertError::NoCovariance);
     }
@@ -348,7 +339,8 @@ impl Totals {
                 max = max.max(value);
                 sum += value;
             }
-            if !(min.is_finite() && max.is_finite() && sum.is_finite()) && !column.is_empty() {
+            let finite = min.is_finite() && max.is_finite() && sum.is_finite();
+            if !finite && !column.is_empty() {
                 let bad = column.iter().position(|value| !value.is_finite()).unwrap_or(0);
                 return Err(self.frames + bad as u64 + 1);
             }

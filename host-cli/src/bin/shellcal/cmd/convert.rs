@@ -22,11 +22,18 @@ use super::frames::{FrameArgs, note_rows, parse_window};
 use super::mapping::MappingArgs;
 use crate::printer::Printer;
 
+const EXAMPLES: &str = "\
+Examples:
+  shellcal convert calibration.json run3.txt -o run3.csv
+  shellcal convert calibration.json run3.txt --tare-time 0:0.2 --lowpass 10 --zero-phase
+  shellcal convert calibration.json run*.txt --output-dir wrenches";
+
 /// Convert logs of readings to forces and moments
 ///
 /// Writes one row per frame: time, wrench, the standard error of each axis where the calibration
 /// carries a covariance, and flags for readings that cannot be trusted.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct ConvertArgs {
     /// Calibration file
     #[arg(value_name = "CAL")]
@@ -143,7 +150,7 @@ impl ConvertArgs {
             let mut trace = plot.is_some().then(WrenchTrace::new);
             let summary = self.convert(log, &calibration, &target, trace.as_mut(), printer)?;
             if let (Some(trace), Some(format), Some(mut file)) = (trace, plot_format, plot.take()) {
-                let figure = trace_figure(&log.path().display().to_string(), &trace);
+                let figure = trace_figure(&file_name(log), &trace);
                 file.write_all(&figure.render(format)?).context("cannot write the picture")?;
                 file.commit()?;
             }
@@ -383,6 +390,12 @@ fn parse_count(text: &str) -> Result<usize, String> {
         Ok(count) if count > 0 => Ok(count),
         _ => Err("expected a number of frames, at least 1".to_owned()),
     }
+}
+
+/// What a figure is called after.
+fn file_name(log: &Log) -> String {
+    let path = log.path();
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 #[cfg(test)]

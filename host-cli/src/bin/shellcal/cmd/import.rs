@@ -11,12 +11,18 @@ use super::mapping::MomentUnitArg;
 use super::{Outcome, origin};
 use crate::printer::Printer;
 
+const EXAMPLES: &str = "\
+Examples:
+  shellcal import N_matrix.mat -o calibration.json
+  shellcal import N_matrix.csv -o calibration.json --serial shell-7";
+
 /// Make a calibration from a coefficient matrix for raw readings
 ///
 /// CSV with a header `feature,Fx_N,…,Mz_mNm` and rows `s1^1,…`; bare numbers, features by axes or
 /// axes by features (8 channels; linear, cubic, quadratic or poly3, one feature more with an
 /// intercept); or a MATLAB 5 file with such a matrix.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct ImportArgs {
     /// The matrix
     #[arg(value_name = "FILE.csv|mat")]

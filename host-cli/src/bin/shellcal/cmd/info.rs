@@ -11,8 +11,14 @@ use super::Outcome;
 use super::mapping::MappingArgs;
 use crate::printer::Printer;
 
+const EXAMPLES: &str = "\
+Examples:
+  shellcal info run3.txt
+  shellcal info recordings/*.csv.gz --json";
+
 /// Say what a log is: format, columns, rows, timing, repeats, saturated or constant channels
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct InfoArgs {
     /// Logs, plain or gzip
     #[arg(required = true, value_name = "FILE")]

@@ -1,6 +1,8 @@
 //! One file per subcommand, each a set of arguments with a `run`.
 
 mod align;
+mod bench;
+mod board;
 mod convert;
 mod eval;
 mod fit;
@@ -8,11 +10,16 @@ mod frames;
 mod import;
 mod info;
 mod mapping;
+mod merge;
 mod noise;
 mod origin;
+mod ports;
 mod quality;
+mod record;
+mod serial;
 mod synth;
 mod synth_pair;
+mod validation;
 
 use std::process::ExitCode;
 
@@ -22,13 +29,18 @@ use crate::printer::Printer;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    Ports(ports::PortsArgs),
+    Board(board::BoardArgs),
+    Record(record::RecordArgs),
     Info(info::InfoArgs),
     Align(Box<align::AlignArgs>),
     Fit(Box<fit::FitArgs>),
+    Merge(merge::MergeArgs),
     Eval(Box<eval::EvalArgs>),
     Convert(Box<convert::ConvertArgs>),
     Noise(noise::NoiseArgs),
     Import(import::ImportArgs),
+    Bench(bench::BenchArgs),
     Synth(synth::SynthArgs),
 }
 
@@ -44,13 +56,18 @@ pub(crate) enum Outcome {
 impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
+            Command::Ports(args) => args.run(printer),
+            Command::Board(args) => args.run(printer),
+            Command::Record(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Align(args) => args.run(printer),
             Command::Fit(args) => args.run(printer),
+            Command::Merge(args) => args.run(printer),
             Command::Eval(args) => args.run(printer),
             Command::Convert(args) => args.run(printer),
             Command::Noise(args) => args.run(printer),
             Command::Import(args) => args.run(printer),
+            Command::Bench(args) => args.run(printer),
             Command::Synth(args) => args.run(printer),
         }
     }

@@ -7,7 +7,7 @@ use shellcal::wrench::{Axis, PerAxis};
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
     let figures: [fn(&AxisQuality) -> String; 3] = [
         |quality| significant(quality.rms, 4),
-        |quality| significant(quality.max, 4),
+        |quality| quality.max.map_or("–".to_owned(), |max| significant(max, 4)),
         |quality| quality.r_squared.map_or("–".to_owned(), r_squared),
     ];
     let mut row = vec![axis.name().to_owned()];

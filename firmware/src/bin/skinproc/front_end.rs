@@ -1,0 +1,37 @@
+//! Eight emitters and ADC1 by DMA.
+
+use crate::start::Irqs;
+use embassy_stm32::Peri;
+use embassy_stm32::adc::{Adc, AnyAdcChannel, SampleTime};
+use embassy_stm32::gpio::Output;
+use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
+use firmware::FrontEnd;
+use shared_proto::CHANNELS;
+
+/// Longer than the converter needs for a source of 10 kΩ (DS11451, table "Maximum ADC RAIN").
+const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
+
+/// Photointerrupters on ADC1.
+pub(crate) struct Photointerrupters {
+    pub(crate) adc: Adc<'static, ADC1>,
+    pub(crate) dma: Peri<'static, DMA1_CH1>,
+    pub(crate) channels: [AnyAdcChannel<'static, ADC1>; CHANNELS],
+    pub(crate) emitters: [Output<'static>; CHANNELS],
+}
+
+impl FrontEnd for Photointerrupters {
+    /// 247.5 cycles of sampling and 12.5 of conversion at 80 MHz.
+    const CONVERSION_NS: u32 = 3_250;
+
+    fn light(&mut self, channel: Option<usize>) {
+        for (i, emitter) in self.emitters.iter_mut().enumerate() {
+            emitter.set_level((Some(i) == channel).into());
+        }
+    }
+
+    async fn convert(&mut self, channel: usize, codes: &mut [u16]) {
+        let Some(channel) = self.channels.get_mut(channel) else { return };
+        let sequence = [(channel, SAMPLE_TIME)].into_iter();
+        self.adc.read(self.dma.reborrow(), Irqs, sequence, codes).await;
+    }
+}

@@ -1,0 +1,163 @@
+//! From the reset to the running firmware.
+
+use crate::front_end::Photointerrupters;
+use crate::last_words;
+use crate::storage::Page;
+use defmt_rtt as _;
+use embassy_executor::Spawner;
+use embassy_stm32::adc::{Adc, AdcChannel};
+use embassy_stm32::flash::Flash;
+use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, bind_interrupts, dma, peripherals, rcc, uid};
+use embassy_time::{Instant, Timer};
+use firmware::{Clock, Link, Parts, VERSION, Watchdog};
+use shared_proto::{Board, Identity, ResetCause};
+use static_cell::ConstStaticCell;
+
+/// 100 Hz of readings take half of it.
+const BAUD: u32 = 57_600;
+
+const WATCHDOG_US: u32 = 1_000_000;
+
+bind_interrupts!(pub(crate) struct Irqs {
+    USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
+    DMA1_CHANNEL1 => dma::InterruptHandler<peripherals::DMA1_CH1>;
+});
+
+/// 80 MHz from the internal 16 MHz oscillator: the board has no crystal.
+fn clocks() -> embassy_stm32::Config {
+    let mut config = embassy_stm32::Config::default();
+    config.rcc.hsi = true;
+    config.rcc.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSI,
+        prediv: rcc::PllPreDiv::DIV1,
+        mul: rcc::PllMul::MUL10,
+        divp: None,
+        divq: None,
+        divr: Some(rcc::PllRDiv::DIV2),
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_R;
+    config.rcc.ls = rcc::LsConfig::off();
+    // Off by default, and then the converter never gets ready.
+    config.rcc.mux.adcsel = rcc::mux::Adcsel::SYS;
+    config
+}
+
+/// Why the board has started (RM0394, RCC_CSR). Read once: the flags are cleared.
+fn reset_cause(panicked: bool) -> ResetCause {
+    let csr = embassy_stm32::pac::RCC.csr();
+    let flags = csr.read();
+    csr.modify(|csr| csr.set_rmvf(true));
+    // The pin is pulled by every other cause too, so it comes last.
+    if panicked {
+        ResetCause::Panic
+    } else if flags.iwdgrstf() || flags.wwdgrstf() {
+        ResetCause::Watchdog
+    } else if flags.borrstf() {
+        ResetCause::Power
+    } else if flags.sftrstf() || flags.oblrstf() || flags.lpwrrstf() {
+        ResetCause::Other
+    } else {
+        ResetCause::Pin
+    }
+}
+
+struct EmbassyClock;
+
+impl Clock for EmbassyClock {
+    fn now_us(&self) -> u64 {
+        Instant::now().as_micros()
+    }
+
+    async fn wait_until_us(&self, at_us: u64) {
+        Timer::at(Instant::from_micros(at_us)).await;
+    }
+}
+
+struct Independent(IndependentWatchdog<'static, peripherals::IWDG>);
+
+impl Watchdog for Independent {
+    fn feed(&mut self) {
+        self.0.pet();
+    }
+}
+
+#[embassy_executor::main]
+async fn main(_spawner: Spawner) {
+    let mut room = last_words::room();
+    let last_words = last_words::take(&mut room);
+    let reset_cause = reset_cause(last_words.is_some());
+    let p = embassy_stm32::init(clocks());
+    defmt::info!("skinproc {}, reset cause {}", VERSION, reset_cause.code());
+    if let Some(words) = last_words {
+        defmt::error!("before the reset: {=str}", words);
+    }
+
+    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
+    watchdog.unleash();
+
+    let emitter = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
+    let front_end = Photointerrupters {
+        adc: Adc::new(p.ADC1),
+        dma: p.DMA1_CH1,
+        channels: [
+            p.PA0.degrade_adc(),
+            p.PA1.degrade_adc(),
+            p.PA2.degrade_adc(),
+            p.PA3.degrade_adc(),
+            p.PA4.degrade_adc(),
+            p.PA5.degrade_adc(),
+            p.PA6.degrade_adc(),
+            p.PA7.degrade_adc(),
+        ],
+        emitters: [
+            emitter(p.PB0.into()),
+            emitter(p.PB1.into()),
+            emitter(p.PB3.into()),
+            emitter(p.PB4.into()),
+            emitter(p.PB5.into()),
+            emitter(p.PB6.into()),
+            emitter(p.PB7.into()),
+            emitter(p.PA8.into()),
+        ],
+    };
+
+    let mut config = usart::Config::default();
+    config.baudrate = BAUD;
+    // Wakes the receiver for every byte: commands are shorter than half its buffer.
+    config.eager_reads = Some(1);
+    static OUT: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+    static IN: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+    let uart = BufferedUart::new_with_rtscts(
+        p.USART1,
+        p.PA10,
+        p.PA9,
+        p.PA12,
+        p.PA11,
+        Irqs,
+        OUT.take(),
+        IN.take(),
+        config,
+    );
+    let (sender, receiver) = uart.expect("57,600 baud can be had from 80 MHz").split();
+
+    firmware::run(Parts {
+        front_end,
+        clock: EmbassyClock,
+        receiver,
+        sender,
+        storage: Page(Flash::new_blocking(p.FLASH)),
+        watchdog: Independent(watchdog),
+        link: Link::Transparent,
+        identity: Identity {
+            board: Board::SkinProc,
+            firmware: VERSION,
+            serial: uid::uid(),
+            min_period_us: 1_000,
+        },
+        reset_cause,
+    })
+    .await;
+}

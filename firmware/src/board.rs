@@ -1,0 +1,52 @@
+//! What a board has to provide.
+
+use crate::upload::Record;
+
+/// The emitters and the converter behind the eight photointerrupters.
+pub trait FrontEnd {
+    /// Time of one conversion in ns, rounded up: what the host is told fits into a period.
+    const CONVERSION_NS: u32;
+
+    /// Lights the emitter of one channel and no other, or none.
+    fn light(&mut self, channel: Option<usize>);
+
+    /// Fills `codes` with one conversion of a channel after another, 12 bits each.
+    async fn convert(&mut self, channel: usize, codes: &mut [u16]);
+}
+
+/// Time since the reset.
+pub trait Clock {
+    /// How late a frame may start, in µs; a slot that cannot be kept so well is skipped.
+    ///
+    /// The default is a hundredth of the 10 ms period. An operating system wakes its processes less
+    /// punctually, so a simulated board needs more.
+    const TOLERANCE_US: u32 = 100;
+
+    /// Now, in µs; never goes back.
+    fn now_us(&self) -> u64;
+
+    /// Comes back at a time in µs, at once if that has passed.
+    async fn wait_until_us(&self, at_us: u64);
+}
+
+/// Memory that outlives a reset.
+pub trait Storage {
+    /// Reads what was stored last; of memory that never was written, anything.
+    fn load(&mut self, record: &mut Record);
+
+    /// Replaces what was stored.
+    ///
+    /// # Errors
+    /// [`StorageError`] if the memory does not hold it afterwards.
+    fn store(&mut self, record: &Record) -> Result<(), StorageError>;
+}
+
+/// The memory did not take what was to be stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StorageError;
+
+/// Resets the board unless fed at least once a second.
+pub trait Watchdog {
+    /// All is well.
+    fn feed(&mut self);
+}

@@ -1,0 +1,51 @@
+//! What the SkinProc board does, whatever it runs on.
+//!
+//! ```text
+//! FrontEnd ─ acquisition ─ Core ─ Outbox ─ link ─▶ host
+//!            at the slots    │ ▲
+//!            of Schedule     ▼ │
+//!            Converter ── Session ◀─ link ◀─ host
+//! ```
+//!
+//! At every slot of a schedule, [`acquisition`] reads the eight channels through a [`FrontEnd`];
+//! the core makes a sample of the frame, on request through the [`Converter`], and puts it into the
+//! outbox. Commands go to the session and their answers into the same outbox. [`run()`] ties the
+//! parts to a link, a clock and a watchdog.
+//!
+//! Nothing here names a pin or a register: a board is a binary that implements the traits of
+//! [`board`]. There is no heap, and every queue is bounded.
+#![no_std]
+#![forbid(unsafe_code)]
+#![expect(async_fn_in_trait, reason = "one executor on one core: no future has to be Send")]
+
+pub mod acquisition;
+pub mod board;
+mod core;
+mod link;
+mod outbox;
+mod run;
+mod schedule;
+mod session;
+mod upload;
+mod wrench;
+
+pub use board::{Clock, FrontEnd, Storage, StorageError, Watchdog};
+pub use link::Link;
+pub use run::{Parts, run};
+pub use session::Settings;
+pub use upload::{RECORD, Record};
+pub use wrench::Converter;
+
+/// Version of the firmware: major, minor, patch.
+pub const VERSION: [u8; 3] = [
+    part(env!("CARGO_PKG_VERSION_MAJOR")),
+    part(env!("CARGO_PKG_VERSION_MINOR")),
+    part(env!("CARGO_PKG_VERSION_PATCH")),
+];
+
+const fn part(digits: &str) -> u8 {
+    match u8::from_str_radix(digits, 10) {
+        Ok(part) => part,
+        Err(_) => panic!("a part of the version does not fit in a byte"),
+    }
+}

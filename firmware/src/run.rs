@@ -1,0 +1,153 @@
+//! The loops of the firmware: sample, send, receive.
+
+use crate::acquisition::acquire;
+use crate::board::{Clock, FrontEnd, Storage, Watchdog};
+use crate::core::Core;
+use crate::link::Link;
+use crate::session::Limits;
+use core::cell::RefCell;
+use embassy_futures::join::join3;
+use embassy_futures::select::select;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Read, Write};
+use shared_proto::{Decoder, Event, Identity, ResetCause};
+
+/// Longest time between two feedings of the watchdog, in µs.
+const FEED_US: u64 = 250_000;
+
+/// Pause after an error of the receiver, so that a line that is stuck does not take all the time.
+const RETRY_US: u64 = 10_000;
+
+/// Everything that [`run`] needs.
+#[derive(Debug)]
+pub struct Parts<F, C, R, W, S, D> {
+    /// Emitters and converter.
+    pub front_end: F,
+    /// Time.
+    pub clock: C,
+    /// From the host.
+    pub receiver: R,
+    /// To the host.
+    pub sender: W,
+    /// For the calibration.
+    pub storage: S,
+    /// Resets the board if frames stop being taken.
+    pub watchdog: D,
+    /// How the XBee is set.
+    pub link: Link,
+    /// What the board says it is.
+    pub identity: Identity,
+    /// Why it has started.
+    pub reset_cause: ResetCause,
+}
+
+type Wake = Signal<NoopRawMutex, ()>;
+
+/// Runs the board. Never comes back.
+///
+/// The core is borrowed only between two waits, so the loops never meet in it.
+pub async fn run<F, C, R, W, S, D>(parts: Parts<F, C, R, W, S, D>)
+where
+    F: FrontEnd,
+    C: Clock,
+    R: Read,
+    W: Write,
+    S: Storage,
+    D: Watchdog,
+{
+    let Parts { front_end, clock, receiver, sender, mut storage, watchdog, .. } = parts;
+    let limits = Limits {
+        min_period_us: parts.identity.min_period_us,
+        conversion_ns: F::CONVERSION_NS,
+        tolerance_us: C::TOLERANCE_US,
+    };
+    let core = Core::new(parts.identity, parts.reset_cause, limits, &mut storage);
+    let core = RefCell::new(core);
+    let (changed, outgoing) = (Wake::new(), Wake::new());
+    join3(
+        sample(front_end, watchdog, &clock, &core, &changed, &outgoing),
+        send(sender, parts.link, &core, &outgoing),
+        receive(receiver, storage, parts.link, &clock, &core, (&changed, &outgoing)),
+    )
+    .await;
+}
+
+/// Takes frames at their slots while streaming. Only this loop feeds the watchdog: with a link that is
+/// held up the board is well, but not with a converter that does not answer.
+async fn sample<F: FrontEnd, C: Clock, D: Watchdog>(
+    mut front_end: F,
+    mut watchdog: D,
+    clock: &C,
+    core: &RefCell<Core>,
+    changed: &Wake,
+    outgoing: &Wake,
+) {
+    front_end.light(None);
+    loop {
+        watchdog.feed();
+        let now_us = clock.now_us();
+        let slot_us = core.borrow_mut().next_slot(now_us);
+        let until_us = slot_us.unwrap_or(u64::MAX).min(now_us + FEED_US);
+        if until_us > now_us {
+            select(clock.wait_until_us(until_us), changed.wait()).await;
+            // Whatever woke us, the slot may have moved, or be late by now.
+            if core.borrow_mut().next_slot(clock.now_us()) != slot_us {
+                continue;
+            }
+        }
+        let start_us = clock.now_us();
+        if slot_us.is_none_or(|slot_us| start_us < slot_us) {
+            continue;
+        }
+        let settings = core.borrow_mut().begin_frame();
+        let frame = acquire(&mut front_end, clock, &settings).await;
+        core.borrow_mut().finish_frame(&frame, start_us, clock.now_us());
+        outgoing.signal(());
+    }
+}
+
+/// Sends what is in the outbox. An error of the line costs the frame, and the host sees the gap.
+async fn send<W: Write>(mut sender: W, link: Link, core: &RefCell<Core>, outgoing: &Wake) {
+    loop {
+        let frame = core.borrow_mut().pop();
+        match frame {
+            Some(frame) => _ = link.send(&frame, &mut sender).await,
+            None => outgoing.wait().await,
+        }
+    }
+}
+
+/// Does what arrives.
+async fn receive<R: Read, C: Clock, S: Storage>(
+    mut receiver: R,
+    mut storage: S,
+    link: Link,
+    clock: &C,
+    core: &RefCell<Core>,
+    (changed, outgoing): (&Wake, &Wake),
+) {
+    let mut decoder = Decoder::new(link.framing());
+    let mut bytes = [0; 64];
+    loop {
+        let received = match receiver.read(&mut bytes).await {
+            Ok(count) if count > 0 => bytes.get(..count).unwrap_or_default(),
+            _ => {
+                clock.wait_until_us(clock.now_us() + RETRY_US).await;
+                continue;
+            }
+        };
+        decoder.feed(received, |event| match event {
+            Event::Command { number, command } => {
+                core.borrow_mut().command(number, &command, clock.now_us(), &mut storage);
+            }
+            Event::OtherVersion { command: true, .. } => core.borrow_mut().refuse_other_version(),
+            _ => {}
+        });
+        let counters = decoder.counters();
+        let damaged = counters.bad_crc + counters.malformed + counters.bad_api_frames;
+        core.borrow_mut().set_damaged(damaged);
+        changed.signal(());
+        outgoing.signal(());
+    }
+}

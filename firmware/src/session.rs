@@ -1,0 +1,421 @@
+//! What the board has been told: (session, command) → (session, answer).
+
+use crate::acquisition::{self, MAX_CONVERSIONS};
+use crate::board::Storage;
+use crate::schedule::Schedule;
+use crate::upload::{self, RECORD, Upload};
+use crate::wrench::Converter;
+use shared_proto::{Calibration, Command, Refusal, Stream};
+
+/// How frames are taken and what is sent of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Readings or wrenches.
+    pub stream: Stream,
+    /// Time from frame to frame in µs.
+    pub period_us: u32,
+    /// Conversions averaged for each lit and each dark value.
+    pub conversions: u8,
+    /// Time from switching an emitter to converting, in µs.
+    pub settling_us: u16,
+}
+
+impl Settings {
+    /// After a reset: readings at 100 Hz, means of 16 conversions, 200 µs to settle, which is twice
+    /// the longest response time that Sharp's data sheets give for photointerrupters of this kind
+    /// into 1 kΩ (GP1S560: 90 and 100 µs).
+    pub const DEFAULT: Self =
+        Self { stream: Stream::Raw, period_us: 10_000, conversions: 16, settling_us: 200 };
+}
+
+/// What a board can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Limits {
+    /// Shortest period in µs.
+    pub(crate) min_period_us: u32,
+    /// Time of a conversion in ns, see [`crate::FrontEnd::CONVERSION_NS`].
+    pub(crate) conversion_ns: u32,
+    /// How late a frame may start in µs, see [`crate::Clock::TOLERANCE_US`].
+    pub(crate) tolerance_us: u32,
+}
+
+impl Limits {
+    /// Longest period in µs.
+    pub(crate) const MAX_PERIOD_US: u32 = 10_000_000;
+
+    /// Longest settling in µs.
+    pub(crate) const MAX_SETTLING_US: u16 = 10_000;
+
+    fn check(self, settings: &Settings) -> Result<(), Refusal> {
+        let in_range = (self.min_period_us..=Self::MAX_PERIOD_US).contains(&settings.period_us)
+            && (1..=MAX_CONVERSIONS).contains(&settings.conversions)
+            && settings.settling_us <= Self::MAX_SETTLING_US;
+        if !in_range {
+            return Err(Refusal::OutOfRange);
+        }
+        if acquisition::duration_us(settings, self.conversion_ns) > settings.period_us {
+            return Err(Refusal::PeriodTooShort);
+        }
+        Ok(())
+    }
+}
+
+/// Settings, schedule and calibration. Every command leaves all as it was or does all it asks.
+#[derive(Clone, Debug)]
+pub(crate) struct Session {
+    limits: Limits,
+    settings: Settings,
+    /// While streaming.
+    schedule: Option<Schedule>,
+    converter: Option<Converter>,
+    calibration_crc32: u32,
+    upload: Option<Upload>,
+}
+
+impl Session {
+    /// The session after a reset, with the calibration that is in storage.
+    pub(crate) fn new<S: Storage>(limits: Limits, storage: &mut S) -> Self {
+        let mut record = [0; RECORD];
+        storage.load(&mut record);
+        let mut session = Self {
+            limits,
+            settings: Settings::DEFAULT,
+            schedule: None,
+            converter: None,
+            calibration_crc32: 0,
+            upload: None,
+        };
+        if let Some((calibration, crc)) = upload::open(&record) {
+            session.use_calibration(&calibration, crc);
+        }
+        session
+    }
+
+    /// How frames are taken.
+    pub(crate) fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// When frames are to be taken, `None` when not streaming.
+    pub(crate) fn schedule(&mut self) -> Option<&mut Schedule> {
+        self.schedule.as_mut()
+    }
+
+    /// Whether frames are to be taken.
+    pub(crate) fn is_streaming(&self) -> bool {
+        self.schedule.is_some()
+    }
+
+    /// What makes wrenches of readings, `None` without a calibration.
+    pub(crate) fn converter(&mut self) -> Option<&mut Converter> {
+        self.converter.as_mut()
+    }
+
+    /// CRC-32 of the calibration in use, 0 without one.
+    pub(crate) fn calibration_crc32(&self) -> u32 {
+        self.calibration_crc32
+    }
+
+    /// Whether there is a calibration.
+    pub(crate) fn is_calibrated(&self) -> bool {
+        self.converter.is_some()
+    }
+
+    /// Whether the wrench has a zero.
+    pub(crate) fn is_zeroed(&self) -> bool {
+        self.converter.as_ref().is_some_and(Converter::is_zeroed)
+    }
+
+    /// Does what a command asks; those that ask for an answer of their own need nothing done.
+    ///
+    /// # Errors
+    /// Why it is not done, and then nothing has changed.
+    pub(crate) fn execute<S: Storage>(
+        &mut self,
+        command: &Command,
+        now_us: u64,
+        storage: &mut S,
+    ) -> Result<(), Refusal> {
+        match *command {
+            Command::Identify | Command::Status => Ok(()),
+            Command::Start => self.start(now_us),
+            Command::Stop => {
+                self.schedule = None;
+                Ok(())
+            }
+            Command::SetPeriod { period_us } => {
+                self.change(Settings { period_us, ..self.settings }, now_us)
+            }
+            Command::SetOversampling { conversions } => {
+                self.change(Settings { conversions, ..self.settings }, now_us)
+            }
+            Command::SetSettling { settling_us } => {
+                self.change(Settings { settling_us, ..self.settings }, now_us)
+            }
+            Command::SetStream(Stream::Wrench) if !self.is_calibrated() => {
+                Err(Refusal::NoCalibration)
+            }
+            Command::SetStream(stream) => {
+                self.settings.stream = stream;
+                Ok(())
+            }
+            Command::BeginCalibration { size, crc32 } => {
+                self.upload = Some(Upload::begin(size, crc32)?);
+                Ok(())
+            }
+            Command::CalibrationPiece { offset, ref data } => {
+                self.upload.as_mut().ok_or(Refusal::NoUpload)?.piece(offset, data)
+            }
+            Command::CommitCalibration => self.commit(storage),
+            Command::Zero { frames } => {
+                self.converter.as_mut().ok_or(Refusal::NoCalibration)?.start_zero(frames);
+                Ok(())
+            }
+            _ => Err(Refusal::UnknownCommand),
+        }
+    }
+
+    fn start(&mut self, now_us: u64) -> Result<(), Refusal> {
+        if self.schedule.is_none() {
+            self.schedule = Some(self.schedule_from(now_us, &self.settings));
+        }
+        Ok(())
+    }
+
+    fn change(&mut self, settings: Settings, now_us: u64) -> Result<(), Refusal> {
+        self.limits.check(&settings)?;
+        if self.is_streaming() && settings.period_us != self.settings.period_us {
+            let first_us = now_us + u64::from(settings.period_us);
+            self.schedule = Some(self.schedule_from(first_us, &settings));
+        }
+        self.settings = settings;
+        Ok(())
+    }
+
+    fn schedule_from(&self, first_us: u64, settings: &Settings) -> Schedule {
+        Schedule::new(first_us, settings.period_us, self.limits.tolerance_us)
+    }
+
+    /// The upload is kept, so that a commit whose answer was lost can be sent again.
+    fn commit<S: Storage>(&mut self, storage: &mut S) -> Result<(), Refusal> {
+        let upload = self.upload.as_ref().ok_or(Refusal::NoUpload)?;
+        let (record, calibration, crc) = upload.finish()?;
+        let in_use = self.is_calibrated() && self.calibration_crc32 == crc;
+        if !in_use {
+            storage.store(record).map_err(|_| Refusal::StorageFailed)?;
+            self.use_calibration(&calibration, crc);
+        }
+        Ok(())
+    }
+
+    fn use_calibration(&mut self, calibration: &Calibration, crc: u32) {
+        self.converter = Some(Converter::new(calibration));
+        self.calibration_crc32 = crc;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use crate::board::StorageError;
+    use crate::upload::Record;
+    use shared_proto::{AXES, CHANNELS, FEATURES, MAX_PIECE, Piece};
+    use std::vec::Vec;
+
+    struct Memory {
+        record: Record,
+        works: bool,
+        stored: u32,
+    }
+
+    impl Storage for Memory {
+        fn load(&mut self, record: &mut Record) {
+            *record = self.record;
+        }
+
+        fn store(&mut self, record: &Record) -> Result<(), StorageError> {
+            if !self.works {
+                return Err(StorageError);
+            }
+            self.record = *record;
+            self.stored += 1;
+            Ok(())
+        }
+    }
+
+    const LIMITS: Limits = Limits { min_period_us: 1_000, conversion_ns: 1_500, tolerance_us: 100 };
+
+    fn erased() -> Memory {
+        Memory { record: [0xFF; RECORD], works: true, stored: 0 }
+    }
+
+    fn calibration() -> Calibration {
+        Calibration {
+            centre: [3e4; CHANNELS],
+            scale: [1e-4; CHANNELS],
+            coefficients: [[0.125; AXES]; FEATURES],
+            intercept: [1.0; AXES],
+        }
+    }
+
+    fn upload(bytes: &[u8], crc32: u32) -> Vec<Command> {
+        let size = bytes.len() as u32;
+        let pieces = bytes.chunks(MAX_PIECE).enumerate().map(|(i, piece)| {
+            let data = Piece::copy_of(piece).unwrap();
+            Command::CalibrationPiece { offset: (i * MAX_PIECE) as u16, data }
+        });
+        let begin = Command::BeginCalibration { size, crc32 };
+        [begin].into_iter().chain(pieces).chain([Command::CommitCalibration]).collect()
+    }
+
+    fn good_upload() -> Vec<Command> {
+        let bytes = calibration().to_bytes();
+        upload(&bytes, shared_proto::crc32(&bytes))
+    }
+
+    struct Bench {
+        session: Session,
+        memory: Memory,
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            let mut memory = erased();
+            Self { session: Session::new(LIMITS, &mut memory), memory }
+        }
+
+        fn run(&mut self, command: &Command) -> Result<(), Refusal> {
+            self.session.execute(command, 0, &mut self.memory)
+        }
+
+        fn run_all(&mut self, commands: &[Command]) -> Result<(), Refusal> {
+            commands.iter().try_for_each(|command| self.run(command))
+        }
+    }
+
+    #[test]
+    fn settings_outside_their_range_are_refused_and_nothing_changes() {
+        let mut bench = Bench::new();
+        let refused = [
+            (Command::SetPeriod { period_us: 0 }, Refusal::OutOfRange),
+            (Command::SetPeriod { period_us: 999 }, Refusal::OutOfRange),
+            (Command::SetPeriod { period_us: 10_000_001 }, Refusal::OutOfRange),
+            (Command::SetPeriod { period_us: 1_000 }, Refusal::PeriodTooShort),
+            (Command::SetOversampling { conversions: 0 }, Refusal::OutOfRange),
+            (Command::SetOversampling { conversions: 65 }, Refusal::OutOfRange),
+            (Command::SetSettling { settling_us: 10_001 }, Refusal::OutOfRange),
+            (Command::SetSettling { settling_us: 1_000 }, Refusal::PeriodTooShort),
+            (Command::Unknown { code: 77 }, Refusal::UnknownCommand),
+        ];
+        for (command, refusal) in refused {
+            assert_eq!(bench.run(&command), Err(refusal), "{command:?}");
+            assert_eq!(*bench.session.settings(), Settings::DEFAULT);
+        }
+    }
+
+    #[test]
+    fn a_thousand_hertz_fits_once_settling_and_oversampling_are_lower() {
+        let mut bench = Bench::new();
+        let commands = [
+            Command::SetSettling { settling_us: 30 },
+            Command::SetOversampling { conversions: 8 },
+            Command::SetPeriod { period_us: 1_000 },
+        ];
+        assert_eq!(bench.run_all(&commands), Ok(()));
+    }
+
+    #[test]
+    fn starting_twice_does_not_move_the_slots() {
+        let mut bench = Bench::new();
+        bench.run(&Command::Start).unwrap();
+        let schedule = *bench.session.schedule().unwrap();
+        assert_eq!(bench.session.execute(&Command::Start, 4_000, &mut bench.memory), Ok(()));
+        assert_eq!(*bench.session.schedule().unwrap(), schedule);
+        bench.run_all(&[Command::Stop, Command::Stop]).unwrap();
+        assert!(!bench.session.is_streaming());
+    }
+
+    #[test]
+    fn a_calibration_is_kept_across_a_reset() {
+        let mut bench = Bench::new();
+        assert!(!bench.session.is_calibrated());
+        assert_eq!(bench.run_all(&good_upload()), Ok(()));
+        let crc = shared_proto::crc32(&calibration().to_bytes());
+        assert_eq!(bench.session.calibration_crc32(), crc);
+
+        let mut after = Session::new(LIMITS, &mut bench.memory);
+        assert_eq!((after.is_calibrated(), after.calibration_crc32()), (true, crc));
+        assert!(after.converter().is_some());
+    }
+
+    #[test]
+    fn a_damaged_record_is_no_calibration() {
+        let mut bench = Bench::new();
+        bench.run_all(&good_upload()).unwrap();
+        bench.memory.record[100] ^= 1;
+        assert!(!Session::new(LIMITS, &mut bench.memory).is_calibrated());
+    }
+
+    #[test]
+    fn every_command_of_an_upload_can_be_sent_again() {
+        let mut bench = Bench::new();
+        for command in good_upload() {
+            assert_eq!(bench.run(&command), Ok(()));
+            assert_eq!(bench.run(&command), Ok(()));
+        }
+        assert_eq!(bench.memory.stored, 1);
+    }
+
+    #[test]
+    fn uploads_that_went_wrong_say_how_and_keep_the_old_calibration() {
+        let mut bench = Bench::new();
+        let bytes = calibration().to_bytes();
+        let crc = shared_proto::crc32(&bytes);
+        assert_eq!(bench.run(&Command::CommitCalibration), Err(Refusal::NoUpload));
+        assert_eq!(bench.run(&good_upload()[1]), Err(Refusal::NoUpload));
+        bench.run_all(&good_upload()).unwrap();
+
+        let mut other = calibration();
+        other.intercept = [9.0; AXES];
+        let other = other.to_bytes();
+        let other_crc = shared_proto::crc32(&other);
+        let begin = |size| Command::BeginCalibration { size, crc32: 1 };
+        assert_eq!(bench.run(&begin(667)), Err(Refusal::WrongSize));
+        assert_eq!(bench.run(&begin(u32::MAX)), Err(Refusal::WrongSize));
+
+        let commands = upload(&other, other_crc);
+        bench.run_all(&commands[..3]).unwrap();
+        assert_eq!(bench.run(&commands[4]), Err(Refusal::WrongOffset));
+        assert_eq!(bench.run(&Command::CommitCalibration), Err(Refusal::WrongSize));
+        let data = Piece::copy_of(&[0; 40]).unwrap();
+        bench.run_all(&commands[3..commands.len() - 1]).unwrap();
+        let beyond = Command::CalibrationPiece { offset: 640, data };
+        assert_eq!(bench.run(&beyond), Err(Refusal::WrongSize));
+
+        assert_eq!(bench.run_all(&upload(&other, other_crc ^ 1)), Err(Refusal::WrongCrc));
+        let mut foreign = other;
+        foreign[0] = 9;
+        let foreign_crc = shared_proto::crc32(&foreign);
+        assert_eq!(bench.run_all(&upload(&foreign, foreign_crc)), Err(Refusal::BadCalibration));
+        bench.memory.works = false;
+        assert_eq!(bench.run_all(&upload(&other, other_crc)), Err(Refusal::StorageFailed));
+
+        assert_eq!(bench.session.calibration_crc32(), crc);
+        assert_eq!(Session::new(LIMITS, &mut bench.memory).calibration_crc32(), crc);
+    }
+
+    #[test]
+    fn wrenches_and_zeros_need_a_calibration() {
+        let mut bench = Bench::new();
+        let commands = [Command::SetStream(Stream::Wrench), Command::Zero { frames: 5 }];
+        for command in &commands {
+            assert_eq!(bench.run(command), Err(Refusal::NoCalibration));
+        }
+        bench.run_all(&good_upload()).unwrap();
+        assert_eq!(bench.run_all(&commands), Ok(()));
+        assert_eq!(bench.session.settings().stream, Stream::Wrench);
+        assert!(bench.session.converter().unwrap().is_taring());
+    }
+}

@@ -1,0 +1,318 @@
+//! A board on the bench: virtual time, a front end that plays codes, a link that can be held up.
+
+#![allow(unreachable_pub, reason = "a module of a test has no outside")]
+
+use firmware::{
+    Clock, FrontEnd, Link, Parts, RECORD, Record, Storage, StorageError, Watchdog, run,
+};
+use shared_proto::xbee::ApiFrame;
+use shared_proto::{
+    Answer, Board, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet,
+    Piece, ResetCause, Sample, Values, crc32,
+};
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::rc::Rc;
+use std::task::{Context, Poll, Waker};
+
+/// The world around the board.
+#[derive(Default)]
+pub struct World {
+    now_us: Cell<u64>,
+    /// The first time that somebody waits for.
+    earliest_us: Cell<u64>,
+    /// Codes of a channel: dark, lit, by the time in µs.
+    codes: RefCell<Option<Codes>>,
+    /// The next conversion takes so long.
+    pub stall_us: Cell<u64>,
+    pub to_board: RefCell<VecDeque<u8>>,
+    pub from_board: RefCell<Vec<u8>>,
+    /// Clear to send is off.
+    pub held_up: Cell<bool>,
+    pub record: RefCell<Option<Record>>,
+    last_fed_us: Cell<u64>,
+    pub longest_unfed_us: Cell<u64>,
+    /// Emitter lit, since when; and the faults seen.
+    lit: Cell<(Option<usize>, u64)>,
+    pub settling_us: Cell<u64>,
+    pub faults: RefCell<Vec<String>>,
+}
+
+type Codes = Box<dyn Fn(usize, u64) -> (u16, u16)>;
+
+impl World {
+    async fn wait(&self, at_us: u64) {
+        poll_fn(|_| {
+            if self.now_us.get() >= at_us {
+                return Poll::Ready(());
+            }
+            self.earliest_us.set(self.earliest_us.get().min(at_us));
+            Poll::Pending
+        })
+        .await;
+    }
+
+    fn fault(&self, fault: String) {
+        self.faults.borrow_mut().push(fault);
+    }
+}
+
+struct Shared(Rc<World>);
+
+impl Clock for Shared {
+    fn now_us(&self) -> u64 {
+        self.0.now_us.get()
+    }
+
+    async fn wait_until_us(&self, at_us: u64) {
+        self.0.wait(at_us).await;
+    }
+}
+
+impl FrontEnd for Shared {
+    const CONVERSION_NS: u32 = 1_500;
+
+    fn light(&mut self, channel: Option<usize>) {
+        self.0.lit.set((channel, self.0.now_us.get()));
+    }
+
+    async fn convert(&mut self, channel: usize, codes: &mut [u16]) {
+        let world = &self.0;
+        let (lit, since_us) = world.lit.get();
+        let now_us = world.now_us.get();
+        if lit.is_some_and(|lit| lit != channel) {
+            world.fault(format!("channel {channel} converted under emitter {lit:?}"));
+        }
+        let settled = now_us - since_us >= world.settling_us.get() || (lit, channel) == (None, 0);
+        if !settled {
+            world.fault(format!("channel {channel} converted {} µs early", now_us - since_us));
+        }
+        let (dark, bright) = match &*world.codes.borrow() {
+            Some(codes) => codes(channel, now_us),
+            None => (100, 100 + 100 * (channel as u16 + 1)),
+        };
+        codes.fill(if lit.is_some() { bright } else { dark });
+        let burst_us = (codes.len() as u64 * u64::from(Self::CONVERSION_NS)).div_ceil(1_000);
+        world.wait(now_us + burst_us + world.stall_us.take()).await;
+    }
+}
+
+impl embedded_io_async::ErrorType for Shared {
+    type Error = Infallible;
+}
+
+impl embedded_io_async::Read for Shared {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        poll_fn(|_| {
+            let mut bytes = self.0.to_board.borrow_mut();
+            let count = bytes.len().min(buffer.len());
+            if count == 0 {
+                return Poll::Pending;
+            }
+            buffer.iter_mut().zip(bytes.drain(..count)).for_each(|(to, from)| *to = from);
+            Poll::Ready(Ok(count))
+        })
+        .await
+    }
+}
+
+impl embedded_io_async::Write for Shared {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        poll_fn(|_| if self.0.held_up.get() { Poll::Pending } else { Poll::Ready(()) }).await;
+        self.0.from_board.borrow_mut().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl Storage for Shared {
+    fn load(&mut self, record: &mut Record) {
+        *record = self.0.record.borrow().unwrap_or([0xFF; RECORD]);
+    }
+
+    fn store(&mut self, record: &Record) -> Result<(), StorageError> {
+        *self.0.record.borrow_mut() = Some(*record);
+        Ok(())
+    }
+}
+
+impl Watchdog for Shared {
+    fn feed(&mut self) {
+        let now_us = self.0.now_us.get();
+        let unfed_us = now_us - self.0.last_fed_us.replace(now_us);
+        self.0.longest_unfed_us.set(self.0.longest_unfed_us.get().max(unfed_us));
+    }
+}
+
+pub const SERIAL: [u8; 12] = *b"bench-serial";
+
+/// A board and the host's end of its link.
+pub struct Bench {
+    pub world: Rc<World>,
+    board: Pin<Box<dyn Future<Output = ()>>>,
+    link: Link,
+    pub decoder: Decoder,
+    number: u16,
+}
+
+impl Bench {
+    pub fn new() -> Self {
+        Self::with(Link::Transparent, ResetCause::Power, None)
+    }
+
+    pub fn with(link: Link, reset_cause: ResetCause, record: Option<Record>) -> Self {
+        let world = Rc::new(World { record: RefCell::new(record), ..World::default() });
+        world.settling_us.set(200);
+        let shared = || Shared(Rc::clone(&world));
+        let identity = Identity {
+            board: Board::Simulated,
+            firmware: firmware::VERSION,
+            serial: SERIAL,
+            min_period_us: 1_000,
+        };
+        let board = Box::pin(run(Parts {
+            front_end: shared(),
+            clock: shared(),
+            receiver: shared(),
+            sender: shared(),
+            storage: shared(),
+            watchdog: shared(),
+            link,
+            identity,
+            reset_cause,
+        }));
+        // The base station is a wire, or an XBee that hands over what the other one was given.
+        let decoder = Decoder::new(Framing::Cobs);
+        Self { world, board, link, decoder, number: 0 }
+    }
+
+    /// What the photointerrupters see: dark and lit codes of a channel at a time in µs.
+    pub fn play(&self, codes: impl Fn(usize, u64) -> (u16, u16) + 'static) {
+        *self.world.codes.borrow_mut() = Some(Box::new(codes));
+    }
+
+    pub fn now_us(&self) -> u64 {
+        self.world.now_us.get()
+    }
+
+    /// Lets time pass.
+    pub fn run_for(&mut self, us: u64) {
+        let end_us = self.now_us() + us;
+        let mut context = Context::from_waker(Waker::noop());
+        loop {
+            self.world.earliest_us.set(end_us);
+            // Twice, for a loop may wake one that was polled before it.
+            for _ in 0..2 {
+                assert!(self.board.as_mut().poll(&mut context).is_pending());
+            }
+            if self.now_us() == end_us {
+                return;
+            }
+            self.world.now_us.set(self.world.earliest_us.get());
+        }
+    }
+
+    /// What the board has sent, by the host's decoder.
+    pub fn events(&mut self) -> Vec<Event> {
+        let bytes = std::mem::take(&mut *self.world.from_board.borrow_mut());
+        let mut events = Vec::new();
+        match self.link {
+            Link::Transparent => self.decoder.feed(&bytes, |event| events.push(event)),
+            Link::Api { mode, .. } => {
+                let mut deframer = shared_proto::xbee::Deframer::new(mode);
+                deframer.feed(&bytes, |frame| match frame {
+                    ApiFrame::Transmit { payload, .. } => {
+                        self.decoder.feed(payload, |event| events.push(event));
+                    }
+                    other => panic!("{other:?}"),
+                });
+            }
+        }
+        events
+    }
+
+    pub fn samples(&mut self) -> Vec<Sample> {
+        let events = self.events().into_iter();
+        events
+            .filter_map(|event| match event {
+                Event::Sample { sample, .. } => Some(sample),
+                _ => None,
+            })
+            .collect()
+    }
+
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.world.to_board.borrow_mut().extend(bytes);
+    }
+
+    /// Sends a command; its answer, and the samples that came meanwhile.
+    pub fn ask(&mut self, command: Command) -> (Answer, Vec<Sample>) {
+        self.number += 1;
+        let frame = Packet::Command { number: self.number, command }.encode();
+        match self.link {
+            Link::Transparent => self.send(&frame),
+            Link::Api { mode, to } => {
+                let received = ApiFrame::Receive { from: to, rssi: Some(40), payload: &frame };
+                let bytes = received.encode(mode).expect("a short payload");
+                self.send(&bytes);
+            }
+        }
+        self.run_for(4_000);
+        let (mut answer, mut samples) = (None, Vec::new());
+        for event in self.events() {
+            match event {
+                Event::Answer { number, answer: got } if number == self.number => {
+                    assert_eq!(answer.replace(got), None);
+                }
+                Event::Sample { sample, .. } => samples.push(sample),
+                Event::Boot(_) => {}
+                other => panic!("{other:?}"),
+            }
+        }
+        (answer.expect("every command is answered"), samples)
+    }
+
+    pub fn done(&mut self, command: Command) -> Vec<Sample> {
+        let (answer, samples) = self.ask(command);
+        assert_eq!(answer, Answer::Done, "{command:?}");
+        samples
+    }
+
+    pub fn status(&mut self) -> shared_proto::Status {
+        match self.ask(Command::Status).0 {
+            Answer::Status(status) => status,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    pub fn upload(&mut self, calibration: &Calibration) {
+        let bytes = calibration.to_bytes();
+        let size = bytes.len() as u32;
+        self.done(Command::BeginCalibration { size, crc32: crc32(&bytes) });
+        for (i, piece) in bytes.chunks(MAX_PIECE).enumerate() {
+            let data = Piece::copy_of(piece).expect("pieces fit");
+            self.done(Command::CalibrationPiece { offset: (i * MAX_PIECE) as u16, data });
+        }
+        self.done(Command::CommitCalibration);
+    }
+}
+
+pub fn readings(sample: &Sample) -> [u16; 8] {
+    match sample.values {
+        Values::Readings(readings) => readings,
+        Values::Wrench(_) => panic!("a wrench"),
+    }
+}
+
+pub fn wrench(sample: &Sample) -> [f32; 6] {
+    match sample.values {
+        Values::Wrench(wrench) => wrench,
+        Values::Readings(_) => panic!("readings"),
+    }
+}

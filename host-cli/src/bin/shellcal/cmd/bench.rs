@@ -1,0 +1,166 @@
+//! `shellcal bench`: every solver on the same rows.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use shellcal::block::Block;
+use shellcal::calibration::solver::SolverKind;
+use shellcal::calibration::{Basis, Model};
+use shellcal::log_file::{Log, LogError, Wanted};
+use shellcal::output::AtomicFile;
+use shellcal::plot::Format;
+use shellcal::sensor_model::{Kind, Recording, Settings};
+use shellcal::synthetic_block;
+use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
+
+use super::Outcome;
+use super::fit::{ModelArg, SolverArg};
+use super::mapping::MappingArgs;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal bench train.csv
+  shellcal bench train.csv --model cubic --solver exact,tsqr,gram --plot solvers.svg
+  shellcal bench --rows 10000 --json";
+
+/// Compare solvers on your data: run time against error
+///
+/// Rows are read into memory first; then every solver fits every model on one thread. Errors are
+/// relative to an answer in twice the precision.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct BenchArgs {
+    /// Training logs, plain or gzip [default: rows of the sensor model]
+    #[arg(value_name = "TRAIN")]
+    train: Vec<PathBuf>,
+
+    /// Rows of the sensor model, where no logs are given
+    #[arg(long, value_name = "N", default_value_t = 77_522, conflicts_with = "train")]
+    rows: usize,
+
+    /// Models to fit [default: all]
+    #[arg(long, value_name = "MODEL", value_delimiter = ',')]
+    model: Vec<ModelArg>,
+
+    /// Fit no constant beside the features
+    #[arg(long)]
+    no_intercept: bool,
+
+    /// Solvers to run [default: all]
+    #[arg(long, value_name = "SOLVER", value_delimiter = ',')]
+    solver: Vec<SolverArg>,
+
+    /// Draw run time against the error of coefficients (SVG or PNG), and beside it, with
+    /// `-prediction` added to its name, against that of predictions
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What `shellcal synth train` makes when it is told nothing.
+const SETTINGS: Settings = Settings {
+    kind: Kind::Training,
+    rate_hz: 100.0,
+    start_time_s: 0.0,
+    seed: 1,
+    unit_seed: 1,
+    noise_scale: 1.0,
+    adc_bits: 12,
+};
+
+impl BenchArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let outputs = self.open_plots()?;
+        let blocks = self.blocks(printer)?;
+        let channels = blocks.first().map_or(0, |block| block.readings.len());
+        let bases: Vec<Basis> = match &self.model[..] {
+            [] => Basis::ALL.to_vec(),
+            models => models.iter().map(|&model| model.into()).collect(),
+        };
+        let kinds: Vec<SolverKind> = match &self.solver[..] {
+            [] => SolverKind::ALL.to_vec(),
+            solvers => solvers.iter().map(|&solver| solver.into()).collect(),
+        };
+        let mut benches = Vec::new();
+        for basis in bases {
+            let model = Model { basis, intercept: !self.no_intercept, channels };
+            printer.note(format!("fitting {} by {} solvers", model.name(), kinds.len()));
+            match bench::bench(&blocks, model, &kinds) {
+                Ok(bench) => benches.push(bench),
+                Err(error) => printer.warning(format!("{}: {error}", model.name())),
+            }
+        }
+        anyhow::ensure!(!benches.is_empty(), "the rows determine none of the models");
+        for (kind, mut file, format) in outputs {
+            file.write_all(&bench::figure(&benches, kind).render(format)?)?;
+            file.commit()?;
+        }
+        if printer.json() {
+            printer.document(&benches)?;
+            return Ok(Outcome::Done);
+        }
+        benches.iter().try_for_each(|bench| print(printer, bench))?;
+        printer.note("`*`: no other solver is both faster and more accurate");
+        Ok(Outcome::Done)
+    }
+
+    fn open_plots(&self) -> anyhow::Result<Vec<(ErrorKind, AtomicFile, Format)>> {
+        let Some(path) = &self.plot else { return Ok(Vec::new()) };
+        let format = Format::of(path)?;
+        let open = |kind, path: &Path| anyhow::Ok((kind, AtomicFile::create(path)?, format));
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let extension = path.extension().unwrap_or_default().to_string_lossy();
+        let beside = path.with_file_name(format!("{stem}-prediction.{extension}"));
+        Ok(vec![open(ErrorKind::Coefficients, path)?, open(ErrorKind::Prediction, &beside)?])
+    }
+
+    fn blocks(&self, printer: &mut Printer) -> anyhow::Result<Vec<Block>> {
+        if self.train.is_empty() {
+            printer.note(format!("{} rows of the sensor model", self.rows));
+            let recording = Recording::new(SETTINGS)?;
+            return Ok(synthetic_block::blocks(recording, self.rows));
+        }
+        let mapping = self.mapping.mapping()?;
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        let mut blocks: Vec<Block> = Vec::new();
+        for path in &self.train {
+            let log = Log::open(path, &mapping)?;
+            let keep = |block| -> Result<(), LogError> {
+                blocks.push(block);
+                Ok(())
+            };
+            log.read(&wanted, &self.mapping.read_options(), |block| block, keep)?;
+        }
+        let channels = blocks.first().map_or(0, |block| block.readings.len());
+        let alike = blocks.iter().all(|block| block.readings.len() == channels);
+        anyhow::ensure!(alike, "the logs differ in their number of channels");
+        Ok(blocks)
+    }
+}
+
+fn print(printer: &mut Printer, bench: &ModelBench) -> anyhow::Result<()> {
+    printer.line(format!(
+        "{}: {} features, {} rows, condition {:.1e}; errors relative to `{}`",
+        bench.model, bench.features, bench.rows, bench.condition, bench.reference
+    ))?;
+    let error = |error: Option<f64>| error.map_or("–".to_owned(), |e| format!("{e:.1e}"));
+    let row = |m: &bench::Measurement| {
+        vec![
+            format!("{}{}", m.solver, if m.on_front { " *" } else { "" }),
+            format!("{:.2}", 1e3 * m.seconds),
+            if m.refused.is_some() { "refused".to_owned() } else { error(m.coefficient_error) },
+            error(m.prediction_error),
+        ]
+    };
+    let rows: Vec<_> = bench.solvers.iter().map(row).collect();
+    printer.table(&["solver", "time (ms)", "coefficient error", "prediction error"], &rows)?;
+    for m in &bench.solvers {
+        if let Some(reason) = &m.refused {
+            printer.note(format!("{}, {}: {reason}", bench.model, m.solver));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,212 @@
+//! `shellcal board`: asks a board and tells it what to do.
+
+use std::path::PathBuf;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::Context;
+use clap::{Subcommand, ValueEnum};
+use serde_json::json;
+use serialport::SerialPort;
+use shared_proto::{Command, Identity, Status, Stream};
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::link::{Client, Uplink, for_board};
+
+use super::Outcome;
+use super::serial::{FramingArg, SerialArgs};
+use crate::printer::Printer;
+
+/// Ask a board what it is and how it does, and set it up
+#[derive(Debug, clap::Args)]
+pub(crate) struct BoardArgs {
+    /// Serial port; `shellcal ports` lists them
+    #[arg(value_name = "PORT")]
+    port: String,
+
+    /// How the base station frames bytes
+    #[arg(long, value_name = "FRAMING", value_enum, default_value_t = FramingArg::Cobs)]
+    framing: FramingArg,
+
+    #[command(flatten)]
+    serial: SerialArgs,
+
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// What the board is
+    Identify,
+    /// How the board does
+    Status,
+    /// Start streaming
+    Start,
+    /// Stop streaming
+    Stop,
+    /// Set the rate of frames
+    Rate {
+        /// Frames per second
+        #[arg(value_name = "HZ", value_parser = parse_rate)]
+        hz: f64,
+    },
+    /// Set how a reading is taken
+    Sampling {
+        /// Conversions that are averaged for each lit and each dark value
+        #[arg(long, value_name = "N", required_unless_present = "settling")]
+        conversions: Option<u8>,
+        /// Wait after an emitter is switched, µs
+        #[arg(long, value_name = "US")]
+        settling: Option<u16>,
+    },
+    /// Stream readings or wrenches converted on the board
+    Mode {
+        /// What to stream
+        #[arg(value_enum)]
+        stream: StreamArg,
+    },
+    /// Take the mean wrench of the next frames as zero
+    Zero {
+        /// Frames to average; 0 takes the zero back
+        #[arg(long, value_name = "N", default_value_t = 50)]
+        frames: u16,
+    },
+    /// Upload a calibration, which the board keeps
+    Upload {
+        /// Calibration file, of model `cubic` or `linear`
+        #[arg(value_name = "CAL")]
+        calibration: PathBuf,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum StreamArg {
+    /// Readings
+    Raw,
+    /// Wrenches
+    Wrench,
+}
+
+impl BoardArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let calibration = match &self.action {
+            // Before the port is touched: a file that cannot be used changes nothing.
+            Action::Upload { calibration } => {
+                Some(for_board(&CalibrationFile::read(calibration)?.calibration)?)
+            }
+            _ => None,
+        };
+        let mut client = self.connect()?;
+        match &self.action {
+            Action::Identify => return print_identity(&client.identify()?, printer),
+            Action::Status => return print_status(&client.status()?, printer),
+            Action::Start => client.order(Command::Start)?,
+            Action::Stop => client.order(Command::Stop)?,
+            Action::Rate { hz } => {
+                client.order(Command::SetPeriod { period_us: (1e6 / hz).round() as u32 })?;
+            }
+            Action::Sampling { conversions, settling } => {
+                if let Some(conversions) = *conversions {
+                    client.order(Command::SetOversampling { conversions })?;
+                }
+                if let Some(settling_us) = *settling {
+                    client.order(Command::SetSettling { settling_us })?;
+                }
+            }
+            Action::Mode { stream: StreamArg::Raw } => {
+                client.order(Command::SetStream(Stream::Raw))?;
+            }
+            Action::Mode { stream: StreamArg::Wrench } => {
+                client.order(Command::SetStream(Stream::Wrench))?;
+            }
+            Action::Zero { frames } => client.order(Command::Zero { frames: *frames })?,
+            Action::Upload { .. } => {
+                let calibration = calibration.context("no calibration to upload")?;
+                let crc = client.upload(&calibration)?;
+                printer.note(format!("the board has kept the calibration, CRC-32 {crc:#010x}"));
+            }
+        }
+        match printer.json() {
+            true => printer.document(&json!({ "done": true }))?,
+            false => printer.note("done"),
+        }
+        Ok(Outcome::Done)
+    }
+
+    fn connect(&self) -> anyhow::Result<Client<Box<dyn SerialPort>>> {
+        let framing = self.framing.framing().context(
+            "the original board has no commands that this program sends; `record` reads it",
+        )?;
+        let port = self.serial.port(&self.port).open()?;
+        // Differs from run to run, so that a late answer to another run is not taken for one of ours.
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let number = (now.as_millis() / 10) as u16;
+        Ok(Client::new(port, &self.port, Uplink { framing, to: self.serial.to }, number))
+    }
+}
+
+fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    let [major, minor, patch] = identity.firmware;
+    let firmware = format!("{major}.{minor}.{patch}");
+    let serial: String = identity.serial.iter().map(|byte| format!("{byte:02x}")).collect();
+    let board = format!("{:?}", identity.board).to_lowercase();
+    let max_rate_hz = 1e6 / f64::from(identity.min_period_us);
+    if printer.json() {
+        printer.document(&json!({
+            "board": board, "firmware": firmware, "serial": serial, "max_rate_hz": max_rate_hz,
+        }))?;
+    } else {
+        printer.line(format!("board     {board}"))?;
+        printer.line(format!("firmware  {firmware}"))?;
+        printer.line(format!("serial    {serial}"))?;
+        printer.line(format!("fastest   {max_rate_hz} Hz"))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn print_status(status: &Status, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    let stream = match status.stream {
+        Stream::Raw => "readings",
+        Stream::Wrench => "wrenches",
+    };
+    let cause = format!("{:?}", status.reset_cause).to_lowercase();
+    let rate_hz = 1e6 / f64::from(status.period_us);
+    let calibration = format!("{:#010x}", status.calibration_crc32);
+    if printer.json() {
+        printer.document(&json!({
+            "streaming": status.streaming, "stream": stream, "rate_hz": rate_hz,
+            "conversions": status.conversions, "settling_us": status.settling_us,
+            "calibration_crc32": status.calibrated.then_some(&calibration),
+            "zeroed": status.zeroed, "frames": status.frames, "late": status.late,
+            "overflowed": status.overflowed, "damaged": status.damaged,
+            "longest_frame_us": status.longest_frame_us, "uptime_s": status.uptime_s,
+            "reset_cause": cause,
+        }))?;
+        return Ok(Outcome::Done);
+    }
+    let streams = if status.streaming { "streams" } else { "stopped;" };
+    printer.line(format!("{streams} {stream} at {rate_hz} Hz"))?;
+    printer.line(format!(
+        "{} conversions, settling {} µs; longest frame {} µs",
+        status.conversions, status.settling_us, status.longest_frame_us
+    ))?;
+    printer.line(match status.calibrated {
+        true if status.zeroed => format!("calibration {calibration}, zeroed"),
+        true => format!("calibration {calibration}, not zeroed"),
+        false => "no calibration".to_owned(),
+    })?;
+    printer.line(format!(
+        "{} frames taken, {} late, {} not sent; {} damaged commands",
+        status.frames, status.late, status.overflowed, status.damaged
+    ))?;
+    printer.line(format!("up {} s since a reset by {cause}", status.uptime_s))?;
+    Ok(Outcome::Done)
+}
+
+/// Rates whose period in µs fits the command.
+fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate: f64 = text.parse().map_err(|_| "a number of frames per second".to_owned())?;
+    match (0.001..=1e6).contains(&rate) {
+        true => Ok(rate),
+        false => Err("a rate from 0.001 to 1000000 Hz".to_owned()),
+    }
+}

@@ -1,0 +1,30 @@
+//! `shellcal ports`: the serial ports of this computer.
+
+use shellcal::link::ports;
+
+use super::Outcome;
+use crate::printer::Printer;
+
+/// List the serial ports of this computer
+#[derive(Debug, clap::Args)]
+pub(crate) struct PortsArgs {}
+
+impl PortsArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let ports = ports()?;
+        if printer.json() {
+            printer.document(&ports)?;
+            return Ok(Outcome::Done);
+        }
+        if ports.is_empty() {
+            printer.note("no serial ports; is the adapter plugged in?");
+        }
+        for port in &ports {
+            let serial = port.serial.as_deref().map(|serial| format!("serial {serial}"));
+            let description = (!port.description.is_empty()).then(|| port.description.clone());
+            let parts = [Some(port.port.clone()), Some(port.kind.to_owned()), description, serial];
+            printer.line(parts.into_iter().flatten().collect::<Vec<_>>().join("  "))?;
+        }
+        Ok(Outcome::Done)
+    }
+}

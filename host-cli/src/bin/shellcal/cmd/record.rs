@@ -1,0 +1,179 @@
+//! `shellcal record`: from a port, or bytes recorded before, to a log.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::Context;
+use shared_proto::Framing;
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::link::{Journal, Progress, RecordOptions, Recorded, Sinks, Source, Uplink, record};
+use shellcal::recording::{Losses, protocol_name};
+
+use super::Outcome;
+use super::serial::{FramingArg, SerialArgs};
+use crate::printer::Printer;
+
+/// Record what a board sends as CSV, until Ctrl-C or for `--duration`
+///
+/// Columns: t_s (the board's clock), s1 to s8 in steps of the 12-bit converter or, if the board
+/// streams wrenches, fx_n to mz_nm; index (sequence number), missing (frames lost before the row),
+/// dropped (the board's own count, modulo 256) and flags (s3:saturated, s3:range, late, restart).
+/// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
+#[derive(Debug, clap::Args)]
+pub(crate) struct RecordArgs {
+    /// Serial port; `shellcal ports` lists them
+    #[arg(value_name = "PORT", required_unless_present = "replay")]
+    port: Option<String>,
+
+    /// Take bytes that `--raw` has written instead of those of a port
+    #[arg(long, value_name = "RAW", conflicts_with_all = ["port", "duration", "reconnect", "start"])]
+    replay: Option<PathBuf>,
+
+    /// Log to write
+    #[arg(long, short, value_name = "LOG", required_unless_present = "raw")]
+    output: Option<PathBuf>,
+
+    /// Write the bytes as they arrive, for `--replay`
+    #[arg(long, value_name = "RAW")]
+    raw: Option<PathBuf>,
+
+    /// Replace files that are there
+    #[arg(long)]
+    overwrite: bool,
+
+    /// End after so many seconds
+    #[arg(long, value_name = "S", value_parser = parse_duration)]
+    duration: Option<Duration>,
+
+    /// How the bytes are framed; recognised unless told
+    #[arg(long, value_name = "FRAMING", value_enum)]
+    framing: Option<FramingArg>,
+
+    /// Calibration for forces beside the readings, untared
+    #[arg(long, value_name = "CAL", requires = "output")]
+    calibration: Option<PathBuf>,
+
+    /// Wait for a port that goes away, and go on when it is back
+    #[arg(long)]
+    reconnect: bool,
+
+    /// Tell the board to start streaming, and to stop at the end
+    #[arg(long)]
+    start: bool,
+
+    #[command(flatten)]
+    serial: SerialArgs,
+}
+
+impl RecordArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let calibration = self.calibration.as_deref().map(CalibrationFile::read).transpose()?;
+        let options = RecordOptions {
+            protocol: self.framing.map(FramingArg::protocol),
+            calibration: calibration.map(|file| file.calibration),
+            duration: self.duration,
+            start: self.uplink()?,
+        };
+        let stop = Arc::new(AtomicBool::new(false));
+        let heard = Arc::clone(&stop);
+        ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed))
+            .context("cannot listen for Ctrl-C")?;
+        let mut source = match (&self.port, &self.replay) {
+            (Some(port), _) => Source::port(self.serial.port(port), self.reconnect)?,
+            (None, Some(path)) => Source::replay(path)?,
+            (None, None) => anyhow::bail!("neither a port nor a file to replay"),
+        };
+        let journal = |path: &PathBuf| Journal::create(path, self.overwrite);
+        let sinks = Sinks {
+            log: self.output.as_ref().map(journal).transpose()?,
+            raw: self.raw.as_ref().map(journal).transpose()?,
+        };
+        let status = printer.status();
+        let mut show = |progress: &Progress| {
+            status.set_message(describe(progress));
+            status.tick();
+        };
+        let recorded = record(&mut source, sinks, &options, &stop, &mut show);
+        status.finish_and_clear();
+        report(&recorded?, printer)?;
+        Ok(Outcome::Done)
+    }
+
+    fn uplink(&self) -> anyhow::Result<Option<Uplink>> {
+        if !self.start {
+            return Ok(None);
+        }
+        let framing = self.framing.map_or(Some(Framing::Cobs), FramingArg::framing);
+        let framing = framing.context("`--start` is not for the original board")?;
+        Ok(Some(Uplink { framing, to: self.serial.to }))
+    }
+}
+
+/// The line that is shown while it runs.
+fn describe(progress: &Progress) -> String {
+    let Progress { elapsed, rate_hz, frames, bytes, waiting, ref losses, .. } = *progress;
+    let seconds = elapsed.as_secs();
+    let time = format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60);
+    if !progress.connected {
+        return format!("{time}  port is gone, waiting for it; {frames} frames so far");
+    }
+    match progress.protocol {
+        None if bytes == 0 => format!("{time}  nothing arrives; a board streams when told to"),
+        None => format!("{time}  {bytes} bytes, no frame so far"),
+        Some(protocol) => {
+            let losses = list_losses(losses);
+            let losses = if losses.is_empty() { "nothing lost".to_owned() } else { losses };
+            let name = protocol_name(protocol);
+            format!(
+                "{time}  {rate_hz:.1} Hz  {frames} frames ({waiting} waiting)  {name}  {losses}"
+            )
+        }
+    }
+}
+
+/// What was lost, in words; empty if nothing was.
+fn list_losses(losses: &Losses) -> String {
+    let counts = [
+        (losses.missing, "missing"),
+        (losses.dropped_on_board, "dropped on the board"),
+        (losses.bad_crc, "bad CRC"),
+        (losses.damaged, "damaged"),
+        (losses.duplicates, "duplicates"),
+        (losses.reordered, "reordered"),
+        (losses.unknown, "unknown"),
+        (losses.skipped_bytes, "bytes skipped"),
+        (losses.restarts, "restarts"),
+    ];
+    let told = counts.iter().filter(|(count, _)| *count > 0);
+    told.map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>().join(", ")
+}
+
+fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
+    if recorded.other_content > 0 {
+        printer.warning(format!(
+            "{} frames are not in the log: the board changed between readings and wrenches",
+            recorded.other_content
+        ));
+    }
+    if printer.json() {
+        return printer.document(recorded);
+    }
+    let losses = list_losses(&recorded.losses);
+    printer.line(format!(
+        "{} frames over {:.3} s of the board's time ({}); {}",
+        recorded.frames,
+        recorded.board_time_s,
+        recorded.framing.unwrap_or("no framing"),
+        if losses.is_empty() { "nothing lost" } else { &losses },
+    ))
+}
+
+fn parse_duration(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|_| "a time in s, such as 90".to_owned())?;
+    Duration::try_from_secs_f64(seconds)
+        .ok()
+        .filter(|duration| !duration.is_zero())
+        .ok_or_else(|| "a time in s above 0".to_owned())
+}

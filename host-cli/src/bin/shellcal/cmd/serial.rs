@@ -1,0 +1,80 @@
+//! Arguments for a serial port, shared by the commands that talk to a board.
+
+use clap::ValueEnum;
+use shared_proto::xbee::Mode;
+use shared_proto::{Framing, Protocol};
+use shellcal::link::{FlowControl, PortOptions};
+
+/// How to open a port
+#[derive(Debug, clap::Args)]
+pub(crate) struct SerialArgs {
+    /// Bits per second
+    #[arg(long, value_name = "BAUD", default_value_t = 57_600, value_parser = clap::value_parser!(u32).range(50..))]
+    pub(crate) baud: u32,
+
+    /// Who may hold up whom
+    #[arg(long, value_name = "KIND", value_enum, default_value_t = Flow::None)]
+    pub(crate) flow_control: Flow,
+
+    /// Address of the board's XBee, for a base station in API mode
+    #[arg(long, value_name = "ADDRESS", default_value = "0xFFFF", value_parser = parse_address)]
+    pub(crate) to: u16,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Flow {
+    /// None
+    None,
+    /// RTS/CTS
+    Hardware,
+    /// XON/XOFF
+    Software,
+}
+
+/// How bytes are framed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FramingArg {
+    /// Packets over a wire or a transparent XBee
+    Cobs,
+    /// Packets over an XBee in API mode
+    XbeeAp1,
+    /// Packets over an XBee in API mode with escapes
+    XbeeAp2,
+    /// The original SkinProc board
+    Original,
+}
+
+impl SerialArgs {
+    pub(crate) fn port(&self, port: &str) -> PortOptions {
+        let flow_control = match self.flow_control {
+            Flow::None => FlowControl::None,
+            Flow::Hardware => FlowControl::Hardware,
+            Flow::Software => FlowControl::Software,
+        };
+        PortOptions { port: port.to_owned(), baud: self.baud, flow_control }
+    }
+}
+
+impl FramingArg {
+    pub(crate) fn protocol(self) -> Protocol {
+        self.framing().map_or(Protocol::Original, Protocol::Packets)
+    }
+
+    /// The framing of packets, `None` for the original board.
+    pub(crate) fn framing(self) -> Option<Framing> {
+        match self {
+            FramingArg::Cobs => Some(Framing::Cobs),
+            FramingArg::XbeeAp1 => Some(Framing::Xbee(Mode::Plain)),
+            FramingArg::XbeeAp2 => Some(Framing::Xbee(Mode::Escaped)),
+            FramingArg::Original => None,
+        }
+    }
+}
+
+fn parse_address(text: &str) -> Result<u16, String> {
+    let parsed = match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
+        Some(digits) => u16::from_str_radix(digits, 16),
+        None => text.parse(),
+    };
+    parsed.map_err(|error| format!("{error}; an address is 0x0000 to 0xFFFF"))
+}

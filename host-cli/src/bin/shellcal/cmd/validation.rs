@@ -1,0 +1,194 @@
+//! How held-out errors, the choice of a model and the coverage of the training loads are printed.
+
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+use shellcal::calibration::validation::cross_validation::CrossValidation;
+use shellcal::calibration::validation::excitation::{Excitation, Gap};
+use shellcal::calibration::validation::selection::Selection;
+use shellcal::wrench::Axis;
+
+use super::fit::ModelArg;
+use super::quality::significant;
+use crate::printer::Printer;
+
+/// What is held out together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum CvArg {
+    /// Each group of the logs' group column, or each file.
+    Auto,
+    /// Each file.
+    File,
+    /// Each group of the column.
+    Column,
+    /// So many folds of groups.
+    Folds(usize),
+}
+
+/// A model, or the best of them.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum ModelChoice {
+    Given(ModelArg),
+    Auto,
+}
+
+impl ValueEnum for ModelChoice {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[
+            Self::Given(ModelArg::Linear),
+            Self::Given(ModelArg::Cubic),
+            Self::Given(ModelArg::Quadratic),
+            Self::Given(ModelArg::Poly3),
+            Self::Auto,
+        ]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        match self {
+            Self::Given(model) => model.to_possible_value(),
+            Self::Auto => {
+                Some(PossibleValue::new("auto").help(
+                    "The smallest that predicts new groups as well as the best, with its ridge",
+                ))
+            }
+        }
+    }
+}
+
+pub(super) fn parse_cv(text: &str) -> Result<CvArg, String> {
+    match (text, text.parse()) {
+        ("auto", _) => Ok(CvArg::Auto),
+        ("file", _) => Ok(CvArg::File),
+        ("column", _) => Ok(CvArg::Column),
+        (_, Ok(folds @ 2..)) => Ok(CvArg::Folds(folds)),
+        _ => Err("expected `file`, `column` or a number of folds from 2 up".to_owned()),
+    }
+}
+
+pub(super) fn print_cross_validation(
+    printer: &mut Printer,
+    cv: &CrossValidation,
+) -> anyhow::Result<()> {
+    let ratios = cv.ratios();
+    let rows: Vec<Vec<String>> = Axis::ALL
+        .map(|axis| {
+            let i = axis.index();
+            let none = || "–".to_owned();
+            vec![
+                axis.name().to_owned(),
+                significant(cv.grouped[i].rms, 4),
+                cv.random.map_or_else(none, |random| significant(random[i].rms, 4)),
+                ratios[i].map_or_else(none, |ratio| format!("{ratio:.2}")),
+                significant(cv.grouped[i].bias, 2),
+                axis.unit().to_owned(),
+            ]
+        })
+        .to_vec();
+    printer.line("")?;
+    let header = ["held out", "RMS new groups", "RMS random", "ratio", "bias new groups", "unit"];
+    printer.table(&header, &rows)?;
+    let each = if cv.folds == cv.groups {
+        "each alone".to_owned()
+    } else {
+        format!("in {} folds", cv.folds)
+    };
+    printer.line(format!(
+        "{} groups held out {each}, {} rows; beside it the same rows in {} random folds",
+        cv.groups, cv.rows, cv.random_folds
+    ))?;
+    if !cv.undetermined.is_empty() {
+        /// More names do not help to find the cause.
+        const SHOWN: usize = 5;
+        let shown = cv.undetermined.iter().take(SHOWN);
+        let names: Vec<String> = shown.map(|label| format!("`{label}`")).collect();
+        printer.warning(format!(
+            "without {} of the groups the model cannot be fitted ({}{}): they are not counted",
+            cv.undetermined.len(),
+            names.join(", "),
+            if cv.undetermined.len() > SHOWN { ", …" } else { "" },
+        ));
+    }
+    if !cv.generalises() {
+        let (axis, ratio) = (Axis::ALL.iter().zip(ratios))
+            .filter_map(|(axis, ratio)| Some((axis, ratio?)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or(("", 0.0), |(axis, ratio)| (axis.name(), ratio));
+        printer.warning(format!(
+            "this model does not generalise to poses it was not trained on: its error on them is \
+             up to {ratio:.1} times that of a random split ({axis}); record more poses, or choose \
+             a smaller model (`--model auto`)"
+        ));
+    }
+    Ok(())
+}
+
+pub(super) fn print_selection(printer: &mut Printer, selection: &Selection) -> anyhow::Result<()> {
+    let rows: Vec<Vec<String>> = (selection.candidates.iter().enumerate())
+        .map(|(i, candidate)| {
+            let mark = match i {
+                i if i == selection.chosen => " ←",
+                i if i == selection.best => " *",
+                _ => "",
+            };
+            let mut row = vec![
+                format!("{}{mark}", candidate.basis.name()),
+                candidate.features.to_string(),
+                format!("{:e}", candidate.ridge),
+            ];
+            match candidate.errors {
+                None => row.extend(std::iter::repeat_n("–".to_owned(), 8)),
+                Some(errors) => {
+                    row.push(significant(errors.score, 3));
+                    row.push(significant(errors.standard_error, 2));
+                    row.extend(errors.rms.map(|rms| significant(rms, 3)));
+                }
+            }
+            row
+        })
+        .collect();
+    let mut header = vec!["model", "features", "ridge", "score", "±"];
+    header.extend(Axis::ALL.map(Axis::name));
+    printer.table(&header, &rows)?;
+    printer.line(format!(
+        "errors on groups held out in {} folds, score relative to the variance; ← chosen: fewest \
+         features within one standard error of the best (*)",
+        selection.folds
+    ))?;
+    printer.line("")
+}
+
+pub(super) fn print_excitation(
+    printer: &mut Printer,
+    excitation: &Excitation,
+) -> anyhow::Result<()> {
+    let range = |axis: Axis| {
+        let of = &excitation.axes[axis.index()];
+        let (min, max) = (significant(of.min, 2), significant(of.max, 2));
+        format!("{} {min} … {max} {}", axis.name(), axis.unit())
+    };
+    printer.line(format!(
+        "loads: {}; condition of their correlation {}",
+        Axis::ALL.map(range).join(", "),
+        excitation.condition.map_or("infinite".to_owned(), |c| significant(c, 2)),
+    ))?;
+    for gap in excitation.gaps() {
+        printer.note(match gap {
+            Gap::Unloaded(axis) => format!("{0} never changes: record loads on {0}", axis.name()),
+            Gap::OneSided { axis, positive, share } => {
+                let (sign, name) = (if positive { '+' } else { '−' }, axis.name());
+                format!(
+                    "{name} is hardly loaded towards {sign}{name} ({:.1} % of its square sum): \
+                     record such loads if the sensor will see them",
+                    100.0 * share
+                )
+            }
+            Gap::Together { first, second, correlation } => format!(
+                "{} and {} nearly always move together (correlation {correlation:.2}): record loads \
+                 that tell them apart",
+                first.name(),
+                second.name()
+            ),
+            _ => continue,
+        });
+    }
+    Ok(())
+}

@@ -1,0 +1,139 @@
+//! The solver that sums without rounding.
+
+use std::sync::{Mutex, PoisonError};
+
+use faer::Mat;
+
+use super::{Pass, Problem, Solution, Solver};
+use crate::block::Block;
+use crate::calibration::exact::{
+    Accumulator, ExactError, Moments, RankLoss as ExactLoss, SolveError,
+};
+use crate::calibration::extent::Extent;
+use crate::calibration::rank_loss::{Dependence, RankLoss};
+use crate::calibration::scaling::Scaling;
+use crate::calibration::{FitError, Model};
+
+/// Exact moments of integer readings, see [`crate::calibration::exact`].
+///
+/// The bits of its answer depend on the rows alone. It chooses its own centre and scale, from all
+/// rows.
+#[derive(Debug)]
+pub struct Exact {
+    model: Model,
+    ridge: f64,
+    /// What the next accumulator is forked from. It saves work and has no influence on results.
+    latest: Mutex<Accumulator>,
+}
+
+/// The sums over some rows, or why there are none.
+#[derive(Clone, Debug)]
+pub struct ExactPartial(Result<Accumulator, ExactError>);
+
+impl Exact {
+    /// A solver for `problem`.
+    ///
+    /// # Errors
+    /// [`FitError::Ridge`] if the ridge parameter is negative or not finite.
+    pub fn new(problem: &Problem) -> Result<Self, FitError> {
+        let Problem { model, ridge, .. } = *problem;
+        if !(ridge >= 0.0 && ridge.is_finite()) {
+            return Err(FitError::Ridge(ridge));
+        }
+        let latest = Mutex::new(Accumulator::new(model.basis, model.channels));
+        Ok(Self { model, ridge, latest })
+    }
+
+    fn fork(&self) -> Accumulator {
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner).fork()
+    }
+}
+
+impl Pass for Exact {
+    type Partial = ExactPartial;
+
+    fn empty(&self) -> ExactPartial {
+        ExactPartial(Ok(Accumulator::new(self.model.basis, self.model.channels)))
+    }
+
+    fn reduce(&self, block: &Block) -> Result<ExactPartial, FitError> {
+        let mut sums = self.fork();
+        sums.absorb(&block.readings, &block.wrench)?;
+        sums.settle()?;
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        if !latest.matches(&sums) {
+            *latest = sums.fork();
+        }
+        drop(latest);
+        Ok(ExactPartial(Ok(sums)))
+    }
+
+    fn merge(&self, earlier: &mut ExactPartial, later: ExactPartial) {
+        let merged = match (&mut earlier.0, later.0) {
+            (Ok(sums), Ok(later)) => sums.merge(later),
+            (Ok(_), Err(error)) => Err(error),
+            (Err(_), _) => return,
+        };
+        if let Err(error) = merged {
+            earlier.0 = Err(error);
+        }
+    }
+}
+
+impl Solver for Exact {
+    fn solve(&self, partial: &ExactPartial, extent: &Extent) -> Result<Solution, FitError> {
+        solve_moments(&partial.0.clone()?.finish()?, &self.model, self.ridge, extent)
+    }
+}
+
+/// The coefficients of `model` that fit the rows of `moments` best. `extent` is that of the same
+/// rows; `ridge` as in [`Problem::ridge`].
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients.
+pub fn solve_moments(
+    moments: &Moments,
+    model: &Model,
+    ridge: f64,
+    extent: &Extent,
+) -> Result<Solution, FitError> {
+    let fit = moments.solve(model, ridge).map_err(|error| match error {
+        SolveError::TooFewRows { rows, coefficients } => {
+            FitError::TooFewRows { rows, coefficients }
+        }
+        SolveError::RankDeficient(_) if extent.constant_channels().len() == extent.ranges.len() => {
+            FitError::IdenticalRows { rows: extent.rows }
+        }
+        SolveError::RankDeficient(loss) => FitError::RankDeficient(explain(loss, extent)),
+        SolveError::NearlyDependent => FitError::NearlyDependent,
+        SolveError::Overflow => FitError::Overflow,
+        SolveError::Ridge(ridge) => FitError::Ridge(ridge),
+        SolveError::OtherFeatures { .. } => {
+            FitError::Channels { expected: model.channels, found: extent.ranges.len() }
+        }
+    })?;
+    let coefficients = &fit.coefficients;
+    Ok(Solution {
+        model: fit.model,
+        coefficients: Mat::from_fn(coefficients.len(), 6, |i, j| coefficients[i][j].to_f64()),
+        factor: fit.covariance_factor(),
+        residual_products: Mat::from_fn(6, 6, |i, j| fit.residual_products[i][j]),
+        rows: fit.rows,
+        condition: fit.condition,
+        rank: fit.rank,
+        scaling: Scaling { centre: fit.centre, scale: fit.scale },
+    })
+}
+
+/// Names the channels that are to blame: constant ones first, then what does not follow from them.
+fn explain(loss: ExactLoss, extent: &Extent) -> RankLoss {
+    let constant = extent.constant_channels();
+    let mut dependences: Vec<Dependence> = constant
+        .iter()
+        .map(|&channel| Dependence::Constant { channel, value: extent.ranges[channel].min })
+        .collect();
+    let moves = |channel: &u8| !constant.contains(&usize::from(*channel));
+    let others = loss.relations.into_iter().filter(|r| r.feature.factors().iter().all(moves));
+    dependences.extend(others.map(Dependence::from));
+    RankLoss { rank: loss.rank, features: loss.features, dependences }
+}

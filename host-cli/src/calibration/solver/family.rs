@@ -1,0 +1,200 @@
+//! Every solver by its name, over blocks that can be passed over as often as it asks.
+
+use super::{Exact, Pass, Problem, Solution, Solver, SolverKind};
+use crate::block::Block;
+use crate::calibration::extent::Extent;
+use crate::calibration::features::Features;
+use crate::calibration::least_squares::{
+    self, Chunk, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape,
+};
+use crate::calibration::{FitError, Model};
+use crate::wrench::Axis;
+
+/// Blocks of rows that can be passed over any number of times, always in the same order.
+pub trait Blocks {
+    /// What can go wrong on the way.
+    type Error: From<FitError>;
+
+    /// Reduces every block and merges what they leave behind, in order.
+    ///
+    /// # Errors
+    /// Where rows cannot be had, or the pass cannot work with them.
+    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, Self::Error>;
+}
+
+impl Blocks for &[Block] {
+    type Error = FitError;
+
+    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, FitError> {
+        let mut sum = pass.empty();
+        for block in *self {
+            pass.merge(&mut sum, pass.reduce(block)?);
+        }
+        Ok(sum)
+    }
+}
+
+/// Fits the calibration that `problem` asks for by the solver of that name, and tells the extent
+/// of the rows that it was fitted to.
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients, or not for this solver; whatever
+/// `blocks` can fail with.
+pub fn fit<B: Blocks>(
+    kind: SolverKind,
+    problem: Problem,
+    blocks: &mut B,
+) -> Result<(Solution, Extent), B::Error> {
+    let method = match kind {
+        SolverKind::Exact => return in_one_pass(&Exact::new(&problem)?, problem.model, blocks),
+        SolverKind::Tsqr => Method::Tsqr,
+        SolverKind::RefinedTsqr => Method::RefinedTsqr,
+        SolverKind::PivotedQr => Method::PivotedQr,
+        SolverKind::Svd => Method::Svd { truncate: None },
+        SolverKind::Gram => Method::Gram,
+        SolverKind::WideGram => Method::WideGram,
+        SolverKind::WideTsqr => Method::WideTsqr,
+        SolverKind::RidgeGcv => Method::RidgeGcv,
+        SolverKind::Huber => Method::Huber,
+    };
+    fit_by(method, problem, blocks)
+}
+
+/// A solver that needs one pass.
+fn in_one_pass<S: Solver, B: Blocks>(
+    solver: &S,
+    model: Model,
+    blocks: &mut B,
+) -> Result<(Solution, Extent), B::Error> {
+    let (extent, partial) = blocks.pass(&WithExtent { channels: model.channels, pass: solver })?;
+    Ok((solver.solve(&partial, &extent)?, extent))
+}
+
+/// A pass that finds the extent of the rows as it goes.
+struct WithExtent<'a, P> {
+    channels: usize,
+    pass: &'a P,
+}
+
+impl<P: Pass> Pass for WithExtent<'_, P> {
+    type Partial = (Extent, P::Partial);
+
+    fn empty(&self) -> Self::Partial {
+        (Extent::new(self.channels), self.pass.empty())
+    }
+
+    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError> {
+        Ok((Extent::of_block(block, self.channels)?, self.pass.reduce(block)?))
+    }
+
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
+        earlier.0.merge(&later.0);
+        self.pass.merge(&mut earlier.1, later.1);
+    }
+}
+
+/// As [`fit`], by a method of [`least_squares`] on the features.
+///
+/// # Errors
+/// As [`fit`].
+pub fn fit_by<B: Blocks>(
+    method: Method,
+    problem: Problem,
+    blocks: &mut B,
+) -> Result<(Solution, Extent), B::Error> {
+    let Problem { model, scaling, ridge: lambda } = problem;
+    if !(lambda >= 0.0 && lambda.is_finite()) {
+        return Err(FitError::Ridge(lambda).into());
+    }
+    let features = Features::new(model, scaling);
+    let free_column = model.intercept.then(|| features.len() - 1);
+    let mut rows = FeatureRows { blocks, features: &features, extent: None };
+    let solved = least_squares::solve(&mut rows, method, Ridge { lambda, free_column });
+    let extent = rows.extent.unwrap_or_else(|| Extent::new(model.channels));
+    match solved {
+        Ok(solved) => Ok((Solution::new(&features, solved), extent)),
+        Err(Stopped::Solving(error)) => {
+            Err(FitError::of_least_squares(error, &features, &extent).into())
+        }
+        Err(Stopped::Reading(error)) => Err(error),
+    }
+}
+
+/// Blocks as rows of features and wrench.
+struct FeatureRows<'a, B> {
+    blocks: &'a mut B,
+    features: &'a Features,
+    /// That of all rows, once they have been passed over.
+    extent: Option<Extent>,
+}
+
+enum Stopped<E> {
+    Solving(LeastSquaresError),
+    Reading(E),
+}
+
+impl<E> From<LeastSquaresError> for Stopped<E> {
+    fn from(error: LeastSquaresError) -> Self {
+        Stopped::Solving(error)
+    }
+}
+
+impl<B: Blocks> Rows for FeatureRows<'_, B> {
+    type Error = Stopped<B::Error>;
+
+    fn shape(&self) -> Shape {
+        Shape { features: self.features.len(), outputs: Axis::ALL.len() }
+    }
+
+    fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
+        let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
+        let pass = WithExtent { channels: self.features.model().channels, pass: &pass };
+        let (extent, partial) = self.blocks.pass(&pass).map_err(Stopped::Reading)?;
+        self.extent.get_or_insert(extent);
+        Ok(partial)
+    }
+}
+
+/// A reduction of features as a pass over blocks.
+struct OverFeatures<'a, R> {
+    features: &'a Features,
+    shape: Shape,
+    reduction: &'a R,
+}
+
+impl<R: Reduction> Pass for OverFeatures<'_, R> {
+    type Partial = R::Partial;
+
+    fn empty(&self) -> R::Partial {
+        self.reduction.empty()
+    }
+
+    fn reduce(&self, block: &Block) -> Result<R::Partial, FitError> {
+        let p = self.features.len();
+        let stride = Chunk::rows_in_cache(self.shape.columns()).min(block.rows);
+        let mut heads = vec![0.0; stride * self.shape.columns()];
+        let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
+        let (mut partial, mut scratch) = (self.reduction.empty(), self.reduction.scratch());
+        for start in (0..block.rows).step_by(stride.max(1)) {
+            let rows = start..block.rows.min(start + stride);
+            let readings = &block.readings;
+            let wide = if R::WIDE {
+                self.features.fill_wide(readings, rows.clone(), &mut heads, &mut tails, stride)
+            } else {
+                self.features.fill(readings, rows.clone(), &mut heads, stride);
+                false
+            };
+            for (column, axis) in heads.chunks_mut(stride).skip(p).zip(&block.wrench) {
+                column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
+            }
+            let tails = if wide { &tails[..] } else { &[] };
+            let chunk = Chunk { rows: rows.len(), stride, heads: &heads, tails };
+            self.reduction.absorb(&mut partial, &chunk, &mut scratch);
+        }
+        Ok(partial)
+    }
+
+    fn merge(&self, earlier: &mut R::Partial, later: R::Partial) {
+        self.reduction.merge(earlier, later);
+    }
+}

@@ -1,0 +1,55 @@
+//! How far a calibration can be trusted on what it was not trained on.
+//!
+//! Rows of one recording, or of one pose, resemble each other. A random split puts neighbours on
+//! both sides, and a model is then tested on what it has all but seen. So rows are held out by
+//! group: [`grouped`] sums them group by group in one pass, [`cross_validation`] fits without each
+//! group and finds the errors on it from those sums, [`selection`] compares models by these
+//! errors, [`excitation`] says how well the training loads cover the six axes.
+//!
+//! Left out: readings that the exact solver cannot take. Without exact sums, taking a group away
+//! from the whole would cancel.
+
+pub mod cross_validation;
+pub mod excitation;
+pub mod grouped;
+pub mod selection;
+
+use super::exact::{ExactError, SolveError};
+
+/// Why a calibration cannot be validated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ValidationError {
+    /// The rows cannot be summed exactly.
+    #[error("cross-validation needs exact sums: {0}")]
+    NotExact(#[from] ExactError),
+    /// Nothing to hold out, or nothing left.
+    #[error("cross-validation needs at least `2` groups, found `{found}`")]
+    TooFewGroups {
+        /// Groups.
+        found: usize,
+    },
+    /// A column that is no group label, most likely.
+    #[error("more than `{limit}` groups")]
+    TooManyGroups {
+        /// The largest number.
+        limit: usize,
+    },
+    /// Folds that the groups do not fill.
+    #[error("`{folds}` folds of `{groups}` groups, expected `2` to the number of groups")]
+    Folds {
+        /// Folds asked for.
+        folds: usize,
+        /// Groups.
+        groups: usize,
+    },
+    /// No fold leaves enough rows to fit the model.
+    #[error("the model cannot be fitted without any one of the groups: {0}")]
+    Undetermined(SolveError),
+    /// The sums do not suit the model.
+    #[error(transparent)]
+    Solve(#[from] SolveError),
+    /// None of the models can be fitted.
+    #[error("the rows determine none of the models")]
+    NoModel,
+}

@@ -1,0 +1,204 @@
+//! Asking the board: commands, and answers that are told by their numbers.
+
+use std::io::{Read, Write};
+use std::time::{Duration, Instant};
+
+use shared_proto::xbee::{Address, ApiFrame};
+use shared_proto::{
+    Answer, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet, Piece,
+    Refusal, Status, crc32,
+};
+
+use super::LinkError;
+use super::source::read_port;
+
+/// How often a command is sent before the board is taken for deaf.
+const ATTEMPTS: u32 = 5;
+
+/// How long an answer is waited for. A radio takes tens of ms, a flash that is erased 25.
+const WAIT: Duration = Duration::from_millis(400);
+
+/// The way to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Uplink {
+    /// How the base station is set.
+    pub framing: Framing,
+    /// The board's module, where the base station is in API mode; 0xFFFF is all of them.
+    pub to: u16,
+}
+
+impl Uplink {
+    /// A command as the bytes to send.
+    pub fn encode(&self, number: u16, command: Command) -> Vec<u8> {
+        let frame = Packet::Command { number, command }.encode();
+        match self.framing {
+            Framing::Cobs => frame.to_vec(),
+            Framing::Xbee(mode) => {
+                let to = Address::Short(self.to);
+                let api = ApiFrame::Transmit { id: 0, to, payload: &frame };
+                api.encode(mode).expect("a frame of ours fits in a radio packet").to_vec()
+            }
+        }
+    }
+}
+
+/// One end of a conversation with a board.
+#[derive(Debug)]
+pub struct Client<P> {
+    port: P,
+    name: String,
+    uplink: Uplink,
+    decoder: Decoder,
+    number: u16,
+}
+
+impl<P: Read + Write> Client<P> {
+    /// Over an open port, which `name` names in errors. Numbers go on from `number`: choose one that
+    /// a late answer to somebody else is unlikely to have.
+    pub fn new(port: P, name: &str, uplink: Uplink, number: u16) -> Self {
+        let decoder = Decoder::new(uplink.framing);
+        Self { port, name: name.to_owned(), uplink, decoder, number }
+    }
+
+    /// Sends a command until its answer comes.
+    ///
+    /// # Errors
+    /// [`LinkError`]: no answer, a refusal, another version, or the port is gone.
+    pub fn ask(&mut self, command: Command) -> Result<Answer, LinkError> {
+        self.number = self.number.wrapping_add(1);
+        let bytes = self.uplink.encode(self.number, command);
+        let mut silent = true;
+        for _ in 0..ATTEMPTS {
+            match self.port.write_all(&bytes) {
+                // The line is held up; perhaps not for long.
+                Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {}
+                sent => sent.map_err(|error| self.lost(&error))?,
+            }
+            if let Some(answer) = self.wait(&mut silent)? {
+                return match answer {
+                    Answer::Refused(refusal) => {
+                        Err(LinkError::Refused { command: name_of(&command), refusal })
+                    }
+                    answer => Ok(answer),
+                };
+            }
+        }
+        Err(LinkError::NoAnswer {
+            port: self.name.clone(),
+            command: name_of(&command),
+            attempts: ATTEMPTS,
+            wait: WAIT,
+            silent,
+        })
+    }
+
+    /// The answer with the number of the last command, `None` if it does not come in time.
+    fn wait(&mut self, silent: &mut bool) -> Result<Option<Answer>, LinkError> {
+        let deadline = Instant::now() + WAIT;
+        let mut buffer = [0; 1024];
+        while Instant::now() < deadline {
+            let count =
+                read_port(&mut self.port, &mut buffer).map_err(|error| self.lost(&error))?;
+            *silent &= count == 0;
+            let (mut found, mut other) = (None, None);
+            self.decoder.feed(&buffer[..count], |event| match event {
+                Event::Answer { number, answer } if number == self.number => found = Some(answer),
+                Event::Answer {
+                    answer: answer @ Answer::Refused(Refusal::OtherVersion), ..
+                } => {
+                    found = Some(answer);
+                }
+                Event::OtherVersion { version, .. } => other = Some(version),
+                _ => {}
+            });
+            if found.is_some() {
+                return Ok(found);
+            }
+            if let Some(version) = other {
+                return Err(LinkError::OtherVersion { version });
+            }
+        }
+        Ok(None)
+    }
+
+    /// Does a command that has nothing to tell.
+    ///
+    /// # Errors
+    /// As [`ask`](Self::ask).
+    pub fn order(&mut self, command: Command) -> Result<(), LinkError> {
+        match self.ask(command)? {
+            Answer::Done => Ok(()),
+            _ => Err(LinkError::WrongAnswer { command: name_of(&command) }),
+        }
+    }
+
+    /// What the board is.
+    ///
+    /// # Errors
+    /// As [`ask`](Self::ask).
+    pub fn identify(&mut self) -> Result<Identity, LinkError> {
+        match self.ask(Command::Identify)? {
+            Answer::Identity(identity) => Ok(identity),
+            _ => Err(LinkError::WrongAnswer { command: name_of(&Command::Identify) }),
+        }
+    }
+
+    /// How the board does.
+    ///
+    /// # Errors
+    /// As [`ask`](Self::ask).
+    pub fn status(&mut self) -> Result<Status, LinkError> {
+        match self.ask(Command::Status)? {
+            Answer::Status(status) => Ok(status),
+            _ => Err(LinkError::WrongAnswer { command: name_of(&Command::Status) }),
+        }
+    }
+
+    /// Uploads a calibration and checks that the board has kept it. Returns its CRC-32.
+    ///
+    /// # Errors
+    /// As [`ask`](Self::ask); [`LinkError::NotKept`] if the board then has another.
+    pub fn upload(&mut self, calibration: &Calibration) -> Result<u32, LinkError> {
+        let bytes = calibration.to_bytes();
+        let sent = crc32(&bytes);
+        self.order(Command::BeginCalibration { size: bytes.len() as u32, crc32: sent })?;
+        for (i, piece) in bytes.chunks(MAX_PIECE).enumerate() {
+            let data = Piece::copy_of(piece).expect("a piece is at most as long as one can be");
+            let offset = (i * MAX_PIECE) as u16;
+            self.order(Command::CalibrationPiece { offset, data })?;
+        }
+        // The upload is over once the board has committed it, so a commit whose answer was lost is
+        // refused the second time. The status tells in either case.
+        match self.order(Command::CommitCalibration) {
+            Ok(()) | Err(LinkError::Refused { refusal: Refusal::NoUpload, .. }) => {}
+            Err(error) => return Err(error),
+        }
+        let found = self.status()?.calibration_crc32;
+        match found == sent {
+            true => Ok(sent),
+            false => Err(LinkError::NotKept { sent, found }),
+        }
+    }
+
+    fn lost(&self, error: &std::io::Error) -> LinkError {
+        LinkError::Lost { port: self.name.clone(), reason: error.to_string() }
+    }
+}
+
+fn name_of(command: &Command) -> String {
+    match command {
+        Command::Identify => "identify".to_owned(),
+        Command::Status => "status".to_owned(),
+        Command::Start => "start".to_owned(),
+        Command::Stop => "stop".to_owned(),
+        Command::SetPeriod { period_us } => format!("period {period_us} µs"),
+        Command::SetOversampling { conversions } => format!("oversampling {conversions}"),
+        Command::SetSettling { settling_us } => format!("settling {settling_us} µs"),
+        Command::SetStream(stream) => format!("stream {stream:?}").to_lowercase(),
+        Command::BeginCalibration { .. } => "begin calibration".to_owned(),
+        Command::CalibrationPiece { offset, .. } => format!("calibration from byte {offset}"),
+        Command::CommitCalibration => "commit calibration".to_owned(),
+        Command::Zero { frames } => format!("zero over {frames} frames"),
+        other => format!("command 0x{:02x}", other.code()),
+    }
+}

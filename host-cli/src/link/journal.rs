@@ -1,0 +1,110 @@
+//! A file that grows while a recording runs.
+//!
+//! All other results appear whole or not at all ([`crate::output`]). A recording is the exception:
+//! it cannot be made again, so what has arrived goes to the file within half a second, and stays
+//! there whatever happens to the program. Pieces are written whole: when the disk is full, the file
+//! is cut back to the end of the last piece that fits.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::output::OutputError;
+
+/// A growing file.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    length: u64,
+    pending: Vec<u8>,
+    regular: bool,
+    /// After an error nothing more is written: a hole would be taken for a loss on the way.
+    failed: bool,
+}
+
+impl Journal {
+    /// Makes the file. One that exists is left alone unless `overwrite`; devices and pipes are
+    /// written to.
+    ///
+    /// # Errors
+    /// [`OutputError`] if it cannot be made; its source has kind `AlreadyExists` if it is there.
+    pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
+        let is_device = path.exists() && !path.is_file() && !path.is_dir();
+        let mut options = OpenOptions::new();
+        match (is_device, overwrite) {
+            (true, _) => options.write(true),
+            (false, true) => options.write(true).create(true).truncate(true),
+            (false, false) => options.write(true).create_new(true),
+        };
+        let path = path.to_path_buf();
+        match options.open(&path) {
+            Ok(file) => Ok(Self {
+                path,
+                file,
+                length: 0,
+                pending: Vec::new(),
+                regular: !is_device,
+                failed: false,
+            }),
+            Err(source) => Err(OutputError { path, source }),
+        }
+    }
+
+    /// Where a piece is put together that the next [`flush`](Self::flush) writes.
+    pub(super) fn pending(&mut self) -> &mut Vec<u8> {
+        &mut self.pending
+    }
+
+    /// Bytes in the file.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Writes what is pending, whole or not at all.
+    pub(super) fn flush(&mut self) -> Result<(), OutputError> {
+        if self.failed {
+            self.pending.clear();
+        }
+        if self.pending.is_empty() {
+            return Ok(());
+        }
+        let result = self.file.write_all(&self.pending);
+        let written = self.pending.len() as u64;
+        self.pending.clear();
+        match result {
+            Ok(()) => {
+                self.length += written;
+                Ok(())
+            }
+            Err(source) => {
+                self.failed = true;
+                // If even that fails, a part of a line stays at the end; nothing else can be done.
+                let _ = self.cut();
+                Err(OutputError { path: self.path.clone(), source })
+            }
+        }
+    }
+
+    /// Ends the file: on the disk if it holds anything, gone if it does not.
+    pub(super) fn close(mut self) -> Result<(), OutputError> {
+        let flushed = self.flush();
+        if !self.regular {
+            return flushed;
+        }
+        let closed = match self.length {
+            0 => fs::remove_file(&self.path),
+            _ => self.file.sync_all(),
+        };
+        flushed.and(closed.map_err(|source| OutputError { path: self.path, source }))
+    }
+
+    fn cut(&mut self) -> io::Result<()> {
+        use std::io::{Seek, SeekFrom};
+        if self.regular {
+            self.file.set_len(self.length)?;
+            self.file.seek(SeekFrom::Start(self.length))?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,106 @@
+//! Serial ports: which there are, and opening one.
+
+use std::time::Duration;
+
+use serde::Serialize;
+use serialport::{ErrorKind, SerialPort, SerialPortType};
+
+use super::LinkError;
+
+/// How long a read waits: the longest time until Ctrl-C is heard.
+const READ_TIMEOUT: Duration = Duration::from_millis(50);
+
+/// A port and how to open it: 8 data bits, no parity, 1 stop bit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PortOptions {
+    /// Its name or path.
+    pub port: String,
+    /// Bits per second.
+    pub baud: u32,
+    /// Who may hold up whom.
+    pub flow_control: FlowControl,
+}
+
+/// How sender and receiver hold each other up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FlowControl {
+    /// Not at all.
+    #[default]
+    None,
+    /// RTS/CTS.
+    Hardware,
+    /// XON/XOFF.
+    Software,
+}
+
+/// A port of this computer.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct PortInfo {
+    /// What to call it.
+    pub port: String,
+    /// `usb`, `bluetooth`, `pci` or `unknown`.
+    pub kind: &'static str,
+    /// Product and manufacturer, where the system tells.
+    pub description: String,
+    /// Serial number of a USB adapter, where the system tells.
+    pub serial: Option<String>,
+}
+
+/// The serial ports of this computer, by name.
+///
+/// # Errors
+/// What the system says.
+pub fn ports() -> Result<Vec<PortInfo>, serialport::Error> {
+    let mut ports: Vec<_> = serialport::available_ports()?
+        .into_iter()
+        .map(|info| {
+            let (kind, description, serial) = match info.port_type {
+                SerialPortType::UsbPort(usb) => {
+                    let ids = format!("{:04x}:{:04x}", usb.vid, usb.pid);
+                    let parts = [usb.manufacturer, usb.product, Some(ids)];
+                    let description = parts.into_iter().flatten().collect::<Vec<_>>().join(" ");
+                    ("usb", description, usb.serial_number)
+                }
+                SerialPortType::BluetoothPort => ("bluetooth", String::new(), None),
+                SerialPortType::PciPort => ("pci", String::new(), None),
+                SerialPortType::Unknown => ("unknown", String::new(), None),
+            };
+            PortInfo { port: info.port_name, kind, description, serial }
+        })
+        .collect();
+    ports.sort_by(|a, b| a.port.cmp(&b.port));
+    Ok(ports)
+}
+
+impl PortOptions {
+    /// Opens the port for exclusive use.
+    ///
+    /// # Errors
+    /// [`LinkError`] that tells a port that is missing, in use, or not permitted.
+    pub fn open(&self) -> Result<Box<dyn SerialPort>, LinkError> {
+        let flow_control = match self.flow_control {
+            FlowControl::None => serialport::FlowControl::None,
+            FlowControl::Hardware => serialport::FlowControl::Hardware,
+            FlowControl::Software => serialport::FlowControl::Software,
+        };
+        serialport::new(&self.port, self.baud)
+            .flow_control(flow_control)
+            .timeout(READ_TIMEOUT)
+            .open()
+            .map_err(|error| self.explain(&error))
+    }
+
+    fn explain(&self, error: &serialport::Error) -> LinkError {
+        use std::io::ErrorKind as Io;
+        let port = self.port.clone();
+        match error.kind() {
+            ErrorKind::Io(Io::NotFound) => LinkError::Missing { port },
+            ErrorKind::Io(Io::PermissionDenied) => LinkError::Denied { port },
+            // What the library reports of a port that is locked, and Windows of one that is not
+            // there.
+            ErrorKind::NoDevice if cfg!(unix) => LinkError::Busy { port },
+            ErrorKind::NoDevice => LinkError::Missing { port },
+            _ => LinkError::Open { port, reason: error.to_string() },
+        }
+    }
+}

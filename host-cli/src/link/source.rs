@@ -1,0 +1,154 @@
+//! Where bytes come from: a port, or a file of bytes that were recorded before.
+
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use serialport::SerialPort;
+
+use super::{LinkError, PortOptions};
+
+/// Time between two attempts to open a port that is gone.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// A stream of bytes.
+#[derive(Debug)]
+pub struct Source {
+    inner: Inner,
+    started: Instant,
+    /// Times that a port that was gone has come back.
+    pub reconnections: u64,
+}
+
+#[derive(Debug)]
+enum Inner {
+    Port {
+        port: Option<Box<dyn SerialPort>>,
+        options: PortOptions,
+        reconnect: bool,
+        retry: Instant,
+    },
+    Replay {
+        file: File,
+        path: String,
+    },
+}
+
+/// What a read gave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Input {
+    /// So many bytes.
+    Bytes(usize),
+    /// Nothing for now.
+    Nothing,
+    /// There will be no more.
+    End,
+}
+
+impl Source {
+    /// Opens a port. With `reconnect`, one that goes away is waited for.
+    ///
+    /// # Errors
+    /// [`LinkError`] if it cannot be opened now.
+    pub fn port(options: PortOptions, reconnect: bool) -> Result<Self, LinkError> {
+        let (port, now) = (Some(options.open()?), Instant::now());
+        Ok(Self::of(Inner::Port { port, options, reconnect, retry: now }))
+    }
+
+    /// Opens a file of raw bytes.
+    ///
+    /// # Errors
+    /// [`LinkError::Replay`] if it cannot be opened.
+    pub fn replay(path: &Path) -> Result<Self, LinkError> {
+        let file = File::open(path).map_err(|error| replay_error(path.display(), &error))?;
+        Ok(Self::of(Inner::Replay { file, path: path.display().to_string() }))
+    }
+
+    fn of(inner: Inner) -> Self {
+        Self { inner, started: Instant::now(), reconnections: 0 }
+    }
+
+    /// Time since the start; a replay takes none.
+    pub(super) fn elapsed(&self) -> Duration {
+        match self.inner {
+            Inner::Port { .. } => self.started.elapsed(),
+            Inner::Replay { .. } => Duration::ZERO,
+        }
+    }
+
+    /// Whether the port is there.
+    pub(super) fn is_connected(&self) -> bool {
+        !matches!(self.inner, Inner::Port { port: None, .. })
+    }
+
+    /// The name of the port or file.
+    pub(super) fn name(&self) -> &str {
+        match &self.inner {
+            Inner::Port { options, .. } => &options.port,
+            Inner::Replay { path, .. } => path,
+        }
+    }
+
+    /// Bytes into `buffer`, waiting for some a short time.
+    pub(super) fn read(&mut self, buffer: &mut [u8]) -> Result<Input, LinkError> {
+        match &mut self.inner {
+            Inner::Replay { file, path } => match file.read(buffer) {
+                Ok(0) => Ok(Input::End),
+                Ok(count) => Ok(Input::Bytes(count)),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(Input::Nothing),
+                Err(error) => Err(replay_error(path, &error)),
+            },
+            Inner::Port { port: Some(port), options, reconnect, .. } => {
+                let error = match read_port(&mut **port, buffer) {
+                    Ok(0) => return Ok(Input::Nothing),
+                    Ok(count) => return Ok(Input::Bytes(count)),
+                    Err(error) => error,
+                };
+                if !*reconnect {
+                    let (port, reason) = (options.port.clone(), error.to_string());
+                    return Err(LinkError::Lost { port, reason });
+                }
+                if let Inner::Port { port, .. } = &mut self.inner {
+                    *port = None;
+                }
+                Ok(Input::Nothing)
+            }
+            Inner::Port { port: port @ None, options, retry, .. } => {
+                std::thread::sleep(Duration::from_millis(20));
+                if retry.elapsed() >= RETRY {
+                    *retry = Instant::now();
+                    *port = options.open().ok();
+                    self.reconnections += u64::from(port.is_some());
+                }
+                Ok(Input::Nothing)
+            }
+        }
+    }
+
+    /// Sends bytes to the board; a replay has none. What cannot be sent is lost: the caller repeats
+    /// it until the board has heard.
+    pub(super) fn send(&mut self, bytes: &[u8]) {
+        if let Inner::Port { port: Some(port), .. } = &mut self.inner {
+            let _ = port.write_all(bytes);
+        }
+    }
+}
+
+/// What a port has, zero bytes if it has none for now.
+pub(super) fn read_port(port: &mut (impl Read + ?Sized), buffer: &mut [u8]) -> io::Result<usize> {
+    match port.read(buffer) {
+        Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+        Ok(count) => Ok(count),
+        Err(error) => match error.kind() {
+            io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => {
+                Ok(0)
+            }
+            _ => Err(error),
+        },
+    }
+}
+
+fn replay_error(path: impl ToString, error: &io::Error) -> LinkError {
+    LinkError::Replay { path: path.to_string(), reason: error.to_string() }
+}

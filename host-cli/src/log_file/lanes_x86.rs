@@ -1,0 +1,141 @@
+//! [`Lanes`] in the wide registers of x86-64: marks are looked for in 32 bytes at a time, and the
+//! digits of a number of up to 16 bytes are joined within one register.
+
+use std::arch::x86_64::{__m128i, __m256i};
+
+use pulp::x86::V3;
+
+use super::lanes::{Lanes, Portable};
+use super::number::quotient;
+
+/// Processors with AVX2 and what came before it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wide(V3);
+
+impl Wide {
+    /// `None` on processors that are not such.
+    pub(super) fn detect() -> Option<Self> {
+        V3::try_new().map(Self)
+    }
+}
+
+impl Lanes for Wide {
+    fn run<R>(self, task: impl FnOnce() -> R) -> R {
+        self.0.vectorize(task)
+    }
+
+    #[inline(always)]
+    fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> u64 {
+        let V3 { avx, avx2, .. } = self.0;
+        let [a, b] = wanted.map(|byte| avx._mm256_set1_epi8(byte as i8));
+        let halves: [__m256i; 2] = pulp::cast(*bytes);
+        let [low, high] = halves.map(|half| {
+            let found = [avx2._mm256_cmpeq_epi8(half, a), avx2._mm256_cmpeq_epi8(half, b)];
+            let found = avx2._mm256_or_si256(found[0], found[1]);
+            u64::from(avx2._mm256_movemask_epi8(found) as u32)
+        });
+        low | high << 32
+    }
+
+    #[inline(always)]
+    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        let V3 { sse2, ssse3, .. } = self.0;
+        let negative = *lines.get(at)? == b'-';
+        let mut length = end.wrapping_sub(at + usize::from(negative));
+        // The last digit stands at the end of the register. Longer numbers, and the first ones of
+        // the lines, have no such register.
+        let register = lines.get(end.wrapping_sub(16)..).and_then(<[u8]>::first_chunk::<16>);
+        let Some(register) = register.filter(|_| length <= 16) else {
+            return self.other_number(lines, at, end);
+        };
+        let mut register: __m128i = pulp::cast(*register);
+        let points = sse2._mm_cmpeq_epi8(register, sse2._mm_set1_epi8(b'.' as i8));
+        let points = sse2._mm_movemask_epi8(points) as u32 >> ((16 - length) % 32);
+        let mut decimals = 0;
+        if points != 0 {
+            // The point is closed up. Digits are wanted on both sides of it.
+            let whole_digits = points.trailing_zeros() as usize;
+            length -= 1;
+            decimals = length.wrapping_sub(whole_digits);
+            let close_up = CLOSE_UP.get(decimals.wrapping_sub(1)).filter(|_| whole_digits > 0)?;
+            register = ssse3._mm_shuffle_epi8(register, pulp::cast(*close_up));
+        }
+        // What precedes the number becomes zeros.
+        let Some(last) = LAST.get(length.wrapping_sub(1)) else {
+            return self.other_number(lines, at, end);
+        };
+        let values = sse2._mm_sub_epi8(register, sse2._mm_set1_epi8(b'0' as i8));
+        let values = sse2._mm_and_si128(values, pulp::cast(*last));
+        // Sets the top bit of whatever is no digit.
+        let checked = sse2._mm_adds_epu8(values, sse2._mm_set1_epi8(0x76));
+        if sse2._mm_movemask_epi8(checked) != 0 {
+            return None;
+        }
+        // Fifteen digits are below 2⁵³.
+        Some(quotient(negative, self.join(values), decimals))
+    }
+}
+
+impl Wide {
+    /// Out of the way of the loop that `plain_number` is inlined in.
+    #[inline(never)]
+    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        self.run(
+            #[inline(always)]
+            || Portable.plain_number(lines, at, end),
+        )
+    }
+
+    /// The number that sixteen digit values spell: neighbours are joined to 8 pairs, 4 fours, 2
+    /// eights.
+    #[inline(always)]
+    fn join(self, values: __m128i) -> u64 {
+        let V3 { sse2, ssse3, sse4_1, .. } = self.0;
+        let weights = |high: i16, low: i16| -> __m128i {
+            pulp::cast([high, low, high, low, high, low, high, low])
+        };
+        let tens: __m128i = pulp::cast([10_u8, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1]);
+        let pairs = ssse3._mm_maddubs_epi16(values, tens);
+        let fours = sse2._mm_madd_epi16(pairs, weights(100, 1));
+        let fours = sse4_1._mm_packus_epi32(fours, fours);
+        let eights: [u64; 2] = pulp::cast(sse2._mm_madd_epi16(fours, weights(10_000, 1)));
+        (eights[0] & 0xffff_ffff) * 100_000_000 + (eights[0] >> 32)
+    }
+}
+
+/// For each number of decimals from 1 on, where digits are taken from: those before the point come
+/// one place closer.
+const CLOSE_UP: [[u8; 16]; 14] = {
+    let mut rows = [[0; 16]; 14];
+    let mut decimals = 1;
+    while decimals <= rows.len() {
+        let mut i = 0;
+        while i < 16 {
+            let is_before_point = i + decimals < 16;
+            // 0x80 gives zero: the first place is left without a source.
+            rows[decimals - 1][i] = match (is_before_point, i) {
+                (false, _) => i as u8,
+                (true, 0) => 0x80,
+                (true, _) => i as u8 - 1,
+            };
+            i += 1;
+        }
+        decimals += 1;
+    }
+    rows
+};
+
+/// For each number of digits from 1 on, a mask of the last so many places.
+const LAST: [[u8; 16]; 15] = {
+    let mut rows = [[0; 16]; 15];
+    let mut digits = 1;
+    while digits <= rows.len() {
+        let mut i = 16 - digits;
+        while i < 16 {
+            rows[digits - 1][i] = 0xff;
+            i += 1;
+        }
+        digits += 1;
+    }
+    rows
+};

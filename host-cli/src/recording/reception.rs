@@ -1,0 +1,261 @@
+//! Bytes to frames with unwrapped index and clock, and the books of what was lost.
+
+use serde::Serialize;
+use shared_proto::{
+    AXES, Arrival, Boot, CHANNELS, COUNTS_PER_LSB, Clock, Counters, Decoder, Event, Protocol,
+    Sample, Values, skinproc,
+};
+
+/// Largest code of the original board's 12-bit converter.
+const FULL_SCALE: u16 = 4095;
+
+/// One frame that arrived.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// The board's clock since its first reset in this recording, µs, unwrapped.
+    pub time_us: i64,
+    /// The sequence number, unwrapped; that of the original board counts what arrived.
+    pub index: i64,
+    /// What was measured.
+    pub measured: Measured,
+    /// Bit i is set if channel i was at an end of the converter's range.
+    pub saturated: u8,
+    /// The board's count of frames that it did not take or could not send, which wraps.
+    pub dropped: u8,
+    /// The board has started anew before this frame.
+    pub restarted: bool,
+}
+
+/// What a frame holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Measured {
+    /// Readings in steps of the 12-bit converter.
+    Readings([f64; CHANNELS]),
+    /// Fx, Fy, Fz in N, Mx, My, Mz in N·m, converted on the board.
+    Wrench([f64; AXES]),
+}
+
+/// What the frames of a log hold, which decides on its columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// Readings; `numbered` unless they come from the original board.
+    Readings {
+        /// Whether frames have sequence numbers.
+        numbered: bool,
+    },
+    /// Wrenches.
+    Wrench,
+}
+
+/// What arrived, and what did not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Losses {
+    /// Frames that the board sent and that did not arrive.
+    pub missing: u64,
+    /// Times that one or more in a row were missing.
+    pub gaps: u64,
+    /// Frames that arrived twice; they are written once.
+    pub duplicates: u64,
+    /// Frames that arrived after a later one.
+    pub reordered: u64,
+    /// Packets whose CRC did not match.
+    pub bad_crc: u64,
+    /// Other damage: pieces that are no packet, bad API frames.
+    pub damaged: u64,
+    /// Bytes that belonged to nothing (original board only).
+    pub skipped_bytes: u64,
+    /// Packets of another version or of an unknown kind.
+    pub unknown: u64,
+    /// Frames that the board did not take or could not send.
+    pub dropped_on_board: u64,
+    /// Times that the board started anew.
+    pub restarts: u64,
+}
+
+/// Turns the bytes of one protocol into frames.
+#[derive(Clone, Debug)]
+pub struct Reception {
+    decoder: AnyDecoder,
+    timeline: Timeline,
+    last_dropped: Option<u8>,
+    dropped_on_board: u64,
+    boot: Option<Boot>,
+}
+
+#[derive(Clone, Debug)]
+enum AnyDecoder {
+    Packets(Box<Decoder>),
+    Original(skinproc::Decoder),
+}
+
+impl Reception {
+    /// Nothing has arrived.
+    pub fn new(protocol: Protocol) -> Self {
+        let decoder = match protocol {
+            Protocol::Packets(framing) => AnyDecoder::Packets(Box::new(Decoder::new(framing))),
+            Protocol::Original => AnyDecoder::Original(skinproc::Decoder::new()),
+        };
+        Self {
+            decoder,
+            timeline: Timeline::default(),
+            last_dropped: None,
+            dropped_on_board: 0,
+            boot: None,
+        }
+    }
+
+    /// Takes bytes, in slices of any size, and appends the frames in them, duplicates left out.
+    pub fn feed(&mut self, bytes: &[u8], frames: &mut Vec<Frame>) {
+        let Self { decoder, timeline, last_dropped, dropped_on_board, boot } = self;
+        match decoder {
+            AnyDecoder::Packets(decoder) => decoder.feed(bytes, |event| match event {
+                Event::Sample { arrival: Arrival::Duplicate, .. } => {}
+                Event::Sample { sample, index, arrival } => {
+                    let (time_us, restarted) = timeline.place(sample.clock_us, arrival);
+                    if restarted {
+                        *last_dropped = None;
+                    }
+                    if arrival != Arrival::Late {
+                        let before = last_dropped.replace(sample.dropped);
+                        let step = before.map_or(0, |before| sample.dropped.wrapping_sub(before));
+                        *dropped_on_board += u64::from(step);
+                    }
+                    frames.push(Frame::of_sample(&sample, index, time_us, restarted));
+                }
+                Event::Boot(word) => {
+                    *boot = Some(word);
+                    timeline.restart();
+                }
+                _ => {}
+            }),
+            AnyDecoder::Original(decoder) => {
+                let mut index = decoder.scans.cast_signed();
+                decoder.feed(bytes, |scan| {
+                    frames.push(Frame::of_scan(&scan, index, timeline));
+                    index += 1;
+                });
+            }
+        }
+    }
+
+    /// Ends the stream: the last scan of the original board waits for a next one until then.
+    pub fn finish(&mut self, frames: &mut Vec<Frame>) {
+        if let AnyDecoder::Original(decoder) = &mut self.decoder {
+            let index = decoder.scans.cast_signed();
+            decoder.finish(|scan| frames.push(Frame::of_scan(&scan, index, &mut self.timeline)));
+        }
+    }
+
+    /// What a board said of itself when it last started, if it did.
+    pub fn boot(&self) -> Option<Boot> {
+        self.boot
+    }
+
+    /// What has been lost so far.
+    pub fn losses(&self) -> Losses {
+        let dropped_on_board = self.dropped_on_board;
+        match &self.decoder {
+            AnyDecoder::Packets(decoder) => {
+                let Counters {
+                    bad_crc,
+                    malformed,
+                    bad_api_frames,
+                    unknown_version,
+                    unknown_kind,
+                    missing,
+                    gaps,
+                    duplicates,
+                    reordered,
+                    restarts,
+                    ..
+                } = decoder.counters();
+                Losses {
+                    missing,
+                    gaps,
+                    duplicates,
+                    reordered,
+                    bad_crc,
+                    damaged: malformed + bad_api_frames,
+                    skipped_bytes: 0,
+                    unknown: unknown_version + unknown_kind,
+                    dropped_on_board,
+                    restarts,
+                }
+            }
+            AnyDecoder::Original(decoder) => Losses {
+                skipped_bytes: decoder.skipped,
+                restarts: self.timeline.restarts,
+                ..Losses::default()
+            },
+        }
+    }
+}
+
+impl Frame {
+    /// What it holds, for the columns of a log.
+    pub fn content(&self, numbered: bool) -> Content {
+        match self.measured {
+            Measured::Readings(_) => Content::Readings { numbered },
+            Measured::Wrench(_) => Content::Wrench,
+        }
+    }
+
+    fn of_sample(sample: &Sample, index: i64, time_us: i64, restarted: bool) -> Self {
+        let measured = match sample.values {
+            Values::Readings(counts) => Measured::Readings(
+                counts.map(|counts| f64::from(counts) / f64::from(COUNTS_PER_LSB)),
+            ),
+            Values::Wrench(wrench) => Measured::Wrench(wrench.map(f64::from)),
+        };
+        let (saturated, dropped) = (sample.saturated, sample.dropped);
+        Self { time_us, index, measured, saturated, dropped, restarted }
+    }
+
+    fn of_scan(scan: &skinproc::Scan, index: i64, timeline: &mut Timeline) -> Self {
+        let (time_us, restarted) = timeline.place(scan.clock_us, Arrival::InOrder { missing: 0 });
+        let saturated = (0..CHANNELS)
+            .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
+            .fold(0, |mask, channel| mask | 1 << channel);
+        let measured = Measured::Readings(scan.readings.map(f64::from));
+        Self { time_us, index, measured, saturated, dropped: 0, restarted }
+    }
+}
+
+/// The board's time, over wraps of its clock and over restarts.
+///
+/// How long a board was off nobody knows. Its time goes on from the last frame by the time since
+/// its reset, which is the least it can have been; the frame is marked.
+#[derive(Clone, Debug, Default)]
+struct Timeline {
+    clock: Clock,
+    offset_us: i64,
+    newest: Option<(u32, i64)>,
+    pending_restart: bool,
+    restarts: u64,
+}
+
+impl Timeline {
+    fn restart(&mut self) {
+        self.pending_restart = self.newest.is_some();
+    }
+
+    /// The time of a frame, and whether the board has started anew before it.
+    fn place(&mut self, clock_us: u32, arrival: Arrival) -> (i64, bool) {
+        let is_late = arrival == Arrival::Late;
+        let went_back = self
+            .newest
+            .is_some_and(|(newest, _)| !is_late && clock_us.wrapping_sub(newest).cast_signed() < 0);
+        let restarted = went_back || self.pending_restart;
+        if restarted {
+            self.pending_restart = false;
+            self.restarts += 1;
+            self.clock = Clock::new();
+            self.offset_us = self.newest.map_or(0, |(_, time_us)| time_us);
+        }
+        let time_us = self.offset_us + self.clock.unwrap_us(clock_us);
+        if !is_late {
+            self.newest = Some((clock_us, time_us));
+        }
+        (time_us, restarted)
+    }
+}

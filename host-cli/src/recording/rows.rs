@@ -1,0 +1,173 @@
+//! Frames to the lines of a log.
+//!
+//! ```text
+//! t_s,s1,…,s8,[fx_n,…,mz_nm,]index,missing,dropped,flags       readings [and forces]
+//! t_s,fx_n,…,mz_nm,index,missing,dropped,flags                 wrenches of the board
+//! t_s,s1,…,s8,[fx_n,…,mz_nm,]flags                             the original board
+//! ```
+//!
+//! `missing` counts the frames that did not arrive between this row and the one before; `dropped`
+//! is the board's own count, which wraps at 256. `flags` is empty when all is well: `s3:saturated`
+//! and `s3:range` as in the output of `convert`, `late` where a frame came after a later one had
+//! been written, `restart` where the board has started anew.
+
+use super::reception::{Content, Frame, Measured};
+use crate::calibration::Calibration;
+use crate::wrench::{Axis, PerAxis};
+use shared_proto::CHANNELS;
+
+/// A calibration that cannot be applied to what the board sends.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum UnsuitableCalibration {
+    /// It is for another number of channels.
+    #[error("the calibration is for {found} channels, a board has {CHANNELS}")]
+    Channels {
+        /// The calibration's channels.
+        found: usize,
+    },
+    /// The board converts itself.
+    #[error("the board streams wrenches, so there are no readings to apply a calibration to")]
+    Wrenches,
+}
+
+/// Writes frames as CSV lines.
+#[derive(Clone, Debug)]
+pub struct RowWriter {
+    content: Content,
+    calibration: Option<Calibration>,
+    last_index: Option<i64>,
+    /// Frames that hold something else than the columns.
+    pub other_content: u64,
+}
+
+impl RowWriter {
+    /// For frames that hold `content`, with forces if there is a calibration.
+    ///
+    /// # Errors
+    /// [`UnsuitableCalibration`].
+    pub fn new(
+        content: Content,
+        calibration: Option<Calibration>,
+    ) -> Result<Self, UnsuitableCalibration> {
+        if let Some(calibration) = &calibration {
+            let found = calibration.model().channels;
+            if found != CHANNELS {
+                return Err(UnsuitableCalibration::Channels { found });
+            }
+            if content == Content::Wrench {
+                return Err(UnsuitableCalibration::Wrenches);
+            }
+        }
+        Ok(Self { content, calibration, last_index: None, other_content: 0 })
+    }
+
+    /// The line that names the columns.
+    pub fn header(&self) -> String {
+        let mut names = vec!["t_s".to_owned()];
+        let readings = matches!(self.content, Content::Readings { .. });
+        if readings {
+            names.extend((1..=CHANNELS).map(|channel| format!("s{channel}")));
+        }
+        if !readings || self.calibration.is_some() {
+            names.extend(Axis::ALL.map(|axis| axis.column().to_owned()));
+        }
+        if self.is_numbered() {
+            names.extend(["index", "missing", "dropped"].map(str::to_owned));
+        }
+        names.push("flags".to_owned());
+        names.join(",") + "\n"
+    }
+
+    /// Appends the rows of a batch of frames, in the order of their indices, and empties it.
+    pub fn write(&mut self, frames: &mut Vec<Frame>, text: &mut Vec<u8>) {
+        frames.sort_by_key(|frame| frame.index);
+        let numbered = self.is_numbered();
+        let before = frames.len();
+        frames.retain(|frame| frame.content(numbered) == self.content);
+        self.other_content += (before - frames.len()) as u64;
+        let (wrenches, out_of_range) = self.forces(frames);
+        for (row, frame) in frames.drain(..).enumerate() {
+            let step = self.last_index.map(|last| frame.index - last);
+            let is_late = step.is_some_and(|step| step < 0);
+            if !is_late {
+                self.last_index = Some(frame.index);
+            }
+            write_time(frame.time_us, text);
+            match frame.measured {
+                Measured::Readings(values) => write_numbers(&values, text),
+                Measured::Wrench(values) => write_numbers(&values, text),
+            }
+            if self.calibration.is_some() {
+                write_numbers(&wrenches.each_ref().map(|axis| axis[row]), text);
+            }
+            if numbered {
+                let missing = step.map_or(0, |step| (step - 1).max(0));
+                text.extend_from_slice(
+                    format!(",{},{missing},{}", frame.index, frame.dropped).as_bytes(),
+                );
+            }
+            let range = out_of_range.get(row).copied().unwrap_or(0);
+            text.push(b',');
+            text.extend_from_slice(flags(&frame, range, is_late).as_bytes());
+            text.push(b'\n');
+        }
+    }
+
+    fn is_numbered(&self) -> bool {
+        self.content != Content::Readings { numbered: false }
+    }
+
+    /// Wrenches of the frames and the channels that are out of range, without a calibration none.
+    fn forces(&self, frames: &[Frame]) -> (PerAxis<Vec<f64>>, Vec<u64>) {
+        let mut wrenches = PerAxis::default();
+        let Some(calibration) = &self.calibration else { return (wrenches, Vec::new()) };
+        let column = |channel: usize| {
+            let reading = |frame: &Frame| match &frame.measured {
+                Measured::Readings(readings) => readings[channel],
+                Measured::Wrench(_) => f64::NAN,
+            };
+            frames.iter().map(reading).collect()
+        };
+        let readings: Vec<Vec<f64>> = (0..CHANNELS).map(column).collect();
+        calibration.wrench(&readings, &mut wrenches);
+        let out_of_range = calibration.out_of_range(&readings);
+        (wrenches, out_of_range)
+    }
+}
+
+/// Time in s with all digits of the µs.
+fn write_time(time_us: i64, text: &mut Vec<u8>) {
+    let sign = if time_us < 0 { "-" } else { "" };
+    let (whole, part) = (time_us.unsigned_abs() / 1_000_000, time_us.unsigned_abs() % 1_000_000);
+    text.extend_from_slice(format!("{sign}{whole}.{part:06}").as_bytes());
+}
+
+/// Numbers with the fewest digits that read back as the same.
+fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
+    let mut digits = zmij::Buffer::new();
+    for &value in values {
+        text.push(b',');
+        let digits = digits.format(value);
+        text.extend_from_slice(digits.strip_suffix(".0").unwrap_or(digits).as_bytes());
+    }
+}
+
+fn flags(frame: &Frame, out_of_range: u64, is_late: bool) -> String {
+    let mut flags = Vec::new();
+    if frame.restarted {
+        flags.push("restart".to_owned());
+    }
+    if is_late {
+        flags.push("late".to_owned());
+    }
+    for channel in 0..CHANNELS {
+        if out_of_range >> channel & 1 == 1 {
+            flags.push(format!("s{}:range", channel + 1));
+        }
+        if frame.saturated >> channel & 1 == 1 {
+            flags.push(format!("s{}:saturated", channel + 1));
+        }
+    }
+    flags.join(" ")
+}

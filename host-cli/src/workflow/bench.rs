@@ -1,0 +1,345 @@
+//! Every solver on the same rows: run time against error.
+//!
+//! Errors are relative to an answer in extended precision: Householder QR in double-double,
+//! [`SolverKind::WideTsqr`], which shares no step with the solvers it judges but the features, and
+//! whose own error is κ²·2⁻¹⁰⁴ at most, far below what an `f64` can show for every condition
+//! number κ that a calibration can have; certified problems bear this out. Where that would take
+//! minutes it is refined QR, which stops when its own gradient in double-double says so.
+//!
+//! Rows are held in memory, so that reading them is not timed, and one thread works on them.
+//! Ridge by cross-validation and Huber's estimator answer other questions than least squares, so
+//! they have a run time here and no error.
+
+use std::time::Instant;
+
+use faer::Mat;
+use serde::Serialize;
+
+use crate::block::Block;
+use crate::calibration::features::Features;
+use crate::calibration::scaling::Scaling;
+use crate::calibration::solver::{self, Problem, Solution, SolverKind};
+use crate::calibration::{FitError, Model};
+use crate::plot::{Axis, Chart, Figure, Mark, Series, Spacing};
+
+/// What an `f64` cannot show: errors below this count as this.
+pub const SMALLEST_ERROR: f64 = f64::EPSILON / 2.0;
+/// Elements of a triangular factorisation, rows × columns², beyond which the reference is refined
+/// QR.
+const MOST_WIDE_WORK: f64 = 5e9;
+/// Repetitions stop after this time or this number, whichever comes first; there is one at least.
+const BUDGET_S: f64 = 1.0;
+const MOST_REPETITIONS: usize = 9;
+
+/// What all solvers did with one model.
+#[derive(Clone, Debug, Serialize)]
+pub struct ModelBench {
+    /// The model, `cubic+1`.
+    pub model: String,
+    /// Coefficients of each axis.
+    pub features: usize,
+    /// Rows.
+    pub rows: usize,
+    /// Condition number of the features, columns scaled to norm one.
+    pub condition: f64,
+    /// The solver that errors are relative to.
+    pub reference: &'static str,
+    /// One per solver.
+    pub solvers: Vec<Measurement>,
+}
+
+/// What one solver did.
+#[derive(Clone, Debug, Serialize)]
+pub struct Measurement {
+    /// Its name.
+    pub solver: &'static str,
+    /// Median of the repetitions, s, from readings to coefficients.
+    pub seconds: f64,
+    /// The largest relative error of a coefficient.
+    pub coefficient_error: Option<f64>,
+    /// The largest error of a predicted row, as a share of the RMS of its axis.
+    pub prediction_error: Option<f64>,
+    /// Whether no other solver is both faster and, in its coefficients, more accurate.
+    pub on_front: bool,
+    /// Why there is no answer.
+    pub refused: Option<String>,
+}
+
+/// Runs every solver of `kinds` on one model.
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients, even in extended precision.
+pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<ModelBench, FitError> {
+    let problem = problem(blocks, model)?;
+    let rows: usize = blocks.iter().map(|block| block.rows).sum();
+    let columns = (model.terms().len() + 6) as f64;
+    let is_small = rows as f64 * columns * columns <= MOST_WIDE_WORK;
+    let kind = if is_small { SolverKind::WideTsqr } else { SolverKind::RefinedTsqr };
+    let reference = solve(blocks, kind, &problem)?;
+    let mut solvers: Vec<Measurement> =
+        kinds.iter().map(|&kind| measure(blocks, kind, &problem, &reference)).collect();
+    mark_front(&mut solvers);
+    Ok(ModelBench {
+        model: model.name(),
+        features: model.terms().len(),
+        rows,
+        condition: reference.condition,
+        reference: kind.name(),
+        solvers,
+    })
+}
+
+/// The problem that is put to all solvers: in the basis that the exact one chooses, so that their
+/// coefficients can be compared.
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients.
+pub fn problem(blocks: &[Block], model: Model) -> Result<Problem, FitError> {
+    let first = blocks.first().map_or(&[][..], |block| &block.readings);
+    let problem =
+        Problem { model, scaling: Scaling::of_sample(first, model.intercept), ridge: 0.0 };
+    match solve(blocks, SolverKind::Exact, &problem) {
+        Ok(solution) => Ok(Problem { scaling: solution.scaling, ..problem }),
+        Err(FitError::NotExact(_)) => Ok(problem),
+        Err(error) => Err(error),
+    }
+}
+
+/// From readings to coefficients: what is timed.
+///
+/// # Errors
+/// As [`solver::fit`].
+pub fn solve(blocks: &[Block], kind: SolverKind, problem: &Problem) -> Result<Solution, FitError> {
+    solver::fit(kind, problem.clone(), &mut { blocks }).map(|(solution, _)| solution)
+}
+
+fn measure(
+    blocks: &[Block],
+    kind: SolverKind,
+    problem: &Problem,
+    reference: &Solution,
+) -> Measurement {
+    let mut seconds = Vec::new();
+    let solved = loop {
+        let start = Instant::now();
+        let solved = solve(blocks, kind, problem);
+        seconds.push(start.elapsed().as_secs_f64());
+        if seconds.iter().sum::<f64>() > BUDGET_S || seconds.len() == MOST_REPETITIONS {
+            break solved;
+        }
+    };
+    seconds.sort_by(f64::total_cmp);
+    let mut measurement = Measurement {
+        solver: kind.name(),
+        seconds: seconds[seconds.len() / 2],
+        coefficient_error: None,
+        prediction_error: None,
+        on_front: false,
+        refused: None,
+    };
+    let is_least_squares = !matches!(kind, SolverKind::RidgeGcv | SolverKind::Huber);
+    match solved {
+        Ok(solution) if is_least_squares => {
+            let (found, truth) = (&solution.coefficients, &reference.coefficients);
+            measurement.coefficient_error = Some(coefficient_error(found, truth));
+            let features = Features::new(problem.model, problem.scaling.clone());
+            measurement.prediction_error =
+                Some(prediction_error(blocks, &features, &(found - truth)));
+        }
+        Ok(_) => {}
+        Err(error) => measurement.refused = Some(error.to_string()),
+    }
+    measurement
+}
+
+/// `max |c − truth| / |truth|`.
+fn coefficient_error(found: &Mat<f64>, truth: &Mat<f64>) -> f64 {
+    let pairs = found.col_iter().zip(truth.col_iter()).flat_map(|(f, t)| f.iter().zip(t.iter()));
+    let relative = pairs.map(|(found, truth)| match (found - truth).abs() {
+        0.0 => 0.0,
+        error => error / truth.abs().max(f64::MIN_POSITIVE),
+    });
+    relative.fold(SMALLEST_ERROR, f64::max)
+}
+
+/// The largest of `|X·ΔC|` over the rows, each axis in units of its RMS.
+fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>) -> f64 {
+    /// Rows at a time.
+    const ROWS: usize = 512;
+    let mut largest = [0.0_f64; 6];
+    let mut squares = [0.0_f64; 6];
+    let mut columns = Mat::<f64>::zeros(ROWS, features.len());
+    for block in blocks {
+        for (sum, axis) in squares.iter_mut().zip(&block.wrench) {
+            *sum += axis.iter().map(|w| w * w).sum::<f64>();
+        }
+        for start in (0..block.rows).step_by(ROWS) {
+            let rows = start..block.rows.min(start + ROWS);
+            let stride = columns.col_stride() as usize;
+            let count = rows.len();
+            let mut flat = vec![0.0; stride * features.len()];
+            features.fill(&block.readings, rows, &mut flat, stride);
+            for (to, from) in columns.col_iter_mut().zip(flat.chunks(stride)) {
+                to.iter_mut().zip(from).for_each(|(to, from)| *to = *from);
+            }
+            let errors = columns.subrows(0, count) * difference;
+            for (largest, errors) in largest.iter_mut().zip(errors.col_iter()) {
+                *largest = errors.iter().fold(*largest, |l, e| l.max(e.abs()));
+            }
+        }
+    }
+    let rows: usize = blocks.iter().map(|block| block.rows).sum();
+    let relative = largest.iter().zip(squares).map(|(&largest, squares)| match largest {
+        0.0 => 0.0,
+        largest => largest / (squares / rows as f64).sqrt().max(f64::MIN_POSITIVE),
+    });
+    relative.fold(SMALLEST_ERROR, f64::max)
+}
+
+fn mark_front(solvers: &mut [Measurement]) {
+    let points: Vec<Option<(f64, f64)>> =
+        solvers.iter().map(|m| m.coefficient_error.map(|error| (m.seconds, error))).collect();
+    let flags = front(&points);
+    solvers.iter_mut().zip(flags).for_each(|(m, on_front)| m.on_front = on_front);
+}
+
+/// Which of these points of time and error no other beats in one without losing in the other.
+fn front(points: &[Option<(f64, f64)>]) -> Vec<bool> {
+    let is_beaten = |(seconds, error): (f64, f64)| {
+        let beats =
+            |&(s, e): &(f64, f64)| (s < seconds && e <= error) || (s <= seconds && e < error);
+        points.iter().flatten().any(beats)
+    };
+    points.iter().map(|own| own.is_some_and(|own| !is_beaten(own))).collect()
+}
+
+/// Which error a figure shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// That of the worst coefficient.
+    Coefficients,
+    /// That of the worst predicted row.
+    Prediction,
+}
+
+/// Run time against error, both logarithmic: a colour for each solver, a point for each model, and a
+/// line along the fastest solvers of each accuracy.
+pub fn figure(benches: &[ModelBench], kind: ErrorKind) -> Figure {
+    let point = |m: &Measurement| {
+        let error = match kind {
+            ErrorKind::Coefficients => m.coefficient_error,
+            ErrorKind::Prediction => m.prediction_error,
+        };
+        error.map(|error| (1e3 * m.seconds, error))
+    };
+    // The reference is not compared with itself.
+    fn of_bench(bench: &ModelBench) -> impl Iterator<Item = &Measurement> {
+        bench.solvers.iter().filter(|m| m.solver != bench.reference)
+    }
+    let names: Vec<&str> = benches
+        .iter()
+        .flat_map(|bench| of_bench(bench).filter(|m| point(m).is_some()).map(|m| m.solver))
+        .fold(Vec::new(), |mut names, name| {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+            names
+        });
+    let of_solver = |name: &&str| Series {
+        label: (*name).to_owned(),
+        points: benches
+            .iter()
+            .flat_map(|bench| of_bench(bench).filter(|m| m.solver == *name))
+            .filter_map(point)
+            .collect(),
+        mark: Mark::Points,
+    };
+    let front_of = |bench: &ModelBench| {
+        let placed: Vec<_> = of_bench(bench).map(point).collect();
+        let flags = front(&placed);
+        let mut points: Vec<_> = placed
+            .into_iter()
+            .zip(flags)
+            .filter_map(|(p, on_front)| p.filter(|_| on_front))
+            .collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Series { label: format!("front of {}", bench.model), points, mark: Mark::Line }
+    };
+    let series: Vec<Series> =
+        names.iter().map(of_solver).chain(benches.iter().map(front_of)).collect();
+    let points = || series.iter().flat_map(|s| &s.points);
+    let axis = |quantity: &str, unit: &str, of: fn(&(f64, f64)) -> f64| {
+        let low = points().map(of).fold(f64::INFINITY, f64::min);
+        let high = points().map(of).fold(0.0, f64::max);
+        Axis::new(quantity, unit, Spacing::Log, low, high).padded(0.06)
+    };
+    let quantity = match kind {
+        ErrorKind::Coefficients => "largest relative error of a coefficient",
+        ErrorKind::Prediction => "largest error of a prediction, over RMS",
+    };
+    let rows = benches.first().map_or(0, |bench| bench.rows);
+    let (x, y) = (axis("run time", "ms", |p| p.0), axis(quantity, "", |p| p.1));
+    Chart { title: format!("Solvers on {rows} rows"), x, y, series }.figure()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Basis;
+
+    fn measured(seconds: f64, error: Option<f64>) -> Measurement {
+        Measurement {
+            solver: "any",
+            seconds,
+            coefficient_error: error,
+            prediction_error: error,
+            on_front: false,
+            refused: None,
+        }
+    }
+
+    #[test]
+    fn the_front_is_what_nothing_beats_in_both_time_and_error() {
+        let mut solvers = [
+            measured(1.0, Some(1e-9)),
+            measured(2.0, Some(1e-16)),
+            measured(3.0, Some(1e-12)),
+            measured(4.0, Some(1e-16)),
+            measured(0.5, None),
+        ];
+        mark_front(&mut solvers);
+        assert_eq!(solvers.map(|m| m.on_front), [true, true, false, false, false]);
+    }
+
+    #[test]
+    fn least_squares_solvers_agree_with_the_reference_and_the_exact_one_to_every_digit() {
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 52) as f64
+        };
+        let mut columns = |n: usize| -> Vec<Vec<f64>> {
+            (0..n).map(|_| (0..700).map(|_| random()).collect()).collect()
+        };
+        let block =
+            Block { rows: 700, readings: columns(3), wrench: columns(6), ..Block::default() };
+        let model = Model { basis: Basis::Poly3, intercept: true, channels: 3 };
+        let bench = bench(&[block], model, &SolverKind::ALL).unwrap();
+        for m in &bench.solvers {
+            assert_eq!(m.refused, None);
+            let (Some(coefficients), Some(prediction)) = (m.coefficient_error, m.prediction_error)
+            else {
+                assert!(["ridge-gcv", "huber"].contains(&m.solver));
+                continue;
+            };
+            // Well-conditioned features; small coefficients lose a few digits more.
+            assert!(coefficients < 1e-9 && prediction < 1e-12, "{m:?}");
+            if ["exact", "refined-tsqr", "wide-gram", "wide-tsqr"].contains(&m.solver) {
+                // Rounded in the last place, one way or the other.
+                assert!(coefficients <= 2.0 * f64::EPSILON, "{m:?}");
+            }
+        }
+        let svg = figure(&[bench], ErrorKind::Coefficients);
+        assert!(svg.svg().contains("front of poly3+1"));
+    }
+}

@@ -1,0 +1,104 @@
+//! From logs to exact sums, group by group, in one pass and without fitting anything.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::{WorkflowError, check_channels};
+use crate::block::Block;
+use crate::calibration::FitError;
+use crate::calibration::extent::Extent;
+use crate::calibration::model::Basis;
+use crate::calibration::validation::ValidationError;
+use crate::calibration::validation::grouped::{BlockSums, GroupedMoments, Grouping};
+use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
+
+/// What a group is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroupBy {
+    /// The rows of a file.
+    File,
+    /// The rows with one label in the logs' group column.
+    Column,
+}
+
+/// What is summed, and how.
+#[derive(Clone, Copy)]
+pub struct SumOptions<'a> {
+    /// The largest family of features that is to be fitted.
+    pub basis: Basis,
+    /// What a group is.
+    pub group_by: GroupBy,
+    /// Folds that rows are dealt into at random, 0 for none.
+    pub random_folds: usize,
+    /// Which way they are dealt.
+    pub seed: u64,
+    /// Use only rows whose readings differ from those of the row before.
+    pub fresh: bool,
+    /// How logs are read.
+    pub read: ReadOptions<'a>,
+}
+
+/// What groups there are to tell apart in `logs`: those of a column where all have one, otherwise
+/// files where there are several.
+pub fn group_by(logs: &[Log]) -> Option<GroupBy> {
+    if !logs.is_empty() && logs.iter().all(Log::has_groups) {
+        Some(GroupBy::Column)
+    } else {
+        (logs.len() > 1).then_some(GroupBy::File)
+    }
+}
+
+/// Sums the rows of `logs`. Also returns what each log was.
+///
+/// # Errors
+/// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, lack a
+/// group column that is asked for, or their rows cannot be summed exactly.
+pub fn sum(
+    logs: &[Log],
+    options: &SumOptions<'_>,
+) -> Result<(GroupedMoments, Vec<ReadSummary>), WorkflowError> {
+    let first = logs.first().ok_or(WorkflowError::NoLogs)?;
+    let groups = options.group_by == GroupBy::Column;
+    let wanted = Wanted { readings: true, wrench: true, groups, ..Wanted::default() };
+    for log in logs {
+        log.require(&wanted)?;
+        check_channels(log, first.channels())?;
+    }
+    let channels = first.channels();
+    let grouping = Grouping::new(options.basis, channels, options.random_folds, options.seed);
+    let mut all = grouping.empty();
+    let mut summaries = Vec::new();
+    let read_before = AtomicU64::new(0);
+    let report = |bytes: u64| {
+        if let Some(progress) = options.read.progress {
+            progress(read_before.load(Ordering::Relaxed) + bytes);
+        }
+    };
+    let read = ReadOptions { progress: Some(&report), ..options.read };
+    for log in logs {
+        let label = log.path().display().to_string();
+        let label = (!groups).then_some(label.as_str());
+        let map = |mut block: Block| -> Result<BlockSums, WorkflowError> {
+            if options.fresh {
+                block.retain_rows(&block.fresh_rows());
+            }
+            // Names what is not finite, as every fit does.
+            Extent::of_block(&block, channels)?;
+            Ok(grouping.reduce(&block, label)?)
+        };
+        let summary = log.read(&wanted, &read, map, |block| -> Result<(), WorkflowError> {
+            Ok(all.merge(block?)?)
+        })?;
+        summaries.push(summary);
+        read_before.fetch_add(log.bytes(), Ordering::Relaxed);
+    }
+    Ok((all.finish()?, summaries))
+}
+
+impl From<ValidationError> for WorkflowError {
+    fn from(error: ValidationError) -> Self {
+        match error {
+            ValidationError::NotExact(error) => FitError::NotExact(error).into(),
+            error => WorkflowError::Validation(error),
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! The exact solver against exact rational solutions, computed independently.
+
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test may panic and say why")]
+
+mod rational;
+
+use proptest::prelude::*;
+use rational::{Rows, relative_errors, solve};
+use shellcal::calibration::exact::{Accumulator, Fit, Moments};
+use shellcal::calibration::model::{Basis, Model};
+
+/// Half a unit in the last place is 1.1e-16.
+const NEAREST: f64 = 1.2e-16;
+
+fn moments(rows: &Rows, basis: Basis) -> Moments {
+    let mut accumulator = Accumulator::new(basis, rows.readings.len());
+    accumulator.absorb(&rows.readings, &rows.wrench).unwrap();
+    accumulator.finish().unwrap()
+}
+
+/// The worst relative error of a coefficient.
+fn worst(rows: &Rows, model: &Model, fit: &Fit) -> f64 {
+    let exact = solve(rows, model, &fit.centre, &fit.scale);
+    let computed: Vec<[f64; 6]> =
+        fit.coefficients.iter().map(|row| row.map(|c| c.to_f64())).collect();
+    let worst = relative_errors(&computed, &exact).into_iter().flatten().fold(0.0, f64::max);
+    println!("{}: condition {:.1e}, worst error {worst:.2e}", model.name(), fit.condition);
+    worst
+}
+
+fn worst_of(rows: &Rows, basis: Basis, intercept: bool) -> f64 {
+    let model = Model { basis, intercept, channels: rows.readings.len() };
+    let fit = moments(rows, basis).solve(&model, 0.0).unwrap();
+    worst(rows, &model, &fit)
+}
+
+#[test]
+fn every_model_of_a_real_recording_has_coefficients_right_to_the_last_place() {
+    let Some(rows) = Rows::recorded("skinproc/behavior4_2Hz.csv") else { return };
+    for intercept in [true, false] {
+        for basis in Basis::ALL {
+            assert!(worst_of(&rows, basis, intercept) <= NEAREST);
+        }
+    }
+}
+
+#[test]
+fn synthetic_readings_of_any_width_have_coefficients_right_to_the_last_place() {
+    let sets = [(1, 8, 1.0), (2, 12, 0.3), (3, 12, 1.0), (4, 16, 0.01), (5, 16, 1.0)];
+    for (seed, bits, spread) in sets {
+        let rows = Rows::synthetic(seed, 700, 8, bits, spread);
+        for intercept in [true, false] {
+            for basis in [Basis::Linear, Basis::Cubic, Basis::Quadratic] {
+                assert!(worst_of(&rows, basis, intercept) <= NEAREST, "{bits} bits");
+            }
+        }
+    }
+}
+
+#[test]
+fn all_products_of_three_synthetic_readings_too() {
+    for (seed, bits) in [(6, 12), (7, 16)] {
+        let rows = Rows::synthetic(seed, 600, 5, bits, 0.5);
+        assert!(worst_of(&rows, Basis::Poly3, true) <= NEAREST, "{bits} bits");
+    }
+}
+
+#[test]
+fn nearly_equal_channels_are_no_obstacle() {
+    // The second channel differs from the first by a count or so in a few rows.
+    let mut rows = Rows::synthetic(8, 500, 4, 12, 0.5);
+    let first = rows.readings[0].clone();
+    rows.readings[1] = first.iter().enumerate().map(|(i, s)| s + f64::from(i % 97 == 0)).collect();
+    rows.readings[1][3] += 2.0;
+    rows.readings[1][4] -= 1.0;
+    rows.readings[1][9] += 3.0;
+    for basis in [Basis::Linear, Basis::Cubic] {
+        assert!(worst_of(&rows, basis, true) <= NEAREST);
+    }
+}
+
+#[test]
+fn residuals_and_variance_agree_with_exact_arithmetic() {
+    let rows = Rows::synthetic(9, 400, 3, 10, 0.7);
+    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 3 };
+    let fit = moments(&rows, Basis::Quadratic).solve(&model, 0.0).unwrap();
+    let (residuals, total) = solve(&rows, &model, &fit.centre, &fit.scale).residuals();
+    for a in 0..6 {
+        for b in 0..6 {
+            // Sums that cancel by eight digits at most, in arithmetic of thirty.
+            let tolerance = 1e-15 * (residuals[a][a] * residuals[b][b]).sqrt();
+            assert!((fit.residual_products[a][b] - residuals[a][b]).abs() <= tolerance);
+        }
+        assert!((fit.total_squares[a] / total[a] - 1.0).abs() <= 3e-16);
+        let r_squared = fit.r_squared()[a].unwrap();
+        assert!((r_squared - (1.0 - residuals[a][a] / total[a])).abs() <= 3e-16);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn random_problems_are_solved_to_the_last_place(
+        (seed, channels, bits, spread) in (any::<u64>(), 1usize..5, 4u32..17, 0.02..1.0_f64),
+        intercept: bool,
+    ) {
+        let rows = Rows::synthetic(seed, 150, channels, bits, spread);
+        for basis in Basis::ALL {
+            let model = Model { basis, intercept, channels };
+            let Ok(fit) = moments(&rows, basis).solve(&model, 0.0) else { continue };
+            prop_assert!(worst(&rows, &model, &fit) <= NEAREST);
+        }
+    }
+}
