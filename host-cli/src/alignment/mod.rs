@@ -24,6 +24,7 @@ mod resample;
 mod response;
 mod trajectory;
 mod uncertainty;
+mod wide;
 
 pub use error::AlignError;
 pub use kernel::{Kernel, STOPBAND_DB};

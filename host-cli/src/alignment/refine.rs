@@ -28,6 +28,7 @@ use super::normal::{Projected, inverse};
 use super::response::Memory;
 use super::trajectory::Trajectory;
 use super::uncertainty::Tally;
+use super::wide::dots;
 use super::{AlignError, Excerpt, LEAST_OVERLAP_S};
 
 /// Rows per Gram update.
@@ -221,12 +222,10 @@ impl<'a> Problem<'a> {
             }
             let from_pivot_s = time_s - self.pivot_s;
             features[1] = from_pivot_s / self.half_span_s;
-            for c in 0..channels {
-                let map = current.map.col_as_slice(c);
-                let dot = |x: &[f64]| map.iter().zip(x).map(|(m, x)| m * x).sum::<f64>();
-                slope[c] = dot(&slopes);
-                residual[c] = readings[c] - dot(&features);
-            }
+            let map = || (0..channels).map(|c| current.map.col_as_slice(c));
+            dots(&slopes, map(), &mut slope);
+            dots(&features, map(), &mut residual);
+            residual.iter_mut().zip(readings).for_each(|(fitted, y)| *fitted = y - *fitted);
             let distance = current.weights.as_ref().map_or(0.0, |weights| {
                 let weighted = |a: usize| -> f64 {
                     (0..channels).map(|b| weights[(a, b)] * residual[b]).sum::<f64>() * residual[a]

@@ -10,6 +10,7 @@
 
 use super::kernel::Kernel;
 use super::recording::Clean;
+use super::wide::dots;
 
 /// A gap is bridged up to this many periods of the sampling …
 const GAP_PERIODS: f64 = 2.5;
@@ -92,24 +93,11 @@ impl<'a> Resampler<'a> {
         let weight = |(&t, &v): (&f64, &f64)| self.kernel.at(t - time_s) * v;
         self.weights.extend(time[rows.clone()].iter().zip(spacing).map(weight));
         let total: f64 = self.weights.iter().sum();
-        for (value, column) in values.iter_mut().zip(&self.source.columns) {
-            *value = dot(&self.weights, &column[rows.clone()]) / total;
-        }
+        let columns = self.source.columns.iter().map(|column| &column[rows.clone()]);
+        dots(&self.weights, columns, values);
+        values.iter_mut().for_each(|value| *value /= total);
         total > 0.5
     }
-}
-
-/// Σ a b, in eight sums that fill the lanes of a wide processor.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());
-    let mut sums = [0.0; 8];
-    for (a, b) in a.0.iter().zip(b.0) {
-        for i in 0..8 {
-            sums[i] += a[i] * b[i];
-        }
-    }
-    let rest: f64 = a.1.iter().zip(b.1).map(|(a, b)| a * b).sum();
-    sums.iter().sum::<f64>() + rest
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::kernel::Kernel;
 use super::recording::Clean;
 use super::resample::Resampler;
 use super::response::{Memory, Response};
+use super::wide::combine;
 
 /// Grid points per sample of the output rate: cubic interpolation then errs by less than 0.4 % at
 /// the cut-off and 1e-5 at a quarter of it.
@@ -126,15 +127,7 @@ impl FeatureWindow<'_> {
         ];
         let start = (k - self.first) * self.width;
         let stencil = &self.rows[start..start + 4 * self.width];
-        let (a, rest) = stencil.split_at(self.width);
-        let (b, rest) = rest.split_at(self.width);
-        let (c, d) = rest.split_at(self.width);
-        let stencil = a.iter().zip(b).zip(c).zip(d);
-        for ((value, slope), (((a, b), c), d)) in values.iter_mut().zip(slopes).zip(stencil) {
-            let combine = |w: &[f64; 4]| w[0] * a + w[1] * b + w[2] * c + w[3] * d;
-            *value = combine(&weights);
-            *slope = combine(&slope_weights);
-        }
+        combine(stencil, [weights, slope_weights], values, slopes);
         true
     }
 

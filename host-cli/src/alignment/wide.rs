@@ -1,0 +1,76 @@
+//! Inner products on the widest registers that the processor has.
+//!
+//! Sums are kept in eight lanes whatever the registers, so that results are the same bits on every
+//! machine.
+
+use pulp::{Arch, NullaryFnOnce};
+
+/// Σ a b for each `b` of `others`.
+pub(super) fn dots<'b>(a: &[f64], others: impl Iterator<Item = &'b [f64]>, sums: &mut [f64]) {
+    Arch::new().dispatch(Dots { a, others, sums });
+}
+
+struct Dots<'a, I> {
+    a: &'a [f64],
+    others: I,
+    sums: &'a mut [f64],
+}
+
+impl<'b, I: Iterator<Item = &'b [f64]>> NullaryFnOnce for Dots<'_, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (sum, b) in self.sums.iter_mut().zip(self.others) {
+            *sum = dot(self.a, b);
+        }
+    }
+}
+
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    let mut sums = [0.0; 8];
+    for (a, b) in a.0.iter().zip(b.0) {
+        for i in 0..8 {
+            sums[i] += a[i] * b[i];
+        }
+    }
+    let rest: f64 = a.1.iter().zip(b.1).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Σ_j w_j r_j, where the rows r_j follow one another in `rows`, for two sets of weights.
+pub(super) fn combine(
+    rows: &[f64],
+    weights: [[f64; 4]; 2],
+    values: &mut [f64],
+    slopes: &mut [f64],
+) {
+    Arch::new().dispatch(Combine { rows, weights, values, slopes });
+}
+
+struct Combine<'a> {
+    rows: &'a [f64],
+    weights: [[f64; 4]; 2],
+    values: &'a mut [f64],
+    slopes: &'a mut [f64],
+}
+
+impl NullaryFnOnce for Combine<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let width = self.values.len();
+        let (a, rest) = self.rows.split_at(width);
+        let (b, rest) = rest.split_at(width);
+        let (c, d) = rest.split_at(width);
+        let (d, slopes) = (&d[..width], &mut self.slopes[..width]);
+        let [v, s] = self.weights;
+        for i in 0..width {
+            self.values[i] = v[0] * a[i] + v[1] * b[i] + v[2] * c[i] + v[3] * d[i];
+            slopes[i] = s[0] * a[i] + s[1] * b[i] + s[2] * c[i] + s[3] * d[i];
+        }
+    }
+}
