@@ -1,7 +1,8 @@
 //! Writing results: a file appears whole or not at all.
 //!
 //! The bytes go to a temporary file beside the target, which is renamed over it once all of them
-//! are on disk. The temporary file is made when the output is opened, so a path that cannot be
+//! are written. It is not forced to the disk first: a result can be made again from its logs, and
+//! waiting for the disk takes longer than a fit. The temporary file is made when the output is opened, so a path that cannot be
 //! written is found before the work, not after. Devices and pipes, which cannot be replaced, are
 //! written to directly.
 
@@ -85,7 +86,6 @@ impl Target {
     fn finish(self, path: &Path) -> io::Result<()> {
         if let Target::Replace(file) = self {
             let file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
-            file.as_file().sync_all()?;
             file.persist(path).map_err(|error| error.error)?;
         }
         Ok(())
