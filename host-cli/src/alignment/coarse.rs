@@ -265,7 +265,7 @@ impl Fft {
         spectrum
     }
 
-    /// Σ_k x[k + l] y[k] for l from −(behind − 1) on.
+    /// `Σ_k x[k + l] y[k]` for l from −(behind − 1) on.
     fn correlate(&mut self, x: &[Complex<f64>], y: &[Complex<f64>]) -> impl Iterator<Item = f64> {
         for ((product, x), y) in self.product.iter_mut().zip(x).zip(y) {
             *product = x * y.conj();

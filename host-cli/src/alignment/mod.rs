@@ -5,8 +5,8 @@
 //! ```
 //!
 //! Both saw the same loads, through a map from wrench to readings that nobody knows yet: the
-//! calibration is what the result is for. [`coarse`] finds the offset among all possible ones by
-//! correlation and refuses where it is not clear; [`refine`] then estimates offset, skew and the
+//! calibration is what the result is for. `coarse` finds the offset among all possible ones by
+//! correlation and refuses where it is not clear; `refine` then estimates offset, skew and the
 //! map together, with the spring's memory as part of it, close to the bound of Cramér and Rao.
 //! [`Aligned::resample`] evaluates the low-passed reference at the board's own times.
 //!

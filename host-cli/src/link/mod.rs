@@ -1,6 +1,6 @@
 //! The link to a board: serial ports, recording from them, and commands.
 //!
-//! [`record`] takes bytes from a [`Source`] (a port, or raw bytes that were recorded before) into a
+//! [`record()`] takes bytes from a [`Source`] (a port, or raw bytes that were recorded before) into a
 //! log by way of [`crate::recording`]; [`Client`] asks the board for things and waits for its
 //! answers. Only one of them has a port at a time: ports are opened for exclusive use.
 

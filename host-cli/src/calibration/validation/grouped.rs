@@ -6,7 +6,7 @@
 //!
 //! Memory: a group costs about 16 bytes for each distinct sum and some 50 for each sum with a wrench
 //! (under 150 kB for eight channels and poly3, 20 kB for the cubic model), and no more than
-//! [`MOST_OPEN`] groups have working sums besides. There may be [`MOST_GROUPS`] groups.
+//! `MOST_OPEN` groups have working sums besides. There may be [`MOST_GROUPS`] groups.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
