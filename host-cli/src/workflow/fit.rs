@@ -101,7 +101,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let mut train_errors = Vec::new();
     let is_drawn = plots.is_some();
     read_before.store(train_bytes, Ordering::Relaxed);
-    for (log, summary) in rows.summaries().iter().enumerate() {
+    for (log, summary) in rows.summaries().to_vec().iter().enumerate() {
         let mut errors = Evaluation::default();
         let map = |block: &Block| {
             let errors = BlockErrors::of(&calibration, block, is_drawn);

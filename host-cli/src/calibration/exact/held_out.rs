@@ -16,10 +16,10 @@
 
 use pulp::{Arch, NullaryFnOnce};
 
-use super::accumulator::pair;
 use super::cholesky::{Bordered, LANES, Row};
 use super::limbs::power_of_two;
 use super::moments::Moments;
+use super::open_sums::pair;
 use super::solve::{Fit, SolveError, contains, round, round_scaled};
 use crate::calibration::model::{Model, Term};
 use crate::calibration::quality::AxisQuality;

@@ -13,6 +13,8 @@
 
 mod accumulator;
 mod adder;
+mod block_sums;
+mod choice;
 mod cholesky;
 mod held_out;
 mod kernel;
@@ -20,6 +22,7 @@ mod layout;
 mod limbs;
 mod modular;
 mod moments;
+mod open_sums;
 mod rank;
 mod solve;
 
