@@ -3,6 +3,7 @@
 use super::WorkflowError;
 use crate::block::Block;
 use crate::calibration::Calibration;
+use crate::calibration::magnitudes::Magnitudes;
 use crate::calibration::quality::{self, AxisErrors, AxisQuality};
 use crate::calibration::validation::excitation::WrenchSums;
 use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
@@ -14,6 +15,8 @@ use crate::wrench::PerAxis;
 pub struct EvalOptions<'a> {
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
+    /// Counts errors by their size, in these units per axis.
+    pub size_unit: Option<PerAxis<f64>>,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -33,6 +36,8 @@ pub struct Evaluation {
     pub errors: PerAxis<AxisErrors>,
     /// The measured wrench.
     pub loads: WrenchSums,
+    /// Sizes of the errors, if asked for.
+    pub sizes: Option<PerAxis<Magnitudes>>,
     /// The checksum of the log, if asked for; of the last, after a merge.
     pub checksum: Option<String>,
 }
@@ -46,6 +51,7 @@ impl Evaluation {
         self.out_of_range_rows += other.out_of_range_rows;
         quality::merge(&mut self.errors, &other.errors);
         self.loads.merge(&other.loads);
+        merge_sizes(&mut self.sizes, other.sizes.as_ref());
         self.checksum.clone_from(&other.checksum);
     }
 
@@ -62,6 +68,7 @@ struct BlockErrors {
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
     loads: WrenchSums,
+    sizes: Option<PerAxis<Magnitudes>>,
     drawn: Option<Drawn>,
 }
 
@@ -99,6 +106,7 @@ pub fn eval(
             out_of_range: flags.iter().filter(|&&flags| flags != 0).count() as u64,
             errors: quality::errors(&predicted, &block.wrench),
             loads: WrenchSums::of(&block.wrench),
+            sizes: options.size_unit.map(|unit| sizes(&predicted, &block.wrench, &unit)),
             drawn: keep.then_some(Drawn { predicted, measured: block.wrench }),
         }
     };
@@ -108,10 +116,32 @@ pub fn eval(
             all.out_of_range_rows += block.out_of_range;
             quality::merge(&mut all.errors, &block.errors);
             all.loads.merge(&block.loads);
+            merge_sizes(&mut all.sizes, block.sizes.as_ref());
             if let (Some(plot), Some(drawn)) = (&mut plot, &block.drawn) {
                 plot.add(&drawn.predicted, &drawn.measured);
             }
             Ok(())
         })?;
     Ok(Evaluation { skipped_rows, repeated_rows, checksum, ..all })
+}
+
+fn sizes(
+    predicted: &PerAxis<Vec<f64>>,
+    measured: &[Vec<f64>],
+    unit: &PerAxis<f64>,
+) -> PerAxis<Magnitudes> {
+    std::array::from_fn(|axis| {
+        let (mut sizes, scale) = (Magnitudes::new(), unit[axis].recip());
+        let pairs = predicted[axis].iter().zip(&measured[axis]);
+        pairs.for_each(|(p, m)| sizes.add((p - m).abs() * scale));
+        sizes
+    })
+}
+
+fn merge_sizes(all: &mut Option<PerAxis<Magnitudes>>, part: Option<&PerAxis<Magnitudes>>) {
+    match (all, part) {
+        (Some(all), Some(part)) => all.iter_mut().zip(part).for_each(|(all, part)| all.merge(part)),
+        (all @ None, Some(part)) => *all = Some(part.clone()),
+        (_, None) => {}
+    }
 }

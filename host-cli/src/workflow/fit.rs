@@ -5,12 +5,16 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::eval::{EvalOptions, Evaluation, eval};
 use super::log_blocks::LogBlocks;
 use super::{WorkflowError, check_channels};
-use crate::calibration::exact::ExactError;
+use crate::calibration::exact::{ExactError, Moments};
 use crate::calibration::scaling::Scaling;
 use crate::calibration::solver::{self, Problem, Solution, SolverKind};
+use crate::calibration::uncertainty::{Covariance, Shape};
+use crate::calibration::validation::ValidationError;
+use crate::calibration::validation::grouped::GroupedMoments;
 use crate::calibration::{Basis, Calibration, FitError, Model};
 use crate::log_file::{Log, ReadOptions, Wanted};
 use crate::plot::FitPlot;
+use crate::wrench::PerAxis;
 
 /// What is to be fitted, and how.
 #[derive(Clone, Copy)]
@@ -25,10 +29,43 @@ pub struct FitOptions<'a> {
     pub ridge: f64,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
+    /// The exact sums of the training rows, where they have been made already: the exact solver
+    /// then does not read the rows again.
+    pub total: Option<&'a Moments>,
+    /// What the covariance is to be found from.
+    pub covariance: CovarianceFrom<'a>,
     /// Reduce predictions and measurements to what a figure needs.
     pub plot: bool,
     /// How logs are read. Progress counts the bytes of all passes, see [`bytes_to_read`].
     pub read: ReadOptions<'a>,
+}
+
+impl Default for FitOptions<'_> {
+    /// What `shellcal fit` does when it is told nothing.
+    fn default() -> Self {
+        Self {
+            basis: Basis::Cubic,
+            intercept: true,
+            solver: SolverKind::Exact,
+            ridge: 0.0,
+            fresh: false,
+            total: None,
+            covariance: CovarianceFrom::Nothing,
+            plot: false,
+            read: ReadOptions::default(),
+        }
+    }
+}
+
+/// What is known of the errors of training rows, and so what the covariance is found from.
+#[derive(Clone, Copy, Debug)]
+pub enum CovarianceFrom<'a> {
+    /// It is not wanted, and nothing is spent on it.
+    Nothing,
+    /// Errors are independent from row to row.
+    Rows,
+    /// Errors are alike within the groups of these sums, which are those of the training rows.
+    Groups(&'a GroupedMoments),
 }
 
 /// A calibration and how well it does.
@@ -42,6 +79,8 @@ pub struct Fit {
     pub solver: SolverKind,
     /// Why it is not the exact one, where that was asked for.
     pub not_exact: Option<ExactError>,
+    /// Why groups were asked for and the covariance is that of independent rows.
+    pub not_grouped: Option<ValidationError>,
     /// Errors on each training log.
     pub train: Vec<Evaluation>,
     /// Errors on each test log.
@@ -97,7 +136,17 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         passes: 0,
     };
     let (mut solver, mut not_exact) = (options.solver, None);
-    let solved = match solver::fit(solver, problem.clone(), &mut rows) {
+    let total = options.total.filter(|_| solver == SolverKind::Exact);
+    let solved = match total {
+        Some(total) => {
+            train.iter().for_each(finished);
+            let extent = total.extent();
+            let solution = solver::solve_moments(total, &model, options.ridge, &extent);
+            Ok((solution.map_err(WorkflowError::Fit)?, extent))
+        }
+        None => solver::fit(solver, problem.clone(), &mut rows),
+    };
+    let solved = match solved {
         Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {
             (solver, not_exact) = (SolverKind::RefinedTsqr, Some(error));
             solver::fit(solver, problem, &mut rows)
@@ -105,11 +154,14 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         solved => solved,
     };
     let (solution, extent) = solved?;
-    let calibration = Calibration::of_solution(&solution, &extent);
+    let mut calibration = Calibration::of_solution(&solution, &extent);
+    let covariance = Uncertainty::of(&solution, solver, options);
+    let size_unit = covariance.size_unit(&solution);
 
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
-    let eval_options = EvalOptions { fresh: options.fresh, read };
     let mut evaluate = |logs: &[Log], is_test: bool| -> Result<Vec<Evaluation>, WorkflowError> {
+        let size_unit = size_unit.filter(|_| !is_test);
+        let eval_options = EvalOptions { fresh: options.fresh, size_unit, read };
         let errors = |log: &Log| {
             let plot = plots.as_mut().map(|(train, test)| if is_test { test } else { train });
             let evaluation = eval(&calibration, log, &eval_options, plot)?;
@@ -119,5 +171,54 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         logs.iter().map(errors).collect()
     };
     let (train, test) = (evaluate(train, false)?, evaluate(test, true)?);
-    Ok(Fit { calibration, solution, solver, not_exact, train, test, plots })
+    let Uncertainty { covariance, not_grouped } = covariance;
+    calibration.covariance = covariance;
+    if let (Some(covariance), Some(unit)) = (&mut calibration.covariance, size_unit) {
+        covariance.shape = shape(&train, &unit);
+    }
+    Ok(Fit { calibration, solution, solver, not_exact, not_grouped, train, test, plots })
+}
+
+/// The covariance, as far as it can be had.
+struct Uncertainty {
+    covariance: Option<Covariance>,
+    not_grouped: Option<ValidationError>,
+}
+
+impl Uncertainty {
+    fn of(solution: &Solution, solver: SolverKind, options: &FitOptions<'_>) -> Self {
+        let by_rows = || Covariance::of_rows(solution);
+        let found = match options.covariance {
+            CovarianceFrom::Nothing => Ok(None),
+            CovarianceFrom::Rows => Ok(by_rows()),
+            CovarianceFrom::Groups(_) if solver != SolverKind::Exact => {
+                Err(ValidationError::OtherSolver)
+            }
+            CovarianceFrom::Groups(sums) => {
+                Covariance::of_groups(sums, &solution.model, options.ridge).map(Some)
+            }
+        };
+        match found {
+            Ok(covariance) => Self { covariance, not_grouped: None },
+            Err(error) => Self { covariance: by_rows(), not_grouped: Some(error) },
+        }
+    }
+
+    /// What sizes of errors are counted in: about their root mean square.
+    fn size_unit(&self, solution: &Solution) -> Option<PerAxis<f64>> {
+        self.covariance.as_ref().map(|_| {
+            std::array::from_fn(|axis| {
+                let square = solution.residual_products[(axis, axis)] / solution.rows as f64;
+                if square > 0.0 { square.sqrt() } else { 1.0 }
+            })
+        })
+    }
+}
+
+/// How the training errors are distributed.
+fn shape(train: &[Evaluation], unit: &PerAxis<f64>) -> Option<Shape> {
+    let mut total = Evaluation::default();
+    train.iter().for_each(|evaluation| total.merge(evaluation));
+    let rms = total.quality()?.map(|axis| axis.rms);
+    Some(Shape::of_errors(total.sizes.as_ref()?, unit, &rms))
 }

@@ -170,7 +170,11 @@ impl Accumulator {
             Some(own) if own.choice == open.choice && own.blocks + open.blocks <= MOST_BLOCKS => {
                 own.add(&open);
             }
-            Some(_) => self.put_away(&open, &other.channels)?,
+            // Rows to come are likelier to suit the later choice.
+            Some(_) => {
+                self.close()?;
+                self.open = Some(open);
+            }
         }
         Ok(())
     }

@@ -147,8 +147,9 @@ impl NullaryFnOnce for SolveLower<'_> {
     }
 }
 
+/// `row −= factor·other`.
 #[inline(always)]
-fn take_away(row: &mut Row, factor: DoubleDouble, other: &Row) {
+pub(super) fn take_away(row: &mut Row, factor: DoubleDouble, other: &Row) {
     let factor = -factor;
     for (x, &other) in row.iter_mut().zip(other) {
         *x += factor * other;

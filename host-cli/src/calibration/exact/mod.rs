@@ -12,6 +12,7 @@
 //! span more than 250 binary places. [`ExactError`] says so, and another solver has to do.
 
 mod accumulator;
+mod by_group;
 mod cholesky;
 mod held_out;
 mod kernel;
@@ -19,12 +20,15 @@ mod layout;
 mod limbs;
 mod modular;
 mod moments;
+mod parts;
 mod rank;
 mod solve;
 
 pub use self::accumulator::Accumulator;
-pub use self::held_out::{HeldOut, Part, Parts};
+pub use self::by_group::{ByGroup, GroupsError};
+pub use self::held_out::HeldOut;
 pub use self::moments::Moments;
+pub use self::parts::{Part, Parts};
 pub use self::rank::{RankLoss, Relation};
 pub use self::solve::{Fit, SolveError};
 

@@ -10,8 +10,7 @@
 //!    *Accuracy and Stability of Numerical Algorithms*, chapter 12: it converges as long as
 //!    κ(X) < 10¹⁵.
 
-use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
-use faer::{Mat, Par};
+use faer::Mat;
 use num_bigint::BigInt;
 use num_traits::{ToPrimitive, Zero};
 
@@ -430,20 +429,14 @@ impl Fit {
         })
     }
 
-    /// Upper triangular `F` with `F·Fᵀ = (XᵀX)⁻¹`, ridge included: rows are features of centred
-    /// and scaled readings. In `f64`, which is enough for standard errors.
-    pub fn covariance_factor(&self) -> Mat<f64> {
+    /// Upper triangular `R` with `RᵀR = XᵀX`, ridge included: columns are features of centred and
+    /// scaled readings. In `f64`, which is enough for standard errors.
+    pub fn triangle(&self) -> Mat<f64> {
         let Factor { cholesky, exponents } = &self.factor;
-        let size = cholesky.size;
-        let r = Mat::from_fn(size, size, |i, j| cholesky.get(i, j.max(i)).to_f64());
-        let mut inverse = Mat::<f64>::identity(size, size);
-        solve_upper_triangular_in_place(r.as_ref(), inverse.as_mut(), Par::Seq);
-        for (i, &exponent) in exponents.iter().enumerate() {
-            for j in i..size {
-                inverse[(i, j)] = shifted(inverse[(i, j)].into(), exponent).to_f64();
-            }
-        }
-        inverse
+        Mat::from_fn(cholesky.size, cholesky.size, |i, j| match i <= j {
+            true => shifted(cholesky.get(i, j), -exponents[j]).to_f64(),
+            false => 0.0,
+        })
     }
 }
 
