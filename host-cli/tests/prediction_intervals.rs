@@ -190,7 +190,8 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
                 CoefficientCovariance::Groups { factors, .. } => (&factors[0], 1.0),
                 CoefficientCovariance::Rows { factor } => (factor, covariance.residual[0][0]),
             };
-            let product = |column: &Vec<f64>| column.iter().zip(&x).map(|(f, x)| f * x).sum::<f64>();
+            let product =
+                |column: &Vec<f64>| column.iter().zip(&x).map(|(f, x)| f * x).sum::<f64>();
             let square: f64 = factor.iter().map(|column| product(column).powi(2)).sum();
             let half = covariance.interval_factors(0.95)[0] * (variance * square).sqrt();
             *held += usize::from((predicted[0][0] - truth(at)).abs() <= half);

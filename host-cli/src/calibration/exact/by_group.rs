@@ -22,13 +22,11 @@
 //! In `f64` but for the scores, which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
 
 use faer::{Mat, Side};
-use pulp::{Arch, NullaryFnOnce};
 
-use super::cholesky::{Row, take_away};
-use super::limbs::power_of_two;
 use super::moments::Moments;
-use super::parts::{Part, Parts, rows};
-use super::solve::{SolveError, round};
+use super::parts::{Parts, rows};
+use super::solve::SolveError;
+use super::symmetric::Symmetric;
 use crate::calibration::solver::Factor;
 use crate::wrench::PerAxis;
 
@@ -79,10 +77,12 @@ impl Parts<'_> {
         let mut alone = Vec::new();
         for (place, group) in groups.iter().enumerate() {
             let part = frame.part(&group.in_units_of(self.total));
-            let gram = gram(&part, &frame.columns);
-            let share = factor.transpose() * (&gram * &factor);
+            let gram = Symmetric::new(part.gram.iter().copied(), &frame.columns);
+            let share = factor.transpose() * (gram.rounded() * &factor);
             defect -= &share;
-            let score = factor.transpose() * score(&part, &frame.columns, &coefficients);
+            let score = gram.residual(&part.right, &coefficients);
+            let score = Mat::from_fn(size, 6, |j, axis| score[j][axis].to_f64());
+            let score = factor.transpose() * score;
             let eigen = share.self_adjoint_eigen(Side::Upper);
             let eigen = eigen.map_err(|_| GroupsError::NearlyDependent)?;
             let (basis, values) = (eigen.U(), eigen.S().column_vector());
@@ -113,56 +113,6 @@ impl Parts<'_> {
         }
         let factors = scores.each_ref().map(|scores| upper_root(&(scores * factor.transpose())));
         Ok(ByGroup { groups: groups.len(), factors, residual_products: products })
-    }
-}
-
-/// `A_g`, rounded.
-fn gram(part: &Part, columns: &[i32]) -> Mat<f64> {
-    let size = columns.len();
-    let mut gram = Mat::zeros(size, size);
-    let mut upper = part.gram.iter();
-    for i in 0..size {
-        for (j, sum) in (i..size).zip(&mut upper) {
-            gram[(i, j)] = *sum as f64 * power_of_two(-columns[i] - columns[j]);
-            gram[(j, i)] = gram[(i, j)];
-        }
-    }
-    gram
-}
-
-/// `s_g`, features × 6, rounded at the end.
-fn score(part: &Part, columns: &[i32], coefficients: &[Row]) -> Mat<f64> {
-    let rows = Arch::new().dispatch(Score { part, columns, coefficients });
-    Mat::from_fn(columns.len(), 6, |j, axis| rows[j][axis].to_f64())
-}
-
-/// `B_g − A_g·C`.
-struct Score<'a> {
-    part: &'a Part,
-    columns: &'a [i32],
-    coefficients: &'a [Row],
-}
-
-impl NullaryFnOnce for Score<'_> {
-    type Output = Vec<Row>;
-
-    #[inline(always)]
-    fn call(self) -> Vec<Row> {
-        let Self { part, columns, coefficients } = self;
-        let mut scores = part.right.clone();
-        let mut gram = &part.gram[..];
-        for (i, &column) in columns.iter().enumerate() {
-            let (row, rest) = gram.split_at(columns.len() - i);
-            gram = rest;
-            for (j, &sum) in (i..).zip(row) {
-                let element = round(sum).scaled(power_of_two(-column - columns[j]));
-                take_away(&mut scores[i], element, &coefficients[j]);
-                if j > i {
-                    take_away(&mut scores[j], element, &coefficients[i]);
-                }
-            }
-        }
-        scores
     }
 }
 

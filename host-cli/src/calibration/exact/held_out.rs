@@ -21,6 +21,7 @@ use super::limbs::power_of_two;
 use super::moments::Moments;
 use super::parts::{Frame, Part, Parts, rows};
 use super::solve::{Fit, SolveError, round};
+use super::symmetric::Symmetric;
 use crate::calibration::model::Term;
 use crate::calibration::quality::AxisQuality;
 use crate::double_double::DoubleDouble;
@@ -121,42 +122,21 @@ impl Parts<'_> {
 impl Frame {
     /// Scaled coefficients without the part; `None` if they are not sure to ten digits.
     fn solve(&self, all: &Part, part: &Part, ridge: f64) -> Option<Vec<Row>> {
-        let size = self.terms.len();
-        let mut bordered = Bordered::zero(size, 6);
-        let mut gram = all.gram.iter().zip(&part.gram);
-        for a in 0..size {
-            for b in a..size {
-                let (all, part) = gram.next().expect("an upper triangle");
-                let scale = power_of_two(-self.columns[a] - self.columns[b]);
-                bordered.set(a, b, round(all.wrapping_sub(*part)).scaled(scale));
-            }
-            if ridge > 0.0 && self.terms[a] != Term::INTERCEPT {
-                let square = bordered.get(a, a);
+        let rest = all.gram.iter().zip(&part.gram).map(|(all, part)| all.wrapping_sub(*part));
+        let mut gram = Symmetric::new(rest, &self.columns);
+        for (a, term) in self.terms.iter().enumerate() {
+            if ridge > 0.0 && *term != Term::INTERCEPT {
+                let square = gram.diagonal_mut(a);
                 // As for all rows: a column of zeros keeps its coefficient at zero.
-                let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
-                bordered.set(a, a, bordered.get(a, a) + square * DoubleDouble::from(ridge));
-            }
-            for axis in 0..6 {
-                bordered.set(a, size + axis, all.right[a][axis] - part.right[a][axis]);
+                let penalised =
+                    if *square == DoubleDouble::ZERO { DoubleDouble::ONE } else { *square };
+                *square += penalised * DoubleDouble::from(ridge);
             }
         }
-        let diagonal: Vec<f64> = (0..size).map(|a| bordered.get(a, a).to_f64()).collect();
-        bordered.factor().ok()?;
-        let sure = diagonal.iter().enumerate().all(|(a, square)| {
-            let root = bordered.get(a, a).to_f64();
-            root * root > SMALLEST_PIVOT * square
-        });
-        let mut coefficients: Vec<Row> = (0..size)
-            .map(|a| {
-                std::array::from_fn(|axis| match axis {
-                    0..6 => bordered.get(a, size + axis),
-                    _ => DoubleDouble::ZERO,
-                })
-            })
+        let right: Vec<Row> = (all.right.iter().zip(&part.right))
+            .map(|(all, part)| std::array::from_fn(|lane| all[lane] - part[lane]))
             .collect();
-        bordered.solve_upper(&mut coefficients);
-        let finite = coefficients.iter().flatten().all(|c| c.is_finite());
-        (sure && finite).then_some(coefficients)
+        gram.solve(&right).or_else(|| solve_wide(&gram, &right))
     }
 
     /// The errors of scaled coefficients on a part.
@@ -173,6 +153,33 @@ impl Frame {
             }
         })
     }
+}
+
+/// The solution by a factor in double-double; `None` if it is not sure to ten digits.
+fn solve_wide(gram: &Symmetric, right: &[Row]) -> Option<Vec<Row>> {
+    let size = right.len();
+    let mut bordered = Bordered::zero(size, 6);
+    for (a, right) in right.iter().enumerate() {
+        (a..size).for_each(|b| bordered.set(a, b, gram.get(a, b)));
+        (0..6).for_each(|axis| bordered.set(a, size + axis, right[axis]));
+    }
+    bordered.factor().ok()?;
+    let is_sure = |a: usize| {
+        let root = bordered.get(a, a).to_f64();
+        root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
+    };
+    let sure = (0..size).all(is_sure);
+    let mut coefficients: Vec<Row> = (0..size)
+        .map(|a| {
+            std::array::from_fn(|axis| match axis {
+                0..6 => bordered.get(a, size + axis),
+                _ => DoubleDouble::ZERO,
+            })
+        })
+        .collect();
+    bordered.solve_upper(&mut coefficients);
+    let finite = coefficients.iter().flatten().all(|c| c.is_finite());
+    (sure && finite).then_some(coefficients)
 }
 
 /// Sums of errors and of their squares, scaled.

@@ -23,6 +23,7 @@ mod moments;
 mod parts;
 mod rank;
 mod solve;
+mod symmetric;
 
 pub use self::accumulator::Accumulator;
 pub use self::by_group::{ByGroup, GroupsError};
