@@ -41,6 +41,7 @@ pub mod filter;
 pub mod link;
 pub mod log_file;
 pub mod output;
+mod pipeline;
 pub mod plot;
 pub mod recording;
 pub mod sensor_model;

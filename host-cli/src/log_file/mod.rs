@@ -26,7 +26,6 @@ mod lanes;
 mod lanes_x86;
 mod mapping;
 mod number;
-mod pipeline;
 mod plan;
 mod rows;
 mod source;
@@ -40,6 +39,7 @@ pub use error::{Field, LogError, RowProblem};
 pub use mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
 
 use crate::block::Block;
+use crate::pipeline::{self, Pieces};
 use crate::wrench::Axis;
 use chunk::{CHUNK_BYTES, ChunkError, Chunker, LINE_LIMIT};
 use head::{HEAD_BYTES, Layout};
@@ -93,8 +93,18 @@ pub struct ReadSummary {
     pub repeated_rows: u64,
     /// Rows that were wrong and left out.
     pub skipped_rows: u64,
-    /// The checksum of the file on disk, `sha256:` and hexadecimal digits, if asked for.
+    /// The checksum of the file on disk, `blake3:` and hexadecimal digits, if asked for.
     pub checksum: Option<String>,
+}
+
+impl ReadOptions<'_> {
+    /// The number of threads that parse.
+    pub(crate) fn thread_count(&self) -> usize {
+        match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        }
+    }
 }
 
 impl Log {
@@ -227,13 +237,13 @@ impl Log {
         let mut summary = ReadSummary::default();
         pipeline::run(
             &mut chunker,
-            thread_count(options.threads),
+            options.thread_count(),
             |chunk| {
                 let parsed = plan.parse(chunk.lines(), options.skip_bad_rows);
                 let parsed = parsed.map_err(|error| (chunk.offset, error))?;
                 let skipped = parsed.skipped;
                 let block = plan.block(parsed, &chunk.context);
-                let repeated = repeated_rows(&block);
+                let repeated = block.repeated_rows();
                 let rows = block.rows;
                 Ok((rows, repeated, skipped, (rows > 0).then(|| map(block))))
             },
@@ -339,20 +349,6 @@ impl Log {
 /// How many pieces of a file [`Log::sample`] reads, and how long they are.
 const SAMPLES: u64 = 16;
 const SAMPLE_BYTES: u64 = 1 << 14;
-
-fn repeated_rows(block: &Block) -> usize {
-    match block.readings.is_empty() {
-        true => 0,
-        false => block.fresh_rows().into_iter().filter(|fresh| !fresh).count(),
-    }
-}
-
-fn thread_count(wanted: usize) -> usize {
-    match wanted {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
-        threads => threads,
-    }
-}
 
 /// The part of `bytes` that is whole lines, without the first when that may be the end of one.
 fn whole_lines(bytes: &[u8], drop_first: bool) -> std::ops::Range<usize> {

@@ -1,15 +1,18 @@
-//! From training logs to a calibration: one pass to fit, one to find the errors.
+//! From training logs to a calibration: one pass to fit or several, one to find the errors.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::eval::{EvalOptions, Evaluation, eval};
-use super::log_blocks::LogBlocks;
+use super::eval::{BlockErrors, EvalOptions, Evaluation, eval};
+use super::training_rows::TrainingRows;
 use super::{WorkflowError, check_channels};
+use crate::block::Block;
 use crate::calibration::exact::{ExactError, Moments};
+use crate::calibration::extent::Extent;
 use crate::calibration::scaling::Scaling;
 use crate::calibration::solver::{self, Problem, Solution, SolverKind};
 use crate::calibration::uncertainty::{Covariance, Shape};
 use crate::calibration::validation::ValidationError;
+use crate::calibration::validation::excitation::WrenchSums;
 use crate::calibration::validation::grouped::GroupedMoments;
 use crate::calibration::{Basis, Calibration, FitError, Model};
 use crate::log_file::{Log, ReadOptions, Wanted};
@@ -83,6 +86,8 @@ pub struct Fit {
     pub not_grouped: Option<ValidationError>,
     /// Errors on each training log.
     pub train: Vec<Evaluation>,
+    /// The wrench that the training logs have measured.
+    pub loads: WrenchSums,
     /// Errors on each test log.
     pub test: Vec<Evaluation>,
     /// What a figure needs of training and test logs.
@@ -97,8 +102,8 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
 
 /// Fits a calibration to `train` and finds its errors there and on `test`.
 ///
-/// The readings of the first training log, sampled, give centre and scale. Nothing is held in
-/// memory: the training logs are read a second time for the errors.
+/// The training logs are passed over twice, for the coefficients and for the errors, and more
+/// often by solvers that iterate; see [`TrainingRows`] for what that means.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the
@@ -110,12 +115,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         log.require(&wanted)?;
         check_channels(log, first.channels())?;
     }
-    let model =
-        Model { basis: options.basis, intercept: options.intercept, channels: first.channels() };
-    let sample = first.sample(&Wanted { readings: true, ..Wanted::default() })?;
-    let scaling = Scaling::of_sample(&sample.readings, model.intercept);
-    let problem = Problem { model, scaling, ridge: options.ridge };
-
+    let train_bytes: u64 = train.iter().map(Log::bytes).sum();
     let read_before = AtomicU64::new(0);
     let report = |bytes: u64| {
         if let Some(progress) = options.read.progress {
@@ -123,60 +123,86 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         }
     };
     let read = ReadOptions { progress: Some(&report), ..options.read };
-    let finished = |log: &Log| {
-        read_before.fetch_add(log.bytes(), Ordering::Relaxed);
-    };
-
-    let plain = ReadOptions { checksum: false, ..read };
-    let mut rows = LogBlocks {
-        logs: train,
-        fresh: options.fresh,
-        read: plain,
-        finished: &finished,
-        passes: 0,
-    };
+    let mut rows = TrainingRows::new(train, options.fresh, read);
     let (mut solver, mut not_exact) = (options.solver, None);
-    let total = options.total.filter(|_| solver == SolverKind::Exact);
-    let solved = match total {
-        Some(total) => {
-            train.iter().for_each(finished);
-            let extent = total.extent();
-            let solution = solver::solve_moments(total, &model, options.ridge, &extent);
-            Ok((solution.map_err(WorkflowError::Fit)?, extent))
-        }
-        None => solver::fit(solver, problem.clone(), &mut rows),
-    };
-    let solved = match solved {
+    let solved = match solve(solver, first, &mut rows, options) {
         Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {
             (solver, not_exact) = (SolverKind::RefinedTsqr, Some(error));
-            solver::fit(solver, problem, &mut rows)
+            solve(solver, first, &mut rows, options)
         }
         solved => solved,
     };
     let (solution, extent) = solved?;
     let mut calibration = Calibration::of_solution(&solution, &extent);
-    let covariance = Uncertainty::of(&solution, solver, options);
-    let size_unit = covariance.size_unit(&solution);
+    let Uncertainty { covariance, not_grouped } = Uncertainty::of(&solution, solver, options);
+    let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
 
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
-    let mut evaluate = |logs: &[Log], is_test: bool| -> Result<Vec<Evaluation>, WorkflowError> {
-        let size_unit = size_unit.filter(|_| !is_test);
-        let eval_options = EvalOptions { fresh: options.fresh, size_unit, read };
-        let errors = |log: &Log| {
-            let plot = plots.as_mut().map(|(train, test)| if is_test { test } else { train });
-            let evaluation = eval(&calibration, log, &eval_options, plot)?;
-            finished(log);
-            Ok(evaluation)
+    let mut loads = WrenchSums::default();
+    let mut train_errors = Vec::new();
+    let is_drawn = plots.is_some();
+    read_before.store(train_bytes, Ordering::Relaxed);
+    for log in 0..train.len() {
+        let mut errors = Evaluation::default();
+        let map = |block: &Block| {
+            let errors = BlockErrors::of(&calibration, block, size_unit.as_ref(), is_drawn);
+            Ok((errors, WrenchSums::of(&block.wrench)))
         };
-        logs.iter().map(errors).collect()
-    };
-    let (train, test) = (evaluate(train, false)?, evaluate(test, true)?);
-    let Uncertainty { covariance, not_grouped } = covariance;
+        let summary = rows.each_block(log, map, |(block, of_block)| {
+            errors.add(&block, plots.as_mut().map(|(train, _)| train));
+            loads.merge(&of_block);
+        })?;
+        errors.note(&summary);
+        train_errors.push(errors);
+    }
     calibration.covariance = covariance;
     if let (Some(covariance), Some(unit)) = (&mut calibration.covariance, size_unit) {
-        covariance.shape = shape(&train, &unit);
+        covariance.shape = shape(&train_errors, &unit);
     }
-    Ok(Fit { calibration, solution, solver, not_exact, not_grouped, train, test, plots })
+    let mut test_errors = Vec::new();
+    read_before.store(2 * train_bytes, Ordering::Relaxed);
+    let eval_options = EvalOptions { fresh: options.fresh, size_unit: None, read };
+    for log in test {
+        let plot = plots.as_mut().map(|(_, test)| test);
+        test_errors.push(eval(&calibration, log, &eval_options, plot)?);
+        read_before.fetch_add(log.bytes(), Ordering::Relaxed);
+    }
+    Ok(Fit {
+        calibration,
+        solution,
+        solver,
+        not_exact,
+        not_grouped,
+        train: train_errors,
+        loads,
+        test: test_errors,
+        plots,
+    })
+}
+
+/// Solves by the solver of that name.
+fn solve(
+    solver: SolverKind,
+    first: &Log,
+    rows: &mut TrainingRows<'_>,
+    options: &FitOptions<'_>,
+) -> Result<(Solution, Extent), WorkflowError> {
+    let channels = first.channels();
+    let model = Model { basis: options.basis, intercept: options.intercept, channels };
+    if let (Some(total), SolverKind::Exact) = (options.total, solver) {
+        let extent = total.extent();
+        let solution = solver::solve_moments(total, &model, options.ridge, &extent)?;
+        return Ok((solution, extent));
+    }
+    // The exact solver chooses its own centre and scale; for the others, a sample tells.
+    let scaling = match solver {
+        SolverKind::Exact => Scaling::identity(channels),
+        _ => {
+            let sample = first.sample(&Wanted { readings: true, ..Wanted::default() })?;
+            Scaling::of_sample(&sample.readings, model.intercept)
+        }
+    };
+    solver::fit(solver, Problem { model, scaling, ridge: options.ridge }, rows)
 }
 
 /// The covariance, as far as it can be had.
@@ -203,16 +229,14 @@ impl Uncertainty {
             Err(error) => Self { covariance: by_rows(), not_grouped: Some(error) },
         }
     }
+}
 
-    /// What sizes of errors are counted in: about their root mean square.
-    fn size_unit(&self, solution: &Solution) -> Option<PerAxis<f64>> {
-        self.covariance.as_ref().map(|_| {
-            std::array::from_fn(|axis| {
-                let square = solution.residual_products[(axis, axis)] / solution.rows as f64;
-                if square > 0.0 { square.sqrt() } else { 1.0 }
-            })
-        })
-    }
+/// The root mean square of the errors of each axis; one where there are none.
+fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
+    std::array::from_fn(|axis| {
+        let square = solution.residual_products[(axis, axis)] / solution.rows as f64;
+        if square > 0.0 { square.sqrt() } else { 1.0 }
+    })
 }
 
 /// How the training errors are distributed.

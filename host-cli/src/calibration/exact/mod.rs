@@ -12,6 +12,7 @@
 //! span more than 250 binary places. [`ExactError`] says so, and another solver has to do.
 
 mod accumulator;
+mod adder;
 mod by_group;
 mod cholesky;
 mod held_out;
@@ -26,6 +27,7 @@ mod solve;
 mod symmetric;
 
 pub use self::accumulator::Accumulator;
+pub use self::adder::Adder;
 pub use self::by_group::{ByGroup, GroupsError};
 pub use self::held_out::HeldOut;
 pub use self::moments::Moments;
