@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use shellcal::block::Block;
 use shellcal::calibration::solver::solve_moments;
 use shellcal::calibration::uncertainty::{CoefficientCovariance, Covariance};
-use shellcal::calibration::validation::grouped::Grouping;
+use shellcal::calibration::validation::grouped::{Grouping, RandomSplit};
 use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::log_file::{Log, Mapping, ReadOptions};
 use shellcal::sensor_model::{Kind, Recording, Sample, Settings};
@@ -116,8 +116,7 @@ fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
             let options = SumOptions {
                 basis,
                 group_by: GroupBy::Column,
-                random_folds: 0,
-                seed: 0,
+                random: RandomSplit::default(),
                 fresh: false,
                 read: ReadOptions::default(),
             };
@@ -167,7 +166,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
             }
             block.groups.push((pose.to_string(), 40));
         }
-        let grouping = Grouping::new(Basis::Linear, 2, 0, 1);
+        let grouping = Grouping::new(Basis::Linear, 2, RandomSplit::default());
         let mut sums = grouping.empty();
         sums.merge(grouping.reduce(&block, None).unwrap()).unwrap();
         let sums = sums.finish().unwrap();

@@ -104,7 +104,8 @@ impl Calibration {
         // Where a calibration is used as it should be, there is no such column.
         let outside: Vec<_> = columns
             .filter(|(column, range)| {
-                Arch::new().dispatch(|| column.iter().fold(false, |any, &s| any | !range.contains(s)))
+                Arch::new()
+                    .dispatch(|| column.iter().fold(false, |any, &s| any | !range.contains(s)))
             })
             .collect();
         if outside.is_empty() {

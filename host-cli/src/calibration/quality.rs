@@ -114,9 +114,7 @@ impl AxisErrors {
 /// The errors of all axes over one block. Columns are as long as each other, N and N·m.
 pub fn errors(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> PerAxis<AxisErrors> {
     let mut room = Vec::new();
-    std::array::from_fn(|axis| {
-        AxisErrors::with_room(&predicted[axis], &measured[axis], &mut room)
-    })
+    std::array::from_fn(|axis| AxisErrors::with_room(&predicted[axis], &measured[axis], &mut room))
 }
 
 /// Adds the rows of `other` to `all`, axis by axis.

@@ -72,7 +72,6 @@ impl<R: Read> Chunker<R> {
     pub(super) fn stream(&self) -> &R {
         &self.stream
     }
-
 }
 
 impl<R: Read + Send> Pieces for Chunker<R> {

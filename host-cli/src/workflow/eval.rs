@@ -136,11 +136,10 @@ pub fn eval(
         }
         BlockErrors::of(calibration, &block, options.size_unit.as_ref(), is_drawn)
     };
-    let summary =
-        log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
-            all.add(&block, plot.as_deref_mut());
-            Ok(())
-        })?;
+    let summary = log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
+        all.add(&block, plot.as_deref_mut());
+        Ok(())
+    })?;
     all.note(&summary);
     Ok(all)
 }

@@ -130,9 +130,13 @@ impl Blocks for TrainingRows<'_> {
         }
         let mut all = pass.empty();
         for log in 0..self.logs.len() {
-            self.each_block(log, |block| pass.reduce(block), |partial| {
-                pass.merge(&mut all, partial);
-            })?;
+            self.each_block(
+                log,
+                |block| pass.reduce(block),
+                |partial| {
+                    pass.merge(&mut all, partial);
+                },
+            )?;
         }
         Ok(all)
     }

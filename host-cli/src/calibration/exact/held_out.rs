@@ -16,7 +16,7 @@
 
 use pulp::{Arch, NullaryFnOnce};
 
-use super::cholesky::{Bordered, LANES, Row, take_away};
+use super::cholesky::{Bordered, LANES, Lanes, Row};
 use super::limbs::power_of_two;
 use super::moments::Moments;
 use super::parts::{Frame, Part, Parts, rows};
@@ -195,28 +195,28 @@ impl NullaryFnOnce for Errors<'_> {
     #[inline(always)]
     fn call(self) -> (Row, Row) {
         let Self { columns, part, coefficients } = self;
-        let mut sums = part.wrench;
-        for sum in &mut sums {
-            *sum = -*sum;
-        }
+        let mut sums = Lanes::of(&part.wrench.map(|sum| -sum));
         let mut squares = part.squares;
+        let lanes: Vec<Lanes> = coefficients.iter().map(Lanes::of).collect();
         let mut gram = &part.gram[..];
         for (a, c) in coefficients.iter().enumerate() {
             let (row, rest) = gram.split_at(columns.len() - a);
             gram = rest;
             // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of what the terms of `a` take away.
-            let mut half = part.right[a];
+            let mut half = Lanes::of(&part.right[a]);
             for (b, &element) in (a..).zip(row) {
                 let up = if a == b { 1 } else { 0 };
                 let element = round(element).scaled(power_of_two(-columns[a] - columns[b] - up));
-                take_away(&mut half, element, &coefficients[b]);
+                half.take_away(element, &lanes[b]);
             }
             let ones = round(part.features[a]).scaled(power_of_two(-columns[a]));
-            take_away(&mut sums, -ones, c);
+            sums.take_away(-ones, &lanes[a]);
+            let half = half.row();
             for lane in 0..LANES {
                 squares[lane] -= (half[lane] * c[lane]).scaled(2.0);
             }
         }
+        let sums = sums.row();
         (sums, squares)
     }
 }

@@ -485,11 +485,19 @@ fn condition(cholesky: &Bordered) -> f64 {
     }
 }
 
-/// The nearest double-double of an integer.
+/// A double-double of an integer below 2¹²⁶: the integer itself up to 2¹⁰⁶.
+#[inline(always)]
 pub(super) fn round(value: i128) -> DoubleDouble {
-    let head = value as f64;
-    // The head of a number below 2¹²⁶ is one too.
-    DoubleDouble::from_sum(head, value.wrapping_sub(head as i128) as f64)
+    /// Digits of so many bits, the highest of at most 47, are exact in `f64`, and so are sums of two
+    /// neighbours in a head and a tail.
+    const BITS: u32 = 40;
+    const MASK: u64 = (1 << BITS) - 1;
+    let low = (value as u64 & MASK) as i64;
+    let middle = ((value >> BITS) as u64 & MASK) as i64;
+    let high = (value >> (2 * BITS)) as i64;
+    let (middle, high) =
+        (middle as f64 * power_of_two(BITS as i32), high as f64 * power_of_two(2 * BITS as i32));
+    DoubleDouble::from_sum(high, middle) + DoubleDouble::from(low as f64)
 }
 
 /// `value·2^exponent` as a double-double.

@@ -12,7 +12,7 @@ use faer::linalg::triangular_solve::{
 use faer::{Mat, Par, Side};
 use pulp::{Arch, NullaryFnOnce};
 
-use super::cholesky::{LANES, Row, take_away};
+use super::cholesky::{LANES, Lanes, Row};
 use super::limbs::power_of_two;
 use super::solve::round;
 use crate::double_double::DoubleDouble;
@@ -116,20 +116,21 @@ impl NullaryFnOnce for Residual<'_> {
     #[inline(always)]
     fn call(self) -> Vec<Row> {
         let Self { matrix, b, x } = self;
-        let mut residual = b.to_vec();
+        let x: Vec<Lanes> = x.iter().map(Lanes::of).collect();
+        let mut residual: Vec<Lanes> = b.iter().map(Lanes::of).collect();
         let mut upper = &matrix.upper[..];
         for i in 0..matrix.size {
             let (row, rest) = upper.split_at(matrix.size - i);
             upper = rest;
             let mut own = residual[i];
-            take_away(&mut own, row[0], &x[i]);
+            own.take_away(row[0], &x[i]);
             for (j, &element) in (i + 1..).zip(&row[1..]) {
-                take_away(&mut own, element, &x[j]);
-                take_away(&mut residual[j], element, &x[i]);
+                own.take_away(element, &x[j]);
+                residual[j].take_away(element, &x[i]);
             }
             residual[i] = own;
         }
-        residual
+        residual.iter().map(Lanes::row).collect()
     }
 }
 

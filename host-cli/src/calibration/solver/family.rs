@@ -2,12 +2,12 @@
 
 use super::{Exact, Pass, Problem, Solution, SolverKind, solve_moments};
 use crate::block::Block;
+use crate::calibration::FitError;
 use crate::calibration::extent::Extent;
 use crate::calibration::features::Features;
 use crate::calibration::least_squares::{
     self, Chunk, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape,
 };
-use crate::calibration::FitError;
 use crate::wrench::Axis;
 
 /// Blocks of rows that can be passed over any number of times, always in the same order.

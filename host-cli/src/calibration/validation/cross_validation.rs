@@ -34,7 +34,7 @@ pub struct CrossValidation {
     pub undetermined: Vec<String>,
     /// Errors on groups that were not trained on.
     pub grouped: PerAxis<HeldOutQuality>,
-    /// Folds of rows at random; 0 if there were none.
+    /// Parts of the rows that were drawn at random and held out in turn; 0 if there were none.
     pub random_folds: usize,
     /// Errors on rows that were held out at random; `None` if that was not asked for, or not
     /// possible.

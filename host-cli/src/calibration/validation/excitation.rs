@@ -185,8 +185,7 @@ impl NullaryFnOnce for SumsOf<'_> {
         }
         for a in 0..6 {
             for b in a..6 {
-                sums.products[a][b] =
-                    product(&wrench[a], sums.mean[a], &wrench[b], sums.mean[b]);
+                sums.products[a][b] = product(&wrench[a], sums.mean[a], &wrench[b], sums.mean[b]);
             }
         }
         sums

@@ -59,7 +59,7 @@ pub(super) fn print_cross_validation(
         format!("in {} folds", cv.folds)
     };
     printer.line(format!(
-        "{} groups held out {each}, {} rows; beside it the same rows in {} random folds",
+        "{} groups held out {each}, {} rows; beside it {} random parts of the same rows",
         cv.groups, cv.rows, cv.random_folds
     ))?;
     if !cv.undetermined.is_empty() {

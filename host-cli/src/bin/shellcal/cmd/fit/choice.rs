@@ -6,7 +6,7 @@ use shellcal::calibration::exact::Moments;
 use shellcal::calibration::solver::SolverKind;
 use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration::validation::cross_validation::{CrossValidation, cross_validate};
-use shellcal::calibration::validation::grouped::GroupedMoments;
+use shellcal::calibration::validation::grouped::{GroupedMoments, RandomSplit};
 use shellcal::calibration::validation::selection::{self, Selection};
 use shellcal::calibration::{Basis, FitError, Model};
 use shellcal::log_file::{Log, ReadOptions};
@@ -37,6 +37,9 @@ pub(super) struct Choice {
 
 /// Folds of the random split that `--cv` compares with, where it does not say how many.
 const RANDOM_FOLDS: usize = 10;
+
+/// Folds of it that are held out.
+const HELD_OUT: usize = 3;
 
 impl FitArgs {
     /// Chooses the model, validates it, and sums by group: as much of it as is asked for.
@@ -123,11 +126,14 @@ impl FitArgs {
     ) -> Result<GroupedMoments, WorkflowError> {
         let bar = printer.progress("groups", train.iter().map(Log::bytes).sum());
         let progress = |bytes| bar.set_position(bytes);
+        let random = self.cv.map_or_else(RandomSplit::default, |_| {
+            let folds = folds.unwrap_or(RANDOM_FOLDS);
+            RandomSplit { folds, held_out: folds.min(HELD_OUT), seed: self.cv_seed }
+        });
         let options = SumOptions {
             basis,
             group_by,
-            random_folds: self.cv.map_or(0, |_| folds.unwrap_or(RANDOM_FOLDS)),
-            seed: self.cv_seed,
+            random,
             fresh: self.fresh,
             read: ReadOptions { progress: Some(&progress), ..self.mapping.read_options() },
         };

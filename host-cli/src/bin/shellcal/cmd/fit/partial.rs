@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use shellcal::calibration::Model;
+use shellcal::calibration::validation::grouped::RandomSplit;
 use shellcal::calibration_file::{PartialFit, Role, Source};
 use shellcal::log_file::{Log, ReadOptions};
 use shellcal::output::AtomicFile;
@@ -29,8 +30,7 @@ impl FitArgs {
         let options = SumOptions {
             basis,
             group_by: GroupBy::File,
-            random_folds: 0,
-            seed: 0,
+            random: RandomSplit::default(),
             fresh: self.fresh,
             read: ReadOptions { checksum: true, ..self.mapping.read_options() },
         };
