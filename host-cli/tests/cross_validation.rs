@@ -164,7 +164,7 @@ fn groups_and_random_folds_both_add_up_to_all_rows_bit_for_bit() {
     let sums = sums(&block, Basis::Cubic, 7);
     let whole = moments(&block, Basis::Cubic);
     assert_eq!(sums.groups.len(), 70);
-    assert_eq!(sums.total().unwrap().unwrap(), whole);
+    assert_eq!(sums.total().unwrap(), &whole);
     let mut random = sums.random[0].clone();
     sums.random[1..].iter().for_each(|fold| random.merge(fold).unwrap());
     assert_eq!(random, whole);

@@ -170,8 +170,8 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         let mut sums = grouping.empty();
         sums.merge(grouping.reduce(&block, None).unwrap()).unwrap();
         let sums = sums.finish().unwrap();
-        let total = sums.total().unwrap().unwrap();
-        let solution = solve_moments(&total, &model, 0.0, &total.extent()).unwrap();
+        let total = sums.total().unwrap();
+        let solution = solve_moments(total, &model, 0.0, &total.extent()).unwrap();
         let calibration = Calibration::of_solution(&solution, &total.extent());
         let at = [1700.0, 2100.0];
         let x: Vec<f64> = (0..2)

@@ -63,11 +63,6 @@ pub fn sum(
     }
     let channels = first.channels();
     let grouping = Grouping::new(options.basis, channels, options.random);
-    grouping.expect(&first.sample(&Wanted {
-        readings: true,
-        wrench: true,
-        ..Wanted::default()
-    })?);
     let mut all = grouping.empty();
     let mut summaries = Vec::new();
     let read_before = AtomicU64::new(0);

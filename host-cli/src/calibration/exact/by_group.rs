@@ -24,7 +24,7 @@
 use faer::{Mat, Side};
 
 use super::moments::Moments;
-use super::parts::{Parts, rows};
+use super::parts::{Parts, counted_coefficients};
 use super::solve::SolveError;
 use super::symmetric::Symmetric;
 use crate::calibration::solver::Factor;
@@ -68,8 +68,11 @@ impl Parts<'_> {
     pub fn by_group(&self, groups: &[&Moments], ridge: f64) -> Result<ByGroup, GroupsError> {
         let fit = self.total.solve(&self.model, ridge).map_err(GroupsError::Solve)?;
         let frame = self.frame_of(&fit);
+        let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
+        // Rows are features: from those of the fit to those that are counted.
         let factor = Factor::Inverse(fit.triangle()).matrix().into_owned();
-        let (size, coefficients) = (factor.nrows(), rows(&fit.coefficients));
+        let factor = Mat::from_fn(stretch.len(), stretch.len(), |i, j| stretch[i] * factor[(i, j)]);
+        let (size, coefficients) = (factor.nrows(), counted_coefficients(&fit));
         let groups: Vec<&Moments> = groups.iter().copied().filter(|g| g.rows() > 0).collect();
         let mut scores: PerAxis<Mat<f64>> = std::array::from_fn(|_| Mat::zeros(groups.len(), size));
         let mut products = fit.residual_products;
@@ -111,7 +114,8 @@ impl Parts<'_> {
         if !alone.is_empty() {
             return Err(GroupsError::Alone(alone));
         }
-        let factors = scores.each_ref().map(|scores| upper_root(&(scores * factor.transpose())));
+        let back = Mat::from_fn(size, size, |i, j| factor[(j, i)] / stretch[j]);
+        let factors = scores.each_ref().map(|scores| upper_root(&(scores * &back)));
         Ok(ByGroup { groups: groups.len(), factors, residual_products: products })
     }
 }

@@ -19,7 +19,7 @@ use pulp::{Arch, NullaryFnOnce};
 use super::cholesky::{Bordered, LANES, Lanes, Row};
 use super::limbs::power_of_two;
 use super::moments::Moments;
-use super::parts::{Frame, Part, Parts, rows};
+use super::parts::{Frame, Part, Parts, counted_coefficients};
 use super::solve::{Fit, SolveError, round};
 use super::symmetric::Symmetric;
 use crate::calibration::model::Term;
@@ -114,7 +114,7 @@ impl Parts<'_> {
     /// The errors on a part of a fit that has an origin and units of its own.
     fn errors_of(&self, fit: &Fit, part: &Moments) -> PerAxis<HeldOut> {
         let frame = self.frame_of(fit);
-        let coefficients = rows(&fit.coefficients);
+        let coefficients = counted_coefficients(fit);
         frame.errors(&frame.part(&part.in_units_of(self.total)), &coefficients)
     }
 }

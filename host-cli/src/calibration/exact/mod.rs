@@ -8,7 +8,7 @@
 //! in double-double arithmetic, which carries twice the digits that forming `XᵀX` can cost. Loss of
 //! rank is decided by integer arithmetic, not by a tolerance.
 //!
-//! Omitted: readings that are not decimals of few digits, and wrenches whose magnitudes on one axis
+//! Omitted: readings with fractions finer than 1/256 that are not decimals of few digits, and wrenches whose magnitudes on one axis
 //! span more than 250 binary places. [`ExactError`] says so, and another solver has to do.
 
 mod accumulator;
@@ -25,6 +25,7 @@ mod parts;
 mod rank;
 mod solve;
 mod symmetric;
+mod unit;
 
 pub use self::accumulator::Accumulator;
 pub use self::adder::Adder;
@@ -44,8 +45,8 @@ pub const MAX_ROWS: u64 = 1 << 30;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExactError {
-    /// A reading is not an integer, nor one after a power of ten.
-    #[error("reading `{value}` of channel `s{}` is not an integer of 16 bits, nor that over a power of ten", channel + 1)]
+    /// A reading is not an integer, nor one over a power of two or ten.
+    #[error("reading `{value}` of channel `s{}` is not an integer of 16 bits, nor that over a power of two or ten", channel + 1)]
     NotAnInteger {
         /// The channel, from 0.
         channel: usize,

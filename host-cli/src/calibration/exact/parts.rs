@@ -71,18 +71,14 @@ impl<'a> Parts<'a> {
         self.frame.part(&moments.in_units_of(self.total))
     }
 
-    /// The frame of a fit that has an origin and units of its own: its features, in N and N·m.
+    /// The frame of a fit that has an origin and units of its own: its features as they are counted,
+    /// in N and N·m.
     pub(super) fn frame_of(&self, fit: &Fit) -> Frame {
-        let channels = &self.total.channels;
-        let units: Vec<f64> =
-            channels.iter().map(|channel| 10f64.powi(channel.decimals as i32)).collect();
-        let centre = fit.centre.iter().zip(&units).map(|(c, unit)| (c * unit).round() as i64);
-        let scale = fit.scale.iter().zip(&units);
-        let reach: Vec<i32> = scale.map(|(s, unit)| (s * unit).log2().round() as i32).collect();
-        let reach = |term: &Term| term.factors().iter().map(|&c| reach[usize::from(c)]).sum();
+        let reach = |&c: &u8| fit.counted.reach[usize::from(c)];
+        let reach = |term: &Term| term.factors().iter().map(reach).sum();
         Frame {
             columns: self.frame.terms.iter().map(reach).collect(),
-            centre: centre.collect(),
+            centre: fit.counted.centre.clone(),
             positions: self.frame.positions.clone(),
             axes: [0; 6],
             terms: self.frame.terms.clone(),
@@ -139,10 +135,10 @@ impl Frame {
     }
 }
 
-/// Axes as lanes.
-pub(super) fn rows(coefficients: &[PerAxis<DoubleDouble>]) -> Vec<Row> {
-    let row = |row: &PerAxis<DoubleDouble>| -> Row {
-        std::array::from_fn(|i| row.get(i).copied().unwrap_or(DoubleDouble::ZERO))
+/// The coefficients of a fit for features as they are counted, axes as lanes.
+pub(super) fn counted_coefficients(fit: &Fit) -> Vec<Row> {
+    let row = |(row, &stretch): (&PerAxis<DoubleDouble>, &DoubleDouble)| -> Row {
+        std::array::from_fn(|i| row.get(i).map_or(DoubleDouble::ZERO, |&c| c * stretch))
     };
-    coefficients.iter().map(row).collect()
+    fit.coefficients.iter().zip(&fit.counted.stretch).map(row).collect()
 }

@@ -34,8 +34,7 @@ pub struct Fit {
     /// What is subtracted from the readings of each channel before products are taken, in counts;
     /// zero without an intercept.
     pub centre: Vec<f64>,
-    /// What they are divided by after that: a power of two, over a power of ten for readings with
-    /// decimals.
+    /// What they are divided by after that: a power of two.
     pub scale: Vec<f64>,
     /// One row per feature of centred and scaled readings, in N and N·m.
     pub coefficients: Vec<PerAxis<DoubleDouble>>,
@@ -48,6 +47,7 @@ pub struct Fit {
     /// Independent features: all, unless a ridge stands in for the others.
     pub rank: usize,
     factor: Factor,
+    pub(super) counted: Counted,
 }
 
 /// Why the sums give no coefficients.
@@ -90,6 +90,17 @@ struct Factor {
     cholesky: Bordered,
     /// `2^exponent` times a column of it is that of the centred and scaled feature.
     exponents: Vec<i32>,
+}
+
+/// The features of readings that are counted in the units of the sums.
+#[derive(Clone, Debug)]
+pub(super) struct Counted {
+    /// What is subtracted.
+    pub(super) centre: Vec<i64>,
+    /// The power of two that the rest is divided by.
+    pub(super) reach: Vec<i32>,
+    /// How much larger a feature of [`Fit`] is than one of these: one where units are powers of two.
+    pub(super) stretch: Vec<DoubleDouble>,
 }
 
 impl Moments {
@@ -353,17 +364,26 @@ impl<'a> Equations<'a> {
         condition: f64,
         rank: usize,
     ) -> Result<Fit, SolveError> {
-        let decimals = |i: usize| 10f64.powi(self.moments.channels[i].decimals as i32);
+        let unit = |i: usize| self.moments.channels[i].unit;
         let exponents: Vec<i32> = (self.terms.iter().zip(&self.columns))
             .map(|(term, &column)| {
                 let reach: i32 = term.factors().iter().map(|&c| self.reach[usize::from(c)]).sum();
                 reach - column
             })
             .collect();
-        let scaled = |(row, &exponent): (&Row, &i32)| -> PerAxis<DoubleDouble> {
-            std::array::from_fn(|axis| shifted(row[axis], exponent + self.axes[axis]))
+        let stretch = |&c: &u8| {
+            let unit = unit(usize::from(c));
+            DoubleDouble::from(power_of_two(unit.nearest_power()))
+                / DoubleDouble::from(f64::from(unit.per_count()))
         };
-        let coefficients: Vec<_> = coefficients.iter().zip(&exponents).map(scaled).collect();
+        let stretch: Vec<DoubleDouble> = (self.terms.iter())
+            .map(|term| term.factors().iter().map(stretch).fold(DoubleDouble::ONE, |a, b| a * b))
+            .collect();
+        let scaled = |(row, (&exponent, &stretch)): (&Row, (&i32, &DoubleDouble))| {
+            std::array::from_fn(|axis| shifted(row[axis], exponent + self.axes[axis]) / stretch)
+        };
+        let coefficients: Vec<PerAxis<DoubleDouble>> =
+            coefficients.iter().zip(exponents.iter().zip(&stretch)).map(scaled).collect();
         if !coefficients.iter().flatten().all(|c| c.is_finite()) {
             return Err(SolveError::Overflow);
         }
@@ -380,14 +400,20 @@ impl<'a> Equations<'a> {
         Ok(Fit {
             model: self.model,
             rows: self.moments.rows,
-            centre: channels.clone().map(|i| self.centre[i] as f64 / decimals(i)).collect(),
-            scale: channels.map(|i| power_of_two(self.reach[i]) / decimals(i)).collect(),
+            centre: channels
+                .clone()
+                .map(|i| self.centre[i] as f64 / f64::from(unit(i).per_count()))
+                .collect(),
+            scale: channels
+                .map(|i| power_of_two(self.reach[i] - unit(i).nearest_power()))
+                .collect(),
             coefficients,
             residual_products,
             total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
             condition,
             rank,
             factor: Factor { cholesky, exponents },
+            counted: Counted { centre: self.centre, reach: self.reach, stretch },
         })
     }
 }
@@ -434,7 +460,7 @@ impl Fit {
     pub fn triangle(&self) -> Mat<f64> {
         let Factor { cholesky, exponents } = &self.factor;
         Mat::from_fn(cholesky.size, cholesky.size, |i, j| match i <= j {
-            true => shifted(cholesky.get(i, j), -exponents[j]).to_f64(),
+            true => (shifted(cholesky.get(i, j), -exponents[j]) * self.counted.stretch[j]).to_f64(),
             false => 0.0,
         })
     }

@@ -117,11 +117,11 @@ impl Covariance {
         model: &Model,
         ridge: f64,
     ) -> Result<Self, ValidationError> {
-        let total = sums.total()?.filter(|_| sums.groups.len() > 1);
+        let total = sums.total().filter(|_| sums.groups.len() > 1);
         let total = total.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
         let found =
-            Parts::new(&total, model)?.by_group(&groups, ridge).map_err(|error| match error {
+            Parts::new(total, model)?.by_group(&groups, ridge).map_err(|error| match error {
                 GroupsError::Solve(error) => ValidationError::Solve(error),
                 GroupsError::NearlyDependent => ValidationError::Solve(SolveError::NearlyDependent),
                 GroupsError::Alone(places) => ValidationError::Alone {

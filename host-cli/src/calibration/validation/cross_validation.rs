@@ -72,9 +72,9 @@ pub fn cross_validate(
     ridge: f64,
     folds: Option<usize>,
 ) -> Result<CrossValidation, ValidationError> {
-    let whole = sums.total()?.filter(|_| sums.groups.len() > 1);
+    let whole = sums.total().filter(|_| sums.groups.len() > 1);
     let whole = whole.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
-    let parts = Parts::new(&whole, model)?;
+    let parts = Parts::new(whole, model)?;
     let folds = match folds {
         Some(folds) => fold_groups(sums, folds)?,
         None => (0..sums.groups.len()).map(|group| vec![group]).collect(),

@@ -72,18 +72,13 @@ pub struct GroupedMoments {
     pub groups: Vec<(String, Moments)>,
     /// The sums of rows that were drawn at random from the same ones.
     pub random: Vec<Moments>,
+    total: Option<Moments>,
 }
 
 impl Grouping {
     /// Sums for `basis` and the bases within it, by group and as `random` says.
     pub fn new(basis: Basis, channels: usize, random: RandomSplit) -> Self {
         Self { basis, channels, random, adder: Adder::new(basis, channels) }
-    }
-
-    /// Takes rows from all over the logs as what is to be expected. It saves work, and has no
-    /// influence on results: rows that cannot be summed exactly will be told when they are summed.
-    pub fn expect(&self, sample: &Block) {
-        let _ = self.adder.sum(&sample.readings, &sample.wrench);
     }
 
     /// Of no rows.
@@ -180,10 +175,9 @@ impl GroupSums {
         self.groups.iter_mut().try_for_each(Group::put_away)?;
         let moments = |group: Group| Some((group.label, group.moments?));
         let random = self.random.into_iter().map(Accumulator::finish);
-        Ok(GroupedMoments {
-            groups: self.groups.into_iter().filter_map(moments).collect(),
-            random: random.collect::<Result<_, _>>()?,
-        })
+        let groups: Vec<_> = self.groups.into_iter().filter_map(moments).collect();
+        let total = total(groups.iter().map(|(_, moments)| moments))?;
+        Ok(GroupedMoments { groups, random: random.collect::<Result<_, _>>()?, total })
     }
 }
 
@@ -201,11 +195,8 @@ impl Group {
 
 impl GroupedMoments {
     /// The sums over the rows of all groups; `None` of no groups.
-    ///
-    /// # Errors
-    /// [`ValidationError::NotExact`] if they cannot be exact.
-    pub fn total(&self) -> Result<Option<Moments>, ValidationError> {
-        total(self.groups.iter().map(|(_, moments)| moments))
+    pub fn total(&self) -> Option<&Moments> {
+        self.total.as_ref()
     }
 }
 

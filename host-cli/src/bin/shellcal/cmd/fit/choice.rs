@@ -2,7 +2,6 @@
 //! where any of it is asked for.
 
 use anyhow::Context;
-use shellcal::calibration::exact::Moments;
 use shellcal::calibration::solver::SolverKind;
 use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration::validation::cross_validation::{CrossValidation, cross_validate};
@@ -27,8 +26,6 @@ pub(super) struct Choice {
     pub(super) cross_validation: Option<CrossValidation>,
     /// The sums of the training rows, by group, where they were made.
     pub(super) sums: Option<GroupedMoments>,
-    /// Those of all.
-    pub(super) total: Option<Moments>,
     /// Whether the covariance is to come from the groups.
     pub(super) by_group: bool,
     /// Why it cannot, though there are groups.
@@ -54,7 +51,6 @@ impl FitArgs {
             selection: None,
             cross_validation: None,
             sums: None,
-            total: None,
             by_group: false,
             not_grouped: None,
         };
@@ -98,7 +94,6 @@ impl FitArgs {
             let model = Model { basis: choice.basis, intercept, channels };
             choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
         }
-        choice.total = sums.total()?;
         choice.sums = Some(sums);
         Ok(choice)
     }

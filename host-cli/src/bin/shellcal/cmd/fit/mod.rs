@@ -11,6 +11,7 @@ use std::time::Instant;
 use anyhow::Context;
 use clap::ValueEnum;
 use shellcal::calibration::validation::ValidationError;
+use shellcal::calibration::validation::grouped::GroupedMoments;
 use shellcal::calibration_file::{
     CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
 };
@@ -194,7 +195,7 @@ impl FitArgs {
             solver: self.solver.0,
             ridge: choice.ridge,
             fresh: self.fresh,
-            total: choice.total.as_ref(),
+            total: choice.sums.as_ref().and_then(GroupedMoments::total),
             covariance: match &choice.sums {
                 _ if !self.wants_covariance() => CovarianceFrom::Nothing,
                 Some(sums) if choice.by_group => CovarianceFrom::Groups(sums),

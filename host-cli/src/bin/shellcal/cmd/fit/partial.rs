@@ -35,7 +35,7 @@ impl FitArgs {
             read: ReadOptions { checksum: true, ..self.mapping.read_options() },
         };
         let (sums, summaries) = moments::sum(train, &options)?;
-        let total = sums.total()?.context("no training rows are left")?;
+        let total = sums.total().context("no training rows are left")?.clone();
         let model = Model { basis, intercept: !self.no_intercept, channels: total.channels() };
         let mut partial = PartialFit::new(model, total);
         partial.made_by = origin::program();
