@@ -34,21 +34,17 @@ impl<'a> TrainingRows<'a> {
         Self { logs, fresh, read, summaries: Vec::new(), kept: None }
     }
 
-    /// What each log was: of no logs before the first pass.
-    pub(super) fn summaries(&self) -> &[ReadSummary] {
-        &self.summaries
-    }
-
     /// Passes over the rows of one log: `map` gets its blocks on any thread, `fold` gets what
-    /// `map` makes of them, in order.
+    /// `map` makes of them, in order. Returns what the log was.
     pub(super) fn each_block<T: Send>(
         &mut self,
         log: usize,
         map: impl Fn(&Block) -> Result<T, FitError> + Sync,
         mut fold: impl FnMut(T),
-    ) -> Result<(), WorkflowError> {
-        if let Some(kept) = &mut self.kept {
-            return pipeline::run(
+    ) -> Result<ReadSummary, WorkflowError> {
+        let known = self.summaries.get(log);
+        if let (Some(kept), Some(known)) = (&mut self.kept, known) {
+            pipeline::run(
                 &mut KeptBlocks(&mut kept[log]),
                 self.read.thread_count(),
                 |piece| piece.with_block(&map),
@@ -57,11 +53,12 @@ impl<'a> TrainingRows<'a> {
                     fold(value?);
                     Ok(())
                 },
-            );
+            )?;
+            return Ok(known.clone());
         }
-        let read = ReadOptions { checksum: false, ..self.read };
-        self.read_log(log, &read, |block| map(block), fold)?;
-        Ok(())
+        let read = ReadOptions { checksum: self.read.checksum && known.is_none(), ..self.read };
+        let summary = self.read_log(log, &read, |block| map(block), fold)?;
+        Ok(known.cloned().unwrap_or(summary))
     }
 
     fn read_log<T: Send>(

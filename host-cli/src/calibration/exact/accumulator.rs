@@ -9,7 +9,7 @@
 
 use std::sync::Arc;
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::Arch;
 
 use super::block_sums::{Scratch, SumBlock};
 use super::choice::Choice;
@@ -18,12 +18,10 @@ use super::layout::Layout;
 use super::limbs::{FeatureLimbs, Limbs, Places, SQUARE_WIDTH};
 use super::moments::{Channel, Moments};
 use super::open_sums::{MOST_BLOCKS, OpenSums};
+use super::unit::{Unit, count, survey};
 use super::{ExactError, MAX_ROWS};
 use crate::calibration::model::Basis;
 use crate::wrench::Axis;
-
-/// Decimals that a reading may have: more do not leave an integer of 16 bits.
-pub(super) const MOST_DECIMALS: u32 = 5;
 
 /// Sums rows of readings and wrenches exactly, in memory that does not grow with the rows.
 #[derive(Clone, Debug)]
@@ -78,8 +76,8 @@ impl Accumulator {
             scratch: Scratch::default(),
         };
         fork.channels.clone_from(&fork.total.channels);
-        // Readings with decimals are too rare to be taken care of here.
-        if self.expected.iter().any(|channel| channel.decimals > 0) {
+        // Readings with fractions are too rare to be taken care of here.
+        if self.expected.iter().any(|channel| channel.unit != Unit::COUNT) {
             fork.expected.clone_from(&fork.channels);
         } else if let Some(open) = &self.open {
             fork.open = Some(OpenSums::new(open.choice.clone()));
@@ -105,7 +103,7 @@ impl Accumulator {
     /// Makes later choices good for rows such as these.
     pub(super) fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
         for (expected, column) in self.expected.iter_mut().zip(readings) {
-            if let Ok(found) = survey(column.as_ref(), 0) {
+            if let Ok(found) = survey(column.as_ref(), Unit::COUNT) {
                 expected.merge(&found);
             }
         }
@@ -134,7 +132,7 @@ impl Accumulator {
             self.total.merge(&other.total)?;
         }
         for i in 0..self.channels.len() {
-            if self.channels[i].decimals != other.channels[i].decimals {
+            if self.channels[i].unit != other.channels[i].unit {
                 self.close()?;
             }
             self.channels[i].merge(&other.channels[i]);
@@ -148,7 +146,7 @@ impl Accumulator {
         }
         let Some(open) = other.open.take_if(|open| open.rows > 0) else { return Ok(()) };
         let same_units = self.channels.iter().zip(&other.channels);
-        if same_units.into_iter().any(|(a, b)| a.decimals != b.decimals) {
+        if same_units.into_iter().any(|(a, b)| a.unit != b.unit) {
             return self.put_away(&open, &other.channels);
         }
         match &mut self.open {
@@ -194,7 +192,7 @@ impl Accumulator {
             let staged = self.staged..self.staged + end - start;
             for (i, column) in readings.iter().enumerate() {
                 let target = &mut self.readings[i * ROWS..][staged.clone()];
-                scale(&column.as_ref()[start..end], self.channels[i].decimals, target);
+                count(&column.as_ref()[start..end], self.channels[i].unit, target);
             }
             for (i, column) in wrench.iter().enumerate() {
                 self.wrench[i * ROWS..][staged.clone()]
@@ -233,12 +231,9 @@ impl Accumulator {
         for (i, column) in readings.iter().enumerate() {
             let column = column.as_ref();
             let known = self.channels[i];
-            let found = survey(column, known.decimals).or_else(|value| {
-                (known.decimals + 1..=MOST_DECIMALS)
-                    .find_map(|decimals| survey(column, decimals).ok())
-                    .ok_or(ExactError::NotAnInteger { channel: i, value })
-            })?;
-            if found.decimals != known.decimals {
+            let found = survey(column, known.unit)
+                .map_err(|value| ExactError::NotAnInteger { channel: i, value })?;
+            if found.unit != known.unit {
                 self.sum_staged()?;
                 self.close()?;
             }
@@ -339,77 +334,4 @@ fn distance(channels: &[Channel], centre: &[i64]) -> u32 {
     };
     let largest = channels.iter().zip(centre).map(of).max().unwrap_or(0);
     u32::try_from(largest.max(0)).unwrap_or(u32::MAX)
-}
-
-/// Range of a column in integers, or a reading that is not one.
-fn survey(column: &[f64], decimals: u32) -> Result<Channel, f64> {
-    let (lowest, highest, integers) = if decimals == 0 {
-        Arch::new().dispatch(SurveyIntegers(column))
-    } else {
-        let range = (f64::INFINITY, f64::NEG_INFINITY, true);
-        column.iter().fold(range, |(lowest, highest, integers), &x| {
-            let number = scaled(x, decimals);
-            let integers = integers && number / power_of_ten(decimals) == x;
-            (lowest.min(number), highest.max(number), integers)
-        })
-    };
-    let fits = |x: f64| x.abs() < f64::from(1 << 16);
-    if integers && (column.is_empty() || fits(lowest) && fits(highest)) {
-        let (lowest, highest) = (lowest as i64, highest as i64);
-        return Ok(Channel { decimals, lowest, highest });
-    }
-    let good = |&x: &f64| {
-        let number = scaled(x, decimals);
-        fits(number) && number / power_of_ten(decimals) == x
-    };
-    Err(column.iter().copied().find(|x| !good(x)).unwrap_or(f64::NAN))
-}
-
-/// Smallest, largest, and whether all are integers.
-struct SurveyIntegers<'a>(&'a [f64]);
-
-impl NullaryFnOnce for SurveyIntegers<'_> {
-    type Output = (f64, f64, bool);
-
-    #[inline(always)]
-    fn call(self) -> (f64, f64, bool) {
-        /// Adding and taking it away rounds to an integer.
-        const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
-        let mut lowest = [f64::INFINITY; 32];
-        let mut highest = [f64::NEG_INFINITY; 32];
-        let mut odd = [0.0; 32];
-        let (chunks, rest) = self.0.as_chunks::<32>();
-        for chunk in chunks {
-            for i in 0..32 {
-                let x = chunk[i];
-                lowest[i] = if x < lowest[i] { x } else { lowest[i] };
-                highest[i] = if x > highest[i] { x } else { highest[i] };
-                // Zero for integers of up to 51 bits, more for fractions, NaN if not finite.
-                odd[i] += (x - ((x + ROUND) - ROUND)).abs();
-            }
-        }
-        let integers = odd.iter().all(|&odd| odd == 0.0) && rest.iter().all(|x| x.fract() == 0.0);
-        let lowest = lowest.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
-        let highest = highest.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
-        (lowest, highest, integers)
-    }
-}
-
-/// Writes readings that were surveyed as integers.
-fn scale(column: &[f64], decimals: u32, out: &mut [f64]) {
-    if decimals == 0 {
-        out.copy_from_slice(column);
-    } else {
-        for (out, &x) in out.iter_mut().zip(column) {
-            *out = scaled(x, decimals);
-        }
-    }
-}
-
-fn scaled(x: f64, decimals: u32) -> f64 {
-    (x * power_of_ten(decimals)).round()
-}
-
-fn power_of_ten(decimals: u32) -> f64 {
-    f64::from(10u32.pow(decimals))
 }
