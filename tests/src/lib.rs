@@ -1,4 +1,6 @@
-//! What tests across the crates share: where the real recordings are.
+//! What tests across the crates share: the emulated board, and where the real recordings are.
+
+pub mod emulation;
 
 use std::path::PathBuf;
 
