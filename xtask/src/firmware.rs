@@ -15,7 +15,7 @@ use system_tests::emulation::{Memory, PlayedFrame};
 use crate::emulator::{self, Run};
 use crate::image::{self, Footprint, Image, RAM_SIZE};
 use crate::steps;
-use crate::toolchain::{self, Toolchain};
+use crate::toolchain;
 
 /// What the image may take of the STM32L432KC's 256 KiB of flash and 64 KiB of RAM.
 const FLASH_LIMIT: u64 = 64 * 1024;
@@ -29,16 +29,12 @@ const SHARE_LIMIT: f64 = 0.05;
 /// Frames of two runs, whose difference is that of frames in the middle of a stream.
 const FRAMES: [u32; 2] = [500, 1500];
 
-pub(crate) fn run() -> Result<()> {
+/// Builds both images, measures, prints, and is an error above a limit. Returns the emulated one.
+pub(crate) fn check() -> Result<PathBuf> {
     let toolchain = toolchain::set_up()?;
     emulator::set_up()?;
-    check(&toolchain)
-}
-
-/// Builds both images, measures, prints, and is an error above a limit.
-pub(crate) fn check(toolchain: &Toolchain) -> Result<()> {
-    let image = Image::SkinProc.build(toolchain)?;
-    let emulated = Image::Emulated.build(toolchain)?;
+    let image = Image::SkinProc.build(&toolchain)?;
+    let emulated = Image::Emulated.build(&toolchain)?;
     let footprint = image::footprint(&image)?;
     let [readings, wrenches] = [Stream::Raw, Stream::Wrench].map(|mode| stream(&emulated, mode));
     let report = Report {
@@ -52,7 +48,7 @@ pub(crate) fn check(toolchain: &Toolchain) -> Result<()> {
     if !exceeded.is_empty() {
         bail!("the firmware is above its limits: {}", exceeded.join(", "));
     }
-    Ok(())
+    Ok(emulated)
 }
 
 /// The image for the board, for who wants to flash it.

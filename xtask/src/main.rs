@@ -47,7 +47,7 @@ enum Task {
 fn main() -> ExitCode {
     let done = match Args::parse().task {
         Task::Test(args) => test::run(&args),
-        Task::Firmware => firmware::run(),
+        Task::Firmware => firmware::check().map(drop),
         Task::Flash(args) => flash::run(&args),
         Task::Emulate(args) => emulate::run(&args),
         Task::BenchPeers(args) => peers::run(&args),
