@@ -170,7 +170,7 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
     ))
 }
 
-fn parse_duration(text: &str) -> Result<Duration, String> {
+pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "a time in s, such as 90".to_owned())?;
     Duration::try_from_secs_f64(seconds)
         .ok()
