@@ -9,18 +9,17 @@
 #![expect(unreachable_pub, reason = "modules of a test have no outside")]
 
 mod bridge;
-mod program;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use bridge::{BaseStation, EmulatedBoard};
-use program::{Recording, finish, interrupt, number, run, start, wait_for_rows};
 use shared_proto::xbee::Mode;
 use shellcal::calibration::Calibration;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::wrench::PerAxis;
 use system_tests::emulation::{Memory, PlayedFrame};
+use system_tests::program::{Recording, finish, interrupt, number, run, start, wait_for_rows};
 
 /// Frames of the script. A prime, so that it shares no period with anything.
 const SCRIPT: usize = 701;

@@ -103,7 +103,10 @@ impl BoardArgs {
             (Some(port), Some(action)) => (port, action),
             #[cfg(unix)]
             (None, None) if self.simulate => return self.simulation.run(printer),
-            (None, _) => anyhow::bail!("`--simulate` goes without an action, and needs a pty"),
+            (None, _) => anyhow::bail!(
+                "a board is simulated by `shellcal board --simulate`, without an action; other \
+                 commands name its port then"
+            ),
             (Some(_), None) => anyhow::bail!(
                 "nothing to do: `shellcal board PORT identify`, `status`, `start`, `stop`, `rate`, \
                  `sampling`, `mode`, `zero` or `upload`"

@@ -19,56 +19,55 @@ use crate::printer::Printer;
 
 /// A simulated board
 #[derive(Debug, clap::Args)]
-#[group(id = "simulation", multiple = true, requires = "simulate")]
 #[command(next_help_heading = "Simulated board")]
 pub(crate) struct SimulationArgs {
     /// Load over time, on straight lines between rows and over and over: a log with time and wrench
     /// [default: 5 s of rest, then hands]
-    #[arg(long, value_name = "LOG")]
+    #[arg(long, conflicts_with = "port", value_name = "LOG")]
     load: Option<PathBuf>,
 
     /// Which recording: its noise, light, hands, and the faults of the radio
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 60))]
+    #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 60))]
     seed: u64,
 
     /// Which instrument; 1 is that of the shipped data
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1)]
     unit_seed: u64,
 
     /// Factor on all random noise; 0 for none
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    #[arg(long, conflicts_with = "port", value_name = "FACTOR", default_value_t = 1.0)]
     noise_scale: f64,
 
     /// Share of packets that the radio loses
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
     loss: f64,
 
     /// Share of packets that begin a burst of losses, and its mean length in packets
-    #[arg(long, value_name = "SHARE:PACKETS", value_parser = parse_bursts)]
+    #[arg(long, conflicts_with = "port", value_name = "SHARE:PACKETS", value_parser = parse_bursts)]
     bursts: Option<(f64, f64)>,
 
     /// Share of packets that arrive twice
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
     duplication: f64,
 
     /// Share of packets that arrive late, by up to 80 ms
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
     reordering: f64,
 
     /// Share of bytes that arrive as others
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
     corruption: f64,
 
     /// Time that every packet takes, ms
-    #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = parse_delay)]
+    #[arg(long, conflicts_with = "port", value_name = "MS", default_value_t = 0.0, value_parser = parse_delay)]
     delay: f64,
 
     /// Make a symbolic link to the port, for a name that does not change
-    #[arg(long, value_name = "PATH")]
+    #[arg(long, conflicts_with = "port", value_name = "PATH")]
     symlink: Option<PathBuf>,
 
     /// End after so many seconds
-    #[arg(long, value_name = "S", value_parser = super::record::parse_duration)]
+    #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::record::parse_duration)]
     duration: Option<Duration>,
 }
 

@@ -1,4 +1,7 @@
-//! Running `shellcal`, and what it has written.
+//! Running `shellcal` as its users do, and what it has written.
+//!
+//! For tests: what goes wrong is a panic that says what it was.
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,6 +17,7 @@ fn shellcal() -> PathBuf {
     program
 }
 
+/// Starts a command in a directory; arguments are told apart by spaces.
 pub fn start(dir: &Path, arguments: &str) -> Child {
     Command::new(shellcal())
         .args(arguments.split_whitespace())
@@ -29,6 +33,7 @@ pub fn run(dir: &Path, arguments: &str, code: i32) -> String {
     finish(start(dir, arguments), arguments, code)
 }
 
+/// Waits for the end of a command, which must have this exit code; what it prints and says.
 pub fn finish(child: Child, arguments: &str, code: i32) -> String {
     let output = child.wait_with_output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
@@ -61,12 +66,14 @@ pub fn number(json: &str, name: &str) -> u64 {
 }
 
 /// A recording, column by column.
+#[derive(Clone, Debug)]
 pub struct Recording {
     header: Vec<String>,
     rows: Vec<Vec<String>>,
 }
 
 impl Recording {
+    /// The recording in a file.
     pub fn read(path: &Path) -> Self {
         let text = fs::read_to_string(path).unwrap();
         let fields = |line: &str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
@@ -74,15 +81,18 @@ impl Recording {
         Self { header: lines.next().unwrap(), rows: lines.collect() }
     }
 
+    /// How many rows it has.
     pub fn rows(&self) -> usize {
         self.rows.len()
     }
 
+    /// The column of a name.
     pub fn text(&self, name: &str) -> Vec<&str> {
         let at = self.header.iter().position(|column| column == name).unwrap();
         self.rows.iter().map(|row| row[at].as_str()).collect()
     }
 
+    /// The column of a name, in which there must be numbers.
     pub fn numbers(&self, name: &str) -> Vec<f64> {
         self.text(name).iter().map(|field| field.parse().unwrap()).collect()
     }
