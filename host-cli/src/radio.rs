@@ -246,13 +246,14 @@ mod tests {
         assert_share(books.held_back, 0.95 * 0.02);
         assert_share(books.corrupted, 0.95 * 1.01 * (1.0 - 0.999_f64.powi(8)));
         assert_eq!(numbers.len() as u64, PACKETS - books.lost + books.duplicated);
-        // A packet is late if one sent after it arrived before it, which 1 µs suffices for.
+        // One in eight is held back for less than the ms to the next packet, and a few next packets
+        // are lost: some 0.83 are late.
         let mut newest = 0;
         let late = numbers.iter().filter(|&&number| {
             newest = newest.max(number);
             number < newest
         });
-        assert!(late.count() as u64 >= books.held_back * 9 / 10);
+        assert!(late.count() as u64 >= books.held_back * 3 / 4);
     }
 
     #[test]
