@@ -9,6 +9,7 @@ mod image;
 mod measure;
 mod peers;
 mod scale;
+mod stack;
 mod steps;
 mod test;
 mod toolchain;
