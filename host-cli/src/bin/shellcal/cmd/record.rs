@@ -63,6 +63,10 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "N", requires = "calibration", value_parser = parse_count)]
     tare: Option<usize>,
 
+    /// Subtract nothing
+    #[arg(long, requires = "calibration", conflicts_with = "tare")]
+    no_tare: bool,
+
     /// Wait for a port that goes away, and go on when it is back
     #[arg(long)]
     reconnect: bool,
@@ -110,8 +114,8 @@ impl RecordArgs {
     }
 
     fn forces(&self, calibration: Calibration) -> ForceOptions {
-        let own_zero = calibration.model().intercept;
-        let tare = self.tare.unwrap_or(if own_zero { 0 } else { DEFAULT_TARE });
+        let has_zero = self.no_tare || calibration.model().intercept;
+        let tare = self.tare.unwrap_or(if has_zero { 0 } else { DEFAULT_TARE });
         ForceOptions { calibration, tare }
     }
 

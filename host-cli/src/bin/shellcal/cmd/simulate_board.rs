@@ -155,6 +155,10 @@ struct Symlink(PathBuf);
 
 impl Symlink {
     fn make(path: &Path, port: &str) -> anyhow::Result<Self> {
+        // One that leads nowhere is what a board leaves that was killed.
+        if path.is_symlink() && !path.exists() {
+            std::fs::remove_file(path).ok();
+        }
         std::os::unix::fs::symlink(port, path)
             .with_context(|| format!("cannot make the link `{}`", path.display()))?;
         Ok(Self(path.to_path_buf()))
