@@ -6,7 +6,7 @@
 use std::ffi::OsString;
 use std::fs;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command as Process;
 
 use shared_proto::{CHANNELS, Calibration, Command, Packet, crc32};
@@ -17,6 +17,20 @@ pub const QEMU: &str = "qemu-system-arm";
 /// Time is counted in instructions of 16 ns each and jumps where the core sleeps: a run takes as
 /// long as the host needs, and is always the same.
 pub const COUNTED_TIME: [&str; 2] = ["-icount", "shift=4,sleep=off"];
+
+/// Names the image that tests run.
+pub const IMAGE: &str = "SHELLCAL_EMULATED_IMAGE";
+
+/// The image that tests run, which `cargo xtask test` builds; where there is none, says that the test
+/// was skipped.
+#[expect(clippy::print_stdout, reason = "a skipped test says so")]
+pub fn image() -> Option<PathBuf> {
+    let image = std::env::var_os(IMAGE).map(PathBuf::from);
+    if image.is_none() {
+        println!("skipped: {IMAGE} is not set; `cargo xtask test` sets it");
+    }
+    image
+}
 
 /// What the front end plays, what the board is told, and where it keeps its calibration.
 const SCRIPT: u32 = 0x2100_0000;

@@ -187,7 +187,7 @@ fn scan(
         let address = start + 2 * at as u32;
         let second = halves.get(at + 1).copied().unwrap_or(0);
         if is_data(address) {
-            if address % 4 == 0 {
+            if address.is_multiple_of(4) {
                 pointers.insert(first | second << 16);
             }
             at += 1;

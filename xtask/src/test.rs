@@ -3,12 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use system_tests::emulation::IMAGE;
 
 use crate::firmware;
 use crate::steps::{cargo, run as step};
-
-/// Names the image that the tests run in the emulator.
-const IMAGE: &str = "SHELLCAL_EMULATED_IMAGE";
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";

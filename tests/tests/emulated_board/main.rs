@@ -11,14 +11,14 @@
 mod bridge;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use bridge::{BaseStation, EmulatedBoard};
 use shared_proto::xbee::Mode;
 use shellcal::calibration::Calibration;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::wrench::PerAxis;
-use system_tests::emulation::{Memory, PlayedFrame};
+use system_tests::emulation::{Memory, PlayedFrame, image};
 use system_tests::program::{Recording, finish, interrupt, number, run, start, wait_for_rows};
 
 /// Frames of the script. A prime, so that it shares no period with anything.
@@ -61,14 +61,6 @@ fn assert_close(actual: &[[f64; 6]], expected: &[[f64; 6]], tolerance: f64) {
         let close = actual.iter().zip(expected).all(|(a, b)| (a - b).abs() <= tolerance);
         assert!(close, "row {row}: {actual:?} {expected:?}");
     }
-}
-
-fn image() -> Option<PathBuf> {
-    let image = std::env::var_os("SHELLCAL_EMULATED_IMAGE").map(PathBuf::from);
-    if image.is_none() {
-        println!("skipped: SHELLCAL_EMULATED_IMAGE is not set; `cargo xtask test` sets it");
-    }
-    image
 }
 
 /// A calibration fitted to the shipped data.
