@@ -51,6 +51,7 @@ pub mod filter;
 pub mod link;
 pub mod log_file;
 pub mod output;
+mod pipeline;
 pub mod plot;
 pub mod radio;
 mod random;

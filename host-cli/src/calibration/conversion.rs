@@ -94,6 +94,27 @@ impl Calibration {
         flags
     }
 
+    /// The number of rows with a reading outside the range of the training data.
+    ///
+    /// # Panics
+    /// If `readings` are not the model's channels, or of different lengths.
+    pub fn rows_out_of_range(&self, readings: &[Vec<f64>]) -> u64 {
+        let rows = self.rows_of(readings);
+        let columns = readings.iter().zip(self.valid_range.iter().flatten());
+        // Where a calibration is used as it should be, there is no such column.
+        let outside: Vec<_> = columns
+            .filter(|(column, range)| {
+                Arch::new()
+                    .dispatch(|| column.iter().fold(false, |any, &s| any | !range.contains(s)))
+            })
+            .collect();
+        if outside.is_empty() {
+            return 0;
+        }
+        let is_outside = |row: &usize| outside.iter().any(|(c, range)| !range.contains(c[*row]));
+        (0..rows).filter(is_outside).count() as u64
+    }
+
     /// Number of rows, after a check of the shape that callers promise.
     pub(super) fn rows_of(&self, readings: &[Vec<f64>]) -> usize {
         assert_eq!(readings.len(), self.model().channels, "one column per channel");
@@ -190,8 +211,10 @@ mod tests {
         let mut calibration = calibration(Basis::Linear, 2);
         let readings = [vec![0.0, 5.0, 11.0], vec![1.0, 0.5, 3.5]];
         assert_eq!(calibration.out_of_range(&readings), [0, 0, 0]);
+        assert_eq!(calibration.rows_out_of_range(&readings), 0);
         calibration.valid_range =
             Some(vec![Range { min: 0.0, max: 10.0 }, Range { min: 1.0, max: 3.0 }]);
         assert_eq!(calibration.out_of_range(&readings), [0, 0b10, 0b11]);
+        assert_eq!(calibration.rows_out_of_range(&readings), 2);
     }
 }

@@ -45,20 +45,7 @@ pub struct AxisQuality {
 impl Moments {
     /// Of the values in `column`.
     pub fn of(column: &[f64]) -> Self {
-        if column.is_empty() {
-            return Self::default();
-        }
-        let n = column.len() as f64;
-        // Sums of differences from some value of the column keep a large offset out of them.
-        let (origin, sum) = (column[0], sums_about(column, column[0]).0);
-        let mean = origin + sum / n;
-        let (sum, squares) = sums_about(column, mean);
-        let rest = sum / n;
-        Self {
-            count: column.len() as u64,
-            mean: mean + rest,
-            squares: (squares - n * rest * rest).max(0.0),
-        }
+        Arch::new().dispatch(MomentsOf(column))
     }
 
     /// Adds the values of `other`.
@@ -90,10 +77,13 @@ impl AxisErrors {
     /// # Panics
     /// If they are not.
     pub fn of(predicted: &[f64], measured: &[f64]) -> Self {
+        Self::with_room(predicted, measured, &mut Vec::new())
+    }
+
+    /// The same with room for the errors, which may be used again.
+    fn with_room(predicted: &[f64], measured: &[f64], errors: &mut Vec<f64>) -> Self {
         assert_eq!(predicted.len(), measured.len(), "a prediction for every measurement");
-        let errors: Vec<f64> = predicted.iter().zip(measured).map(|(p, m)| p - m).collect();
-        let max = errors.iter().fold(0.0, |max: f64, error| max.max(error.abs()));
-        Self { error: Moments::of(&errors), measured: Moments::of(measured), max }
+        Arch::new().dispatch(ErrorsOf { predicted, measured, errors })
     }
 
     /// Adds the rows of `other`.
@@ -123,7 +113,8 @@ impl AxisErrors {
 
 /// The errors of all axes over one block. Columns are as long as each other, N and N·m.
 pub fn errors(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> PerAxis<AxisErrors> {
-    std::array::from_fn(|axis| AxisErrors::of(&predicted[axis], &measured[axis]))
+    let mut room = Vec::new();
+    std::array::from_fn(|axis| AxisErrors::with_room(&predicted[axis], &measured[axis], &mut room))
 }
 
 /// Adds the rows of `other` to `all`, axis by axis.
@@ -131,38 +122,86 @@ pub fn merge(all: &mut PerAxis<AxisErrors>, other: &PerAxis<AxisErrors>) {
     all.iter_mut().zip(other).for_each(|(all, other)| all.merge(other));
 }
 
-/// The sums of `x − origin` and of its square over a column.
-fn sums_about(column: &[f64], origin: f64) -> (f64, f64) {
-    Arch::new().dispatch(SumsAbout { column, origin })
-}
+/// [`Moments::of`], inlined whole into code for the widest vectors of the machine.
+struct MomentsOf<'a>(&'a [f64]);
 
-/// Eight interleaved sums, inlined whole into code for the widest vectors of the machine.
-struct SumsAbout<'a> {
-    column: &'a [f64],
-    origin: f64,
-}
-
-impl NullaryFnOnce for SumsAbout<'_> {
-    type Output = (f64, f64);
+impl NullaryFnOnce for MomentsOf<'_> {
+    type Output = Moments;
 
     #[inline(always)]
-    fn call(self) -> (f64, f64) {
-        let (mut sums, mut squares) = ([0.0; 8], [0.0; 8]);
-        let (chunks, rest) = self.column.as_chunks::<8>();
-        for chunk in chunks {
-            for i in 0..8 {
-                let x = chunk[i] - self.origin;
-                sums[i] += x;
-                squares[i] += x * x;
+    fn call(self) -> Moments {
+        moments(self.0)
+    }
+}
+
+/// [`AxisErrors::of`], likewise.
+struct ErrorsOf<'a> {
+    predicted: &'a [f64],
+    measured: &'a [f64],
+    errors: &'a mut Vec<f64>,
+}
+
+impl NullaryFnOnce for ErrorsOf<'_> {
+    type Output = AxisErrors;
+
+    #[inline(always)]
+    fn call(self) -> AxisErrors {
+        let Self { predicted, measured, errors } = self;
+        errors.clear();
+        errors.extend(predicted.iter().zip(measured).map(|(p, m)| p - m));
+        let mut largest = [0.0; LANES];
+        for chunk in errors.chunks(LANES) {
+            for (largest, error) in largest.iter_mut().zip(chunk) {
+                *largest = if error.abs() > *largest { error.abs() } else { *largest };
             }
         }
-        for (i, x) in rest.iter().enumerate() {
-            let x = x - self.origin;
+        AxisErrors {
+            error: moments(errors),
+            measured: moments(measured),
+            max: largest.into_iter().fold(0.0, f64::max),
+        }
+    }
+}
+
+/// Interleaved sums.
+const LANES: usize = 16;
+
+#[inline(always)]
+fn moments(column: &[f64]) -> Moments {
+    if column.is_empty() {
+        return Moments::default();
+    }
+    let n = column.len() as f64;
+    // Sums of differences from some value of the column keep a large offset out of them.
+    let (origin, sum) = (column[0], sums_about(column, column[0]).0);
+    let mean = origin + sum / n;
+    let (sum, squares) = sums_about(column, mean);
+    let rest = sum / n;
+    Moments {
+        count: column.len() as u64,
+        mean: mean + rest,
+        squares: (squares - n * rest * rest).max(0.0),
+    }
+}
+
+/// The sums of `x − origin` and of its square over a column.
+#[inline(always)]
+fn sums_about(column: &[f64], origin: f64) -> (f64, f64) {
+    let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
+    let (chunks, rest) = column.as_chunks::<LANES>();
+    for chunk in chunks {
+        for i in 0..LANES {
+            let x = chunk[i] - origin;
             sums[i] += x;
             squares[i] += x * x;
         }
-        (sums.iter().sum(), squares.iter().sum())
     }
+    for (i, x) in rest.iter().enumerate() {
+        let x = x - origin;
+        sums[i] += x;
+        squares[i] += x * x;
+    }
+    (sums.iter().sum(), squares.iter().sum())
 }
 
 #[cfg(test)]

@@ -170,7 +170,7 @@ mod tests {
             sources: vec![Source {
                 role: Role::Train,
                 path: "train.csv".into(),
-                checksum: Some("sha256:00".into()),
+                checksum: Some("blake3:00".into()),
                 rows: 12,
             }],
         };

@@ -109,7 +109,7 @@ pub struct Source {
     pub role: Role,
     /// The file as it was named.
     pub path: PathBuf,
-    /// `sha256:` and hexadecimal digits.
+    /// `blake3:` and hexadecimal digits.
     pub checksum: Option<String>,
     /// Rows used.
     pub rows: u64,

@@ -7,6 +7,10 @@ use std::io::{self, Read};
 
 use memchr::{memchr, memrchr};
 
+use super::rows::Parsed;
+use crate::block::Block;
+use crate::pipeline::Pieces;
+
 /// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing.
 pub(super) const CHUNK_BYTES: usize = 1 << 18;
 
@@ -19,14 +23,21 @@ const CONTEXT_BYTES: usize = 1 << 12;
 /// Whole lines of a file.
 #[derive(Debug, Default)]
 pub(super) struct Chunk {
-    /// Counts the pieces of a file.
-    pub(super) index: usize,
     /// Where the piece starts, from the start of the (uncompressed) file.
     pub(super) offset: u64,
     /// The lines just before the piece, a few kilobytes of them.
     pub(super) context: Vec<u8>,
     buffer: Vec<u8>,
     length: usize,
+    /// Working memory for what is parsed.
+    pub(super) room: Room,
+}
+
+/// What the lines of a piece are parsed into.
+#[derive(Debug, Default)]
+pub(super) struct Room {
+    pub(super) parsed: Parsed,
+    pub(super) block: Block,
 }
 
 impl Chunk {
@@ -48,7 +59,6 @@ pub(super) enum ChunkError {
 pub(super) struct Chunker<R> {
     stream: R,
     chunk_bytes: usize,
-    index: usize,
     offset: u64,
     skip: u64,
     carry: Vec<u8>,
@@ -62,7 +72,6 @@ impl<R: Read> Chunker<R> {
         Self {
             stream,
             chunk_bytes,
-            index: 0,
             offset: skip,
             skip,
             carry: Vec::new(),
@@ -74,19 +83,17 @@ impl<R: Read> Chunker<R> {
     pub(super) fn stream(&self) -> &R {
         &self.stream
     }
+}
 
-    /// What the next piece will be counted as.
-    pub(super) fn next_index(&self) -> usize {
-        self.index
-    }
+impl<R: Read + Send> Pieces for Chunker<R> {
+    type Piece = Chunk;
+    type Error = ChunkError;
 
-    /// Whether the whole file has been handed out, or cannot be.
-    pub(super) fn ended(&self) -> bool {
+    fn ended(&self) -> bool {
         self.ended
     }
 
-    /// Fills `chunk` with the next lines; `false` at the end of the file.
-    pub(super) fn next(&mut self, chunk: &mut Chunk) -> Result<bool, ChunkError> {
+    fn next(&mut self, chunk: &mut Chunk) -> Result<bool, ChunkError> {
         if self.ended {
             return Ok(false);
         }
@@ -126,15 +133,15 @@ impl<R: Read> Chunker<R> {
         self.carry.clear();
         self.carry.extend_from_slice(&buffer[length..filled]);
         chunk.length = length;
-        chunk.index = self.index;
         chunk.offset = self.offset;
         std::mem::swap(&mut chunk.context, &mut self.context);
         self.keep_context(&chunk.buffer[..length]);
-        self.index += 1;
         self.offset += length as u64;
         Ok(length > 0)
     }
+}
 
+impl<R> Chunker<R> {
     /// Keeps the last lines handed out: as many as fit, at least one.
     fn keep_context(&mut self, lines: &[u8]) {
         self.context.clear();
@@ -175,7 +182,6 @@ mod tests {
         let mut chunk = Chunk::default();
         let mut pieces = Vec::new();
         while chunker.next(&mut chunk).unwrap() {
-            assert_eq!(chunk.index, pieces.len());
             pieces.push((chunk.offset, chunk.lines().to_vec(), chunk.context.clone()));
         }
         pieces

@@ -120,20 +120,14 @@ impl Read for Tap {
 }
 
 #[derive(Debug, Default)]
-struct Hash(sha2::Sha256);
+struct Hash(blake3::Hasher);
 
 impl Hash {
     fn update(&mut self, bytes: &[u8]) {
-        sha2::Digest::update(&mut self.0, bytes);
+        self.0.update(bytes);
     }
 
     fn finish(&self) -> String {
-        use std::fmt::Write;
-        let digest = sha2::Digest::finalize(self.0.clone());
-        let mut text = String::from("sha256:");
-        for byte in digest {
-            write!(text, "{byte:02x}").expect("writing to a string does not fail");
-        }
-        text
+        format!("blake3:{}", self.0.finalize().to_hex())
     }
 }

@@ -4,7 +4,6 @@ use super::WorkflowError;
 use crate::block::Block;
 use crate::calibration::Calibration;
 use crate::calibration::quality::{self, AxisErrors, AxisQuality};
-use crate::calibration::validation::excitation::WrenchSums;
 use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
 use crate::plot::FitPlot;
 use crate::wrench::PerAxis;
@@ -31,8 +30,6 @@ pub struct Evaluation {
     pub out_of_range_rows: u64,
     /// Predicted less measured, per axis.
     pub errors: PerAxis<AxisErrors>,
-    /// The measured wrench.
-    pub loads: WrenchSums,
     /// The checksum of the log, if asked for; of the last, after a merge.
     pub checksum: Option<String>,
 }
@@ -45,7 +42,6 @@ impl Evaluation {
         self.repeated_rows += other.repeated_rows;
         self.out_of_range_rows += other.out_of_range_rows;
         quality::merge(&mut self.errors, &other.errors);
-        self.loads.merge(&other.loads);
         self.checksum.clone_from(&other.checksum);
     }
 
@@ -57,17 +53,50 @@ impl Evaluation {
 }
 
 /// What is known of one block. Predictions and measurements are kept only if they are to be drawn.
-struct BlockErrors {
+pub(super) struct BlockErrors {
     rows: u64,
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
-    loads: WrenchSums,
     drawn: Option<Drawn>,
 }
 
 struct Drawn {
     predicted: PerAxis<Vec<f64>>,
     measured: Vec<Vec<f64>>,
+}
+
+impl BlockErrors {
+    /// Compares the wrench that `calibration` predicts for the rows of `block` with the measured
+    /// one.
+    pub(super) fn of(calibration: &Calibration, block: &Block, is_drawn: bool) -> Self {
+        let mut predicted = PerAxis::default();
+        calibration.wrench(&block.readings, &mut predicted);
+        Self {
+            rows: block.rows as u64,
+            out_of_range: calibration.rows_out_of_range(&block.readings),
+            errors: quality::errors(&predicted, &block.wrench),
+            drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),
+        }
+    }
+}
+
+impl Evaluation {
+    /// Adds the rows of a block; what is to be drawn is added to `plot`.
+    pub(super) fn add(&mut self, block: &BlockErrors, plot: Option<&mut FitPlot>) {
+        self.rows += block.rows;
+        self.out_of_range_rows += block.out_of_range;
+        quality::merge(&mut self.errors, &block.errors);
+        if let (Some(plot), Some(drawn)) = (plot, &block.drawn) {
+            plot.add(&drawn.predicted, &drawn.measured);
+        }
+    }
+
+    /// Takes over what is known of the log as a whole.
+    pub(super) fn note(&mut self, summary: &ReadSummary) {
+        self.skipped_rows = summary.skipped_rows;
+        self.repeated_rows = summary.repeated_rows;
+        self.checksum.clone_from(&summary.checksum);
+    }
 }
 
 /// Compares the wrench that `calibration` predicts with the one that `log` has measured; what is
@@ -84,34 +113,19 @@ pub fn eval(
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
     log.require(&wanted)?;
     super::check_channels(log, calibration.model().channels)?;
-    let keep = plot.is_some();
+    let is_drawn = plot.is_some();
     let mut all = Evaluation::default();
-    let map = |mut block: Block| {
+    let map = |block: &mut Block| {
         if options.fresh {
             let fresh = block.fresh_rows();
             block.retain_rows(&fresh);
         }
-        let mut predicted = PerAxis::default();
-        calibration.wrench(&block.readings, &mut predicted);
-        let flags = calibration.out_of_range(&block.readings);
-        BlockErrors {
-            rows: block.rows as u64,
-            out_of_range: flags.iter().filter(|&&flags| flags != 0).count() as u64,
-            errors: quality::errors(&predicted, &block.wrench),
-            loads: WrenchSums::of(&block.wrench),
-            drawn: keep.then_some(Drawn { predicted, measured: block.wrench }),
-        }
+        BlockErrors::of(calibration, block, is_drawn)
     };
-    let ReadSummary { skipped_rows, repeated_rows, checksum, .. } =
-        log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
-            all.rows += block.rows;
-            all.out_of_range_rows += block.out_of_range;
-            quality::merge(&mut all.errors, &block.errors);
-            all.loads.merge(&block.loads);
-            if let (Some(plot), Some(drawn)) = (&mut plot, &block.drawn) {
-                plot.add(&drawn.predicted, &drawn.measured);
-            }
-            Ok(())
-        })?;
-    Ok(Evaluation { skipped_rows, repeated_rows, checksum, ..all })
+    let summary = log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
+        all.add(&block, plot.as_deref_mut());
+        Ok(())
+    })?;
+    all.note(&summary);
+    Ok(all)
 }

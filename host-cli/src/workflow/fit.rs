@@ -1,13 +1,16 @@
-//! From training logs to a calibration: one pass to fit, one to find the errors.
+//! From training logs to a calibration: one pass to fit or several, one to find the errors.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::eval::{EvalOptions, Evaluation, eval};
-use super::log_blocks::LogBlocks;
+use super::eval::{BlockErrors, EvalOptions, Evaluation, eval};
+use super::training_rows::TrainingRows;
 use super::{WorkflowError, check_channels};
+use crate::block::Block;
 use crate::calibration::exact::ExactError;
+use crate::calibration::extent::Extent;
 use crate::calibration::scaling::Scaling;
 use crate::calibration::solver::{self, Problem, Solution, SolverKind};
+use crate::calibration::validation::excitation::WrenchSums;
 use crate::calibration::{Basis, Calibration, FitError, Model};
 use crate::log_file::{Log, ReadOptions, Wanted};
 use crate::plot::FitPlot;
@@ -44,6 +47,8 @@ pub struct Fit {
     pub not_exact: Option<ExactError>,
     /// Errors on each training log.
     pub train: Vec<Evaluation>,
+    /// The wrench that the training logs have measured.
+    pub loads: WrenchSums,
     /// Errors on each test log.
     pub test: Vec<Evaluation>,
     /// What a figure needs of training and test logs.
@@ -58,8 +63,8 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
 
 /// Fits a calibration to `train` and finds its errors there and on `test`.
 ///
-/// The readings of the first training log, sampled, give centre and scale. Nothing is held in
-/// memory: the training logs are read a second time for the errors.
+/// The training logs are passed over twice, for the coefficients and for the errors, and more
+/// often by solvers that iterate; see [`TrainingRows`] for what that means.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the
@@ -71,12 +76,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         log.require(&wanted)?;
         check_channels(log, first.channels())?;
     }
-    let model =
-        Model { basis: options.basis, intercept: options.intercept, channels: first.channels() };
-    let sample = first.sample(&Wanted { readings: true, ..Wanted::default() })?;
-    let scaling = Scaling::of_sample(&sample.readings, model.intercept);
-    let problem = Problem { model, scaling, ridge: options.ridge };
-
+    let train_bytes: u64 = train.iter().map(Log::bytes).sum();
     let read_before = AtomicU64::new(0);
     let report = |bytes: u64| {
         if let Some(progress) = options.read.progress {
@@ -84,23 +84,12 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         }
     };
     let read = ReadOptions { progress: Some(&report), ..options.read };
-    let finished = |log: &Log| {
-        read_before.fetch_add(log.bytes(), Ordering::Relaxed);
-    };
-
-    let plain = ReadOptions { checksum: false, ..read };
-    let mut rows = LogBlocks {
-        logs: train,
-        fresh: options.fresh,
-        read: plain,
-        finished: &finished,
-        passes: 0,
-    };
+    let mut rows = TrainingRows::new(train, options.fresh, read);
     let (mut solver, mut not_exact) = (options.solver, None);
-    let solved = match solver::fit(solver, problem.clone(), &mut rows) {
+    let solved = match solve(solver, first, &mut rows, options) {
         Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {
             (solver, not_exact) = (SolverKind::RefinedTsqr, Some(error));
-            solver::fit(solver, problem, &mut rows)
+            solve(solver, first, &mut rows, options)
         }
         solved => solved,
     };
@@ -108,16 +97,59 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let calibration = Calibration::of_solution(&solution, &extent);
 
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
-    let eval_options = EvalOptions { fresh: options.fresh, read };
-    let mut evaluate = |logs: &[Log], is_test: bool| -> Result<Vec<Evaluation>, WorkflowError> {
-        let errors = |log: &Log| {
-            let plot = plots.as_mut().map(|(train, test)| if is_test { test } else { train });
-            let evaluation = eval(&calibration, log, &eval_options, plot)?;
-            finished(log);
-            Ok(evaluation)
+    let mut loads = WrenchSums::default();
+    let mut train_errors = Vec::new();
+    let is_drawn = plots.is_some();
+    read_before.store(train_bytes, Ordering::Relaxed);
+    for (log, summary) in rows.summaries().iter().enumerate() {
+        let mut errors = Evaluation::default();
+        let map = |block: &Block| {
+            let errors = BlockErrors::of(&calibration, block, is_drawn);
+            Ok((errors, WrenchSums::of(&block.wrench)))
         };
-        logs.iter().map(errors).collect()
+        rows.each_block(log, map, |(block, of_block)| {
+            errors.add(&block, plots.as_mut().map(|(train, _)| train));
+            loads.merge(&of_block);
+        })?;
+        errors.note(summary);
+        train_errors.push(errors);
+    }
+    let mut test_errors = Vec::new();
+    read_before.store(2 * train_bytes, Ordering::Relaxed);
+    let eval_options = EvalOptions { fresh: options.fresh, read };
+    for log in test {
+        let plot = plots.as_mut().map(|(_, test)| test);
+        test_errors.push(eval(&calibration, log, &eval_options, plot)?);
+        read_before.fetch_add(log.bytes(), Ordering::Relaxed);
+    }
+    Ok(Fit {
+        calibration,
+        solution,
+        solver,
+        not_exact,
+        train: train_errors,
+        loads,
+        test: test_errors,
+        plots,
+    })
+}
+
+/// Solves by the solver of that name.
+fn solve(
+    solver: SolverKind,
+    first: &Log,
+    rows: &mut TrainingRows<'_>,
+    options: &FitOptions<'_>,
+) -> Result<(Solution, Extent), WorkflowError> {
+    let channels = first.channels();
+    let model = Model { basis: options.basis, intercept: options.intercept, channels };
+    // The exact solver chooses its own centre and scale; for the others, a sample tells.
+    let scaling = match solver {
+        SolverKind::Exact => Scaling::identity(channels),
+        _ => {
+            let sample = first.sample(&Wanted { readings: true, ..Wanted::default() })?;
+            Scaling::of_sample(&sample.readings, model.intercept)
+        }
     };
-    let (train, test) = (evaluate(train, false)?, evaluate(test, true)?);
-    Ok(Fit { calibration, solution, solver, not_exact, train, test, plots })
+    solver::fit(solver, Problem { model, scaling, ridge: options.ridge }, rows)
 }

@@ -5,11 +5,11 @@ pub mod bench;
 pub mod convert;
 pub mod eval;
 pub mod fit;
-mod log_blocks;
 pub mod moments;
 pub mod noise;
 pub mod sampling;
 pub mod selection;
+mod training_rows;
 
 use std::path::PathBuf;
 

@@ -72,8 +72,9 @@ struct Open {
     low: Vec<f64>,
 }
 
+/// Working memory.
 #[derive(Clone, Debug, Default)]
-struct Scratch {
+pub(super) struct Scratch {
     features: Vec<f64>,
     rights: Vec<f64>,
     left: Vec<f64>,
@@ -125,12 +126,36 @@ impl Accumulator {
         fork
     }
 
-    /// Whether the sums of both can be added without putting them away first.
-    pub fn matches(&self, other: &Self) -> bool {
-        match (&self.open, &other.open) {
-            (Some(own), Some(other)) => Arc::ptr_eq(&own.choice, &other.choice),
-            (own, other) => own.is_none() && other.is_none(),
+    /// The choice of centre and limbs, by its address; `None` before the first rows.
+    pub(super) fn choice(&self) -> Option<*const ()> {
+        self.open.as_ref().map(|open| Arc::as_ptr(&open.choice).cast())
+    }
+
+    /// Makes later choices good for what `other` has met, too.
+    pub(super) fn expect_as(&mut self, other: &Self) {
+        for (own, other) in self.expected.iter_mut().zip(&other.expected) {
+            own.merge(other);
         }
+        for (own, other) in self.places.iter_mut().zip(other.places) {
+            *own = own.and(other);
+        }
+    }
+
+    /// Makes later choices good for rows such as these.
+    pub(super) fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
+        for (expected, column) in self.expected.iter_mut().zip(readings) {
+            if let Ok(found) = survey(column.as_ref(), 0) {
+                expected.merge(&found);
+            }
+        }
+        for (places, column) in self.places.iter_mut().zip(wrench) {
+            *places = places.and(Places::of(column.as_ref()));
+        }
+    }
+
+    /// Works in memory that another accumulator has given back.
+    pub(super) fn take_scratch(&mut self, scratch: Scratch) {
+        self.scratch = scratch;
     }
 
     /// Adds the rows of `other`, which are other rows of the same channels and basis.
@@ -170,7 +195,11 @@ impl Accumulator {
             Some(own) if own.choice == open.choice && own.blocks + open.blocks <= MOST_BLOCKS => {
                 own.add(&open);
             }
-            Some(_) => self.put_away(&open, &other.channels)?,
+            // The later choice has seen more, and is more likely to be that of the next rows.
+            Some(own) => {
+                let own = std::mem::replace(own, open);
+                self.put_away(&own, &self.channels.clone())?;
+            }
         }
         Ok(())
     }
@@ -192,10 +221,15 @@ impl Accumulator {
         assert_eq!((readings.len(), wrench.len()), (self.channels.len(), 6), "columns");
         let rows = wrench[0].as_ref().len();
         assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
+        self.survey(readings)?;
+        if self.open.is_none() {
+            for (places, column) in self.places.iter_mut().zip(wrench) {
+                *places = places.and(Places::of(column.as_ref()));
+            }
+        }
         let mut start = 0;
         while start < rows {
             let end = rows.min(start + ROWS - self.staged);
-            self.survey(readings, start..end)?;
             let staged = self.staged..self.staged + end - start;
             for (i, column) in readings.iter().enumerate() {
                 let target = &mut self.readings[i * ROWS..][staged.clone()];
@@ -214,14 +248,13 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Sums the rows that still wait for a full block, and gives back working memory.
+    /// Sums the rows that still wait for a full block, and gives working memory back.
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be summed exactly.
-    pub fn settle(&mut self) -> Result<(), ExactError> {
+    pub(super) fn settle(&mut self) -> Result<Scratch, ExactError> {
         self.sum_staged()?;
-        self.scratch = Scratch::default();
-        Ok(())
+        Ok(std::mem::take(&mut self.scratch))
     }
 
     /// The sums over all rows taken up.
@@ -235,13 +268,9 @@ impl Accumulator {
     }
 
     /// Sees to it that readings count as integers, and widens the known ranges by them.
-    fn survey<C: AsRef<[f64]>>(
-        &mut self,
-        readings: &[C],
-        rows: std::ops::Range<usize>,
-    ) -> Result<(), ExactError> {
+    fn survey<C: AsRef<[f64]>>(&mut self, readings: &[C]) -> Result<(), ExactError> {
         for (i, column) in readings.iter().enumerate() {
-            let column = &column.as_ref()[rows.clone()];
+            let column = column.as_ref();
             let known = self.channels[i];
             let found = survey(column, known.decimals).or_else(|value| {
                 (known.decimals + 1..=MOST_DECIMALS)

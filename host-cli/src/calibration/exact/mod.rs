@@ -12,6 +12,7 @@
 //! span more than 250 binary places. [`ExactError`] says so, and another solver has to do.
 
 mod accumulator;
+mod adder;
 mod cholesky;
 mod held_out;
 mod kernel;
@@ -23,6 +24,7 @@ mod rank;
 mod solve;
 
 pub use self::accumulator::Accumulator;
+pub use self::adder::Adder;
 pub use self::held_out::{HeldOut, Part, Parts};
 pub use self::moments::Moments;
 pub use self::rank::{RankLoss, Relation};

@@ -1,13 +1,11 @@
 //! The solver that sums without rounding.
 
-use std::sync::{Mutex, PoisonError};
-
 use faer::Mat;
 
 use super::{Pass, Problem, Solution, Solver};
 use crate::block::Block;
 use crate::calibration::exact::{
-    Accumulator, ExactError, Moments, RankLoss as ExactLoss, SolveError,
+    Accumulator, Adder, ExactError, Moments, RankLoss as ExactLoss, SolveError,
 };
 use crate::calibration::extent::Extent;
 use crate::calibration::rank_loss::{Dependence, RankLoss};
@@ -22,13 +20,22 @@ use crate::calibration::{FitError, Model};
 pub struct Exact {
     model: Model,
     ridge: f64,
-    /// What the next accumulator is forked from. It saves work and has no influence on results.
-    latest: Mutex<Accumulator>,
+    adder: Adder,
 }
 
 /// The sums over some rows, or why there are none.
 #[derive(Clone, Debug)]
 pub struct ExactPartial(Result<Accumulator, ExactError>);
+
+impl ExactPartial {
+    /// The sums.
+    ///
+    /// # Errors
+    /// [`FitError::NotExact`] if they cannot be exact.
+    pub fn finish(self) -> Result<Moments, FitError> {
+        Ok(self.0?.finish()?)
+    }
+}
 
 impl Exact {
     /// A solver for `problem`.
@@ -40,12 +47,12 @@ impl Exact {
         if !(ridge >= 0.0 && ridge.is_finite()) {
             return Err(FitError::Ridge(ridge));
         }
-        let latest = Mutex::new(Accumulator::new(model.basis, model.channels));
-        Ok(Self { model, ridge, latest })
+        Ok(Self { model, ridge, adder: Adder::new(model.basis, model.channels) })
     }
 
-    fn fork(&self) -> Accumulator {
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner).fork()
+    /// Prepares for rows such as those of `sample`, which saves work later.
+    pub fn expect(&self, sample: &Block) {
+        self.adder.expect(&sample.readings, &sample.wrench);
     }
 }
 
@@ -57,15 +64,7 @@ impl Pass for Exact {
     }
 
     fn reduce(&self, block: &Block) -> Result<ExactPartial, FitError> {
-        let mut sums = self.fork();
-        sums.absorb(&block.readings, &block.wrench)?;
-        sums.settle()?;
-        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
-        if !latest.matches(&sums) {
-            *latest = sums.fork();
-        }
-        drop(latest);
-        Ok(ExactPartial(Ok(sums)))
+        Ok(ExactPartial(Ok(self.adder.sum(&block.readings, &block.wrench)?)))
     }
 
     fn merge(&self, earlier: &mut ExactPartial, later: ExactPartial) {
@@ -82,7 +81,7 @@ impl Pass for Exact {
 
 impl Solver for Exact {
     fn solve(&self, partial: &ExactPartial, extent: &Extent) -> Result<Solution, FitError> {
-        solve_moments(&partial.0.clone()?.finish()?, &self.model, self.ridge, extent)
+        solve_moments(&partial.clone().finish()?, &self.model, self.ridge, extent)
     }
 }
 

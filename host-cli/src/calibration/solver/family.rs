@@ -1,13 +1,13 @@
 //! Every solver by its name, over blocks that can be passed over as often as it asks.
 
-use super::{Exact, Pass, Problem, Solution, Solver, SolverKind};
+use super::{Exact, Pass, Problem, Solution, SolverKind, solve_moments};
 use crate::block::Block;
+use crate::calibration::FitError;
 use crate::calibration::extent::Extent;
 use crate::calibration::features::Features;
 use crate::calibration::least_squares::{
     self, Chunk, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape,
 };
-use crate::calibration::{FitError, Model};
 use crate::wrench::Axis;
 
 /// Blocks of rows that can be passed over any number of times, always in the same order.
@@ -20,6 +20,12 @@ pub trait Blocks {
     /// # Errors
     /// Where rows cannot be had, or the pass cannot work with them.
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, Self::Error>;
+
+    /// Some rows from all over, if they can be had without a pass: what a solver learns from them
+    /// may save it work, but has no influence on results.
+    fn sample(&self) -> Option<Block> {
+        None
+    }
 }
 
 impl Blocks for &[Block] {
@@ -46,7 +52,7 @@ pub fn fit<B: Blocks>(
     blocks: &mut B,
 ) -> Result<(Solution, Extent), B::Error> {
     let method = match kind {
-        SolverKind::Exact => return in_one_pass(&Exact::new(&problem)?, problem.model, blocks),
+        SolverKind::Exact => return fit_exactly(&problem, blocks),
         SolverKind::Tsqr => Method::Tsqr,
         SolverKind::RefinedTsqr => Method::RefinedTsqr,
         SolverKind::PivotedQr => Method::PivotedQr,
@@ -60,14 +66,18 @@ pub fn fit<B: Blocks>(
     fit_by(method, problem, blocks)
 }
 
-/// A solver that needs one pass.
-fn in_one_pass<S: Solver, B: Blocks>(
-    solver: &S,
-    model: Model,
+/// The exact solver, which needs one pass and whose sums know the extent.
+fn fit_exactly<B: Blocks>(
+    problem: &Problem,
     blocks: &mut B,
 ) -> Result<(Solution, Extent), B::Error> {
-    let (extent, partial) = blocks.pass(&WithExtent { channels: model.channels, pass: solver })?;
-    Ok((solver.solve(&partial, &extent)?, extent))
+    let exact = Exact::new(problem)?;
+    if let Some(sample) = blocks.sample() {
+        exact.expect(&sample);
+    }
+    let moments = blocks.pass(&exact)?.finish()?;
+    let extent = moments.extent();
+    Ok((solve_moments(&moments, &problem.model, problem.ridge, &extent)?, extent))
 }
 
 /// A pass that finds the extent of the rows as it goes.

@@ -7,7 +7,7 @@
 //! push from the side at some height is a force and a moment.
 
 use faer::{Mat, Side};
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 use serde::{Deserialize, Serialize};
 
 use crate::wrench::{Axis, PerAxis};
@@ -109,17 +109,7 @@ impl WrenchSums {
         if rows == 0 {
             return Self::default();
         }
-        Arch::new().dispatch(|| {
-            let mean: PerAxis<f64> = std::array::from_fn(|a| sum(&wrench[a]) / rows as f64);
-            let mut products = PerAxis::<PerAxis<f64>>::default();
-            for a in 0..6 {
-                for b in a..6 {
-                    products[a][b] = product(&wrench[a], mean[a], &wrench[b], mean[b]);
-                }
-            }
-            let axes = std::array::from_fn(|a| AxisSums::of(&wrench[a]));
-            Self { rows: rows as u64, axes, mean, products }
-        })
+        Arch::new().dispatch(SumsOf(wrench))
     }
 
     /// Adds the rows of `other`.
@@ -177,29 +167,69 @@ impl WrenchSums {
     }
 }
 
+/// [`WrenchSums::of`] of at least one row, inlined whole into code for the widest vectors of the
+/// machine.
+struct SumsOf<'a>(&'a [Vec<f64>]);
+
+impl NullaryFnOnce for SumsOf<'_> {
+    type Output = WrenchSums;
+
+    #[inline(always)]
+    fn call(self) -> WrenchSums {
+        let wrench = self.0;
+        let rows = wrench[0].len();
+        let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
+        for axis in 0..6 {
+            sums.axes[axis] = AxisSums::of(&wrench[axis]);
+            sums.mean[axis] = sum(&wrench[axis]) / rows as f64;
+        }
+        for a in 0..6 {
+            for b in a..6 {
+                sums.products[a][b] = product(&wrench[a], sums.mean[a], &wrench[b], sums.mean[b]);
+            }
+        }
+        sums
+    }
+}
+
+/// Interleaved sums.
+const LANES: usize = 8;
+
 impl AxisSums {
     #[inline(always)]
     fn of(column: &[f64]) -> Self {
-        let mut sums = Self { min: column[0], max: column[0], ..Self::default() };
-        let (mut positive, mut negative) = ([0.0; 8], [0.0; 8]);
-        let (mut above, mut below) = ([0u64; 8], [0u64; 8]);
-        let (mut min, mut max) = ([column[0]; 8], [column[0]; 8]);
-        for chunk in column.chunks(8) {
-            for (i, &x) in chunk.iter().enumerate() {
-                let (up, down) = (if x > 0.0 { x } else { 0.0 }, if x < 0.0 { x } else { 0.0 });
-                positive[i] += up * up;
-                negative[i] += down * down;
-                above[i] += u64::from(x > 0.0);
-                below[i] += u64::from(x < 0.0);
-                min[i] = if x < min[i] { x } else { min[i] };
-                max[i] = if x > max[i] { x } else { max[i] };
+        let (mut min, mut max) = ([column[0]; LANES], [column[0]; LANES]);
+        let (mut above, mut below) = ([0.0; LANES], [0.0; LANES]);
+        let (mut positive, mut negative) = ([0.0; LANES], [0.0; LANES]);
+        let mut add = |i: usize, x: f64| {
+            min[i] = if x < min[i] { x } else { min[i] };
+            max[i] = if x > max[i] { x } else { max[i] };
+            let (up, down) = (if x > 0.0 { x } else { 0.0 }, if x < 0.0 { x } else { 0.0 });
+            positive[i] += up * up;
+            negative[i] += down * down;
+            // Whole numbers below 2⁵³.
+            above[i] += if x > 0.0 { 1.0 } else { 0.0 };
+            below[i] += if x < 0.0 { 1.0 } else { 0.0 };
+        };
+        let (chunks, rest) = column.as_chunks::<LANES>();
+        for chunk in chunks {
+            for i in 0..LANES {
+                add(i, chunk[i]);
             }
         }
-        sums.min = min.into_iter().fold(sums.min, f64::min);
-        sums.max = max.into_iter().fold(sums.max, f64::max);
-        sums.positive = Sign { rows: above.iter().sum(), squares: positive.iter().sum() };
-        sums.negative = Sign { rows: below.iter().sum(), squares: negative.iter().sum() };
-        sums
+        for (i, &x) in rest.iter().enumerate() {
+            add(i, x);
+        }
+        let sign = |rows: [f64; LANES], squares: [f64; LANES]| Sign {
+            rows: rows.iter().sum::<f64>() as u64,
+            squares: squares.iter().sum(),
+        };
+        Self {
+            min: min.into_iter().fold(column[0], f64::min),
+            max: max.into_iter().fold(column[0], f64::max),
+            positive: sign(above, positive),
+            negative: sign(below, negative),
+        }
     }
 
     fn merge(&mut self, other: &Self) {
@@ -244,20 +274,27 @@ impl Excitation {
 
 #[inline(always)]
 fn sum(column: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    for chunk in column.chunks(8) {
-        sums.iter_mut().zip(chunk).for_each(|(sum, x)| *sum += x);
+    let mut sums = [0.0; LANES];
+    let (chunks, rest) = column.as_chunks::<LANES>();
+    for chunk in chunks {
+        for i in 0..LANES {
+            sums[i] += chunk[i];
+        }
     }
-    sums.iter().sum()
+    sums.iter().chain(rest).sum()
 }
 
 #[inline(always)]
 fn product(a: &[f64], mean_a: f64, b: &[f64], mean_b: f64) -> f64 {
-    let mut sums = [0.0; 8];
-    for (a, b) in a.chunks(8).zip(b.chunks(8)) {
-        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-            *sum += (a - mean_a) * (b - mean_b);
+    let mut sums = [0.0; LANES];
+    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    for (a, b) in a.iter().zip(b) {
+        for i in 0..LANES {
+            sums[i] += (a[i] - mean_a) * (b[i] - mean_b);
         }
+    }
+    for (i, (a, b)) in rest_a.iter().zip(rest_b).enumerate() {
+        sums[i] += (a - mean_a) * (b - mean_b);
     }
     sums.iter().sum()
 }

@@ -9,11 +9,10 @@
 //! `MOST_OPEN` groups have working sums besides. There may be [`MOST_GROUPS`] groups.
 
 use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
 
 use super::ValidationError;
 use crate::block::Block;
-use crate::calibration::exact::{Accumulator, Moments};
+use crate::calibration::exact::{Accumulator, Adder, Moments};
 use crate::calibration::model::Basis;
 
 /// The largest number of groups.
@@ -29,8 +28,7 @@ pub struct Grouping {
     channels: usize,
     random_folds: usize,
     seed: u64,
-    /// What the next accumulator is forked from. It saves work and has no influence on results.
-    latest: Mutex<Accumulator>,
+    adder: Adder,
 }
 
 /// Sums over the rows of a block.
@@ -69,8 +67,7 @@ impl Grouping {
     /// Sums for `basis` and the bases within it. Rows are dealt into `random_folds` folds, 0 for
     /// none, by `seed`.
     pub fn new(basis: Basis, channels: usize, random_folds: usize, seed: u64) -> Self {
-        let latest = Mutex::new(Accumulator::new(basis, channels));
-        Self { basis, channels, random_folds, seed, latest }
+        Self { basis, channels, random_folds, seed, adder: Adder::new(basis, channels) }
     }
 
     /// Of no rows.
@@ -117,16 +114,7 @@ impl Grouping {
 
     fn sum<C: AsRef<[f64]>>(&self, columns: &[C]) -> Result<Accumulator, ValidationError> {
         let (readings, wrench) = columns.split_at(self.channels);
-        let latest = || self.latest.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut sums = latest().fork();
-        sums.absorb(readings, wrench)?;
-        sums.settle()?;
-        let mut latest = latest();
-        if !latest.matches(&sums) {
-            *latest = sums.fork();
-        }
-        drop(latest);
-        Ok(sums)
+        Ok(self.adder.sum(readings, wrench)?)
     }
 }
 

@@ -379,7 +379,7 @@ impl FitArgs {
                     test: test.quality(),
                     cross_validation: choice.cross_validation,
                     selection: choice.selection,
-                    excitation: train.loads.excitation(),
+                    excitation: fitted.loads.excitation(),
                 }),
                 sources: files,
             },

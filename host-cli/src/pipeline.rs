@@ -1,44 +1,56 @@
-//! Works on the pieces of a file on several threads and hands the results over in file order.
+//! Works on the pieces of something on several threads and hands the results over in order.
 //!
 //! The caller's thread works too. Which thread gets which piece is left to chance; the pieces and
 //! the order of the results are not.
 
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use super::chunk::{Chunk, ChunkError, Chunker};
+/// What is cut into pieces, one after another.
+pub(crate) trait Pieces: Send {
+    /// A piece, or room for one that is used again.
+    type Piece: Default + Send;
+    /// Why there is no next piece.
+    type Error: Send;
+
+    /// Whether all pieces have been handed out, or cannot be.
+    fn ended(&self) -> bool;
+
+    /// Puts the next piece into `piece`; `false` if there are no more.
+    fn next(&mut self, piece: &mut Self::Piece) -> Result<bool, Self::Error>;
+}
 
 /// How many finished pieces per thread may wait for an earlier one: bounds the memory.
 const WAITING_PER_THREAD: usize = 4;
 
-/// Passes every piece of `chunker` to `work` and the results to `fold`, in order.
-pub(super) fn run<R: Read + Send, T: Send, E>(
-    chunker: &mut Chunker<R>,
+/// Passes every piece of `pieces` to `work`, which may take it apart, and the results to `fold`, in order.
+///
+/// The first piece is worked on before the other threads begin, so that `work` can learn from it.
+pub(crate) fn run<P: Pieces, T: Send, E>(
+    pieces: &mut P,
     threads: usize,
-    work: impl Fn(&Chunk) -> T + Sync,
-    failed: impl Fn(ChunkError) -> E,
+    work: impl Fn(&mut P::Piece) -> T + Sync,
+    failed: impl Fn(P::Error) -> E,
     mut fold: impl FnMut(T) -> Result<(), E>,
 ) -> Result<(), E> {
-    let mut chunk = Chunk::default();
-    if !chunker.next(&mut chunk).map_err(&failed)? {
+    let mut piece = P::Piece::default();
+    if !pieces.next(&mut piece).map_err(&failed)? {
         return Ok(());
     }
-    fold(work(&chunk))?;
-    if threads <= 1 || chunker.ended() {
-        while chunker.next(&mut chunk).map_err(&failed)? {
-            fold(work(&chunk))?;
+    fold(work(&mut piece))?;
+    if threads <= 1 || pieces.ended() {
+        while pieces.next(&mut piece).map_err(&failed)? {
+            fold(work(&mut piece))?;
         }
         return Ok(());
     }
-    let first = chunk.index + 1;
-    let queue = Queue::new(chunker, WAITING_PER_THREAD * threads, first);
+    let queue = Queue::new(pieces, WAITING_PER_THREAD * threads);
     std::thread::scope(|scope| {
         for _ in 1..threads {
             scope.spawn(|| {
                 let _stop = StopOnPanic(&queue);
-                let mut chunk = Chunk::default();
-                while queue.wait_for_room() && queue.work_on_next(&mut chunk, &work) {}
+                let mut piece = P::Piece::default();
+                while queue.wait_for_room() && queue.work_on_next(&mut piece, &work) {}
             });
         }
         let _stop = StopOnPanic(&queue);
@@ -51,7 +63,7 @@ pub(super) fn run<R: Read + Send, T: Send, E>(
                 }
                 Finished::Result(Err(error)) => break Err(failed(error)),
                 Finished::NotYet { all_taken: false } => {
-                    queue.work_on_next(&mut chunk, &work);
+                    queue.work_on_next(&mut piece, &work);
                 }
                 Finished::NotYet { all_taken: true } => {
                     if !queue.wait_for_finished() {
@@ -66,15 +78,21 @@ pub(super) fn run<R: Read + Send, T: Send, E>(
     })
 }
 
-struct Queue<'a, R, T> {
-    chunker: Mutex<&'a mut Chunker<R>>,
-    state: Mutex<State<T>>,
+struct Queue<'a, P: Pieces, T> {
+    source: Mutex<Source<'a, P>>,
+    state: Mutex<State<T, P::Error>>,
     changed: Condvar,
     room: usize,
 }
 
-struct State<T> {
-    finished: BTreeMap<usize, Result<T, ChunkError>>,
+/// What pieces are taken from, counted.
+struct Source<'a, P> {
+    pieces: &'a mut P,
+    next: usize,
+}
+
+struct State<T, E> {
+    finished: BTreeMap<usize, Result<T, E>>,
     /// The next piece to hand over.
     next: usize,
     /// How many pieces there are, once that is known.
@@ -82,42 +100,43 @@ struct State<T> {
     stopped: bool,
 }
 
-enum Finished<T> {
-    Result(Result<T, ChunkError>),
+enum Finished<T, E> {
+    Result(Result<T, E>),
     NotYet { all_taken: bool },
     All,
 }
 
-impl<'a, R: Read, T> Queue<'a, R, T> {
-    fn new(chunker: &'a mut Chunker<R>, room: usize, next: usize) -> Self {
-        let state = State { finished: BTreeMap::new(), next, pieces: None, stopped: false };
+impl<'a, P: Pieces, T> Queue<'a, P, T> {
+    fn new(pieces: &'a mut P, room: usize) -> Self {
+        let state = State { finished: BTreeMap::new(), next: 0, pieces: None, stopped: false };
         Self {
-            chunker: Mutex::new(chunker),
+            source: Mutex::new(Source { pieces, next: 0 }),
             state: Mutex::new(state),
             changed: Condvar::new(),
             room,
         }
     }
 
-    fn state(&self) -> MutexGuard<'_, State<T>> {
+    fn state(&self) -> MutexGuard<'_, State<T, P::Error>> {
         // A poisoned lock means that a thread has panicked; the scope passes the panic on.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes a piece, works on it, files the result; `false` if there is none.
-    fn work_on_next(&self, chunk: &mut Chunk, work: impl Fn(&Chunk) -> T) -> bool {
-        let mut chunker = self.chunker.lock().unwrap_or_else(PoisonError::into_inner);
-        let index = chunker.next_index();
-        let next = chunker.next(chunk);
-        if chunker.ended() || !matches!(next, Ok(true)) {
+    fn work_on_next(&self, piece: &mut P::Piece, work: impl Fn(&mut P::Piece) -> T) -> bool {
+        let mut source = self.source.lock().unwrap_or_else(PoisonError::into_inner);
+        let index = source.next;
+        source.next += 1;
+        let next = source.pieces.next(piece);
+        if source.pieces.ended() || !matches!(next, Ok(true)) {
             let pieces = if matches!(next, Ok(false)) { index } else { index + 1 };
             self.state().pieces.get_or_insert(pieces);
             self.changed.notify_all();
         }
-        drop(chunker);
+        drop(source);
         let result = match next {
             Ok(false) => return false,
-            Ok(true) => Ok(work(chunk)),
+            Ok(true) => Ok(work(piece)),
             Err(error) => Err(error),
         };
         let more = result.is_ok();
@@ -135,7 +154,7 @@ impl<'a, R: Read, T> Queue<'a, R, T> {
         !state.stopped && state.pieces.is_none()
     }
 
-    fn take_finished(&self) -> Finished<T> {
+    fn take_finished(&self) -> Finished<T, P::Error> {
         let mut state = self.state();
         let next = state.next;
         match state.finished.remove(&next) {
@@ -165,9 +184,9 @@ impl<'a, R: Read, T> Queue<'a, R, T> {
 }
 
 /// Lets the other threads go when this one panics, or they would wait for its result for ever.
-struct StopOnPanic<'a, 'b, R: Read, T>(&'a Queue<'b, R, T>);
+struct StopOnPanic<'a, 'b, P: Pieces, T>(&'a Queue<'b, P, T>);
 
-impl<R: Read, T> Drop for StopOnPanic<'_, '_, R, T> {
+impl<P: Pieces, T> Drop for StopOnPanic<'_, '_, P, T> {
     fn drop(&mut self) {
         if std::thread::panicking() {
             self.0.stop();

@@ -1,0 +1,236 @@
+//! Training logs as rows that can be passed over as often as a solver asks.
+//!
+//! Parsing is the dearest part of a fit, so the rows of short logs are kept from the first pass on,
+//! counts as what they are, integers of 16 bits. Longer logs are read anew on every pass: memory
+//! does not grow with them.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::WorkflowError;
+use crate::block::Block;
+use crate::calibration::FitError;
+use crate::calibration::solver::{Blocks, Pass};
+use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
+use crate::pipeline::{self, Pieces};
+
+/// The bytes that kept rows may take: some 100,000 rows of eight channels.
+const KEPT_BYTES: usize = 8 << 20;
+
+/// The rows of training logs.
+pub(super) struct TrainingRows<'a> {
+    logs: &'a [Log],
+    /// Use only rows whose readings differ from those of the row before.
+    fresh: bool,
+    read: ReadOptions<'a>,
+    /// What each log was, once a pass has gone over all of them.
+    summaries: Vec<ReadSummary>,
+    /// The rows of each log, if they are few.
+    kept: Option<Vec<Vec<KeptBlock>>>,
+}
+
+impl<'a> TrainingRows<'a> {
+    /// The rows of `logs`. Progress counts the bytes of all logs, in each pass that reads them.
+    pub(super) fn new(logs: &'a [Log], fresh: bool, read: ReadOptions<'a>) -> Self {
+        Self { logs, fresh, read, summaries: Vec::new(), kept: None }
+    }
+
+    /// What each log was: of no logs before the first pass.
+    pub(super) fn summaries(&self) -> &[ReadSummary] {
+        &self.summaries
+    }
+
+    /// Passes over the rows of one log: `map` gets its blocks on any thread, `fold` gets what
+    /// `map` makes of them, in order.
+    pub(super) fn each_block<T: Send>(
+        &self,
+        log: usize,
+        map: impl Fn(&Block) -> Result<T, FitError> + Sync,
+        mut fold: impl FnMut(T),
+    ) -> Result<(), WorkflowError> {
+        if let Some(kept) = &self.kept {
+            return pipeline::run(
+                &mut KeptBlocks(&kept[log]),
+                self.read.thread_count(),
+                |piece| map(piece.restore()),
+                |never| match never {},
+                |value| -> Result<(), WorkflowError> {
+                    fold(value?);
+                    Ok(())
+                },
+            );
+        }
+        let read = ReadOptions { checksum: false, ..self.read };
+        self.read_log(log, &read, |block| map(block), fold)?;
+        Ok(())
+    }
+
+    fn read_log<T: Send>(
+        &self,
+        log: usize,
+        read: &ReadOptions<'_>,
+        map: impl Fn(&mut Block) -> Result<T, FitError> + Sync,
+        mut fold: impl FnMut(T),
+    ) -> Result<ReadSummary, WorkflowError> {
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        let bytes_before = self.logs[..log].iter().map(Log::bytes).sum::<u64>();
+        let report = |bytes: u64| {
+            if let Some(progress) = self.read.progress {
+                progress(bytes_before + bytes);
+            }
+        };
+        let read = ReadOptions { progress: Some(&report), ..*read };
+        let map = |block: &mut Block| {
+            if self.fresh {
+                let fresh = block.fresh_rows();
+                block.retain_rows(&fresh);
+            }
+            map(block)
+        };
+        self.logs[log].read(&wanted, &read, map, |value| -> Result<(), WorkflowError> {
+            fold(value?);
+            Ok(())
+        })
+    }
+
+    /// The first pass: reads the logs and keeps their rows if they are few.
+    fn first_pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
+        let (mut summaries, mut kept) = (Vec::new(), Vec::new());
+        let (mut bytes, is_kept) = (0, AtomicBool::new(true));
+        let mut all = pass.empty();
+        for log in 0..self.logs.len() {
+            let mut blocks = Vec::new();
+            let map = |block: &mut Block| {
+                let partial = pass.reduce(block)?;
+                let kept = is_kept.load(Ordering::Relaxed).then(|| KeptBlock::new(block));
+                Ok((partial, kept))
+            };
+            let summary = self.read_log(log, &self.read, map, |(partial, block)| {
+                pass.merge(&mut all, partial);
+                bytes += block.as_ref().map_or(0, KeptBlock::bytes);
+                if bytes <= KEPT_BYTES {
+                    blocks.extend(block);
+                } else {
+                    is_kept.store(false, Ordering::Relaxed);
+                    blocks.clear();
+                    kept.clear();
+                }
+            })?;
+            summaries.push(summary);
+            kept.push(blocks);
+        }
+        self.summaries = summaries;
+        self.kept = is_kept.into_inner().then_some(kept);
+        Ok(all)
+    }
+}
+
+impl Blocks for TrainingRows<'_> {
+    type Error = WorkflowError;
+
+    fn sample(&self) -> Option<Block> {
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        self.logs.first()?.sample(&wanted).ok()
+    }
+
+    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
+        if self.summaries.is_empty() {
+            return self.first_pass(pass);
+        }
+        let mut all = pass.empty();
+        for log in 0..self.logs.len() {
+            self.each_block(
+                log,
+                |block| pass.reduce(block),
+                |partial| {
+                    pass.merge(&mut all, partial);
+                },
+            )?;
+        }
+        Ok(all)
+    }
+}
+
+/// The readings and the wrench of some rows.
+#[derive(Debug)]
+struct KeptBlock {
+    rows: usize,
+    readings: Vec<Column>,
+    wrench: Vec<Vec<f64>>,
+}
+
+/// The readings of one channel.
+#[derive(Debug)]
+enum Column {
+    /// All of them are such numbers.
+    Counts(Vec<u16>),
+    Other(Vec<f64>),
+}
+
+impl KeptBlock {
+    fn new(block: &Block) -> Self {
+        let readings = block.readings.iter().map(|column| Column::new(column)).collect();
+        Self { rows: block.rows, readings, wrench: block.wrench.clone() }
+    }
+
+    fn bytes(&self) -> usize {
+        let readings = |column: &Column| match column {
+            Column::Counts(counts) => size_of_val(&counts[..]),
+            Column::Other(readings) => size_of_val(&readings[..]),
+        };
+        let wrench = self.wrench.iter().map(|column| size_of_val(&column[..]));
+        self.readings.iter().map(readings).chain(wrench).sum()
+    }
+}
+
+impl Column {
+    fn new(readings: &[f64]) -> Self {
+        let counts: Vec<u16> = readings.iter().map(|&s| s as u16).collect();
+        let is_exact = |(&s, &count): (&f64, &u16)| s == f64::from(count);
+        // Without a way out of the loop: it is all or nothing, and nearly always all.
+        let all = readings.iter().zip(&counts).map(is_exact).fold(true, |all, is| all & is);
+        if all { Column::Counts(counts) } else { Column::Other(readings.to_vec()) }
+    }
+}
+
+/// Blocks that are handed out one by one.
+struct KeptBlocks<'a>(&'a [KeptBlock]);
+
+/// One of them, and room for its rows.
+#[derive(Default)]
+struct KeptPiece<'a> {
+    kept: Option<&'a KeptBlock>,
+    block: Block,
+}
+
+impl<'a> Pieces for KeptBlocks<'a> {
+    type Piece = KeptPiece<'a>;
+    type Error = std::convert::Infallible;
+
+    fn ended(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    fn next(&mut self, piece: &mut KeptPiece<'a>) -> Result<bool, Self::Error> {
+        piece.kept = self.0.split_off_first();
+        Ok(piece.kept.is_some())
+    }
+}
+
+impl KeptPiece<'_> {
+    /// The rows, as they were read.
+    fn restore(&mut self) -> &Block {
+        let Self { kept, block } = self;
+        let Some(kept) = kept else { return block };
+        block.rows = kept.rows;
+        block.readings.resize_with(kept.readings.len(), Vec::new);
+        for (column, kept) in block.readings.iter_mut().zip(&kept.readings) {
+            column.clear();
+            match kept {
+                Column::Counts(counts) => column.extend(counts.iter().map(|&s| f64::from(s))),
+                Column::Other(readings) => column.extend_from_slice(readings),
+            }
+        }
+        block.wrench.clone_from(&kept.wrench);
+        block
+    }
+}
