@@ -139,11 +139,12 @@ fn read_load(path: &Path) -> anyhow::Result<LoadTable> {
     log.read(
         &wanted,
         &ReadOptions::default(),
-        |block| block,
         |block| {
-            rows.extend((0..block.rows).map(|row| {
-                (block.time_s[row], std::array::from_fn(|axis| block.wrench[axis][row]))
-            }));
+            let wrench = |row| std::array::from_fn(|axis| block.wrench[axis][row]);
+            (0..block.rows).map(|row| (block.time_s[row], wrench(row))).collect::<Vec<_>>()
+        },
+        |block| {
+            rows.extend(block);
             Ok::<_, LogError>(())
         },
     )?;
