@@ -46,7 +46,7 @@ fn all(log: &Log) -> Wanted {
 fn read_with(log: &Log, wanted: &Wanted, options: &ReadOptions<'_>) -> (Block, ReadSummary) {
     let mut whole = Block::default();
     let summary = log
-        .read(wanted, options, |block| block, |block| append(&mut whole, block))
+        .read(wanted, options, std::mem::take, |block| append(&mut whole, block))
         .unwrap_or_else(|error| panic!("{error}"));
     (whole, summary)
 }

@@ -12,7 +12,7 @@ fn read(log: &Log, wanted: &Wanted) -> (Vec<Block>, ReadSummary) {
         blocks.push(block);
         Ok::<(), LogError>(())
     };
-    let summary = log.read(wanted, &ReadOptions::default(), |block| block, fold).unwrap();
+    let summary = log.read(wanted, &ReadOptions::default(), std::mem::take, fold).unwrap();
     (blocks, summary)
 }
 

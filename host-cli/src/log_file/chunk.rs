@@ -7,6 +7,8 @@ use std::io::{self, Read};
 
 use memchr::{memchr, memrchr};
 
+use super::rows::Parsed;
+use crate::block::Block;
 use crate::pipeline::Pieces;
 
 /// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing.
@@ -27,6 +29,15 @@ pub(super) struct Chunk {
     pub(super) context: Vec<u8>,
     buffer: Vec<u8>,
     length: usize,
+    /// Working memory for what is parsed.
+    pub(super) room: Room,
+}
+
+/// What the lines of a piece are parsed into.
+#[derive(Debug, Default)]
+pub(super) struct Room {
+    pub(super) parsed: Parsed,
+    pub(super) block: Block,
 }
 
 impl Chunk {

@@ -24,7 +24,8 @@ pub(super) fn parse_lines(
     places: &[usize],
     skip_bad_rows: bool,
 ) -> Result<Parsed, RowError> {
-    let mut parsed = Parsed::with_capacity(places.len(), 0);
+    let mut parsed = Parsed::default();
+    parsed.clear(places.len(), 0);
     let ends = memchr_iter(b'\n', lines).chain([lines.len()]);
     let mut start = 0;
     for end in ends {

@@ -25,16 +25,17 @@ impl Lanes for Wide {
     }
 
     #[inline(always)]
-    fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> u64 {
+    fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> [u64; 2] {
         let V3 { avx, avx2, .. } = self.0;
-        let [a, b] = wanted.map(|byte| avx._mm256_set1_epi8(byte as i8));
         let halves: [__m256i; 2] = pulp::cast(*bytes);
-        let [low, high] = halves.map(|half| {
-            let found = [avx2._mm256_cmpeq_epi8(half, a), avx2._mm256_cmpeq_epi8(half, b)];
-            let found = avx2._mm256_or_si256(found[0], found[1]);
-            u64::from(avx2._mm256_movemask_epi8(found) as u32)
-        });
-        low | high << 32
+        wanted.map(|byte| {
+            let byte = avx._mm256_set1_epi8(byte as i8);
+            let [low, high] = halves.map(|half| {
+                let found = avx2._mm256_cmpeq_epi8(half, byte);
+                u64::from(avx2._mm256_movemask_epi8(found) as u32)
+            });
+            low | high << 32
+        })
     }
 
     #[inline(always)]

@@ -41,7 +41,7 @@ pub use mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
 use crate::block::Block;
 use crate::pipeline::{self, Pieces};
 use crate::wrench::Axis;
-use chunk::{CHUNK_BYTES, ChunkError, Chunker, LINE_LIMIT};
+use chunk::{CHUNK_BYTES, ChunkError, Chunker, LINE_LIMIT, Room};
 use head::{HEAD_BYTES, Layout};
 use plan::Plan;
 use rows::RowError;
@@ -216,7 +216,8 @@ impl Log {
     }
 
     /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets what `map`
-    /// makes of them on the caller's thread, in file order.
+    /// makes of them on the caller's thread, in file order. `map` may take from a block what it
+    /// needs; what it leaves is working memory for the next.
     ///
     /// # Errors
     /// [`LogError`] if wanted columns are missing, the file cannot be read, has no rows, or has a
@@ -226,7 +227,7 @@ impl Log {
         &self,
         wanted: &Wanted,
         options: &ReadOptions<'_>,
-        map: impl Fn(Block) -> T + Sync,
+        map: impl Fn(&mut Block) -> T + Sync,
         mut fold: impl FnMut(T) -> Result<(), E>,
     ) -> Result<ReadSummary, E> {
         self.require(wanted)?;
@@ -239,13 +240,15 @@ impl Log {
             &mut chunker,
             options.thread_count(),
             |chunk| {
-                let parsed = plan.parse(chunk.lines(), options.skip_bad_rows);
-                let parsed = parsed.map_err(|error| (chunk.offset, error))?;
-                let skipped = parsed.skipped;
-                let block = plan.block(parsed, &chunk.context);
+                let Room { mut parsed, mut block } = std::mem::take(&mut chunk.room);
+                plan.parse(chunk.lines(), options.skip_bad_rows, &mut parsed)
+                    .map_err(|error| (chunk.offset, error))?;
+                plan.fill(&mut block, &mut parsed, &chunk.context);
+                let (rows, skipped) = (block.rows, parsed.skipped);
                 let repeated = block.repeated_rows();
-                let rows = block.rows;
-                Ok((rows, repeated, skipped, (rows > 0).then(|| map(block))))
+                let value = (rows > 0).then(|| map(&mut block));
+                chunk.room = Room { parsed, block };
+                Ok((rows, repeated, skipped, value))
             },
             |error| E::from(self.chunk_error(error)),
             |result| {
@@ -303,8 +306,10 @@ impl Log {
                 lines.truncate(start + to - from);
             }
         }
-        let parsed = plan.parse(&lines, true).map_err(|error| self.row_error(0, error))?;
-        Ok(plan.block(parsed, &[]))
+        let Room { mut parsed, mut block } = Room::default();
+        plan.parse(&lines, true, &mut parsed).map_err(|error| self.row_error(0, error))?;
+        plan.fill(&mut block, &mut parsed, &[]);
+        Ok(block)
     }
 
     fn chunk_error(&self, error: ChunkError) -> LogError {
@@ -348,7 +353,7 @@ impl Log {
 
 /// How many pieces of a file [`Log::sample`] reads, and how long they are.
 const SAMPLES: u64 = 16;
-const SAMPLE_BYTES: u64 = 1 << 14;
+const SAMPLE_BYTES: u64 = 1 << 12;
 
 /// The part of `bytes` that is whole lines, without the first when that may be the end of one.
 fn whole_lines(bytes: &[u8], drop_first: bool) -> std::ops::Range<usize> {

@@ -37,6 +37,21 @@ pub(super) fn parse_plain(bytes: &[u8], at: usize) -> Option<(f64, usize)> {
     (mantissa <= 1 << 53).then(|| (quotient(negative, mantissa, decimals), end))
 }
 
+/// The number that all of `bytes[at..end]` spells if it is one to eight digits and nothing else, and
+/// bytes enough stand before it.
+#[inline(always)]
+pub(super) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<f64> {
+    let word = u64::from_le_bytes(*bytes.get(..end)?.last_chunk()?);
+    let length = end.wrapping_sub(at);
+    if length.wrapping_sub(1) >= 8 {
+        return None;
+    }
+    // What precedes the number becomes zeros.
+    let before = 64 - 8 * length;
+    let values = (word ^ 0x3030_3030_3030_3030) >> before << before;
+    (others(values) == 0).then(|| eight_digits(values) as i64 as f64)
+}
+
 /// `±mantissa / 10^decimals`, correctly rounded for mantissas up to 2⁵³ and 22 decimals; at most 15
 /// are asked for.
 #[inline(always)]
@@ -84,15 +99,19 @@ pub(super) fn parse_field(field: &[u8]) -> Result<f64, NumberError> {
 #[inline(always)]
 fn leading_digits(bytes: &[u8], at: usize) -> Option<(u64, usize)> {
     let word = u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?);
-    // A digit becomes its value, 0 to 9; adding 0x76 carries any other byte into its top bit.
-    // What that does to the bytes behind it does not matter: the first one is looked for.
     let values = word ^ 0x3030_3030_3030_3030;
-    let others = (values.wrapping_add(0x7676_7676_7676_7676) | values) & 0x8080_8080_8080_8080;
-    let digits = others.trailing_zeros() / 8;
+    let digits = others(values).trailing_zeros() / 8;
     // Moves the digits to the end of the word and zeros before them. Two shifts, as a single one
     // by 64 bits (no digit) is not defined.
     let half = 32 - 4 * digits;
     Some((eight_digits(values << half << half), digits as usize))
+}
+
+/// The top bit of each byte that is not the value of a digit, 0 to 9: adding 0x76 carries any other
+/// into it. The carry may spoil bytes behind the first such byte, but not hide it.
+#[inline(always)]
+fn others(values: u64) -> u64 {
+    (values.wrapping_add(0x7676_7676_7676_7676) | values) & 0x8080_8080_8080_8080
 }
 
 /// The number that eight digit values spell, the first in the lowest byte: neighbours are joined

@@ -79,52 +79,62 @@ impl Plan {
         }
     }
 
-    /// Parses whole lines.
-    pub(super) fn parse(&self, lines: &[u8], skip_bad_rows: bool) -> Result<Parsed, RowError> {
+    /// Parses whole lines into `parsed`, which is cleared before.
+    pub(super) fn parse(
+        &self,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut Parsed,
+    ) -> Result<(), RowError> {
         match &self.rows {
             Rows::Separated(plan) => {
                 // Rows differ little in length; should they, the columns grow.
                 let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;
-                let capacity = lines.len() / first * 9 / 8;
-                let mut parsed = Parsed::with_capacity(self.numbers, capacity);
-                plan.parse_lines(lines, skip_bad_rows, &mut parsed)?;
-                Ok(parsed)
+                parsed.clear(self.numbers, lines.len() / first * 9 / 8);
+                plan.parse_lines(lines, skip_bad_rows, parsed)
             }
-            Rows::Console(places) => console::parse_lines(lines, places, skip_bad_rows),
+            Rows::Console(places) => {
+                *parsed = console::parse_lines(lines, places, skip_bad_rows)?;
+                Ok(())
+            }
         }
     }
 
-    /// Makes a block of what was parsed; `context` holds the lines before it.
-    pub(super) fn block(&self, parsed: Parsed, context: &[u8]) -> Block {
-        let Parsed { rows, mut columns, groups, .. } = parsed;
+    /// Makes a block of what was parsed; `context` holds the lines before it. The columns change
+    /// places with those that `block` had, which can be used again.
+    pub(super) fn fill(&self, block: &mut Block, parsed: &mut Parsed, context: &[u8]) {
+        block.rows = parsed.rows;
         // The others come first and may share a column; all else has its own.
-        let others = self.others.iter().map(|output| columns[output.slot].clone()).collect();
-        let mut take = |output: &Output| {
-            let mut column = std::mem::take(&mut columns[output.slot]);
+        block.others.resize_with(self.others.len(), Vec::new);
+        for (column, output) in block.others.iter_mut().zip(&self.others) {
+            column.clone_from(&parsed.columns[output.slot]);
+        }
+        let mut take = |column: &mut Vec<f64>, output: &Output| {
+            std::mem::swap(column, &mut parsed.columns[output.slot]);
             if output.per_si_unit != 1.0 {
                 column.iter_mut().for_each(|value| *value /= output.per_si_unit);
             }
-            column
         };
-        Block {
-            rows,
-            time_s: self.time.as_ref().map(&mut take).unwrap_or_default(),
-            readings: self.readings.iter().map(&mut take).collect(),
-            wrench: self.wrench.iter().map(&mut take).collect(),
-            groups,
-            others,
-            readings_before: self.last_readings(context),
+        if let Some(output) = &self.time {
+            take(&mut block.time_s, output);
         }
+        for (columns, outputs) in
+            [(&mut block.readings, &self.readings), (&mut block.wrench, &self.wrench)]
+        {
+            columns.resize_with(outputs.len(), Vec::new);
+            columns.iter_mut().zip(outputs).for_each(|(column, output)| take(column, output));
+        }
+        std::mem::swap(&mut block.groups, &mut parsed.groups);
+        block.readings_before = self.last_readings(context);
     }
 
     /// The readings of the last row in `lines` that has them, `None` if there is none.
     fn last_readings(&self, lines: &[u8]) -> Option<Vec<f64>> {
         let mut end = lines.len();
+        let mut parsed = Parsed::default();
         while end > 0 && !self.readings.is_empty() {
             let start = memrchr(b'\n', &lines[..end - 1]).map_or(0, |at| at + 1);
-            if let Ok(parsed) = self.parse(&lines[start..end], false)
-                && parsed.rows > 0
-            {
+            if self.parse(&lines[start..end], false, &mut parsed).is_ok() && parsed.rows > 0 {
                 return Some(self.readings.iter().map(|o| parsed.columns[o.slot][0]).collect());
             }
             end = start;

@@ -1,17 +1,18 @@
 //! Parses rows of separated values into columns, only those that are wanted.
 //!
 //! For a few rows at a time, the short way first finds where their fields end, then parses them
-//! column by column: no step waits for the one before it. Blank and wrong rows are looked at one
+//! column by column: no step waits for the one before it, and where columns hold numbers of one kind
+//! the processor foresees all branches. Blank and wrong rows are looked at one
 //! by one. Lines with quotes go to the csv crate, with the same results; a quoted field cannot
 //! contain a line break.
 
 use memchr::{memchr, memchr_iter};
 
 use super::error::{Field, RowProblem};
-use super::lanes::{Lanes, Marks, Portable};
+use super::lanes::{Lanes, Portable};
 #[cfg(target_arch = "x86_64")]
 use super::lanes_x86::Wide;
-use super::number::{NumberError, parse_field};
+use super::number::{NumberError, parse_digits, parse_field};
 
 /// What is wanted from each row.
 #[derive(Debug)]
@@ -51,10 +52,15 @@ pub(super) struct RowError {
 }
 
 impl Parsed {
-    /// No rows yet, with room for `capacity` rows of `columns` columns.
-    pub(super) fn with_capacity(columns: usize, capacity: usize) -> Self {
-        let columns = (0..columns).map(|_| Vec::with_capacity(capacity)).collect();
-        Self { columns, ..Self::default() }
+    /// Forgets all rows and makes room for `capacity` rows of `columns` columns.
+    pub(super) fn clear(&mut self, columns: usize, capacity: usize) {
+        (self.rows, self.skipped) = (0, 0);
+        self.groups.clear();
+        self.columns.resize_with(columns, Vec::new);
+        for column in &mut self.columns {
+            column.clear();
+            column.reserve(capacity);
+        }
     }
 
     pub(super) fn push_group(&mut self, label: &[u8]) {
@@ -104,10 +110,10 @@ impl RowPlan {
         if memchr(b'"', lines).is_some() {
             return self.parse_quoted(lines, skip_bad_rows, parsed);
         }
-        let mut ends = vec![0; (self.steps.len() + 1) * self.stride()];
+        let mut places = Places::default();
         let mut at = 0;
         while at < lines.len() {
-            at = self.parse_plain_rows(lanes, lines, at, &mut ends, parsed);
+            at = self.parse_plain_rows(lanes, lines, at, &mut places, parsed);
             if at == lines.len() {
                 break;
             }
@@ -124,76 +130,31 @@ impl RowPlan {
         Ok(())
     }
 
-    /// How many rows have their fields found before they are parsed: so few that both the text and
-    /// the places of its fields stay in the first-level cache, and that little is done in vain
-    /// where one of them is wrong.
-    fn rows_at_once(&self) -> usize {
-        (512 / self.steps.len()).max(1)
-    }
-
-    /// How far the columns are apart in a table of places: there is one for what ends before the
-    /// first fields, with a row more than the others.
-    fn stride(&self) -> usize {
-        self.rows_at_once() + 1
-    }
-
     /// Parses rows from `lines[at]` on; returns where the first row starts that is blank or wrong.
-    /// `ends` is room for a table of places.
+    /// `places` is room for the places of fields.
     fn parse_plain_rows<L: Lanes>(
         &self,
         lanes: L,
         lines: &[u8],
-        at: usize,
-        ends: &mut [usize],
+        mut at: usize,
+        places: &mut Places,
         parsed: &mut Parsed,
     ) -> usize {
-        let mut marks = Marks::new(lanes, lines, at, [self.separator, b'\n']);
-        ends[0] = at.wrapping_sub(1);
         loop {
-            let whole;
-            (whole, marks) = lanes.run(
+            lanes.run(
                 #[inline(always)]
-                || self.find_fields(lines, marks, ends),
+                || places.find(lanes, lines, at, self),
             );
-            let right = self.parse_columns(lanes, lines, ends, whole, parsed);
+            let whole = places.whole_rows(lines, self.steps.len());
+            let right = self.parse_columns(lanes, lines, places, whole, parsed);
             parsed.rows += right;
-            if right < self.rows_at_once() {
-                return ends[right].wrapping_add(1);
+            if right > 0 {
+                at = places.fields[right * self.steps.len()] + 1;
             }
-            ends[0] = ends[right];
-        }
-    }
-
-    /// Finds where fields end, column by column after one for what ends before each row; returns
-    /// how many rows have the right number of fields.
-    #[inline(always)]
-    fn find_fields<'a, L: Lanes>(
-        &self,
-        lines: &'a [u8],
-        mut marks: Marks<'a, L>,
-        ends: &mut [usize],
-    ) -> (usize, Marks<'a, L>) {
-        let (rows, stride) = (self.rows_at_once(), self.stride());
-        for row in 0..rows {
-            let start = ends[row].wrapping_add(1);
-            let mut place = row;
-            let mut end = start;
-            for _ in 0..self.steps.len() {
-                let Some(next) = marks.next() else { return (row, marks) };
-                end = next;
-                place += stride;
-                ends[place] = end;
-            }
-            // The last field ends at the first line end: so none before it does.
-            if lines.get(start..).and_then(|rest| memchr(b'\n', rest)) != Some(end - start) {
-                return (row, marks);
-            }
-            ends[row + 1] = end;
-            if lines[start..end].last() == Some(&b'\r') {
-                ends[place] = end - 1;
+            if right < whole || whole == 0 {
+                return at;
             }
         }
-        (rows, marks)
     }
 
     /// Parses `rows` rows, column by column, from the places where their fields end; returns how
@@ -202,28 +163,40 @@ impl RowPlan {
         &self,
         lanes: L,
         lines: &[u8],
-        ends: &[usize],
+        places: &Places,
         rows: usize,
         parsed: &mut Parsed,
     ) -> usize {
+        if rows == 0 {
+            return 0;
+        }
         let mut right = rows;
-        let places = |column: usize, rows: usize| &ends[column * self.stride()..][..rows];
+        let count = self.steps.len();
         let mut columns = parsed.columns.iter_mut();
         for (column, _) in self.steps.iter().enumerate().filter(|(_, step)| **step == Step::Number)
         {
             let Some(values) = columns.next() else { break };
             values.resize(parsed.rows + right, 0.0);
-            let fields = places(column, right).iter().zip(places(column + 1, right));
             let values = &mut values[parsed.rows..];
+            let befores = (&places.fields[column..], count);
+            let ends = match column + 1 == count {
+                true => (&places.lines[..], 1),
+                false => (&places.fields[column + 1..], count),
+            };
             let wrong = lanes.run(
                 #[inline(always)]
-                || parse_column(lanes, lines, fields, values),
+                || parse_column(lanes, lines, befores, ends, values),
             );
             right = wrong.unwrap_or(right);
         }
         parsed.columns.iter_mut().for_each(|column| column.truncate(parsed.rows + right));
         if let Some(group) = self.steps.iter().position(|step| *step == Step::Group) {
-            for (&before, &end) in places(group, right).iter().zip(places(group + 1, right)) {
+            for row in 0..right {
+                let before = places.fields[row * count + group];
+                let end = match group + 1 == count {
+                    true => places.lines[row],
+                    false => places.fields[row * count + group + 1],
+                };
                 parsed.push_group(lines[before.wrapping_add(1)..end].trim_ascii());
             }
         }
@@ -333,16 +306,129 @@ fn finish_row(
     Ok(())
 }
 
-/// Parses the fields between places into `values`; returns which one is the first that is wrong.
+/// How many fields are found before they are parsed: so few that both the text and the places stay
+/// in the first-level cache, and that little is done in vain where one of them is wrong.
+const FIELDS_AT_ONCE: usize = 512;
+
+/// Where fields and lines end. What is beyond the counts is left over from before.
+#[derive(Debug, Default)]
+struct Places {
+    /// What ends before the first field, then where each field ends, row by row.
+    fields: Vec<usize>,
+    /// Where each line ends.
+    lines: Vec<usize>,
+    field_count: usize,
+    line_count: usize,
+}
+
+impl Places {
+    /// Finds where some of the fields and lines from `lines[at]` on end: those of a row at least.
+    #[inline(always)]
+    fn find<L: Lanes>(&mut self, lanes: L, lines: &[u8], at: usize, plan: &RowPlan) {
+        let wanted = plan.steps.len().max(FIELDS_AT_ONCE);
+        // The last block of bytes may add as many more.
+        self.fields.resize(wanted + 1 + BLOCK, 0);
+        self.lines.resize(wanted + 1 + BLOCK, 0);
+        self.fields[0] = at.wrapping_sub(1);
+        (self.field_count, self.line_count) = (1, 0);
+        for base in (at..lines.len()).step_by(BLOCK) {
+            if self.field_count > wanted {
+                break;
+            }
+            let [separators, newlines] =
+                find_in_block(lanes, &lines[base..], [plan.separator, b'\n']);
+            let fields = &mut self.fields[self.field_count..];
+            self.field_count += write_many(separators | newlines, base, fields);
+            self.line_count += write_few(newlines, base, &mut self.lines[self.line_count..]);
+        }
+    }
+
+    /// How many rows have as many fields as there are `columns`, before the first that has not or
+    /// whose end has not been found. Leaves out the carriage returns at the ends of lines.
+    fn whole_rows(&mut self, lines: &[u8], columns: usize) -> usize {
+        let last_fields = self.fields[..self.field_count].iter().skip(columns).step_by(columns);
+        let mut rows = 0;
+        // Line ends are fields' ends, too: where they are the same as the last fields' all along,
+        // no other field ends there.
+        for (line, field) in self.lines[..self.line_count].iter_mut().zip(last_fields) {
+            if line != field {
+                break;
+            }
+            rows += 1;
+            if lines[..*line].last() == Some(&b'\r') {
+                *line -= 1;
+            }
+        }
+        rows
+    }
+}
+
+/// How many bytes are looked at together.
+const BLOCK: usize = 64;
+
+/// For each of `wanted` its places in the first [`BLOCK`] bytes of `rest`, as bits.
 #[inline(always)]
-fn parse_column<'a>(
+fn find_in_block<L: Lanes>(lanes: L, rest: &[u8], wanted: [u8; 2]) -> [u64; 2] {
+    match rest.first_chunk::<BLOCK>() {
+        Some(bytes) => lanes.find(bytes, wanted),
+        None => {
+            let mut padded = [0; BLOCK];
+            padded[..rest.len()].copy_from_slice(rest);
+            lanes.find(&padded, wanted).map(|found| found & !(u64::MAX << rest.len()))
+        }
+    }
+}
+
+/// Writes down the places of the bits that are set; returns how many there are.
+#[inline(always)]
+fn write_many(mut bits: u64, base: usize, places: &mut [usize]) -> usize {
+    /// More than there are, mostly. Writing too many takes less time than a loop whose length
+    /// cannot be foreseen.
+    const USUAL: usize = 16;
+    let count = bits.count_ones() as usize;
+    let (usual, others) = places.split_at_mut(USUAL);
+    for place in usual {
+        *place = base + bits.trailing_zeros() as usize;
+        bits &= bits.wrapping_sub(1);
+    }
+    if count > USUAL {
+        write_few(bits, base, others);
+    }
+    count
+}
+
+/// The same, for bits that are rarely set.
+#[inline(always)]
+fn write_few(mut bits: u64, base: usize, places: &mut [usize]) -> usize {
+    let count = bits.count_ones() as usize;
+    for place in &mut places[..count] {
+        *place = base + bits.trailing_zeros() as usize;
+        bits &= bits.wrapping_sub(1);
+    }
+    count
+}
+
+/// Parses the fields between places, each a slice and how far they are apart in it, into `values`;
+/// returns which one is the first that is wrong.
+#[inline(always)]
+fn parse_column(
     lanes: impl Lanes,
     lines: &[u8],
-    fields: impl Iterator<Item = (&'a usize, &'a usize)>,
+    (befores, before_stride): (&[usize], usize),
+    (ends, end_stride): (&[usize], usize),
     values: &mut [f64],
 ) -> Option<usize> {
-    for (row, (value, (before, &end))) in values.iter_mut().zip(fields).enumerate() {
-        let start = before.wrapping_add(1);
+    let place = |row: usize| (befores[row * before_stride].wrapping_add(1), ends[row * end_stride]);
+    let mut done = 0;
+    // Readings are short integers: as long as they are, so are the next.
+    for value in &mut *values {
+        let (start, end) = place(done);
+        let Some(number) = parse_digits(lines, start, end) else { break };
+        *value = number;
+        done += 1;
+    }
+    for (row, value) in values.iter_mut().enumerate().skip(done) {
+        let (start, end) = place(row);
         *value = match lanes.plain_number(lines, start, end) {
             Some(number) => number,
             None => match parse_unusual(lines, start, end) {
@@ -376,7 +462,8 @@ mod tests {
     }
 
     fn parse(lanes: impl Lanes, lines: &[u8], skip: bool) -> (Result<(), RowError>, Parsed) {
-        let mut parsed = Parsed::with_capacity(NUMBERS, 0);
+        let mut parsed = Parsed::default();
+        parsed.clear(NUMBERS, 0);
         let result = plan().parse_lines_with(lanes, lines, skip, &mut parsed);
         (result, parsed)
     }
@@ -384,7 +471,8 @@ mod tests {
     /// The same row by row, from the fields that [`slice::split`] finds.
     fn parse_slowly(lines: &[u8], skip: bool) -> (Result<(), RowError>, Parsed) {
         let plan = plan();
-        let mut parsed = Parsed::with_capacity(NUMBERS, 0);
+        let mut parsed = Parsed::default();
+        parsed.clear(NUMBERS, 0);
         let mut offset = 0;
         for line in lines.split(|&byte| byte == b'\n') {
             let text = line.strip_suffix(b"\r").unwrap_or(line);

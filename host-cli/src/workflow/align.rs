@@ -92,20 +92,15 @@ fn columns(
     read: &ReadOptions<'_>,
 ) -> Result<(Recording, ReadSummary), LogError> {
     let mut recording = Recording::default();
-    let summary = log.read(
-        wanted,
-        read,
-        |block| block,
-        |mut block| {
-            let columns = if wanted.wrench { &mut block.wrench } else { &mut block.readings };
-            recording.columns.resize_with(columns.len(), Vec::new);
-            recording.time_s.append(&mut block.time_s);
-            for (all, column) in recording.columns.iter_mut().zip(columns) {
-                all.append(column);
-            }
-            Ok::<(), LogError>(())
-        },
-    )?;
+    let summary = log.read(wanted, read, std::mem::take, |mut block| {
+        let columns = if wanted.wrench { &mut block.wrench } else { &mut block.readings };
+        recording.columns.resize_with(columns.len(), Vec::new);
+        recording.time_s.append(&mut block.time_s);
+        for (all, column) in recording.columns.iter_mut().zip(columns) {
+            all.append(column);
+        }
+        Ok::<(), LogError>(())
+    })?;
     Ok((recording, summary))
 }
 

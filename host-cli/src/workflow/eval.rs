@@ -129,12 +129,12 @@ pub fn eval(
     super::check_channels(log, calibration.model().channels)?;
     let is_drawn = plot.is_some();
     let mut all = Evaluation::default();
-    let map = |mut block: Block| {
+    let map = |block: &mut Block| {
         if options.fresh {
             let fresh = block.fresh_rows();
             block.retain_rows(&fresh);
         }
-        BlockErrors::of(calibration, &block, options.size_unit.as_ref(), is_drawn)
+        BlockErrors::of(calibration, block, options.size_unit.as_ref(), is_drawn)
     };
     let summary = log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
         all.add(&block, plot.as_deref_mut());

@@ -75,13 +75,13 @@ pub fn sum(
     for log in logs {
         let label = log.path().display().to_string();
         let label = (!groups).then_some(label.as_str());
-        let map = |mut block: Block| -> Result<BlockSums, WorkflowError> {
+        let map = |block: &mut Block| -> Result<BlockSums, WorkflowError> {
             if options.fresh {
                 block.retain_rows(&block.fresh_rows());
             }
             // Names what is not finite, as every fit does.
-            Extent::of_block(&block, channels)?;
-            Ok(grouping.reduce(&block, label)?)
+            Extent::of_block(block, channels)?;
+            Ok(grouping.reduce(block, label)?)
         };
         let summary = log.read(&wanted, &read, map, |block| -> Result<(), WorkflowError> {
             Ok(all.merge(block?)?)

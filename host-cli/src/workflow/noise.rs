@@ -87,8 +87,8 @@ pub fn noise(
     let summary = log.read(
         &wanted,
         read,
-        |mut block| {
-            options.rows.select(&mut block);
+        |block| {
+            options.rows.select(block);
             if let Some(window) = options.window {
                 let keep: Vec<_> = block.time_s.iter().map(|&t| window.contains(t)).collect();
                 block.retain_rows(&keep);

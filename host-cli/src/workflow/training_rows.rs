@@ -57,7 +57,7 @@ impl<'a> TrainingRows<'a> {
             return Ok(known.clone());
         }
         let read = ReadOptions { checksum: self.read.checksum && known.is_none(), ..self.read };
-        let summary = self.read_log(log, &read, |block| map(&block), fold)?;
+        let summary = self.read_log(log, &read, |block| map(block), fold)?;
         Ok(known.cloned().unwrap_or(summary))
     }
 
@@ -65,7 +65,7 @@ impl<'a> TrainingRows<'a> {
         &self,
         log: usize,
         read: &ReadOptions<'_>,
-        map: impl Fn(Block) -> Result<T, FitError> + Sync,
+        map: impl Fn(&mut Block) -> Result<T, FitError> + Sync,
         mut fold: impl FnMut(T),
     ) -> Result<ReadSummary, WorkflowError> {
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
@@ -76,7 +76,7 @@ impl<'a> TrainingRows<'a> {
             }
         };
         let read = ReadOptions { progress: Some(&report), ..*read };
-        let map = |mut block: Block| {
+        let map = |block: &mut Block| {
             if self.fresh {
                 let fresh = block.fresh_rows();
                 block.retain_rows(&fresh);
@@ -96,8 +96,8 @@ impl<'a> TrainingRows<'a> {
         let mut all = pass.empty();
         for log in 0..self.logs.len() {
             let mut blocks = Vec::new();
-            let map = |block: Block| {
-                let partial = pass.reduce(&block)?;
+            let map = |block: &mut Block| {
+                let partial = pass.reduce(block)?;
                 let kept = is_kept.load(Ordering::Relaxed).then(|| KeptBlock::new(block));
                 Ok((partial, kept))
             };
@@ -123,6 +123,11 @@ impl<'a> TrainingRows<'a> {
 
 impl Blocks for TrainingRows<'_> {
     type Error = WorkflowError;
+
+    fn sample(&self) -> Option<Block> {
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        self.logs.first()?.sample(&wanted).ok()
+    }
 
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
         if self.summaries.is_empty() {
@@ -159,11 +164,9 @@ enum Column {
 }
 
 impl KeptBlock {
-    fn new(block: Block) -> Self {
-        let mut wrench = block.wrench;
-        wrench.iter_mut().for_each(Vec::shrink_to_fit);
-        let readings = block.readings.into_iter().map(Column::new).collect();
-        Self { rows: block.rows, readings, wrench }
+    fn new(block: &Block) -> Self {
+        let readings = block.readings.iter().map(|column| Column::new(column)).collect();
+        Self { rows: block.rows, readings, wrench: block.wrench.clone() }
     }
 
     fn bytes(&self) -> usize {
@@ -177,12 +180,12 @@ impl KeptBlock {
 }
 
 impl Column {
-    fn new(readings: Vec<f64>) -> Self {
+    fn new(readings: &[f64]) -> Self {
         let counts: Vec<u16> = readings.iter().map(|&s| s as u16).collect();
         let is_exact = |(&s, &count): (&f64, &u16)| s == f64::from(count);
         // Without a way out of the loop: it is all or nothing, and nearly always all.
         let all = readings.iter().zip(&counts).map(is_exact).fold(true, |all, is| all & is);
-        if all { Column::Counts(counts) } else { Column::Other(readings) }
+        if all { Column::Counts(counts) } else { Column::Other(readings.to_vec()) }
     }
 }
 

@@ -88,15 +88,10 @@ pub fn read_log(path: &Path) -> Result<Block, LogError> {
     };
     let mut whole = Block::default();
     let options = ReadOptions { threads: 1, ..ReadOptions::default() };
-    log.read(
-        &wanted,
-        &options,
-        |block| block,
-        |block| {
-            append(&mut whole, block);
-            Ok::<_, LogError>(())
-        },
-    )?;
+    log.read(&wanted, &options, std::mem::take, |block| {
+        append(&mut whole, block);
+        Ok::<_, LogError>(())
+    })?;
     Ok(whole)
 }
 

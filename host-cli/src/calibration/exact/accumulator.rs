@@ -139,6 +139,18 @@ impl Accumulator {
         }
     }
 
+    /// Makes later choices good for rows such as these.
+    pub(super) fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
+        for (expected, column) in self.expected.iter_mut().zip(readings) {
+            if let Ok(found) = survey(column.as_ref(), Unit::COUNT) {
+                expected.merge(&found);
+            }
+        }
+        for (places, column) in self.places.iter_mut().zip(wrench) {
+            *places = places.and(Places::of(column.as_ref()));
+        }
+    }
+
     /// Works in memory that another accumulator has given back.
     pub(super) fn take_scratch(&mut self, scratch: Scratch) {
         self.scratch = scratch;

@@ -24,6 +24,11 @@ impl Adder {
         Self { latest, scratches: Mutex::default() }
     }
 
+    /// Prepares for rows such as these. Those that cannot be summed exactly are of no account yet.
+    pub fn expect<C: AsRef<[f64]>>(&self, readings: &[C], wrench: &[C]) {
+        lock(&self.latest).expect(readings, wrench);
+    }
+
     /// The sums over some rows, as in [`Accumulator::absorb`].
     ///
     /// # Errors

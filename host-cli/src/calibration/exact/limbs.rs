@@ -90,10 +90,10 @@ impl Places {
     /// No places: zero only.
     pub(super) const NONE: Self = Self { low: i32::MAX, high: i32::MIN };
 
-    /// The places of finite numbers.
+    /// The places of numbers; what is not finite has none.
     pub(super) fn of(values: &[f64]) -> Self {
         let mut places = Self::NONE;
-        for &value in values.iter().filter(|&&v| v != 0.0) {
+        for &value in values.iter().filter(|&&v| v != 0.0 && v.is_finite()) {
             let bits = value.to_bits();
             let (exponent, fraction) = ((bits >> 52) as i32 & 0x7ff, bits & ((1 << 52) - 1));
             let (significand, unit) = match exponent {

@@ -49,6 +49,11 @@ impl Exact {
         }
         Ok(Self { model, ridge, adder: Adder::new(model.basis, model.channels) })
     }
+
+    /// Prepares for rows such as those of `sample`, which saves work later.
+    pub fn expect(&self, sample: &Block) {
+        self.adder.expect(&sample.readings, &sample.wrench);
+    }
 }
 
 impl Pass for Exact {

@@ -20,6 +20,12 @@ pub trait Blocks {
     /// # Errors
     /// Where rows cannot be had, or the pass cannot work with them.
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, Self::Error>;
+
+    /// Some rows from all over, if they can be had without a pass: what a solver learns from them
+    /// may save it work, but has no influence on results.
+    fn sample(&self) -> Option<Block> {
+        None
+    }
 }
 
 impl Blocks for &[Block] {
@@ -65,7 +71,11 @@ fn fit_exactly<B: Blocks>(
     problem: &Problem,
     blocks: &mut B,
 ) -> Result<(Solution, Extent), B::Error> {
-    let moments = blocks.pass(&Exact::new(problem)?)?.finish()?;
+    let exact = Exact::new(problem)?;
+    if let Some(sample) = blocks.sample() {
+        exact.expect(&sample);
+    }
+    let moments = blocks.pass(&exact)?.finish()?;
     let extent = moments.extent();
     Ok((solve_moments(&moments, &problem.model, problem.ridge, &extent)?, extent))
 }

@@ -46,9 +46,9 @@ impl Frames {
 }
 
 impl Converter<'_> {
-    pub(super) fn convert(&self, block: Block) -> Frames {
+    pub(super) fn convert(&self, block: &mut Block) -> Frames {
         let Self { calibration, tare, options } = self;
-        let mut frames = Frames { time_s: block.time_s, ..Frames::default() };
+        let mut frames = Frames { time_s: std::mem::take(&mut block.time_s), ..Frames::default() };
         calibration.wrench(&block.readings, &mut frames.wrench);
         if let Some(tare) = tare {
             for (column, tare) in frames.wrench.iter_mut().zip(tare.wrench) {

@@ -227,8 +227,8 @@ pub fn convert(
     let summary = log.read(
         &wanted,
         read,
-        |mut block| {
-            options.rows.select(&mut block);
+        |block| {
+            options.rows.select(block);
             let frames = converter.convert(block);
             // What is not filtered is written out by the workers.
             let mut text = Vec::new();

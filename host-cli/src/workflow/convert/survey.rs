@@ -54,9 +54,9 @@ pub(super) fn survey(
     let result = log.read(
         &wanted,
         read,
-        |mut block| {
-            options.rows.select(&mut block);
-            block
+        |block| {
+            options.rows.select(block);
+            std::mem::take(block)
         },
         |block| {
             if needs_rate {

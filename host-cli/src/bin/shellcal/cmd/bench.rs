@@ -132,7 +132,7 @@ impl BenchArgs {
                 blocks.push(block);
                 Ok(())
             };
-            log.read(&wanted, &self.mapping.read_options(), |block| block, keep)?;
+            log.read(&wanted, &self.mapping.read_options(), std::mem::take, keep)?;
         }
         let channels = blocks.first().map_or(0, |block| block.readings.len());
         let alike = blocks.iter().all(|block| block.readings.len() == channels);

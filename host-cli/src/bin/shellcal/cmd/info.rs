@@ -61,15 +61,10 @@ fn survey(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<In
     let progress = |bytes| bar.set_position(bytes);
     let options = ReadOptions { progress: Some(&progress), ..args.read_options() };
     let mut survey = Survey::default();
-    let read = log.read(
-        &wanted,
-        &options,
-        |block| block,
-        |block| {
-            survey.add(&block);
-            Ok::<(), LogError>(())
-        },
-    );
+    let read = log.read(&wanted, &options, std::mem::take, |block| {
+        survey.add(&block);
+        Ok::<(), LogError>(())
+    });
     bar.finish_and_clear();
     Ok(Info::new(log, &survey, read?.skipped_rows))
 }
