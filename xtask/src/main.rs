@@ -1,5 +1,6 @@
 //! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
 
+mod instructions;
 mod measure;
 mod peers;
 mod scale;
@@ -26,6 +27,8 @@ enum Task {
     BenchPeers(peers::Args),
     /// Measure time and memory of a fit against the length of the file
     BenchScale(scale::Args),
+    /// Count the instructions of a fit with and without what it can be asked for
+    Instructions(instructions::Args),
     /// Run one program and print its wall time and peak memory (used by the benchmarks)
     #[command(hide = true)]
     Measure(measure::Args),
@@ -36,6 +39,7 @@ fn main() -> ExitCode {
         Task::Test(args) => test::run(&args),
         Task::BenchPeers(args) => peers::run(&args),
         Task::BenchScale(args) => scale::run(&args),
+        Task::Instructions(args) => instructions::run(&args),
         Task::Measure(args) => measure::run(&args),
     };
     match done {
