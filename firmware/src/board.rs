@@ -18,8 +18,8 @@ pub trait FrontEnd {
 pub trait Clock {
     /// How late a frame may start, in µs; a slot that cannot be kept so well is skipped.
     ///
-    /// The default is a hundredth of the 10 ms period. An operating system wakes its processes less
-    /// punctually, so a simulated board needs more.
+    /// The default is a hundredth of the 10 ms period. Where something wakes the firmware less
+    /// punctually than a timer's interrupt does, it has to be more.
     const TOLERANCE_US: u32 = 100;
 
     /// Now, in µs; never goes back.

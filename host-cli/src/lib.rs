@@ -3,9 +3,10 @@
 //! Three layers, arrows pointing inward only:
 //!
 //! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
-//!   [`sensor_model`], [`recording`], [`plot`]: slices and matrices in, values out; no files, no
+//!   [`sensor_model`], [`recording`], [`radio`], [`plot`]: slices and matrices in, values out; no files, no
 //!   clocks, no printing;
-//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`output`]: the world to core types
+//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
+//!   [`output`]: the world to core types
 //!   and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
@@ -43,8 +44,12 @@ pub mod log_file;
 pub mod output;
 mod pipeline;
 pub mod plot;
+pub mod radio;
+mod random;
 pub mod recording;
 pub mod sensor_model;
+#[cfg(unix)]
+pub mod simulated_board;
 pub mod survey;
 pub mod synthetic_block;
 pub mod synthetic_log;

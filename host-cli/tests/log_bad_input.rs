@@ -93,7 +93,7 @@ fn each_fault_is_named_with_its_place() {
         ("time,s1\n1,2\0\n", "`FILE` is not a text file: byte 11 is 0x00"),
         (
             "SRC: 0x2052 |  [69, 20, 1, 2]\n",
-            "`FILE`, line 1: expected a payload of 20 bytes (0 to 255), found `69, 20, 1, 2`",
+            "`FILE`, line 1: expected a scan of 22 bytes (0 to 255) with readings below 4096, found `69, 20, 1, 2`",
         ),
     ];
     for (text, expected) in cases {

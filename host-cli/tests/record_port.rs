@@ -141,11 +141,11 @@ fn a_duration_ends_a_recording() {
 
 #[test]
 fn a_recording_killed_at_any_moment_keeps_all_but_its_last_second() {
-    let kills = 20;
+    let kills = 100;
     let moments = (0..kills).map(|i| Duration::from_millis(300 + 2200 * (i * 7 % kills) / kills));
     let moments = Mutex::new(moments.collect::<Vec<_>>());
     thread::scope(|scope| {
-        for _ in 0..5 {
+        for _ in 0..25 {
             scope.spawn(|| {
                 while let Some(moment) = { moments.lock().unwrap().pop() } {
                     kill_after(moment);

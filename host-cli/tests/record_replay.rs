@@ -174,6 +174,31 @@ fn forces_beside_the_readings_are_those_of_the_calibration() {
 }
 
 #[test]
+fn forces_are_tared_on_the_first_frames_which_say_that_they_are_not() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = calibration(dir.path());
+    let calibration = CalibrationFile::read(&path).unwrap().calibration;
+    replay(dir.path(), &stream(0..40), "--calibration cal.json --tare 10");
+    let log = read_log(&dir.path().join("log.csv")).unwrap();
+    let columns: Vec<Vec<f64>> =
+        (0..8).map(|c| (0..40).map(|index| readings(index)[c]).collect()).collect();
+    let mut wrench = PerAxis::default();
+    calibration.wrench(&columns, &mut wrench);
+    for (logged, wrench) in log.wrench.iter().zip(wrench) {
+        assert_eq!(logged[..10], wrench[..10]);
+        let zero = wrench[..10].iter().sum::<f64>() / 10.0;
+        for (logged, wrench) in logged[10..].iter().zip(&wrench[10..]) {
+            // A mean and a difference of numbers up to 1e6 (far outside the training data) round.
+            assert!((logged - (wrench - zero)).abs() < 1e-9 * wrench.abs().max(zero.abs()));
+        }
+    }
+    let flags = column(&dir.path().join("log.csv"), "flags");
+    for (row, flags) in flags.iter().enumerate() {
+        assert_eq!(flags.contains("untared"), row < 10, "{row}");
+    }
+}
+
+#[test]
 fn the_original_board_is_read_too() {
     let dir = tempfile::tempdir().unwrap();
     let scan = |i: u32| skinproc::Scan {

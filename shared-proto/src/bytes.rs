@@ -45,7 +45,9 @@ impl<const N: usize> Bytes<N> {
     pub(crate) fn remove_front(&mut self, count: usize) {
         let len = usize::from(self.len);
         let count = count.min(len);
-        self.bytes.copy_within(count..len, 0);
+        if let Some(bytes) = self.bytes.get_mut(..len) {
+            bytes.copy_within(count.., 0);
+        }
         self.len = (len - count) as u8;
     }
 

@@ -266,7 +266,7 @@ impl Stream {
 fn last_packet(piece: &[u8]) -> Option<Packet> {
     let tail = &piece[piece.len().saturating_sub(MAX_FRAME)..];
     (0..tail.len())
-        .map(|start| &tail[start..])
+        .filter_map(|start| tail.get(start..))
         .filter(|frame| Packet::has_known_header(frame))
         .find_map(|frame| Packet::decode(frame).ok())
 }

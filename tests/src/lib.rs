@@ -1,4 +1,8 @@
-//! What tests across the crates share: where the real recordings are.
+//! What tests across the crates share: the emulated board, running `shellcal`, and where the real
+//! recordings are.
+
+pub mod emulation;
+pub mod program;
 
 use std::path::PathBuf;
 

@@ -1,11 +1,19 @@
 //! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
 
+mod apt;
+mod emulate;
+mod emulator;
+mod firmware;
+mod flash;
+mod image;
 mod instructions;
 mod measure;
 mod peers;
 mod scale;
+mod stack;
 mod steps;
 mod test;
+mod toolchain;
 
 use std::process::ExitCode;
 
@@ -23,6 +31,12 @@ struct Args {
 enum Task {
     /// Check and test everything: formatting, lints, tests, documentation
     Test(test::Args),
+    /// Build the board's image and say what it takes; exit code 1 above its limits
+    Firmware,
+    /// Build the board's image and flash it, with probe-rs
+    Flash(flash::Args),
+    /// Run the emulated board on a pty until Ctrl-C
+    Emulate(emulate::Args),
     /// Measure whole fits against the tools that people use today
     BenchPeers(peers::Args),
     /// Measure time and memory of a fit against the length of the file
@@ -37,6 +51,9 @@ enum Task {
 fn main() -> ExitCode {
     let done = match Args::parse().task {
         Task::Test(args) => test::run(&args),
+        Task::Firmware => firmware::check().map(drop),
+        Task::Flash(args) => flash::run(&args),
+        Task::Emulate(args) => emulate::run(&args),
         Task::BenchPeers(args) => peers::run(&args),
         Task::BenchScale(args) => scale::run(&args),
         Task::Instructions(args) => instructions::run(&args),

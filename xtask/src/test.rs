@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use system_tests::emulation::IMAGE;
 
+use crate::firmware;
 use crate::steps::{cargo, run as step};
 
 /// Names the directory of the real recordings, which are not part of the repository.
@@ -14,6 +16,10 @@ pub(crate) struct Args {
     /// Only the tests: no formatting, lints or documentation
     #[arg(long)]
     tests_only: bool,
+
+    /// Leave out the firmware on its target: no compiler for the board and no emulator is needed
+    #[arg(long)]
+    without_board: bool,
 }
 
 /// The profile of the tests: optimised, with the checks of a debug build.
@@ -30,8 +36,15 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let deny = ["--", "-D", "warnings"];
         step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
     }
+    let image = if args.without_board {
+        eprintln!("the emulated board's tests will be skipped");
+        None
+    } else {
+        Some(firmware::check()?)
+    };
     let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
-    step("tests", tests.envs(real_data.map(|path| (REAL_DATA, path))))?;
+    tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
+    step("tests", &mut tests)?;
     if !args.tests_only {
         let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
         let mut doc = cargo(&[&doc[..], &PROFILE].concat());

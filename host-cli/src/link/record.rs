@@ -8,12 +8,12 @@ use shared_proto::{Boot, Command, Protocol};
 
 use super::source::Input;
 use super::{Journal, LinkError, Source, Uplink};
-use crate::calibration::Calibration;
 use crate::output::OutputError;
 use crate::recording::{
-    Frame, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter, UnsuitableCalibration,
-    protocol_name,
+    ForceOptions, Frame, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
+    UnsuitableCalibration, protocol_name,
 };
+use crate::wrench::PerAxis;
 
 /// How long frames wait for those that overtook them before they are written. A kill loses as much,
 /// and what the recognition of the protocol holds at the start.
@@ -28,7 +28,7 @@ pub struct RecordOptions {
     /// The protocol, if it is not to be recognised.
     pub protocol: Option<Protocol>,
     /// For forces beside the readings.
-    pub calibration: Option<Calibration>,
+    pub forces: Option<ForceOptions>,
     /// When to end.
     pub duration: Option<Duration>,
     /// Tells the board to start streaming, and to stop at the end.
@@ -63,6 +63,8 @@ pub struct Progress {
     pub protocol: Option<Protocol>,
     /// Whether the port is there.
     pub connected: bool,
+    /// The newest wrench in N and N·m, where forces are wanted.
+    pub wrench: Option<PerAxis<f64>>,
 }
 
 /// What a whole recording was.
@@ -298,7 +300,7 @@ impl Session<'_> {
         };
         if self.rows.is_none() {
             let numbered = matches!(self.stage, Stage::Receiving(Protocol::Packets(_), _));
-            let rows = RowWriter::new(first.content(numbered), self.options.calibration.clone())?;
+            let rows = RowWriter::new(first.content(numbered), self.options.forces.clone())?;
             log.pending().extend_from_slice(rows.header().as_bytes());
             self.rows = Some(rows);
         }
@@ -343,6 +345,7 @@ impl Session<'_> {
             losses,
             protocol,
             connected: source.is_connected(),
+            wrench: self.rows.as_ref().and_then(RowWriter::newest_wrench),
         }
     }
 

@@ -1,19 +1,20 @@
 //! The console log of the lab's base station: lines of talk, among them the payloads that the
 //! original SkinProc board sent, as `SRC: 0x2052 |  [69, 20, 169, 7, …]`.
 //!
-//! A scan is the letter `E`, the length 20, eight readings (u16) and the time in µs (u32), all
-//! little-endian. Payloads of another kind and all other lines are passed over.
+//! Scans are decoded by [`shared_proto::skinproc`]. Payloads of another kind and all other lines are
+//! passed over.
 
 use memchr::{memchr, memchr_iter};
+use shared_proto::skinproc::{SCAN_LEN, decode_scan};
 
 use super::error::RowProblem;
 use super::number::parse_field;
 use super::rows::{Parsed, RowError};
 
-/// The length of the payload of a scan.
-const SCAN_BYTES: usize = 20;
-
+/// The letter `E`, which scans begin with.
 const SCAN: &[u8] = b"69";
+
+const BYTE: std::ops::RangeInclusive<f64> = 0.0..=255.0;
 
 /// Readings of the channels 0 to 7, then the time in µs.
 pub(super) type Frame = [f64; 9];
@@ -56,29 +57,22 @@ pub(super) fn payload(line: &[u8]) -> Option<&[u8]> {
 
 /// The frame that a payload holds; `None` if it is not a scan.
 fn scan(list: &[u8]) -> Result<Option<Frame>, RowProblem> {
-    let mut items = list.split(|&byte| byte == b',').map(<[u8]>::trim_ascii);
-    if items.next() != Some(SCAN) {
+    let items = || list.split(|&byte| byte == b',').map(<[u8]>::trim_ascii);
+    if items().next() != Some(SCAN) {
         return Ok(None);
     }
-    let problem = || RowProblem::Payload {
-        expected: SCAN_BYTES,
+    let byte =
+        |item| parse_field(item).ok().filter(|value| BYTE.contains(value) && value.fract() == 0.0);
+    let bytes: Option<Vec<u8>> = items().map(|item| byte(item).map(|value| value as u8)).collect();
+    let scan = bytes.and_then(|bytes| decode_scan(&bytes)).ok_or_else(|| RowProblem::Payload {
+        expected: SCAN_LEN,
         found: String::from_utf8_lossy(list).into_owned(),
-    };
-    let mut bytes = [0_u8; 1 + SCAN_BYTES];
-    for byte in &mut bytes {
-        let value = items.next().and_then(|item| parse_field(item).ok());
-        let value = value.filter(|v| (0.0..=255.0).contains(v) && v.fract() == 0.0);
-        *byte = value.ok_or_else(problem)? as u8;
-    }
-    if items.next().is_some() || usize::from(bytes[0]) != SCAN_BYTES {
-        return Err(problem());
-    }
+    })?;
     let mut frame = [0.0; 9];
-    let (readings, time) = bytes[1..].split_at(16);
-    for (value, pair) in frame.iter_mut().zip(readings.chunks_exact(2)) {
-        *value = f64::from(u16::from_le_bytes([pair[0], pair[1]]));
+    for (value, reading) in frame.iter_mut().zip(scan.readings) {
+        *value = f64::from(reading);
     }
-    frame[8] = f64::from(u32::from_le_bytes([time[0], time[1], time[2], time[3]]));
+    frame[8] = f64::from(scan.clock_us);
     Ok(Some(frame))
 }
 

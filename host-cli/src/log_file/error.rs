@@ -177,8 +177,10 @@ pub enum RowProblem {
     /// A quoted field does not end on its line.
     #[error("expected a closing quote on the same line")]
     OpenQuote,
-    /// A payload is not as long as it says.
-    #[error("expected a payload of {expected} bytes (0 to 255), found `{found}`")]
+    /// A payload begins like a scan and is none.
+    #[error(
+        "expected a scan of {expected} bytes (0 to 255) with readings below 4096, found `{found}`"
+    )]
     Payload {
         /// How many bytes a scan has.
         expected: usize,

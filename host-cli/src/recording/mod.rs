@@ -14,10 +14,12 @@
 //!
 //! No files, ports or clocks here: see [`crate::link`].
 
+mod forces;
 mod reception;
 mod recognition;
 mod rows;
 
+pub use forces::ForceOptions;
 pub use reception::{Content, Frame, Losses, Measured, Reception};
 pub use recognition::{NoFrame, Recognised, Recognition};
 pub use rows::{RowWriter, UnsuitableCalibration};

@@ -9,10 +9,11 @@
 //! `missing` counts the frames that did not arrive between this row and the one before; `dropped`
 //! is the board's own count, which wraps at 256. `flags` is empty when all is well: `s3:saturated`
 //! and `s3:range` as in the output of `convert`, `late` where a frame came after a later one had
-//! been written, `restart` where the board has started anew.
+//! been written, `restart` where the board has started anew, `untared` where the zero of the forces
+//! was still being taken: such a row is not held back, so its forces are from the calibration's zero.
 
+use super::forces::{Force, ForceOptions, Forces};
 use super::reception::{Content, Frame, Measured};
-use crate::calibration::Calibration;
 use crate::wrench::{Axis, PerAxis};
 use shared_proto::CHANNELS;
 
@@ -35,7 +36,7 @@ pub enum UnsuitableCalibration {
 #[derive(Clone, Debug)]
 pub struct RowWriter {
     content: Content,
-    calibration: Option<Calibration>,
+    forces: Option<Forces>,
     last_index: Option<i64>,
     /// Frames that hold something else than the columns.
     pub other_content: u64,
@@ -48,10 +49,10 @@ impl RowWriter {
     /// [`UnsuitableCalibration`].
     pub fn new(
         content: Content,
-        calibration: Option<Calibration>,
+        forces: Option<ForceOptions>,
     ) -> Result<Self, UnsuitableCalibration> {
-        if let Some(calibration) = &calibration {
-            let found = calibration.model().channels;
+        if let Some(forces) = &forces {
+            let found = forces.calibration.model().channels;
             if found != CHANNELS {
                 return Err(UnsuitableCalibration::Channels { found });
             }
@@ -59,7 +60,8 @@ impl RowWriter {
                 return Err(UnsuitableCalibration::Wrenches);
             }
         }
-        Ok(Self { content, calibration, last_index: None, other_content: 0 })
+        let forces = forces.map(Forces::new);
+        Ok(Self { content, forces, last_index: None, other_content: 0 })
     }
 
     /// The line that names the columns.
@@ -69,7 +71,7 @@ impl RowWriter {
         if readings {
             names.extend((1..=CHANNELS).map(|channel| format!("s{channel}")));
         }
-        if !readings || self.calibration.is_some() {
+        if !readings || self.forces.is_some() {
             names.extend(Axis::ALL.map(|axis| axis.column().to_owned()));
         }
         if self.is_numbered() {
@@ -86,7 +88,7 @@ impl RowWriter {
         let before = frames.len();
         frames.retain(|frame| frame.content(numbered) == self.content);
         self.other_content += (before - frames.len()) as u64;
-        let (wrenches, out_of_range) = self.forces(frames);
+        let forces = self.forces.as_mut().map(|forces| forces.of(frames)).unwrap_or_default();
         for (row, frame) in frames.drain(..).enumerate() {
             let step = self.last_index.map(|last| frame.index - last);
             let is_late = step.is_some_and(|step| step < 0);
@@ -98,8 +100,9 @@ impl RowWriter {
                 Measured::Readings(values) => write_numbers(&values, text),
                 Measured::Wrench(values) => write_numbers(&values, text),
             }
-            if self.calibration.is_some() {
-                write_numbers(&wrenches.each_ref().map(|axis| axis[row]), text);
+            let force = forces.get(row);
+            if let Some(force) = force {
+                write_numbers(&force.wrench, text);
             }
             if numbered {
                 let missing = step.map_or(0, |step| (step - 1).max(0));
@@ -107,32 +110,19 @@ impl RowWriter {
                     format!(",{},{missing},{}", frame.index, frame.dropped).as_bytes(),
                 );
             }
-            let range = out_of_range.get(row).copied().unwrap_or(0);
             text.push(b',');
-            text.extend_from_slice(flags(&frame, range, is_late).as_bytes());
+            text.extend_from_slice(flags(&frame, force, is_late).as_bytes());
             text.push(b'\n');
         }
     }
 
-    fn is_numbered(&self) -> bool {
-        self.content != Content::Readings { numbered: false }
+    /// The newest wrench, where there are forces.
+    pub fn newest_wrench(&self) -> Option<PerAxis<f64>> {
+        self.forces.as_ref().and_then(Forces::newest)
     }
 
-    /// Wrenches of the frames and the channels that are out of range, without a calibration none.
-    fn forces(&self, frames: &[Frame]) -> (PerAxis<Vec<f64>>, Vec<u64>) {
-        let mut wrenches = PerAxis::default();
-        let Some(calibration) = &self.calibration else { return (wrenches, Vec::new()) };
-        let column = |channel: usize| {
-            let reading = |frame: &Frame| match &frame.measured {
-                Measured::Readings(readings) => readings[channel],
-                Measured::Wrench(_) => f64::NAN,
-            };
-            frames.iter().map(reading).collect()
-        };
-        let readings: Vec<Vec<f64>> = (0..CHANNELS).map(column).collect();
-        calibration.wrench(&readings, &mut wrenches);
-        let out_of_range = calibration.out_of_range(&readings);
-        (wrenches, out_of_range)
+    fn is_numbered(&self) -> bool {
+        self.content != Content::Readings { numbered: false }
     }
 }
 
@@ -153,8 +143,12 @@ fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
     }
 }
 
-fn flags(frame: &Frame, out_of_range: u64, is_late: bool) -> String {
+fn flags(frame: &Frame, force: Option<&Force>, is_late: bool) -> String {
     let mut flags = Vec::new();
+    let out_of_range = force.map_or(0, |force| force.out_of_range);
+    if force.is_some_and(|force| force.untared) {
+        flags.push("untared".to_owned());
+    }
     if frame.restarted {
         flags.push("restart".to_owned());
     }

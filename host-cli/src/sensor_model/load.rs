@@ -14,7 +14,7 @@ use std::f64::consts::{PI, TAU};
 
 use crate::wrench::PerAxis;
 
-use super::random::{Purpose, Stream};
+use crate::random::{Purpose, Stream};
 
 /// Seconds from one contact to the next.
 pub const POSE_S: f64 = 2.0;

@@ -19,9 +19,9 @@
 
 mod geometry;
 mod load;
+mod load_table;
 mod pair;
 mod parameters;
-mod random;
 mod recording;
 mod reference;
 mod response;
@@ -29,6 +29,7 @@ mod springs;
 
 pub use geometry::Reflector;
 pub use load::{LoadScript, POSE_S};
+pub use load_table::{BadLoad, LoadTable};
 pub use pair::{Pair, PairSettings};
 pub use parameters::{Channel, Noise, Parameters, Reference, Spread, Surroundings};
 pub use recording::{Kind, Recording, Sample, Settings};
@@ -36,8 +37,8 @@ pub use reference::ReferenceSensor;
 pub use response::Response;
 pub use springs::{Creep, Displacement, Hysteresis, Spring, compliance, stiffness};
 
+use crate::random::{Purpose, Stream};
 use geometry::RigidMotion;
-use random::{Purpose, Stream};
 use springs::Suspension;
 
 use crate::wrench::PerAxis;
@@ -49,6 +50,15 @@ pub struct Frame {
     pub readings: [u16; 8],
     /// Bit i is set where reading i has met an end of the converter's range.
     pub saturated: u8,
+}
+
+/// What one photointerrupter sees at a moment, as fractions of the full scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// Light of its emitter.
+    pub light: f64,
+    /// What the subtraction of ambient light leaves.
+    pub dark: f64,
 }
 
 /// Parameters that describe no instrument.
@@ -136,27 +146,53 @@ impl SensorModel {
     /// A load that is not finite, or above [`LIMIT`], tears the plate off: for that frame all
     /// channels are saturated at zero.
     pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> Frame {
-        if !(time_s.is_finite() && wrench.iter().all(|w| w.abs() <= LIMIT)) {
+        if !is_bearable(time_s, wrench) {
             return Frame { readings: [0; 8], saturated: 0xFF };
+        }
+        let mut frame = Frame { readings: [0; 8], saturated: 0 };
+        for (i, Exposure { light, dark }) in self.expose(time_s, wrench).into_iter().enumerate() {
+            let count = self.convert(light, dark);
+            frame.readings[i] = count as u16;
+            frame.saturated |= u8::from(!(count > 0.0 && count < self.full_scale - 1.0)) << i;
+        }
+        frame
+    }
+
+    /// What the photointerrupters see at `time_s` under `wrench`, as [`sample`](Self::sample) takes
+    /// them, for who converts it on his own. Without a plate they see nothing.
+    pub fn expose(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> [Exposure; 8] {
+        if !is_bearable(time_s, wrench) {
+            return [Exposure { light: 0.0, dark: 0.0 }; 8];
         }
         let motion = RigidMotion::new(&self.suspension.displacement(time_s, wrench));
         let warm_up = -libm::expm1(-time_s.max(0.0) / self.surroundings.warm_up_s);
         let warmth_k = self.start_k + self.surroundings.warm_up_k * warm_up;
-        let highest = self.full_scale - 1.0;
-        let mut frame = Frame { readings: [0; 8], saturated: 0 };
-        for (i, channel) in self.channels.iter().enumerate() {
+        std::array::from_fn(|i| {
+            let channel = &self.channels[i];
             let gap_m = motion.gap_m(&channel.reflector, &self.normals[i]);
             let gain = channel.gain * (1.0 + channel.gain_drift_per_k * warmth_k);
             let light = gain * self.response.at(gap_m);
-            let emitter = self.noise.emitter * light;
-            let variance =
-                self.noise.read * self.noise.read + self.noise.shot * light + emitter * emitter;
             let dark = self.ambient[i] + channel.offset_drift_per_k * warmth_k;
-            let signal = light + dark + variance.sqrt() * self.random.normal();
-            let count = (signal * self.full_scale).round().clamp(0.0, highest);
-            frame.readings[i] = count as u16;
-            frame.saturated |= u8::from(!(count > 0.0 && count < highest)) << i;
-        }
-        frame
+            Exposure { light, dark }
+        })
     }
+
+    /// One conversion, with its noise and at the converter's resolution, of light that is given as a
+    /// fraction of the full scale.
+    pub fn conversion(&mut self, light: f64) -> u16 {
+        self.convert(light, 0.0) as u16
+    }
+
+    fn convert(&mut self, light: f64, dark: f64) -> f64 {
+        let emitter = self.noise.emitter * light;
+        let variance =
+            self.noise.read * self.noise.read + self.noise.shot * light + emitter * emitter;
+        let signal = light + dark + variance.sqrt() * self.random.normal();
+        (signal * self.full_scale).round().clamp(0.0, self.full_scale - 1.0)
+    }
+}
+
+/// Whether there is a plate under this load.
+fn is_bearable(time_s: f64, wrench: &PerAxis<f64>) -> bool {
+    time_s.is_finite() && wrench.iter().all(|w| w.abs() <= LIMIT)
 }

@@ -7,8 +7,8 @@
 //!
 //! The load is a function of reference time. The board's clock shows 0 at its first frame.
 
-use super::random::{Purpose, Stream};
 use super::{Frame, LoadScript, ModelError, Parameters, ReferenceSensor, SensorModel};
+use crate::random::{Purpose, Stream};
 use crate::wrench::PerAxis;
 
 /// The springs are followed at this rate at least, Hz.

@@ -3,8 +3,8 @@
 //! [`Parameters::nominal`] is the drawing; [`Parameters::unit`] is one instrument built from it.
 
 use super::geometry::Reflector;
-use super::random::{Purpose, Stream};
 use super::springs::{Creep, Hysteresis, Spring};
+use crate::random::{Purpose, Stream};
 
 /// One photointerrupter with its reflector.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,7 +7,7 @@ use crate::wrench::PerAxis;
 
 use super::geometry::RigidMotion;
 use super::parameters::Reference;
-use super::random::{Purpose, Stream};
+use crate::random::{Purpose, Stream};
 
 /// A reference sensor, mounted for one recording.
 #[derive(Clone, Debug)]

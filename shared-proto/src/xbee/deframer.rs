@@ -151,7 +151,7 @@ fn progress(bytes: &[u8]) -> Progress<'_> {
 /// stands, and what follows it.
 fn whole_frame(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let Progress::Whole(data) = progress(bytes) else { return None };
-    let (frame, after) = bytes.split_at(data.len() + 4);
+    let (frame, after) = bytes.split_at_checked(data.len() + 4)?;
     let (&start, rest) = frame.split_first()?;
     let as_it_is = start == START && !rest.iter().any(|byte| matches!(*byte, START | ESCAPE));
     as_it_is.then_some((data, after))

@@ -10,6 +10,8 @@ mod executor;
 #[cfg(target_os = "none")]
 mod front_end;
 #[cfg(target_os = "none")]
+mod orders;
+#[cfg(target_os = "none")]
 mod registers;
 #[cfg(target_os = "none")]
 mod start;

@@ -8,12 +8,15 @@
 //! in double-double arithmetic, which carries twice the digits that forming `XᵀX` can cost. Loss of
 //! rank is decided by integer arithmetic, not by a tolerance.
 //!
-//! Omitted: readings with fractions finer than 1/256 that are not decimals of few digits, and wrenches whose magnitudes on one axis
-//! span more than 250 binary places. [`ExactError`] says so, and another solver has to do.
+//! Omitted: readings with fractions finer than 1/256 that are not decimals of few digits, and
+//! wrenches whose magnitudes on one axis span more than 250 binary places. [`ExactError`] says so,
+//! and another solver has to do.
 
 mod accumulator;
 mod adder;
+mod block_sums;
 mod by_group;
+mod choice;
 mod cholesky;
 mod held_out;
 mod kernel;
@@ -21,6 +24,7 @@ mod layout;
 mod limbs;
 mod modular;
 mod moments;
+mod open_sums;
 mod parts;
 mod rank;
 mod solve;

@@ -1,9 +1,9 @@
 //! Sums over some of the rows, in the units of all: what fits without a part, and the spread of
 //! coefficients from part to part, are computed from.
 
-use super::accumulator::pair;
 use super::cholesky::Row;
 use super::moments::Moments;
+use super::open_sums::pair;
 use super::solve::{Fit, SolveError, contains, round_scaled};
 use crate::calibration::model::{Model, Term};
 use crate::double_double::DoubleDouble;

@@ -14,10 +14,10 @@ use faer::Mat;
 use num_bigint::BigInt;
 use num_traits::{ToPrimitive, Zero};
 
-use super::accumulator::pair;
 use super::cholesky::{Bordered, LANES, Row};
 use super::limbs::power_of_two;
 use super::moments::Moments;
+use super::open_sums::pair;
 use super::rank::{RankLoss, rank_loss};
 use crate::calibration::model::{Model, Term};
 use crate::double_double::DoubleDouble;

@@ -15,12 +15,19 @@ use super::Outcome;
 use super::serial::{FramingArg, SerialArgs};
 use crate::printer::Printer;
 
-/// Ask a board what it is and how it does, and set it up
+/// Ask a board what it is and how it does, and set it up; or be one
+///
+/// With `--simulate` the program is a board itself, on a port of its own that it prints: the
+/// firmware's library over the sensor model, for who has no board.
 #[derive(Debug, clap::Args)]
 pub(crate) struct BoardArgs {
     /// Serial port; `shellcal ports` lists them
-    #[arg(value_name = "PORT")]
-    port: String,
+    #[arg(value_name = "PORT", required_unless_present = "simulate")]
+    port: Option<String>,
+
+    /// Be a board until Ctrl-C
+    #[arg(long, conflicts_with = "port")]
+    simulate: bool,
 
     /// How the base station frames bytes
     #[arg(long, value_name = "FRAMING", value_enum, default_value_t = FramingArg::Cobs)]
@@ -29,8 +36,12 @@ pub(crate) struct BoardArgs {
     #[command(flatten)]
     serial: SerialArgs,
 
+    #[cfg(unix)]
+    #[command(flatten)]
+    simulation: super::simulate_board::SimulationArgs,
+
     #[command(subcommand)]
-    action: Action,
+    action: Option<Action>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -88,15 +99,28 @@ enum StreamArg {
 
 impl BoardArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let calibration = match &self.action {
+        let (port, action) = match (&self.port, &self.action) {
+            (Some(port), Some(action)) => (port, action),
+            #[cfg(unix)]
+            (None, None) if self.simulate => return self.simulation.run(printer),
+            (None, _) => anyhow::bail!(
+                "a board is simulated by `shellcal board --simulate`, without an action; other \
+                 commands name its port then"
+            ),
+            (Some(_), None) => anyhow::bail!(
+                "nothing to do: `shellcal board PORT identify`, `status`, `start`, `stop`, `rate`, \
+                 `sampling`, `mode`, `zero` or `upload`"
+            ),
+        };
+        let calibration = match action {
             // Before the port is touched: a file that cannot be used changes nothing.
             Action::Upload { calibration } => {
                 Some(for_board(&CalibrationFile::read(calibration)?.calibration)?)
             }
             _ => None,
         };
-        let mut client = self.connect()?;
-        match &self.action {
+        let mut client = self.connect(port)?;
+        match action {
             Action::Identify => return print_identity(&client.identify()?, printer),
             Action::Status => return print_status(&client.status()?, printer),
             Action::Start => client.order(Command::Start)?,
@@ -132,15 +156,15 @@ impl BoardArgs {
         Ok(Outcome::Done)
     }
 
-    fn connect(&self) -> anyhow::Result<Client<Box<dyn SerialPort>>> {
+    fn connect(&self, name: &str) -> anyhow::Result<Client<Box<dyn SerialPort>>> {
         let framing = self.framing.framing().context(
             "the original board has no commands that this program sends; `record` reads it",
         )?;
-        let port = self.serial.port(&self.port).open()?;
+        let port = self.serial.port(name).open()?;
         // Differs from run to run, so that a late answer to another run is not taken for one of ours.
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let number = (now.as_millis() / 10) as u16;
-        Ok(Client::new(port, &self.port, Uplink { framing, to: self.serial.to }, number))
+        Ok(Client::new(port, name, Uplink { framing, to: self.serial.to }, number))
     }
 }
 

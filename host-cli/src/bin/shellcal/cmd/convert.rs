@@ -145,7 +145,7 @@ enum ColumnArg {
 }
 
 /// The lab's tare, in frames.
-const DEFAULT_TARE: usize = 50;
+pub(super) const DEFAULT_TARE: usize = 50;
 /// Frames that follow one another this unevenly, in medians of their period, are said so.
 const UNEVEN: f64 = 0.2;
 
@@ -401,7 +401,7 @@ fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result
     printer.table(&["axis", "min", "mean", "max"], &Axis::ALL.map(row))
 }
 
-fn parse_count(text: &str) -> Result<usize, String> {
+pub(super) fn parse_count(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if count > 0 => Ok(count),
         _ => Err("expected a number of frames, at least 1".to_owned()),

@@ -18,6 +18,8 @@ mod ports;
 mod quality;
 mod record;
 mod serial;
+#[cfg(unix)]
+mod simulate_board;
 mod synth;
 mod synth_pair;
 mod validation;

@@ -7,11 +7,13 @@ use std::time::Duration;
 
 use anyhow::Context;
 use shared_proto::Framing;
+use shellcal::calibration::Calibration;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::link::{Journal, Progress, RecordOptions, Recorded, Sinks, Source, Uplink, record};
-use shellcal::recording::{Losses, protocol_name};
+use shellcal::recording::{ForceOptions, Losses, protocol_name};
 
 use super::Outcome;
+use super::convert::{DEFAULT_TARE, parse_count};
 use super::serial::{FramingArg, SerialArgs};
 use crate::printer::Printer;
 
@@ -19,7 +21,8 @@ use crate::printer::Printer;
 ///
 /// Columns: t_s (the board's clock), s1 to s8 in steps of the 12-bit converter or, if the board
 /// streams wrenches, fx_n to mz_nm; index (sequence number), missing (frames lost before the row),
-/// dropped (the board's own count, modulo 256) and flags (s3:saturated, s3:range, late, restart).
+/// dropped (the board's own count, modulo 256) and flags (s3:saturated, s3:range, late, restart,
+/// untared).
 /// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
 #[derive(Debug, clap::Args)]
 pub(crate) struct RecordArgs {
@@ -51,9 +54,18 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "FRAMING", value_enum)]
     framing: Option<FramingArg>,
 
-    /// Calibration for forces beside the readings, untared
+    /// Calibration for forces beside the readings
     #[arg(long, value_name = "CAL", requires = "output")]
     calibration: Option<PathBuf>,
+
+    /// Subtract the mean wrench of the first N frames from the forces after them [default: 50 for a
+    /// calibration without an intercept, no tare otherwise]
+    #[arg(long, value_name = "N", requires = "calibration", value_parser = parse_count)]
+    tare: Option<usize>,
+
+    /// Subtract nothing
+    #[arg(long, requires = "calibration", conflicts_with = "tare")]
+    no_tare: bool,
 
     /// Wait for a port that goes away, and go on when it is back
     #[arg(long)]
@@ -72,7 +84,7 @@ impl RecordArgs {
         let calibration = self.calibration.as_deref().map(CalibrationFile::read).transpose()?;
         let options = RecordOptions {
             protocol: self.framing.map(FramingArg::protocol),
-            calibration: calibration.map(|file| file.calibration),
+            forces: calibration.map(|file| self.forces(file.calibration)),
             duration: self.duration,
             start: self.uplink()?,
         };
@@ -101,6 +113,12 @@ impl RecordArgs {
         Ok(Outcome::Done)
     }
 
+    fn forces(&self, calibration: Calibration) -> ForceOptions {
+        let has_zero = self.no_tare || calibration.model().intercept;
+        let tare = self.tare.unwrap_or(if has_zero { 0 } else { DEFAULT_TARE });
+        ForceOptions { calibration, tare }
+    }
+
     fn uplink(&self) -> anyhow::Result<Option<Uplink>> {
         if !self.start {
             return Ok(None);
@@ -126,8 +144,12 @@ fn describe(progress: &Progress) -> String {
             let losses = list_losses(losses);
             let losses = if losses.is_empty() { "nothing lost".to_owned() } else { losses };
             let name = protocol_name(protocol);
+            let forces = progress.wrench.map_or_else(String::new, |[fx, fy, fz, mx, my, mz]| {
+                format!("  {fx:.2} {fy:.2} {fz:.2} N  {mx:.3} {my:.3} {mz:.3} N·m")
+            });
             format!(
-                "{time}  {rate_hz:.1} Hz  {frames} frames ({waiting} waiting)  {name}  {losses}"
+                "{time}  {rate_hz:.1} Hz  {frames} frames ({waiting} waiting)  {name}  \
+                 {losses}{forces}"
             )
         }
     }
@@ -170,7 +192,7 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
     ))
 }
 
-fn parse_duration(text: &str) -> Result<Duration, String> {
+pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "a time in s, such as 90".to_owned())?;
     Duration::try_from_secs_f64(seconds)
         .ok()

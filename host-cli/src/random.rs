@@ -10,7 +10,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// What a stream of random numbers is drawn for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Purpose {
+pub(crate) enum Purpose {
     /// How one unit differs from the next.
     Unit = 1,
     /// How one recording differs from the next: light, warmth, mounting.
@@ -27,18 +27,20 @@ pub(super) enum Purpose {
     Mounting = 7,
     /// Frames that get lost on the way.
     Losses = 8,
+    /// What a radio does to packets.
+    Radio = 9,
 }
 
 /// A stream of random numbers.
 #[derive(Clone, Debug)]
-pub(super) struct Stream {
+pub(crate) struct Stream {
     generator: ChaCha8Rng,
     spare: Option<f64>,
 }
 
 impl Stream {
     /// The stream of `seed` for `purpose`; `index` tells apart the streams of one purpose.
-    pub(super) fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
+    pub(crate) fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
         key[8] = purpose as u8;
@@ -48,18 +50,18 @@ impl Stream {
     }
 
     /// A number between 0 and 1, both excluded: the midpoint of one of 2⁵³ equal cells.
-    pub(super) fn uniform(&mut self) -> f64 {
+    pub(crate) fn uniform(&mut self) -> f64 {
         const CELL: f64 = 1.0 / (1_u64 << 53) as f64;
         ((self.generator.next_u64() >> 11) as f64 + 0.5) * CELL
     }
 
     /// A number between `low` and `high`.
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }
 
     /// A normal deviate of mean 0 and standard deviation 1.
-    pub(super) fn normal(&mut self) -> f64 {
+    pub(crate) fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;
         }

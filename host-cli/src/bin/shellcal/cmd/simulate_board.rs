@@ -1,0 +1,188 @@
+//! `shellcal board --simulate`: is a board, until Ctrl-C.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use serde_json::json;
+use shellcal::log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use shellcal::radio::{Books, Faults};
+use shellcal::sensor_model::LoadTable;
+use shellcal::simulated_board::{Load, Settings, SimulatedBoard};
+use shellcal::wrench::PerAxis;
+
+use super::Outcome;
+use crate::printer::Printer;
+
+/// A simulated board
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Simulated board")]
+pub(crate) struct SimulationArgs {
+    /// Load over time, on straight lines between rows and over and over: a log with time and wrench
+    /// [default: 5 s of rest, then hands]
+    #[arg(long, conflicts_with = "port", value_name = "LOG")]
+    load: Option<PathBuf>,
+
+    /// Which recording: its noise, light, hands, and the faults of the radio
+    #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 60))]
+    seed: u64,
+
+    /// Which instrument; 1 is that of the shipped data
+    #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1)]
+    unit_seed: u64,
+
+    /// Factor on all random noise; 0 for none
+    #[arg(long, conflicts_with = "port", value_name = "FACTOR", default_value_t = 1.0)]
+    noise_scale: f64,
+
+    /// Share of packets that the radio loses
+    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
+    loss: f64,
+
+    /// Share of packets that begin a burst of losses, and its mean length in packets
+    #[arg(long, conflicts_with = "port", value_name = "SHARE:PACKETS", value_parser = parse_bursts)]
+    bursts: Option<(f64, f64)>,
+
+    /// Share of packets that arrive twice
+    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
+    duplication: f64,
+
+    /// Share of packets that arrive late, by up to 80 ms
+    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
+    reordering: f64,
+
+    /// Share of bytes that arrive as others
+    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
+    corruption: f64,
+
+    /// Time that every packet takes, ms
+    #[arg(long, conflicts_with = "port", value_name = "MS", default_value_t = 0.0, value_parser = parse_delay)]
+    delay: f64,
+
+    /// Make a symbolic link to the port, for a name that does not change
+    #[arg(long, conflicts_with = "port", value_name = "PATH")]
+    symlink: Option<PathBuf>,
+
+    /// End after so many seconds
+    #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::record::parse_duration)]
+    duration: Option<Duration>,
+}
+
+/// For how long the radio holds packets back, at most, in µs.
+const HOLD_US: u64 = 80_000;
+
+impl SimulationArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let load = match &self.load {
+            Some(path) => Load::Table(read_load(path)?),
+            None => Load::hands(self.seed),
+        };
+        let stop = Arc::new(AtomicBool::new(false));
+        let heard = Arc::clone(&stop);
+        ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed))
+            .context("cannot listen for Ctrl-C")?;
+        let board = SimulatedBoard::start(Settings {
+            load,
+            seed: self.seed,
+            unit_seed: self.unit_seed,
+            noise_scale: self.noise_scale,
+            faults: self.faults(),
+        })?;
+        let _symlink = self.symlink.as_deref().map(|path| Symlink::make(path, board.port()));
+        let _symlink = _symlink.transpose()?;
+        match printer.json() {
+            true => printer.document(&json!({ "port": board.port() }))?,
+            false => printer.line(format!("simulated board on {}", board.port()))?,
+        }
+        let started = Instant::now();
+        let is_over = || self.duration.is_some_and(|duration| started.elapsed() >= duration);
+        while !stop.load(Ordering::Relaxed) && !is_over() {
+            thread::sleep(Duration::from_millis(20));
+        }
+        for (way, books) in ["to the host", "to the board"].into_iter().zip(board.books()) {
+            printer.note(describe(way, &books));
+        }
+        Ok(Outcome::Done)
+    }
+
+    fn faults(&self) -> Faults {
+        let (bursts, burst_packets) = self.bursts.unwrap_or_default();
+        Faults {
+            loss: self.loss,
+            bursts,
+            burst_packets,
+            duplication: self.duplication,
+            reordering: self.reordering,
+            hold_us: HOLD_US,
+            corruption: self.corruption,
+            delay_us: (self.delay * 1e3) as u64,
+        }
+    }
+}
+
+fn describe(way: &str, books: &Books) -> String {
+    let Books { sent, lost, lost_in_bursts, duplicated, held_back, corrupted } = books;
+    format!(
+        "packets {way}: {sent} sent, {lost} lost, {lost_in_bursts} lost in bursts, {duplicated} \
+         sent twice, {held_back} held back, {corrupted} corrupted"
+    )
+}
+
+/// The load in a log.
+fn read_load(path: &Path) -> anyhow::Result<LoadTable> {
+    let log = Log::open(path, &Mapping::default())?;
+    let wanted = Wanted { time: true, wrench: true, ..Wanted::default() };
+    let mut rows: Vec<(f64, PerAxis<f64>)> = Vec::new();
+    log.read(
+        &wanted,
+        &ReadOptions::default(),
+        |block| {
+            let wrench = |row| std::array::from_fn(|axis| block.wrench[axis][row]);
+            (0..block.rows).map(|row| (block.time_s[row], wrench(row))).collect::<Vec<_>>()
+        },
+        |block| {
+            rows.extend(block);
+            Ok::<_, LogError>(())
+        },
+    )?;
+    LoadTable::new(rows).with_context(|| format!("`{}` is no load", path.display()))
+}
+
+/// A symbolic link that is there as long as the board.
+struct Symlink(PathBuf);
+
+impl Symlink {
+    fn make(path: &Path, port: &str) -> anyhow::Result<Self> {
+        // One that leads nowhere is what a board leaves that was killed.
+        if path.is_symlink() && !path.exists() {
+            std::fs::remove_file(path).ok();
+        }
+        std::os::unix::fs::symlink(port, path)
+            .with_context(|| format!("cannot make the link `{}`", path.display()))?;
+        Ok(Self(path.to_path_buf()))
+    }
+}
+
+impl Drop for Symlink {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+fn parse_bursts(text: &str) -> Result<(f64, f64), String> {
+    let parse = |part: &str| part.parse::<f64>().ok();
+    text.split_once(':')
+        .and_then(|(share, packets)| Some((parse(share)?, parse(packets)?)))
+        .ok_or_else(|| "a share and a number of packets, such as 0.002:10".to_owned())
+}
+
+fn parse_delay(text: &str) -> Result<f64, String> {
+    let delay: f64 = text.parse().map_err(|_| "a time in ms".to_owned())?;
+    match (0.0..=10_000.0).contains(&delay) {
+        true => Ok(delay),
+        false => Err("a time from 0 to 10000 ms".to_owned()),
+    }
+}

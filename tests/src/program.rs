@@ -1,0 +1,105 @@
+//! Running `shellcal` as its users do, and what it has written.
+//!
+//! For tests: what goes wrong is a panic that says what it was.
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// The program, which lies beside the tests.
+fn shellcal() -> PathBuf {
+    let this = std::env::current_exe().unwrap();
+    let program = this.ancestors().nth(2).unwrap().join("shellcal");
+    assert!(program.exists(), "build the package `shellcal` first, in the profile of the tests");
+    program
+}
+
+/// Starts a command in a directory; arguments are told apart by spaces.
+pub fn start(dir: &Path, arguments: &str) -> Child {
+    Command::new(shellcal())
+        .args(arguments.split_whitespace())
+        .current_dir(dir)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Runs a command that must end with this exit code; what it prints and says.
+pub fn run(dir: &Path, arguments: &str, code: i32) -> String {
+    finish(start(dir, arguments), arguments, code)
+}
+
+/// Waits for the end of a command, which must have this exit code; what it prints and says.
+pub fn finish(child: Child, arguments: &str, code: i32) -> String {
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
+    String::from_utf8(output.stdout).unwrap() + &said
+}
+
+/// Ctrl-C.
+pub fn interrupt(child: &Child) {
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(kill.unwrap().success());
+}
+
+/// Waits for a log to grow.
+pub fn wait_for_rows(log: &Path, rows: usize) {
+    // When to give up, which is no statement on how long it should take.
+    let deadline = Instant::now() + Duration::from_secs(180);
+    // The header is a line too.
+    while fs::read(log).map_or(0, |text| text.iter().filter(|&&byte| byte == b'\n').count()) <= rows
+    {
+        assert!(Instant::now() < deadline, "the log does not grow any more");
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// A number in what `--json` prints.
+pub fn number(json: &str, name: &str) -> u64 {
+    let document: serde_json::Value = serde_json::from_str(json).unwrap();
+    document[name].as_u64().unwrap_or_else(|| panic!("no number `{name}` in {json}"))
+}
+
+/// A recording, column by column.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    header: Vec<String>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Recording {
+    /// The recording in a file.
+    pub fn read(path: &Path) -> Self {
+        let text = fs::read_to_string(path).unwrap();
+        let fields = |line: &str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
+        let mut lines = text.lines().map(fields);
+        Self { header: lines.next().unwrap(), rows: lines.collect() }
+    }
+
+    /// How many rows it has.
+    pub fn rows(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// The column of a name.
+    pub fn text(&self, name: &str) -> Vec<&str> {
+        let at = self.header.iter().position(|column| column == name).unwrap();
+        self.rows.iter().map(|row| row[at].as_str()).collect()
+    }
+
+    /// The column of a name, in which there must be numbers.
+    pub fn numbers(&self, name: &str) -> Vec<f64> {
+        self.text(name).iter().map(|field| field.parse().unwrap()).collect()
+    }
+
+    /// Several columns, row by row.
+    pub fn table<const N: usize>(&self, names: [&str; N]) -> Vec<[f64; N]> {
+        let columns = names.map(|name| self.numbers(name));
+        (0..self.rows()).map(|row| columns.each_ref().map(|column| column[row])).collect()
+    }
+}

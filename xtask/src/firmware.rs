@@ -1,0 +1,201 @@
+//! `cargo xtask firmware`: builds the board's image and says what it takes of the board.
+//!
+//! Flash, RAM and a bound on the stack are read off the image. Instructions are those of the same
+//! library in emulation, where a run is the same every time, with the emulated board's own drivers
+//! in place of the STM32's; so is the deepest that the stack has been seen.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail, ensure};
+use shared_proto::{CHANNELS, Calibration, Command, FEATURES, MAX_PIECE, Piece, Stream, crc32};
+use system_tests::emulation::{Memory, PlayedFrame};
+
+use crate::emulator::{self, Run};
+use crate::image::{self, Footprint, Image, RAM_SIZE};
+use crate::stack;
+use crate::steps;
+use crate::toolchain;
+
+/// What the image may take of the STM32L432KC's 256 KiB of flash and 64 KiB of RAM.
+const FLASH_LIMIT: u64 = 64 * 1024;
+const RAM_LIMIT: u64 = 16 * 1024;
+
+/// The board's core, and the rate at which frames are due.
+const CORE_HZ: f64 = 80e6;
+const RATE_HZ: f64 = 100.0;
+const SHARE_LIMIT: f64 = 0.05;
+
+/// Frames of two runs, whose difference is that of frames in the middle of a stream.
+const FRAMES: [u32; 2] = [500, 1500];
+
+/// Builds both images, measures, prints, and is an error above a limit. Returns the emulated one.
+pub(crate) fn check() -> Result<PathBuf> {
+    let toolchain = toolchain::set_up()?;
+    emulator::set_up()?;
+    let image = Image::SkinProc.build(&toolchain)?;
+    let emulated = Image::Emulated.build(&toolchain)?;
+    let footprint = image::footprint(&image)?;
+    let [readings, wrenches] = [Stream::Raw, Stream::Wrench].map(|mode| stream(&emulated, mode));
+    let report = Report {
+        footprint,
+        stack_bound: stack::bound(&image)?,
+        readings: readings?,
+        wrenches: wrenches?,
+        commands: run_once(&emulated, setting_up(), "commands")?,
+    };
+    // The bound is by the machine code alone; here it is held against what was seen.
+    let bound = stack::bound(&emulated)?;
+    ensure!(report.stack() <= bound, "{} B of stack seen, {bound} B thought of", report.stack());
+    println!("{}: {}\n{report}", image.display(), toolchain.version);
+    let exceeded = report.exceeded();
+    if !exceeded.is_empty() {
+        bail!("the firmware is above its limits: {}", exceeded.join(", "));
+    }
+    Ok(emulated)
+}
+
+/// The image for the board, for who wants to flash it.
+pub(crate) fn build() -> Result<PathBuf> {
+    Image::SkinProc.build(&toolchain::set_up()?)
+}
+
+/// A stream of frames.
+struct Streaming {
+    instructions_per_frame: f64,
+    stack: u32,
+}
+
+impl Streaming {
+    fn share(&self) -> f64 {
+        self.instructions_per_frame * RATE_HZ / CORE_HZ
+    }
+}
+
+struct Report {
+    footprint: Footprint,
+    stack_bound: u32,
+    readings: Streaming,
+    wrenches: Streaming,
+    commands: Run,
+}
+
+impl Report {
+    /// The deepest in emulation.
+    fn stack(&self) -> u32 {
+        self.readings.stack.max(self.wrenches.stack).max(self.commands.stack)
+    }
+
+    fn exceeded(&self) -> Vec<&'static str> {
+        let Self { footprint, readings, wrenches, .. } = self;
+        let room = u64::from(RAM_SIZE) - footprint.ram;
+        let checks = [
+            (footprint.flash > FLASH_LIMIT, "flash"),
+            (footprint.ram > RAM_LIMIT, "RAM"),
+            (u64::from(self.stack_bound) > room, "stack"),
+            (readings.share() > SHARE_LIMIT, "instructions for readings"),
+            (wrenches.share() > SHARE_LIMIT, "instructions for wrenches"),
+        ];
+        checks.into_iter().filter(|(exceeded, _)| *exceeded).map(|(_, what)| what).collect()
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kib = |bytes: u64| bytes as f64 / 1024.0;
+        let Footprint { flash, ram, .. } = self.footprint;
+        let room = u64::from(RAM_SIZE) - ram;
+        writeln!(f, "  flash        {:6.1} KiB of {:.0}", kib(flash), kib(FLASH_LIMIT))?;
+        writeln!(f, "  static RAM   {:6.1} KiB of {:.0}", kib(ram), kib(RAM_LIMIT))?;
+        let (bound, seen) = (kib(self.stack_bound.into()), kib(self.stack().into()));
+        writeln!(
+            f,
+            "  stack        {bound:6.1} KiB of {:.0} at most, {seen:.1} seen in emulation",
+            kib(room)
+        )?;
+        for (name, mode) in [("readings", &self.readings), ("wrenches", &self.wrenches)] {
+            writeln!(
+                f,
+                "  {name}   {:8.1} instructions per frame: {:.2} % of {:.0} MHz at {RATE_HZ} Hz, \
+                 of {} %",
+                mode.instructions_per_frame,
+                mode.share() * 100.0,
+                CORE_HZ / 1e6,
+                SHARE_LIMIT * 100.0,
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Streams in one mode, with a short run and a long one.
+fn stream(image: &Path, mode: Stream) -> Result<Streaming> {
+    let commands: &[Command] = match mode {
+        Stream::Raw => &[Command::Start],
+        Stream::Wrench => &[Command::SetStream(Stream::Wrench), Command::Start],
+    };
+    let run = |frames: u32| {
+        let memory = Memory::new().play(&played()).keep(&calibration()).order(commands, frames);
+        run_once(image, memory, "stream")
+    };
+    let [short, long] = [run(FRAMES[0])?, run(FRAMES[1])?];
+    let instructions = (long.instructions - short.instructions) as f64;
+    Ok(Streaming {
+        instructions_per_frame: instructions / f64::from(FRAMES[1] - FRAMES[0]),
+        stack: long.stack.max(short.stack),
+    })
+}
+
+/// Every command, in an order that makes sense, and a stream with a zero taken.
+fn setting_up() -> Memory {
+    let bytes = calibration().to_bytes();
+    let pieces = bytes.chunks(MAX_PIECE).enumerate().filter_map(|(i, piece)| {
+        let data = Piece::copy_of(piece)?;
+        Some(Command::CalibrationPiece { offset: (i * MAX_PIECE) as u16, data })
+    });
+    let begin = Command::BeginCalibration { size: bytes.len() as u32, crc32: crc32(&bytes) };
+    let mut commands = vec![Command::Identify, Command::Status, begin];
+    commands.extend(pieces);
+    commands.extend([
+        Command::CommitCalibration,
+        Command::SetOversampling { conversions: 64 },
+        Command::SetSettling { settling_us: 100 },
+        Command::SetPeriod { period_us: 5_000 },
+        Command::SetStream(Stream::Wrench),
+        Command::Zero { frames: 10 },
+        Command::Start,
+        Command::Status,
+    ]);
+    Memory::new().play(&played()).order(&commands, 100)
+}
+
+fn run_once(image: &Path, memory: Memory, name: &str) -> Result<Run> {
+    let ram_end = u32::try_from(image::footprint(image)?.ram_end)?;
+    let dir = steps::scratch("emulation")?.join(name);
+    std::fs::create_dir_all(&dir)?;
+    emulator::run(image, memory, ram_end, &dir)
+}
+
+/// Readings from everywhere in the range, as some bytes take more than others to encode.
+fn played() -> Vec<PlayedFrame> {
+    let codes = |frame: u32, channel: u32| {
+        let dark = (frame * 7 + channel * 31) % 300;
+        let lit = dark + 500 + (frame * 13 + channel * 401) % 3_000;
+        (dark as u16, lit as u16)
+    };
+    (0..500).map(|frame| std::array::from_fn(|channel| codes(frame, channel as u32))).collect()
+}
+
+/// A calibration with no number that is easier than others.
+fn calibration() -> Calibration {
+    let mut coefficients = [[0.0; 6]; FEATURES];
+    for (i, value) in coefficients.as_flattened_mut().iter_mut().enumerate() {
+        *value = ((i * 7 % 11) as f32 - 5.3) / 8.0;
+    }
+    Calibration {
+        centre: [30_000.0; CHANNELS],
+        scale: [6e-5; CHANNELS],
+        coefficients,
+        intercept: [0.1; 6],
+    }
+}

@@ -1,0 +1,48 @@
+//! `cargo xtask flash`: builds the board's image and flashes it with probe-rs.
+
+use std::process::Command;
+
+use anyhow::{Result, bail};
+
+use crate::firmware;
+use crate::measure::installed;
+use crate::steps;
+
+/// The board's microcontroller by the name that probe-rs has for it.
+const CHIP: &str = "STM32L432KCUx";
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Probe to use where there are several, as `probe-rs list` names it
+    #[arg(long, value_name = "VID:PID[:SERIAL]")]
+    probe: Option<String>,
+
+    /// Stay and print the board's log
+    #[arg(long)]
+    log: bool,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    // Before minutes are spent on the image.
+    if !installed("probe-rs", &["--version"]) {
+        bail!(
+            "`probe-rs` is missing, which talks to the debug probe; install it with \
+             `cargo install --locked probe-rs-tools`, or see https://probe.rs/docs/getting-started"
+        );
+    }
+    let image = firmware::build()?;
+    let mut probe = vec!["--chip", CHIP];
+    if let Some(selector) = &args.probe {
+        probe.extend(["--probe", selector]);
+    }
+    let command = |name: &str| {
+        let mut command = Command::new("probe-rs");
+        command.arg(name).args(&probe);
+        command
+    };
+    if args.log {
+        return steps::run("flash, reset, and listen until Ctrl-C", command("run").arg(&image));
+    }
+    steps::run("flash", command("download").arg("--verify").arg(&image))?;
+    steps::run("reset", &mut command("reset"))
+}
