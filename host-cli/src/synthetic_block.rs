@@ -1,11 +1,28 @@
 //! Rows of the sensor model in memory, as a log reader would hand them over.
 
 use crate::block::Block;
-use crate::sensor_model::Recording;
+use crate::sensor_model::{Kind, Recording, Settings};
 use crate::wrench::Axis;
 
 /// About what the log reader hands over at once.
 const BLOCK_ROWS: usize = 6_000;
+
+/// The first `rows` rows of what `shellcal synth train` makes when it is told nothing.
+///
+/// # Panics
+/// Never: these settings are valid.
+pub fn training(rows: usize) -> Vec<Block> {
+    let recording = Recording::new(Settings {
+        kind: Kind::Training,
+        rate_hz: 100.0,
+        start_time_s: 0.0,
+        seed: 1,
+        unit_seed: 1,
+        noise_scale: 1.0,
+        adc_bits: 12,
+    });
+    blocks(recording.expect("valid settings"), rows)
+}
 
 /// The first `rows` rows of a recording.
 pub fn blocks(recording: Recording, rows: usize) -> Vec<Block> {

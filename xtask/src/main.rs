@@ -6,6 +6,7 @@ mod emulator;
 mod firmware;
 mod flash;
 mod image;
+mod instructions;
 mod measure;
 mod peers;
 mod scale;
@@ -40,6 +41,8 @@ enum Task {
     BenchPeers(peers::Args),
     /// Measure time and memory of a fit against the length of the file
     BenchScale(scale::Args),
+    /// Count the instructions of a fit with and without what it can be asked for
+    Instructions(instructions::Args),
     /// Run one program and print its wall time and peak memory (used by the benchmarks)
     #[command(hide = true)]
     Measure(measure::Args),
@@ -53,6 +56,7 @@ fn main() -> ExitCode {
         Task::Emulate(args) => emulate::run(&args),
         Task::BenchPeers(args) => peers::run(&args),
         Task::BenchScale(args) => scale::run(&args),
+        Task::Instructions(args) => instructions::run(&args),
         Task::Measure(args) => measure::run(&args),
     };
     match done {

@@ -39,7 +39,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     );
     for factor in [1, 10, 100] {
         let path = repeat(&seed, &dir, factor)?;
-        let command = ["fit", &argument(&path), "--output", "/dev/null", "--quiet"];
+        let command =
+            ["fit", &argument(&path), "--output", "/dev/null", "--covariance", "rows", "--quiet"];
         let command: Vec<_> =
             [argument(&shellcal)].into_iter().chain(command.map(str::to_owned)).collect();
         let runs: Result<Vec<_>> = (0..args.runs).map(|_| measure(&command)).collect();

@@ -98,9 +98,9 @@ impl Parts<'_> {
             for (i, rest) in rest.iter().enumerate() {
                 turned.row_mut(i).iter_mut().for_each(|x| *x /= rest.sqrt());
             }
-            for a in 0..6 {
-                for b in 0..6 {
-                    products[a][b] += turned.col(a).transpose() * turned.col(b);
+            for (products, a) in products.iter_mut().zip(turned.col_iter()) {
+                for (product, b) in products.iter_mut().zip(turned.col_iter()) {
+                    *product += a.transpose() * b;
                 }
             }
             let score = basis * turned;

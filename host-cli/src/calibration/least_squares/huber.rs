@@ -23,7 +23,13 @@ use crate::calibration::vectors::{add_multiple, dot};
 const CLIP: f64 = 1.345;
 /// The third quartile of the standard normal distribution.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
+/// Passes over many rows; over few, where some decide their own residuals and steps are short,
+/// as many more as cost the same.
 const MOST_PASSES: usize = 100;
+/// Rows that count as many.
+const MANY: u64 = 100_000;
+/// Passes over however few rows.
+const MOST_SHORT_PASSES: usize = 20_000;
 /// Passes end when a step is smaller than this share of the standard errors.
 const STEP: f64 = 1e-6;
 /// σ stays as it is after so many passes, which a median of few rows may need to come to rest.
@@ -127,7 +133,9 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
     let mut sigma: Vec<f64> = (0..q).map(rms).collect();
     // A column that is fitted without error is clipped nowhere, and its residuals are all alike.
     let unit: Vec<f64> = sigma.iter().map(|&s| if s > 0.0 { s } else { 1.0 }).collect();
-    for pass_number in 0..MOST_PASSES {
+    let as_dear = MOST_PASSES as u64 * MANY / solved.rows.max(1);
+    let most_passes = (as_dear as usize).clamp(MOST_PASSES, MOST_SHORT_PASSES);
+    for pass_number in 0..most_passes {
         let clip = sigma.iter().map(|&s| if s > 0.0 { CLIP * s } else { f64::MAX }).collect();
         let coefficients = solved.coefficients.clone();
         let pass = FormClipped { shape, coefficients, clip, unit: unit.clone() };
@@ -169,7 +177,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
             return if finite { Ok(solved) } else { Err(LeastSquaresError::NotFinite.into()) };
         }
     }
-    Err(LeastSquaresError::NotConverged { passes: MOST_PASSES }.into())
+    Err(LeastSquaresError::NotConverged { passes: most_passes }.into())
 }
 
 #[cfg(test)]
@@ -238,5 +246,42 @@ mod tests {
         let exact = Mat::from_fn(200, 1, |i, _| line(i));
         let robust = solve(&exact, Method::Huber);
         assert!((robust[(0, 0)] - 3.0).abs() < 1e-12 && (robust[(1, 0)] + 7.0).abs() < 1e-10);
+    }
+
+    #[test]
+    fn a_handful_of_rows_has_an_answer_that_solves_the_equations() {
+        let mut state = 7_u64;
+        let mut unit = move || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        for case in 0..400 {
+            let p = 1 + case % 5;
+            // With fewer rows than twice the columns there is no telling which are wild.
+            let n = 2 * p + 2 + case % 17;
+            let x = Mat::from_fn(n, p, |_, j| if j == 0 { 1.0 } else { unit() - 0.5 });
+            // One row in four is wild.
+            let y = Mat::from_fn(n, 1, |i, _| {
+                x.row(i).iter().sum::<f64>() + 0.1 * unit() + if unit() < 0.25 { 50.0 } else { 0.0 }
+            });
+            let rows = Dense::new(x.as_ref(), None, y.as_ref());
+            let solved = solve_dense(rows, Method::Huber, Ridge::NONE)
+                .unwrap_or_else(|error| panic!("{n} rows, {p} columns: {error}"));
+            let residual = &y - &x * &solved.coefficients;
+            let mut sizes: Vec<f64> = residual.col(0).iter().map(|r| r.abs()).collect();
+            sizes.sort_by(f64::total_cmp);
+            // Whatever σ it settled on among the sizes of these residuals: clipped there, they must
+            // be orthogonal to the columns.
+            let solves = |sigma: f64| {
+                let clip = CLIP * sigma;
+                (0..p).all(|j| {
+                    let terms = (0..n).map(|i| residual[(i, 0)].clamp(-clip, clip) * x[(i, j)]);
+                    terms.sum::<f64>().abs() <= 0.05 * clip
+                })
+            };
+            let (low, high) = (sizes[0].max(1e-9) / QUARTILE, sizes[n - 1] / QUARTILE);
+            let grid = (0..=4000).map(|k| low * (high / low).powf(f64::from(k) / 4000.0));
+            assert!(grid.into_iter().any(solves), "{case}: {n} rows, {p} columns");
+        }
     }
 }

@@ -35,8 +35,8 @@ pub struct Grouping {
 pub struct RandomSplit {
     /// Folds that all rows are dealt into.
     pub folds: usize,
-    /// Those of them that are summed, to be held out. Three of ten tell an error to a hundredth
-    /// from some thousand rows, at less than a third of the work.
+    /// Those of them that are summed, to be held out. Two of ten tell an error to a hundredth
+    /// from some thousand rows, at a fifth of the work.
     pub held_out: usize,
     /// Which way the rows are dealt.
     pub seed: u64,

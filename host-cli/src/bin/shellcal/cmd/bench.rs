@@ -4,12 +4,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use shellcal::block::Block;
+use shellcal::calibration::Basis;
 use shellcal::calibration::solver::SolverKind;
-use shellcal::calibration::{Basis, Model};
 use shellcal::log_file::{Log, LogError, Wanted};
 use shellcal::output::AtomicFile;
 use shellcal::plot::Format;
-use shellcal::sensor_model::{Kind, Recording, Settings};
 use shellcal::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 
@@ -60,22 +59,10 @@ pub(crate) struct BenchArgs {
     mapping: MappingArgs,
 }
 
-/// What `shellcal synth train` makes when it is told nothing.
-const SETTINGS: Settings = Settings {
-    kind: Kind::Training,
-    rate_hz: 100.0,
-    start_time_s: 0.0,
-    seed: 1,
-    unit_seed: 1,
-    noise_scale: 1.0,
-    adc_bits: 12,
-};
-
 impl BenchArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let outputs = self.open_plots()?;
         let blocks = self.blocks(printer)?;
-        let channels = blocks.first().map_or(0, |block| block.readings.len());
         let bases: Vec<Basis> = match &self.model[..] {
             [] => Basis::ALL.to_vec(),
             models => models.iter().map(|model| model.0).collect(),
@@ -85,10 +72,9 @@ impl BenchArgs {
             solvers => solvers.iter().map(|solver| solver.0).collect(),
         };
         let mut benches = Vec::new();
-        for basis in bases {
-            let model = Model { basis, intercept: !self.no_intercept, channels };
-            printer.note(format!("fitting {} by {} solvers", model.name(), kinds.len()));
-            match bench::bench(&blocks, model, &kinds) {
+        printer.note(format!("{} models by {} solvers", bases.len(), kinds.len()));
+        for (model, bench) in bench::walk(&blocks, &bases, !self.no_intercept, &kinds) {
+            match bench {
                 Ok(bench) => benches.push(bench),
                 Err(error) => printer.warning(format!("{}: {error}", model.name())),
             }
@@ -120,8 +106,7 @@ impl BenchArgs {
     fn blocks(&self, printer: &mut Printer) -> anyhow::Result<Vec<Block>> {
         if self.train.is_empty() {
             printer.note(format!("{} rows of the sensor model", self.rows));
-            let recording = Recording::new(SETTINGS)?;
-            return Ok(synthetic_block::blocks(recording, self.rows));
+            return Ok(synthetic_block::training(self.rows));
         }
         let mapping = self.mapping.mapping()?;
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };

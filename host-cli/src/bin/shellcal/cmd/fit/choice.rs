@@ -36,7 +36,7 @@ pub(super) struct Choice {
 const RANDOM_FOLDS: usize = 10;
 
 /// Folds of it that are held out.
-const HELD_OUT: usize = 3;
+const HELD_OUT: usize = 2;
 
 impl FitArgs {
     /// Chooses the model, validates it, and sums by group: as much of it as is asked for.
