@@ -16,20 +16,11 @@
 //! use std::path::Path;
 //!
 //! use shellcal::calibration::Basis;
-//! use shellcal::calibration::solver::SolverKind;
-//! use shellcal::log_file::{Log, Mapping, ReadOptions};
+//! use shellcal::log_file::{Log, Mapping};
 //! use shellcal::workflow::fit::{FitOptions, fit};
 //!
 //! let log = |name| Log::open(&Path::new("../calibration-data").join(name), &Mapping::default());
-//! let options = FitOptions {
-//!     basis: Basis::Cubic,
-//!     intercept: true,
-//!     solver: SolverKind::Exact,
-//!     ridge: 0.0,
-//!     fresh: false,
-//!     plot: false,
-//!     read: ReadOptions::default(),
-//! };
+//! let options = FitOptions { basis: Basis::Cubic, ..FitOptions::default() };
 //! let fitted = fit(&[log("synthetic-train.csv")?], &[log("synthetic-test.csv")?], &options)?;
 //! let quality = fitted.test[0].quality().ok_or("no rows")?;
 //! assert!(quality[0].rms < 0.15, "Fx is off by {} N", quality[0].rms);

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::uncertainty::Covariance;
+use shellcal::calibration::uncertainty::{CoefficientCovariance, Covariance};
 use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::filter::{Butterworth, Filter, FilterError};
 use shellcal::log_file::{Log, Mapping, ReadOptions};
@@ -52,7 +52,8 @@ fn csv(directory: &Path, frames: usize, repeats: usize) -> PathBuf {
     path
 }
 
-const ALL: Columns = Columns { time: true, axes: [true; 6], standard_errors: false, flags: true };
+const ALL: Columns =
+    Columns { time: true, axes: [true; 6], standard_errors: false, interval: None, flags: true };
 
 fn options() -> ConvertOptions {
     ConvertOptions {
@@ -217,7 +218,13 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
     let mut calibration = linear(3);
     let range = shellcal::calibration::extent::Range { min: 50.0, max: 200.0 };
     calibration.valid_range = Some(vec![range; 3]);
-    let columns = Columns { time: false, axes: [false; 6], standard_errors: false, flags: true };
+    let columns = Columns {
+        time: false,
+        axes: [false; 6],
+        standard_errors: false,
+        interval: None,
+        flags: true,
+    };
     let options = ConvertOptions { columns, full_scale: Some(4095.0), ..options() };
     let (text, summary) = run_on(&open(&path), &calibration, &options).unwrap();
     assert_eq!(text, "flags\n\ns2:range s2:saturated\ns1:range s3:range s3:saturated\n");
@@ -231,17 +238,26 @@ fn standard_errors_are_those_of_the_calibration() {
     let mut calibration = linear(3);
     let residual = std::array::from_fn(|a| std::array::from_fn(|b| f64::from(a == b) * 0.25));
     calibration.covariance = Some(Covariance {
-        factor: vec![vec![1e-4], vec![0.0, 2e-4], vec![0.0, 0.0, 3e-4]],
         residual,
         degrees_of_freedom: 10,
+        coefficients: CoefficientCovariance::Rows {
+            factor: vec![vec![1e-4], vec![0.0, 2e-4], vec![0.0, 0.0, 3e-4]],
+        },
+        shape: None,
     });
-    let columns = Columns { standard_errors: true, ..ALL };
+    let columns = Columns { standard_errors: true, interval: Some(0.95), ..ALL };
     let options = ConvertOptions { columns, ..options() };
     let (text, _) = run_on(&open(&path), &calibration, &options).unwrap();
     for (frame, row) in numbers(&text).iter().enumerate() {
         let part = |channel: usize, scale: f64| (scale * reading(frame, channel)).powi(2);
         let expected = 0.5 * (1.0 + part(0, 1e-4) + part(1, 2e-4) + part(2, 3e-4)).sqrt();
         assert!(row[7..13].iter().all(|found| (found - expected).abs() < 1e-14));
+        for axis in 0..6 {
+            // Student's t for ten degrees of freedom, of which the tables give four digits.
+            let (value, half) = (row[1 + axis], 2.22814 * expected);
+            assert!((row[13 + axis] - (value - half)).abs() < 1e-5, "lower");
+            assert!((row[19 + axis] - (value + half)).abs() < 1e-5, "upper");
+        }
     }
 }
 
@@ -250,7 +266,8 @@ fn the_trace_sees_every_frame() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 300, 1);
     let axes = [false, false, true, false, false, false];
-    let columns = Columns { time: false, axes, standard_errors: false, flags: false };
+    let columns =
+        Columns { time: false, axes, standard_errors: false, interval: None, flags: false };
     let options = ConvertOptions { columns, ..options() };
     let mut trace = WrenchTrace::new();
     let read = ReadOptions::default();

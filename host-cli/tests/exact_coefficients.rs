@@ -66,6 +66,24 @@ fn all_products_of_three_synthetic_readings_too() {
 }
 
 #[test]
+fn readings_in_sixteenths_of_a_count_are_as_exact_as_whole_ones() {
+    // What averages of sixteen conversions are.
+    for (seed, intercept) in [(10, true), (11, false)] {
+        let whole = Rows::synthetic(seed, 700, 4, 16, 0.6);
+        let mut rows = whole.clone();
+        rows.readings.iter_mut().flatten().for_each(|s| *s /= 16.0);
+        for basis in Basis::ALL {
+            let model = Model { basis, intercept, channels: 4 };
+            let mut fit = moments(&rows, basis).solve(&model, 0.0).unwrap();
+            // The rational solution works in integers: sixteen times readings, centre and scale are
+            // the same features.
+            fit.centre.iter_mut().chain(&mut fit.scale).for_each(|s| *s *= 16.0);
+            assert!(worst(&whole, &model, &fit) <= NEAREST);
+        }
+    }
+}
+
+#[test]
 fn nearly_equal_channels_are_no_obstacle() {
     // The second channel differs from the first by a count or so in a few rows.
     let mut rows = Rows::synthetic(8, 500, 4, 12, 0.5);

@@ -177,7 +177,7 @@ fn moments_survive_being_written_down() {
     for (good, bad) in [
         ("\"rows\":300", "\"rows\":301"),
         ("\"basis\":\"poly3\"", "\"basis\":\"cubic\""),
-        ("\"decimals\":0", "\"decimals\":40"),
+        ("\"fives\":0", "\"fives\":40"),
         ("\"lowest\":", "\"lowest\":-99999"),
     ] {
         assert!(text.contains(good));
@@ -208,16 +208,33 @@ fn a_billion_rows_of_the_largest_readings_do_not_overflow() {
 }
 
 #[test]
-fn readings_with_decimals_are_integers_after_a_power_of_ten() {
+fn readings_with_fractions_are_the_same_integers_in_other_units() {
     let (integers, wrench) = rows(6, 500, 2, 12);
-    let tenths: Columns = vec![integers[0].iter().map(|s| s / 10.0).collect(), integers[1].clone()];
-    let fine = sum(Basis::Cubic, &tenths, &wrench).unwrap();
-    let coarse = sum(Basis::Cubic, &integers, &wrench).unwrap();
-    let (fine, coarse) = [fine, coarse].map(|m| solve(&m, Basis::Cubic, true).unwrap()).into();
-    // The same integers about the same centre, in other units.
-    assert_eq!(bits(&fine), bits(&coarse));
-    assert_eq!(fine.scale[0], coarse.scale[0] / 10.0);
-    assert_eq!(fine.centre, [coarse.centre[0] / 10.0, coarse.centre[1]]);
+    let coarse =
+        solve(&sum(Basis::Cubic, &integers, &wrench).unwrap(), Basis::Cubic, true).unwrap();
+    let in_units = |per_count: f64| {
+        let finer = integers[0].iter().map(|s| s / per_count).collect();
+        let fine = sum(Basis::Cubic, &vec![finer, integers[1].clone()], &wrench).unwrap();
+        solve(&fine, Basis::Cubic, true).unwrap()
+    };
+    // A power of two changes no bit but those of centre and scale.
+    let sixteenths = in_units(16.0);
+    assert_eq!(bits(&sixteenths), bits(&coarse));
+    assert_eq!(sixteenths.scale[0], coarse.scale[0] / 16.0);
+    assert_eq!(sixteenths.centre, [coarse.centre[0] / 16.0, coarse.centre[1]]);
+    // The scale stays a power of two in tenths: of eight of them.
+    let tenths = in_units(10.0);
+    assert_eq!(tenths.scale[0], coarse.scale[0] / 8.0);
+    assert_eq!(tenths.centre, [coarse.centre[0] / 10.0, coarse.centre[1]]);
+    let powers = [1, 2, 3, 0, 0, 0, 0];
+    for ((fine, coarse), power) in tenths.coefficients.iter().zip(&coarse.coefficients).zip(powers)
+    {
+        for (fine, coarse) in fine.iter().zip(coarse) {
+            // A tenth of a count over an eighth of the scale: 0.8 of the feature. Twice a rounding.
+            let expected = coarse.to_f64() / 0.8_f64.powi(power);
+            assert!((fine.to_f64() / expected - 1.0).abs() < 1e-15);
+        }
+    }
 }
 
 #[test]
@@ -362,5 +379,9 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     };
     close(&exact.coefficients, &tsqr.coefficients);
     close(&exact.residual_products, &tsqr.residual_products);
-    close(&(&exact.factor * exact.factor.transpose()), &(&tsqr.factor * tsqr.factor.transpose()));
+    let inverse = |solution: &Solution| {
+        let factor = solution.factor.matrix();
+        factor.as_ref() * factor.transpose()
+    };
+    close(&inverse(&exact), &inverse(&tsqr));
 }

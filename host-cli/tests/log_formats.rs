@@ -345,7 +345,7 @@ fn a_sample_has_rows_from_all_over_the_file() {
     let (_file, log) = open(&long_csv(20_000));
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
     let sample = log.sample(&wanted).unwrap();
-    assert!((1000..20_000).contains(&sample.rows));
+    assert!((500..20_000).contains(&sample.rows));
     assert_eq!(sample.time_s[0], 0.0);
     assert!(sample.time_s[sample.rows - 1] > 199.0);
     assert!(sample.time_s.is_sorted());

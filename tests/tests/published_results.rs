@@ -43,15 +43,7 @@ fn at_the_papers_size_errors_and_noise_are_of_the_papers_order() {
     let train = log(directory.path(), Kind::Training, 1, 77_522);
     let test = log(directory.path(), Kind::Test, 2, 19_932);
     let zero = log(directory.path(), Kind::Zero, 3, 5_000);
-    let options = FitOptions {
-        basis: Basis::Cubic,
-        intercept: true,
-        solver: SolverKind::Exact,
-        ridge: 0.0,
-        fresh: false,
-        plot: false,
-        read: ReadOptions::default(),
-    };
+    let options = FitOptions::default();
     let fitted = fit(&[train], &[test], &options).unwrap();
     assert_eq!(fitted.train[0].rows, 77_522);
 

@@ -34,12 +34,12 @@ impl Calibration {
         Self { features, coefficients, covariance: None, valid_range: None }
     }
 
-    /// The calibration that a solver has found, valid over the extent of its training data.
+    /// The calibration that a solver has found, valid over the extent of its training data, without
+    /// a covariance.
     pub fn of_solution(solution: &Solution, extent: &Extent) -> Self {
         let c = &solution.coefficients;
         let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)])).collect();
         Self {
-            covariance: Covariance::of_solution(solution),
             valid_range: Some(extent.ranges.clone()),
             ..Self::new(solution.model, solution.scaling.clone(), rows)
         }

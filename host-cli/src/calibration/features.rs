@@ -19,7 +19,7 @@ pub struct Features {
 }
 
 /// Rows that are worked on at once where features are used as soon as they are made.
-pub(super) const LANES: usize = 8;
+pub(super) const LANES: usize = 16;
 
 /// One feature of that many rows.
 pub(super) type Lanes = [f64; LANES];
@@ -87,7 +87,7 @@ impl Features {
         Arch::new().dispatch(Fill { features: self, readings, rows, columns, stride });
     }
 
-    /// The features of the eight rows from `start`, of which the last may be missing: those repeat
+    /// The features of the [`LANES`] rows from `start`, of which the last may be missing: those repeat
     /// the last row there is.
     #[inline(always)]
     pub(super) fn lanes(&self, readings: &[Vec<f64>], start: usize, features: &mut [Lanes]) {

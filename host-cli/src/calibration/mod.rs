@@ -9,6 +9,7 @@ pub mod exact;
 pub mod extent;
 pub mod features;
 pub mod least_squares;
+pub mod magnitudes;
 pub mod model;
 pub mod quality;
 pub mod rank_loss;

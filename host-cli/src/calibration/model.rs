@@ -35,6 +35,16 @@ impl Basis {
         }
     }
 
+    /// What its features are, in a few words.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Basis::Linear => "Each reading",
+            Basis::Cubic => "Each reading, its square and its cube",
+            Basis::Quadratic => "Products of up to two readings",
+            Basis::Poly3 => "Products of up to three readings",
+        }
+    }
+
     /// The largest number of readings in one product.
     pub const fn degree(self) -> usize {
         match self {

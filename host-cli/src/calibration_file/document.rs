@@ -7,7 +7,7 @@ use super::{CalibrationFile, Origin, Problem, SCHEMA_VERSION};
 use crate::calibration::extent::Range;
 use crate::calibration::model::{Model, Term};
 use crate::calibration::scaling::Scaling;
-use crate::calibration::uncertainty::Covariance;
+use crate::calibration::uncertainty::{CoefficientCovariance, Covariance, Shape, Triangle};
 use crate::calibration::{Calibration, model};
 use crate::wrench::{Axis, PerAxis};
 
@@ -114,10 +114,28 @@ impl Document {
             return Err("`scaling.centre` is not zero in a model without an intercept".to_owned());
         }
         if let Some(covariance) = &self.covariance {
-            count("covariance.factor", covariance.factor.len(), terms.len())?;
-            for (j, column) in covariance.factor.iter().enumerate() {
-                count(&format!("covariance.factor[{j}]"), column.len(), j + 1)?;
+            let triangle = |name: &str, factor: &Triangle| {
+                count(name, factor.len(), terms.len())?;
+                factor
+                    .iter()
+                    .enumerate()
+                    .try_for_each(|(j, column)| count(&format!("{name}[{j}]"), column.len(), j + 1))
+            };
+            match &covariance.coefficients {
+                CoefficientCovariance::Rows { factor } => {
+                    triangle("covariance.coefficients.rows.factor", factor)?;
+                }
+                CoefficientCovariance::Groups { factors, .. } => {
+                    for (axis, factor) in factors.iter().enumerate() {
+                        let name = format!("covariance.coefficients.groups.factors[{axis}]");
+                        triangle(&name, factor)?;
+                    }
+                }
             }
+            if covariance.degrees_of_freedom == 0 {
+                return Err("`covariance.degrees_of_freedom` is `0`".to_owned());
+            }
+            covariance.shape.as_ref().map_or(Ok(()), Shape::check)?;
             if (0..6).any(|axis| covariance.residual[axis][axis] < 0.0) {
                 return Err("`covariance.residual` has a negative variance".to_owned());
             }
@@ -144,9 +162,12 @@ mod tests {
         let thirds = |j: usize| std::array::from_fn(|axis| (j * 6 + axis + 1) as f64 / 3.0);
         let mut calibration = Calibration::new(model, scaling, (0..3).map(thirds).collect());
         calibration.covariance = Some(Covariance {
-            factor: vec![vec![0.1], vec![0.2, 1e-300], vec![0.3, 5e-324, 0.7]],
             residual: [[1.0 / 7.0; 6]; 6],
             degrees_of_freedom: 9,
+            coefficients: CoefficientCovariance::Rows {
+                factor: vec![vec![0.1], vec![0.2, 1e-300], vec![0.3, 5e-324, 0.7]],
+            },
+            shape: None,
         });
         calibration.valid_range = Some(vec![Range { min: 0.5, max: 4095.0 }; 2]);
         let quality = AxisQuality { rms: 0.1, max: Some(0.4), bias: -1e-17, r_squared: None };
@@ -181,6 +202,21 @@ mod tests {
     fn a_file_reads_back_to_the_last_bit() {
         let file = file();
         assert_eq!(parse(file.to_json().as_bytes()).unwrap(), file);
+    }
+
+    #[test]
+    fn a_covariance_by_groups_with_a_shape_reads_back_too() {
+        let mut file = file();
+        let factor = vec![vec![0.1], vec![0.2, 1e-300], vec![0.3, 5e-324, 0.7]];
+        let factors = std::array::from_fn(|_| factor.clone());
+        let quantiles = std::array::from_fn(|axis| vec![0.7, 1.9 + axis as f64 / 3.0]);
+        if let Some(covariance) = &mut file.calibration.covariance {
+            covariance.coefficients = CoefficientCovariance::Groups { groups: 12, factors };
+            covariance.shape = Some(Shape { levels: vec![0.5, 0.95], quantiles });
+        }
+        assert_eq!(parse(file.to_json().as_bytes()).unwrap(), file);
+        let text = file.to_json().replacen("0.95", "0.45", 1);
+        assert!(matches!(parse(text.as_bytes()), Err(Problem::Inconsistent(_))));
     }
 
     #[test]
@@ -219,7 +255,7 @@ mod tests {
             ("\"fx_n\"", "\"fx_lbf\"", "`axes` has `fx_lbf`"),
             ("1024.0", "1000.0", "powers of two"),
             ("1024.0", "-1024.0", "powers of two"),
-            ("[0.1]", "[0.1, 0.2]", "`covariance.factor[0]` has `2` entries"),
+            ("[0.1]", "[0.1, 0.2]", "`covariance.coefficients.rows.factor[0]` has `2` entries"),
         ];
         for (from, to, expected) in cases {
             let text = file().to_json();

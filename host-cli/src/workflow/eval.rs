@@ -3,6 +3,7 @@
 use super::WorkflowError;
 use crate::block::Block;
 use crate::calibration::Calibration;
+use crate::calibration::magnitudes::Magnitudes;
 use crate::calibration::quality::{self, AxisErrors, AxisQuality};
 use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
 use crate::plot::FitPlot;
@@ -13,6 +14,8 @@ use crate::wrench::PerAxis;
 pub struct EvalOptions<'a> {
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
+    /// Counts errors by their size, in these units per axis.
+    pub size_unit: Option<PerAxis<f64>>,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -30,6 +33,8 @@ pub struct Evaluation {
     pub out_of_range_rows: u64,
     /// Predicted less measured, per axis.
     pub errors: PerAxis<AxisErrors>,
+    /// Sizes of the errors, if asked for.
+    pub sizes: Option<PerAxis<Magnitudes>>,
     /// The checksum of the log, if asked for; of the last, after a merge.
     pub checksum: Option<String>,
 }
@@ -42,6 +47,7 @@ impl Evaluation {
         self.repeated_rows += other.repeated_rows;
         self.out_of_range_rows += other.out_of_range_rows;
         quality::merge(&mut self.errors, &other.errors);
+        merge_sizes(&mut self.sizes, other.sizes.as_ref());
         self.checksum.clone_from(&other.checksum);
     }
 
@@ -57,6 +63,7 @@ pub(super) struct BlockErrors {
     rows: u64,
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
+    sizes: Option<PerAxis<Magnitudes>>,
     drawn: Option<Drawn>,
 }
 
@@ -67,14 +74,20 @@ struct Drawn {
 
 impl BlockErrors {
     /// Compares the wrench that `calibration` predicts for the rows of `block` with the measured
-    /// one.
-    pub(super) fn of(calibration: &Calibration, block: &Block, is_drawn: bool) -> Self {
+    /// one. Errors are counted by size in units of `size_unit`, if there is one.
+    pub(super) fn of(
+        calibration: &Calibration,
+        block: &Block,
+        size_unit: Option<&PerAxis<f64>>,
+        is_drawn: bool,
+    ) -> Self {
         let mut predicted = PerAxis::default();
         calibration.wrench(&block.readings, &mut predicted);
         Self {
             rows: block.rows as u64,
             out_of_range: calibration.rows_out_of_range(&block.readings),
             errors: quality::errors(&predicted, &block.wrench),
+            sizes: size_unit.map(|unit| sizes(&predicted, &block.wrench, unit)),
             drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),
         }
     }
@@ -86,6 +99,7 @@ impl Evaluation {
         self.rows += block.rows;
         self.out_of_range_rows += block.out_of_range;
         quality::merge(&mut self.errors, &block.errors);
+        merge_sizes(&mut self.sizes, block.sizes.as_ref());
         if let (Some(plot), Some(drawn)) = (plot, &block.drawn) {
             plot.add(&drawn.predicted, &drawn.measured);
         }
@@ -120,7 +134,7 @@ pub fn eval(
             let fresh = block.fresh_rows();
             block.retain_rows(&fresh);
         }
-        BlockErrors::of(calibration, block, is_drawn)
+        BlockErrors::of(calibration, block, options.size_unit.as_ref(), is_drawn)
     };
     let summary = log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
         all.add(&block, plot.as_deref_mut());
@@ -128,4 +142,25 @@ pub fn eval(
     })?;
     all.note(&summary);
     Ok(all)
+}
+
+fn sizes(
+    predicted: &PerAxis<Vec<f64>>,
+    measured: &[Vec<f64>],
+    unit: &PerAxis<f64>,
+) -> PerAxis<Magnitudes> {
+    std::array::from_fn(|axis| {
+        let (mut sizes, scale) = (Magnitudes::new(), unit[axis].recip());
+        let pairs = predicted[axis].iter().zip(&measured[axis]);
+        pairs.for_each(|(p, m)| sizes.add((p - m).abs() * scale));
+        sizes
+    })
+}
+
+fn merge_sizes(all: &mut Option<PerAxis<Magnitudes>>, part: Option<&PerAxis<Magnitudes>>) {
+    match (all, part) {
+        (Some(all), Some(part)) => all.iter_mut().zip(part).for_each(|(all, part)| all.merge(part)),
+        (all @ None, Some(part)) => *all = Some(part.clone()),
+        (_, None) => {}
+    }
 }

@@ -6,14 +6,18 @@ use super::eval::{BlockErrors, EvalOptions, Evaluation, eval};
 use super::training_rows::TrainingRows;
 use super::{WorkflowError, check_channels};
 use crate::block::Block;
-use crate::calibration::exact::ExactError;
+use crate::calibration::exact::{ExactError, Moments};
 use crate::calibration::extent::Extent;
 use crate::calibration::scaling::Scaling;
 use crate::calibration::solver::{self, Problem, Solution, SolverKind};
+use crate::calibration::uncertainty::{Covariance, Shape};
+use crate::calibration::validation::ValidationError;
 use crate::calibration::validation::excitation::WrenchSums;
+use crate::calibration::validation::grouped::GroupedMoments;
 use crate::calibration::{Basis, Calibration, FitError, Model};
 use crate::log_file::{Log, ReadOptions, Wanted};
 use crate::plot::FitPlot;
+use crate::wrench::PerAxis;
 
 /// What is to be fitted, and how.
 #[derive(Clone, Copy)]
@@ -28,10 +32,43 @@ pub struct FitOptions<'a> {
     pub ridge: f64,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
+    /// The exact sums of the training rows, where they have been made already: the exact solver
+    /// then does not read the rows again.
+    pub total: Option<&'a Moments>,
+    /// What the covariance is to be found from.
+    pub covariance: CovarianceFrom<'a>,
     /// Reduce predictions and measurements to what a figure needs.
     pub plot: bool,
     /// How logs are read. Progress counts the bytes of all passes, see [`bytes_to_read`].
     pub read: ReadOptions<'a>,
+}
+
+impl Default for FitOptions<'_> {
+    /// What `shellcal fit` does when it is told nothing.
+    fn default() -> Self {
+        Self {
+            basis: Basis::Cubic,
+            intercept: true,
+            solver: SolverKind::Exact,
+            ridge: 0.0,
+            fresh: false,
+            total: None,
+            covariance: CovarianceFrom::Nothing,
+            plot: false,
+            read: ReadOptions::default(),
+        }
+    }
+}
+
+/// What is known of the errors of training rows, and so what the covariance is found from.
+#[derive(Clone, Copy, Debug)]
+pub enum CovarianceFrom<'a> {
+    /// It is not wanted, and nothing is spent on it.
+    Nothing,
+    /// Errors are independent from row to row.
+    Rows,
+    /// Errors are alike within the groups of these sums, which are those of the training rows.
+    Groups(&'a GroupedMoments),
 }
 
 /// A calibration and how well it does.
@@ -45,6 +82,8 @@ pub struct Fit {
     pub solver: SolverKind,
     /// Why it is not the exact one, where that was asked for.
     pub not_exact: Option<ExactError>,
+    /// Why groups were asked for and the covariance is that of independent rows.
+    pub not_grouped: Option<ValidationError>,
     /// Errors on each training log.
     pub train: Vec<Evaluation>,
     /// The wrench that the training logs have measured.
@@ -94,29 +133,35 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         solved => solved,
     };
     let (solution, extent) = solved?;
-    let calibration = Calibration::of_solution(&solution, &extent);
+    let mut calibration = Calibration::of_solution(&solution, &extent);
+    let Uncertainty { covariance, not_grouped } = Uncertainty::of(&solution, solver, options);
+    let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
 
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
     let mut loads = WrenchSums::default();
     let mut train_errors = Vec::new();
     let is_drawn = plots.is_some();
     read_before.store(train_bytes, Ordering::Relaxed);
-    for (log, summary) in rows.summaries().iter().enumerate() {
+    for log in 0..train.len() {
         let mut errors = Evaluation::default();
         let map = |block: &Block| {
-            let errors = BlockErrors::of(&calibration, block, is_drawn);
+            let errors = BlockErrors::of(&calibration, block, size_unit.as_ref(), is_drawn);
             Ok((errors, WrenchSums::of(&block.wrench)))
         };
-        rows.each_block(log, map, |(block, of_block)| {
+        let summary = rows.each_block(log, map, |(block, of_block)| {
             errors.add(&block, plots.as_mut().map(|(train, _)| train));
             loads.merge(&of_block);
         })?;
-        errors.note(summary);
+        errors.note(&summary);
         train_errors.push(errors);
+    }
+    calibration.covariance = covariance;
+    if let (Some(covariance), Some(unit)) = (&mut calibration.covariance, size_unit) {
+        covariance.shape = shape(&train_errors, &unit);
     }
     let mut test_errors = Vec::new();
     read_before.store(2 * train_bytes, Ordering::Relaxed);
-    let eval_options = EvalOptions { fresh: options.fresh, read };
+    let eval_options = EvalOptions { fresh: options.fresh, size_unit: None, read };
     for log in test {
         let plot = plots.as_mut().map(|(_, test)| test);
         test_errors.push(eval(&calibration, log, &eval_options, plot)?);
@@ -127,6 +172,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         solution,
         solver,
         not_exact,
+        not_grouped,
         train: train_errors,
         loads,
         test: test_errors,
@@ -143,6 +189,11 @@ fn solve(
 ) -> Result<(Solution, Extent), WorkflowError> {
     let channels = first.channels();
     let model = Model { basis: options.basis, intercept: options.intercept, channels };
+    if let (Some(total), SolverKind::Exact) = (options.total, solver) {
+        let extent = total.extent();
+        let solution = solver::solve_moments(total, &model, options.ridge, &extent)?;
+        return Ok((solution, extent));
+    }
     // The exact solver chooses its own centre and scale; for the others, a sample tells.
     let scaling = match solver {
         SolverKind::Exact => Scaling::identity(channels),
@@ -152,4 +203,46 @@ fn solve(
         }
     };
     solver::fit(solver, Problem { model, scaling, ridge: options.ridge }, rows)
+}
+
+/// The covariance, as far as it can be had.
+struct Uncertainty {
+    covariance: Option<Covariance>,
+    not_grouped: Option<ValidationError>,
+}
+
+impl Uncertainty {
+    fn of(solution: &Solution, solver: SolverKind, options: &FitOptions<'_>) -> Self {
+        let by_rows = || Covariance::of_rows(solution);
+        let found = match options.covariance {
+            CovarianceFrom::Nothing => Ok(None),
+            CovarianceFrom::Rows => Ok(by_rows()),
+            CovarianceFrom::Groups(_) if solver != SolverKind::Exact => {
+                Err(ValidationError::OtherSolver)
+            }
+            CovarianceFrom::Groups(sums) => {
+                Covariance::of_groups(sums, &solution.model, options.ridge).map(Some)
+            }
+        };
+        match found {
+            Ok(covariance) => Self { covariance, not_grouped: None },
+            Err(error) => Self { covariance: by_rows(), not_grouped: Some(error) },
+        }
+    }
+}
+
+/// The root mean square of the errors of each axis; one where there are none.
+fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
+    std::array::from_fn(|axis| {
+        let square = solution.residual_products[(axis, axis)] / solution.rows as f64;
+        if square > 0.0 { square.sqrt() } else { 1.0 }
+    })
+}
+
+/// How the training errors are distributed.
+fn shape(train: &[Evaluation], unit: &PerAxis<f64>) -> Option<Shape> {
+    let mut total = Evaluation::default();
+    train.iter().for_each(|evaluation| total.merge(evaluation));
+    let rms = total.quality()?.map(|axis| axis.rms);
+    Some(Shape::of_errors(total.sizes.as_ref()?, unit, &rms))
 }

@@ -8,7 +8,7 @@ use crate::calibration::FitError;
 use crate::calibration::extent::Extent;
 use crate::calibration::model::Basis;
 use crate::calibration::validation::ValidationError;
-use crate::calibration::validation::grouped::{BlockSums, GroupedMoments, Grouping};
+use crate::calibration::validation::grouped::{BlockSums, GroupedMoments, Grouping, RandomSplit};
 use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
 
 /// What a group is.
@@ -27,10 +27,8 @@ pub struct SumOptions<'a> {
     pub basis: Basis,
     /// What a group is.
     pub group_by: GroupBy,
-    /// Folds that rows are dealt into at random, 0 for none.
-    pub random_folds: usize,
-    /// Which way they are dealt.
-    pub seed: u64,
+    /// Rows that are summed again, drawn at random.
+    pub random: RandomSplit,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
     /// How logs are read.
@@ -64,7 +62,7 @@ pub fn sum(
         check_channels(log, first.channels())?;
     }
     let channels = first.channels();
-    let grouping = Grouping::new(options.basis, channels, options.random_folds, options.seed);
+    let grouping = Grouping::new(options.basis, channels, options.random);
     let mut all = grouping.empty();
     let mut summaries = Vec::new();
     let read_before = AtomicU64::new(0);

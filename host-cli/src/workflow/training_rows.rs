@@ -34,34 +34,31 @@ impl<'a> TrainingRows<'a> {
         Self { logs, fresh, read, summaries: Vec::new(), kept: None }
     }
 
-    /// What each log was: of no logs before the first pass.
-    pub(super) fn summaries(&self) -> &[ReadSummary] {
-        &self.summaries
-    }
-
     /// Passes over the rows of one log: `map` gets its blocks on any thread, `fold` gets what
-    /// `map` makes of them, in order.
+    /// `map` makes of them, in order. Returns what the log was.
     pub(super) fn each_block<T: Send>(
-        &self,
+        &mut self,
         log: usize,
         map: impl Fn(&Block) -> Result<T, FitError> + Sync,
         mut fold: impl FnMut(T),
-    ) -> Result<(), WorkflowError> {
-        if let Some(kept) = &self.kept {
-            return pipeline::run(
-                &mut KeptBlocks(&kept[log]),
+    ) -> Result<ReadSummary, WorkflowError> {
+        let known = self.summaries.get(log);
+        if let (Some(kept), Some(known)) = (&mut self.kept, known) {
+            pipeline::run(
+                &mut KeptBlocks(&mut kept[log]),
                 self.read.thread_count(),
-                |piece| map(piece.restore()),
+                |piece| piece.with_block(&map),
                 |never| match never {},
                 |value| -> Result<(), WorkflowError> {
                     fold(value?);
                     Ok(())
                 },
-            );
+            )?;
+            return Ok(known.clone());
         }
-        let read = ReadOptions { checksum: false, ..self.read };
-        self.read_log(log, &read, |block| map(block), fold)?;
-        Ok(())
+        let read = ReadOptions { checksum: self.read.checksum && known.is_none(), ..self.read };
+        let summary = self.read_log(log, &read, |block| map(block), fold)?;
+        Ok(known.cloned().unwrap_or(summary))
     }
 
     fn read_log<T: Send>(
@@ -153,9 +150,9 @@ impl Blocks for TrainingRows<'_> {
 /// The readings and the wrench of some rows.
 #[derive(Debug)]
 struct KeptBlock {
-    rows: usize,
     readings: Vec<Column>,
-    wrench: Vec<Vec<f64>>,
+    /// All but the readings.
+    block: Block,
 }
 
 /// The readings of one channel.
@@ -167,9 +164,11 @@ enum Column {
 }
 
 impl KeptBlock {
-    fn new(block: &Block) -> Self {
+    /// Takes the wrench out of `block`.
+    fn new(block: &mut Block) -> Self {
         let readings = block.readings.iter().map(|column| Column::new(column)).collect();
-        Self { rows: block.rows, readings, wrench: block.wrench.clone() }
+        let wrench = std::mem::take(&mut block.wrench);
+        Self { readings, block: Block { rows: block.rows, wrench, ..Block::default() } }
     }
 
     fn bytes(&self) -> usize {
@@ -177,14 +176,17 @@ impl KeptBlock {
             Column::Counts(counts) => size_of_val(&counts[..]),
             Column::Other(readings) => size_of_val(&readings[..]),
         };
-        let wrench = self.wrench.iter().map(|column| size_of_val(&column[..]));
+        let wrench = self.block.wrench.iter().map(|column| column.capacity() * size_of::<f64>());
         self.readings.iter().map(readings).chain(wrench).sum()
     }
 }
 
 impl Column {
     fn new(readings: &[f64]) -> Self {
-        let counts: Vec<u16> = readings.iter().map(|&s| s as u16).collect();
+        // Where a count is added to 2⁵², it stands in the lowest bits: a cast would take longer.
+        const TO_LOWEST_BITS: f64 = (1_u64 << 52) as f64;
+        let count = |&s: &f64| (s + TO_LOWEST_BITS).to_bits() as u16;
+        let counts: Vec<u16> = readings.iter().map(count).collect();
         let is_exact = |(&s, &count): (&f64, &u16)| s == f64::from(count);
         // Without a way out of the loop: it is all or nothing, and nearly always all.
         let all = readings.iter().zip(&counts).map(is_exact).fold(true, |all, is| all & is);
@@ -193,13 +195,13 @@ impl Column {
 }
 
 /// Blocks that are handed out one by one.
-struct KeptBlocks<'a>(&'a [KeptBlock]);
+struct KeptBlocks<'a>(&'a mut [KeptBlock]);
 
-/// One of them, and room for its rows.
+/// One of them, and room for its readings.
 #[derive(Default)]
 struct KeptPiece<'a> {
-    kept: Option<&'a KeptBlock>,
-    block: Block,
+    kept: Option<&'a mut KeptBlock>,
+    readings: Vec<Vec<f64>>,
 }
 
 impl<'a> Pieces for KeptBlocks<'a> {
@@ -211,26 +213,26 @@ impl<'a> Pieces for KeptBlocks<'a> {
     }
 
     fn next(&mut self, piece: &mut KeptPiece<'a>) -> Result<bool, Self::Error> {
-        piece.kept = self.0.split_off_first();
+        piece.kept = self.0.split_off_first_mut();
         Ok(piece.kept.is_some())
     }
 }
 
 impl KeptPiece<'_> {
-    /// The rows, as they were read.
-    fn restore(&mut self) -> &Block {
-        let Self { kept, block } = self;
-        let Some(kept) = kept else { return block };
-        block.rows = kept.rows;
-        block.readings.resize_with(kept.readings.len(), Vec::new);
-        for (column, kept) in block.readings.iter_mut().zip(&kept.readings) {
+    /// What `map` makes of the rows as they were read.
+    fn with_block<T>(&mut self, map: impl Fn(&Block) -> T) -> T {
+        let Some(kept) = &mut self.kept else { return map(&Block::default()) };
+        self.readings.resize_with(kept.readings.len(), Vec::new);
+        for (column, kept) in self.readings.iter_mut().zip(&kept.readings) {
             column.clear();
             match kept {
                 Column::Counts(counts) => column.extend(counts.iter().map(|&s| f64::from(s))),
                 Column::Other(readings) => column.extend_from_slice(readings),
             }
         }
-        block.wrench.clone_from(&kept.wrench);
-        block
+        std::mem::swap(&mut kept.block.readings, &mut self.readings);
+        let value = map(&kept.block);
+        std::mem::swap(&mut kept.block.readings, &mut self.readings);
+        value
     }
 }

@@ -86,7 +86,7 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
         }
         ConvertError::Filter(FilterError::TooFewSamples { .. }) => "leave out `--zero-phase`",
         ConvertError::NoCovariance => {
-            "leave `se` out of `--columns`; calibrations made by `shellcal fit` have a covariance"
+            "leave out `--interval`, and `se` of `--columns`; calibrations made by `shellcal fit` have a covariance"
         }
         _ => return None,
     })

@@ -9,23 +9,19 @@
 
 use std::sync::Arc;
 
-use num_bigint::BigInt;
-use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
+use pulp::Arch;
 
-use super::kernel::{ROWS, products};
-use super::layout::{Group, Layout};
-use super::limbs::{FeatureLimbs, Limbs, Places, SQUARE_WIDTH, power_of_two};
-use super::moments::{Channel, Moments, Scaled, join, move_origin};
+use super::block_sums::{Scratch, SumBlock};
+use super::choice::Choice;
+use super::kernel::ROWS;
+use super::layout::Layout;
+use super::limbs::{FeatureLimbs, Limbs, Places, SQUARE_WIDTH};
+use super::moments::{Channel, Moments};
+use super::open_sums::{MOST_BLOCKS, OpenSums};
+use super::unit::{Unit, count, survey};
 use super::{ExactError, MAX_ROWS};
 use crate::calibration::model::Basis;
 use crate::wrench::Axis;
-
-/// Decimals that a reading may have: more do not leave an integer of 16 bits.
-pub(super) const MOST_DECIMALS: u32 = 5;
-
-/// Blocks after which the pairs of sums could lose their exactness: `2^25·2^26 < 2^53`, and
-/// multiples of 2²⁶ below `2^53·2^26`.
-const MOST_BLOCKS: u64 = 1 << 26;
 
 /// Sums rows of readings and wrenches exactly, in memory that does not grow with the rows.
 #[derive(Clone, Debug)]
@@ -38,49 +34,12 @@ pub struct Accumulator {
     /// have met. Has no influence on results.
     expected: Vec<Channel>,
     places: [Places; 6],
-    open: Option<Open>,
+    open: Option<OpenSums>,
     /// Rows not yet summed: columns of [`ROWS`] numbers.
     staged: usize,
     readings: Vec<f64>,
     wrench: Vec<f64>,
     scratch: Scratch,
-}
-
-/// How sums are computed.
-#[derive(Debug, PartialEq)]
-struct Choice {
-    centre: Vec<i64>,
-    features: FeatureLimbs,
-    /// For every group of the layout, the left operands: feature and limb.
-    lefts: Vec<Vec<(usize, usize)>>,
-    /// Limbs of each axis that are multiplied with features.
-    cross: [Limbs; 6],
-    /// Limbs of each axis that are multiplied with those of other axes.
-    squares: [Limbs; 6],
-}
-
-/// Sums under way.
-#[derive(Clone, Debug)]
-struct Open {
-    choice: Arc<Choice>,
-    rows: u64,
-    blocks: u64,
-    /// Sums of parts of the right operands, group by group, then of one and the limbs of the
-    /// wrench with them, then of the products of axes; multiples of 2²⁶.
-    high: Vec<f64>,
-    /// What is not a multiple of 2²⁶ in each sum.
-    low: Vec<f64>,
-}
-
-/// Working memory.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Scratch {
-    features: Vec<f64>,
-    rights: Vec<f64>,
-    left: Vec<f64>,
-    cross: Vec<f64>,
-    squares: Vec<f64>,
-    sums: Vec<f64>,
 }
 
 impl Accumulator {
@@ -117,11 +76,11 @@ impl Accumulator {
             scratch: Scratch::default(),
         };
         fork.channels.clone_from(&fork.total.channels);
-        // Readings with decimals are too rare to be taken care of here.
-        if self.expected.iter().any(|channel| channel.decimals > 0) {
+        // Readings with fractions are too rare to be taken care of here.
+        if self.expected.iter().any(|channel| channel.unit != Unit::COUNT) {
             fork.expected.clone_from(&fork.channels);
         } else if let Some(open) = &self.open {
-            fork.open = Some(Open::new(&self.layout, open.choice.clone()));
+            fork.open = Some(OpenSums::new(open.choice.clone()));
         }
         fork
     }
@@ -144,7 +103,7 @@ impl Accumulator {
     /// Makes later choices good for rows such as these.
     pub(super) fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
         for (expected, column) in self.expected.iter_mut().zip(readings) {
-            if let Ok(found) = survey(column.as_ref(), 0) {
+            if let Ok(found) = survey(column.as_ref(), Unit::COUNT) {
                 expected.merge(&found);
             }
         }
@@ -173,7 +132,7 @@ impl Accumulator {
             self.total.merge(&other.total)?;
         }
         for i in 0..self.channels.len() {
-            if self.channels[i].decimals != other.channels[i].decimals {
+            if self.channels[i].unit != other.channels[i].unit {
                 self.close()?;
             }
             self.channels[i].merge(&other.channels[i]);
@@ -187,7 +146,7 @@ impl Accumulator {
         }
         let Some(open) = other.open.take_if(|open| open.rows > 0) else { return Ok(()) };
         let same_units = self.channels.iter().zip(&other.channels);
-        if same_units.into_iter().any(|(a, b)| a.decimals != b.decimals) {
+        if same_units.into_iter().any(|(a, b)| a.unit != b.unit) {
             return self.put_away(&open, &other.channels);
         }
         match &mut self.open {
@@ -233,7 +192,7 @@ impl Accumulator {
             let staged = self.staged..self.staged + end - start;
             for (i, column) in readings.iter().enumerate() {
                 let target = &mut self.readings[i * ROWS..][staged.clone()];
-                scale(&column.as_ref()[start..end], self.channels[i].decimals, target);
+                count(&column.as_ref()[start..end], self.channels[i].unit, target);
             }
             for (i, column) in wrench.iter().enumerate() {
                 self.wrench[i * ROWS..][staged.clone()]
@@ -272,12 +231,9 @@ impl Accumulator {
         for (i, column) in readings.iter().enumerate() {
             let column = column.as_ref();
             let known = self.channels[i];
-            let found = survey(column, known.decimals).or_else(|value| {
-                (known.decimals + 1..=MOST_DECIMALS)
-                    .find_map(|decimals| survey(column, decimals).ok())
-                    .ok_or(ExactError::NotAnInteger { channel: i, value })
-            })?;
-            if found.decimals != known.decimals {
+            let found = survey(column, known.unit)
+                .map_err(|value| ExactError::NotAnInteger { channel: i, value })?;
+            if found.unit != known.unit {
                 self.sum_staged()?;
                 self.close()?;
             }
@@ -293,12 +249,6 @@ impl Accumulator {
     fn sum_staged(&mut self) -> Result<(), ExactError> {
         if self.staged == 0 {
             return Ok(());
-        }
-        for axis in Axis::ALL {
-            let column = &self.wrench[axis.index() * ROWS..][..self.staged];
-            if !column.iter().all(|x| x.is_finite()) {
-                return Err(ExactError::NotFinite { axis });
-            }
         }
         for column in self.wrench.chunks_mut(ROWS) {
             column[self.staged..].fill(0.0);
@@ -322,10 +272,10 @@ impl Accumulator {
 
     fn sum(&mut self) -> bool {
         let open = self.open.as_mut().expect("opened before");
-        Arch::new().dispatch(Sum {
+        Arch::new().dispatch(SumBlock {
             layout: &self.layout,
             open,
-            staged: self.staged,
+            rows: self.staged,
             readings: &self.readings,
             wrench: &self.wrench,
             scratch: &mut self.scratch,
@@ -335,22 +285,28 @@ impl Accumulator {
     /// Puts the open sums away and opens new ones that cover all rows so far and those staged.
     fn reopen(&mut self) -> Result<(), ExactError> {
         self.close()?;
-        let degree = self.total.basis.degree();
-        let centre: Vec<i64> = self.expected.iter().map(Channel::middle).collect();
-        let features = FeatureLimbs::new(distance(&self.expected, &centre), degree as u32);
-        let mut limbs = |width| -> Result<[Limbs; 6], ExactError> {
+        for axis in Axis::ALL {
+            let staged = &self.wrench[axis.index() * ROWS..][..self.staged];
+            if !staged.iter().all(|x| x.is_finite()) {
+                return Err(ExactError::NotFinite { axis });
+            }
+            let places = &mut self.places[axis.index()];
+            *places = places.and(Places::of(staged));
+        }
+        let limbs = |width| -> Result<[Limbs; 6], ExactError> {
             let mut limbs = [Limbs::of_integers(width, 0); 6];
             for axis in Axis::ALL {
-                let i = axis.index();
-                let staged = Places::of(&self.wrench[i * ROWS..][..self.staged]);
-                self.places[i] = self.places[i].and(staged);
-                limbs[i] = self.places[i].limbs(width).ok_or(ExactError::TooManyPlaces { axis })?;
+                let places = self.places[axis.index()];
+                limbs[axis.index()] =
+                    places.limbs(width).ok_or(ExactError::TooManyPlaces { axis })?;
             }
             Ok(limbs)
         };
-        let (cross, squares) = (limbs(features.width)?, limbs(SQUARE_WIDTH)?);
-        let choice = Choice::new(&self.layout, centre, features, cross, squares);
-        self.open = Some(Open::new(&self.layout, Arc::new(choice)));
+        let centre: Vec<i64> = self.expected.iter().map(Channel::middle).collect();
+        let features = FeatureLimbs::new(distance(&self.expected, &centre), &self.layout);
+        let cross = features.cross_width().map(limbs).transpose()?;
+        let choice = Choice::new(&self.layout, centre, features, limbs(SQUARE_WIDTH)?, cross);
+        self.open = Some(OpenSums::new(Arc::new(choice)));
         Ok(())
     }
 
@@ -361,7 +317,7 @@ impl Accumulator {
         }
     }
 
-    fn put_away(&mut self, open: &Open, channels: &[Channel]) -> Result<(), ExactError> {
+    fn put_away(&mut self, open: &OpenSums, channels: &[Channel]) -> Result<(), ExactError> {
         if self.total.rows + open.rows > MAX_ROWS {
             return Err(ExactError::TooManyRows);
         }
@@ -371,127 +327,6 @@ impl Accumulator {
     }
 }
 
-impl Choice {
-    fn new(
-        layout: &Layout,
-        centre: Vec<i64>,
-        features: FeatureLimbs,
-        cross: [Limbs; 6],
-        squares: [Limbs; 6],
-    ) -> Self {
-        let limbs = |&f: &usize| {
-            let limbs = features.left[layout.features[f].factors().len()];
-            (0..limbs).map(move |limb| (f, limb))
-        };
-        let left = |group: &Group| group.left.iter().flat_map(limbs).collect();
-        let lefts = layout.groups.iter().map(left).collect();
-        Self { centre, features, lefts, cross, squares }
-    }
-
-    /// Number of sums.
-    fn sums(&self, layout: &Layout) -> usize {
-        let groups = layout.groups.iter().zip(&self.lefts);
-        let gram: usize = groups.map(|(group, left)| left.len() * group.right.len()).sum();
-        let operands = 1 + self.cross.iter().map(|limbs| limbs.count).sum::<usize>();
-        let per_part = gram + operands * layout.features.len();
-        let squares =
-            (0..6).map(|axis| self.squares[axis].count * squares_right(&self.squares, axis));
-        per_part * self.features.rights() + squares.sum::<usize>()
-    }
-}
-
-impl Open {
-    fn new(layout: &Layout, choice: Arc<Choice>) -> Self {
-        let sums = choice.sums(layout);
-        Self { choice, rows: 0, blocks: 0, high: vec![0.0; sums], low: vec![0.0; sums] }
-    }
-
-    fn add(&mut self, other: &Self) {
-        self.rows += other.rows;
-        self.blocks += other.blocks;
-        for (own, other) in [(&mut self.high, &other.high), (&mut self.low, &other.low)] {
-            own.iter_mut().zip(other).for_each(|(own, other)| *own += other);
-        }
-    }
-
-    /// The sums about the origin of the readings.
-    fn moments(&self, layout: &Arc<Layout>, basis: Basis) -> Moments {
-        let Choice { centre, features: limbs, lefts, cross, squares } = &*self.choice;
-        let mut moments = Moments::with_layout(basis, layout.clone());
-        let mut sums = self.high.iter().zip(&self.low).map(|(&h, &l)| h as i128 + l as i128);
-        let mut next = || sums.next().expect("one sum for every product");
-        let features = layout.features.len();
-        let axis_sums = || vec![BigInt::ZERO; features + 1];
-        let mut wrench: [Vec<BigInt>; 6] = std::array::from_fn(|_| axis_sums());
-        moments.rows = self.rows;
-        moments.readings[0] = i128::from(self.rows);
-        for part in 0..limbs.rights() {
-            let up = limbs.right.unwrap_or(0) * part as u32;
-            let mut first = 1 + features;
-            for (group, lefts) in layout.groups.iter().zip(lefts) {
-                for left in lefts.chunk_by(|a, b| a.0 == b.0) {
-                    for &(_, limb) in left {
-                        let up = up + limbs.width * limb as u32;
-                        for sum in &mut moments.readings[first..first + group.right.len()] {
-                            *sum = sum.wrapping_add(next() << up);
-                        }
-                    }
-                    first += group.right.len();
-                }
-            }
-            for sum in &mut moments.readings[1..=features] {
-                *sum += next() << up;
-            }
-            for (axis_limbs, axis) in cross.iter().zip(&mut wrench) {
-                let parts: Vec<i128> = (0..axis_limbs.count * features).map(|_| next()).collect();
-                for (f, sum) in axis[1..].iter_mut().enumerate() {
-                    *sum += join(parts.iter().skip(f).step_by(features).copied(), axis_limbs.width)
-                        << up;
-                }
-            }
-        }
-        for (left, axis) in wrench.iter_mut().enumerate() {
-            // Sums by limb on the left, then by axis and limb on the right, then one.
-            let rows: Vec<Vec<i128>> = (0..squares[left].count)
-                .map(|_| (0..squares_right(squares, left)).map(|_| next()).collect())
-                .collect();
-            let mut column = 0;
-            for right in left..6 {
-                let count = squares[right].count;
-                let sum: BigInt = (column..column + count)
-                    .zip((0u32..).step_by(SQUARE_WIDTH as usize))
-                    .map(|(column, up)| {
-                        join(rows.iter().map(|row| row[column]), SQUARE_WIDTH) << up
-                    })
-                    .sum();
-                let exponent = squares[left].unit + squares[right].unit;
-                moments.squares[pair(left, right)] = Scaled::new(exponent, vec![sum]);
-                column += count;
-            }
-            let ones = join(rows.iter().map(|row| row[column]), SQUARE_WIDTH);
-            // The other sums of this axis count in units of other limbs.
-            let up = squares[left].unit - cross[left].unit;
-            axis[0] = if up >= 0 { ones << up } else { ones >> -up };
-        }
-        let back: Vec<i64> = centre.iter().map(|c| -c).collect();
-        move_origin(layout, &mut moments.readings, &mut wrench, &back);
-        for ((scaled, sums), limbs) in moments.wrench.iter_mut().zip(wrench).zip(cross) {
-            *scaled = Scaled::new(limbs.unit, sums);
-        }
-        moments
-    }
-}
-
-/// Where the sum of products of two axes stands, `left ≤ right`.
-pub(super) const fn pair(left: usize, right: usize) -> usize {
-    left * (13 - left) / 2 + right - left
-}
-
-/// Right operands of the products of an axis with itself, later axes and one.
-fn squares_right(squares: &[Limbs; 6], axis: usize) -> usize {
-    squares[axis..].iter().map(|limbs| limbs.count).sum::<usize>() + 1
-}
-
 /// The largest distance between a reading and its centre.
 fn distance(channels: &[Channel], centre: &[i64]) -> u32 {
     let of = |(channel, &centre): (&Channel, &i64)| {
@@ -499,229 +334,4 @@ fn distance(channels: &[Channel], centre: &[i64]) -> u32 {
     };
     let largest = channels.iter().zip(centre).map(of).max().unwrap_or(0);
     u32::try_from(largest.max(0)).unwrap_or(u32::MAX)
-}
-
-impl Scratch {
-    fn resize(&mut self, layout: &Layout, choice: &Choice) {
-        let features = layout.features.len();
-        let lefts = choice.lefts.iter().map(Vec::len);
-        let groups = layout.groups.iter().zip(&choice.lefts);
-        let cross: usize = choice.cross.iter().map(|limbs| limbs.count).sum();
-        let squares: usize = choice.squares.iter().map(|limbs| limbs.count).sum();
-        let sums = groups
-            .map(|(group, left)| group.right.len() * left.len())
-            .chain([(1 + cross) * features, (1 + squares) * squares])
-            .max();
-        self.features.resize(features * ROWS, 0.0);
-        self.rights.resize(choice.features.right.map_or(0, |_| 2 * features * ROWS), 0.0);
-        self.left.resize(lefts.max().unwrap_or(0) * ROWS, 0.0);
-        self.cross.resize((1 + cross) * ROWS, 0.0);
-        self.squares.resize((1 + squares) * ROWS, 0.0);
-        self.sums.resize(sums.unwrap_or(0), 0.0);
-    }
-}
-
-/// Adds the staged rows to the open sums, unless the limbs do not cover the wrench: says whether.
-struct Sum<'a> {
-    layout: &'a Layout,
-    open: &'a mut Open,
-    staged: usize,
-    readings: &'a [f64],
-    wrench: &'a [f64],
-    scratch: &'a mut Scratch,
-}
-
-impl WithSimd for Sum<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> bool {
-        let Self { layout, open, staged, readings, wrench, scratch } = self;
-        let choice = &*open.choice;
-        scratch.resize(layout, choice);
-        let Scratch { features, rights, left, cross, squares, sums } = scratch;
-        // One comes before the limbs of the cross products and after those of the squares.
-        let (ones, mut cross_limbs) = cross.split_at_mut(ROWS);
-        let mut square_limbs = &mut squares[..];
-        for (axis, column) in wrench.chunks_exact(ROWS).enumerate() {
-            let now;
-            (now, cross_limbs) = cross_limbs.split_at_mut(choice.cross[axis].count * ROWS);
-            if !choice.cross[axis].cut(column, now) {
-                return false;
-            }
-            let now;
-            (now, square_limbs) = square_limbs.split_at_mut(choice.squares[axis].count * ROWS);
-            if !choice.squares[axis].cut(column, now) {
-                return false;
-            }
-        }
-        for column in [ones, square_limbs] {
-            column[..staged].fill(1.0);
-            column[staged..].fill(0.0);
-        }
-        fill(layout, &choice.centre, staged, readings, features);
-        let count = layout.features.len();
-        let parts: &[f64] = match choice.features.right {
-            None => features,
-            Some(width) => {
-                let limbs = Limbs::of_integers(width, 2);
-                for f in 0..count {
-                    limbs.cut(&features[f * ROWS..][..ROWS], &mut left[..2 * ROWS]);
-                    rights[f * ROWS..][..ROWS].copy_from_slice(&left[..ROWS]);
-                    rights[(count + f) * ROWS..][..ROWS].copy_from_slice(&left[ROWS..2 * ROWS]);
-                }
-                rights
-            }
-        };
-        let mut target = Target { simd, sums, high: &mut open.high, low: &mut open.low };
-        for part in parts.chunks_exact(count * ROWS) {
-            for (group, lefts) in layout.groups.iter().zip(&choice.lefts) {
-                let mut cut = 0;
-                for &f in &group.left {
-                    let limbs = choice.features.left[layout.features[f].factors().len()];
-                    let now = &mut left[cut * ROWS..][..limbs * ROWS];
-                    let column = &features[f * ROWS..][..ROWS];
-                    Limbs::of_integers(choice.features.width, limbs).cut(column, now);
-                    cut += limbs;
-                }
-                let right = &part[group.right.start * ROWS..group.right.end * ROWS];
-                target.add_products(&left[..lefts.len() * ROWS], right);
-            }
-            target.add_products(cross, part);
-        }
-        let mut right = &squares[..];
-        for limbs in choice.squares {
-            target.add_products(&right[..limbs.count * ROWS], right);
-            right = &right[limbs.count * ROWS..];
-        }
-        open.rows += staged as u64;
-        open.blocks += 1;
-        true
-    }
-}
-
-struct Target<'a, S> {
-    simd: S,
-    sums: &'a mut [f64],
-    high: &'a mut [f64],
-    low: &'a mut [f64],
-}
-
-impl<S: Simd> Target<'_, S> {
-    /// Adds the next sums.
-    #[inline(always)]
-    fn add_products(&mut self, left: &[f64], right: &[f64]) {
-        let count = left.len() / ROWS * (right.len() / ROWS);
-        let sums = &mut self.sums[..count];
-        products(self.simd, left, right, sums);
-        let (high, rest) = std::mem::take(&mut self.high).split_at_mut(count);
-        self.high = rest;
-        let (low, rest) = std::mem::take(&mut self.low).split_at_mut(count);
-        self.low = rest;
-        let round = 1.5 * power_of_two(52 + 26);
-        for ((&sum, high), low) in sums.iter().zip(high).zip(low) {
-            let rounded = (sum + round) - round;
-            *high += rounded;
-            *low += sum - rounded;
-        }
-    }
-}
-
-/// The features of readings about their centres; zero for rows that are not there.
-#[inline(always)]
-fn fill(layout: &Layout, centre: &[i64], staged: usize, readings: &[f64], features: &mut [f64]) {
-    for (f, &(factor, channel)) in layout.recipe.iter().enumerate() {
-        let (before, now) = features.split_at_mut(f * ROWS);
-        let now = &mut now[..ROWS];
-        match factor {
-            None => {
-                let centre = centre[channel] as f64;
-                for (x, s) in now.iter_mut().zip(&readings[channel * ROWS..][..ROWS]) {
-                    *x = s - centre;
-                }
-                now[staged..].fill(0.0);
-            }
-            Some(factor) => {
-                let single = layout.single(channel);
-                let single = &before[single * ROWS..][..ROWS];
-                let factor = &before[factor * ROWS..][..ROWS];
-                for ((x, a), b) in now.iter_mut().zip(factor).zip(single) {
-                    *x = a * b;
-                }
-            }
-        }
-    }
-}
-
-/// Range of a column in integers, or a reading that is not one.
-fn survey(column: &[f64], decimals: u32) -> Result<Channel, f64> {
-    let (lowest, highest, integers) = if decimals == 0 {
-        Arch::new().dispatch(SurveyIntegers(column))
-    } else {
-        let range = (f64::INFINITY, f64::NEG_INFINITY, true);
-        column.iter().fold(range, |(lowest, highest, integers), &x| {
-            let number = scaled(x, decimals);
-            let integers = integers && number / power_of_ten(decimals) == x;
-            (lowest.min(number), highest.max(number), integers)
-        })
-    };
-    let fits = |x: f64| x.abs() < f64::from(1 << 16);
-    if integers && (column.is_empty() || fits(lowest) && fits(highest)) {
-        let (lowest, highest) = (lowest as i64, highest as i64);
-        return Ok(Channel { decimals, lowest, highest });
-    }
-    let good = |&x: &f64| {
-        let number = scaled(x, decimals);
-        fits(number) && number / power_of_ten(decimals) == x
-    };
-    Err(column.iter().copied().find(|x| !good(x)).unwrap_or(f64::NAN))
-}
-
-/// Smallest, largest, and whether all are integers.
-struct SurveyIntegers<'a>(&'a [f64]);
-
-impl NullaryFnOnce for SurveyIntegers<'_> {
-    type Output = (f64, f64, bool);
-
-    #[inline(always)]
-    fn call(self) -> (f64, f64, bool) {
-        /// Adding and taking it away rounds to an integer.
-        const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
-        let mut lowest = [f64::INFINITY; 32];
-        let mut highest = [f64::NEG_INFINITY; 32];
-        let mut odd = [0.0; 32];
-        let (chunks, rest) = self.0.as_chunks::<32>();
-        for chunk in chunks {
-            for i in 0..32 {
-                let x = chunk[i];
-                lowest[i] = if x < lowest[i] { x } else { lowest[i] };
-                highest[i] = if x > highest[i] { x } else { highest[i] };
-                // Zero for integers of up to 51 bits, more for fractions, NaN if not finite.
-                odd[i] += (x - ((x + ROUND) - ROUND)).abs();
-            }
-        }
-        let integers = odd.iter().all(|&odd| odd == 0.0) && rest.iter().all(|x| x.fract() == 0.0);
-        let lowest = lowest.iter().chain(rest).copied().fold(f64::INFINITY, f64::min);
-        let highest = highest.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max);
-        (lowest, highest, integers)
-    }
-}
-
-/// Writes readings that were surveyed as integers.
-fn scale(column: &[f64], decimals: u32, out: &mut [f64]) {
-    if decimals == 0 {
-        out.copy_from_slice(column);
-    } else {
-        for (out, &x) in out.iter_mut().zip(column) {
-            *out = scaled(x, decimals);
-        }
-    }
-}
-
-fn scaled(x: f64, decimals: u32) -> f64 {
-    (x * power_of_ten(decimals)).round()
-}
-
-fn power_of_ten(decimals: u32) -> f64 {
-    f64::from(10u32.pow(decimals))
 }

@@ -3,7 +3,8 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::ExactError;
-use super::accumulator::{Accumulator, Scratch};
+use super::accumulator::Accumulator;
+use super::block_sums::Scratch;
 use crate::calibration::model::Basis;
 
 /// Sums blocks of rows, one [`Accumulator`] each, so that they can be merged cheaply.

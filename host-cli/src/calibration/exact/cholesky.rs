@@ -10,6 +10,41 @@ pub(super) const LANES: usize = 8;
 /// One row of right-hand sides or solutions.
 pub(super) type Row = [DoubleDouble; LANES];
 
+/// A row with its heads and tails apart, each a vector: what loops work on.
+#[derive(Clone, Copy)]
+pub(super) struct Lanes {
+    heads: [f64; LANES],
+    tails: [f64; LANES],
+}
+
+impl Lanes {
+    #[inline(always)]
+    pub(super) fn of(row: &Row) -> Self {
+        Self { heads: row.map(DoubleDouble::to_f64), tails: row.map(DoubleDouble::tail) }
+    }
+
+    #[inline(always)]
+    pub(super) fn row(&self) -> Row {
+        std::array::from_fn(|lane| self.get(lane))
+    }
+
+    #[inline(always)]
+    fn get(&self, lane: usize) -> DoubleDouble {
+        DoubleDouble::from_parts(self.heads[lane], self.tails[lane])
+    }
+
+    /// `self −= factor·other`.
+    #[inline(always)]
+    pub(super) fn take_away(&mut self, factor: DoubleDouble, other: &Lanes) {
+        let factor = -factor;
+        for lane in 0..LANES {
+            let sum = self.get(lane) + factor * other.get(lane);
+            self.heads[lane] = sum.to_f64();
+            self.tails[lane] = sum.tail();
+        }
+    }
+}
+
 /// The upper triangle of a symmetric positive definite matrix, bordered by right-hand sides; then
 /// its Cholesky factor `R`, `A = RᵀR`, bordered by `R⁻ᵀB`.
 #[derive(Clone, Debug)]
@@ -147,6 +182,7 @@ impl NullaryFnOnce for SolveLower<'_> {
     }
 }
 
+/// `row −= factor·other`.
 #[inline(always)]
 fn take_away(row: &mut Row, factor: DoubleDouble, other: &Row) {
     let factor = -factor;

@@ -16,12 +16,13 @@
 
 use pulp::{Arch, NullaryFnOnce};
 
-use super::accumulator::pair;
-use super::cholesky::{Bordered, LANES, Row};
+use super::cholesky::{Bordered, LANES, Lanes, Row};
 use super::limbs::power_of_two;
 use super::moments::Moments;
-use super::solve::{Fit, SolveError, contains, round, round_scaled};
-use crate::calibration::model::{Model, Term};
+use super::parts::{Frame, Part, Parts, counted_coefficients};
+use super::solve::{Fit, SolveError, round};
+use super::symmetric::Symmetric;
+use crate::calibration::model::Term;
 use crate::calibration::quality::AxisQuality;
 use crate::double_double::DoubleDouble;
 use crate::wrench::PerAxis;
@@ -29,29 +30,6 @@ use crate::wrench::PerAxis;
 /// Pivots of Cholesky, relative to the diagonal, above which its coefficients have more than ten
 /// digits: their error is about p·2⁻¹⁰⁰ over the smallest pivot.
 const SMALLEST_PIVOT: f64 = 1.0 / (1u64 << 58) as f64;
-
-/// Sums over all rows, ready to fit without parts of them.
-#[derive(Debug)]
-pub struct Parts<'a> {
-    total: &'a Moments,
-    model: Model,
-    frame: Frame,
-    all: Part,
-}
-
-/// Sums over a part of the rows, in the units of all. As large as the normal equations.
-#[derive(Debug)]
-pub struct Part {
-    rows: u64,
-    /// The upper triangle of the Gram matrix, row by row.
-    gram: Vec<i128>,
-    /// Sums of the features.
-    features: Vec<i128>,
-    right: Vec<Row>,
-    /// Sums of the wrench and of its squares.
-    wrench: Row,
-    squares: Row,
-}
 
 /// Errors on rows that were not fitted, on one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -62,16 +40,6 @@ pub struct HeldOut {
     pub sum: f64,
     /// Sum of squared errors.
     pub squares: f64,
-}
-
-/// Where the origin is, and the powers of two that columns and axes are divided by.
-#[derive(Debug)]
-struct Frame {
-    terms: Vec<Term>,
-    positions: Vec<usize>,
-    centre: Vec<i64>,
-    columns: Vec<i32>,
-    axes: [i32; 6],
 }
 
 impl HeldOut {
@@ -93,35 +61,7 @@ impl HeldOut {
     }
 }
 
-impl<'a> Parts<'a> {
-    /// Of the rows of `total`, to be fitted with `model`.
-    ///
-    /// # Errors
-    /// [`SolveError::OtherFeatures`] if the features of the model were not summed;
-    /// [`SolveError::TooFewRows`] of no rows.
-    pub fn new(total: &'a Moments, model: &Model) -> Result<Self, SolveError> {
-        let terms = model.terms();
-        if model.channels != total.channels() || !contains(total, &terms) {
-            let summed =
-                Model { basis: total.basis(), intercept: true, channels: total.channels() };
-            return Err(SolveError::OtherFeatures { summed: summed.name(), asked: model.name() });
-        }
-        if total.rows() == 0 {
-            return Err(SolveError::TooFewRows { rows: 0, coefficients: terms.len() });
-        }
-        let centre = (0..model.channels)
-            .map(|i| if model.intercept { total.rounded_mean(i) } else { 0 })
-            .collect();
-        let frame = Frame::new(total, terms, centre);
-        let all = frame.part(total);
-        Ok(Self { total, model: *model, frame, all })
-    }
-
-    /// The sums of some of the rows, in the form that is needed here.
-    pub fn part(&self, moments: &Moments) -> Part {
-        self.frame.part(&moments.in_units_of(self.total))
-    }
-
+impl Parts<'_> {
     /// Fits all rows but those of `moments`, whose sums are `part`, and returns the errors on
     /// those. `ridge` is as in [`Moments::solve`], about the mean of all rows.
     ///
@@ -173,114 +113,30 @@ impl<'a> Parts<'a> {
 
     /// The errors on a part of a fit that has an origin and units of its own.
     fn errors_of(&self, fit: &Fit, part: &Moments) -> PerAxis<HeldOut> {
-        let part = part.in_units_of(self.total);
-        let units: Vec<f64> =
-            part.channels.iter().map(|channel| 10f64.powi(channel.decimals as i32)).collect();
-        let centre = fit.centre.iter().zip(&units).map(|(c, unit)| (c * unit).round() as i64);
-        let scale = fit.scale.iter().zip(&units);
-        let reach: Vec<i32> = scale.map(|(s, unit)| (s * unit).log2().round() as i32).collect();
-        let reach = |term: &Term| term.factors().iter().map(|&c| reach[usize::from(c)]).sum();
-        let frame = Frame {
-            columns: self.frame.terms.iter().map(reach).collect(),
-            centre: centre.collect(),
-            positions: self.frame.positions.clone(),
-            axes: [0; 6],
-            terms: self.frame.terms.clone(),
-        };
-        let row = |row: &PerAxis<DoubleDouble>| -> Row {
-            std::array::from_fn(|i| row.get(i).copied().unwrap_or(DoubleDouble::ZERO))
-        };
-        let coefficients: Vec<Row> = fit.coefficients.iter().map(row).collect();
-        frame.errors(&frame.part(&part), &coefficients)
+        let frame = self.frame_of(fit);
+        let coefficients = counted_coefficients(fit);
+        frame.errors(&frame.part(&part.in_units_of(self.total)), &coefficients)
     }
 }
 
 impl Frame {
-    fn new(total: &Moments, terms: Vec<Term>, centre: Vec<i64>) -> Self {
-        let half = |exponent: i32| exponent.div_euclid(2) + 1;
-        let (readings, _) = total.about(&centre);
-        let positions = total.positions(&terms);
-        let columns = (0..terms.len()).map(|j| match readings[positions[j * terms.len() + j]] {
-            0 => 0,
-            square => half(square.ilog2() as i32),
-        });
-        let axes = std::array::from_fn(|a| {
-            let square = &total.squares[pair(a, a)];
-            match square.values[0].bits() {
-                0 => 0,
-                bits => half(square.exponent + bits as i32 - 1),
-            }
-        });
-        Self { columns: columns.collect(), axes, positions, centre, terms }
-    }
-
-    fn part(&self, moments: &Moments) -> Part {
-        let (readings, wrench) = moments.about(&self.centre);
-        let size = self.terms.len();
-        let ones: Vec<usize> = (self.terms.iter())
-            .map(|&term| moments.layout.position(term, Term::INTERCEPT))
-            .collect();
-        let upper = (0..size).flat_map(|a| &self.positions[a * size + a..(a + 1) * size]);
-        let per_axis = |of: &dyn Fn(usize) -> DoubleDouble| -> Row {
-            std::array::from_fn(|i| if i < 6 { of(i) } else { DoubleDouble::ZERO })
-        };
-        let sum = |axis: usize, position: usize, column: i32| {
-            let exponent = moments.wrench[axis].exponent - column - self.axes[axis];
-            round_scaled(&wrench[axis][position], exponent)
-        };
-        Part {
-            rows: moments.rows(),
-            gram: upper.map(|&position| readings[position]).collect(),
-            features: ones.iter().map(|&position| readings[position]).collect(),
-            right: (ones.iter().zip(&self.columns))
-                .map(|(&position, &column)| per_axis(&|axis| sum(axis, position, column)))
-                .collect(),
-            wrench: per_axis(&|axis| sum(axis, 0, 0)),
-            squares: per_axis(&|axis| {
-                let square = &moments.squares[pair(axis, axis)];
-                round_scaled(&square.values[0], square.exponent - 2 * self.axes[axis])
-            }),
-        }
-    }
-
     /// Scaled coefficients without the part; `None` if they are not sure to ten digits.
     fn solve(&self, all: &Part, part: &Part, ridge: f64) -> Option<Vec<Row>> {
-        let size = self.terms.len();
-        let mut bordered = Bordered::zero(size, 6);
-        let mut gram = all.gram.iter().zip(&part.gram);
-        for a in 0..size {
-            for b in a..size {
-                let (all, part) = gram.next().expect("an upper triangle");
-                let scale = power_of_two(-self.columns[a] - self.columns[b]);
-                bordered.set(a, b, round(all.wrapping_sub(*part)).scaled(scale));
-            }
-            if ridge > 0.0 && self.terms[a] != Term::INTERCEPT {
-                let square = bordered.get(a, a);
+        let rest = all.gram.iter().zip(&part.gram).map(|(all, part)| all.wrapping_sub(*part));
+        let mut gram = Symmetric::new(rest, &self.columns);
+        for (a, term) in self.terms.iter().enumerate() {
+            if ridge > 0.0 && *term != Term::INTERCEPT {
+                let square = gram.diagonal_mut(a);
                 // As for all rows: a column of zeros keeps its coefficient at zero.
-                let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
-                bordered.set(a, a, bordered.get(a, a) + square * DoubleDouble::from(ridge));
-            }
-            for axis in 0..6 {
-                bordered.set(a, size + axis, all.right[a][axis] - part.right[a][axis]);
+                let penalised =
+                    if *square == DoubleDouble::ZERO { DoubleDouble::ONE } else { *square };
+                *square += penalised * DoubleDouble::from(ridge);
             }
         }
-        let diagonal: Vec<f64> = (0..size).map(|a| bordered.get(a, a).to_f64()).collect();
-        bordered.factor().ok()?;
-        let sure = diagonal.iter().enumerate().all(|(a, square)| {
-            let root = bordered.get(a, a).to_f64();
-            root * root > SMALLEST_PIVOT * square
-        });
-        let mut coefficients: Vec<Row> = (0..size)
-            .map(|a| {
-                std::array::from_fn(|axis| match axis {
-                    0..6 => bordered.get(a, size + axis),
-                    _ => DoubleDouble::ZERO,
-                })
-            })
+        let right: Vec<Row> = (all.right.iter().zip(&part.right))
+            .map(|(all, part)| std::array::from_fn(|lane| all[lane] - part[lane]))
             .collect();
-        bordered.solve_upper(&mut coefficients);
-        let finite = coefficients.iter().flatten().all(|c| c.is_finite());
-        (sure && finite).then_some(coefficients)
+        gram.solve(&right).or_else(|| solve_wide(&gram, &right))
     }
 
     /// The errors of scaled coefficients on a part.
@@ -299,6 +155,33 @@ impl Frame {
     }
 }
 
+/// The solution by a factor in double-double; `None` if it is not sure to ten digits.
+fn solve_wide(gram: &Symmetric, right: &[Row]) -> Option<Vec<Row>> {
+    let size = right.len();
+    let mut bordered = Bordered::zero(size, 6);
+    for (a, right) in right.iter().enumerate() {
+        (a..size).for_each(|b| bordered.set(a, b, gram.get(a, b)));
+        (0..6).for_each(|axis| bordered.set(a, size + axis, right[axis]));
+    }
+    bordered.factor().ok()?;
+    let is_sure = |a: usize| {
+        let root = bordered.get(a, a).to_f64();
+        root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
+    };
+    let sure = (0..size).all(is_sure);
+    let mut coefficients: Vec<Row> = (0..size)
+        .map(|a| {
+            std::array::from_fn(|axis| match axis {
+                0..6 => bordered.get(a, size + axis),
+                _ => DoubleDouble::ZERO,
+            })
+        })
+        .collect();
+    bordered.solve_upper(&mut coefficients);
+    let finite = coefficients.iter().flatten().all(|c| c.is_finite());
+    (sure && finite).then_some(coefficients)
+}
+
 /// Sums of errors and of their squares, scaled.
 struct Errors<'a> {
     columns: &'a [i32],
@@ -312,35 +195,28 @@ impl NullaryFnOnce for Errors<'_> {
     #[inline(always)]
     fn call(self) -> (Row, Row) {
         let Self { columns, part, coefficients } = self;
-        let mut sums = part.wrench;
-        for sum in &mut sums {
-            *sum = -*sum;
-        }
+        let mut sums = Lanes::of(&part.wrench.map(|sum| -sum));
         let mut squares = part.squares;
+        let lanes: Vec<Lanes> = coefficients.iter().map(Lanes::of).collect();
         let mut gram = &part.gram[..];
         for (a, c) in coefficients.iter().enumerate() {
             let (row, rest) = gram.split_at(columns.len() - a);
             gram = rest;
             // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of what the terms of `a` take away.
-            let mut half = part.right[a];
+            let mut half = Lanes::of(&part.right[a]);
             for (b, &element) in (a..).zip(row) {
                 let up = if a == b { 1 } else { 0 };
                 let element = round(element).scaled(power_of_two(-columns[a] - columns[b] - up));
-                take_away(&mut half, element, &coefficients[b]);
+                half.take_away(element, &lanes[b]);
             }
             let ones = round(part.features[a]).scaled(power_of_two(-columns[a]));
-            take_away(&mut sums, -ones, c);
+            sums.take_away(-ones, &lanes[a]);
+            let half = half.row();
             for lane in 0..LANES {
                 squares[lane] -= (half[lane] * c[lane]).scaled(2.0);
             }
         }
+        let sums = sums.row();
         (sums, squares)
-    }
-}
-
-#[inline(always)]
-fn take_away(row: &mut Row, factor: DoubleDouble, other: &Row) {
-    for (x, &other) in row.iter_mut().zip(other) {
-        *x -= factor * other;
     }
 }

@@ -10,34 +10,39 @@ use pulp::Simd;
 /// and few enough that the 164 features of degree three stay in a cache of 512 kB.
 pub(super) const ROWS: usize = 256;
 
-/// `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the right.
+/// `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the right; those
+/// on the left are some of `columns`.
 #[inline(always)]
-pub(super) fn products<S: Simd>(simd: S, left: &[f64], right: &[f64], out: &mut [f64]) {
-    let (lefts, rights) = (left.len() / ROWS, right.len() / ROWS);
-    debug_assert_eq!(out.len(), lefts * rights);
-    let mut l = 0;
-    while l < lefts {
+pub(super) fn products<S: Simd>(
+    simd: S,
+    columns: &[f64],
+    mut left: impl ExactSizeIterator<Item = usize>,
+    right: &[f64],
+    mut out: &mut [f64],
+) {
+    let rights = right.len() / ROWS;
+    debug_assert_eq!(out.len(), left.len() * rights);
+    let mut next = || left.next().map_or(&[][..], |l| column::<S>(columns, l));
+    while !out.is_empty() {
         // Five are better done as three and two than as four and one.
-        let height = match lefts - l {
+        let height = match out.len() / rights {
             5 => 3,
             n => n.min(4),
         };
-        let columns = &left[l * ROWS..(l + height) * ROWS];
-        let out = &mut out[l * rights..(l + height) * rights];
+        let now;
+        (now, out) = out.split_at_mut(height * rights);
         match height {
-            4 => strip::<S, 4>(simd, columns, right, out),
-            3 => strip::<S, 3>(simd, columns, right, out),
-            2 => strip::<S, 2>(simd, columns, right, out),
-            _ => strip::<S, 1>(simd, columns, right, out),
+            4 => strip::<S, 4>(simd, [next(), next(), next(), next()], right, now),
+            3 => strip::<S, 3>(simd, [next(), next(), next()], right, now),
+            2 => strip::<S, 2>(simd, [next(), next()], right, now),
+            _ => strip::<S, 1>(simd, [next()], right, now),
         }
-        l += height;
     }
 }
 
 #[inline(always)]
-fn strip<S: Simd, const L: usize>(simd: S, left: &[f64], right: &[f64], out: &mut [f64]) {
+fn strip<S: Simd, const L: usize>(simd: S, left: [&[S::f64s]; L], right: &[f64], out: &mut [f64]) {
     let rights = right.len() / ROWS;
-    let left: [&[S::f64s]; L] = std::array::from_fn(|l| column::<S>(left, l));
     let mut r = 0;
     while r < rights {
         match rights - r {
@@ -101,7 +106,7 @@ mod tests {
         type Output = ();
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) {
-            products(simd, self.0, self.1, self.2);
+            products(simd, self.0, 0..self.0.len() / ROWS, self.1, self.2);
         }
     }
 
@@ -122,7 +127,7 @@ mod tests {
                 pulp::Arch::new().dispatch(Products(&left, &right, &mut out));
                 assert_eq!(out, expected);
                 out.fill(f64::NAN);
-                products(pulp::Scalar::new(), &left, &right, &mut out);
+                products(pulp::Scalar::new(), &left, 0..lefts, &right, &mut out);
                 assert_eq!(out, expected);
             }
         }

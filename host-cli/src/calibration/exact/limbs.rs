@@ -8,9 +8,11 @@
 //! 2^(width−1) · largest right operand · ROWS ≤ 2⁵³
 //! ```
 //!
-//! Only the left operands are cut as long as the right ones, the features, leave room for that.
+//! There are two ways to that, and the cheaper one is taken: to cut the left operands only, into limbs
+//! as narrow as the right ones, whole features, demand; or to cut both sides and the wrench alike.
 
 use super::kernel::ROWS;
+use super::layout::Layout;
 
 /// Bits of an exact sum, less those that a block of rows takes.
 const BITS: u32 = f64::MANTISSA_DIGITS - ROWS.ilog2();
@@ -21,55 +23,111 @@ pub(super) const SQUARE_WIDTH: u32 = BITS / 2 + 1;
 /// The largest distance between a reading and its centre: half the range of 16 bits.
 pub(super) const MAX_DISTANCE: u32 = 1 << 15;
 
+/// A way to cut features: in how many limbs, by degree from 0 to 3.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Cut {
+    pub(super) width: u32,
+    pub(super) counts: [usize; 4],
+}
+
 /// How the features of readings within some distance of their centres are multiplied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct FeatureLimbs {
     /// The largest distance between a reading and its centre that this is good for.
     pub(super) largest: u32,
-    /// Width of the limbs on the left.
-    pub(super) width: u32,
-    /// Limbs on the left for features of degree 0 to 3.
-    pub(super) left: [usize; 4],
-    /// Width of the two limbs on the right, if features are cut there too.
-    pub(super) right: Option<u32>,
+    pub(super) left: Cut,
+    pub(super) right: Cut,
+    /// No right operand exceeds two to this.
+    right_bits: u32,
 }
 
 impl FeatureLimbs {
     /// The cheapest way for distances up to `distance`, with room for a quarter more where that
     /// costs nothing.
-    pub(super) fn new(distance: u32, degree: u32) -> Self {
-        let distance = distance.clamp(1, MAX_DISTANCE);
-        let exact = Self::for_distance(distance, degree);
-        let roomy = Self::for_distance((distance + distance / 4 + 1).min(MAX_DISTANCE), degree);
-        if roomy.cost(degree) == exact.cost(degree) { roomy } else { exact }
-    }
-
-    fn for_distance(largest: u32, degree: u32) -> Self {
-        let bits = |exponent: u32| bits_of(u64::from(largest).pow(exponent));
-        let limbs = |width: u32| {
-            std::array::from_fn(|e| (bits(e as u32) + 1).div_ceil(width).max(1) as usize)
+    pub(super) fn new(distance: u32, layout: &Layout) -> Self {
+        let cheapest = |distance: u32| {
+            let distance = distance.clamp(1, MAX_DISTANCE);
+            let degree = layout.features.last().map_or(1, |term| term.factors().len() as u32);
+            let ways = [Self::whole_on_the_right(distance, degree), Some(Self::even(distance))];
+            let ways = ways.into_iter().flatten();
+            let costs = ways.map(|way| (way.cost(layout), way));
+            costs.min_by_key(|&(cost, _)| cost).expect("one way is always possible")
         };
-        // A right operand is at most 2^bits, so that a limb may be 2^(BITS − bits).
-        if let Some(width) = BITS.checked_sub(bits(degree)).map(|spare| spare + 1) {
-            let whole = Self { largest, width, left: limbs(width), right: None };
-            if whole.cost(degree) <= 4 {
-                return whole;
-            }
-        }
-        let right = (bits(degree) + 1).div_ceil(2);
-        let width = BITS - (right - 1) + 1;
-        Self { largest, width, left: limbs(width), right: Some(right) }
+        let (cost, exact) = cheapest(distance);
+        let (roomy_cost, roomy) = cheapest((distance + distance / 4 + 1).min(MAX_DISTANCE));
+        if roomy_cost == cost { roomy } else { exact }
     }
 
-    /// Products for one sum of features of the highest degree.
-    fn cost(&self, degree: u32) -> usize {
-        self.left[degree as usize] * self.rights()
+    /// Features of the highest degree are multiplied as they are with limbs so narrow that there
+    /// is room for that.
+    fn whole_on_the_right(largest: u32, degree: u32) -> Option<Self> {
+        let right_bits = bits_of_power(largest, degree);
+        let width = BITS.checked_sub(right_bits)? + 1;
+        Some(Self {
+            largest,
+            left: Cut::new(width, largest),
+            right: Cut::new(right_bits + 1, largest),
+            right_bits,
+        })
     }
 
-    /// Number of parts of the features on the right.
-    pub(super) fn rights(&self) -> usize {
-        if self.right.is_some() { 2 } else { 1 }
+    /// All features are cut alike, and as the wrench is.
+    fn even(largest: u32) -> Self {
+        let cut = Cut::new(SQUARE_WIDTH, largest);
+        Self { largest, left: cut, right: cut, right_bits: SQUARE_WIDTH - 1 }
     }
+
+    /// Whether a feature of this degree is the same on the left and on the right.
+    pub(super) fn is_shared(&self, degree: usize) -> bool {
+        let (left, right) = (self.left, self.right);
+        left.counts[degree] == right.counts[degree]
+            && (left.counts[degree] == 1 || left.width == right.width)
+    }
+
+    /// The width of the limbs of the wrench that are multiplied with features, unless those of
+    /// [`SQUARE_WIDTH`] will do.
+    pub(super) fn cross_width(&self) -> Option<u32> {
+        let width = BITS - self.right_bits + 1;
+        (width < SQUARE_WIDTH).then_some(width)
+    }
+
+    /// About how many steps of work there are for a row: products and what it takes to cut.
+    fn cost(&self, layout: &Layout) -> usize {
+        /// To cut off a limb and store it.
+        const CUT: usize = 4;
+        /// What the wrench usually has: the bits of an `f64` and a range of 2⁹.
+        const PLACES: u32 = 62;
+        let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
+        let products = layout.groups.iter().map(|group| {
+            let left: usize = group.left.iter().map(|&f| count(&self.left, f)).sum();
+            let right: usize = group.right.clone().map(|f| count(&self.right, f)).sum();
+            left * right
+        });
+        let features = 0..layout.features.len();
+        let rights: usize = features.clone().map(|f| count(&self.right, f)).sum();
+        let cut = features.map(|f| {
+            let degree = layout.features[f].factors().len();
+            let right = Some(self.right.counts[degree]).filter(|&limbs| limbs > 1);
+            let left = Some(self.left.counts[degree]).filter(|_| !self.is_shared(degree));
+            right.unwrap_or(0) + left.unwrap_or(0)
+        });
+        let limbs = 6 * PLACES.div_ceil(self.cross_width().unwrap_or(SQUARE_WIDTH)) as usize;
+        let own_limbs = self.cross_width().map_or(0, |_| limbs);
+        products.sum::<usize>() + (limbs + 1) * rights + CUT * (own_limbs + cut.sum::<usize>())
+    }
+}
+
+impl Cut {
+    /// Limbs of some width for powers of integers up to `largest`.
+    fn new(width: u32, largest: u32) -> Self {
+        let limbs = |degree: u32| (bits_of_power(largest, degree) + 1).div_ceil(width) as usize;
+        Self { width, counts: std::array::from_fn(|degree| limbs(degree as u32)) }
+    }
+}
+
+/// The smallest b with `valueᵉ ≤ 2^b`.
+fn bits_of_power(value: u32, exponent: u32) -> u32 {
+    bits_of(u64::from(value).pow(exponent))
 }
 
 /// The smallest b with `value ≤ 2^b`.
@@ -90,10 +148,10 @@ impl Places {
     /// No places: zero only.
     pub(super) const NONE: Self = Self { low: i32::MAX, high: i32::MIN };
 
-    /// The places of finite numbers.
+    /// The places of those numbers that are finite.
     pub(super) fn of(values: &[f64]) -> Self {
         let mut places = Self::NONE;
-        for &value in values.iter().filter(|&&v| v != 0.0) {
+        for &value in values.iter().filter(|&&v| v != 0.0 && v.is_finite()) {
             let bits = value.to_bits();
             let (exponent, fraction) = ((bits >> 52) as i32 & 0x7ff, bits & ((1 << 52) - 1));
             let (significand, unit) = match exponent {
@@ -197,22 +255,30 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::calibration::model::Basis;
 
     #[test]
     fn sums_of_a_block_never_exceed_what_is_exact() {
-        for degree in 1..=3 {
+        for basis in Basis::ALL {
+            let layout = Layout::new(basis, 2);
             for distance in 1..=MAX_DISTANCE {
-                let limbs = FeatureLimbs::new(distance, degree);
+                let limbs = FeatureLimbs::new(distance, &layout);
                 assert!(limbs.largest >= distance && limbs.largest <= MAX_DISTANCE);
-                let feature = u128::from(limbs.largest).pow(degree);
-                let right = limbs.right.map_or(feature, |width| 1 << (width - 1));
-                assert!(right * (1 << (limbs.width - 1)) * ROWS as u128 <= 1 << 53);
-                // All features fit into their limbs.
-                for exponent in 0..=degree {
-                    let places = limbs.left[exponent as usize] as u32 * limbs.width;
-                    assert!(u128::from(limbs.largest).pow(exponent) <= 1 << (places - 1));
+                let largest = |cut: &Cut, degree: usize| {
+                    let feature = u128::from(limbs.largest).pow(degree as u32);
+                    let places = cut.counts[degree] as u32 * cut.width;
+                    assert!(feature <= 1 << (places - 1), "the limbs hold the feature");
+                    if cut.counts[degree] == 1 { feature } else { 1 << (cut.width - 1) }
+                };
+                let cross = limbs.cross_width().unwrap_or(SQUARE_WIDTH);
+                for right in 1..=basis.degree() {
+                    let right = largest(&limbs.right, right);
+                    for left in 1..=basis.degree() {
+                        let left = largest(&limbs.left, left);
+                        assert!(left * right * ROWS as u128 <= 1 << 53);
+                    }
+                    assert!(right * (1 << (cross - 1)) * ROWS as u128 <= 1 << 53);
                 }
-                assert!(limbs.right.is_none_or(|width| feature <= 1 << (2 * width - 1)));
             }
         }
         assert!((1u64 << (2 * (SQUARE_WIDTH - 1))) * ROWS as u64 <= 1 << 53);

@@ -8,11 +8,15 @@
 //! in double-double arithmetic, which carries twice the digits that forming `XᵀX` can cost. Loss of
 //! rank is decided by integer arithmetic, not by a tolerance.
 //!
-//! Omitted: readings that are not decimals of few digits, and wrenches whose magnitudes on one axis
-//! span more than 250 binary places. [`ExactError`] says so, and another solver has to do.
+//! Omitted: readings with fractions finer than 1/256 that are not decimals of few digits, and
+//! wrenches whose magnitudes on one axis span more than 250 binary places. [`ExactError`] says so,
+//! and another solver has to do.
 
 mod accumulator;
 mod adder;
+mod block_sums;
+mod by_group;
+mod choice;
 mod cholesky;
 mod held_out;
 mod kernel;
@@ -20,13 +24,19 @@ mod layout;
 mod limbs;
 mod modular;
 mod moments;
+mod open_sums;
+mod parts;
 mod rank;
 mod solve;
+mod symmetric;
+mod unit;
 
 pub use self::accumulator::Accumulator;
 pub use self::adder::Adder;
-pub use self::held_out::{HeldOut, Part, Parts};
+pub use self::by_group::{ByGroup, GroupsError};
+pub use self::held_out::HeldOut;
 pub use self::moments::Moments;
+pub use self::parts::{Part, Parts};
 pub use self::rank::{RankLoss, Relation};
 pub use self::solve::{Fit, SolveError};
 
@@ -39,8 +49,8 @@ pub const MAX_ROWS: u64 = 1 << 30;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExactError {
-    /// A reading is not an integer, nor one after a power of ten.
-    #[error("reading `{value}` of channel `s{}` is not an integer of 16 bits, nor that over a power of ten", channel + 1)]
+    /// A reading is not an integer, nor one over a power of two or ten.
+    #[error("reading `{value}` of channel `s{}` is not an integer of 16 bits, nor that over a power of two or ten", channel + 1)]
     NotAnInteger {
         /// The channel, from 0.
         channel: usize,

@@ -8,6 +8,7 @@ use num_traits::Zero;
 use serde::{Deserialize, Serialize};
 
 use super::layout::{Layout, shift};
+use super::unit::Unit;
 use super::{ExactError, MAX_ROWS};
 use crate::calibration::extent::{Extent, Range};
 use crate::calibration::model::Basis;
@@ -39,8 +40,8 @@ pub struct Moments {
 /// What is known of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Channel {
-    /// Readings are integers times `10^−decimals`.
-    pub(super) decimals: u32,
+    /// Readings are integers times this.
+    pub(super) unit: Unit,
     /// The smallest of these integers.
     pub(super) lowest: i64,
     /// The largest of them.
@@ -48,7 +49,7 @@ pub(super) struct Channel {
 }
 
 impl Channel {
-    const EMPTY: Self = Self { decimals: 0, lowest: i64::MAX, highest: i64::MIN };
+    const EMPTY: Self = Self { unit: Unit::COUNT, lowest: i64::MAX, highest: i64::MIN };
 }
 
 /// Integers times a power of two, in lowest terms: not all of them even, exponent 0 if all zero.
@@ -150,9 +151,9 @@ impl Moments {
 
     /// Smallest and largest reading of each channel; `None` of no rows.
     pub fn range(&self, channel: usize) -> Option<(f64, f64)> {
-        let Channel { decimals, lowest, highest } = *self.channels.get(channel)?;
-        let power = 10f64.powi(decimals as i32);
-        (lowest <= highest).then(|| (lowest as f64 / power, highest as f64 / power))
+        let Channel { unit, lowest, highest } = *self.channels.get(channel)?;
+        let per_count = f64::from(unit.per_count());
+        (lowest <= highest).then(|| (lowest as f64 / per_count, highest as f64 / per_count))
     }
 
     /// Adds the rows of `other`, which are other rows of the same channels and basis.
@@ -168,8 +169,8 @@ impl Moments {
         if self.rows + other.rows > MAX_ROWS {
             return Err(ExactError::TooManyRows);
         }
-        let decimals = self.channels.iter().zip(&other.channels);
-        let decimals: Vec<u32> = decimals.map(|(a, b)| a.decimals.max(b.decimals)).collect();
+        let channels = self.channels.iter().zip(&other.channels);
+        let units: Vec<Unit> = channels.map(|(a, b)| a.unit.and(b.unit)).collect();
         let mut merged = self.channels.clone();
         for (channel, other) in merged.iter_mut().zip(&other.channels) {
             channel.merge(other);
@@ -177,12 +178,12 @@ impl Moments {
         if let Some(channel) = merged.iter().position(|c| !c.fits()) {
             return Err(ExactError::TooWide { channel });
         }
-        self.rescale(&decimals);
+        self.rescale(&units);
         let mut rescaled;
         let mut other = other;
-        if other.channels.iter().zip(&decimals).any(|(c, &d)| c.decimals != d) {
+        if other.channels.iter().zip(&units).any(|(c, &unit)| c.unit != unit) {
             rescaled = other.clone();
-            rescaled.rescale(&decimals);
+            rescaled.rescale(&units);
             other = &rescaled;
         }
         self.channels = merged;
@@ -218,32 +219,32 @@ impl Moments {
 
     /// These sums, of some of the rows of `whole`, with readings counted in its units.
     pub(super) fn in_units_of(&self, whole: &Moments) -> Cow<'_, Moments> {
-        let same = self.channels.iter().zip(&whole.channels).all(|(a, b)| a.decimals == b.decimals);
+        let same = self.channels.iter().zip(&whole.channels).all(|(a, b)| a.unit == b.unit);
         if same {
             return Cow::Borrowed(self);
         }
-        let decimals: Vec<u32> = whole.channels.iter().map(|channel| channel.decimals).collect();
+        let units: Vec<Unit> = whole.channels.iter().map(|channel| channel.unit).collect();
         let mut rescaled = self.clone();
-        rescaled.rescale(&decimals);
+        rescaled.rescale(&units);
         Cow::Owned(rescaled)
     }
 
     /// Counts the readings in finer units.
-    pub(super) fn rescale(&mut self, decimals: &[u32]) {
-        for (i, &decimals) in decimals.iter().enumerate() {
-            let by = decimals - self.channels[i].decimals;
-            if by == 0 {
+    pub(super) fn rescale(&mut self, units: &[Unit]) {
+        for (i, &unit) in units.iter().enumerate() {
+            let by = self.channels[i].unit.ratio(unit);
+            if by == 1 {
                 continue;
             }
-            self.channels[i].rescale(decimals);
-            let powers: Vec<i128> = (0..=6).map(|e| 10i128.wrapping_pow(by * e)).collect();
+            self.channels[i].rescale(unit);
+            let powers: Vec<i128> = (0..=6).map(|e| i128::from(by).wrapping_pow(e)).collect();
             for (sum, e) in self.readings.iter_mut().zip(self.layout.exponents(i)) {
                 *sum = sum.wrapping_mul(powers[e]);
             }
             for axis in &mut self.wrench {
                 for (sum, e) in axis.values.iter_mut().zip(self.layout.exponents(i)) {
                     if e > 0 {
-                        *sum *= BigInt::from(10).pow(by * e as u32);
+                        *sum *= BigInt::from(by).pow(e as u32);
                     }
                 }
                 axis.reduce();
@@ -279,20 +280,20 @@ pub(super) fn move_origin(
 }
 
 impl Channel {
-    pub(super) fn rescale(&mut self, decimals: u32) {
+    pub(super) fn rescale(&mut self, unit: Unit) {
         if self.lowest <= self.highest {
-            let factor = 10i64.saturating_pow(decimals - self.decimals);
+            let factor = i64::from(self.unit.ratio(unit));
             self.lowest = self.lowest.saturating_mul(factor);
             self.highest = self.highest.saturating_mul(factor);
         }
-        self.decimals = decimals;
+        self.unit = unit;
     }
 
     pub(super) fn merge(&mut self, other: &Self) {
         let mut other = *other;
-        let decimals = self.decimals.max(other.decimals);
-        self.rescale(decimals);
-        other.rescale(decimals);
+        let unit = self.unit.and(other.unit);
+        self.rescale(unit);
+        other.rescale(unit);
         self.lowest = self.lowest.min(other.lowest);
         self.highest = self.highest.max(other.highest);
     }
@@ -354,7 +355,7 @@ impl TryFrom<Stored> for Moments {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
         let mut moments = Moments::new(stored.basis, stored.channels.len());
-        let sane = |c: &Channel| c.fits() && c.decimals <= super::accumulator::MOST_DECIMALS;
+        let sane = |c: &Channel| c.fits() && c.unit.is_sane();
         if !stored.channels.iter().all(sane) || stored.rows > MAX_ROWS {
             return Err("ranges or rows beyond what can be summed exactly".to_owned());
         }

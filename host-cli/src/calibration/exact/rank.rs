@@ -76,8 +76,8 @@ pub(super) fn rank_loss(
             .collect();
         let exact = shares.filter(|shares| vanishes(j, shares, sum));
         let counts = |term: Term| -> f64 {
-            let decimals = |&c: &u8| moments.channels[usize::from(c)].decimals as i32;
-            10f64.powi(term.factors().iter().map(decimals).sum())
+            let per_count = |&c: &u8| moments.channels[usize::from(c)].unit.per_count();
+            term.factors().iter().map(per_count).map(f64::from).product()
         };
         Relation {
             feature: terms[j],

@@ -10,15 +10,14 @@
 //!    *Accuracy and Stability of Numerical Algorithms*, chapter 12: it converges as long as
 //!    κ(X) < 10¹⁵.
 
-use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
-use faer::{Mat, Par};
+use faer::Mat;
 use num_bigint::BigInt;
 use num_traits::{ToPrimitive, Zero};
 
-use super::accumulator::pair;
 use super::cholesky::{Bordered, LANES, Row};
 use super::limbs::power_of_two;
 use super::moments::Moments;
+use super::open_sums::pair;
 use super::rank::{RankLoss, rank_loss};
 use crate::calibration::model::{Model, Term};
 use crate::double_double::DoubleDouble;
@@ -35,8 +34,7 @@ pub struct Fit {
     /// What is subtracted from the readings of each channel before products are taken, in counts;
     /// zero without an intercept.
     pub centre: Vec<f64>,
-    /// What they are divided by after that: a power of two, over a power of ten for readings with
-    /// decimals.
+    /// What they are divided by after that: a power of two.
     pub scale: Vec<f64>,
     /// One row per feature of centred and scaled readings, in N and N·m.
     pub coefficients: Vec<PerAxis<DoubleDouble>>,
@@ -49,6 +47,7 @@ pub struct Fit {
     /// Independent features: all, unless a ridge stands in for the others.
     pub rank: usize,
     factor: Factor,
+    pub(super) counted: Counted,
 }
 
 /// Why the sums give no coefficients.
@@ -91,6 +90,17 @@ struct Factor {
     cholesky: Bordered,
     /// `2^exponent` times a column of it is that of the centred and scaled feature.
     exponents: Vec<i32>,
+}
+
+/// The features of readings that are counted in the units of the sums.
+#[derive(Clone, Debug)]
+pub(super) struct Counted {
+    /// What is subtracted.
+    pub(super) centre: Vec<i64>,
+    /// The power of two that the rest is divided by.
+    pub(super) reach: Vec<i32>,
+    /// How much larger a feature of [`Fit`] is than one of these: one where units are powers of two.
+    pub(super) stretch: Vec<DoubleDouble>,
 }
 
 impl Moments {
@@ -354,17 +364,26 @@ impl<'a> Equations<'a> {
         condition: f64,
         rank: usize,
     ) -> Result<Fit, SolveError> {
-        let decimals = |i: usize| 10f64.powi(self.moments.channels[i].decimals as i32);
+        let unit = |i: usize| self.moments.channels[i].unit;
         let exponents: Vec<i32> = (self.terms.iter().zip(&self.columns))
             .map(|(term, &column)| {
                 let reach: i32 = term.factors().iter().map(|&c| self.reach[usize::from(c)]).sum();
                 reach - column
             })
             .collect();
-        let scaled = |(row, &exponent): (&Row, &i32)| -> PerAxis<DoubleDouble> {
-            std::array::from_fn(|axis| shifted(row[axis], exponent + self.axes[axis]))
+        let stretch = |&c: &u8| {
+            let unit = unit(usize::from(c));
+            DoubleDouble::from(power_of_two(unit.nearest_power()))
+                / DoubleDouble::from(f64::from(unit.per_count()))
         };
-        let coefficients: Vec<_> = coefficients.iter().zip(&exponents).map(scaled).collect();
+        let stretch: Vec<DoubleDouble> = (self.terms.iter())
+            .map(|term| term.factors().iter().map(stretch).fold(DoubleDouble::ONE, |a, b| a * b))
+            .collect();
+        let scaled = |(row, (&exponent, &stretch)): (&Row, (&i32, &DoubleDouble))| {
+            std::array::from_fn(|axis| shifted(row[axis], exponent + self.axes[axis]) / stretch)
+        };
+        let coefficients: Vec<PerAxis<DoubleDouble>> =
+            coefficients.iter().zip(exponents.iter().zip(&stretch)).map(scaled).collect();
         if !coefficients.iter().flatten().all(|c| c.is_finite()) {
             return Err(SolveError::Overflow);
         }
@@ -381,14 +400,20 @@ impl<'a> Equations<'a> {
         Ok(Fit {
             model: self.model,
             rows: self.moments.rows,
-            centre: channels.clone().map(|i| self.centre[i] as f64 / decimals(i)).collect(),
-            scale: channels.map(|i| power_of_two(self.reach[i]) / decimals(i)).collect(),
+            centre: channels
+                .clone()
+                .map(|i| self.centre[i] as f64 / f64::from(unit(i).per_count()))
+                .collect(),
+            scale: channels
+                .map(|i| power_of_two(self.reach[i] - unit(i).nearest_power()))
+                .collect(),
             coefficients,
             residual_products,
             total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
             condition,
             rank,
             factor: Factor { cholesky, exponents },
+            counted: Counted { centre: self.centre, reach: self.reach, stretch },
         })
     }
 }
@@ -430,20 +455,14 @@ impl Fit {
         })
     }
 
-    /// Upper triangular `F` with `F·Fᵀ = (XᵀX)⁻¹`, ridge included: rows are features of centred
-    /// and scaled readings. In `f64`, which is enough for standard errors.
-    pub fn covariance_factor(&self) -> Mat<f64> {
+    /// Upper triangular `R` with `RᵀR = XᵀX`, ridge included: columns are features of centred and
+    /// scaled readings. In `f64`, which is enough for standard errors.
+    pub fn triangle(&self) -> Mat<f64> {
         let Factor { cholesky, exponents } = &self.factor;
-        let size = cholesky.size;
-        let r = Mat::from_fn(size, size, |i, j| cholesky.get(i, j.max(i)).to_f64());
-        let mut inverse = Mat::<f64>::identity(size, size);
-        solve_upper_triangular_in_place(r.as_ref(), inverse.as_mut(), Par::Seq);
-        for (i, &exponent) in exponents.iter().enumerate() {
-            for j in i..size {
-                inverse[(i, j)] = shifted(inverse[(i, j)].into(), exponent).to_f64();
-            }
-        }
-        inverse
+        Mat::from_fn(cholesky.size, cholesky.size, |i, j| match i <= j {
+            true => (shifted(cholesky.get(i, j), -exponents[j]) * self.counted.stretch[j]).to_f64(),
+            false => 0.0,
+        })
     }
 }
 
@@ -492,11 +511,19 @@ fn condition(cholesky: &Bordered) -> f64 {
     }
 }
 
-/// The nearest double-double of an integer.
+/// A double-double of an integer below 2¹²⁶: the integer itself up to 2¹⁰⁶.
+#[inline(always)]
 pub(super) fn round(value: i128) -> DoubleDouble {
-    let head = value as f64;
-    // The head of a number below 2¹²⁶ is one too.
-    DoubleDouble::from_sum(head, value.wrapping_sub(head as i128) as f64)
+    /// Digits of so many bits, the highest of at most 47, are exact in `f64`, and so are sums of two
+    /// neighbours in a head and a tail.
+    const BITS: u32 = 40;
+    const MASK: u64 = (1 << BITS) - 1;
+    let low = (value as u64 & MASK) as i64;
+    let middle = ((value >> BITS) as u64 & MASK) as i64;
+    let high = (value >> (2 * BITS)) as i64;
+    let (middle, high) =
+        (middle as f64 * power_of_two(BITS as i32), high as f64 * power_of_two(2 * BITS as i32));
+    DoubleDouble::from_sum(high, middle) + DoubleDouble::from(low as f64)
 }
 
 /// `value·2^exponent` as a double-double.

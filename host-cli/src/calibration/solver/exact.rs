@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::{Pass, Problem, Solution, Solver};
+use super::{Factor, Pass, Problem, Solution, Solver};
 use crate::block::Block;
 use crate::calibration::exact::{
     Accumulator, Adder, ExactError, Moments, RankLoss as ExactLoss, SolveError,
@@ -115,7 +115,7 @@ pub fn solve_moments(
     Ok(Solution {
         model: fit.model,
         coefficients: Mat::from_fn(coefficients.len(), 6, |i, j| coefficients[i][j].to_f64()),
-        factor: fit.covariance_factor(),
+        factor: Factor::Inverse(fit.triangle()),
         residual_products: Mat::from_fn(6, 6, |i, j| fit.residual_products[i][j]),
         rows: fit.rows,
         condition: fit.condition,

@@ -8,7 +8,10 @@ mod exact;
 mod family;
 mod tsqr;
 
-use faer::Mat;
+use std::borrow::Cow;
+
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::{Mat, Par};
 use serde::{Deserialize, Serialize};
 
 pub use self::exact::{Exact, ExactPartial, solve_moments};
@@ -106,6 +109,24 @@ impl SolverKind {
             SolverKind::Huber => "huber",
         }
     }
+
+    /// What it does, in a few words.
+    pub const fn description(self) -> &'static str {
+        match self {
+            SolverKind::Exact => {
+                "Exact sums of integer readings; `refined-tsqr` where readings are not integers"
+            }
+            SolverKind::Tsqr => "Householder QR over row blocks",
+            SolverKind::RefinedTsqr => "The same, corrected by residuals in double-double",
+            SolverKind::PivotedQr => "QR with column pivoting",
+            SolverKind::Svd => "Singular values",
+            SolverKind::Gram => "Normal equations in double precision: fast and coarse",
+            SolverKind::WideGram => "Normal equations in double-double",
+            SolverKind::WideTsqr => "Householder QR in double-double: slow and sure",
+            SolverKind::RidgeGcv => "Ridge, its parameter chosen by generalised cross-validation",
+            SolverKind::Huber => "Huber's M-estimator: rows far off count less",
+        }
+    }
 }
 
 /// What a solver is told beside the rows.
@@ -130,7 +151,7 @@ pub struct Solution {
     /// `C`, features × 6, in N and N·m.
     pub coefficients: Mat<f64>,
     /// Upper triangular `F` with `F·Fᵀ = (XᵀX)⁻¹`, ridge included, features × features.
-    pub factor: Mat<f64>,
+    pub factor: Factor,
     /// `(W − X·C)ᵀ(W − X·C)`, 6 × 6, in products of N and N·m.
     pub residual_products: Mat<f64>,
     /// Rows fitted.
@@ -141,13 +162,36 @@ pub struct Solution {
     pub rank: usize,
 }
 
+/// An upper triangular matrix `F`, or what it comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Factor {
+    /// `F` itself.
+    Known(Mat<f64>),
+    /// `F⁻¹`, which costs nothing to have; it is inverted where `F` is asked for.
+    Inverse(Mat<f64>),
+}
+
+impl Factor {
+    /// `F`.
+    pub fn matrix(&self) -> Cow<'_, Mat<f64>> {
+        match self {
+            Factor::Known(factor) => Cow::Borrowed(factor),
+            Factor::Inverse(triangle) => {
+                let mut inverse = Mat::identity(triangle.nrows(), triangle.ncols());
+                solve_upper_triangular_in_place(triangle.as_ref(), inverse.as_mut(), Par::Seq);
+                Cow::Owned(inverse)
+            }
+        }
+    }
+}
+
 impl Solution {
     pub(super) fn new(features: &Features, solved: LeastSquares) -> Self {
         Self {
             model: features.model(),
             scaling: features.scaling().clone(),
             coefficients: solved.coefficients,
-            factor: solved.factor,
+            factor: Factor::Known(solved.factor),
             residual_products: solved.residual_products,
             rows: solved.rows,
             condition: solved.condition,

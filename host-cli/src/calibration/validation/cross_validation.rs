@@ -34,7 +34,7 @@ pub struct CrossValidation {
     pub undetermined: Vec<String>,
     /// Errors on groups that were not trained on.
     pub grouped: PerAxis<HeldOutQuality>,
-    /// Folds of rows at random; 0 if there were none.
+    /// Parts of the rows that were drawn at random and held out in turn; 0 if there were none.
     pub random_folds: usize,
     /// Errors on rows that were held out at random; `None` if that was not asked for, or not
     /// possible.
@@ -72,9 +72,9 @@ pub fn cross_validate(
     ridge: f64,
     folds: Option<usize>,
 ) -> Result<CrossValidation, ValidationError> {
-    let whole = sums.total()?.filter(|_| sums.groups.len() > 1);
+    let whole = sums.total().filter(|_| sums.groups.len() > 1);
     let whole = whole.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
-    let parts = Parts::new(&whole, model)?;
+    let parts = Parts::new(whole, model)?;
     let folds = match folds {
         Some(folds) => fold_groups(sums, folds)?,
         None => (0..sums.groups.len()).map(|group| vec![group]).collect(),

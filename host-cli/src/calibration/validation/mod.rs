@@ -21,10 +21,10 @@ use super::exact::{ExactError, SolveError};
 #[non_exhaustive]
 pub enum ValidationError {
     /// The rows cannot be summed exactly.
-    #[error("cross-validation needs exact sums: {0}")]
+    #[error("sums by group must be exact: {0}")]
     NotExact(#[from] ExactError),
     /// Nothing to hold out, or nothing left.
-    #[error("cross-validation needs at least `2` groups, found `{found}`")]
+    #[error("at least `2` groups are needed, found `{found}`")]
     TooFewGroups {
         /// Groups.
         found: usize,
@@ -46,10 +46,28 @@ pub enum ValidationError {
     /// No fold leaves enough rows to fit the model.
     #[error("the model cannot be fitted without any one of the groups: {0}")]
     Undetermined(SolveError),
+    /// Some groups determine a coefficient alone, so that nothing can be learned from how groups
+    /// scatter.
+    #[error("without {} the model cannot be fitted", names(groups))]
+    Alone {
+        /// Their labels.
+        groups: Vec<String>,
+    },
+    /// Not the solver that works on exact sums of groups.
+    #[error("how groups scatter is only known of the exact solver")]
+    OtherSolver,
     /// The sums do not suit the model.
     #[error(transparent)]
     Solve(#[from] SolveError),
     /// None of the models can be fitted.
     #[error("the rows determine none of the models")]
     NoModel,
+}
+
+/// The first few of `labels`.
+fn names(labels: &[String]) -> String {
+    const SHOWN: usize = 5;
+    let shown: Vec<String> = labels.iter().take(SHOWN).map(|label| format!("`{label}`")).collect();
+    let more = if labels.len() > SHOWN { " or any of others" } else { "" };
+    format!("the group {}{more}", shown.join(" or "))
 }

@@ -70,14 +70,14 @@ pub fn select(
     ridges: &[f64],
 ) -> Result<Selection, ValidationError> {
     let groups = sums.groups.len();
-    let whole = sums.total()?.filter(|_| groups > 1);
+    let whole = sums.total().filter(|_| groups > 1);
     let whole = whole.ok_or(ValidationError::TooFewGroups { found: groups })?;
     let folds = fold_groups(sums, groups.min(FOLDS))?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
     let mut candidates = Vec::new();
     for basis in Basis::ALL {
         let model = Model { basis, intercept, channels: whole.channels() };
-        let Ok(parts) = Parts::new(&whole, &model) else { continue };
+        let Ok(parts) = Parts::new(whole, &model) else { continue };
         for &ridge in ridges {
             let errors = folds.iter().map(|fold| errors_on(&parts, &sums.groups, fold, ridge));
             let errors: Vec<_> = errors.collect::<Result<_, _>>()?;

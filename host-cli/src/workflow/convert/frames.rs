@@ -55,7 +55,7 @@ impl Converter<'_> {
                 column.iter_mut().for_each(|value| *value -= tare);
             }
         }
-        if options.columns.standard_errors {
+        if options.columns.need_errors() {
             let errors = &mut frames.standard_errors;
             let known = calibration.standard_errors(&block.readings, *tare, errors);
             debug_assert!(known, "checked before the work");

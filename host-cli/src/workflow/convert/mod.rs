@@ -155,7 +155,7 @@ pub enum ConvertError {
     #[error(transparent)]
     Filter(#[from] FilterError),
     /// Standard errors were asked for by name, and cannot be given.
-    #[error("the calibration carries no covariance, from which standard errors come")]
+    #[error("the calibration carries no covariance, from which standard errors and intervals come")]
     NoCovariance,
     /// Readings so large that the wrench overflows.
     #[error("`{path}`: the wrench of frame `{frame}` is not finite")]
@@ -187,9 +187,11 @@ pub fn convert(
     let wanted = Wanted { readings: true, time: wants_time, ..Wanted::default() };
     log.require(&wanted)?;
     check_channels(log, calibration.model().channels)?;
-    if options.columns.standard_errors && calibration.covariance.is_none() {
+    if options.columns.need_errors() && calibration.covariance.is_none() {
         return Err(ConvertError::NoCovariance);
     }
+    let covariance = calibration.covariance.as_ref().zip(options.columns.interval);
+    let factors = covariance.map(|(covariance, level)| covariance.interval_factors(level));
     let survey = survey(log, calibration, options, read)?;
     let low_pass = options.low_pass.map(|low_pass| LowPass {
         rate_hz: low_pass.rate_hz.or(survey.rate.map(|rate| rate.mean_hz)),
@@ -201,7 +203,7 @@ pub fn convert(
     });
     let design = design.transpose()?;
 
-    let table = Table::new(options.columns);
+    let table = Table::new(options.columns, factors.unwrap_or_default());
     let converter = Converter { calibration, tare: survey.tare.as_ref(), options };
     let mut low_pass_stage = design.as_ref().zip(low_pass).map(|(design, low_pass)| LowPassStage {
         design,

@@ -6,7 +6,7 @@ use super::frames::Frames;
 use crate::wrench::{Axis, PerAxis};
 
 /// What is written of every frame, in this order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Columns {
     /// Time in s.
     pub time: bool,
@@ -14,21 +14,50 @@ pub struct Columns {
     pub axes: PerAxis<bool>,
     /// The standard error of each axis written, N and N·m: that of the frame before filtering.
     pub standard_errors: bool,
+    /// The prediction interval of each axis written, N and N·m: the level, between 0 and 1. About
+    /// the wrench as written, as wide as that of the frame before filtering.
+    pub interval: Option<f64>,
     /// Which channels cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at
     /// an end of the converter; empty when all is well.
     pub flags: bool,
+}
+
+impl Columns {
+    /// Whether standard errors are needed.
+    pub(super) fn need_errors(&self) -> bool {
+        self.standard_errors || self.interval.is_some()
+    }
 }
 
 /// The writer of a table.
 pub(super) struct Table {
     columns: Columns,
     axes: Vec<Axis>,
+    /// How many standard errors an interval reaches.
+    factors: PerAxis<f64>,
+}
+
+/// What one column is made of.
+enum Column<'a> {
+    Plain(&'a [f64]),
+    /// Either end of an interval: a value, a standard error and how many of it.
+    Bound(&'a [f64], &'a [f64], f64),
+}
+
+impl Column<'_> {
+    fn at(&self, row: usize) -> f64 {
+        match self {
+            Column::Plain(column) => column[row],
+            Column::Bound(column, errors, factor) => column[row] + factor * errors[row],
+        }
+    }
 }
 
 impl Table {
-    pub(super) fn new(columns: Columns) -> Self {
+    /// `factors` are those of the interval, if there is to be one.
+    pub(super) fn new(columns: Columns, factors: PerAxis<f64>) -> Self {
         let axes = Axis::ALL.into_iter().filter(|axis| columns.axes[axis.index()]).collect();
-        Self { columns, axes }
+        Self { columns, axes, factors }
     }
 
     pub(super) fn header(&self, text: &mut Vec<u8>) {
@@ -39,6 +68,11 @@ impl Table {
         names.extend(self.axes.iter().map(|axis| axis.column().to_owned()));
         if self.columns.standard_errors {
             names.extend(self.axes.iter().map(|axis| axis.column().replace('_', "_se_")));
+        }
+        if self.columns.interval.is_some() {
+            for end in ["_lower_", "_upper_"] {
+                names.extend(self.axes.iter().map(|axis| axis.column().replace('_', end)));
+            }
         }
         if self.columns.flags {
             names.push("flags".to_owned());
@@ -53,14 +87,23 @@ impl Table {
 
     /// Writes every number with the fewest digits that read back as the same number.
     pub(super) fn rows_between(&self, frames: &Frames, rows: Range<usize>, text: &mut Vec<u8>) {
-        let Columns { time, standard_errors, flags, .. } = self.columns;
-        let mut columns: Vec<&[f64]> = Vec::new();
+        let Columns { time, standard_errors, interval, flags, .. } = self.columns;
+        let wrench = |axis: &Axis| &*frames.wrench[axis.index()];
+        let error = |axis: &Axis| &*frames.standard_errors[axis.index()];
+        let mut columns = Vec::new();
         if time {
-            columns.push(&frames.time_s);
+            columns.push(Column::Plain(&frames.time_s));
         }
-        columns.extend(self.axes.iter().map(|axis| &*frames.wrench[axis.index()]));
+        columns.extend(self.axes.iter().map(|axis| Column::Plain(wrench(axis))));
         if standard_errors {
-            columns.extend(self.axes.iter().map(|axis| &*frames.standard_errors[axis.index()]));
+            columns.extend(self.axes.iter().map(|axis| Column::Plain(error(axis))));
+        }
+        if interval.is_some() {
+            for sign in [-1.0, 1.0] {
+                let factor = |axis: &Axis| sign * self.factors[axis.index()];
+                let bound = |axis| Column::Bound(wrench(axis), error(axis), factor(axis));
+                columns.extend(self.axes.iter().map(bound));
+            }
         }
         // Some 20 bytes a number; a little much costs less than growing.
         text.reserve(rows.len() * (22 * columns.len() + 8));
@@ -70,7 +113,7 @@ impl Table {
                 if i > 0 {
                     text.push(b',');
                 }
-                text.extend_from_slice(digits.format(column[row]).as_bytes());
+                text.extend_from_slice(digits.format(column.at(row)).as_bytes());
             }
             if flags {
                 if !columns.is_empty() {
@@ -114,15 +157,18 @@ mod tests {
 
     fn written(columns: Columns) -> String {
         let mut text = Vec::new();
-        Table::new(columns).header(&mut text);
-        Table::new(columns).rows(&frames(), &mut text);
+        let table = Table::new(columns, [2.0; 6]);
+        table.header(&mut text);
+        table.rows(&frames(), &mut text);
         String::from_utf8(text).unwrap()
     }
 
     #[test]
     fn columns_carry_their_units_and_numbers_read_back_as_the_same_bits() {
         let axes = [true; 6];
-        let text = written(Columns { time: true, axes, standard_errors: true, flags: true });
+        let columns =
+            Columns { time: true, axes, standard_errors: true, interval: None, flags: true };
+        let text = written(columns);
         let mut lines = text.lines();
         assert_eq!(
             lines.next(),
@@ -146,7 +192,11 @@ mod tests {
     #[test]
     fn only_the_columns_asked_for_are_written() {
         let axes = [false, false, true, false, false, false];
-        let text = written(Columns { time: false, axes, standard_errors: false, flags: false });
-        assert_eq!(text, "fz_n\n0.2\n-0.3333333333333333\n");
+        let columns =
+            Columns { time: false, axes, standard_errors: false, interval: None, flags: false };
+        assert_eq!(written(columns), "fz_n\n0.2\n-0.3333333333333333\n");
+        let columns = Columns { interval: Some(0.95), ..columns };
+        let expected = "fz_n,fz_lower_n,fz_upper_n\n0.2,-0.8,1.2\n";
+        assert!(written(columns).starts_with(expected), "{}", written(columns));
     }
 }

@@ -14,7 +14,7 @@ use shellcal::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 
 use super::Outcome;
-use super::fit::{ModelArg, SolverArg};
+use super::choices::{BasisArg, SolverArg};
 use super::mapping::MappingArgs;
 use crate::printer::Printer;
 
@@ -41,7 +41,7 @@ pub(crate) struct BenchArgs {
 
     /// Models to fit [default: all]
     #[arg(long, value_name = "MODEL", value_delimiter = ',')]
-    model: Vec<ModelArg>,
+    model: Vec<BasisArg>,
 
     /// Fit no constant beside the features
     #[arg(long)]
@@ -78,11 +78,11 @@ impl BenchArgs {
         let channels = blocks.first().map_or(0, |block| block.readings.len());
         let bases: Vec<Basis> = match &self.model[..] {
             [] => Basis::ALL.to_vec(),
-            models => models.iter().map(|&model| model.into()).collect(),
+            models => models.iter().map(|model| model.0).collect(),
         };
         let kinds: Vec<SolverKind> = match &self.solver[..] {
             [] => SolverKind::ALL.to_vec(),
-            solvers => solvers.iter().map(|&solver| solver.into()).collect(),
+            solvers => solvers.iter().map(|solver| solver.0).collect(),
         };
         let mut benches = Vec::new();
         for basis in bases {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde::Serialize;
 use shellcal::calibration::Calibration;
+use shellcal::calibration::uncertainty::HIGHEST_LEVEL;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::log_file::{Log, ReadOptions};
 use shellcal::output::AtomicFile;
@@ -25,6 +26,7 @@ use crate::printer::Printer;
 const EXAMPLES: &str = "\
 Examples:
   shellcal convert calibration.json run3.txt -o run3.csv
+  shellcal convert calibration.json run3.txt --interval=99
   shellcal convert calibration.json run3.txt --tare-time 0:0.2 --lowpass 10 --zero-phase
   shellcal convert calibration.json run*.txt --output-dir wrenches";
 
@@ -55,6 +57,18 @@ pub(crate) struct ConvertArgs {
     /// is]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     columns: Option<Vec<ColumnArg>>,
+
+    /// Add both ends of the interval that holds so many percent of the true values [default level:
+    /// 95]. With a low-pass it is as wide as before it, which is more than needed
+    #[arg(
+        long,
+        value_name = "PERCENT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "95",
+        value_parser = parse_level
+    )]
+    interval: Option<f64>,
 
     /// Draw the wrench over time, to .svg or .png
     #[arg(long, value_name = "FILE")]
@@ -260,6 +274,7 @@ impl ConvertArgs {
                 time: log.has_time(),
                 axes: [true; 6],
                 standard_errors: calibration.covariance.is_some(),
+                interval: self.interval,
                 flags: true,
             },
             Some(columns) => {
@@ -269,6 +284,7 @@ impl ConvertArgs {
                     time: asked(T),
                     axes: [Fx, Fy, Fz, Mx, My, Mz].map(asked),
                     standard_errors: asked(Se),
+                    interval: self.interval,
                     flags: asked(Flags),
                 }
             }
@@ -389,6 +405,15 @@ pub(super) fn parse_count(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count) if count > 0 => Ok(count),
         _ => Err("expected a number of frames, at least 1".to_owned()),
+    }
+}
+
+/// Percent to a share.
+fn parse_level(text: &str) -> Result<f64, String> {
+    let highest = 100.0 * HIGHEST_LEVEL;
+    match text.parse::<f64>() {
+        Ok(percent) if (1.0..=highest).contains(&percent) => Ok(percent / 100.0),
+        _ => Err(format!("expected a percentage from 1 to {highest}")),
     }
 }
 

@@ -92,7 +92,7 @@ impl EvalArgs {
         for log in &logs {
             let progress = |bytes| bar.set_position(read_before + bytes);
             let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
-            let options = EvalOptions { fresh: self.fresh, read };
+            let options = EvalOptions { fresh: self.fresh, read, ..Default::default() };
             let evaluation = eval(&calibration, log, &options, plot.as_mut())?;
             all.merge(&evaluation);
             reports.push(report(Some(log.path().to_path_buf()), &evaluation)?);

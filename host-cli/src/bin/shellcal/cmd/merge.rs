@@ -8,6 +8,7 @@ use serde::Serialize;
 use shellcal::calibration::exact::Parts;
 use shellcal::calibration::quality::AxisQuality;
 use shellcal::calibration::solver::{SolverKind, solve_moments};
+use shellcal::calibration::uncertainty::Covariance;
 use shellcal::calibration::{Calibration, FitError};
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
 use shellcal::output::AtomicFile;
@@ -102,8 +103,8 @@ impl MergeArgs {
         let extent = moments.extent();
         let solution = solve_moments(moments, &model, self.ridge, &extent)?;
         let mut calibration = Calibration::of_solution(&solution, &extent);
-        if self.no_covariance {
-            calibration.covariance = None;
+        if !self.no_covariance {
+            calibration.covariance = Covariance::of_rows(&solution);
         }
         let train = Parts::new(moments, &model).and_then(|parts| parts.in_sample(self.ridge));
         Ok(CalibrationFile {

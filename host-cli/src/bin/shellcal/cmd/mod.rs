@@ -3,6 +3,7 @@
 mod align;
 mod bench;
 mod board;
+mod choices;
 mod convert;
 mod eval;
 mod fit;

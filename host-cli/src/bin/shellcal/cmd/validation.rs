@@ -1,13 +1,10 @@
 //! How held-out errors, the choice of a model and the coverage of the training loads are printed.
 
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
 use shellcal::calibration::validation::cross_validation::CrossValidation;
 use shellcal::calibration::validation::excitation::{Excitation, Gap};
 use shellcal::calibration::validation::selection::Selection;
 use shellcal::wrench::Axis;
 
-use super::fit::ModelArg;
 use super::quality::significant;
 use crate::printer::Printer;
 
@@ -22,36 +19,6 @@ pub(super) enum CvArg {
     Column,
     /// So many folds of groups.
     Folds(usize),
-}
-
-/// A model, or the best of them.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum ModelChoice {
-    Given(ModelArg),
-    Auto,
-}
-
-impl ValueEnum for ModelChoice {
-    fn value_variants<'a>() -> &'a [Self] {
-        &[
-            Self::Given(ModelArg::Linear),
-            Self::Given(ModelArg::Cubic),
-            Self::Given(ModelArg::Quadratic),
-            Self::Given(ModelArg::Poly3),
-            Self::Auto,
-        ]
-    }
-
-    fn to_possible_value(&self) -> Option<PossibleValue> {
-        match self {
-            Self::Given(model) => model.to_possible_value(),
-            Self::Auto => {
-                Some(PossibleValue::new("auto").help(
-                    "The smallest that predicts new groups as well as the best, with its ridge",
-                ))
-            }
-        }
-    }
 }
 
 pub(super) fn parse_cv(text: &str) -> Result<CvArg, String> {
@@ -92,7 +59,7 @@ pub(super) fn print_cross_validation(
         format!("in {} folds", cv.folds)
     };
     printer.line(format!(
-        "{} groups held out {each}, {} rows; beside it the same rows in {} random folds",
+        "{} groups held out {each}, {} rows; beside it {} random parts of the same rows",
         cv.groups, cv.rows, cv.random_folds
     ))?;
     if !cv.undetermined.is_empty() {

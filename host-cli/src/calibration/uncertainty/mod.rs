@@ -11,27 +11,70 @@
 //! tared     se² = S[a][a]·(1 + 1/n + ‖Fᵀ(x − x₀)‖²)
 //! ```
 //!
-//! This holds for errors that are independent from row to row. Rows recorded in quick succession
-//! are not, and then the second term is too small. With a ridge, `F` includes it, which leaves out
-//! the bias that the ridge brings.
+//! This holds for errors that are independent from row to row. Rows of one pose are not: they share
+//! place, creep and angle, and a hundred of them tell little more than ten. Where rows come in
+//! groups, each axis `a` has a covariance of its own, `T·Tᵀ`, from how the groups scatter (see
+//! [`ByGroup`](super::exact::ByGroup)), and
+//!
+//! ```text
+//! untared   se² = S[a][a] + ‖Tᵀx‖²
+//! tared     se² = S[a][a]·(1 + 1/n) + ‖Tᵀ(x − x₀)‖²
+//! ```
+//!
+//! with G − 1 degrees of freedom for G groups (Bester, Conley & Hansen, J. Econometrics 165, 2011;
+//! Cameron & Miller, J. Human Resources 50, 2015, §VI). With a ridge, `F` and `T` include it, which
+//! leaves out the bias that the ridge brings.
 
+mod interval;
+
+use faer::Mat;
 use pulp::{Arch, NullaryFnOnce};
 use serde::{Deserialize, Serialize};
 
 use super::conversion::Calibration;
+use super::exact::{GroupsError, Parts, SolveError};
 use super::features::{Features, LANES, Lanes};
+use super::model::Model;
 use super::solver::Solution;
+use super::validation::ValidationError;
+use super::validation::grouped::GroupedMoments;
 use crate::wrench::PerAxis;
+
+pub use self::interval::{HIGHEST_LEVEL, Shape};
+
+/// How sure predictions are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Covariance {
+    /// `S`, the covariance of the errors of a row, in products of N and N·m.
+    pub residual: PerAxis<PerAxis<f64>>,
+    /// Rows less coefficients, or groups less one.
+    pub degrees_of_freedom: u64,
+    /// That of the coefficients.
+    pub coefficients: CoefficientCovariance,
+    /// How the training errors are distributed, where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shape: Option<Shape>,
+}
+
+/// The columns of an upper triangular matrix, of lengths 1, 2, …, one per feature.
+pub type Triangle = Vec<Vec<f64>>;
 
 /// The covariance of the coefficients, in factors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Covariance {
-    /// The columns of the upper triangular `F`, of lengths 1, 2, …, one per feature.
-    pub factor: Vec<Vec<f64>>,
-    /// `S`: sums of products of residuals over the degrees of freedom, in products of N and N·m.
-    pub residual: PerAxis<PerAxis<f64>>,
-    /// Rows less coefficients.
-    pub degrees_of_freedom: u64,
+#[serde(rename_all = "lowercase")]
+pub enum CoefficientCovariance {
+    /// For errors that are independent from row to row.
+    Rows {
+        /// `F`, to be multiplied by `S[a][b]`.
+        factor: Triangle,
+    },
+    /// For errors that are alike within groups of rows.
+    Groups {
+        /// Their number.
+        groups: u64,
+        /// `T` of each axis.
+        factors: PerAxis<Triangle>,
+    },
 }
 
 /// The unloaded state that later samples are measured from.
@@ -46,17 +89,54 @@ pub struct Tare {
 }
 
 impl Covariance {
-    /// The covariance of a solution; `None` if there are no more rows than coefficients.
-    pub fn of_solution(solution: &Solution) -> Option<Self> {
-        let p = solution.factor.nrows();
-        let degrees_of_freedom = solution.rows.checked_sub(p as u64).filter(|&n| n > 0)?;
+    /// The covariance of a solution, errors of rows being independent; `None` if there are no more
+    /// rows than coefficients.
+    pub fn of_rows(solution: &Solution) -> Option<Self> {
+        let factor = solution.factor.matrix();
+        let degrees_of_freedom =
+            solution.rows.checked_sub(factor.nrows() as u64).filter(|&n| n > 0)?;
         let products = &solution.residual_products;
         Some(Self {
-            factor: (0..p).map(|j| (0..=j).map(|i| solution.factor[(i, j)]).collect()).collect(),
             residual: std::array::from_fn(|a| {
                 std::array::from_fn(|b| products[(a, b)] / degrees_of_freedom as f64)
             }),
             degrees_of_freedom,
+            coefficients: CoefficientCovariance::Rows { factor: columns(&factor) },
+            shape: None,
+        })
+    }
+
+    /// The covariance of the fit of `model` to all rows of `sums`, errors being alike within its
+    /// groups. `ridge` is as in [`Moments::solve`](super::exact::Moments::solve).
+    ///
+    /// # Errors
+    /// [`ValidationError`] if there are too few groups, or without one of them the model cannot be
+    /// fitted.
+    pub fn of_groups(
+        sums: &GroupedMoments,
+        model: &Model,
+        ridge: f64,
+    ) -> Result<Self, ValidationError> {
+        let total = sums.total().filter(|_| sums.groups.len() > 1);
+        let total = total.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
+        let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
+        let found =
+            Parts::new(total, model)?.by_group(&groups, ridge).map_err(|error| match error {
+                GroupsError::Solve(error) => ValidationError::Solve(error),
+                GroupsError::NearlyDependent => ValidationError::Solve(SolveError::NearlyDependent),
+                GroupsError::Alone(places) => ValidationError::Alone {
+                    groups: places.into_iter().map(|place| sums.groups[place].0.clone()).collect(),
+                },
+            })?;
+        let rows = total.rows() as f64;
+        Ok(Self {
+            residual: found.residual_products.map(|row| row.map(|product| product / rows)),
+            degrees_of_freedom: found.groups as u64 - 1,
+            coefficients: CoefficientCovariance::Groups {
+                groups: found.groups as u64,
+                factors: found.factors.each_ref().map(columns),
+            },
+            shape: None,
         })
     }
 
@@ -64,6 +144,10 @@ impl Covariance {
     pub fn residual_sd(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.residual[axis][axis].sqrt())
     }
+}
+
+fn columns(factor: &Mat<f64>) -> Triangle {
+    (0..factor.ncols()).map(|j| (0..=j).map(|i| factor[(i, j)]).collect()).collect()
 }
 
 impl Calibration {
@@ -136,7 +220,7 @@ impl NullaryFnOnce for Errors<'_> {
     fn call(self) {
         let Errors { features, covariance, readings, rows, tare, mut lanes, errors } = self;
         let own = 1.0 + tare.map_or(0.0, |tare| (tare.frames as f64).recip());
-        let sd = covariance.residual_sd();
+        let variances: PerAxis<f64> = std::array::from_fn(|axis| covariance.residual[axis][axis]);
         for start in (0..rows).step_by(LANES) {
             features.lanes(readings, start, &mut lanes);
             if let Some(tare) = tare {
@@ -146,27 +230,44 @@ impl NullaryFnOnce for Errors<'_> {
                     }
                 }
             }
-            let mut spread = [own; LANES];
-            for column in &covariance.factor {
-                let mut product = [0.0; LANES];
-                for (x, &f) in lanes.iter().zip(column) {
-                    for lane in 0..LANES {
-                        product[lane] = x[lane].mul_add(f, product[lane]);
+            let filled = LANES.min(rows - start);
+            match &covariance.coefficients {
+                CoefficientCovariance::Rows { factor } => {
+                    let spread = spread(factor, &lanes);
+                    for (errors, variance) in errors.iter_mut().zip(variances) {
+                        let error = |&spread: &f64| (variance * (own + spread)).sqrt();
+                        errors.extend(spread[..filled].iter().map(error));
                     }
                 }
-                for lane in 0..LANES {
-                    spread[lane] = product[lane].mul_add(product[lane], spread[lane]);
+                CoefficientCovariance::Groups { factors, .. } => {
+                    let axes = errors.iter_mut().zip(factors).zip(variances);
+                    for ((errors, factor), variance) in axes {
+                        let spread = spread(factor, &lanes);
+                        let error = |&spread: &f64| (variance * own + spread).sqrt();
+                        errors.extend(spread[..filled].iter().map(error));
+                    }
                 }
-            }
-            for spread in &mut spread {
-                *spread = spread.sqrt();
-            }
-            let filled = &spread[..LANES.min(rows - start)];
-            for (errors, sd) in errors.iter_mut().zip(sd) {
-                errors.extend(filled.iter().map(|spread| sd * spread));
             }
         }
     }
+}
+
+/// `‖factorᵀ·x‖²` of each lane.
+#[inline(always)]
+fn spread(factor: &Triangle, lanes: &[Lanes]) -> Lanes {
+    let mut spread = [0.0; LANES];
+    for column in factor {
+        let mut product = [0.0; LANES];
+        for (x, &f) in lanes.iter().zip(column) {
+            for lane in 0..LANES {
+                product[lane] = x[lane].mul_add(f, product[lane]);
+            }
+        }
+        for lane in 0..LANES {
+            spread[lane] = product[lane].mul_add(product[lane], spread[lane]);
+        }
+    }
+    spread
 }
 
 #[cfg(test)]
@@ -191,8 +292,12 @@ mod tests {
             Calibration::new(model, Scaling::identity(1), vec![[2.0; 6], [1.0; 6]]);
         let mut residual = PerAxis::<PerAxis<f64>>::default();
         (0..6).for_each(|axis| residual[axis][axis] = 0.25);
-        calibration.covariance =
-            Some(Covariance { factor: f, residual, degrees_of_freedom: readings.len() as u64 - 2 });
+        calibration.covariance = Some(Covariance {
+            residual,
+            degrees_of_freedom: readings.len() as u64 - 2,
+            coefficients: CoefficientCovariance::Rows { factor: f },
+            shape: None,
+        });
         (calibration, mean, squares)
     }
 
@@ -219,6 +324,21 @@ mod tests {
         assert!(calibration.standard_errors(&[vec![10.0]], Some(&tare), &mut errors));
         let variance = 1.0 + 1.0 / 2.0 + 36.0 / squares;
         assert!((errors[5][0] - 0.5 * f64::sqrt(variance)).abs() < 1e-14);
+    }
+
+    #[test]
+    fn each_axis_has_a_spread_of_its_own_where_rows_come_in_groups() {
+        let (mut calibration, ..) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        let factor = |axis: usize| vec![vec![axis as f64], vec![0.0, 2.0]];
+        if let Some(covariance) = &mut calibration.covariance {
+            let factors = std::array::from_fn(factor);
+            covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
+        }
+        let mut errors = PerAxis::default();
+        assert!(calibration.standard_errors(&[vec![3.0]], None, &mut errors));
+        // The row [3, 1]: 0.25 of its own, (3·axis)² and 2² of the coefficients.
+        let expected = |axis: usize| (0.25 + 9.0 * (axis * axis) as f64 + 4.0).sqrt();
+        (0..6).for_each(|axis| assert!((errors[axis][0] - expected(axis)).abs() < 1e-14));
     }
 
     #[test]

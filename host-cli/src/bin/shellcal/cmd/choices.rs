@@ -1,0 +1,90 @@
+//! Models, solvers and the like as values of options, by the names that the library gives them.
+
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+use shellcal::calibration::Basis;
+use shellcal::calibration::solver::SolverKind;
+
+/// A family of features.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BasisArg(pub(super) Basis);
+
+/// A solver.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SolverArg(pub(super) SolverKind);
+
+/// A family of features, or the best of them.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum ModelChoice {
+    Given(Basis),
+    Auto,
+}
+
+impl ValueEnum for BasisArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        const { &wrap_bases() }
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.0.name()).help(self.0.description()))
+    }
+}
+
+impl ValueEnum for SolverArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        const { &wrap_solvers() }
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.0.name()).help(self.0.description()))
+    }
+}
+
+impl ValueEnum for ModelChoice {
+    fn value_variants<'a>() -> &'a [Self] {
+        const { &wrap_choices() }
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        match self {
+            Self::Given(basis) => BasisArg(*basis).to_possible_value(),
+            Self::Auto => {
+                Some(PossibleValue::new("auto").help(
+                    "The smallest that predicts new groups as well as the best, with its ridge",
+                ))
+            }
+        }
+    }
+}
+
+// Iterators do not run at compile time.
+
+const fn wrap_bases() -> [BasisArg; Basis::ALL.len()] {
+    let mut wrapped = [BasisArg(Basis::ALL[0]); Basis::ALL.len()];
+    let mut i = 0;
+    while i < wrapped.len() {
+        wrapped[i] = BasisArg(Basis::ALL[i]);
+        i += 1;
+    }
+    wrapped
+}
+
+const fn wrap_solvers() -> [SolverArg; SolverKind::ALL.len()] {
+    let mut wrapped = [SolverArg(SolverKind::ALL[0]); SolverKind::ALL.len()];
+    let mut i = 0;
+    while i < wrapped.len() {
+        wrapped[i] = SolverArg(SolverKind::ALL[i]);
+        i += 1;
+    }
+    wrapped
+}
+
+const fn wrap_choices() -> [ModelChoice; Basis::ALL.len() + 1] {
+    let mut wrapped = [ModelChoice::Auto; Basis::ALL.len() + 1];
+    let mut i = 0;
+    while i < Basis::ALL.len() {
+        wrapped[i] = ModelChoice::Given(Basis::ALL[i]);
+        i += 1;
+    }
+    wrapped
+}

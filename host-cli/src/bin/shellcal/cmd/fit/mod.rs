@@ -1,0 +1,303 @@
+//! `shellcal fit`: from training logs to a calibration.
+
+mod choice;
+mod partial;
+mod report;
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Context;
+use clap::ValueEnum;
+use shellcal::calibration::validation::ValidationError;
+use shellcal::calibration::validation::grouped::GroupedMoments;
+use shellcal::calibration_file::{
+    CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
+};
+use shellcal::log_file::{Log, ReadOptions};
+use shellcal::output::AtomicFile;
+use shellcal::plot::{Format, fit_figure};
+use shellcal::workflow::WorkflowError;
+use shellcal::workflow::eval::Evaluation;
+use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
+
+use self::choice::Choice;
+use self::report::report;
+use super::choices::{ModelChoice, SolverArg};
+use super::mapping::MappingArgs;
+use super::validation::{CvArg, parse_cv};
+use super::{Outcome, origin};
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal fit train.csv --test test.csv -o calibration.json --plot fit.svg
+  shellcal fit monday.csv tuesday.csv --model quadratic --json
+  shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm";
+
+/// Fit a calibration to logs with readings and a measured wrench
+///
+/// Prints the error of every axis, on the training logs and on test logs that the fit has not
+/// seen. Rows are read twice, never held: memory does not grow with the logs.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct FitArgs {
+    /// Logs to fit to
+    #[arg(required = true, value_name = "TRAIN")]
+    train: Vec<PathBuf>,
+
+    /// Logs to test on
+    #[arg(long, value_name = "TEST", num_args = 1..)]
+    test: Vec<PathBuf>,
+
+    /// Features of the readings
+    #[arg(long, value_name = "MODEL", default_value = "cubic")]
+    model: ModelChoice,
+
+    /// Fit no constant: offsets are then left to the tare
+    #[arg(long)]
+    no_intercept: bool,
+
+    /// Penalise large coefficients: λ, relative to features of norm one, such as 1e-6
+    #[arg(long, value_name = "LAMBDA", default_value_t = 0.0, hide_default_value = true)]
+    ridge: f64,
+
+    /// How to solve the least-squares problem
+    #[arg(long, value_name = "SOLVER", default_value = "exact")]
+    solver: SolverArg,
+
+    /// Leave out rows that repeat the readings of the row before
+    #[arg(long)]
+    fresh: bool,
+
+    /// Write the calibration (JSON)
+    #[arg(long, short, value_name = "CAL.json")]
+    output: Option<PathBuf>,
+
+    /// Find the errors on groups of rows that were held out: each group of the group column, or
+    /// each file; a number K deals the groups into K folds
+    #[arg(
+        long,
+        value_name = "file|column|K",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "auto",
+        value_parser = parse_cv
+    )]
+    cv: Option<CvArg>,
+
+    /// Which way rows are dealt into the random folds that `--cv` compares with
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "cv")]
+    cv_seed: u64,
+
+    /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON)
+    #[arg(
+        long,
+        value_name = "FILE.json",
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "cv"]
+    )]
+    partial: Option<PathBuf>,
+
+    /// Write the coefficients for raw readings, one row per feature, moments in mN·m (CSV)
+    #[arg(long, value_name = "FILE.csv")]
+    export_matrix: Option<PathBuf>,
+
+    /// Draw predicted against measured, and the residuals
+    #[arg(long, value_name = "FILE.svg|png")]
+    plot: Option<PathBuf>,
+
+    /// Which rows have errors of their own, for the standard errors and intervals of `convert`
+    #[arg(long, value_name = "OF", default_value = "auto")]
+    covariance: CovarianceArg,
+
+    /// The label of the sensor, for the calibration file
+    #[arg(long, value_name = "SERIAL")]
+    serial: Option<String>,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What the covariance of the coefficients is found from.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum CovarianceArg {
+    /// By the log's group column where it has one, by rows otherwise
+    Auto,
+    /// Errors are alike within groups: those of the group column, or files
+    Groups,
+    /// Errors are independent from row to row
+    Rows,
+    /// None: a smaller calibration file, without standard errors
+    None,
+}
+
+/// The files that are written, opened before the work.
+struct Outputs {
+    calibration: Option<AtomicFile>,
+    matrix: Option<AtomicFile>,
+    plot: Option<(AtomicFile, Format)>,
+}
+
+impl FitArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let start = Instant::now();
+        let mapping = self.mapping.mapping()?;
+        let open = |path: &PathBuf| Log::open(path, &mapping);
+        let train = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        if let Some(path) = &self.partial {
+            self.write_partial(path, &train, printer)?;
+            return Ok(Outcome::Done);
+        }
+        let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let outputs = self.open_outputs()?;
+
+        let choice = self.choose(&train, printer)?;
+        let bar = printer.progress("fit", fit::bytes_to_read(&train, &test));
+        let progress = |bytes| bar.set_position(bytes);
+        let read = ReadOptions {
+            checksum: self.output.is_some(),
+            progress: Some(&progress),
+            ..self.mapping.read_options()
+        };
+        let fitted = fit::fit(&train, &test, &self.options(read, &choice))
+            .map_err(|error| self.name_logs(error))?;
+        bar.finish_and_clear();
+
+        if let Some(reason) = &fitted.not_exact {
+            printer.warning(format!("not solved exactly but by refined QR: {reason}"));
+        }
+        if let Some(reason) = choice.not_grouped.as_ref().or(fitted.not_grouped.as_ref()) {
+            self.tell_not_grouped(reason, printer)?;
+        }
+        let file = self.calibration_file(&fitted, choice)?;
+        self.write(outputs, &file, &fitted)?;
+        let seconds = start.elapsed().as_secs_f64();
+        report(printer, &fitted, &file, seconds)?;
+        Ok(Outcome::Done)
+    }
+
+    /// Says which rows do not determine a calibration.
+    fn name_logs(&self, error: WorkflowError) -> anyhow::Error {
+        let rows_fail = matches!(error, WorkflowError::Fit(_));
+        let error = anyhow::Error::new(error);
+        if !rows_fail {
+            return error;
+        }
+        let logs: Vec<_> = self.train.iter().map(|path| format!("`{}`", path.display())).collect();
+        error.context(logs.join(", "))
+    }
+
+    fn options<'a>(&self, read: ReadOptions<'a>, choice: &'a Choice) -> FitOptions<'a> {
+        FitOptions {
+            basis: choice.basis,
+            intercept: !self.no_intercept,
+            solver: self.solver.0,
+            ridge: choice.ridge,
+            fresh: self.fresh,
+            total: choice.sums.as_ref().and_then(GroupedMoments::total),
+            covariance: match &choice.sums {
+                _ if !self.wants_covariance() => CovarianceFrom::Nothing,
+                Some(sums) if choice.by_group => CovarianceFrom::Groups(sums),
+                _ => CovarianceFrom::Rows,
+            },
+            plot: self.plot.is_some(),
+            read,
+        }
+    }
+
+    /// A covariance is of use in a calibration file, and nowhere else.
+    fn wants_covariance(&self) -> bool {
+        self.output.is_some() && !matches!(self.covariance, CovarianceArg::None)
+    }
+
+    /// Standard errors that were asked for and cannot be had are an error; those that are only
+    /// better are not.
+    fn tell_not_grouped(
+        &self,
+        reason: &ValidationError,
+        printer: &mut Printer,
+    ) -> anyhow::Result<()> {
+        anyhow::ensure!(
+            !matches!(self.covariance, CovarianceArg::Groups),
+            "no covariance by groups: {reason}"
+        );
+        printer.warning(format!(
+            "standard errors take rows as independent, and are too small where rows of a group \
+             resemble each other: {reason}"
+        ));
+        Ok(())
+    }
+
+    fn open_outputs(&self) -> anyhow::Result<Outputs> {
+        let open = |path: &Option<PathBuf>| path.as_ref().map(AtomicFile::create).transpose();
+        let format = self.plot.as_ref().map(Format::of).transpose()?;
+        Ok(Outputs {
+            calibration: open(&self.output)?,
+            matrix: open(&self.export_matrix)?,
+            plot: open(&self.plot)?.zip(format),
+        })
+    }
+
+    fn calibration_file(&self, fitted: &Fit, choice: Choice) -> anyhow::Result<CalibrationFile> {
+        let (train, test) = (total(&fitted.train), total(&fitted.test));
+        let sources = |role, paths: &[PathBuf], evaluations: &[Evaluation]| -> Vec<Source> {
+            let source = |(path, evaluation): (&PathBuf, &Evaluation)| Source {
+                role,
+                path: path.clone(),
+                checksum: evaluation.checksum.clone(),
+                rows: evaluation.rows,
+            };
+            std::iter::zip(paths, evaluations).map(source).collect()
+        };
+        let mut files = sources(Role::Train, &self.train, &fitted.train);
+        files.extend(sources(Role::Test, &self.test, &fitted.test));
+        let condition = fitted.solution.condition;
+        Ok(CalibrationFile {
+            calibration: fitted.calibration.clone(),
+            origin: Origin {
+                made_by: origin::program(),
+                date: origin::date()?,
+                sensor_serial: self.serial.clone(),
+                solver: Some(SolverRecord { name: fitted.solver, ridge: choice.ridge }),
+                diagnostics: Some(Diagnostics {
+                    rows: fitted.solution.rows,
+                    skipped_rows: train.skipped_rows,
+                    repeated_rows: train.repeated_rows,
+                    rank: fitted.solution.rank,
+                    condition: condition.is_finite().then_some(condition),
+                    train: train.quality().context("no training rows are left")?,
+                    test: test.quality(),
+                    cross_validation: choice.cross_validation,
+                    selection: choice.selection,
+                    excitation: fitted.loads.excitation(),
+                }),
+                sources: files,
+            },
+        })
+    }
+
+    fn write(&self, outputs: Outputs, file: &CalibrationFile, fitted: &Fit) -> anyhow::Result<()> {
+        if let Some(mut output) = outputs.calibration {
+            output.write_all(file.to_json().as_bytes())?;
+            output.commit()?;
+        }
+        if let Some(mut output) = outputs.matrix {
+            output.write_all(matrix::to_csv(&file.calibration).as_bytes())?;
+            output.commit()?;
+        }
+        if let (Some((mut output, format)), Some((train, test))) = (outputs.plot, &fitted.plots) {
+            let title = format!("Calibration {}", fitted.calibration.model().name());
+            let test = (!fitted.test.is_empty()).then_some(test);
+            output.write_all(&fit_figure(&title, train, test).render(format)?)?;
+            output.commit()?;
+        }
+        Ok(())
+    }
+}
+
+fn total(evaluations: &[Evaluation]) -> Evaluation {
+    let mut total = Evaluation::default();
+    evaluations.iter().for_each(|evaluation| total.merge(evaluation));
+    total
+}

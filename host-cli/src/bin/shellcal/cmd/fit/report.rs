@@ -1,0 +1,165 @@
+//! What `shellcal fit` prints.
+
+use serde::Serialize;
+use shellcal::calibration::quality::AxisQuality;
+use shellcal::calibration::uncertainty::{CoefficientCovariance, Covariance};
+use shellcal::calibration::validation::cross_validation::CrossValidation;
+use shellcal::calibration::validation::excitation::Excitation;
+use shellcal::calibration::validation::selection::Selection;
+use shellcal::calibration_file::{CalibrationFile, SolverRecord};
+use shellcal::workflow::fit::Fit;
+use shellcal::wrench::{Axis, PerAxis};
+
+use super::super::quality::{significant, table_row};
+use super::super::validation::{print_cross_validation, print_excitation, print_selection};
+use super::total;
+use crate::printer::Printer;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report<'a> {
+    model: String,
+    solver: SolverRecord,
+    rows: u64,
+    skipped_rows: u64,
+    repeated_rows: u64,
+    test_rows: u64,
+    test_rows_out_of_range: u64,
+    features: usize,
+    rank: usize,
+    condition: Option<f64>,
+    axes: PerAxis<&'static str>,
+    train: &'a PerAxis<AxisQuality>,
+    test: &'a Option<PerAxis<AxisQuality>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_validation: &'a Option<CrossValidation>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    selection: &'a Option<Selection>,
+    excitation: &'a Option<Excitation>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    covariance: Option<CovarianceReport<'a>>,
+    time_s: f64,
+}
+
+/// What standard errors come from, and the covariance of the errors of a row.
+#[derive(Serialize)]
+struct CovarianceReport<'a> {
+    /// Groups of rows; absent where rows are taken as independent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    groups: Option<u64>,
+    degrees_of_freedom: u64,
+    /// In products of N and N·m.
+    residual: &'a PerAxis<PerAxis<f64>>,
+    /// Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m.
+    interval_95: PerAxis<f64>,
+}
+
+impl<'a> CovarianceReport<'a> {
+    fn of(covariance: &'a Covariance) -> Self {
+        let groups = match &covariance.coefficients {
+            CoefficientCovariance::Groups { groups, .. } => Some(*groups),
+            CoefficientCovariance::Rows { .. } => None,
+        };
+        let (sd, factors) = (covariance.residual_sd(), covariance.interval_factors(0.95));
+        Self {
+            groups,
+            degrees_of_freedom: covariance.degrees_of_freedom,
+            residual: &covariance.residual,
+            interval_95: std::array::from_fn(|axis| factors[axis] * sd[axis]),
+        }
+    }
+}
+
+fn print_covariance(printer: &mut Printer, covariance: &Covariance) -> anyhow::Result<()> {
+    let report = CovarianceReport::of(covariance);
+    let of = match report.groups {
+        Some(groups) => format!("{groups} groups of rows"),
+        None => "rows taken as independent".to_owned(),
+    };
+    let half = |axis: Axis| {
+        let half = significant(report.interval_95[axis.index()], 2);
+        format!("{} ±{half} {}", axis.name(), axis.unit())
+    };
+    printer.line(format!("95 % intervals, from {of}: {}", Axis::ALL.map(half).join(", ")))
+}
+
+pub(super) fn report(
+    printer: &mut Printer,
+    fitted: &Fit,
+    file: &CalibrationFile,
+    seconds: f64,
+) -> anyhow::Result<()> {
+    let test = total(&fitted.test);
+    let (Some(diagnostics), Some(solver)) = (&file.origin.diagnostics, file.origin.solver) else {
+        return Ok(());
+    };
+    let model = fitted.calibration.model();
+    let covariance = fitted.calibration.covariance.as_ref();
+    if printer.json() {
+        return printer.document(&Report {
+            model: model.name(),
+            solver,
+            rows: diagnostics.rows,
+            skipped_rows: diagnostics.skipped_rows,
+            repeated_rows: diagnostics.repeated_rows,
+            test_rows: test.rows,
+            test_rows_out_of_range: test.out_of_range_rows,
+            features: model.term_count(),
+            rank: diagnostics.rank,
+            condition: diagnostics.condition,
+            axes: Axis::ALL.map(Axis::column),
+            train: &diagnostics.train,
+            test: &diagnostics.test,
+            cross_validation: &diagnostics.cross_validation,
+            selection: &diagnostics.selection,
+            excitation: &diagnostics.excitation,
+            covariance: covariance.map(CovarianceReport::of),
+            time_s: seconds,
+        });
+    }
+    if let Some(selection) = &diagnostics.selection {
+        print_selection(printer, selection)?;
+    }
+    let sets: Vec<&PerAxis<AxisQuality>> =
+        [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
+    let mut header = vec!["axis"];
+    for (train, test) in
+        [("RMS train", "RMS test"), ("max train", "max test"), ("R² train", "R² test")]
+    {
+        header.extend([train, test].iter().take(sets.len()));
+    }
+    header.push("unit");
+    let rows: Vec<Vec<String>> = Axis::ALL.map(|axis| table_row(axis, &sets)).to_vec();
+    printer.table(&header, &rows)?;
+    let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
+    printer.line(format!(
+        "{}, solver {}: rank {} of {}, condition {condition}",
+        model.name(),
+        solver.name.name(),
+        diagnostics.rank,
+        model.term_count(),
+    ))?;
+    printer.line(format!(
+        "{} rows used, {} skipped, {} repeated; {:.0} ms",
+        diagnostics.rows,
+        diagnostics.skipped_rows,
+        diagnostics.repeated_rows,
+        seconds * 1e3,
+    ))?;
+    if let Some(excitation) = &diagnostics.excitation {
+        print_excitation(printer, excitation)?;
+    }
+    if let Some(cross_validation) = &diagnostics.cross_validation {
+        print_cross_validation(printer, cross_validation)?;
+    }
+    if let Some(covariance) = covariance {
+        print_covariance(printer, covariance)?;
+    }
+    if test.out_of_range_rows > 0 {
+        printer.note(format!(
+            "{} of {} test rows have a reading outside the range of the training data",
+            test.out_of_range_rows, test.rows
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,124 @@
+//! How rows are summed: about which centre, in which limbs, and which columns are multiplied.
+
+use std::ops::Range;
+
+use super::layout::Layout;
+use super::limbs::{FeatureLimbs, Limbs};
+
+/// A choice of centre and limbs, with what follows from it for the work on a block of rows.
+///
+/// Columns of features stand side by side: first the right operands, feature by feature, then, for
+/// one group of products after the other, those left operands that are not among them. Columns of the wrench, likewise: limbs to be
+/// multiplied with each other, axis by axis, then ones, then limbs for the features only.
+#[derive(Debug, PartialEq)]
+pub(super) struct Choice {
+    /// What is subtracted from the readings of each channel.
+    pub(super) centre: Vec<i64>,
+    pub(super) features: FeatureLimbs,
+    /// The column where the right operands of each feature begin, and where all of them end.
+    pub(super) firsts: Vec<usize>,
+    /// The right operands.
+    pub(super) rights: Vec<Part>,
+    /// The products of features, group by group of the layout, each with its left operands that
+    /// are not among the right ones.
+    pub(super) groups: Vec<(Vec<Part>, Operands)>,
+    /// Limbs of each axis that are multiplied with those of other axes.
+    pub(super) squares: [Limbs; 6],
+    /// Limbs of each axis that are multiplied with features, if not the same.
+    pub(super) cross: Option<[Limbs; 6]>,
+}
+
+/// A limb of a feature: the feature is the sum of its limbs, each times two to its shift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Part {
+    pub(super) feature: usize,
+    pub(super) shift: u32,
+}
+
+/// Columns that are multiplied, each on the left with each on the right.
+#[derive(Debug, PartialEq)]
+pub(super) struct Operands {
+    pub(super) left: Vec<usize>,
+    pub(super) right: Range<usize>,
+}
+
+impl Choice {
+    pub(super) fn new(
+        layout: &Layout,
+        centre: Vec<i64>,
+        features: FeatureLimbs,
+        squares: [Limbs; 6],
+        cross: Option<[Limbs; 6]>,
+    ) -> Self {
+        let FeatureLimbs { left, right, .. } = features;
+        let parts = |feature: usize, count: usize, width: u32| {
+            (0..count).map(move |limb| Part { feature, shift: limb as u32 * width })
+        };
+        let degree = |feature: usize| layout.features[feature].factors().len();
+        let (mut firsts, mut rights) = (vec![0], Vec::new());
+        for feature in 0..layout.features.len() {
+            rights.extend(parts(feature, right.counts[degree(feature)], right.width));
+            firsts.push(rights.len());
+        }
+        let groups = layout.groups.iter().map(|group| {
+            let (mut lefts, mut columns) = (Vec::new(), Vec::new());
+            for &feature in &group.left {
+                if features.is_shared(degree(feature)) {
+                    columns.extend(firsts[feature]..firsts[feature + 1]);
+                } else {
+                    let start = rights.len() + lefts.len();
+                    lefts.extend(parts(feature, left.counts[degree(feature)], left.width));
+                    columns.extend(start..rights.len() + lefts.len());
+                }
+            }
+            let right = firsts[group.right.start]..firsts[group.right.end];
+            (lefts, Operands { left: columns, right })
+        });
+        let groups = groups.collect();
+        Self { centre, features, firsts, rights, groups, squares, cross }
+    }
+
+    /// Columns of limbs that are multiplied with each other; the column of ones comes after them.
+    pub(super) fn square_columns(&self) -> usize {
+        self.squares.iter().map(|limbs| limbs.count).sum()
+    }
+
+    /// Columns of the wrench.
+    pub(super) fn wrench_columns(&self) -> usize {
+        let cross = self.cross.iter().flatten().map(|limbs| limbs.count).sum::<usize>();
+        self.square_columns() + 1 + cross
+    }
+
+    /// The columns of the wrench that are multiplied with features: limbs axis by axis and ones,
+    /// the latter last or first.
+    pub(super) fn cross_columns(&self) -> Range<usize> {
+        match self.cross {
+            None => 0..self.square_columns() + 1,
+            Some(_) => self.square_columns()..self.wrench_columns(),
+        }
+    }
+
+    /// The limbs of each axis that are multiplied with features.
+    pub(super) fn cross_limbs(&self) -> &[Limbs; 6] {
+        self.cross.as_ref().unwrap_or(&self.squares)
+    }
+
+    /// For every axis the columns that its limbs are multiplied with: its own, those of later axes
+    /// and ones.
+    pub(super) fn square_operands(&self) -> [Operands; 6] {
+        let mut start = 0;
+        self.squares.map(|limbs| {
+            let own = start..start + limbs.count;
+            start = own.end;
+            Operands { right: own.start..self.square_columns() + 1, left: own.collect() }
+        })
+    }
+
+    /// Number of sums.
+    pub(super) fn sums(&self) -> usize {
+        let count = |operands: &Operands| operands.left.len() * operands.right.len();
+        let gram: usize = self.groups.iter().map(|(_, operands)| count(operands)).sum();
+        let squares: usize = self.square_operands().iter().map(count).sum();
+        gram + self.cross_columns().len() * self.rights.len() + squares
+    }
+}
