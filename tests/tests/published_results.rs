@@ -7,8 +7,6 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use shellcal::calibration::Basis;
-use shellcal::calibration::solver::SolverKind;
 use shellcal::log_file::{Log, Mapping, ReadOptions};
 use shellcal::sensor_model::{Kind, Recording, Settings};
 use shellcal::synthetic_log::Layout;

@@ -1,19 +1,20 @@
 //! How large numbers are, found while streaming: a histogram over bins of equal ratio.
 //!
-//! The bins are the leading bits of the numbers themselves, so that counting costs a shift. A
-//! quantile is interpolated within its bin: off by four parts in a thousand at worst, and by far
-//! less where numbers are many. Counts merge in any order to the same result.
+//! The bins are the leading bits of the numbers themselves, so that counting costs a shift, and few
+//! enough that one histogram per block of rows costs little beside the rows. A quantile is
+//! interpolated within its bin: off by 1.6 % at worst, and by far less where numbers are many. Counts
+//! merge in any order to the same result.
 
-/// A histogram of magnitudes, those that are zero or tiny all in the lowest bin.
+/// A histogram of up to 2³² magnitudes, those that are zero or tiny all in the lowest bin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Magnitudes {
-    counts: Vec<u64>,
+    counts: Vec<u32>,
 }
 
 /// Bins per factor of two, as a power of two: the leading bits of a mantissa.
-const BITS: u32 = 8;
+const BITS: u32 = 6;
 /// Factors of two that are told apart.
-const OCTAVES: u64 = 48;
+const OCTAVES: u64 = 24;
 /// Numbers from this power of two on share the last bin.
 const TOP: u64 = 8;
 /// The bin just past the last, in leading bits of a number.
@@ -47,10 +48,10 @@ impl Magnitudes {
 
     /// The number that a share of all are not above; zero in the lowest bin and of no numbers.
     pub fn quantile(&self, share: f64) -> f64 {
-        let rank = share * self.counts.iter().sum::<u64>() as f64;
+        let rank = share * self.counts.iter().map(|&n| u64::from(n)).sum::<u64>() as f64;
         let mut below = 0.0;
         for (bin, &count) in self.counts.iter().enumerate() {
-            let count = count as f64;
+            let count = f64::from(count);
             if below + count >= rank && count > 0.0 {
                 if bin == 0 {
                     return 0.0;
@@ -70,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_those_of_the_numbers_to_four_parts_in_a_thousand() {
+    fn quantiles_are_those_of_the_numbers_to_the_width_of_a_bin() {
         for n in [1_u32, 2, 7, 1000] {
             let (mut even, mut odd) = (Magnitudes::new(), Magnitudes::new());
             for i in 0..n {
@@ -81,7 +82,7 @@ mod tests {
             for share in [0.25, 0.5, 0.95] {
                 let expected = 0.001 * (f64::from(n) * share).ceil();
                 let found = even.quantile(share);
-                assert!((found / expected - 1.0).abs() < 4e-3, "{n}, {share}: {found}");
+                assert!((found / expected - 1.0).abs() < 1.6e-2, "{n}, {share}: {found}");
             }
         }
         assert_eq!(Magnitudes::new().quantile(0.5), 0.0);

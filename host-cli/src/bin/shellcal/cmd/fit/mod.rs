@@ -39,7 +39,8 @@ Examples:
 /// Fit a calibration to logs with readings and a measured wrench
 ///
 /// Prints the error of every axis, on the training logs and on test logs that the fit has not
-/// seen. Rows are read twice, never held: memory does not grow with the logs.
+/// seen. Some 100,000 training rows are kept; where there are more, they are read twice: memory
+/// does not grow with the logs.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct FitArgs {
