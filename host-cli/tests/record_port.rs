@@ -144,21 +144,37 @@ fn a_recording_killed_at_any_moment_keeps_all_but_its_last_second() {
     let kills = 100;
     let moments = (0..kills).map(|i| Duration::from_millis(300 + 2200 * (i * 7 % kills) / kills));
     let moments = Mutex::new(moments.collect::<Vec<_>>());
+    let kept = AtomicU64::new(0);
     thread::scope(|scope| {
-        for _ in 0..25 {
+        for _ in 0..10 {
             scope.spawn(|| {
                 while let Some(moment) = { moments.lock().unwrap().pop() } {
-                    kill_after(moment);
+                    kept.fetch_add(kill_after(moment), Ordering::Relaxed);
                 }
             });
         }
     });
+    println!("{} frames were due and are there", kept.into_inner());
 }
 
-fn kill_after(moment: Duration) {
+/// How long this thread may be held up while a recording runs, where it asks for 5 ms: a machine that
+/// is so busy holds up the recording too, and what that had received nobody knows.
+const BUSY: Duration = Duration::from_millis(50);
+
+/// Kills a recording some time after its first frame. Returns how many frames were due in the log,
+/// and are there; on a busy machine none is due, and the log has to be whole all the same.
+fn kill_after(moment: Duration) -> u64 {
     let dir = tempfile::tempdir().unwrap();
     let (board, port) = pty();
+    let path = dir.path().join("log.csv");
     let mut child = start(dir.path(), &format!("record {port} -o log.csv"));
+    // The program makes the log when it has opened the port; until then the pty would keep frames
+    // for it if another test's program has inherited its other end.
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !path.exists() {
+        assert!(Instant::now() < deadline, "nobody has opened the port");
+        thread::sleep(Duration::from_millis(2));
+    }
     let sender = Sender::start(board, 0);
     sender.wait_for(1);
     let (began, mut history) = (Instant::now(), Vec::new());
@@ -166,13 +182,14 @@ fn kill_after(moment: Duration) {
         history.push((Instant::now(), sender.sent()));
         thread::sleep(Duration::from_millis(5));
     }
-    child.kill().unwrap();
     let killed = Instant::now();
+    history.push((killed, sender.sent()));
+    child.kill().unwrap();
     child.wait().unwrap();
     sender.stop();
+    let is_busy = history.windows(2).any(|pair| pair[1].0 - pair[0].0 > BUSY);
     let due = history.iter().rfind(|(at, _)| killed - *at >= Duration::from_secs(1));
-    let due = due.map_or(0, |&(_, sent)| sent);
-    let path = dir.path().join("log.csv");
+    let due = due.filter(|_| !is_busy).map_or(0, |&(_, sent)| sent);
     let text = fs::read(&path).unwrap();
     assert!(text.is_empty() || text.ends_with(b"\n"), "a line is cut");
     match read_log(&path) {
@@ -183,6 +200,7 @@ fn kill_after(moment: Duration) {
         Err(LogError::Empty { .. } | LogError::NoRows { .. }) => assert_eq!(due, 0),
         Err(error) => panic!("{error}"),
     }
+    due
 }
 
 #[test]

@@ -5,9 +5,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
+
+/// How often a command is given to a board that does not answer.
+const ATTEMPTS: u32 = 20;
 
 /// The program, which lies beside the tests.
 fn shellcal() -> PathBuf {
@@ -33,12 +36,27 @@ pub fn run(dir: &Path, arguments: &str, code: i32) -> String {
     finish(start(dir, arguments), arguments, code)
 }
 
+/// Like [`run`], again and again while there is no answer: for a board that runs when the machine has
+/// time for it, where the program expects one of its own.
+pub fn run_patiently(dir: &Path, arguments: &str, code: i32) -> String {
+    for _ in 0..ATTEMPTS {
+        let output = start(dir, arguments).wait_with_output().unwrap();
+        if !String::from_utf8_lossy(&output.stderr).contains("no answer to") {
+            return check(&output, arguments, code);
+        }
+    }
+    panic!("{arguments}: no answer in {ATTEMPTS} attempts");
+}
+
 /// Waits for the end of a command, which must have this exit code; what it prints and says.
 pub fn finish(child: Child, arguments: &str, code: i32) -> String {
-    let output = child.wait_with_output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
+    check(&child.wait_with_output().unwrap(), arguments, code)
+}
+
+fn check(output: &Output, arguments: &str, code: i32) -> String {
+    let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
-    String::from_utf8(output.stdout).unwrap() + &said
+    String::from_utf8_lossy(&output.stdout).into_owned() + &said
 }
 
 /// Ctrl-C.

@@ -19,7 +19,9 @@ use shellcal::calibration::Calibration;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::wrench::PerAxis;
 use system_tests::emulation::{Memory, PlayedFrame, image};
-use system_tests::program::{Recording, finish, interrupt, number, run, start, wait_for_rows};
+use system_tests::program::{
+    Recording, finish, interrupt, number, run, run_patiently, start, wait_for_rows,
+};
 
 /// Frames of the script. A prime, so that it shares no period with anything.
 const SCRIPT: usize = 701;
@@ -85,8 +87,8 @@ fn record(board: &EmulatedBoard, dir: &Path, arguments: &str, rows: usize) -> Re
 
 /// Stops the stream, and reads what was on its way: an answer overtakes samples that wait.
 fn stop(board: &EmulatedBoard, dir: &Path, framing: &str) -> String {
-    run(dir, &format!("board {} {framing} stop", board.port), 0);
-    run(dir, &format!("board {} {framing} --json status", board.port), 0)
+    run_patiently(dir, &format!("board {} {framing} stop", board.port), 0);
+    run_patiently(dir, &format!("board {} {framing} --json status", board.port), 0)
 }
 
 /// Every sequence number, no loss, and every time a whole period from the first.
@@ -113,7 +115,7 @@ fn half_a_minute_at_100_hz_is_recorded_whole_and_as_it_was_played() {
     let calibration = calibration(dir.path());
     let memory = Memory::new().play(&script());
     let board = EmulatedBoard::start(&image, &memory, BaseStation::Transparent, dir.path());
-    let identity = run(dir.path(), &format!("board {} identify", board.port), 0);
+    let identity = run_patiently(dir.path(), &format!("board {} identify", board.port), 0);
     assert!(identity.contains("emulated"), "{identity}");
 
     let log = record(&board, dir.path(), "--calibration cal.json", 3_001);
@@ -145,7 +147,7 @@ fn commands_change_the_rate_and_upload_what_the_board_then_computes() {
     ] {
         let board = EmulatedBoard::start(&image, &memory, base, dir.path());
         let command = |what: &str, code| {
-            run(dir.path(), &format!("board {} {framing} {what}", board.port), code)
+            run_patiently(dir.path(), &format!("board {} {framing} {what}", board.port), code)
         };
         command("rate 200", 0);
         let log = record(&board, dir.path(), framing, 400);
