@@ -5,40 +5,45 @@
 //! interpolated within its bin: off by 1.6 % at worst, and by far less where numbers are many. Counts
 //! merge in any order to the same result.
 
-/// A histogram of up to 2³² magnitudes, those that are zero or tiny all in the lowest bin.
+/// A histogram of up to 2³² magnitudes, those that are zero or tiny all in the lowest bin:
+/// `2^BITS` bins per factor of two, over `OCTAVES` factors of two.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Magnitudes {
+pub struct Histogram<const BITS: u32, const OCTAVES: u64> {
     counts: Vec<u32>,
 }
 
-/// Bins per factor of two, as a power of two: the leading bits of a mantissa.
-const BITS: u32 = 6;
-/// Factors of two that are told apart.
-const OCTAVES: u64 = 24;
+/// As fine as prediction intervals need.
+pub type Magnitudes = Histogram<6, 24>;
+
+/// For the scale of a robust fit: quantiles to four parts in a thousand, of numbers that wild ones
+/// have made small beside their unit.
+pub type FineMagnitudes = Histogram<8, 48>;
+
 /// Numbers from this power of two on share the last bin.
 const TOP: u64 = 8;
-/// The bin just past the last, in leading bits of a number.
-const END: u64 = (1023 + TOP) << BITS;
-const BINS: usize = (OCTAVES << BITS) as usize;
 
-impl Default for Magnitudes {
+impl<const BITS: u32, const OCTAVES: u64> Default for Histogram<BITS, OCTAVES> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Magnitudes {
+impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
+    /// The bin just past the last, in leading bits of a number.
+    const END: u64 = (1023 + TOP) << BITS;
+    const BINS: usize = (OCTAVES << BITS) as usize;
+
     /// Of no numbers.
     pub fn new() -> Self {
-        Self { counts: vec![0; BINS] }
+        Self { counts: vec![0; Self::BINS] }
     }
 
     /// Counts a magnitude, not negative, best in a unit that most are not far from.
     #[inline(always)]
     pub fn add(&mut self, size: f64) {
         let key = (size.to_bits() >> (52 - BITS)) as i64;
-        let bin = key - END as i64 + BINS as i64;
-        self.counts[bin.clamp(0, BINS as i64 - 1) as usize] += 1;
+        let bin = key - Self::END as i64 + Self::BINS as i64;
+        self.counts[bin.clamp(0, Self::BINS as i64 - 1) as usize] += 1;
     }
 
     /// Adds the numbers of `other`.
@@ -56,8 +61,9 @@ impl Magnitudes {
                 if bin == 0 {
                     return 0.0;
                 }
-                let edge =
-                    |bin: usize| f64::from_bits((END + bin as u64 - BINS as u64) << (52 - BITS));
+                let edge = |bin: usize| {
+                    f64::from_bits((Self::END + bin as u64 - Self::BINS as u64) << (52 - BITS))
+                };
                 return edge(bin) + (edge(bin + 1) - edge(bin)) * (rank - below) / count;
             }
             below += count;

@@ -16,7 +16,7 @@ use faer::Mat;
 
 use super::qr::Factor;
 use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Rows, Shape};
-use crate::calibration::magnitudes::Magnitudes;
+use crate::calibration::magnitudes::FineMagnitudes;
 use crate::calibration::vectors::{add_multiple, dot};
 
 /// Residuals are clipped beyond this many σ.
@@ -59,7 +59,7 @@ struct Clipped {
     products: Mat<f64>,
     /// Residuals that were not clipped, per column of `Y`.
     inside: Vec<u64>,
-    sizes: Vec<Magnitudes>,
+    sizes: Vec<FineMagnitudes>,
 }
 
 impl Reduction for FormClipped {
@@ -73,7 +73,7 @@ impl Reduction for FormClipped {
             gradient: Mat::zeros(p, q),
             products: Mat::zeros(q, q),
             inside: vec![0; q],
-            sizes: vec![Magnitudes::new(); q],
+            sizes: vec![FineMagnitudes::new(); q],
         }
     }
 
