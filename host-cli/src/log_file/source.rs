@@ -41,7 +41,7 @@ impl Source {
 
     /// Opens the file at its start.
     pub(super) fn open(&self, checksum: bool) -> Result<Stream, LogError> {
-        let hash = checksum.then(Hash::default);
+        let hash = checksum.then(Box::default);
         let tap = Tap { file: self.file()?, bytes: Arc::default(), hash };
         Ok(match self.compressed {
             true => {
@@ -80,7 +80,7 @@ impl Stream {
 
     /// The checksum of the file on disk, once it has been read to its end.
     pub(super) fn checksum(&self) -> Option<String> {
-        self.tap().hash.as_ref().map(Hash::finish)
+        self.tap().hash.as_ref().map(|hash| hash.finish())
     }
 
     fn tap(&self) -> &Tap {
@@ -105,7 +105,7 @@ impl Read for Stream {
 pub(super) struct Tap {
     file: File,
     bytes: Arc<AtomicU64>,
-    hash: Option<Hash>,
+    hash: Option<Box<Hash>>,
 }
 
 impl Read for Tap {

@@ -103,7 +103,8 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
 /// Fits a calibration to `train` and finds its errors there and on `test`.
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
-/// often by solvers that iterate; see [`TrainingRows`] for what that means.
+/// often by solvers that iterate. Some 100,000 rows are kept between the passes; longer logs are
+/// read anew, so that memory does not grow with them.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the

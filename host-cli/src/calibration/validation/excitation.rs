@@ -179,10 +179,8 @@ impl NullaryFnOnce for SumsOf<'_> {
         let wrench = self.0;
         let rows = wrench[0].len();
         let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
-        for axis in 0..6 {
-            sums.axes[axis] = AxisSums::of(&wrench[axis]);
-            sums.mean[axis] = sum(&wrench[axis]) / rows as f64;
-        }
+        sums.axes = std::array::from_fn(|axis| AxisSums::of(&wrench[axis]));
+        sums.mean = std::array::from_fn(|axis| sum(&wrench[axis]) / rows as f64);
         for a in 0..6 {
             for b in a..6 {
                 sums.products[a][b] = product(&wrench[a], sums.mean[a], &wrench[b], sums.mean[b]);
@@ -213,9 +211,7 @@ impl AxisSums {
         };
         let (chunks, rest) = column.as_chunks::<LANES>();
         for chunk in chunks {
-            for i in 0..LANES {
-                add(i, chunk[i]);
-            }
+            chunk.iter().enumerate().for_each(|(i, &x)| add(i, x));
         }
         for (i, &x) in rest.iter().enumerate() {
             add(i, x);
