@@ -22,7 +22,7 @@ pub(super) fn products<S: Simd>(
 ) {
     let rights = right.len() / ROWS;
     debug_assert_eq!(out.len(), left.len() * rights);
-    let mut next = || left.next().map_or(&[][..], |l| column::<S>(columns, l));
+    let mut next = || column(columns, left.next().unwrap_or(0));
     while !out.is_empty() {
         // Five are better done as three and two than as four and one.
         let height = match out.len() / rights {
@@ -41,7 +41,7 @@ pub(super) fn products<S: Simd>(
 }
 
 #[inline(always)]
-fn strip<S: Simd, const L: usize>(simd: S, left: [&[S::f64s]; L], right: &[f64], out: &mut [f64]) {
+fn strip<S: Simd, const L: usize>(simd: S, left: [&Column; L], right: &[f64], out: &mut [f64]) {
     let rights = right.len() / ROWS;
     let mut r = 0;
     while r < rights {
@@ -67,17 +67,17 @@ fn strip<S: Simd, const L: usize>(simd: S, left: [&[S::f64s]; L], right: &[f64],
 #[inline(always)]
 fn tile<S: Simd, const L: usize, const R: usize>(
     simd: S,
-    left: [&[S::f64s]; L],
+    left: [&Column; L],
     right: &[f64],
     first: usize,
     out: &mut [f64],
 ) {
     let rights = right.len() / ROWS;
-    let steps = ROWS / S::F64_LANES;
-    let left: [&[S::f64s]; L] = left.map(|column| &column[..steps]);
-    let right: [&[S::f64s]; R] = std::array::from_fn(|r| &column::<S>(right, first + r)[..steps]);
+    let left: [&[S::f64s]; L] = left.map(|column| S::as_simd_f64s(column).0);
+    let right: [&[S::f64s]; R] =
+        std::array::from_fn(|r| S::as_simd_f64s(column(right, first + r)).0);
     let mut sums = [[simd.splat_f64s(0.0); R]; L];
-    for step in 0..steps {
+    for step in 0..ROWS / S::F64_LANES {
         for l in 0..L {
             for r in 0..R {
                 sums[l][r] = simd.mul_add_e_f64s(left[l][step], right[r][step], sums[l][r]);
@@ -91,9 +91,12 @@ fn tile<S: Simd, const L: usize, const R: usize>(
     }
 }
 
+/// One column. Its length is part of its type, so that loops over columns check no bounds.
+type Column = [f64; ROWS];
+
 #[inline(always)]
-fn column<S: Simd>(columns: &[f64], index: usize) -> &[S::f64s] {
-    S::as_simd_f64s(&columns[index * ROWS..(index + 1) * ROWS]).0
+fn column(columns: &[f64], index: usize) -> &Column {
+    columns[index * ROWS..].first_chunk().expect("as many columns as are asked for")
 }
 
 #[cfg(test)]
