@@ -56,7 +56,8 @@ fn the_training_set_has_its_rows_in_si_units() {
 #[test]
 fn the_console_log_has_the_frames_that_the_base_station_printed() {
     let Some(path) = real_recording("skinproc/stream_log_excerpt.txt") else { return };
-    let log = Log::open(&path, &Mapping::default()).unwrap();
+    // All in one block.
+    let log = Log::open(&path, &Mapping::default()).unwrap().with_chunk_bytes(1 << 22);
     assert_eq!((log.format(), log.channels()), (Format::Console, 8));
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
     let (blocks, summary) = read(&log, &wanted);

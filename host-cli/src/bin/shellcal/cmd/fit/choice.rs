@@ -38,6 +38,9 @@ const RANDOM_FOLDS: usize = 10;
 /// Folds of it that are held out.
 const HELD_OUT: usize = 2;
 
+/// The fewest groups that standard errors come from unless they are asked for by name.
+const FEWEST_GROUPS: usize = 10;
+
 impl FitArgs {
     /// Chooses the model, validates it, and sums by group: as much of it as is asked for.
     pub(super) fn choose(&self, train: &[Log], printer: &mut Printer) -> anyhow::Result<Choice> {
@@ -81,6 +84,9 @@ impl FitArgs {
             }
             sums => sums?,
         };
+        // A few groups say little about how groups scatter.
+        choice.by_group &=
+            !matches!(self.covariance, CovarianceArg::Auto) || sums.groups.len() >= FEWEST_GROUPS;
         let intercept = !self.no_intercept;
         if given.is_none() {
             let ridges = if self.ridge > 0.0 { &[self.ridge][..] } else { &selection::RIDGES };
@@ -103,7 +109,6 @@ impl FitArgs {
         self.wants_covariance()
             && match self.covariance {
                 CovarianceArg::Groups => true,
-                // A few files say little about how files scatter.
                 CovarianceArg::Auto => {
                     group_by == Some(GroupBy::Column) && self.solver.0 == SolverKind::Exact
                 }

@@ -123,7 +123,7 @@ pub(crate) struct FitArgs {
 /// What the covariance of the coefficients is found from.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum CovarianceArg {
-    /// By the log's group column where it has one, by rows otherwise
+    /// By the log's group column where it has ten groups at least, by rows otherwise
     Auto,
     /// Errors are alike within groups: those of the group column, or files
     Groups,
