@@ -8,12 +8,13 @@ use std::fs;
 use std::path::Path;
 
 use record_support::{
-    assert_rows_are, calibration, column, on_the_wire, read_log, readings, refused, run, sample,
-    shellcal, stream, succeed,
+    assert_rows_are, calibration, column, read_log, readings, refused, run, sample, shellcal,
+    stream, succeed,
 };
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::wrench::PerAxis;
+use system_tests::on_the_wire;
 
 fn replay(dir: &Path, bytes: &[u8], arguments: &str) -> String {
     fs::write(dir.join("raw"), bytes).unwrap();

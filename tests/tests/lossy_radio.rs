@@ -2,10 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
-use shared_proto::xbee::{Address, ApiFrame, Mode};
+use shared_proto::xbee::Mode;
 use shared_proto::{Arrival, Counters, Decoder, Event, Framing, Packet, Sample, Values};
 use shellcal::radio::{self, Books, Delivery, Radio};
 use std::collections::{HashMap, HashSet};
+use system_tests::on_the_wire;
 
 const PACKETS: u64 = 1_000_000;
 
@@ -23,19 +24,6 @@ fn sample(index: u64) -> Sample {
         values: Values::Readings(std::array::from_fn(|_| random())),
         saturated: 0,
         dropped: 0,
-    }
-}
-
-/// The bytes of a packet as the host receives them.
-fn on_the_wire(packet: &Packet, framing: Framing) -> Vec<u8> {
-    let payload = packet.encode();
-    match framing {
-        Framing::Cobs => payload.to_vec(),
-        Framing::Xbee(mode) => {
-            let from = Address::Short(0x2052);
-            let frame = ApiFrame::Receive { from, rssi: Some(40), payload: &payload };
-            frame.encode(mode).unwrap().to_vec()
-        }
     }
 }
 

@@ -6,10 +6,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{Framing, Packet, Sample, Values};
 use shellcal::block::Block;
 use shellcal::log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use system_tests::on_the_wire;
 
 /// Frame `index` of a board at 100 Hz: its readings tell which it is.
 pub fn sample(index: u64) -> Sample {
@@ -29,19 +29,6 @@ pub fn counts(index: u64) -> [u16; 8] {
 /// The same readings in steps of the converter.
 pub fn readings(index: u64) -> [f64; 8] {
     counts(index).map(|counts| f64::from(counts) / 16.0)
-}
-
-/// A packet as the base station gives it to the host.
-pub fn on_the_wire(packet: &Packet, framing: Framing) -> Vec<u8> {
-    let payload = packet.encode();
-    match framing {
-        Framing::Cobs => payload.to_vec(),
-        Framing::Xbee(mode) => {
-            let from = Address::Short(0x2052);
-            let frame = ApiFrame::Receive { from, rssi: Some(40), payload: &payload };
-            frame.encode(mode).unwrap().to_vec()
-        }
-    }
 }
 
 pub fn frame(index: u64) -> Vec<u8> {
