@@ -29,6 +29,12 @@ pub(crate) enum Purpose {
     Losses = 8,
     /// What a radio does to packets.
     Radio = 9,
+    /// How one trial of the virtual robot differs from the next.
+    Trial = 10,
+    /// What the controller of its legs does.
+    Controller = 11,
+    /// Noise of its telemetry.
+    Telemetry = 12,
 }
 
 /// A stream of random numbers.

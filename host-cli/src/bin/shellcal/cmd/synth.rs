@@ -64,6 +64,10 @@ struct RecordingArgs {
     #[arg(long, value_name = "BITS", default_value_t = 12)]
     adc_bits: u32,
 
+    /// Springs without creep and hysteresis: a calibration can follow them exactly
+    #[arg(long)]
+    elastic: bool,
+
     /// Columns and their names
     #[arg(long, value_enum, default_value_t = Layout::Shellcal)]
     layout: Layout,
@@ -127,6 +131,7 @@ impl RecordingArgs {
             unit_seed: self.unit_seed,
             noise_scale: self.noise_scale,
             adc_bits: self.adc_bits,
+            elastic: self.elastic,
         })?;
         let Some(path) = &self.output else {
             anyhow::ensure!(
