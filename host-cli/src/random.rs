@@ -29,6 +29,8 @@ pub(crate) enum Purpose {
     Losses = 8,
     /// What a radio does to packets.
     Radio = 9,
+    /// Samples drawn again from what there is.
+    Bootstrap = 10,
 }
 
 /// A stream of random numbers.
