@@ -29,12 +29,14 @@ pub(crate) enum Purpose {
     Losses = 8,
     /// What a radio does to packets.
     Radio = 9,
+    /// Samples drawn again from what there is.
+    Bootstrap = 10,
     /// How one trial of the virtual robot differs from the next.
-    Trial = 10,
+    Trial = 11,
     /// What the controller of its legs does.
-    Controller = 11,
+    Controller = 12,
     /// Noise of its telemetry.
-    Telemetry = 12,
+    Telemetry = 13,
 }
 
 /// A stream of random numbers.

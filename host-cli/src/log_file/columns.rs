@@ -4,6 +4,7 @@
 //! `Mx (mN·m)`, `time_us`.
 
 use super::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
+use super::telemetry::Telemetry;
 use crate::wrench::{Axis, PerAxis};
 
 /// A column of a log.
@@ -28,6 +29,8 @@ pub enum Meaning {
     Moment(Axis, MomentUnit),
     /// The group (pose, session, trial) of a row.
     Group,
+    /// Telemetry of the robot, in counts as its profile explains them.
+    Telemetry(Telemetry),
     /// Nothing that is needed.
     Other,
 }
@@ -175,7 +178,7 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<Roles, ColumnsErr
             Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
                 claim(&mut roles.wrench[axis.index()], at, meaning)?;
             }
-            Meaning::Group | Meaning::Other => {}
+            Meaning::Group | Meaning::Telemetry(_) | Meaning::Other => {}
         }
     }
     let groups = meanings.iter().enumerate().filter(|(_, m)| **m == Meaning::Group);
@@ -234,6 +237,9 @@ fn meaning_of(name: &str, format: Format) -> Meaning {
         };
     }
     let name = plain(name);
+    if let Some(telemetry) = Telemetry::of_name(&name) {
+        return Meaning::Telemetry(telemetry);
+    }
     let digits = name.strip_prefix("sensor").or_else(|| name.strip_prefix('s'));
     match digits.filter(|digits| (1..=2).contains(&digits.len())).map(str::parse) {
         Some(Ok(channel)) => Meaning::Sensor(channel),
@@ -265,7 +271,7 @@ fn split_unit(name: &str) -> (String, String) {
 }
 
 /// Letters and digits only, in lower case.
-fn plain(name: &str) -> String {
+pub(super) fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
 
@@ -275,6 +281,7 @@ fn describe(meaning: Meaning) -> String {
         Meaning::Sensor(channel) => format!("sensor {channel}"),
         Meaning::Force(axis, _) | Meaning::Moment(axis, _) => axis.name().to_owned(),
         Meaning::Group => "the group".to_owned(),
+        Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
         Meaning::Other => "nothing".to_owned(),
     }
 }
@@ -332,7 +339,8 @@ mod tests {
             ("My (N·m)", Moment(Axis::My, NewtonMetre)),
             ("Mz_mNm", Moment(Axis::Mz, MillinewtonMetre)),
             ("Mz [N*mm]", Moment(Axis::Mz, MillinewtonMetre)),
-            ("VBatt", Other),
+            ("VBatt", Meaning::Telemetry(Telemetry::Battery)),
+            ("voltage", Other),
         ] {
             assert_eq!(meaning_of(name, Format::Csv), meaning, "{name}");
         }

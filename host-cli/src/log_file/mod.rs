@@ -29,6 +29,7 @@ mod number;
 mod plan;
 mod rows;
 mod source;
+mod telemetry;
 
 use std::io::Read;
 use std::path::Path;
@@ -37,6 +38,7 @@ use std::sync::atomic::Ordering;
 pub use columns::{Column, Meaning};
 pub use error::{Field, LogError, RowProblem};
 pub use mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
+pub use telemetry::Telemetry;
 
 use crate::block::Block;
 use crate::pipeline::{self, Pieces};
@@ -163,6 +165,28 @@ impl Log {
     /// Whether it has a column of group labels.
     pub fn has_groups(&self) -> bool {
         self.layout.roles.group.is_some()
+    }
+
+    /// Where a column of telemetry is in a row, from 0, to be asked for as one of
+    /// [`Wanted::others`]; `None` if there is none.
+    ///
+    /// # Errors
+    /// [`LogError::DuplicateColumn`] if there are several.
+    pub fn telemetry(&self, telemetry: Telemetry) -> Result<Option<usize>, LogError> {
+        let columns = self.layout.columns.iter().enumerate();
+        let mut places = columns
+            .filter(|(_, column)| column.meaning == Meaning::Telemetry(telemetry))
+            .map(|(place, _)| place);
+        match (places.next(), places.next()) {
+            (Some(first), Some(second)) => Err(LogError::DuplicateColumn {
+                path: self.source.path.clone(),
+                line: self.layout.names_line,
+                meaning: telemetry.name().to_owned(),
+                columns: [first, second],
+                names: [first, second].map(|at| self.layout.columns[at].name.clone()),
+            }),
+            (place, _) => Ok(place),
+        }
     }
 
     /// Whether equal readings in a row are one frame logged repeatedly: the robot's telemetry runs

@@ -335,6 +335,7 @@ fn meaning(meaning: Meaning) -> Option<String> {
         Meaning::Moment(axis, MomentUnit::NewtonMetre) => format!("{} (N·m)", name(axis)),
         Meaning::Moment(axis, MomentUnit::MillinewtonMetre) => format!("{} (mN·m)", name(axis)),
         Meaning::Group => "group".to_owned(),
+        Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
         Meaning::Other => return None,
     })
 }

@@ -1,0 +1,14 @@
+//! Trials: drag, lift, energies and specific resistance of a robot in a channel, per trial and per
+//! stride, and their statistics by condition.
+
+mod profile;
+mod remark;
+mod results;
+mod statistics;
+mod toml_place;
+
+pub use profile::{Channel, Motor, Profile, Robot, TelemetryScales, VELOCIROACH};
+pub use remark::{Remark, Severity};
+pub use results::{ConditionRow, Per, Quantity, StrideRow, Trace, TrialResult, TrialRow};
+pub use statistics::{Difference, Interval, RESAMPLES, Sample, Statistics};
+pub use toml_place::TomlError;

@@ -1,0 +1,179 @@
+//! What a reader of a trial's results should know about them.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+/// How much a remark matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// How the log was taken.
+    Note,
+    /// The results may be worse than they look.
+    Warning,
+}
+
+/// Something about a trial.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Remark {
+    /// Rows that repeat the frame before: telemetry runs faster than the sensor.
+    RepeatedRows {
+        /// Rows within the window.
+        rows: u64,
+        /// Those that bring no new frame.
+        repeated: u64,
+    },
+    /// Rows that never arrived, in the window.
+    MissingRows {
+        /// About how many.
+        missing: u64,
+        /// How many there would be.
+        expected: u64,
+    },
+    /// Without sensors: no forces, no drag energy.
+    NoSensors,
+    /// Without a calibration: no forces, no drag energy.
+    NoCalibration,
+    /// Without these columns of telemetry: no electrical energy, no specific resistance.
+    NoPower {
+        /// What is not there.
+        missing: Vec<&'static str>,
+    },
+    /// The battery reads zero (or less) in some rows of the window: no electrical energy.
+    NoBattery {
+        /// How many.
+        rows: u64,
+        /// Of how many.
+        of: u64,
+    },
+    /// Without the right leg's position: no strides.
+    NoLeg,
+    /// The right leg does not complete a turn in the window.
+    NoStride,
+    /// The right leg stood still for longer than two strides take.
+    StalledLeg {
+        /// The longest time that the leg stood still, s.
+        longest_s: f64,
+    },
+    /// Frames with a reading outside the range of the training data.
+    OutOfRange {
+        /// How many in the window.
+        frames: u64,
+        /// Of how many.
+        of: u64,
+    },
+    /// Frames with a reading at an end of the converter.
+    Saturated {
+        /// How many in the window.
+        frames: u64,
+        /// Of how many.
+        of: u64,
+    },
+    /// The tare was taken from frames that are not quiet.
+    UnquietTare {
+        /// How many times their scatter is that of noise.
+        ratio: f64,
+    },
+    /// The calibration carries no covariance: no intervals.
+    NoIntervals,
+    /// Rows that could not be read and were left out.
+    SkippedRows {
+        /// How many in the log.
+        rows: u64,
+    },
+    /// Something said by whoever made the manifest.
+    Manifest(String),
+}
+
+impl Remark {
+    /// How much it matters.
+    pub fn severity(&self) -> Severity {
+        match self {
+            Self::RepeatedRows { .. } | Self::NoIntervals | Self::Manifest(_) => Severity::Note,
+            Self::MissingRows { missing, expected } if missing * 100 < *expected => Severity::Note,
+            _ => Severity::Warning,
+        }
+    }
+
+    /// A short name for scripts.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::RepeatedRows { .. } => "repeated_rows",
+            Self::MissingRows { .. } => "missing_rows",
+            Self::NoSensors => "no_sensors",
+            Self::NoCalibration => "no_calibration",
+            Self::NoPower { .. } => "no_power",
+            Self::NoBattery { .. } => "no_battery",
+            Self::NoLeg => "no_leg",
+            Self::NoStride => "no_stride",
+            Self::StalledLeg { .. } => "stalled_leg",
+            Self::OutOfRange { .. } => "out_of_range",
+            Self::Saturated { .. } => "saturated",
+            Self::UnquietTare { .. } => "unquiet_tare",
+            Self::NoIntervals => "no_intervals",
+            Self::SkippedRows { .. } => "skipped_rows",
+            Self::Manifest(_) => "manifest",
+        }
+    }
+}
+
+impl fmt::Display for Remark {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const NO_FORCES: &str = "forces and drag energy are left out";
+        const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
+        match self {
+            Self::RepeatedRows { rows, repeated } => write!(
+                f,
+                "{repeated} of {rows} rows repeat the frame before; each frame counts once in the tare"
+            ),
+            Self::MissingRows { missing, expected } => write!(
+                f,
+                "about {missing} of {expected} rows are missing; all is computed by time, not by row"
+            ),
+            Self::NoSensors => write!(f, "the log has no sensor columns: {NO_FORCES}"),
+            Self::NoCalibration => write!(f, "no calibration was given: {NO_FORCES}"),
+            Self::NoPower { missing } => {
+                write!(f, "the log has no {}: {NO_ENERGY}", missing.join(", no "))
+            }
+            Self::NoBattery { rows, of } => {
+                write!(f, "the battery reads no voltage in {rows} of {of} rows: {NO_ENERGY}")
+            }
+            Self::NoLeg => write!(f, "the log has no right leg position: strides are left out"),
+            Self::NoStride => write!(f, "the right leg does not complete a turn in the window"),
+            Self::StalledLeg { longest_s } => {
+                write!(f, "the right leg stands still for {longest_s:.3} s")
+            }
+            Self::OutOfRange { frames, of } => write!(
+                f,
+                "{frames} of {of} frames have a reading outside the range of the training data"
+            ),
+            Self::Saturated { frames, of } => {
+                write!(f, "{frames} of {of} frames have a saturated reading")
+            }
+            Self::UnquietTare { ratio } => write!(
+                f,
+                "the tare window is not quiet: its frames scatter {ratio:.1} times as much as noise"
+            ),
+            Self::NoIntervals => {
+                write!(f, "the calibration carries no covariance: intervals are left out")
+            }
+            Self::SkippedRows { rows } => write!(f, "{rows} bad rows are left out"),
+            Self::Manifest(text) => f.write_str(text),
+        }
+    }
+}
+
+impl Serialize for Remark {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Told<'a> {
+            severity: Severity,
+            code: &'a str,
+            text: String,
+        }
+        Told { severity: self.severity(), code: self.code(), text: self.to_string() }
+            .serialize(serializer)
+    }
+}

@@ -1,0 +1,315 @@
+//! Statistics of a handful of trials, or of their strides.
+//!
+//! - Quartiles interpolate between the two nearest values at rank `(n − 1)·p` (type 7 of Hyndman &
+//!   Fan, Am. Statist. 50, 1996): what NumPy, matplotlib and R do by default.
+//! - Whiskers are Tukey's: the outermost values within 1.5 interquartile ranges of the box; values
+//!   beyond are outliers.
+//! - Intervals are of the mean, by the bootstrap, bias-corrected and accelerated (BCa: Efron, J. Am.
+//!   Statist. Assoc. 82, 1987; Efron & Tibshirani, An Introduction to the Bootstrap, §14.3).
+//! - Strides of one trial resemble each other: what is drawn again is whole trials, with all their
+//!   strides (Davison & Hinkley, Bootstrap Methods, §3.8), and the mean is that over strides.
+
+use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, Normal};
+
+use crate::random::{Purpose, Stream};
+
+/// How often a sample is drawn again.
+pub const RESAMPLES: usize = 4000;
+
+/// The share of the truth that intervals are to hold.
+const LEVEL: f64 = 0.95;
+
+/// Values of one quantity in one condition.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sample {
+    values: Vec<f64>,
+    /// Sum and number of the values that belong together.
+    clusters: Vec<(f64, usize)>,
+}
+
+/// From here to there, both in the quantity's unit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Interval {
+    /// The lower end.
+    pub low: f64,
+    /// The upper end.
+    pub high: f64,
+}
+
+/// The numbers of a sample.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Statistics {
+    /// Number of values.
+    pub n: usize,
+    /// Number of trials that they come from.
+    pub trials: usize,
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Standard deviation with `n − 1`; `None` of one value.
+    pub sd: Option<f64>,
+    /// 95 % bootstrap interval of the mean; `None` of one trial.
+    pub mean_95: Option<Interval>,
+    /// First quartile.
+    pub q1: f64,
+    /// Median.
+    pub median: f64,
+    /// Third quartile.
+    pub q3: f64,
+    /// The smallest value within 1.5 interquartile ranges below the first quartile.
+    pub whisker_low: f64,
+    /// The largest value within 1.5 interquartile ranges above the third quartile.
+    pub whisker_high: f64,
+    /// The values beyond the whiskers, ascending.
+    pub outliers: Vec<f64>,
+}
+
+/// How far a mean is from that of a reference condition.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// The reference.
+    pub reference: String,
+    /// The mean less that of the reference.
+    pub mean: f64,
+    /// Its 95 % bootstrap interval; `None` where either comes from one trial.
+    pub mean_95: Option<Interval>,
+}
+
+impl Sample {
+    /// Values that have nothing to do with each other, one a trial. Values that are not finite are
+    /// left out.
+    pub fn independent(values: impl IntoIterator<Item = f64>) -> Self {
+        let mut sample = Self::default();
+        values.into_iter().for_each(|value| sample.add_cluster([value]));
+        sample
+    }
+
+    /// Adds the values of one trial's strides. Values that are not finite are left out.
+    pub fn add_cluster(&mut self, values: impl IntoIterator<Item = f64>) {
+        let before = self.values.len();
+        self.values.extend(values.into_iter().filter(|value| value.is_finite()));
+        let new = &self.values[before..];
+        if !new.is_empty() {
+            self.clusters.push((new.iter().sum(), new.len()));
+        }
+    }
+
+    /// All values.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// The numbers; `None` without values. The same `seed` gives the same interval.
+    pub fn statistics(&self, seed: u64) -> Option<Statistics> {
+        let n = self.values.len();
+        let mut sorted = self.values.clone();
+        sorted.sort_by(f64::total_cmp);
+        let (&first, &last) = (sorted.first()?, sorted.last()?);
+        let mean = mean(&self.clusters);
+        let squares: f64 = self.values.iter().map(|x| (x - mean) * (x - mean)).sum();
+        let [q1, median, q3] = [0.25, 0.5, 0.75].map(|p| quantile(&sorted, p));
+        let reach = 1.5 * (q3 - q1);
+        let within = |x: &&f64| (q1 - reach..=q3 + reach).contains(*x);
+        // The box's end where no value lies between it and the fence.
+        let whisker_low = sorted.iter().find(within).unwrap_or(&first).min(q1);
+        let whisker_high = sorted.iter().rev().find(within).unwrap_or(&last).max(q3);
+        let beyond = |x: &f64| *x < whisker_low || *x > whisker_high;
+        Some(Statistics {
+            n,
+            trials: self.clusters.len(),
+            mean,
+            sd: (n > 1).then(|| (squares / (n - 1) as f64).sqrt()),
+            mean_95: bootstrap(&[&self.clusters], |means| means[0], seed),
+            q1,
+            median,
+            q3,
+            whisker_low,
+            whisker_high,
+            outliers: sorted.iter().copied().filter(beyond).collect(),
+        })
+    }
+
+    /// How far the mean is from that of `reference`, which is called `name`; `None` if either has no
+    /// values.
+    pub fn difference(&self, reference: &Self, name: &str, seed: u64) -> Option<Difference> {
+        if self.values.is_empty() || reference.values.is_empty() {
+            return None;
+        }
+        let samples = [&*self.clusters, &*reference.clusters];
+        let difference = |means: &[f64]| means[0] - means[1];
+        Some(Difference {
+            reference: name.to_owned(),
+            mean: difference(&samples.map(mean)),
+            mean_95: bootstrap(&samples, difference, seed),
+        })
+    }
+}
+
+fn mean(clusters: &[(f64, usize)]) -> f64 {
+    let (sum, n) = clusters.iter().fold((0.0, 0), |(s, n), &(sum, count)| (s + sum, n + count));
+    sum / n as f64
+}
+
+/// The quantile of ascending values at rank `(n − 1)·p`.
+fn quantile(sorted: &[f64], p: f64) -> f64 {
+    let rank = (sorted.len() - 1) as f64 * p;
+    let below = rank as usize;
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + (sorted[above] - sorted[below]) * (rank - below as f64)
+}
+
+/// The BCa interval of `of` the samples' means; `None` if some sample is of one cluster.
+fn bootstrap(
+    samples: &[&[(f64, usize)]],
+    of: impl Fn(&[f64]) -> f64,
+    seed: u64,
+) -> Option<Interval> {
+    if samples.iter().any(|clusters| clusters.len() < 2) {
+        return None;
+    }
+    let means: Vec<f64> = samples.iter().map(|clusters| mean(clusters)).collect();
+    let estimate = of(&means);
+    let mut stream = Stream::new(seed, Purpose::Bootstrap, 0);
+    let mut again = |clusters: &&[(f64, usize)]| {
+        let (mut sum, mut n) = (0.0, 0);
+        for _ in 0..clusters.len() {
+            let (s, count) = clusters[(stream.uniform() * clusters.len() as f64) as usize];
+            sum += s;
+            n += count;
+        }
+        sum / n as f64
+    };
+    let mut drawn: Vec<f64> =
+        (0..RESAMPLES).map(|_| of(&samples.iter().map(&mut again).collect::<Vec<_>>())).collect();
+    drawn.sort_by(f64::total_cmp);
+
+    let normal = Normal::standard();
+    // Ties, which few clusters bring, count half.
+    let below = drawn.iter().filter(|&&x| x < estimate).count();
+    let ties = drawn.iter().filter(|&&x| x == estimate).count();
+    let share = (below as f64 + ties as f64 / 2.0) / RESAMPLES as f64;
+    let half = 0.5 / RESAMPLES as f64;
+    let bias = normal.inverse_cdf(share.clamp(half, 1.0 - half));
+    let acceleration = acceleration(samples, &means, &of);
+    let end = |z: f64| {
+        let shifted = bias + z;
+        let level = normal.cdf(bias + shifted / (1.0 - acceleration * shifted));
+        quantile(&drawn, level.clamp(0.0, 1.0))
+    };
+    let z = normal.inverse_cdf(0.5 + LEVEL / 2.0);
+    Some(Interval { low: end(-z), high: end(z) })
+}
+
+/// The acceleration: the skewness of what leaving out one cluster changes, over six.
+fn acceleration(samples: &[&[(f64, usize)]], means: &[f64], of: &impl Fn(&[f64]) -> f64) -> f64 {
+    let (mut squares, mut cubes) = (0.0, 0.0);
+    for (i, clusters) in samples.iter().enumerate() {
+        let (sum, n) = clusters.iter().fold((0.0, 0), |(s, n), &(a, b)| (s + a, n + b));
+        let left: Vec<f64> = clusters
+            .iter()
+            .map(|&(s, count)| {
+                let mut means = means.to_vec();
+                means[i] = (sum - s) / (n - count) as f64;
+                of(&means)
+            })
+            .collect();
+        let centre = left.iter().sum::<f64>() / left.len() as f64;
+        // Of several samples each is weighed by what one of its clusters counts for.
+        for value in left {
+            let influence = (clusters.len() - 1) as f64 * (centre - value) / clusters.len() as f64;
+            squares += influence * influence;
+            cubes += influence * influence * influence;
+        }
+    }
+    if squares > 0.0 { cubes / (6.0 * squares.powf(1.5)) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(values: &[f64]) -> Statistics {
+        Sample::independent(values.iter().copied()).statistics(1).unwrap()
+    }
+
+    /// `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
+    #[test]
+    fn box_plots_are_those_of_matplotlib() {
+        let s = of(&[7.0, 1.0, 2.0, 100.0, 3.0, 4.0]);
+        assert_eq!((s.q1, s.median, s.q3), (2.25, 3.5, 6.25));
+        assert_eq!((s.whisker_low, s.whisker_high), (1.0, 7.0));
+        assert_eq!(s.outliers, [100.0]);
+        // No value between the third quartile, 2.75, and its fence: the whisker is the box's end.
+        let s = of(&[1.0, 1.0, 1.0, 8.0]);
+        assert_eq!((s.q3, s.whisker_high), (2.75, 2.75));
+        assert_eq!(s.outliers, [8.0]);
+    }
+
+    #[test]
+    fn one_value_has_no_spread_and_none_has_no_statistics() {
+        let s = of(&[5.0]);
+        assert_eq!((s.n, s.mean, s.sd, s.mean_95), (1, 5.0, None, None));
+        assert_eq!((s.q1, s.whisker_high), (5.0, 5.0));
+        assert_eq!(Sample::independent([f64::NAN]).statistics(1), None);
+        let s = of(&[2.0; 4]);
+        assert_eq!((s.sd, s.mean_95), (Some(0.0), Some(Interval { low: 2.0, high: 2.0 })));
+    }
+
+    /// Of many normal values the interval is the textbook's, `mean ± 1.96·sd/√n`.
+    #[test]
+    fn the_interval_of_many_values_is_that_of_the_normal_distribution() {
+        let mut stream = Stream::new(9, Purpose::Readings, 0);
+        let values: Vec<f64> = (0..2000).map(|_| 3.0 + stream.normal()).collect();
+        let s = of(&values);
+        let Interval { low, high } = s.mean_95.unwrap();
+        let se = s.sd.unwrap() / f64::sqrt(2000.0);
+        // Quantiles of 4000 draws scatter by √(0.025·0.975/4000)/φ(1.96) = 0.042 standard errors; five.
+        assert!((low - (s.mean - 1.96 * se)).abs() < 0.21 * se);
+        assert!((high - (s.mean + 1.96 * se)).abs() < 0.21 * se);
+    }
+
+    /// Exponential values: the skewness of the mean of 40 must show.
+    #[test]
+    fn intervals_hold_the_mean_of_a_skew_distribution() {
+        let mut stream = Stream::new(2, Purpose::Readings, 0);
+        let held = (0..400).filter(|_| {
+            let s = of(&(0..40).map(|_| -stream.uniform().ln()).collect::<Vec<_>>());
+            s.mean_95.is_some_and(|i| i.low < 1.0 && 1.0 < i.high)
+        });
+        // BCa holds about 93.5 % here (Davison & Hinkley, §5.4); binomial, four standard deviations.
+        let share = held.count() as f64 / 400.0;
+        assert!((0.885..0.985).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn strides_of_one_trial_are_drawn_together() {
+        let mut stream = Stream::new(3, Purpose::Readings, 0);
+        let (mut clustered, mut alone) = (Sample::default(), Sample::default());
+        for _ in 0..20 {
+            // Ten strides all alike: no more known than from one.
+            let level = stream.normal();
+            clustered.add_cluster([level; 10]);
+            alone.add_cluster([level]);
+        }
+        let (a, b) = (clustered.statistics(7).unwrap(), alone.statistics(7).unwrap());
+        let width = |s: &Statistics| s.mean_95.map(|i| i.high - i.low).unwrap();
+        assert_eq!((a.n, a.trials), (200, 20));
+        // The same draws of the same trials, sums rounded otherwise.
+        assert!((width(&a) / width(&b) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_difference_of_a_sample_shifted_is_the_shift() {
+        let mut stream = Stream::new(4, Purpose::Readings, 0);
+        let a: Vec<f64> = (0..30).map(|_| stream.normal()).collect();
+        let b: Vec<f64> = (0..50).map(|_| 2.0 + 3.0 * stream.normal()).collect();
+        let se = (1.0 / 30.0_f64 + 9.0 / 50.0).sqrt();
+        let [a, b] = [a, b].map(Sample::independent);
+        let d = b.difference(&a, "a", 1).unwrap();
+        let Interval { low, high } = d.mean_95.unwrap();
+        assert!(low < 2.0 && 2.0 < high && d.reference == "a");
+        // Sample standard deviations of 30 and 50 values scatter by some 13 %; three times that.
+        assert!(((high - low) / (2.0 * 1.96 * se) - 1.0).abs() < 0.4);
+        assert_eq!(a.difference(&Sample::default(), "b", 1), None);
+    }
+}
