@@ -54,6 +54,7 @@ pub mod simulated_board;
 pub mod survey;
 pub mod synthetic_block;
 pub mod synthetic_log;
+pub mod synthetic_trial;
 pub mod trial;
 pub mod virtual_robot;
 pub mod workflow;

@@ -10,6 +10,7 @@ use shellcal::sensor_model::{Kind, Recording, Settings};
 use shellcal::synthetic_log;
 
 use super::synth_pair::PairArgs;
+use super::synth_trial::{TrialArgs, TrialsArgs};
 use crate::cmd::Outcome;
 use crate::printer::Printer;
 
@@ -32,6 +33,8 @@ enum KindArgs {
     /// No load: noise and drift
     Zero(RecordingArgs),
     Pair(PairArgs),
+    Trial(Box<TrialArgs>),
+    Trials(TrialsArgs),
 }
 
 #[derive(Clone, Debug, clap::Args)]
@@ -115,6 +118,8 @@ impl SynthArgs {
             KindArgs::Train(args) => args.run(Kind::Training, 77_522, printer),
             KindArgs::Test(args) => args.run(Kind::Test, 19_932, printer),
             KindArgs::Pair(args) => args.run(printer),
+            KindArgs::Trial(args) => args.run(printer),
+            KindArgs::Trials(args) => args.run(printer),
             KindArgs::Zero(args) => args.run(Kind::Zero, 5_000, printer),
         }
     }
