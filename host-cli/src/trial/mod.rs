@@ -1,6 +1,7 @@
 //! Trials: drag, lift, energies and specific resistance of a robot in a channel, per trial and per
 //! stride, and their statistics by condition.
 
+mod phase;
 mod profile;
 mod remark;
 mod results;
@@ -8,6 +9,7 @@ mod statistics;
 mod toml_place;
 mod window;
 
+pub use phase::{PHASES, PhaseForce, PhaseProfile};
 pub use profile::{Channel, Motor, Profile, Robot, TelemetryScales, VELOCIROACH};
 pub use remark::{Remark, Severity};
 pub use results::{ConditionRow, Per, Quantity, StrideRow, Trace, TrialResult, TrialRow};
