@@ -96,7 +96,16 @@ impl Contact {
             wave(0.10, TAU * 1.1),
             wave(0.08, TAU * 2.9),
         ];
-        let legs = SHAKING_N.map(|[once, twice]| [wave(once, 1.0), wave(twice, 2.0)]);
+        // The robot shakes its shell the same way every time, more or less.
+        let mut shaking = |size: f64, rate: f64, axis: usize| Wave {
+            size: size * random.between(0.8, 1.2),
+            rate,
+            phase_rad: rate + 2.0 * axis as f64 + random.between(-0.3, 0.3),
+        };
+        let legs = std::array::from_fn(|axis| {
+            let [once, twice] = SHAKING_N[axis];
+            [shaking(once, 1.0, axis), shaking(twice, 2.0, axis)]
+        });
         Self { condition, window_s, entering, beams, legs }
     }
 

@@ -10,7 +10,7 @@ use super::{TOP, WIDTH, draw_title, empty_figure};
 use crate::trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
-const PITCH: f64 = 200.0;
+const PITCH: f64 = 214.0;
 const QUANTITIES: [Quantity; 3] =
     [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
 const FILL: &str = "#d8e6f0";
@@ -29,7 +29,8 @@ pub fn box_figure(title: &str, rows: &[ConditionRow]) -> Figure {
     if shown.is_empty() {
         return empty_figure(title, "no condition has an energy or a specific resistance");
     }
-    let mut canvas = Canvas::new(WIDTH, TOP - 8.0 + PITCH * shown.len() as f64 + 22.0);
+    let count = shown.len();
+    let mut canvas = Canvas::new(WIDTH, TOP - 8.0 + PITCH * count as f64 + 22.0);
     draw_title(&mut canvas, title);
     let width = (WIDTH - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
     for (row, quantity) in shown.into_iter().enumerate() {
@@ -47,18 +48,25 @@ pub fn box_figure(title: &str, rows: &[ConditionRow]) -> Figure {
             draw_boxes(&mut canvas, area, quantity, per, &boxes);
         }
     }
-    let key = "box: quartiles, median; whiskers: Tukey's 1.5 IQR; ○ outlier; ◆ mean";
-    let bottom = TOP - 8.0 + PITCH * (of_count(rows) as f64) + 10.0;
-    canvas.text((LEFT_MARGIN + 8.0, bottom), key, Style::LABEL.anchored(Anchor::Start));
+    draw_key(&mut canvas, TOP - 8.0 + PITCH * count as f64 + 10.0);
     Figure::new(canvas.finish())
 }
 
-/// How many of the quantities there are.
-fn of_count(rows: &[ConditionRow]) -> usize {
-    QUANTITIES
-        .into_iter()
-        .filter(|&quantity| rows.iter().any(|row| row.quantity == quantity))
-        .count()
+/// Says what the marks are, in one line.
+fn draw_key(canvas: &mut Canvas, y: f64) {
+    let start = Style::LABEL.anchored(Anchor::Start);
+    let left = LEFT_MARGIN + 8.0;
+    canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", start);
+    canvas.ring((left + 332.0, y - 4.0), 2.8, palette::INK);
+    canvas.text((left + 340.0, y), "outlier;", start);
+    draw_diamond(canvas, left + 402.0, y - 4.0);
+    canvas.text((left + 410.0, y), "mean", start);
+}
+
+fn draw_diamond(canvas: &mut Canvas, x: f64, y: f64) {
+    let diamond = format!("M{}l4 4l4 -4l-4 -4Z", point(x - 4.0, y));
+    canvas.fill(&diamond, palette::SERIES[1]);
+    canvas.stroke(&diamond, palette::INK, 0.8);
 }
 
 /// Energies of strides are some mJ.
@@ -120,10 +128,7 @@ fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, place: impl 
     canvas.stroke(&outline, palette::INK, 1.0);
     let median = place(s.median);
     canvas.line((left, median), (right, median), palette::INK, 2.0);
-    let mean = place(s.mean);
-    let diamond = format!("M{}l4 4l4 -4l-4 -4Z", point(x - 4.0, mean));
-    canvas.fill(&diamond, palette::SERIES[1]);
-    canvas.stroke(&diamond, palette::INK, 0.8);
+    draw_diamond(canvas, x, place(s.mean));
     for &outlier in &s.outliers {
         canvas.ring((x, place(outlier)), 2.8, palette::INK);
     }

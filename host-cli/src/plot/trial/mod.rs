@@ -19,6 +19,7 @@ use super::palette;
 use super::panel::{LEFT_MARGIN, Panel};
 use super::svg::{Anchor, Canvas, Rect, Style, text_width};
 use super::trace::Trace as Line;
+use crate::trial::Trace;
 
 /// Width of a figure: a column of 88 mm at twice its size.
 const WIDTH: f64 = 680.0;
@@ -39,6 +40,11 @@ struct Pen {
 }
 
 const SOLID: Pen = Pen { colour: palette::SERIES[0], width: 1.6, dashed: false };
+/// What is smoothed over, behind it.
+const PALE: [Pen; 2] = [
+    Pen { colour: "#9cc6e3", width: 0.8, dashed: false },
+    Pen { colour: "#f3c29d", width: 0.8, dashed: false },
+];
 const DASHED: Pen = Pen { colour: palette::SERIES[1], width: 1.6, dashed: true };
 
 impl Pen {
@@ -56,6 +62,29 @@ fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Line {
     let mut line = Line::default();
     line.add(time_s, &values);
     line
+}
+
+/// Means over `width_s` around each time; the times ascend.
+fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
+    let mut sums = vec![0.0];
+    sums.extend(values.iter().scan(0.0, |sum, value| {
+        *sum += value;
+        Some(*sum)
+    }));
+    let mean = |&middle: &f64| {
+        let from = time_s.partition_point(|&t| t < middle - 0.5 * width_s);
+        let to = time_s.partition_point(|&t| t <= middle + 0.5 * width_s);
+        (sums[to] - sums[from]) / (to - from) as f64
+    };
+    time_s.iter().map(mean).collect()
+}
+
+/// The usual length of a stride, s.
+fn stride_s(trace: &Trace) -> Option<f64> {
+    let mut lengths: Vec<f64> =
+        trace.stride_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    lengths.sort_by(f64::total_cmp);
+    lengths.get(lengths.len() / 2).copied()
 }
 
 /// The smallest and the largest of all values, and zero.
@@ -83,7 +112,7 @@ enum Key<'a> {
 }
 
 /// Draws a legend in one row above a panel, from its left.
-fn draw_legend(canvas: &mut Canvas, area: Rect, keys: &[Key<'_>]) {
+fn draw_legend<'a>(canvas: &mut Canvas, area: Rect, keys: impl IntoIterator<Item = &'a Key<'a>>) {
     let (mut left, y) = (area.left, area.top - 12.0);
     for key in keys {
         let text = match key {

@@ -60,8 +60,21 @@ pub fn phase_figure(title: &str, conditions: &[(String, PhaseProfile)]) -> Figur
 
 fn draw_panel(canvas: &mut Canvas, panel: &Panel, phase_rad: &[f64], force: &PhaseForce) {
     let placed = |sign: f64| -> Vec<String> {
-        let values = force.mean_n.iter().zip(&force.sd_n).map(|(mean, sd)| mean + sign * sd);
-        let places = phase_rad.iter().zip(values).map(|(&phase, value)| panel.place(phase, value));
+        let values: Vec<f64> =
+            force.mean_n.iter().zip(&force.sd_n).map(|(mean, sd)| mean + sign * sd).collect();
+        // A turn goes on where it ends: the curve reaches both edges.
+        let n = values.len();
+        let around = (0..n + 2).map(|i| {
+            let turn = if i == 0 {
+                -TAU
+            } else if i > n {
+                TAU
+            } else {
+                0.0
+            };
+            (phase_rad[(i + n - 1) % n] + turn, values[(i + n - 1) % n])
+        });
+        let places = around.map(|(phase, value)| panel.place(phase, value));
         places.map(|(x, y)| point(x, y)).collect()
     };
     let (below, mean, mut above) = (placed(-1.0), placed(0.0), placed(1.0));

@@ -13,7 +13,9 @@ use super::{
 use crate::trial::Trace;
 
 const HEIGHT: f64 = 92.0;
-const PITCH: f64 = 122.0;
+const GAP: f64 = 12.0;
+/// Room for a legend above a panel.
+const LEGEND: f64 = 20.0;
 
 struct Row<'a> {
     axis: (&'a str, &'a str),
@@ -58,17 +60,23 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
         return empty_figure(title, "nothing to draw: neither forces nor telemetry");
     }
 
-    let count = panels.len() as f64;
-    let mut canvas = Canvas::new(WIDTH, TOP + PITCH * count - 30.0 + BOTTOM_MARGIN + 4.0);
-    draw_title(&mut canvas, title);
+    let mut bottom = TOP - GAP;
+    let mut tops = Vec::new();
     for (i, row) in panels.iter().enumerate() {
+        let legend = if i == 0 || row.keys.is_empty() { 0.0 } else { LEGEND };
+        tops.push(bottom + GAP + legend);
+        bottom += GAP + legend + HEIGHT;
+    }
+    let mut canvas = Canvas::new(WIDTH, bottom + BOTTOM_MARGIN + 4.0);
+    draw_title(&mut canvas, title);
+    for (i, (row, &top)) in panels.iter().zip(&tops).enumerate() {
         let is_angle = row.axis.1 == "rad";
         let (low, high) = range_with_zero(row.lines.iter().map(|(line, _)| line));
         let y = match is_angle {
             true => Axis::new(row.axis.0, row.axis.1, Spacing::Linear, 0.0, TAU),
             false => Axis::new(row.axis.0, row.axis.1, Spacing::Linear, low, high).padded(0.06),
         };
-        let area = wide_area(TOP + PITCH * i as f64, HEIGHT);
+        let area = wide_area(top, HEIGHT);
         let panel =
             Panel { area, x: Axis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]), y };
         passage.draw(&mut canvas, &panel);
@@ -80,9 +88,10 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
         if i + 1 == panels.len() {
             panel.draw_x_labels(&mut canvas);
         }
-        draw_legend(&mut canvas, area, &row.keys);
+        // The first panel's row also says what the shading is.
+        let shading = if i == 0 { passage.keys() } else { vec![] };
+        draw_legend(&mut canvas, area, row.keys.iter().chain(&shading));
     }
-    draw_legend(&mut canvas, wide_area(TOP, HEIGHT), &passage.keys());
     Figure::new(canvas.finish())
 }
 

@@ -53,7 +53,7 @@ pub fn window_figure(
             let confidence = format!("window, confidence {:.2}", proposal.confidence);
             let keys = [
                 Key::Line("drag", THIN),
-                Key::Line("a stay in a channel", MODEL),
+                Key::Line("fitted", MODEL),
                 Key::Line(&confidence, Pen { width: 1.6, ..DASHED }),
             ];
             panel.draw_frame(&mut canvas);
