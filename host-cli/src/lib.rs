@@ -3,7 +3,8 @@
 //! Three layers, arrows pointing inward only:
 //!
 //! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
-//!   [`sensor_model`], [`recording`], [`radio`], [`trial`], [`plot`]: slices and matrices in, values out; no files, no
+//!   [`sensor_model`], [`recording`], [`radio`], [`telemetry`], [`trial`],
+//!   [`plot`]: slices and matrices in, values out; no files, no
 //!   clocks, no printing;
 //! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
 //!   [`output`]: the world to core types
@@ -53,6 +54,7 @@ pub mod simulated_board;
 pub mod survey;
 pub mod synthetic_block;
 pub mod synthetic_log;
+pub mod telemetry;
 pub mod trial;
 pub mod workflow;
 pub mod wrench;
