@@ -12,6 +12,7 @@
 //! one at zero frequency, and its state is the signal itself.
 
 mod butterworth;
+mod memory;
 mod stream;
 mod zero_phase;
 

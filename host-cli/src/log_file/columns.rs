@@ -4,7 +4,7 @@
 //! `Mx (mN·m)`, `time_us`.
 
 use super::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
-use super::telemetry::Telemetry;
+use crate::telemetry::Telemetry;
 use crate::wrench::{Axis, PerAxis};
 
 /// A column of a log.
@@ -271,7 +271,7 @@ fn split_unit(name: &str) -> (String, String) {
 }
 
 /// Letters and digits only, in lower case.
-pub(super) fn plain(name: &str) -> String {
+fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
 

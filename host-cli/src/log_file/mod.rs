@@ -29,7 +29,6 @@ mod number;
 mod plan;
 mod rows;
 mod source;
-mod telemetry;
 
 use std::io::Read;
 use std::path::Path;
@@ -38,10 +37,10 @@ use std::sync::atomic::Ordering;
 pub use columns::{Column, Meaning};
 pub use error::{Field, LogError, RowProblem};
 pub use mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
-pub use telemetry::Telemetry;
 
 use crate::block::Block;
 use crate::pipeline::{self, Pieces};
+use crate::telemetry::Telemetry;
 use crate::wrench::Axis;
 use chunk::{CHUNK_BYTES, ChunkError, Chunker, LINE_LIMIT, Room};
 use head::{HEAD_BYTES, Layout};

@@ -71,10 +71,12 @@ pub enum Remark {
         /// Of how many.
         of: u64,
     },
-    /// The tare was taken from frames that are not quiet.
-    UnquietTare {
-        /// How many times their scatter is that of noise.
-        ratio: f64,
+    /// The right leg moved while the tare was taken: the shell was hardly at rest.
+    MovingTare {
+        /// By how much, rad.
+        turned_rad: f64,
+        /// When the tare ended, s.
+        end_s: f64,
     },
     /// The calibration carries no covariance: no intervals.
     NoIntervals,
@@ -111,7 +113,7 @@ impl Remark {
             Self::StalledLeg { .. } => "stalled_leg",
             Self::OutOfRange { .. } => "out_of_range",
             Self::Saturated { .. } => "saturated",
-            Self::UnquietTare { .. } => "unquiet_tare",
+            Self::MovingTare { .. } => "moving_tare",
             Self::NoIntervals => "no_intervals",
             Self::SkippedRows { .. } => "skipped_rows",
             Self::Manifest(_) => "manifest",
@@ -126,7 +128,7 @@ impl fmt::Display for Remark {
         match self {
             Self::RepeatedRows { rows, repeated } => write!(
                 f,
-                "{repeated} of {rows} rows repeat the frame before; each frame counts once in the tare"
+                "{repeated} of {rows} rows repeat the frame before; a repeat is no new frame"
             ),
             Self::MissingRows { missing, expected } => write!(
                 f,
@@ -152,9 +154,9 @@ impl fmt::Display for Remark {
             Self::Saturated { frames, of } => {
                 write!(f, "{frames} of {of} frames have a saturated reading")
             }
-            Self::UnquietTare { ratio } => write!(
+            Self::MovingTare { turned_rad, end_s } => write!(
                 f,
-                "the tare window is not quiet: its frames scatter {ratio:.1} times as much as noise"
+                "the right leg turns by {turned_rad:.1} rad while the tare is taken, up to {end_s:.3} s"
             ),
             Self::NoIntervals => {
                 write!(f, "the calibration carries no covariance: intervals are left out")

@@ -60,12 +60,12 @@ impl Gait {
         stall_s: Option<[f64; 2]>,
         random: &mut Stream,
     ) -> Self {
+        let first_rad = random.between(0.0, TAU);
         let mut leg = |offset_rad| Leg {
             offset_rad,
             ahead_phase_rad: random.between(0.0, TAU),
             wander_phase_rad: random.between(0.0, TAU),
         };
-        let first_rad = TAU * 0.37;
         let legs = [leg(first_rad), leg(first_rad + PI)];
         Self { stride_hz, start_s, stall_s, legs }
     }

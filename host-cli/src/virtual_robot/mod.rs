@@ -166,7 +166,7 @@ pub struct VirtualTrial {
     drive: Drive,
     window_s: [f64; 2],
     times_s: Vec<f64>,
-    first_counts: [i64; 2],
+    first_count: i64,
     /// When the sensor's first frame comes, s.
     frame_delay_s: f64,
 }
@@ -198,16 +198,14 @@ impl VirtualTrial {
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
         let mut controller = Stream::new(seed, Purpose::Controller, 0);
         let drive = Drive::new(&constants, &gait, lead_in_s, &times_s, &mut controller);
-        let span = (constants::TURN as f64 * stride_hz * 2.0) as i64;
-        let first_counts = std::array::from_fn(|_| {
-            let within_turn = random.between(0.0, constants::TURN as f64) as i64;
-            match settings.counter {
-                Counter::Long => 4 * (50_000_000 / 4 + within_turn),
-                Counter::LongWrapping if settings.reversed => i64::from(i32::MIN) + span,
-                Counter::LongWrapping => i64::from(i32::MAX) - span - within_turn,
-                Counter::Turn => within_turn,
-            }
-        });
+        // Whole turns: the encoder's zero is a place on the leg. Two seconds of running, about.
+        let span = constants::TURN * (2.0 * stride_hz) as i64;
+        let first_count = match settings.counter {
+            Counter::Long => 762 * constants::TURN,
+            Counter::LongWrapping if settings.reversed => i64::from(i32::MIN) + span,
+            Counter::LongWrapping => -i64::from(i32::MIN) - span,
+            Counter::Turn => 0,
+        };
         let frame_delay_s = random.between(0.0, FRAME_S);
         Ok(Self {
             settings,
@@ -217,7 +215,7 @@ impl VirtualTrial {
             drive,
             window_s,
             times_s,
-            first_counts,
+            first_count,
             frame_delay_s,
         })
     }

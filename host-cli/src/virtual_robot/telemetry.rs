@@ -109,7 +109,7 @@ impl VirtualTrial {
     fn count(&self, side: Side, angle: f64) -> i64 {
         let backwards = self.settings.reversed && side == Side::Right;
         let turned = if backwards { -angle } else { angle }.round() as i64;
-        let count = self.first_counts[side as usize] + turned;
+        let count = self.first_count + turned;
         match self.settings.counter {
             Counter::Long | Counter::LongWrapping => i64::from(count as i32),
             Counter::Turn => count.rem_euclid(TURN),
@@ -119,7 +119,7 @@ impl VirtualTrial {
     /// When the right encoder's count, without noise, passes whole turns, s, in order.
     pub fn turns_s(&self) -> Vec<f64> {
         let end_s = self.times_s[self.times_s.len() - 1];
-        let first = self.first_counts[0];
+        let first = self.first_count;
         // Distance to the next whole turn in the direction of counting, in counts of the angle.
         let offset = if self.settings.reversed { first } else { -first }.rem_euclid(TURN);
         let angle = |turn: i64| (offset + turn * TURN) as f64 * RAD_PER_COUNT;

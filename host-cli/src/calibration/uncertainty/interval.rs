@@ -103,7 +103,7 @@ fn normal_quantile(level: f64) -> f64 {
 }
 
 /// The same of Student's t.
-fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
+pub(crate) fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
     let t = StudentsT::new(0.0, 1.0, degrees_of_freedom.max(1.0)).expect("one degree or more");
     t.inverse_cdf(0.5 + level / 2.0)
 }

@@ -40,6 +40,7 @@ use super::validation::ValidationError;
 use super::validation::grouped::GroupedMoments;
 use crate::wrench::PerAxis;
 
+pub(crate) use self::interval::student_quantile;
 pub use self::interval::{HIGHEST_LEVEL, Shape};
 
 /// How sure predictions are.

@@ -48,8 +48,8 @@ pub fn drag_lift_figure(title: &str, trace: &Trace, passage: &Passage) -> Figure
             let lines = [(lift, PALE[1]), (drag, PALE[0]), (mean_lift, DASHED), (mean_drag, SOLID)];
             draw_lines(&mut canvas, &panel, &lines);
             vec![
-                Key::Line("drag (−Fx), stride mean", SOLID),
-                Key::Line("lift (Fz), stride mean", DASHED),
+                Key::Line("drag −Fx, stride mean", SOLID),
+                Key::Line("lift Fz, stride mean", DASHED),
             ]
         }
         None => {

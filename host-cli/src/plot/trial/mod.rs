@@ -64,14 +64,18 @@ fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Line {
     line
 }
 
-/// Means over `width_s` around each time; the times ascend.
+/// Means over `width_s` around each time, NaN where that is cut off; the times ascend.
 fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
     let mut sums = vec![0.0];
     sums.extend(values.iter().scan(0.0, |sum, value| {
         *sum += value;
         Some(*sum)
     }));
+    let (first, last) = (time_s[0], time_s[time_s.len() - 1]);
     let mean = |&middle: &f64| {
+        if middle - first < 0.5 * width_s || last - middle < 0.5 * width_s {
+            return f64::NAN;
+        }
         let from = time_s.partition_point(|&t| t < middle - 0.5 * width_s);
         let to = time_s.partition_point(|&t| t <= middle + 0.5 * width_s);
         (sums[to] - sums[from]) / (to - from) as f64
@@ -129,7 +133,7 @@ fn draw_legend<'a>(canvas: &mut Canvas, area: Rect, keys: impl IntoIterator<Item
             }
         };
         canvas.text((left + 30.0, y + 4.0), text, Style::LABEL.anchored(Anchor::Start));
-        left += 30.0 + text_width(text, Style::LABEL.size) + 10.0;
+        left += 30.0 + 0.92 * text_width(text, Style::LABEL.size) + 8.0;
     }
 }
 

@@ -1,0 +1,90 @@
+//! Why a trial cannot be evaluated.
+
+/// A trial that cannot be evaluated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TrialError {
+    /// The window is not within the log.
+    #[error(
+        "the window from `{enter}` to `{exit}` s is not within the log, which runs from `{first}` to \
+         `{last}` s"
+    )]
+    OutsideLog {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+        /// The log's first row, s.
+        first: f64,
+        /// The log's last row, s.
+        last: f64,
+    },
+    /// The exit is not after the entry.
+    #[error("the exit at `{exit}` s is not after the entry at `{enter}` s")]
+    ExitBeforeEntry {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+    },
+    /// A velocity, mass or length that nothing can be computed with.
+    #[error("{what} is `{value}`, expected a positive number")]
+    NotPositive {
+        /// Which.
+        what: &'static str,
+        /// What it is.
+        value: f64,
+    },
+    /// Time runs backwards.
+    #[error("the clock jumps back from `{before}` to `{after}` s at row {row}")]
+    Backward {
+        /// The row that is earlier than the one before, from 1.
+        row: u64,
+        /// Time of the row before, s.
+        before: f64,
+        /// Its own time, s.
+        after: f64,
+    },
+    /// The clock stands still.
+    #[error("the clock does not move on: `{rows}` rows, all at one time")]
+    NoClock {
+        /// Rows in the log.
+        rows: u64,
+    },
+    /// Too few frames to tare on.
+    #[error("only `{found}` frames to tare on, `{wanted}` wanted")]
+    TareFrames {
+        /// Frames wanted.
+        wanted: usize,
+        /// Frames found.
+        found: usize,
+    },
+    /// The tare window reaches into the trial's.
+    #[error("the tare ends at `{tare_end}` s, after the entry at `{enter}` s")]
+    TareInWindow {
+        /// Time of the last frame of the tare, s.
+        tare_end: f64,
+        /// Entry, s.
+        enter: f64,
+    },
+    /// The sensors are not those of the calibration.
+    #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]
+    Channels {
+        /// Channels of the calibration.
+        expected: usize,
+        /// Channels of the log.
+        found: usize,
+    },
+    /// Neither forces nor energies can be computed.
+    #[error("nothing to compute: {0}")]
+    Nothing(String),
+    /// The filter is impossible.
+    #[error(transparent)]
+    Filter(#[from] crate::filter::FilterError),
+    /// A result is not a finite number.
+    #[error("{what} is not finite: readings or telemetry are far outside what they can be")]
+    NotFinite {
+        /// Which.
+        what: &'static str,
+    },
+}
