@@ -4,7 +4,7 @@
 //!
 //! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
 //!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`telemetry`], [`trial`],
-//!   [`plot`]: slices and matrices in, values out; no files, no clocks, no printing;
+//!   [`plot`], [`report`]: slices and matrices in, values out; no files, no clocks, no printing;
 //! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
 //!   [`output`]: the world to core types
 //!   and back, and [`workflow`], which joins them to the core;
@@ -47,6 +47,7 @@ pub mod plot;
 pub mod radio;
 mod random;
 pub mod recording;
+pub mod report;
 pub mod sensor_model;
 #[cfg(unix)]
 pub mod simulated_board;
