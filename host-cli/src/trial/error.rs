@@ -59,14 +59,6 @@ pub enum TrialError {
         /// Frames found.
         found: usize,
     },
-    /// The tare window reaches into the trial's.
-    #[error("the tare ends at `{tare_end}` s, after the entry at `{enter}` s")]
-    TareInWindow {
-        /// Time of the last frame of the tare, s.
-        tare_end: f64,
-        /// Entry, s.
-        enter: f64,
-    },
     /// The sensors are not those of the calibration.
     #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]
     Channels {

@@ -11,7 +11,7 @@ use super::error::TrialError;
 use super::forces::Forces;
 use super::grid::missing_rows;
 use super::integral::{Span, rows_within};
-use super::leg::{Strides, unwrap};
+use super::leg::{STILL_RAD, Strides, unwrap};
 use super::options::{TraceExtent, TrialOptions};
 use super::power::Power;
 use super::profile::Profile;
@@ -79,6 +79,9 @@ pub fn evaluate(
     let right_leg = leg(Telemetry::RightLeg);
     let strides = right_leg.as_ref().map(|angle| Strides::new(times, angle, enter, exit));
     remark_rows(stretch, window.clone(), clock, &mut remarks);
+    if let Some(tare) = tare.filter(|_| forces.is_some()) {
+        remark_tare(tare, profile, enter, &mut remarks);
+    }
     remark_frames(calibration, forces.as_ref(), window.clone(), options, &mut remarks);
     remark_legs(strides.as_ref(), &mut remarks);
 
@@ -274,6 +277,16 @@ fn remark_rows(
     let missing = missing_rows(&stretch.times_s[window], clock.period_s);
     if missing > 0 {
         remarks.push(Remark::MissingRows { missing, expected: rows + missing });
+    }
+}
+
+fn remark_tare(tare: &TareFrames, profile: &Profile, enter_s: f64, remarks: &mut Vec<Remark>) {
+    let (turned_rad, end_s) = (tare.turned_rad(profile.telemetry.leg_rad_per_count), tare.end_s());
+    if turned_rad > STILL_RAD {
+        remarks.push(Remark::MovingTare { turned_rad, end_s });
+    }
+    if end_s > enter_s {
+        remarks.push(Remark::LateTare { end_s });
     }
 }
 

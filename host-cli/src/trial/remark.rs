@@ -78,6 +78,11 @@ pub enum Remark {
         /// When the tare ended, s.
         end_s: f64,
     },
+    /// The tare ends after the robot has entered the channel.
+    LateTare {
+        /// When the tare ended, s.
+        end_s: f64,
+    },
     /// The calibration carries no covariance: no intervals.
     NoIntervals,
     /// Rows that could not be read and were left out.
@@ -114,6 +119,7 @@ impl Remark {
             Self::OutOfRange { .. } => "out_of_range",
             Self::Saturated { .. } => "saturated",
             Self::MovingTare { .. } => "moving_tare",
+            Self::LateTare { .. } => "late_tare",
             Self::NoIntervals => "no_intervals",
             Self::SkippedRows { .. } => "skipped_rows",
             Self::Manifest(_) => "manifest",
@@ -158,6 +164,9 @@ impl fmt::Display for Remark {
                 f,
                 "the right leg turns by {turned_rad:.1} rad while the tare is taken, up to {end_s:.3} s"
             ),
+            Self::LateTare { end_s } => {
+                write!(f, "the tare ends at {end_s:.3} s, after the robot has entered the channel")
+            }
             Self::NoIntervals => {
                 write!(f, "the calibration carries no covariance: intervals are left out")
             }
