@@ -84,6 +84,24 @@ pub struct ReadOptions<'a> {
     pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
 }
 
+/// What chooses the rows that are read, see [`Log::read_where`].
+pub trait Selection {
+    /// Why reading may end early.
+    type Error: From<LogError>;
+
+    /// Whether the next rows, at these times in s, are of interest; there is one row or more.
+    ///
+    /// # Errors
+    /// Whatever is to end the reading.
+    fn is_of_interest(&mut self, times_s: &[f64]) -> Result<bool, Self::Error>;
+
+    /// Takes those rows.
+    ///
+    /// # Errors
+    /// Whatever is to end the reading.
+    fn take(&mut self, block: &mut Block) -> Result<(), Self::Error>;
+}
+
 /// What a whole log was.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadSummary {
@@ -293,19 +311,17 @@ impl Log {
         Ok(summary)
     }
 
-    /// Streams the log once on this thread, and parses of most rows the time alone: `times` is given
-    /// the times of each piece, in s and in file order, and says whether the piece is of interest; if
-    /// it is, `take` gets all that is `wanted` of it. What is not parsed is not checked either.
+    /// Streams the log once on this thread, and parses all that is `wanted` only of pieces whose
+    /// times are of interest. What is not parsed is not checked either.
     ///
     /// # Errors
-    /// As [`Log::read`]; and what `times` or `take` return, which ends the reading.
-    pub fn read_where<E: From<LogError>>(
+    /// As [`Log::read`]; and what `selection` returns, which ends the reading.
+    pub fn read_where<S: Selection>(
         &self,
         wanted: &Wanted,
         options: &ReadOptions<'_>,
-        mut times: impl FnMut(&[f64]) -> Result<bool, E>,
-        mut take: impl FnMut(&mut Block) -> Result<(), E>,
-    ) -> Result<ReadSummary, E> {
+        selection: &mut S,
+    ) -> Result<ReadSummary, S::Error> {
         self.require(&Wanted { time: true, ..wanted.clone() })?;
         let time_only = Plan::new(&self.layout, &Wanted { time: true, ..Wanted::default() });
         let plan = Plan::new(&self.layout, wanted);
@@ -317,7 +333,7 @@ impl Log {
         let (mut clock, mut room) = (Room::default(), Room::default());
         let mut summary = ReadSummary::default();
         while chunker.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
-            let mut fill = |plan: &Plan, Room { parsed, block }: &mut Room| {
+            let fill = |plan: &Plan, Room { parsed, block }: &mut Room| {
                 plan.parse(chunk.lines(), options.skip_bad_rows, parsed)
                     .map_err(|error| self.row_error(chunk.offset, error))?;
                 plan.fill(block, parsed, &chunk.context);
@@ -325,11 +341,11 @@ impl Log {
             };
             let mut skipped = fill(&time_only, &mut clock)?;
             summary.rows += clock.block.rows as u64;
-            if clock.block.rows > 0 && times(&clock.block.time_s)? {
+            if clock.block.rows > 0 && selection.is_of_interest(&clock.block.time_s)? {
                 skipped = fill(&plan, &mut room)?;
                 if room.block.rows > 0 {
                     summary.repeated_rows += room.block.repeated_rows() as u64;
-                    take(&mut room.block)?;
+                    selection.take(&mut room.block)?;
                 }
             }
             summary.skipped_rows += skipped;

@@ -19,6 +19,14 @@ pub enum TrialError {
         /// The log's last row, s.
         last: f64,
     },
+    /// No rows where the window begins or ends.
+    #[error("the log has a gap where the window from `{enter}` to `{exit}` s begins or ends")]
+    Gap {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+    },
     /// The exit is not after the entry.
     #[error("the exit at `{exit}` s is not after the entry at `{enter}` s")]
     ExitBeforeEntry {

@@ -57,12 +57,7 @@ pub fn evaluate(
     let times = &stretch.times_s;
     let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
     let span_of = |from, to| Span::new(options.rule, times, from, to);
-    let span = span_of(enter, exit).ok_or(TrialError::OutsideLog {
-        enter,
-        exit,
-        first: clock.first_s,
-        last: clock.last_s,
-    })?;
+    let span = span_of(enter, exit).ok_or(TrialError::Gap { enter, exit })?;
     let mut remarks: Vec<Remark> = trial.notes.iter().cloned().map(Remark::Manifest).collect();
     let window = rows_within(times, enter, exit);
 
@@ -224,10 +219,14 @@ fn find_forces(
     remarks: &mut Vec<Remark>,
 ) -> Result<Option<Forces>, TrialError> {
     let found = stretch.readings.len();
-    let Some(calibration) = calibration.filter(|_| found > 0) else {
-        remarks.push(if found > 0 { Remark::NoCalibration } else { Remark::NoSensors });
+    let Some(calibration) = calibration else {
+        remarks.push(Remark::NoCalibration);
         return Ok(None);
     };
+    if found == 0 {
+        remarks.push(Remark::NoSensors);
+        return Ok(None);
+    }
     let expected = calibration.model().channels;
     if found != expected {
         return Err(TrialError::Channels { expected, found });

@@ -10,6 +10,7 @@ pub mod noise;
 pub mod sampling;
 pub mod selection;
 mod training_rows;
+pub mod trial;
 
 use std::path::PathBuf;
 
