@@ -3,9 +3,8 @@
 //! Three layers, arrows pointing inward only:
 //!
 //! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
-//!   [`sensor_model`], [`recording`], [`radio`], [`telemetry`], [`trial`],
-//!   [`plot`]: slices and matrices in, values out; no files, no
-//!   clocks, no printing;
+//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`telemetry`], [`trial`],
+//!   [`plot`]: slices and matrices in, values out; no files, no clocks, no printing;
 //! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
 //!   [`output`]: the world to core types
 //!   and back, and [`workflow`], which joins them to the core;
@@ -54,7 +53,9 @@ pub mod simulated_board;
 pub mod survey;
 pub mod synthetic_block;
 pub mod synthetic_log;
+pub mod synthetic_trial;
 pub mod telemetry;
 pub mod trial;
+pub mod virtual_robot;
 pub mod workflow;
 pub mod wrench;

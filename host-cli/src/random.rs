@@ -31,6 +31,12 @@ pub(crate) enum Purpose {
     Radio = 9,
     /// Samples drawn again from what there is.
     Bootstrap = 10,
+    /// How one trial of the virtual robot differs from the next.
+    Trial = 11,
+    /// What the controller of its legs does.
+    Controller = 12,
+    /// Noise of its telemetry.
+    Telemetry = 13,
 }
 
 /// A stream of random numbers.

@@ -20,6 +20,7 @@ pub fn training(rows: usize) -> Vec<Block> {
         unit_seed: 1,
         noise_scale: 1.0,
         adc_bits: 12,
+        elastic: false,
     });
     blocks(recording.expect("valid settings"), rows)
 }

@@ -28,6 +28,7 @@ fn settings(kind: Kind) -> Settings {
         unit_seed: 1,
         noise_scale: 1.0,
         adc_bits: 12,
+        elastic: false,
     }
 }
 

@@ -22,6 +22,7 @@ mod panel;
 mod scale;
 mod svg;
 mod trace;
+pub mod trial;
 
 pub use chart::{Chart, Mark, Series};
 pub use figure::{Figure, Format, PlotError};

@@ -11,6 +11,12 @@ pub(super) const INK: &str = "#222222";
 pub(super) const GRID: &str = "#e4e4e4";
 /// The zero line under a trace.
 pub(super) const ZERO: &str = "#999999";
+/// Behind the time that the robot is partly in a channel, and that it is wholly in it.
+pub(super) const PARTLY_INSIDE: &str = "#e6e6e6";
+/// Behind the time that the robot is wholly in a channel: in grey between the other and white.
+pub(super) const INSIDE: &str = "#fbe9ea";
+/// Spread about a mean.
+pub(super) const SPREAD: &str = "#c9dcea";
 /// Reference lines over densities: identity, no residual.
 pub(super) const REFERENCE: &str = "#d55e00";
 

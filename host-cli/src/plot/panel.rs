@@ -45,6 +45,16 @@ impl Panel {
         canvas.stroke(&path, palette::GRID, 1.0);
     }
 
+    /// Draws the grid lines across: where the other axis has names for values.
+    pub(super) fn draw_y_grid(&self, canvas: &mut Canvas) {
+        let mut path = String::new();
+        for tick in self.y_ticks().iter().filter(|tick| !tick.label.is_empty()) {
+            let (_, y) = self.place(self.x.range.0, tick.value);
+            path += &format!("M{}H{}", point(self.area.left, y), number(self.area.right()));
+        }
+        canvas.stroke(&path, palette::GRID, 1.0);
+    }
+
     /// Draws frame, ticks and labels: last of all, over the data.
     pub(super) fn draw_frame(&self, canvas: &mut Canvas) {
         canvas.frame(self.area, palette::INK);

@@ -127,6 +127,15 @@ impl Canvas {
         let _ = writeln!(self.body, r#"<circle cx="{x}" cy="{y}" r="{radius}" fill="{colour}"/>"#);
     }
 
+    /// A circle that is not filled.
+    pub(super) fn ring(&mut self, centre: (f64, f64), radius: f64, colour: &str) {
+        let [x, y, radius] = [centre.0, centre.1, radius].map(number);
+        let _ = writeln!(
+            self.body,
+            r#"<circle cx="{x}" cy="{y}" r="{radius}" fill="none" stroke="{colour}"/>"#
+        );
+    }
+
     pub(super) fn text(&mut self, at: (f64, f64), text: &str, style: Style) {
         let [x, y, size] = [at.0, at.1, style.size].map(number);
         let anchor = match style.anchor {

@@ -22,7 +22,7 @@ pub struct WrenchTrace {
 
 /// One quantity over time.
 #[derive(Clone, Debug, Default)]
-struct Trace {
+pub(super) struct Trace {
     window: Option<Window>,
 }
 
@@ -70,7 +70,7 @@ impl WrenchTrace {
 }
 
 impl Trace {
-    fn add(&mut self, time: &[f64], values: &[f64]) {
+    pub(super) fn add(&mut self, time: &[f64], values: &[f64]) {
         let finite = || {
             let pairs = time.iter().copied().zip(values.iter().copied());
             pairs.filter(|(t, v)| t.is_finite() && v.is_finite())
@@ -109,7 +109,7 @@ impl Trace {
         self.window.insert(window)
     }
 
-    fn points(&self) -> impl Iterator<Item = (f64, f64)> {
+    pub(super) fn points(&self) -> impl Iterator<Item = (f64, f64)> {
         let slivers = self.window.iter().flat_map(|window| window.slivers.iter().flatten());
         slivers.flat_map(Sliver::points)
     }
@@ -207,7 +207,7 @@ fn shown_range(trace: &Trace) -> Range {
 }
 
 /// The line through the points, without those that fall on the one before.
-fn path(panel: &Panel, trace: &Trace) -> String {
+pub(super) fn path(panel: &Panel, trace: &Trace) -> String {
     let mut path = String::new();
     let mut before = String::new();
     for (t, v) in trace.points() {

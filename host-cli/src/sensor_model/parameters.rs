@@ -211,6 +211,13 @@ impl Parameters {
         unit
     }
 
+    /// Takes creep and hysteresis away: what is left is a function of the load at the moment, which a
+    /// calibration can follow exactly.
+    pub fn make_elastic(&mut self) {
+        self.creep.fraction = 0.0;
+        self.hysteresis.fraction = 0.0;
+    }
+
     /// Scales every random noise, of the readings and of the reference sensor: 0 leaves none, 1 is
     /// as it was. Quantisation, drift, creep and hysteresis stay.
     pub fn scale_noise(&mut self, factor: f64) {

@@ -32,6 +32,8 @@ pub struct Settings {
     pub noise_scale: f64,
     /// Resolution of the converter, bits.
     pub adc_bits: u32,
+    /// Springs without creep and hysteresis.
+    pub elastic: bool,
 }
 
 /// One row of a recording.
@@ -78,6 +80,9 @@ impl Recording {
         drawing.adc_bits = settings.adc_bits;
         let mut unit = drawing.unit(settings.unit_seed);
         unit.scale_noise(noise_scale);
+        if settings.elastic {
+            unit.make_elastic();
+        }
         let (load, session) = match kind {
             Kind::Training => (LoadScript::training(seed), 0),
             Kind::Test => (LoadScript::test(seed), 1),

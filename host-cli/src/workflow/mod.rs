@@ -9,6 +9,7 @@ pub mod moments;
 pub mod noise;
 pub mod sampling;
 pub mod selection;
+pub mod synthetic_trials;
 mod training_rows;
 pub mod trial;
 

@@ -22,6 +22,7 @@ mod serial;
 mod simulate_board;
 mod synth;
 mod synth_pair;
+mod synth_trial;
 mod validation;
 
 use std::process::ExitCode;

@@ -10,6 +10,7 @@ use shellcal::sensor_model::{Kind, Recording, Settings};
 use shellcal::synthetic_log;
 
 use super::synth_pair::PairArgs;
+use super::synth_trial::{TrialArgs, TrialsArgs};
 use crate::cmd::Outcome;
 use crate::printer::Printer;
 
@@ -32,6 +33,8 @@ enum KindArgs {
     /// No load: noise and drift
     Zero(RecordingArgs),
     Pair(PairArgs),
+    Trial(Box<TrialArgs>),
+    Trials(TrialsArgs),
 }
 
 #[derive(Clone, Debug, clap::Args)]
@@ -63,6 +66,10 @@ struct RecordingArgs {
     /// Resolution of the board's converter, 8 to 16
     #[arg(long, value_name = "BITS", default_value_t = 12)]
     adc_bits: u32,
+
+    /// Springs without creep and hysteresis: a calibration can follow them exactly
+    #[arg(long)]
+    elastic: bool,
 
     /// Columns and their names
     #[arg(long, value_enum, default_value_t = Layout::Shellcal)]
@@ -111,6 +118,8 @@ impl SynthArgs {
             KindArgs::Train(args) => args.run(Kind::Training, 77_522, printer),
             KindArgs::Test(args) => args.run(Kind::Test, 19_932, printer),
             KindArgs::Pair(args) => args.run(printer),
+            KindArgs::Trial(args) => args.run(printer),
+            KindArgs::Trials(args) => args.run(printer),
             KindArgs::Zero(args) => args.run(Kind::Zero, 5_000, printer),
         }
     }
@@ -127,6 +136,7 @@ impl RecordingArgs {
             unit_seed: self.unit_seed,
             noise_scale: self.noise_scale,
             adc_bits: self.adc_bits,
+            elastic: self.elastic,
         })?;
         let Some(path) = &self.output else {
             anyhow::ensure!(

@@ -1,0 +1,272 @@
+//! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+use serde::Serialize;
+use shellcal::output::AtomicFile;
+use shellcal::synthetic_trial::TrialLayout;
+use shellcal::virtual_robot::{Condition, Counter, TrialSettings, VirtualTrial};
+use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
+
+use super::Outcome;
+use crate::printer::Printer;
+
+const TRIAL_EXAMPLES: &str = "\
+Examples:
+  shellcal synth trial --condition '3 cm' --output run.txt --truth run.truth.json
+  shellcal synth trial --stride-frequency 1 --missing 0.1 --stall --output run.txt";
+
+const TRIALS_EXAMPLES: &str = "\
+Example:
+  shellcal synth trials trials
+  shellcal synth train --output train.csv
+  shellcal fit train.csv --output calibration.json
+  shellcal batch trials/manifest.csv --calibration calibration.json";
+
+/// One trial of a virtual robot in the channel, with known truth
+///
+/// Leg motion, drag and lift of the condition, the legs' shaking, battery and motors; telemetry at
+/// 1 kHz in the lab's format, with sensors fresh at 100 Hz. The calibration of the same unit is that
+/// of `synth train`.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = TRIAL_EXAMPLES)]
+pub(super) struct TrialArgs {
+    /// What the robot runs through: the channel's largest deflection
+    #[arg(long, value_enum, value_name = "NAME", default_value = "3 cm")]
+    condition: ConditionArg,
+
+    /// Mean drag in the channel, in place of the condition's
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    drag: Option<f64>,
+
+    /// Mean lift in the channel, in place of the condition's; negative presses down
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    lift: Option<f64>,
+
+    #[command(flatten)]
+    common: CommonArgs,
+
+    /// How the encoders count
+    #[arg(long, value_enum, default_value_t = CounterArg::Long)]
+    counter: CounterArg,
+
+    /// Share of the rows that are missing, from 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    missing: f64,
+
+    /// The legs stall for 0.4 s in the channel
+    #[arg(long)]
+    stall: bool,
+
+    /// The right encoder counts down
+    #[arg(long)]
+    reversed: bool,
+
+    /// Leave out the sensors' columns
+    #[arg(long, conflicts_with = "no_telemetry")]
+    no_sensors: bool,
+
+    /// Leave out the telemetry: frames of the board alone, as CSV
+    #[arg(long)]
+    no_telemetry: bool,
+
+    /// Write the truth of every result, as JSON
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+
+    /// File to write (default: standard output)
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// An example set: trials in all five conditions, their truth, and a manifest for `shellcal batch`
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = TRIALS_EXAMPLES)]
+pub(super) struct TrialsArgs {
+    /// Directory to write into; made if it is not there
+    #[arg(value_name = "DIR")]
+    directory: PathBuf,
+
+    /// Trials in each condition
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    per_condition: u64,
+
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+#[derive(Clone, Debug, clap::Args)]
+struct CommonArgs {
+    /// Strides per second
+    #[arg(long, value_name = "HZ", default_value_t = 13.0)]
+    stride_frequency: f64,
+
+    /// How long the robot stands before it starts
+    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    lead_in: f64,
+
+    /// Noise of the encoders (standard deviation)
+    #[arg(long, value_name = "COUNTS", default_value_t = 4.0)]
+    encoder_noise: f64,
+
+    /// Which trial: its noise, light, phases and scatter
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Which unit: its springs, reflectors and gains
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    unit_seed: u64,
+
+    /// Factor on the noise of sensors and telemetry; 1.7 makes the paper's zero-load noise
+    #[arg(long, value_name = "FACTOR", default_value_t = TrialSettings::PAPER_NOISE)]
+    noise_scale: f64,
+
+    /// Springs without creep and hysteresis: a calibration can follow them exactly
+    #[arg(long)]
+    elastic: bool,
+}
+
+/// A condition, by its name.
+#[derive(Clone, Copy, Debug)]
+struct ConditionArg(Condition);
+
+impl ValueEnum for ConditionArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        const {
+            let [a, b, c, d, e] = Condition::PAPER;
+            &[Self(a), Self(b), Self(c), Self(d), Self(e)]
+        }
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.0.name))
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum CounterArg {
+    /// In 32 bits, on and on: the lab's format
+    Long,
+    /// In 32 bits, and wraps round after two seconds
+    LongWrapping,
+    /// From 0 to 65535 in each turn
+    Turn,
+}
+
+impl From<CounterArg> for Counter {
+    fn from(counter: CounterArg) -> Self {
+        match counter {
+            CounterArg::Long => Self::Long,
+            CounterArg::LongWrapping => Self::LongWrapping,
+            CounterArg::Turn => Self::Turn,
+        }
+    }
+}
+
+/// What was made, for `--json`.
+#[derive(Serialize)]
+struct Made<'a> {
+    file: &'a Path,
+    rows: u64,
+    truth: shellcal::virtual_robot::Truth,
+}
+
+/// The set that was made, for `--json`.
+#[derive(Serialize)]
+struct MadeSet<'a> {
+    manifest: PathBuf,
+    trials: &'a [SetTrial],
+}
+
+impl CommonArgs {
+    fn settings(&self, condition: Condition) -> TrialSettings {
+        TrialSettings {
+            unit_seed: self.unit_seed,
+            stride_hz: self.stride_frequency,
+            lead_in_s: self.lead_in,
+            noise_scale: self.noise_scale,
+            encoder_noise: self.encoder_noise,
+            elastic: self.elastic,
+            ..TrialSettings::new(condition, self.seed)
+        }
+    }
+}
+
+impl TrialArgs {
+    pub(super) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let mut condition = self.condition.0;
+        condition.drag_n = self.drag.unwrap_or(condition.drag_n);
+        condition.lift_n = self.lift.unwrap_or(condition.lift_n);
+        let trial = VirtualTrial::new(TrialSettings {
+            counter: self.counter.into(),
+            missing: self.missing,
+            stall: self.stall,
+            reversed: self.reversed,
+            ..self.common.settings(condition)
+        })?;
+        let layout = match (self.no_sensors, self.no_telemetry) {
+            (true, _) => TrialLayout::WithoutSensors,
+            (_, true) => TrialLayout::WithoutTelemetry,
+            _ => TrialLayout::Full,
+        };
+        let truth = trial.truth();
+        let truth_file = self.truth.as_ref().map(AtomicFile::create).transpose()?;
+        if let Some(mut file) = truth_file {
+            file.write_all(&truth_json(&truth))?;
+            file.commit()?;
+        }
+        let Some(path) = &self.output else {
+            anyhow::ensure!(
+                !printer.json(),
+                "`--json` needs `--output`: standard output has the rows"
+            );
+            write_log(&mut io::stdout().lock(), &trial, layout)?;
+            return Ok(Outcome::Done);
+        };
+        let mut out = AtomicFile::create(path)?;
+        let rows = write_log(&mut out, &trial, layout)?;
+        out.commit()?;
+        if printer.json() {
+            printer.document(&Made { file: path, rows, truth })?;
+        } else {
+            printer.line(format!(
+                "{rows} synthetic rows in `{}`: {}, in the channel from {} s to {} s, {} strides",
+                path.display(),
+                condition.name,
+                truth.t_enter_s,
+                truth.t_exit_s,
+                truth.strides.len()
+            ))?;
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+impl TrialsArgs {
+    pub(super) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let base = self.common.settings(Condition::PAPER[0]);
+        let count = self.per_condition * Condition::PAPER.len() as u64;
+        /// Of a trial, about.
+        const BYTES: u64 = 1_000_000;
+        let bar = printer.progress("making trials", count * BYTES);
+        let trials = write_set(&self.directory, base, self.per_condition, |done| {
+            bar.set_position(done * BYTES)
+        });
+        bar.finish_and_clear();
+        let trials = trials?;
+        let manifest = self.directory.join(MANIFEST);
+        if printer.json() {
+            printer.document(&MadeSet { manifest, trials: &trials })?;
+        } else {
+            let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
+            printer.line(format!(
+                "{count} synthetic trials, {rows} rows; manifest `{}`",
+                manifest.display()
+            ))?;
+        }
+        Ok(Outcome::Done)
+    }
+}

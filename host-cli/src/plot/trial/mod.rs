@@ -1,0 +1,150 @@
+//! Figures of trials, as papers print them: one column wide, legible without colour.
+
+mod boxes;
+mod drag_lift;
+mod phase;
+mod shading;
+mod stack;
+mod window;
+
+pub use boxes::box_figure;
+pub use drag_lift::drag_lift_figure;
+pub use phase::phase_figure;
+pub use shading::Passage;
+pub use stack::stack_figure;
+pub use window::window_figure;
+
+use super::figure::Figure;
+use super::palette;
+use super::panel::{LEFT_MARGIN, Panel};
+use super::svg::{Anchor, Canvas, Rect, Style, text_width};
+use super::trace::Trace as Line;
+use crate::trial::Trace;
+
+/// Width of a figure: a column of 88 mm at twice its size.
+const WIDTH: f64 = 680.0;
+/// Room above the first panel.
+const TOP: f64 = 58.0;
+
+/// The area of a panel that is as wide as the figure allows.
+fn wide_area(top: f64, height: f64) -> Rect {
+    Rect { left: LEFT_MARGIN + 8.0, top, width: WIDTH - LEFT_MARGIN - 24.0, height }
+}
+
+/// How a curve is drawn: colours alone would not do in grey.
+#[derive(Clone, Copy, Debug)]
+struct Pen {
+    colour: &'static str,
+    width: f64,
+    dashed: bool,
+}
+
+const SOLID: Pen = Pen { colour: palette::SERIES[0], width: 1.6, dashed: false };
+/// What is smoothed over, behind it.
+const PALE: [Pen; 2] = [
+    Pen { colour: "#9cc6e3", width: 0.8, dashed: false },
+    Pen { colour: "#f3c29d", width: 0.8, dashed: false },
+];
+const DASHED: Pen = Pen { colour: palette::SERIES[1], width: 1.6, dashed: true };
+
+impl Pen {
+    fn draw(self, canvas: &mut Canvas, path: &str) {
+        match self.dashed {
+            false => canvas.stroke(path, self.colour, self.width),
+            true => canvas.dashes(path, self.colour, self.width),
+        }
+    }
+}
+
+/// A quantity over time, kept in as few points as draw the same line.
+fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Line {
+    let values: Vec<f64> = values.into_iter().collect();
+    let mut line = Line::default();
+    line.add(time_s, &values);
+    line
+}
+
+/// Means over `width_s` around each time, NaN where that is cut off; the times ascend.
+fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
+    let mut sums = vec![0.0];
+    sums.extend(values.iter().scan(0.0, |sum, value| {
+        *sum += value;
+        Some(*sum)
+    }));
+    let (first, last) = (time_s[0], time_s[time_s.len() - 1]);
+    let mean = |&middle: &f64| {
+        if middle - first < 0.5 * width_s || last - middle < 0.5 * width_s {
+            return f64::NAN;
+        }
+        let from = time_s.partition_point(|&t| t < middle - 0.5 * width_s);
+        let to = time_s.partition_point(|&t| t <= middle + 0.5 * width_s);
+        (sums[to] - sums[from]) / (to - from) as f64
+    };
+    time_s.iter().map(mean).collect()
+}
+
+/// The usual length of a stride, s.
+fn stride_s(trace: &Trace) -> Option<f64> {
+    let mut lengths: Vec<f64> =
+        trace.stride_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    lengths.sort_by(f64::total_cmp);
+    lengths.get(lengths.len() / 2).copied()
+}
+
+/// The smallest and the largest of all values, and zero.
+fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a Line>) -> (f64, f64) {
+    let values = lines.into_iter().flat_map(|line| line.points().map(|(_, value)| value));
+    values.fold((0.0, 0.0), |(low, high), value| (value.min(low), value.max(high)))
+}
+
+/// Draws curves in a panel over its zero line.
+fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&Line, Pen)]) {
+    let (_, zero) = panel.place(panel.x.range.0, 0.0);
+    let area = panel.area;
+    canvas.clipped(area, |canvas| {
+        canvas.line((area.left, zero), (area.right(), zero), palette::ZERO, 1.0);
+        for (line, pen) in lines {
+            pen.draw(canvas, &super::trace::path(panel, line));
+        }
+    });
+}
+
+/// An entry of a legend.
+enum Key<'a> {
+    Line(&'a str, Pen),
+    Area(&'a str, &'static str),
+}
+
+/// Draws a legend in one row above a panel, from its left.
+fn draw_legend<'a>(canvas: &mut Canvas, area: Rect, keys: impl IntoIterator<Item = &'a Key<'a>>) {
+    let (mut left, y) = (area.left, area.top - 12.0);
+    for key in keys {
+        let text = match key {
+            Key::Line(text, pen) => {
+                let path = format!("M{left} {y}h24");
+                pen.draw(canvas, &path);
+                text
+            }
+            Key::Area(text, colour) => {
+                let top = y - 5.0;
+                canvas.fill(&format!("M{left} {top}h24v10h-24Z"), colour);
+                canvas.frame(Rect { left, top, width: 24.0, height: 10.0 }, palette::ZERO);
+                text
+            }
+        };
+        canvas.text((left + 30.0, y + 4.0), text, Style::LABEL.anchored(Anchor::Start));
+        left += 30.0 + 0.92 * text_width(text, Style::LABEL.size) + 8.0;
+    }
+}
+
+fn draw_title(canvas: &mut Canvas, title: &str) {
+    canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
+}
+
+/// A figure that says why there is nothing to see.
+fn empty_figure(title: &str, reason: &str) -> Figure {
+    let mut canvas = Canvas::new(WIDTH, TOP + 60.0);
+    draw_title(&mut canvas, title);
+    canvas.text((16.0, TOP + 12.0), reason, Style::LABEL.anchored(Anchor::Start));
+    Figure::new(canvas.finish())
+}

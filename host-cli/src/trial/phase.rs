@@ -1,0 +1,150 @@
+//! Drag and lift against the phase of the leg, over many strides.
+
+use std::f64::consts::TAU;
+
+use super::results::Trace;
+use crate::wrench::Axis;
+
+/// Stretches that a stride is averaged in.
+pub const PHASES: usize = 32;
+
+/// One force over the phase: mean and standard deviation from stride to stride, in N, one for each
+/// of [`PHASES`] equal stretches of the phase.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct PhaseForce {
+    /// Mean of the strides' means.
+    pub mean_n: Vec<f64>,
+    /// Their standard deviation, 0 for a single stride.
+    pub sd_n: Vec<f64>,
+}
+
+/// Drag and lift over the phase of the right leg.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct PhaseProfile {
+    /// Strides that it is made of.
+    pub strides: usize,
+    /// Middle of each stretch of the phase, rad.
+    pub phase_rad: Vec<f64>,
+    /// Drag, −Fx.
+    pub drag: PhaseForce,
+    /// Lift, Fz.
+    pub lift: PhaseForce,
+}
+
+impl PhaseProfile {
+    /// Of the whole strides of `traces` within their windows (s), one window for each. Strides
+    /// without a row in some stretch (the leg stalled, or rows are missing) are left out; `None` if
+    /// that leaves none or there are no forces.
+    pub fn new<'a>(traces: impl IntoIterator<Item = (&'a Trace, [f64; 2])>) -> Option<Self> {
+        let mut drags = Vec::new();
+        let mut lifts = Vec::new();
+        for (trace, [from_s, to_s]) in traces {
+            for pair in trace.stride_times_s.windows(2) {
+                if pair[0] < from_s || pair[1] > to_s {
+                    continue;
+                }
+                let drag = stride(trace, [pair[0], pair[1]], Axis::Fx, -1.0);
+                let lift = stride(trace, [pair[0], pair[1]], Axis::Fz, 1.0);
+                if let (Some(drag), Some(lift)) = (drag, lift) {
+                    drags.push(drag);
+                    lifts.push(lift);
+                }
+            }
+        }
+        let phase = |i: usize| TAU * (i as f64 + 0.5) / PHASES as f64;
+        (!drags.is_empty()).then(|| Self {
+            strides: drags.len(),
+            phase_rad: (0..PHASES).map(phase).collect(),
+            drag: PhaseForce::of(&drags),
+            lift: PhaseForce::of(&lifts),
+        })
+    }
+}
+
+impl PhaseForce {
+    fn of(strides: &[[f64; PHASES]]) -> Self {
+        let n = strides.len() as f64;
+        let mean = |i: usize| strides.iter().map(|stride| stride[i]).sum::<f64>() / n;
+        let mean_n: Vec<f64> = (0..PHASES).map(mean).collect();
+        let sd = |i: usize| {
+            let squares: f64 = strides.iter().map(|s| (s[i] - mean_n[i]).powi(2)).sum();
+            (squares / (n - 1.0).max(1.0)).sqrt()
+        };
+        let sd_n = (0..PHASES).map(sd).collect();
+        Self { mean_n, sd_n }
+    }
+}
+
+/// The means of a force over the stretches of one stride.
+fn stride(trace: &Trace, [from, to]: [f64; 2], axis: Axis, sign: f64) -> Option<[f64; PHASES]> {
+    let rows = trace.t_s.partition_point(|&t| t < from)..trace.t_s.partition_point(|&t| t < to);
+    let force = trace.wrench[axis.index()].get(rows.clone())?;
+    let angle = trace.right_leg_rad.get(rows)?;
+    let (first, last) = (angle.first()?, angle.last()?);
+    let forward = if last >= first { 1.0 } else { -1.0 };
+    let (mut sums, mut counts) = ([0.0; PHASES], [0_u32; PHASES]);
+    for (force, angle) in force.iter().zip(angle) {
+        // The encoder's noise may put the first row a little before the stride.
+        let turn = (forward * (angle - first) / TAU).clamp(0.0, 1.0);
+        let stretch = ((turn * PHASES as f64) as usize).min(PHASES - 1);
+        sums[stretch] += sign * force;
+        counts[stretch] += 1;
+    }
+    let mean = |i: usize| sums[i] / f64::from(counts[i]);
+    counts.iter().all(|&count| count > 0).then(|| std::array::from_fn(mean))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 20 strides of 0.1 s at 1 kHz: drag cos φ + stride number's sign, lift sin 2φ.
+    fn trace(backwards: bool) -> Trace {
+        let t_s: Vec<f64> = (0..2000).map(|i| 1e-3 * f64::from(i)).collect();
+        let angle: Vec<f64> = t_s.iter().map(|t| TAU * t / 0.1).collect();
+        let mut trace = Trace {
+            stride_times_s: (0..=20).map(|i| 0.1 * f64::from(i) - 1e-9).collect(),
+            ..Trace::default()
+        };
+        trace.wrench[0] = angle
+            .iter()
+            .zip(&t_s)
+            .map(|(angle, t)| {
+                -angle.cos() - if (t / 0.1 + 1e-6) as u32 % 2 == 0 { 0.1 } else { -0.1 }
+            })
+            .collect();
+        trace.wrench[2] = angle.iter().map(|angle| (2.0 * angle).sin()).collect();
+        trace.right_leg_rad =
+            angle.iter().map(|angle| if backwards { -angle } else { *angle }).collect();
+        trace.t_s = t_s;
+        trace
+    }
+
+    #[test]
+    fn mean_and_spread_are_those_of_the_forces_at_a_phase() {
+        for backwards in [false, true] {
+            let trace = trace(backwards);
+            let profile = PhaseProfile::new([(&trace, [0.05, 1.95])]).unwrap();
+            // The first stride starts before the window, the last ends after it.
+            assert_eq!(profile.strides, 18);
+            for (i, phase) in profile.phase_rad.iter().enumerate() {
+                // Three or four rows in a stretch of 0.2 rad: means at phases off by 0.1 rad at most.
+                assert!((profile.drag.mean_n[i] - phase.cos()).abs() < 0.1);
+                assert!((profile.lift.mean_n[i] - (2.0 * phase).sin()).abs() < 0.2);
+                // ±0.1 alternating, 18 strides: sd 0.1 · √(18/17).
+                assert!((profile.drag.sd_n[i] - 0.1 * (18.0_f64 / 17.0).sqrt()).abs() < 1e-9);
+                assert!(profile.lift.sd_n[i] < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn a_trace_without_forces_or_strides_has_no_profile() {
+        let whole = [f64::NEG_INFINITY, f64::INFINITY];
+        assert_eq!(PhaseProfile::new([(&Trace::default(), whole)]), None);
+        let without_forces = Trace { wrench: Default::default(), ..trace(false) };
+        assert_eq!(PhaseProfile::new([(&without_forces, whole)]), None);
+        let without_strides = Trace { stride_times_s: vec![], ..trace(false) };
+        assert_eq!(PhaseProfile::new([(&without_strides, whole)]), None);
+    }
+}

@@ -1,0 +1,130 @@
+//! Trials of the virtual robot as files: a log, its truth, and a set with a manifest.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::output::{AtomicFile, OutputError, write_atomically};
+use crate::sensor_model::ModelError;
+use crate::synthetic_log::{write_frame, write_frame_header};
+use crate::synthetic_trial::{TrialLayout, write_telemetry_header, write_telemetry_row};
+use crate::virtual_robot::{Condition, TrialError, TrialSettings, Truth, VirtualTrial};
+
+/// A trial that could not be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SyntheticTrialError {
+    /// The settings make no trial.
+    #[error(transparent)]
+    Settings(#[from] TrialError),
+    /// The sensor cannot be modelled.
+    #[error(transparent)]
+    Sensor(#[from] ModelError),
+    /// The rows cannot be written.
+    #[error("cannot write the trial")]
+    Write(#[from] io::Error),
+    /// A file cannot be written.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// The directory of the set cannot be made.
+    #[error("cannot make the directory `{}`", path.display())]
+    Directory {
+        /// The directory.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// Writes the log of a trial; returns its number of rows.
+///
+/// # Errors
+/// [`SyntheticTrialError`] if the sensor cannot be modelled or `out` fails.
+pub fn write_log(
+    out: &mut impl Write,
+    trial: &VirtualTrial,
+    layout: TrialLayout,
+) -> Result<u64, SyntheticTrialError> {
+    let mut rows = 0;
+    // A row at a time is a system call too many for what may be a pipe.
+    let mut text = Vec::new();
+    match layout {
+        TrialLayout::WithoutTelemetry => {
+            write_frame_header(&mut text)?;
+            for (time_s, frame) in trial.frames()? {
+                write_frame(&mut text, time_s, &frame)?;
+                rows += 1;
+            }
+        }
+        TrialLayout::Full | TrialLayout::WithoutSensors => {
+            let sensors = layout == TrialLayout::Full;
+            write_telemetry_header(&mut text, trial.settings(), sensors)?;
+            for row in trial.rows()? {
+                write_telemetry_row(&mut text, &row, sensors)?;
+                rows += 1;
+            }
+        }
+    }
+    out.write_all(&text)?;
+    Ok(rows)
+}
+
+/// A truth as the content of its file.
+pub fn truth_json(truth: &Truth) -> Vec<u8> {
+    let mut text = serde_json::to_vec_pretty(truth).expect("numbers and names");
+    text.push(b'\n');
+    text
+}
+
+/// One trial of a set.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct SetTrial {
+    /// The log, beside the manifest.
+    pub file: String,
+    /// Its truth, beside the manifest.
+    pub truth_file: String,
+    /// Rows of the log.
+    pub rows: u64,
+    /// What is true.
+    #[serde(skip)]
+    pub truth: Truth,
+}
+
+/// The name of a set's manifest.
+pub const MANIFEST: &str = "manifest.csv";
+
+/// Writes the example set into `directory`, which is made if it is not there: `per_condition` trials
+/// of each of the paper's conditions, their truth, and the manifest that `shellcal batch` takes.
+/// `base` says all but seed and condition; seeds count up from its own.
+///
+/// # Errors
+/// [`SyntheticTrialError`] if the settings make no trial or a file cannot be written.
+pub fn write_set(
+    directory: &Path,
+    base: TrialSettings,
+    per_condition: u64,
+    mut progress: impl FnMut(u64),
+) -> Result<Vec<SetTrial>, SyntheticTrialError> {
+    std::fs::create_dir_all(directory)
+        .map_err(|source| SyntheticTrialError::Directory { path: directory.to_owned(), source })?;
+    let mut trials = Vec::new();
+    let mut manifest = String::from("file,condition,t_enter_s,t_exit_s\n");
+    for (index, condition) in Condition::PAPER.into_iter().enumerate() {
+        for run in 1..=per_condition {
+            let seed = base.seed.wrapping_add(index as u64 * per_condition + run - 1);
+            let trial = VirtualTrial::new(TrialSettings { condition, seed, ..base })?;
+            let stem = format!("{}-{run}", condition.name.replace(' ', ""));
+            let (file, truth_file) = (format!("{stem}.txt"), format!("{stem}.truth.json"));
+            let mut out = AtomicFile::create(directory.join(&file))?;
+            let rows = write_log(&mut out, &trial, TrialLayout::Full)?;
+            out.commit()?;
+            let truth = trial.truth();
+            write_atomically(directory.join(&truth_file), &truth_json(&truth))?;
+            let [enter_s, exit_s] = trial.window_s();
+            manifest += &format!("{file},{},{enter_s},{exit_s}\n", condition.name);
+            trials.push(SetTrial { file, truth_file, rows, truth });
+            progress(trials.len() as u64);
+        }
+    }
+    write_atomically(directory.join(MANIFEST), manifest.as_bytes())?;
+    Ok(trials)
+}
