@@ -90,6 +90,15 @@ pub enum Remark {
         /// How many in the log.
         rows: u64,
     },
+    /// The window was found in the forces.
+    FoundWindow {
+        /// Share of the slow variation of the drag that a stay in a channel explains, 0 to 1.
+        confidence: f64,
+        /// Standard error of entry and exit, s.
+        se_s: (f64, f64),
+        /// Whether it can be used without a look at it.
+        is_good: bool,
+    },
     /// Something said by whoever made the manifest.
     Manifest(String),
 }
@@ -100,6 +109,7 @@ impl Remark {
         match self {
             Self::RepeatedRows { .. } | Self::NoIntervals | Self::Manifest(_) => Severity::Note,
             Self::MissingRows { missing, expected } if missing * 100 < *expected => Severity::Note,
+            Self::FoundWindow { is_good: true, .. } => Severity::Note,
             _ => Severity::Warning,
         }
     }
@@ -122,6 +132,7 @@ impl Remark {
             Self::LateTare { .. } => "late_tare",
             Self::NoIntervals => "no_intervals",
             Self::SkippedRows { .. } => "skipped_rows",
+            Self::FoundWindow { .. } => "found_window",
             Self::Manifest(_) => "manifest",
         }
     }
@@ -171,6 +182,12 @@ impl fmt::Display for Remark {
                 write!(f, "the calibration carries no covariance: intervals are left out")
             }
             Self::SkippedRows { rows } => write!(f, "{rows} bad rows are left out"),
+            Self::FoundWindow { confidence, se_s: (enter, exit), .. } => write!(
+                f,
+                "the window was found in the drag: confidence {:.0} %, entry ± {enter:.3} s, exit ± \
+                 {exit:.3} s",
+                100.0 * confidence
+            ),
             Self::Manifest(text) => f.write_str(text),
         }
     }

@@ -1,6 +1,7 @@
 //! Whole tasks over logs: reading joined to the core, without printing and without files written.
 
 pub mod align;
+pub mod batch;
 pub mod bench;
 pub mod convert;
 pub mod eval;

@@ -3,11 +3,12 @@
 use super::sampling::Sampling;
 use crate::block::Block;
 use crate::calibration::Calibration;
-use crate::log_file::{Log, LogError, ReadOptions, Selection, Wanted};
+use crate::log_file::{Log, LogError, ReadOptions, ReadSummary, Selection, Wanted};
 use crate::telemetry::Telemetry;
 use crate::trial::{
-    Clock, Profile, Stretch, TareFrames, TareRule, TareSearch, TraceExtent, Trial, TrialError,
-    TrialOptions, TrialResult, check_window, evaluate, warm_up_s,
+    Clock, LowPass, NoWindow, Profile, Proposal, Remark, Stretch, TareRule, TareSearch, Trace,
+    TraceExtent, Trial, TrialError, TrialOptions, TrialResult, check_window, evaluate,
+    propose_window, warm_up_s,
 };
 
 /// Rows are looked for this far around the window at least, s.
@@ -35,6 +36,12 @@ pub enum TrialLogError {
     /// The trial cannot be evaluated on it.
     #[error(transparent)]
     Trial(#[from] TrialError),
+    /// The window was to be found, and cannot be.
+    #[error("no window found: {0}")]
+    Window(#[from] NoWindow),
+    /// The window was to be found in forces that there are not.
+    #[error("no window found: there are no forces to find it in")]
+    NoForces,
 }
 
 /// A trial, and the log that it was found on.
@@ -61,21 +68,95 @@ pub fn evaluate_log(
     options: &TrialOptions,
     read: &ReadOptions<'_>,
 ) -> Result<Evaluated, TrialLogError> {
-    let mut reading = Reading::new(log, trial, instrument, options)?;
-    let wanted = reading.wanted.clone();
-    let summary = log.read_where(&wanted, read, &mut reading)?;
-    let clock = reading.clock(summary.rows)?;
+    let window = (trial.t_enter_s, trial.t_exit_s);
+    let Recorded { clock, stretch, tare, summary } =
+        Recorded::read(log, window, instrument, options, read)?;
     // What is wrong with the window says more than that there are no rows in it.
     check_window(trial, &clock)?;
-    let Reading { stretch, tare, .. } = reading;
-    let tare: Option<TareFrames> = tare.finish()?;
+    let tare = tare.finish()?;
     let Instrument { profile, calibration } = instrument;
     let mut result =
         evaluate(trial, profile, calibration, &clock, tare.as_ref(), &stretch, options)?;
     if summary.skipped_rows > 0 {
-        result.remarks.push(crate::trial::Remark::SkippedRows { rows: summary.skipped_rows });
+        result.remarks.push(Remark::SkippedRows { rows: summary.skipped_rows });
     }
     Ok(Evaluated { result, clock, rows: summary.rows, checksum: summary.checksum })
+}
+
+/// Evaluates a log from its first row to its last, with its trace, as if it were one trial: what a
+/// window is looked for in.
+///
+/// # Errors
+/// [`TrialLogError`] as of [`evaluate_log`].
+pub fn evaluate_whole(
+    log: &Log,
+    instrument: Instrument<'_>,
+    options: &TrialOptions,
+    read: &ReadOptions<'_>,
+) -> Result<Evaluated, TrialLogError> {
+    let options = TrialOptions { trace: TraceExtent::Log, ..*options };
+    let everything = (f64::NEG_INFINITY, f64::INFINITY);
+    let Recorded { clock, stretch, tare, summary } =
+        Recorded::read(log, everything, instrument, &options, read)?;
+    let trial = Trial {
+        file: log.path().display().to_string(),
+        condition: String::new(),
+        t_enter_s: clock.first_s,
+        t_exit_s: clock.last_s,
+        velocity_m_s: None,
+        mass_kg: None,
+        channel_length_m: None,
+        notes: None,
+    };
+    let tare = tare.finish()?;
+    let Instrument { profile, calibration } = instrument;
+    let result = evaluate(&trial, profile, calibration, &clock, tare.as_ref(), &stretch, &options)?;
+    Ok(Evaluated { result, clock, rows: summary.rows, checksum: summary.checksum })
+}
+
+/// Proposes entry and exit from the drag, filtered without delay whatever `options` say.
+///
+/// # Errors
+/// [`TrialLogError`] if the log cannot be evaluated, or tells no window.
+pub fn find_window(
+    log: &Log,
+    instrument: Instrument<'_>,
+    options: &TrialOptions,
+    read: &ReadOptions<'_>,
+) -> Result<Proposal, TrialLogError> {
+    let low_pass = options.low_pass.map(|low_pass| LowPass { zero_phase: true, ..low_pass });
+    let options = TrialOptions { low_pass, ..*options };
+    let TrialResult { row, trace, .. } = evaluate_whole(log, instrument, &options, read)?.result;
+    let Trace { t_s, wrench: [fx, ..], .. } = trace.unwrap_or_default();
+    let drag: Vec<f64> = fx.iter().map(|fx| -fx).collect();
+    if drag.is_empty() {
+        return Err(TrialLogError::NoForces);
+    }
+    Ok(propose_window(&t_s, &drag, row.stride_frequency_hz.map(f64::recip))?)
+}
+
+/// What was taken from a log.
+struct Recorded {
+    clock: Clock,
+    stretch: Stretch,
+    tare: TareSearch,
+    summary: ReadSummary,
+}
+
+impl Recorded {
+    fn read(
+        log: &Log,
+        window: (f64, f64),
+        instrument: Instrument<'_>,
+        options: &TrialOptions,
+        read: &ReadOptions<'_>,
+    ) -> Result<Self, TrialLogError> {
+        let mut reading = Reading::new(log, window, instrument, options)?;
+        let wanted = reading.wanted.clone();
+        let summary = log.read_where(&wanted, read, &mut reading)?;
+        let clock = reading.clock(summary.rows)?;
+        Ok(Self { clock, stretch: reading.stretch, tare: reading.tare, summary })
+    }
 }
 
 /// What is taken from the log as it goes by.
@@ -99,7 +180,7 @@ struct Reading<'a> {
 impl<'a> Reading<'a> {
     fn new(
         log: &Log,
-        trial: &Trial,
+        window: (f64, f64),
         instrument: Instrument<'_>,
         options: &'a TrialOptions,
     ) -> Result<Self, LogError> {
@@ -117,8 +198,8 @@ impl<'a> Reading<'a> {
         let tare = if forces { options.tare } else { TareRule::Untared };
         Ok(Self {
             options,
-            enter_s: trial.t_enter_s,
-            exit_s: trial.t_exit_s,
+            enter_s: window.0,
+            exit_s: window.1,
             wanted: Wanted { time: true, readings: forces, others, ..Wanted::default() },
             tare: TareSearch::new(tare, options.rule),
             needed_s: None,
