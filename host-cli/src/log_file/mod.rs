@@ -84,6 +84,24 @@ pub struct ReadOptions<'a> {
     pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
 }
 
+/// What chooses the rows that are read, see [`Log::read_where`].
+pub trait Selection {
+    /// Why reading may end early.
+    type Error: From<LogError>;
+
+    /// Whether the next rows, at these times in s, are of interest; there is one row or more.
+    ///
+    /// # Errors
+    /// Whatever is to end the reading.
+    fn is_of_interest(&mut self, times_s: &[f64]) -> Result<bool, Self::Error>;
+
+    /// Takes those rows.
+    ///
+    /// # Errors
+    /// Whatever is to end the reading.
+    fn take(&mut self, block: &mut Block) -> Result<(), Self::Error>;
+}
+
 /// What a whole log was.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadSummary {
@@ -293,6 +311,55 @@ impl Log {
         Ok(summary)
     }
 
+    /// Streams the log once on this thread, and parses all that is `wanted` only of pieces whose
+    /// times are of interest. What is not parsed is not checked either.
+    ///
+    /// # Errors
+    /// As [`Log::read`]; and what `selection` returns, which ends the reading.
+    pub fn read_where<S: Selection>(
+        &self,
+        wanted: &Wanted,
+        options: &ReadOptions<'_>,
+        selection: &mut S,
+    ) -> Result<ReadSummary, S::Error> {
+        self.require(&Wanted { time: true, ..wanted.clone() })?;
+        let time_only = Plan::new(&self.layout, &Wanted { time: true, ..Wanted::default() });
+        let plan = Plan::new(&self.layout, wanted);
+        let stream = self.source.open(options.checksum)?;
+        let bytes_done = stream.bytes_done();
+        let chunk_bytes = self.chunk_bytes.min(SELECTED_BYTES);
+        let mut chunker = Chunker::new(stream, self.layout.rows_start, chunk_bytes);
+        let mut chunk = chunk::Chunk::default();
+        let (mut clock, mut room) = (Room::default(), Room::default());
+        let mut summary = ReadSummary::default();
+        while chunker.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
+            let fill = |plan: &Plan, Room { parsed, block }: &mut Room| {
+                plan.parse(chunk.lines(), options.skip_bad_rows, parsed)
+                    .map_err(|error| self.row_error(chunk.offset, error))?;
+                plan.fill(block, parsed, &chunk.context);
+                Ok::<_, LogError>(parsed.skipped)
+            };
+            let mut skipped = fill(&time_only, &mut clock)?;
+            summary.rows += clock.block.rows as u64;
+            if clock.block.rows > 0 && selection.is_of_interest(&clock.block.time_s)? {
+                skipped = fill(&plan, &mut room)?;
+                if room.block.rows > 0 {
+                    summary.repeated_rows += room.block.repeated_rows() as u64;
+                    selection.take(&mut room.block)?;
+                }
+            }
+            summary.skipped_rows += skipped;
+            if let Some(progress) = options.progress {
+                progress(bytes_done.load(Ordering::Relaxed));
+            }
+        }
+        if summary.rows == 0 && summary.skipped_rows == 0 {
+            return Err(LogError::NoRows { path: self.source.path.clone() }.into());
+        }
+        summary.checksum = chunker.stream().checksum();
+        Ok(summary)
+    }
+
     /// Some rows from all over the file, or from its start when it is compressed: enough to choose
     /// centres and scales from. Rows that are wrong are left out.
     ///
@@ -373,6 +440,9 @@ impl Log {
         }
     }
 }
+
+/// How finely [`Log::read_where`] tells what is of interest: some 300 rows of telemetry.
+const SELECTED_BYTES: usize = 1 << 15;
 
 /// How many pieces of a file [`Log::sample`] reads, and how long they are.
 const SAMPLES: u64 = 16;

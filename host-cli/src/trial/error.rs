@@ -19,6 +19,14 @@ pub enum TrialError {
         /// The log's last row, s.
         last: f64,
     },
+    /// No rows where the window begins or ends.
+    #[error("the log has a gap where the window from `{enter}` to `{exit}` s begins or ends")]
+    Gap {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+    },
     /// The exit is not after the entry.
     #[error("the exit at `{exit}` s is not after the entry at `{enter}` s")]
     ExitBeforeEntry {
@@ -58,14 +66,6 @@ pub enum TrialError {
         wanted: usize,
         /// Frames found.
         found: usize,
-    },
-    /// The tare window reaches into the trial's.
-    #[error("the tare ends at `{tare_end}` s, after the entry at `{enter}` s")]
-    TareInWindow {
-        /// Time of the last frame of the tare, s.
-        tare_end: f64,
-        /// Entry, s.
-        enter: f64,
     },
     /// The sensors are not those of the calibration.
     #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]

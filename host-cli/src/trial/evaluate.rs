@@ -11,7 +11,7 @@ use super::error::TrialError;
 use super::forces::Forces;
 use super::grid::missing_rows;
 use super::integral::{Span, rows_within};
-use super::leg::{Strides, unwrap};
+use super::leg::{STILL_RAD, Strides, unwrap};
 use super::options::{TraceExtent, TrialOptions};
 use super::power::Power;
 use super::profile::Profile;
@@ -57,12 +57,7 @@ pub fn evaluate(
     let times = &stretch.times_s;
     let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
     let span_of = |from, to| Span::new(options.rule, times, from, to);
-    let span = span_of(enter, exit).ok_or(TrialError::OutsideLog {
-        enter,
-        exit,
-        first: clock.first_s,
-        last: clock.last_s,
-    })?;
+    let span = span_of(enter, exit).ok_or(TrialError::Gap { enter, exit })?;
     let mut remarks: Vec<Remark> = trial.notes.iter().cloned().map(Remark::Manifest).collect();
     let window = rows_within(times, enter, exit);
 
@@ -79,6 +74,9 @@ pub fn evaluate(
     let right_leg = leg(Telemetry::RightLeg);
     let strides = right_leg.as_ref().map(|angle| Strides::new(times, angle, enter, exit));
     remark_rows(stretch, window.clone(), clock, &mut remarks);
+    if let Some(tare) = tare.filter(|_| forces.is_some()) {
+        remark_tare(tare, profile, enter, &mut remarks);
+    }
     remark_frames(calibration, forces.as_ref(), window.clone(), options, &mut remarks);
     remark_legs(strides.as_ref(), &mut remarks);
 
@@ -221,10 +219,14 @@ fn find_forces(
     remarks: &mut Vec<Remark>,
 ) -> Result<Option<Forces>, TrialError> {
     let found = stretch.readings.len();
-    let Some(calibration) = calibration.filter(|_| found > 0) else {
-        remarks.push(if found > 0 { Remark::NoCalibration } else { Remark::NoSensors });
+    let Some(calibration) = calibration else {
+        remarks.push(Remark::NoCalibration);
         return Ok(None);
     };
+    if found == 0 {
+        remarks.push(Remark::NoSensors);
+        return Ok(None);
+    }
     let expected = calibration.model().channels;
     if found != expected {
         return Err(TrialError::Channels { expected, found });
@@ -274,6 +276,16 @@ fn remark_rows(
     let missing = missing_rows(&stretch.times_s[window], clock.period_s);
     if missing > 0 {
         remarks.push(Remark::MissingRows { missing, expected: rows + missing });
+    }
+}
+
+fn remark_tare(tare: &TareFrames, profile: &Profile, enter_s: f64, remarks: &mut Vec<Remark>) {
+    let (turned_rad, end_s) = (tare.turned_rad(profile.telemetry.leg_rad_per_count), tare.end_s());
+    if turned_rad > STILL_RAD {
+        remarks.push(Remark::MovingTare { turned_rad, end_s });
+    }
+    if end_s > enter_s {
+        remarks.push(Remark::LateTare { end_s });
     }
 }
 

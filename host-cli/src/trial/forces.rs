@@ -38,11 +38,20 @@ pub(super) fn design(
 }
 
 /// How far before the entry and after the exit rows are needed, s: what the filter remembers, with
-/// a tenth to spare as the rate may be known roughly.
-pub fn warm_up_s(options: &TrialOptions, clock: &Clock) -> Result<(f64, f64), TrialError> {
+/// a tenth to spare as `period_s`, the time from row to row, may be known roughly.
+///
+/// # Errors
+/// [`TrialError::Filter`] if there can be no such filter at any rate.
+pub fn warm_up_s(options: &TrialOptions, period_s: f64) -> Result<(f64, f64), TrialError> {
     let Some(low_pass) = options.low_pass else { return Ok((0.0, 0.0)) };
-    let samples = design(low_pass, clock, options)?.memory(FORGOTTEN) as f64;
-    let seconds = 1.1 * samples * clock.period_s;
+    // Well below the rate, memory is a matter of time alone; nearer, of samples.
+    let fine =
+        Butterworth::low_pass(low_pass.order, low_pass.cutoff_hz, 100.0 * low_pass.cutoff_hz)?;
+    let rate_hz = options.rate_hz.unwrap_or(1.0 / period_s);
+    let own = Butterworth::low_pass(low_pass.order, low_pass.cutoff_hz, rate_hz).ok();
+    let seconds = |design: &Butterworth, period_s: f64| design.memory(FORGOTTEN) as f64 * period_s;
+    let own = own.map_or(0.0, |design| seconds(&design, period_s));
+    let seconds = 1.1 * seconds(&fine, 1.0 / fine.rate_hz()).max(own);
     Ok((seconds, if low_pass.zero_phase { seconds } else { 0.0 }))
 }
 

@@ -9,7 +9,7 @@ use super::integral::Weights;
 const SPEED_OVER_S: f64 = 0.02;
 
 /// The angle that a leg has to move on for not to stand still, rad.
-const STILL_RAD: f64 = 0.1;
+pub(super) const STILL_RAD: f64 = 0.1;
 
 /// The angle of a leg at each row, rad, unwrapped, from an encoder that may start again at zero after
 /// a turn, or after 2³² counts.

@@ -17,6 +17,7 @@ mod forces;
 mod grid;
 mod integral;
 mod leg;
+pub mod manifest;
 mod options;
 mod phase;
 mod power;

@@ -78,12 +78,26 @@ pub enum Remark {
         /// When the tare ended, s.
         end_s: f64,
     },
+    /// The tare ends after the robot has entered the channel.
+    LateTare {
+        /// When the tare ended, s.
+        end_s: f64,
+    },
     /// The calibration carries no covariance: no intervals.
     NoIntervals,
     /// Rows that could not be read and were left out.
     SkippedRows {
         /// How many in the log.
         rows: u64,
+    },
+    /// The window was found in the forces.
+    FoundWindow {
+        /// Share of the slow variation of the drag that a stay in a channel explains, 0 to 1.
+        confidence: f64,
+        /// Standard error of entry and exit, s.
+        se_s: (f64, f64),
+        /// Whether it can be used without a look at it.
+        is_good: bool,
     },
     /// Something said by whoever made the manifest.
     Manifest(String),
@@ -95,6 +109,7 @@ impl Remark {
         match self {
             Self::RepeatedRows { .. } | Self::NoIntervals | Self::Manifest(_) => Severity::Note,
             Self::MissingRows { missing, expected } if missing * 100 < *expected => Severity::Note,
+            Self::FoundWindow { is_good: true, .. } => Severity::Note,
             _ => Severity::Warning,
         }
     }
@@ -114,8 +129,10 @@ impl Remark {
             Self::OutOfRange { .. } => "out_of_range",
             Self::Saturated { .. } => "saturated",
             Self::MovingTare { .. } => "moving_tare",
+            Self::LateTare { .. } => "late_tare",
             Self::NoIntervals => "no_intervals",
             Self::SkippedRows { .. } => "skipped_rows",
+            Self::FoundWindow { .. } => "found_window",
             Self::Manifest(_) => "manifest",
         }
     }
@@ -158,10 +175,19 @@ impl fmt::Display for Remark {
                 f,
                 "the right leg turns by {turned_rad:.1} rad while the tare is taken, up to {end_s:.3} s"
             ),
+            Self::LateTare { end_s } => {
+                write!(f, "the tare ends at {end_s:.3} s, after the robot has entered the channel")
+            }
             Self::NoIntervals => {
                 write!(f, "the calibration carries no covariance: intervals are left out")
             }
             Self::SkippedRows { rows } => write!(f, "{rows} bad rows are left out"),
+            Self::FoundWindow { confidence, se_s: (enter, exit), .. } => write!(
+                f,
+                "the window was found in the drag: confidence {:.0} %, entry ± {enter:.3} s, exit ± \
+                 {exit:.3} s",
+                100.0 * confidence
+            ),
             Self::Manifest(text) => f.write_str(text),
         }
     }

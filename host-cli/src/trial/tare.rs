@@ -1,6 +1,7 @@
 //! What is taken as unloaded.
 
 use super::error::TrialError;
+use super::leg::unwrap;
 use super::options::{Rule, TareRule};
 
 /// The frames that a tare is taken from, found while a log is read.
@@ -10,8 +11,10 @@ pub struct TareSearch {
     rows: Rule,
     /// Readings of the frames found, counts, one column a channel.
     readings: Vec<Vec<f64>>,
-    /// Time of the first and the last row looked at that counts, s.
-    span_s: Option<(f64, f64)>,
+    /// Time of each frame, s.
+    times_s: Vec<f64>,
+    /// Position of the right leg at each frame, counts; empty if not known.
+    leg: Vec<f64>,
     is_done: bool,
 }
 
@@ -20,17 +23,18 @@ pub struct TareSearch {
 pub struct TareFrames {
     /// Readings, counts, one column a channel.
     pub readings: Vec<Vec<f64>>,
-    /// Time of the first, s.
-    pub start_s: f64,
-    /// Time of the last, s.
-    pub end_s: f64,
+    /// Time of each, s.
+    pub times_s: Vec<f64>,
+    /// Position of the right leg at each, counts; empty if not known.
+    pub leg: Vec<f64>,
 }
 
 impl TareSearch {
     /// Nothing found yet.
     pub fn new(rule: TareRule, rows: Rule) -> Self {
         let is_done = rule == TareRule::Untared;
-        Self { rule, rows, readings: Vec::new(), span_s: None, is_done }
+        let (readings, times_s, leg) = Default::default();
+        Self { rule, rows, readings, times_s, leg, is_done }
     }
 
     /// Whether rows that end at `last_s` may be among what is looked for.
@@ -41,8 +45,15 @@ impl TareSearch {
         }
     }
 
-    /// Looks at the next rows that are wanted, in order.
-    pub fn look_at(&mut self, times_s: &[f64], readings: &[Vec<f64>], fresh: &[bool]) {
+    /// Looks at the next rows that are wanted, in order; `leg` is the position of the right leg, if
+    /// there is one.
+    pub fn look_at(
+        &mut self,
+        times_s: &[f64],
+        readings: &[Vec<f64>],
+        fresh: &[bool],
+        leg: Option<&[f64]>,
+    ) {
         self.readings.resize_with(readings.len(), Vec::new);
         for (row, &time) in times_s.iter().enumerate() {
             match self.rule {
@@ -62,7 +73,8 @@ impl TareSearch {
             for (column, readings) in self.readings.iter_mut().zip(readings) {
                 column.push(readings[row]);
             }
-            self.span_s = Some((self.span_s.map_or(time, |(start, _)| start), time));
+            self.times_s.push(time);
+            self.leg.extend(leg.map(|leg| leg[row]));
         }
     }
 
@@ -81,12 +93,26 @@ impl TareSearch {
             TareRule::First(frames) => frames,
             TareRule::Between(..) => 1,
         };
-        match self.span_s {
-            Some((start_s, end_s)) if found >= wanted => {
-                Ok(Some(TareFrames { readings: self.readings, start_s, end_s }))
-            }
-            _ => Err(TrialError::TareFrames { wanted, found }),
+        if found < wanted.max(1) {
+            return Err(TrialError::TareFrames { wanted, found });
         }
+        let Self { readings, times_s, leg, .. } = self;
+        Ok(Some(TareFrames { readings, times_s, leg }))
+    }
+}
+
+impl TareFrames {
+    /// Time of the last frame, s.
+    pub fn end_s(&self) -> f64 {
+        self.times_s.last().copied().unwrap_or(f64::NEG_INFINITY)
+    }
+
+    /// By how much the right leg moves, rad; 0 if that is not known.
+    pub(super) fn turned_rad(&self, rad_per_count: f64) -> f64 {
+        let angle = unwrap(&self.times_s[..self.leg.len()], &self.leg, rad_per_count);
+        let span = |(low, high): (f64, f64), a: &f64| (low.min(*a), high.max(*a));
+        let (low, high) = angle.iter().fold((f64::INFINITY, f64::NEG_INFINITY), span);
+        (high - low).max(0.0)
     }
 }
 
@@ -103,7 +129,7 @@ mod tests {
             let end = (start + 5).min(12);
             if search.wants(times[end - 1]) {
                 let piece = [readings[0][start..end].to_vec()];
-                search.look_at(&times[start..end], &piece, &fresh[start..end]);
+                search.look_at(&times[start..end], &piece, &fresh[start..end], None);
             }
         }
         search.finish()
@@ -113,7 +139,7 @@ mod tests {
     fn first_frames_count_once_by_time_and_rows_count_by_row() {
         let tare = search(TareRule::First(4), Rule::Time).unwrap().unwrap();
         assert_eq!(tare.readings, [[0.0, 1.0, 2.0, 3.0]]);
-        assert_eq!((tare.start_s, tare.end_s), (0.0, 6.0));
+        assert_eq!((tare.times_s[0], tare.end_s()), (0.0, 6.0));
         let tare = search(TareRule::First(4), Rule::Rows).unwrap().unwrap();
         assert_eq!(tare.readings, [[0.0, 0.0, 1.0, 1.0]]);
         assert_eq!(search(TareRule::Untared, Rule::Time), Ok(None));

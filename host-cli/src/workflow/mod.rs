@@ -1,6 +1,7 @@
 //! Whole tasks over logs: reading joined to the core, without printing and without files written.
 
 pub mod align;
+pub mod batch;
 pub mod bench;
 pub mod convert;
 pub mod eval;
@@ -11,6 +12,7 @@ pub mod sampling;
 pub mod selection;
 pub mod synthetic_trials;
 mod training_rows;
+pub mod trial;
 
 use std::path::PathBuf;
 

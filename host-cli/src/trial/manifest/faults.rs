@@ -1,0 +1,161 @@
+//! What is wrong between the rows of a manifest: duplicates, conditions that look mistyped.
+
+use std::collections::BTreeMap;
+
+use super::{Entry, Manifest, Moment, Place, Problem, did_you_mean, suggest};
+
+/// Something about a manifest that is not wrong, but may well be.
+pub type Remarkable = Problem;
+
+/// A row that cannot be evaluated, by its number among the manifest's rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fault {
+    /// The row, from 0.
+    pub row: usize,
+    /// What is wrong.
+    pub problem: Problem,
+}
+
+impl Manifest {
+    /// The rows that go against other rows: those whose window overlaps that of an earlier trial on
+    /// the same log, and those whose condition is none of the declared ones (`declared`, or what the
+    /// manifest itself says).
+    pub fn faults(&self, declared: Option<&[String]>) -> Vec<Fault> {
+        let declared = declared.or(self.conditions.as_deref());
+        let mut faults = Vec::new();
+        let mut before: BTreeMap<&str, Vec<&Entry>> = BTreeMap::new();
+        for (row, entry) in self.entries() {
+            let twin =
+                before.get(&*entry.file.value).into_iter().flatten().find(|e| overlap(e, entry));
+            if let Some(twin) = twin {
+                let message = format!(
+                    "overlaps the trial of line {}: the same log from {} to {}",
+                    twin.place.line,
+                    moment(twin.enter.value),
+                    moment(twin.exit.value)
+                );
+                let problem = Problem { place: entry.enter.place, message };
+                faults.push(Fault { row, problem });
+                continue;
+            }
+            before.entry(&entry.file.value).or_default().push(entry);
+            let condition = &entry.condition;
+            if let Some(declared) = declared.filter(|known| !known.contains(&condition.value)) {
+                let hint = did_you_mean(&condition.value, declared.iter().map(String::as_str));
+                let message = format!("`{}` is none of the conditions{hint}", condition.value);
+                faults.push(Fault { row, problem: Problem { place: condition.place, message } });
+            }
+        }
+        faults
+    }
+
+    /// Conditions that are likely mistyped: the same as another but for case, spaces and punctuation,
+    /// or there once only and one letter away from one that is there more often.
+    pub fn remarkable(&self) -> Vec<Remarkable> {
+        if self.conditions.is_some() {
+            return Vec::new();
+        }
+        let mut seen: BTreeMap<&str, (usize, Place)> = BTreeMap::new();
+        for (_, entry) in self.entries() {
+            seen.entry(&entry.condition.value).or_insert((0, entry.condition.place)).0 += 1;
+        }
+        let mut remarks = Vec::new();
+        for (&name, &(count, place)) in &seen {
+            let others = seen.iter().filter(|(other, _)| **other != name);
+            let like = others.filter(|(other, (often, _))| {
+                let same = plain(name) == plain(other) && (*often, **other) > (count, name);
+                let near = count == 1
+                    && *often > 1
+                    && name.chars().count() > 3
+                    && digits(name) == digits(other)
+                    && strsim::damerau_levenshtein(name, other) == 1;
+                same || near
+            });
+            if let Some(other) = suggest(name, like.map(|(other, _)| *other)) {
+                let message = format!("condition `{name}`, did you mean `{other}`?");
+                remarks.push(Problem { place, message });
+            }
+        }
+        remarks.sort_by_key(|problem| problem.place);
+        remarks
+    }
+
+    /// The rows that are trials to be evaluated, with their numbers.
+    fn entries(&self) -> impl Iterator<Item = (usize, &Entry)> {
+        let rows = self.rows.iter().enumerate();
+        rows.filter_map(|(row, entry)| Some((row, entry.as_ref().ok().filter(|e| !e.exclude)?)))
+    }
+}
+
+fn overlap(a: &Entry, b: &Entry) -> bool {
+    let start = |moment| if let Moment::At(time) = moment { time } else { f64::NEG_INFINITY };
+    let end = |moment| if let Moment::At(time) = moment { time } else { f64::INFINITY };
+    start(a.enter.value) < end(b.exit.value) && start(b.enter.value) < end(a.exit.value)
+}
+
+fn moment(moment: Moment) -> String {
+    match moment {
+        Moment::At(time) => format!("`{time}` s"),
+        Moment::Auto => "`auto`".to_owned(),
+    }
+}
+
+fn plain(name: &str) -> String {
+    name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
+}
+
+fn digits(name: &str) -> String {
+    name.chars().filter(char::is_ascii_digit).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn manifest(rows: &str) -> Manifest {
+        Manifest::parse(&format!("file,condition,t_enter_s,t_exit_s\n{rows}"), false).unwrap()
+    }
+
+    fn messages(problems: impl IntoIterator<Item = Problem>) -> Vec<String> {
+        problems.into_iter().map(|problem| problem.to_string()).collect()
+    }
+
+    #[test]
+    fn trials_that_overlap_on_one_log_are_told_and_others_are_not() {
+        let manifest =
+            manifest("a,x,1,3\nb,x,1,3\na,x,3,4\na,x,2.5,2.6\na,x,auto,0.5\nb,x,auto,auto\n");
+        let faults = messages(manifest.faults(None).into_iter().map(|fault| fault.problem));
+        assert_eq!(
+            faults,
+            [
+                "5:5: overlaps the trial of line 2: the same log from `1` s to `3` s",
+                "7:5: overlaps the trial of line 3: the same log from `1` s to `3` s"
+            ]
+        );
+    }
+
+    #[test]
+    fn declared_conditions_are_all_there_may_be() {
+        let manifest = manifest("a,free,1,3\nb,fre,1,3\n");
+        let declared = ["free".to_owned(), "3 cm".to_owned()];
+        let faults = messages(manifest.faults(Some(&declared)).into_iter().map(|f| f.problem));
+        assert_eq!(faults, ["3:3: `fre` is none of the conditions, did you mean `free`?"]);
+    }
+
+    #[test]
+    fn likely_slips_are_told_and_honest_conditions_are_not() {
+        let slips =
+            manifest("a,free,1,3\nb,free,1,3\nc,fere,1,3\nd,3 cm,1,3\ne,3cm,1,3\nf,3 cm,1,3\n");
+        assert_eq!(
+            messages(slips.remarkable()),
+            [
+                "4:3: condition `fere`, did you mean `free`?",
+                "6:3: condition `3cm`, did you mean `3 cm`?"
+            ]
+        );
+        let honest = manifest(
+            "a,0,1,3\nb,0,1,3\nc,1,1,3\nd,free,1,3\ne,10 cm,1,3\nf,11 cm,1,3\ng,11 cm,1,3\n",
+        );
+        assert_eq!(messages(honest.remarkable()), [""; 0]);
+    }
+}

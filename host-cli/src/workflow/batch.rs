@@ -1,0 +1,266 @@
+//! All trials of a manifest: in parallel, in order, and none held up by another that is bad.
+
+use std::path::{Path, PathBuf};
+
+use super::trial::{Evaluated, Instrument, TrialLogError, evaluate_log, find_window};
+use crate::log_file::{Log, LogError, Mapping, ReadOptions};
+use crate::output::OutputError;
+use crate::pipeline::{self, Pieces};
+use crate::trial::manifest::{Entry, Manifest, Moment, Place, Problem};
+use crate::trial::{
+    ConditionRow, Per, Quantity, Remark, Sample, Trial, TrialError, TrialOptions, TrialResult,
+};
+
+/// How a batch is run.
+#[derive(Clone, Copy)]
+pub struct BatchOptions<'a> {
+    /// How trials are evaluated.
+    pub trial: TrialOptions,
+    /// What the columns of the logs are.
+    pub mapping: &'a Mapping,
+    /// How logs are read; `threads` is how many trials are evaluated at a time.
+    pub read: ReadOptions<'a>,
+    /// All the conditions that there may be, if that is known.
+    pub conditions: Option<&'a [String]>,
+    /// Told how many trials are done.
+    pub progress: Option<&'a (dyn Fn(usize) + Sync)>,
+}
+
+/// What came of a manifest.
+#[derive(Clone, Debug, Default)]
+pub struct Batch {
+    /// The trials that could be evaluated, in the order of the manifest.
+    pub trials: Vec<BatchTrial>,
+    /// The rows that could not.
+    pub failures: Vec<Failure>,
+    /// How many rows were to be left out.
+    pub excluded: usize,
+}
+
+/// A trial and its row in the manifest.
+#[derive(Clone, Debug)]
+pub struct BatchTrial {
+    /// Where the row is.
+    pub place: Place,
+    /// The log.
+    pub path: PathBuf,
+    /// Its results, and what the log was.
+    pub evaluated: Evaluated,
+}
+
+/// A row that could not be evaluated.
+#[derive(Clone, Debug)]
+pub struct Failure {
+    /// Where in the manifest.
+    pub place: Place,
+    /// The log, as the manifest names it; empty if it does not.
+    pub file: String,
+    /// Why.
+    pub message: String,
+}
+
+/// Why a row could not be evaluated.
+#[derive(Debug, thiserror::Error)]
+enum RowError {
+    #[error("{}", .0.message)]
+    Manifest(Problem),
+    #[error(transparent)]
+    Log(#[from] LogError),
+    #[error(transparent)]
+    Trial(#[from] TrialLogError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+/// Evaluates the trials of `manifest`, whose files are relative to `folder`. `keep` is given each
+/// result on the thread that has found it, to write what is too large to be held, and may take its
+/// trace; the results are in the order of the manifest, whatever the number of threads.
+pub fn run(
+    manifest: &Manifest,
+    folder: &Path,
+    instrument: Instrument<'_>,
+    options: &BatchOptions<'_>,
+    keep: impl Fn(Place, &mut TrialResult) -> Result<(), OutputError> + Sync,
+) -> Batch {
+    let mut rows: Vec<Result<&Entry, Problem>> =
+        manifest.rows.iter().map(|row| row.as_ref().map_err(Problem::clone)).collect();
+    for fault in manifest.faults(options.conditions) {
+        rows[fault.row] = Err(fault.problem);
+    }
+    let mut batch = Batch::default();
+    let mut done = 0;
+    let mut numbers = Numbers { next: 0, count: rows.len() };
+    let read = ReadOptions { progress: None, threads: 1, ..options.read };
+    let work = |number: &mut usize| -> Option<Result<BatchTrial, (usize, RowError)>> {
+        let number = *number;
+        let evaluated = match &rows[number] {
+            Ok(entry) if entry.exclude => return None,
+            Ok(entry) => evaluate_entry(entry, folder, instrument, options, &read),
+            Err(problem) => Err(RowError::Manifest(problem.clone())),
+        };
+        let kept = evaluated.and_then(|mut trial| {
+            keep(trial.place, &mut trial.evaluated.result)?;
+            Ok(trial)
+        });
+        Some(kept.map_err(|error| (number, error)))
+    };
+    let fold = |outcome| {
+        match outcome {
+            None => batch.excluded += 1,
+            Some(Ok(trial)) => batch.trials.push(trial),
+            Some(Err((number, error))) => {
+                batch.failures.push(failure(&rows[number], &manifest.rows[number], &error));
+            }
+        }
+        done += 1;
+        if let Some(progress) = options.progress {
+            progress(done);
+        }
+        Ok::<_, std::convert::Infallible>(())
+    };
+    let never = |never: std::convert::Infallible| match never {};
+    let Ok(()) = pipeline::run(&mut numbers, options.read.thread_count(), work, never, fold);
+    batch
+}
+
+/// The numbers of the rows.
+struct Numbers {
+    next: usize,
+    count: usize,
+}
+
+impl Pieces for Numbers {
+    type Piece = usize;
+    type Error = std::convert::Infallible;
+
+    fn ended(&self) -> bool {
+        self.next >= self.count
+    }
+
+    fn next(&mut self, piece: &mut usize) -> Result<bool, Self::Error> {
+        *piece = self.next;
+        self.next += 1;
+        Ok(*piece < self.count)
+    }
+}
+
+fn evaluate_entry(
+    entry: &Entry,
+    folder: &Path,
+    instrument: Instrument<'_>,
+    options: &BatchOptions<'_>,
+    read: &ReadOptions<'_>,
+) -> Result<BatchTrial, RowError> {
+    let path = folder.join(&entry.file.value);
+    let log = Log::open(&path, options.mapping)?;
+    let mut found = None;
+    let (enter, exit) = (entry.enter.value, entry.exit.value);
+    let (t_enter_s, t_exit_s) = match (enter, exit) {
+        (Moment::At(enter), Moment::At(exit)) => (enter, exit),
+        (enter, exit) => {
+            let unhashed = ReadOptions { checksum: false, ..*read };
+            let proposal = find_window(&log, instrument, &options.trial, &unhashed)?;
+            found = Some(Remark::FoundWindow {
+                confidence: proposal.confidence,
+                se_s: (proposal.t_enter_se_s, proposal.t_exit_se_s),
+                is_good: proposal.is_good(),
+            });
+            let at = |moment, proposed| if let Moment::At(time) = moment { time } else { proposed };
+            (at(enter, proposal.t_enter_s), at(exit, proposal.t_exit_s))
+        }
+    };
+    let trial = Trial {
+        file: entry.file.value.clone(),
+        condition: entry.condition.value.clone(),
+        t_enter_s,
+        t_exit_s,
+        velocity_m_s: entry.velocity_m_s.as_ref().map(|placed| placed.value),
+        mass_kg: entry.mass_kg.as_ref().map(|placed| placed.value),
+        channel_length_m: entry.channel_length_m.as_ref().map(|placed| placed.value),
+        notes: entry.notes.clone(),
+    };
+    let mut evaluated = evaluate_log(&log, &trial, instrument, &options.trial, read)?;
+    evaluated.result.remarks.extend(found);
+    Ok(BatchTrial { place: entry.place, path, evaluated })
+}
+
+/// Where in the manifest the fault of a row is, and what it is.
+fn failure(
+    row: &Result<&Entry, Problem>,
+    parsed: &Result<Entry, Problem>,
+    error: &RowError,
+) -> Failure {
+    let file = parsed.as_ref().map(|entry| entry.file.value.clone()).unwrap_or_default();
+    let place = match (row, error) {
+        (Err(problem), _) => problem.place,
+        (Ok(entry), RowError::Trial(TrialLogError::Trial(error))) => match error {
+            TrialError::OutsideLog { enter, first, .. } if enter < first => entry.enter.place,
+            TrialError::OutsideLog { .. } | TrialError::ExitBeforeEntry { .. } => entry.exit.place,
+            TrialError::Gap { .. } => entry.enter.place,
+            _ => entry.file.place,
+        },
+        (Ok(entry), RowError::Trial(TrialLogError::Window(_) | TrialLogError::NoForces)) => {
+            entry.enter.place
+        }
+        (Ok(entry), _) => entry.file.place,
+    };
+    let mut message = error.to_string();
+    let mut source = std::error::Error::source(error);
+    while let Some(cause) = source {
+        message += &format!(": {cause}");
+        source = cause.source();
+    }
+    Failure { place, file, message }
+}
+
+impl Batch {
+    /// The conditions, in the order in which the manifest names them first.
+    pub fn conditions(&self) -> Vec<&str> {
+        let mut conditions: Vec<&str> = Vec::new();
+        for row in self.trials.iter().map(|trial| &trial.evaluated.result.row) {
+            if !conditions.contains(&&*row.condition) {
+                conditions.push(&row.condition);
+            }
+        }
+        conditions
+    }
+
+    /// Statistics of every quantity in every condition, per trial and per stride; differences are
+    /// from `reference`.
+    pub fn statistics(&self, reference: Option<&str>, seed: u64) -> Vec<ConditionRow> {
+        let conditions = self.conditions();
+        let mut rows = Vec::new();
+        for per in Per::ALL {
+            for quantity in Quantity::ALL {
+                let sample = |condition: &str| self.sample(condition, per, quantity);
+                let reference = reference.map(|name| (name, sample(name)));
+                for &condition in &conditions {
+                    let sample = sample(condition);
+                    let Some(statistics) = sample.statistics(seed) else { continue };
+                    let other = reference.as_ref().filter(|(name, _)| *name != condition);
+                    let difference =
+                        other.and_then(|(name, other)| sample.difference(other, name, seed));
+                    let condition = condition.to_owned();
+                    rows.push(ConditionRow { condition, per, quantity, statistics, difference });
+                }
+            }
+        }
+        rows
+    }
+
+    /// The values of a quantity in a condition; strides of a trial belong together.
+    pub fn sample(&self, condition: &str, per: Per, quantity: Quantity) -> Sample {
+        let results = self.trials.iter().map(|trial| &trial.evaluated.result);
+        let mut sample = Sample::default();
+        for result in results.filter(|result| result.row.condition == condition) {
+            match per {
+                Per::Trial => sample.add_cluster(quantity.of_trial(&result.row)),
+                Per::Stride => {
+                    let strides = result.stride_rows.iter();
+                    sample.add_cluster(strides.filter_map(|stride| quantity.of_stride(stride)));
+                }
+            }
+        }
+        sample
+    }
+}
