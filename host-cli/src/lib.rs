@@ -3,7 +3,8 @@
 //! Three layers, arrows pointing inward only:
 //!
 //! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
-//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`telemetry`], [`trial`],
+//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`table`],
+//!   [`telemetry`], [`trial`],
 //!   [`plot`]: slices and matrices in, values out; no files, no clocks, no printing;
 //! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
 //!   [`output`]: the world to core types
@@ -54,6 +55,7 @@ pub mod survey;
 pub mod synthetic_block;
 pub mod synthetic_log;
 pub mod synthetic_trial;
+pub mod table;
 pub mod telemetry;
 pub mod trial;
 pub mod virtual_robot;
