@@ -5,9 +5,8 @@
 //! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
 //!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`telemetry`], [`trial`],
 //!   [`plot`], [`report`]: slices and matrices in, values out; no files, no clocks, no printing;
-//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
-//!   [`output`]: the world to core types
-//!   and back, and [`workflow`], which joins them to the core;
+//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`], [`tables`],
+//!   [`output`]: the world to core types and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
 //! From a training log to the wrench of a frame:
@@ -55,6 +54,7 @@ pub mod survey;
 pub mod synthetic_block;
 pub mod synthetic_log;
 pub mod synthetic_trial;
+pub mod table;
 pub mod telemetry;
 pub mod trial;
 pub mod virtual_robot;

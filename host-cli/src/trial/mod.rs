@@ -27,16 +27,17 @@ mod results;
 mod statistics;
 mod stretch;
 mod subject;
+pub mod tables;
 mod tare;
 mod toml_place;
 mod uncertainty;
+mod value_table;
+mod window;
 
 pub use error::TrialError;
 pub use evaluate::{check_window, evaluate};
 pub use forces::warm_up_s;
 pub use options::{LowPass, Rule, TareRule, TraceExtent, TrialOptions};
-mod window;
-
 pub use phase::{PHASES, PhaseForce, PhaseProfile};
 pub use profile::{Channel, Motor, Profile, Robot, TelemetryScales, VELOCIROACH};
 pub use remark::{Remark, Severity};
@@ -46,4 +47,5 @@ pub use stretch::{Clock, Stretch};
 pub use subject::Trial;
 pub use tare::{TareFrames, TareSearch};
 pub use toml_place::TomlError;
+pub use value_table::{ValueRow, ValueTable};
 pub use window::{GOOD_CONFIDENCE, NoWindow, Proposal, propose_window};

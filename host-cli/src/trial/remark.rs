@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
+use super::window::Proposal;
+
 /// How much a remark matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -104,6 +106,15 @@ pub enum Remark {
 }
 
 impl Remark {
+    /// That the window is `proposal`.
+    pub fn found_window(proposal: &Proposal) -> Self {
+        Self::FoundWindow {
+            confidence: proposal.confidence,
+            se_s: (proposal.t_enter_se_s, proposal.t_exit_se_s),
+            is_good: proposal.is_good(),
+        }
+    }
+
     /// How much it matters.
     pub fn severity(&self) -> Severity {
         match self {

@@ -1,6 +1,7 @@
 //! All trials of a manifest: in parallel, in order, and none held up by another that is bad.
 
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use super::trial::{Evaluated, Instrument, TrialLogError, evaluate_log, find_window};
 use crate::log_file::{Log, LogError, Mapping, ReadOptions};
@@ -22,6 +23,9 @@ pub struct BatchOptions<'a> {
     pub read: ReadOptions<'a>,
     /// All the conditions that there may be, if that is known.
     pub conditions: Option<&'a [String]>,
+    /// What came of the manifest before: a trial whose row and log are the same is not evaluated
+    /// again.
+    pub before: Option<&'a Batch>,
     /// Told how many trials are done.
     pub progress: Option<&'a (dyn Fn(usize) + Sync)>,
 }
@@ -46,6 +50,8 @@ pub struct BatchTrial {
     pub path: PathBuf,
     /// Its results, and what the log was.
     pub evaluated: Evaluated,
+    entry: Entry,
+    stamp: Stamp,
 }
 
 /// A row that could not be evaluated.
@@ -57,6 +63,15 @@ pub struct Failure {
     pub file: String,
     /// Why.
     pub message: String,
+}
+
+/// What tells that a file is still the same: when it was written, and how long it is.
+pub type Stamp = Option<(SystemTime, u64)>;
+
+/// The stamp of a file; `None` if there is no such file.
+pub fn stamp(path: &Path) -> Stamp {
+    let metadata = std::fs::metadata(path).ok()?;
+    Some((metadata.modified().ok()?, metadata.len()))
 }
 
 /// Why a row could not be evaluated.
@@ -152,6 +167,11 @@ fn evaluate_entry(
     read: &ReadOptions<'_>,
 ) -> Result<BatchTrial, RowError> {
     let path = folder.join(&entry.file.value);
+    let stamp = stamp(&path);
+    let same = |trial: &&BatchTrial| trial.entry == *entry && trial.stamp == stamp;
+    if let Some(same) = options.before.and_then(|before| before.trials.iter().find(same)) {
+        return Ok(same.clone());
+    }
     let log = Log::open(&path, options.mapping)?;
     let mut found = None;
     let (enter, exit) = (entry.enter.value, entry.exit.value);
@@ -160,11 +180,7 @@ fn evaluate_entry(
         (enter, exit) => {
             let unhashed = ReadOptions { checksum: false, ..*read };
             let proposal = find_window(&log, instrument, &options.trial, &unhashed)?;
-            found = Some(Remark::FoundWindow {
-                confidence: proposal.confidence,
-                se_s: (proposal.t_enter_se_s, proposal.t_exit_se_s),
-                is_good: proposal.is_good(),
-            });
+            found = Some(Remark::found_window(&proposal));
             let at = |moment, proposed| if let Moment::At(time) = moment { time } else { proposed };
             (at(enter, proposal.t_enter_s), at(exit, proposal.t_exit_s))
         }
@@ -181,7 +197,7 @@ fn evaluate_entry(
     };
     let mut evaluated = evaluate_log(&log, &trial, instrument, &options.trial, read)?;
     evaluated.result.remarks.extend(found);
-    Ok(BatchTrial { place: entry.place, path, evaluated })
+    Ok(BatchTrial { place: entry.place, path, evaluated, entry: entry.clone(), stamp })
 }
 
 /// Where in the manifest the fault of a row is, and what it is.

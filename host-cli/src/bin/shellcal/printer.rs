@@ -76,6 +76,11 @@ impl Printer {
         self.talk(&format!("warning: {}", text.as_ref()));
     }
 
+    /// Reports what could not be done among other things that could.
+    pub(crate) fn failure(&mut self, text: impl AsRef<str>) {
+        self.talk(&format!("error: {}", text.as_ref()));
+    }
+
     /// Reports why the command could not run.
     pub(crate) fn error(&mut self, error: &anyhow::Error, hint: Option<&str>) {
         self.talk(&format!("error: {error:#}"));
@@ -94,6 +99,14 @@ impl Printer {
             bar.set_draw_target(ProgressDrawTarget::stderr());
             bar.enable_steady_tick(Duration::from_millis(200));
         }
+        bar
+    }
+
+    /// A progress bar over `count` things on stderr, likewise.
+    pub(crate) fn progress_of(&self, things: &str, count: u64) -> ProgressBar {
+        let bar = self.progress(things, count);
+        let style = "{wide_bar} {pos}/{len} {msg} {eta}";
+        bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
         bar
     }
 

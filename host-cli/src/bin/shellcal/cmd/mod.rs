@@ -23,6 +23,7 @@ mod simulate_board;
 mod synth;
 mod synth_pair;
 mod synth_trial;
+mod trials;
 mod validation;
 
 use std::process::ExitCode;
@@ -43,6 +44,10 @@ pub(crate) enum Command {
     Eval(Box<eval::EvalArgs>),
     Convert(Box<convert::ConvertArgs>),
     Noise(noise::NoiseArgs),
+    Trial(Box<trials::trial::TrialArgs>),
+    Batch(Box<trials::batch::BatchArgs>),
+    Stats(trials::stats::StatsArgs),
+    Profile(trials::profile::ProfileArgs),
     Import(import::ImportArgs),
     Bench(bench::BenchArgs),
     Synth(synth::SynthArgs),
@@ -70,6 +75,10 @@ impl Command {
             Command::Eval(args) => args.run(printer),
             Command::Convert(args) => args.run(printer),
             Command::Noise(args) => args.run(printer),
+            Command::Trial(args) => args.run(printer),
+            Command::Batch(args) => args.run(printer),
+            Command::Stats(args) => args.run(printer),
+            Command::Profile(args) => args.run(printer),
             Command::Import(args) => args.run(printer),
             Command::Bench(args) => args.run(printer),
             Command::Synth(args) => args.run(printer),

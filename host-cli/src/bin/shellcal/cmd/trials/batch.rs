@@ -1,0 +1,269 @@
+//! `shellcal batch`: all trials of a manifest.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use serde::Serialize;
+use shellcal::trial::manifest::{Manifest, suggest};
+use shellcal::trial::{ConditionRow, TraceExtent, TrialOptions, TrialResult};
+use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
+
+use super::evaluation::{Equipment, EvaluationArgs};
+use super::outputs::OutputArgs;
+use super::{show, watch};
+use crate::cmd::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal batch manifest.csv --calibration calibration.json --csv results
+  shellcal batch manifest.csv --calibration calibration.json --reference free --traces traces
+  shellcal batch manifest.toml --calibration calibration.json --json > results.json
+
+A manifest is CSV with the columns file, condition, t_enter_s, t_exit_s and, if wanted,
+velocity_m_s, mass_kg, channel_length_m, notes, exclude; or TOML with the same keys in [[trial]]
+tables. Times are in s on the log's clock, or `auto`. Files are relative to the manifest.";
+
+/// Evaluate all trials of a manifest: per trial, per stride, and by condition
+///
+/// One bad trial does not hold up the others: it is told, left out, and the exit code is 1.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct BatchArgs {
+    /// Which trials there are: CSV, or TOML if it is called so
+    #[arg(value_name = "MANIFEST")]
+    manifest: PathBuf,
+
+    /// The condition that the others are compared with
+    #[arg(long, value_name = "NAME")]
+    reference: Option<String>,
+
+    /// All the conditions that there may be; any other is an error
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    conditions: Option<Vec<String>>,
+
+    /// What the bootstrap draws its samples from
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+
+    /// Stay, and evaluate anew what changes: manifest, logs, calibration or profile
+    #[arg(long)]
+    watch: bool,
+
+    #[command(flatten)]
+    output: OutputArgs,
+
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
+}
+
+/// What `--json` says.
+#[derive(Serialize)]
+struct Document<'a> {
+    manifest: &'a Path,
+    calibration: Option<&'a Path>,
+    profile: &'a shellcal::trial::Profile,
+    options: TrialOptions,
+    trials: Vec<TrialDocument<'a>>,
+    failures: Vec<FailureDocument<'a>>,
+    excluded: usize,
+    warnings: &'a [String],
+    conditions: &'a [ConditionRow],
+}
+
+#[derive(Serialize)]
+struct TrialDocument<'a> {
+    line: usize,
+    checksum: Option<&'a str>,
+    #[serde(flatten)]
+    result: &'a TrialResult,
+}
+
+#[derive(Serialize)]
+struct FailureDocument<'a> {
+    line: usize,
+    column: usize,
+    file: &'a str,
+    message: &'a str,
+}
+
+/// What came of a run.
+struct Run {
+    batch: Batch,
+    conditions: Vec<ConditionRow>,
+    /// What is likely wrong with the manifest.
+    warnings: Vec<String>,
+}
+
+impl BatchArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        self.output.prepare()?;
+        if !self.watch {
+            return self.once(printer, None).map(|(_, outcome)| outcome);
+        }
+        if printer.json() {
+            bail!("`--watch` prints tables again and again, `--json` one document");
+        }
+        let mut before: Option<(Vec<Stamp>, Batch)> = None;
+        let files = || self.watched();
+        watch::run(printer, files, |printer| {
+            let equipment: Vec<Stamp> = self.evaluation.files().map(stamp).collect();
+            // Under another calibration or profile all results are others.
+            let kept = before.take().filter(|(files, _)| *files == equipment);
+            match self.once(printer, kept.as_ref().map(|(_, batch)| batch)) {
+                Ok((batch, _)) => before = Some((equipment, batch)),
+                Err(error) => printer.error(&error, None),
+            }
+        })
+    }
+
+    /// The files that the results depend on.
+    fn watched(&self) -> Vec<PathBuf> {
+        let folder = self.folder();
+        let logs = self.read_manifest().map(|manifest| {
+            let entries = manifest.rows.into_iter().flatten();
+            entries.map(|entry| folder.join(entry.file.value)).collect::<Vec<_>>()
+        });
+        let own = self.evaluation.files().map(Path::to_path_buf);
+        let own = own.chain([self.manifest.clone()]);
+        own.chain(logs.unwrap_or_default()).collect()
+    }
+
+    fn folder(&self) -> &Path {
+        self.manifest.parent().unwrap_or(Path::new(""))
+    }
+
+    fn read_manifest(&self) -> anyhow::Result<Manifest> {
+        let path = self.manifest.display();
+        let text = std::fs::read_to_string(&self.manifest)
+            .with_context(|| format!("cannot read `{path}`"))?;
+        let is_toml = self.manifest.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+        Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{path}:{problem}"))
+    }
+
+    fn once(
+        &self,
+        printer: &mut Printer,
+        before: Option<&Batch>,
+    ) -> anyhow::Result<(Batch, Outcome)> {
+        let equipment = self.evaluation.equipment()?;
+        let manifest = self.read_manifest()?;
+        self.check_reference(&manifest)?;
+        let run = self.evaluate(printer, &manifest, &equipment, before)?;
+        let is_whole = run.batch.failures.is_empty();
+        self.show(printer, &equipment, &run)?;
+        Ok((run.batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
+    }
+
+    fn options(&self) -> TrialOptions {
+        self.evaluation.options(match self.output.traces {
+            Some(_) => TraceExtent::Window,
+            None => TraceExtent::Nothing,
+        })
+    }
+
+    fn evaluate(
+        &self,
+        printer: &mut Printer,
+        manifest: &Manifest,
+        equipment: &Equipment,
+        before: Option<&Batch>,
+    ) -> anyhow::Result<Run> {
+        let bar = printer.progress_of("trials", manifest.rows.len() as u64);
+        let progress = |done: usize| bar.set_position(done as u64);
+        let options = BatchOptions {
+            trial: self.options(),
+            mapping: &equipment.mapping,
+            read: self.evaluation.read_options(),
+            conditions: self.conditions.as_deref(),
+            before,
+            progress: Some(&progress),
+        };
+        let batch = batch::run(
+            manifest,
+            self.folder(),
+            equipment.instrument(),
+            &options,
+            |place, result| self.output.write_trace(place, result),
+        );
+        bar.finish_and_clear();
+        let conditions = batch.statistics(self.reference.as_deref(), self.seed);
+        self.output.write_tables(&batch, &conditions)?;
+        let warnings = match self.conditions {
+            Some(_) => Vec::new(),
+            None => {
+                let path = self.manifest.display();
+                manifest.remarkable().iter().map(|problem| format!("{path}:{problem}")).collect()
+            }
+        };
+        Ok(Run { batch, conditions, warnings })
+    }
+
+    fn check_reference(&self, manifest: &Manifest) -> anyhow::Result<()> {
+        let Some(reference) = &self.reference else { return Ok(()) };
+        let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
+        let names: Vec<&str> = entries.map(|entry| &*entry.condition.value).collect();
+        if names.contains(&&**reference) {
+            return Ok(());
+        }
+        let hint = suggest(reference, names);
+        let hint = hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
+        bail!("no trial has the condition `{reference}` of `--reference`{hint}")
+    }
+
+    fn show(&self, printer: &mut Printer, equipment: &Equipment, run: &Run) -> anyhow::Result<()> {
+        let Run { batch, conditions, warnings } = run;
+        let manifest = self.manifest.display();
+        let results: Vec<_> = batch
+            .trials
+            .iter()
+            .map(|trial| (format!("{manifest}:{}", trial.place.line), &trial.evaluated.result))
+            .collect();
+        show::remarks(printer, &results);
+        warnings.iter().for_each(|warning| printer.warning(warning));
+        for failure in &batch.failures {
+            let file = match failure.file.is_empty() {
+                true => String::new(),
+                false => format!("`{}`: ", failure.file),
+            };
+            // Reading errors name the file themselves.
+            let file = if failure.message.contains(&failure.file) { "" } else { &file };
+            printer.failure(format!("{manifest}:{}: {file}{}", failure.place, failure.message));
+        }
+        let bad = batch.failures.len();
+        if bad > 0 {
+            let of = batch.trials.len() + bad;
+            printer.failure(format!("{bad} of {of} trials could not be evaluated"));
+        }
+        if batch.excluded > 0 {
+            printer.note(format!("{} trials are left out, as the manifest says", batch.excluded));
+        }
+        if printer.json() {
+            let trials = batch.trials.iter().map(|trial| TrialDocument {
+                line: trial.place.line,
+                checksum: trial.evaluated.checksum.as_deref(),
+                result: &trial.evaluated.result,
+            });
+            let failures = batch.failures.iter().map(|failure| FailureDocument {
+                line: failure.place.line,
+                column: failure.place.column,
+                file: &failure.file,
+                message: &failure.message,
+            });
+            return printer.document(&Document {
+                manifest: &self.manifest,
+                calibration: self.evaluation.calibration(),
+                profile: &equipment.profile,
+                options: self.options(),
+                trials: trials.collect(),
+                failures: failures.collect(),
+                excluded: batch.excluded,
+                warnings,
+                conditions,
+            });
+        }
+        let results: Vec<&TrialResult> = results.into_iter().map(|(_, result)| result).collect();
+        show::trials(printer, &results)?;
+        show::conditions(printer, conditions)
+    }
+}

@@ -1,0 +1,25 @@
+//! `shellcal profile`: the built-in robot profile, to start another from.
+
+use shellcal::trial::{Profile, VELOCIROACH};
+
+use crate::cmd::Outcome;
+use crate::printer::Printer;
+
+/// Print the built-in robot profile, with the source of every constant
+///
+/// To evaluate trials of another robot, keep it in a file, change it there, and name that file with
+/// `--profile`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  shellcal profile > robot.toml")]
+pub(crate) struct ProfileArgs {}
+
+impl ProfileArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        if printer.json() {
+            printer.document(&Profile::velociroach())?;
+        } else {
+            printer.line(VELOCIROACH.trim_end())?;
+        }
+        Ok(Outcome::Done)
+    }
+}

@@ -1,0 +1,192 @@
+//! Results on the terminal.
+
+use std::collections::BTreeMap;
+
+use shellcal::trial::{
+    ConditionRow, Difference, Interval, Per, Quantity, Remark, Severity, Statistics, StrideRow,
+    TrialResult, TrialRow,
+};
+
+use crate::printer::Printer;
+
+/// What there is not.
+const NOTHING: &str = "–";
+
+/// One row a trial.
+pub(super) fn trials(printer: &mut Printer, results: &[&TrialResult]) -> anyhow::Result<()> {
+    let header = [
+        "trial",
+        "condition",
+        "window (s)",
+        "v (m/s)",
+        "drag (N)",
+        "lift (N)",
+        "drag energy (mJ)",
+        "95 % interval",
+        "electrical (J)",
+        "spec. resistance",
+        "strides",
+    ];
+    let rows = results.iter().map(|result| trial(&result.row)).collect::<Vec<_>>();
+    printer.table(&header, &rows)
+}
+
+fn trial(row: &TrialRow) -> Vec<String> {
+    vec![
+        row.file.clone(),
+        row.condition.clone(),
+        format!("{:.3} to {:.3}", row.t_enter_s, row.t_exit_s),
+        format!("{:.3}", row.velocity_m_s),
+        number(row.drag_mean_n, 4),
+        number(row.lift_mean_n, 4),
+        number(row.drag_energy_j.map(|energy| 1e3 * energy), 2),
+        interval(row.drag_energy_95_j, 1e3, 2),
+        number(row.electrical_energy_j, 3),
+        number(row.specific_resistance, 2),
+        row.strides.map_or_else(|| NOTHING.to_owned(), |strides| strides.to_string()),
+    ]
+}
+
+/// One row a stride.
+pub(super) fn strides(printer: &mut Printer, strides: &[StrideRow]) -> anyhow::Result<()> {
+    let header = [
+        "stride",
+        "start (s)",
+        "period (s)",
+        "drag (N)",
+        "lift (N)",
+        "drag energy (mJ)",
+        "electrical (J)",
+        "spec. resistance",
+    ];
+    let row = |stride: &StrideRow| {
+        vec![
+            stride.stride.to_string(),
+            format!("{:.4}", stride.t_start_s),
+            format!("{:.4}", stride.period_s),
+            number(stride.drag_mean_n, 4),
+            number(stride.lift_mean_n, 4),
+            number(stride.drag_energy_j.map(|energy| 1e3 * energy), 3),
+            number(stride.electrical_energy_j, 4),
+            number(stride.specific_resistance, 2),
+        ]
+    };
+    printer.table(&header, &strides.iter().map(row).collect::<Vec<_>>())
+}
+
+/// One table a quantity, per trial and per stride.
+pub(super) fn conditions(printer: &mut Printer, rows: &[ConditionRow]) -> anyhow::Result<()> {
+    for quantity in [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance]
+    {
+        for per in Per::ALL {
+            let wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == per;
+            let rows: Vec<_> = rows.iter().filter(wanted).collect();
+            if rows.is_empty() {
+                continue;
+            }
+            let (unit, factor) = match quantity.unit() {
+                "J" if quantity == Quantity::DragEnergy => (" (mJ)", 1e3),
+                "J" => (" (J)", 1.0),
+                _ => ("", 1.0),
+            };
+            printer.line("")?;
+            printer.line(format!("{}{unit} per {}", quantity.name(), per.name()))?;
+            let numbers: Vec<_> = rows
+                .iter()
+                .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
+                .collect();
+            statistics(printer, &numbers, factor)?;
+        }
+    }
+    Ok(())
+}
+
+/// The numbers of a condition.
+pub(super) type Numbers<'a> = (&'a str, &'a Statistics, Option<&'a Difference>);
+
+/// The numbers of some conditions, times `factor`.
+pub(super) fn statistics(
+    printer: &mut Printer,
+    rows: &[Numbers<'_>],
+    factor: f64,
+) -> anyhow::Result<()> {
+    let mut header = vec![
+        "condition",
+        "n",
+        "mean",
+        "95 % interval",
+        "sd",
+        "quartiles",
+        "median",
+        "whiskers",
+        "outliers",
+    ];
+    let reference = rows.iter().find_map(|(_, _, difference)| *difference);
+    let name = reference.map(|difference| format!("less {}", difference.reference));
+    if let Some(name) = &name {
+        header.extend([name.as_str(), "its interval"]);
+    }
+    let decimals = decimals(rows.iter().map(|(_, s, _)| factor * s.mean));
+    let row = |(condition, s, difference): &Numbers<'_>| {
+        let range = |low, high| interval(Some(Interval { low, high }), factor, decimals);
+        let mut cells = vec![
+            (*condition).to_owned(),
+            s.n.to_string(),
+            number(Some(factor * s.mean), decimals),
+            interval(s.mean_95, factor, decimals),
+            number(s.sd.map(|sd| factor * sd), decimals),
+            range(s.q1, s.q3),
+            number(Some(factor * s.median), decimals),
+            range(s.whisker_low, s.whisker_high),
+            s.outliers.len().to_string(),
+        ];
+        if name.is_some() {
+            cells.push(number(difference.map(|d| factor * d.mean), decimals));
+            cells.push(interval(difference.and_then(|d| d.mean_95), factor, decimals));
+        }
+        cells
+    };
+    printer.table(&header, &rows.iter().map(row).collect::<Vec<_>>())
+}
+
+/// Three digits or so of the largest of some values.
+fn decimals(values: impl Iterator<Item = f64>) -> usize {
+    let largest = values.fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    (1..=6).find(|&decimals| largest * 10_f64.powi(decimals) >= 100.0).unwrap_or(6) as usize
+}
+
+/// Says what to know about the results on stderr: remarks of a kind once, for the first trial that
+/// has it, and in how many others it is the same. `places` are where the trials are said.
+pub(super) fn remarks(printer: &mut Printer, results: &[(String, &TrialResult)]) {
+    let mut kinds: BTreeMap<(Severity, &str), Vec<(&str, &Remark)>> = BTreeMap::new();
+    for (place, result) in results {
+        for remark in &result.remarks {
+            kinds.entry((remark.severity(), remark.code())).or_default().push((place, remark));
+        }
+    }
+    for ((severity, _), remarks) in kinds {
+        let (place, first) = remarks[0];
+        let more = match remarks.len() {
+            1 => String::new(),
+            trials => format!(" (and the like in {} more)", trials - 1),
+        };
+        let text = format!("{place}: {first}{more}");
+        match severity {
+            Severity::Note => printer.note(text),
+            Severity::Warning => printer.warning(text),
+        }
+    }
+}
+
+fn number(value: Option<f64>, decimals: usize) -> String {
+    value.map_or_else(|| NOTHING.to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+fn interval(interval: Option<Interval>, factor: f64, decimals: usize) -> String {
+    interval.map_or_else(
+        || NOTHING.to_owned(),
+        |Interval { low, high }| {
+            format!("{:.decimals$} to {:.decimals$}", factor * low, factor * high)
+        },
+    )
+}

@@ -1,0 +1,80 @@
+//! `shellcal stats`: statistics of a table of values by condition.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use shellcal::trial::ValueTable;
+use shellcal::trial::manifest::suggest;
+
+use super::show;
+use crate::cmd::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal stats specific_resistance_per_stride.csv
+  shellcal stats results/strides.csv --by condition --trial file --reference free";
+
+/// Statistics of a table of values by condition: mean, interval, quartiles, whiskers, differences
+///
+/// One table for each column of numbers. Quartiles are those of NumPy and matplotlib (type 7),
+/// whiskers Tukey's, intervals BCa bootstrap intervals of the mean.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct StatsArgs {
+    /// Table, as CSV with a header
+    #[arg(value_name = "TABLE")]
+    table: PathBuf,
+
+    /// The column of conditions [default: the first]
+    #[arg(long, value_name = "COLUMN")]
+    by: Option<String>,
+
+    /// The column that says which rows are of one trial, and so resemble each other
+    #[arg(long, value_name = "COLUMN")]
+    trial: Option<String>,
+
+    /// The condition that the others are compared with
+    #[arg(long, value_name = "NAME")]
+    reference: Option<String>,
+
+    /// What the bootstrap draws its samples from
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+impl StatsArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let path = self.table.display();
+        let text = std::fs::read_to_string(&self.table)
+            .with_context(|| format!("cannot read `{path}`"))?;
+        let table = ValueTable::parse(&text, self.by.as_deref(), self.trial.as_deref())
+            .map_err(|problem| anyhow::anyhow!("{path}:{problem}"))?;
+        if let Some(reference) = &self.reference {
+            let names: Vec<&str> = table.conditions.iter().map(|(name, _)| &**name).collect();
+            if !names.contains(&&**reference) {
+                let hint = suggest(reference, names);
+                let hint =
+                    hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
+                bail!("no row has the condition `{reference}` of `--reference`{hint}");
+            }
+        }
+        let rows = table.statistics(self.reference.as_deref(), self.seed);
+        if printer.json() {
+            printer.document(&rows)?;
+            return Ok(Outcome::Done);
+        }
+        for (at, quantity) in table.quantities.iter().enumerate() {
+            if at > 0 {
+                printer.line("")?;
+            }
+            printer.line(format!("{quantity} by {}", table.by))?;
+            let rows = rows.iter().filter(|row| row.quantity == *quantity);
+            let numbers: Vec<_> = rows
+                .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
+                .collect();
+            show::statistics(printer, &numbers, 1.0)?;
+        }
+        Ok(Outcome::Done)
+    }
+}

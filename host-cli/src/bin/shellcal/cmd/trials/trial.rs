@@ -1,0 +1,144 @@
+//! `shellcal trial`: the results of one trial.
+
+use std::path::PathBuf;
+
+use anyhow::bail;
+use serde::Serialize;
+use shellcal::log_file::{Log, ReadOptions};
+use shellcal::output::{AtomicFile, write_atomically};
+use shellcal::trial::tables::{strides_table, trace_table};
+use shellcal::trial::{Remark, TraceExtent, Trial, TrialOptions, TrialResult};
+use shellcal::workflow::trial::{evaluate_log, find_window};
+
+use super::evaluation::EvaluationArgs;
+use super::show;
+use crate::cmd::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal trial run3.txt --enter 4.2 --exit 8.9 --calibration calibration.json
+  shellcal trial run3.txt --calibration calibration.json --trace run3.trace.csv
+  shellcal trial run3.txt --enter 4.2 --exit 8.9 --mass 0.091";
+
+/// Evaluate one trial: drag, lift, energies and specific resistance, and those of its strides
+///
+/// Without `--enter` and `--exit` the window is looked for in the drag.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct TrialArgs {
+    /// Log of the trial, plain or gzip
+    #[arg(value_name = "LOG")]
+    log: PathBuf,
+
+    /// When the robot enters the channel, on the log's clock
+    #[arg(long, value_name = "S", requires = "exit", allow_negative_numbers = true)]
+    enter: Option<f64>,
+
+    /// When it leaves
+    #[arg(long, value_name = "S", requires = "enter", allow_negative_numbers = true)]
+    exit: Option<f64>,
+
+    /// Mean velocity, in m/s [default: channel length over the time in it]
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
+    velocity: Option<f64>,
+
+    /// Mass, in kg [default: the profile's]
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    mass: Option<f64>,
+
+    /// Length of the channel, in m [default: the profile's]
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    channel_length: Option<f64>,
+
+    /// Write what happened in the window, row by row, as CSV
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+
+    /// Let the trace run over the whole log
+    #[arg(long, requires = "trace")]
+    whole_log: bool,
+
+    /// Write the strides as CSV
+    #[arg(long, value_name = "FILE")]
+    strides: Option<PathBuf>,
+
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
+}
+
+/// What `--json` says.
+#[derive(Serialize)]
+struct Document<'a> {
+    #[serde(flatten)]
+    result: &'a TrialResult,
+    checksum: Option<&'a str>,
+    options: TrialOptions,
+    profile: &'a shellcal::trial::Profile,
+}
+
+impl TrialArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let equipment = self.evaluation.equipment()?;
+        let instrument = equipment.instrument();
+        let trace = match (&self.trace, self.whole_log) {
+            (None, _) => TraceExtent::Nothing,
+            (Some(_), false) => TraceExtent::Window,
+            (Some(_), true) => TraceExtent::Log,
+        };
+        let options = self.evaluation.options(trace);
+        let log = Log::open(&self.log, &equipment.mapping)?;
+        let trace_file = self.trace.as_ref().map(AtomicFile::create).transpose()?;
+        let read = self.evaluation.read_options();
+        let name = self.log.display().to_string();
+        let (window, found) = match self.enter.zip(self.exit) {
+            Some(window) => (window, None),
+            None if equipment.calibration.is_none() => {
+                bail!("without a calibration there is no drag to find the window in")
+            }
+            None => {
+                let unhashed = ReadOptions { checksum: false, ..read };
+                let proposal = find_window(&log, instrument, &options, &unhashed)?;
+                ((proposal.t_enter_s, proposal.t_exit_s), Some(Remark::found_window(&proposal)))
+            }
+        };
+        let trial = Trial {
+            file: name.clone(),
+            condition: String::new(),
+            t_enter_s: window.0,
+            t_exit_s: window.1,
+            velocity_m_s: self.velocity,
+            mass_kg: self.mass,
+            channel_length_m: self.channel_length,
+            notes: None,
+        };
+        let bar = printer.progress(&name, log.bytes());
+        let progress = |bytes| bar.set_position(bytes);
+        let read = ReadOptions { progress: Some(&progress), ..read };
+        let evaluated = evaluate_log(&log, &trial, instrument, &options, &read);
+        bar.finish_and_clear();
+        let mut evaluated = evaluated?;
+        evaluated.result.remarks.extend(found);
+        let result = &evaluated.result;
+        if let (Some(mut file), Some(trace)) = (trace_file, &result.trace) {
+            std::io::Write::write_all(&mut file, &trace_table(trace).to_csv())?;
+            file.commit()?;
+        }
+        if let Some(path) = &self.strides {
+            write_atomically(path, &strides_table(std::iter::once(result)).to_csv())?;
+        }
+        show::remarks(printer, &[(name, result)]);
+        if printer.json() {
+            let checksum = evaluated.checksum.as_deref();
+            let profile = &equipment.profile;
+            printer.document(&Document { result, checksum, options, profile })?;
+            return Ok(Outcome::Done);
+        }
+        show::trials(printer, &[result])?;
+        if !result.stride_rows.is_empty() {
+            printer.line("")?;
+            show::strides(printer, &result.stride_rows)?;
+        }
+        Ok(Outcome::Done)
+    }
+}

@@ -1,0 +1,161 @@
+//! Tables of values by condition, such as are published: one row a stride or a trial.
+
+use super::manifest::{Place, Problem, suggest};
+use super::statistics::{Difference, Sample, Statistics};
+
+/// Values by condition.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ValueTable {
+    /// The column of conditions.
+    pub by: String,
+    /// The columns of values, by name.
+    pub quantities: Vec<String>,
+    /// The conditions in the order in which they are first named, with one sample a quantity.
+    pub conditions: Vec<(String, Vec<Sample>)>,
+}
+
+/// The numbers of a quantity in a condition.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ValueRow {
+    /// The condition.
+    pub condition: String,
+    /// The column.
+    pub quantity: String,
+    /// The numbers, in the column's unit.
+    #[serde(flatten)]
+    pub statistics: Statistics,
+    /// Its mean less that of the reference, if one was named and this is another.
+    pub difference: Option<Difference>,
+}
+
+impl ValueTable {
+    /// Reads a table with a header. Conditions are in the column `by`, or in the first; values in
+    /// all others that hold numbers alone. Rows with the same entry in the column `trial`, if there
+    /// is one, are strides of one trial, and resemble each other.
+    ///
+    /// # Errors
+    /// [`Problem`] if there is no such column, no column of numbers or no row, or a field is missing.
+    pub fn parse(text: &str, by: Option<&str>, trial: Option<&str>) -> Result<Self, Problem> {
+        let at =
+            |line: usize, message: String| Problem { place: Place { line, column: 1 }, message };
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let mut reader = csv::ReaderBuilder::new();
+        let mut reader =
+            reader.trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+        let line_of =
+            |error: &csv::Error| error.position().map_or(1, |place| place.line() as usize);
+        let header = reader.headers().map_err(|error| at(line_of(&error), error.to_string()))?;
+        let header: Vec<String> = header.iter().map(str::to_owned).collect();
+        let find = |name: &str| {
+            header.iter().position(|column| column == name).ok_or_else(|| {
+                let hint = suggest(name, header.iter().map(String::as_str));
+                let hint =
+                    hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
+                at(1, format!("no column `{name}`{hint}"))
+            })
+        };
+        let by = by.map_or(Ok(0), find)?;
+        let trial = trial.map(find).transpose()?;
+        let mut rows = Vec::new();
+        for record in reader.records() {
+            rows.push(record.map_err(|error| at(line_of(&error), error.to_string()))?);
+        }
+        if rows.is_empty() {
+            return Err(at(1, "the table has no rows".to_owned()));
+        }
+        let number = |field: &str| field.parse::<f64>().ok().filter(|value| value.is_finite());
+        // Empty fields are values that there are not.
+        let is_number = |column: &usize| {
+            rows.iter().all(|row| row[*column].is_empty() || number(&row[*column]).is_some())
+        };
+        let columns = (0..header.len()).filter(|column| *column != by && Some(*column) != trial);
+        let columns: Vec<usize> = columns.filter(is_number).collect();
+        if columns.is_empty() {
+            return Err(at(1, "no column holds numbers alone".to_owned()));
+        }
+        // Conditions, then trials, in the order in which they are named.
+        let mut grouped: Vec<(&str, Vec<(&str, Vec<&csv::StringRecord>)>)> = Vec::new();
+        for row in &rows {
+            let place = grouped.iter().position(|(name, _)| *name == &row[by]);
+            let place = place.unwrap_or_else(|| {
+                grouped.push((&row[by], Vec::new()));
+                grouped.len() - 1
+            });
+            let trials = &mut grouped[place].1;
+            let of_trial =
+                trial.and_then(|trial| trials.iter().position(|(name, _)| *name == &row[trial]));
+            match of_trial {
+                Some(at) => trials[at].1.push(row),
+                None => trials.push((trial.map_or("", |trial| &row[trial]), vec![row])),
+            }
+        }
+        let sample = |trials: &[(&str, Vec<&csv::StringRecord>)], column: usize| {
+            let mut sample = Sample::default();
+            for (_, rows) in trials {
+                sample.add_cluster(rows.iter().filter_map(|row| number(&row[column])));
+            }
+            sample
+        };
+        let conditions = grouped.iter().map(|(name, trials)| {
+            let samples = columns.iter().map(|&column| sample(trials, column)).collect();
+            ((*name).to_owned(), samples)
+        });
+        Ok(Self {
+            by: header[by].clone(),
+            conditions: conditions.collect(),
+            quantities: columns.iter().map(|&column| header[column].clone()).collect(),
+        })
+    }
+
+    /// The numbers of all quantities and conditions; differences are from `reference`.
+    pub fn statistics(&self, reference: Option<&str>, seed: u64) -> Vec<ValueRow> {
+        let mut rows = Vec::new();
+        for (at, quantity) in self.quantities.iter().enumerate() {
+            let other = reference
+                .and_then(|name| self.conditions.iter().find(|(condition, _)| condition == name));
+            for (condition, samples) in &self.conditions {
+                let Some(statistics) = samples[at].statistics(seed) else { continue };
+                let other = other.filter(|(name, _)| name != condition);
+                let difference = other.and_then(|(name, samples_of_other)| {
+                    samples[at].difference(&samples_of_other[at], name, seed)
+                });
+                let (condition, quantity) = (condition.clone(), quantity.clone());
+                rows.push(ValueRow { condition, quantity, statistics, difference });
+            }
+        }
+        rows
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_of_numbers_are_grouped_by_condition_and_trial() {
+        let text = "cond,run,x,who\nb,1,1,me\na,1,2,you\nb,2,5,me\nb,2,,me\n";
+        let table = ValueTable::parse(text, None, Some("run")).unwrap();
+        assert_eq!(
+            (table.by.as_str(), table.quantities.as_slice()),
+            ("cond", &["x".to_owned()][..])
+        );
+        let rows = table.statistics(Some("a"), 1);
+        assert_eq!((rows[0].condition.as_str(), rows[0].statistics.mean), ("b", 3.0));
+        assert_eq!(rows[0].statistics.trials, 2);
+        assert_eq!(rows[0].difference.as_ref().unwrap().mean, 1.0);
+        assert_eq!(rows[1].difference, None);
+    }
+
+    #[test]
+    fn tables_that_say_nothing_are_refused() {
+        for (text, by, message) in [
+            ("a,b\n1,x\n", None, "1:1: no column holds numbers alone"),
+            ("a,b\n", None, "1:1: the table has no rows"),
+            ("cond,b\nx,1\n", Some("con"), "1:1: no column `con`, did you mean `cond`?"),
+        ] {
+            assert_eq!(ValueTable::parse(text, by, None).unwrap_err().to_string(), message);
+        }
+        let error = ValueTable::parse("a,b\nx,1\ny\n", None, None).unwrap_err();
+        assert_eq!(error.place.line, 3);
+    }
+}
