@@ -3,9 +3,9 @@
 //! Three layers, arrows pointing inward only:
 //!
 //! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
-//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`telemetry`], [`trial`],
-//!   [`plot`], [`report`]: slices and matrices in, values out; no files, no clocks, no printing;
-//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`], [`tables`],
+//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`table`], [`telemetry`],
+//!   [`trial`], [`plot`], [`report`]: slices and matrices in, values out; no files, no clocks, no printing;
+//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
 //!   [`output`]: the world to core types and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!

@@ -12,7 +12,7 @@ mod sections;
 use serde::Serialize;
 
 use crate::calibration_file::CalibrationFile;
-use crate::trial::{ConditionRow, TrialResult};
+use crate::trial::{ConditionRow, PhaseProfile, TrialResult};
 use markup::{escape, script_json};
 
 /// Traces of so many trials are drawn at most: a report is to stay readable, and below 10 MB.
@@ -33,12 +33,14 @@ pub struct Report<'a> {
     pub date: &'a str,
     /// The command line that makes it again.
     pub command: &'a str,
-    /// The results, in the manifest's order, with a trace of the whole log where one is to be drawn.
+    /// The results, in the manifest's order, with a thinned trace of the log where one is to be drawn.
     pub trials: &'a [TrialResult],
     /// Trials that could not be evaluated: file, and why.
     pub failed: &'a [(String, String)],
     /// The statistics by condition, in the order in which conditions are to be shown.
     pub conditions: &'a [ConditionRow],
+    /// Drag and lift over a stride, by condition.
+    pub phases: &'a [(String, PhaseProfile)],
     /// How trials were evaluated: name and value.
     pub settings: &'a [(String, String)],
     /// The calibration and its file's name; `None` for logs without sensors.

@@ -1,8 +1,7 @@
 //! The numbers behind a report's interactive plots.
 //!
-//! Forces are shown frame by frame: rows that repeat a frame add nothing. Leg angles and powers are
-//! taken at the same rows, powers as their means since the row before, so that a trial takes some
-//! 60 kB. Numbers have five digits: more than a screen shows.
+//! Traces are shown frame by frame ([`Trace::thinned`]), some 60 kB a trial. Numbers have five digits:
+//! more than a screen shows.
 
 use std::f64::consts::TAU;
 
@@ -11,9 +10,6 @@ use serde::{Serialize, Serializer};
 use super::{MOST_TRACES, Report};
 use crate::plot::trial::{Passage, smoothed, stride_s};
 use crate::trial::{Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
-
-/// Where a log has no sensors its rows are thinned to this distance, s.
-const THIN_S: f64 = 0.01;
 
 #[derive(Serialize)]
 pub(super) struct Numbers {
@@ -171,26 +167,8 @@ fn values(
     pairs.into_iter().unzip()
 }
 
-/// The conditions that have strides with forces, in the order of their first trial.
-pub(crate) fn phase_profiles(trials: &[TrialResult]) -> Vec<(String, PhaseProfile)> {
-    let mut names: Vec<&str> = Vec::new();
-    for trial in trials {
-        if !names.contains(&trial.row.condition.as_str()) {
-            names.push(&trial.row.condition);
-        }
-    }
-    let profile = |name: &str| {
-        let traces =
-            trials.iter().filter(|trial| trial.row.condition == name).filter_map(|trial| {
-                Some((trial.trace.as_ref()?, [trial.row.t_enter_s, trial.row.t_exit_s]))
-            });
-        Some((name.to_owned(), PhaseProfile::new(traces)?))
-    };
-    names.into_iter().filter_map(profile).collect()
-}
-
 fn phases(report: &Report<'_>) -> Vec<PhasePlot> {
-    let profiles = phase_profiles(report.trials);
+    let profiles = report.phases;
     if profiles.is_empty() {
         return Vec::new();
     }
@@ -213,10 +191,8 @@ fn phases(report: &Report<'_>) -> Vec<PhasePlot> {
 
 impl TrialPlot {
     fn of(trace: &Trace, passage: &Passage) -> Self {
-        let rows = shown_rows(trace);
         let at = |column: &[f64], factor: f64| -> Option<Vec<Short>> {
-            (!column.is_empty())
-                .then(|| rows.iter().map(|&row| Short(factor * column[row])).collect())
+            (!column.is_empty()).then(|| column.iter().map(|value| Short(factor * value)).collect())
         };
         let stride_mean = |column: &[f64], factor: f64| {
             let width_s = stride_s(trace).filter(|_| !column.is_empty())?;
@@ -226,19 +202,10 @@ impl TrialPlot {
             let within: Vec<f64> = column.iter().map(|angle| angle.rem_euclid(TAU)).collect();
             at(&within, 1.0)
         };
-        let power = |column: &[f64]| -> Option<Vec<Short>> {
-            let mean = |window: &[usize]| {
-                let values = &column[window[0]..window[1]];
-                Short(values.iter().sum::<f64>() / values.len() as f64)
-            };
-            let first = || rows.first().map(|&row| Short(column[row]));
-            (!column.is_empty())
-                .then(|| first().into_iter().chain(rows.windows(2).map(mean)).collect())
-        };
         let [fx, fy, fz, ..] = &trace.wrench;
         let (partly, wholly) = passage.stretches();
         Self {
-            t_s: rows.iter().map(|&row| Short(trace.t_s[row])).collect(),
+            t_s: trace.t_s.iter().map(|&time_s| Short(time_s)).collect(),
             drag_n: at(fx, -1.0),
             lift_n: at(fz, 1.0),
             drag_stride_n: stride_mean(fx, -1.0),
@@ -248,27 +215,10 @@ impl TrialPlot {
             fz_n: at(fz, 1.0),
             right_leg_rad: angle(&trace.right_leg_rad),
             left_leg_rad: angle(&trace.left_leg_rad),
-            right_power_w: power(&trace.right_power_w),
-            left_power_w: power(&trace.left_power_w),
+            right_power_w: at(&trace.right_power_w, 1.0),
+            left_power_w: at(&trace.left_power_w, 1.0),
             partly,
             wholly,
         }
     }
-}
-
-/// The rows with a new frame; without sensors rows a hundredth of a second apart.
-fn shown_rows(trace: &Trace) -> Vec<usize> {
-    let mut rows = Vec::new();
-    let mut last_s = f64::NEG_INFINITY;
-    for (row, &time_s) in trace.t_s.iter().enumerate() {
-        let shown = match trace.fresh.get(row) {
-            Some(&fresh) => fresh,
-            None => time_s - last_s >= THIN_S,
-        };
-        if shown {
-            rows.push(row);
-            last_s = time_s;
-        }
-    }
-    rows
 }
