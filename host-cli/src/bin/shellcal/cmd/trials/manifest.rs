@@ -5,8 +5,9 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use shellcal::output::OutputError;
 use shellcal::trial::manifest::{Manifest, Place, suggest};
-use shellcal::trial::{PhaseProfile, TraceExtent, TrialResult};
+use shellcal::trial::{PhaseProfile, Profile, TraceExtent, TrialOptions, TrialResult};
 use shellcal::workflow::batch::{self, Batch, BatchOptions};
+use shellcal::workflow::figures::passage;
 
 use super::evaluation::{Equipment, EvaluationArgs};
 use crate::printer::Printer;
@@ -46,12 +47,15 @@ pub(super) fn stem(place: Place, result: &TrialResult) -> String {
     format!("{stem}.{}", place.line)
 }
 
-/// Keeps of a trace of the whole log what a figure of many trials needs: the phase profile, and, if
-/// `thinned`, the trace frame by frame.
-pub(super) fn reduce(result: &mut TrialResult, thinned: bool) {
+/// Keeps of a trace of the whole log what a figure of many trials needs: the phase profile of the time
+/// that the robot is fully inside (or in the window, where that has no strides), and, if `thinned`, the
+/// trace frame by frame.
+pub(super) fn reduce(result: &mut TrialResult, profile: &Profile, thinned: bool) {
     let Some(trace) = result.trace.take() else { return };
     let window_s = [result.row.t_enter_s, result.row.t_exit_s];
-    result.phase = PhaseProfile::new([(&trace, window_s)]);
+    let inside_s = passage(&result.row, profile).stretches().1;
+    let of = |window_s| PhaseProfile::new([(&trace, window_s)]);
+    result.phase = inside_s.and_then(of).or_else(|| of(window_s));
     result.trace = thinned.then(|| trace.thinned(THIN_S));
 }
 
@@ -78,6 +82,19 @@ pub(super) fn evaluate(
     let batch = batch::run(manifest, folder(path), equipment.instrument(), &options, keep);
     bar.finish_and_clear();
     batch
+}
+
+/// What to know about forces over a stride, where the low-pass leaves little of them.
+pub(super) fn slow_filter(batch: &Batch, options: &TrialOptions) -> Option<String> {
+    let rows = batch.trials.iter().map(|trial| &trial.evaluated.result.row);
+    let strides_hz = rows.filter_map(|row| row.stride_frequency_hz).fold(0.0, f64::max);
+    let cutoff_hz = options.low_pass?.cutoff_hz;
+    (strides_hz > 0.5 * cutoff_hz).then(|| {
+        format!(
+            "{strides_hz:.1} strides per second are near or above the low-pass of {cutoff_hz} Hz: it \
+             leaves little of what forces do within a stride; raise `--lowpass` to see more"
+        )
+    })
 }
 
 /// Tells which trials could not be evaluated; whether there were any.

@@ -96,7 +96,7 @@ impl OutputArgs {
         }
         self.write_trace(place, result)?;
         match figures {
-            Some(_) => manifest::reduce(result, false),
+            Some(_) => manifest::reduce(result, profile, false),
             None => result.trace = None,
         }
         Ok(())

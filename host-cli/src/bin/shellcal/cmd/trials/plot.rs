@@ -171,7 +171,7 @@ impl ManyArgs {
         let equipment = self.evaluation.equipment()?;
         let manifest = manifest::read(&self.manifest)?;
         let keep = |_, result: &mut _| {
-            manifest::reduce(result, false);
+            manifest::reduce(result, &equipment.profile, false);
             Ok(())
         };
         let evaluation = &self.evaluation;
@@ -180,6 +180,10 @@ impl ManyArgs {
         let failed = manifest::tell_failures(printer, path, &batch);
         let title = |usual: &str| self.title.clone().unwrap_or_else(|| usual.to_owned());
         let figure = if phase {
+            let options = evaluation.options(TraceExtent::Log);
+            if let Some(note) = manifest::slow_filter(&batch, &options) {
+                printer.warning(note);
+            }
             let phases = batch.phases();
             if phases.is_empty() {
                 bail!("no trial has strides with forces to draw");

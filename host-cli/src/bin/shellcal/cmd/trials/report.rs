@@ -57,7 +57,7 @@ impl ReportArgs {
         let manifest = manifest::read(path)?;
         manifest::check_reference(&manifest, self.reference.as_deref())?;
         let keep = |_, result: &mut _| {
-            manifest::reduce(result, true);
+            manifest::reduce(result, &equipment.profile, true);
             Ok(())
         };
         let evaluation = &self.evaluation;
@@ -81,8 +81,10 @@ impl ReportArgs {
             }
         }
         let shown = path.display();
-        let warnings: Vec<String> =
+        let options = evaluation.options(TraceExtent::Log);
+        let mut warnings: Vec<String> =
             manifest.remarkable().iter().map(|problem| format!("{shown}:{problem}")).collect();
+        warnings.extend(manifest::slow_filter(&batch, &options));
         let of_failure = |failure: &shellcal::workflow::batch::Failure| {
             let place = format!("{shown}:{}", failure.place);
             (failure.file.clone(), format!("{place}: {}", failure.message))
@@ -90,7 +92,6 @@ impl ReportArgs {
         let failures: Vec<_> = batch.failures.iter().map(of_failure).collect();
         let trials: Vec<TrialResult> =
             batch.trials.drain(..).map(|trial| trial.evaluated.result).collect();
-        let options = evaluation.options(TraceExtent::Log);
         let calibration = evaluation.calibration().map(|path| path.display().to_string());
         let title = self.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
         let report = Report {
