@@ -91,7 +91,7 @@
       traces.push({ type: "scatter", mode: "markers", key: c.name, swatch, x: spread, y: c.values, text: c.labels.map(plain),
         hovertemplate: "%{text}<br>%{y:.5g}<extra></extra>", marker: { color: colour, size: c.values.length > 60 ? 3 : 6, opacity: 0.65 } });
     });
-    const ticks = { tickmode: "array", tickvals: conditions.map((_, i) => i), ticktext: conditions.map((c) => plain(`${c.name}`)) };
+    const ticks = { tickmode: "array", tickvals: conditions.map((_, i) => i), ticktext: conditions.map((c) => plain(c.name.length > 14 ? `${c.name.slice(0, 13)}…` : c.name)) };
     return draw(id, traces, { xaxis: axis("", { ...ticks, zeroline: false, range: [-0.6, conditions.length - 0.3] }),
       zoom: false, yaxis: axis(withUnit(quantity, unit)), reset: { "xaxis.autorange": false, "xaxis.range": [-0.6, conditions.length - 0.3] } });
   }
@@ -170,8 +170,5 @@
     const shown = event.target.dataset.all;
     if (shown) trials.forEach((details) => { details.open = shown === "open"; });
   });
-  const fit = () => document.querySelectorAll(".js-plotly-plot").forEach((plot) => Plotly.Plots.resize(plot));
-  window.addEventListener("beforeprint", fit);
-  window.addEventListener("afterprint", fit);
   Promise.all(drawn).then(() => { document.documentElement.dataset.plots = "drawn"; });
 })();

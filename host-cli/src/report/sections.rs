@@ -251,8 +251,8 @@ fn trials(report: &Report<'_>, numbers: &Numbers) -> String {
                     figure(row.drag_mean_n),
                     figure(row.lift_mean_n)
                 );
-                let caption = "Drag (−Fx) and lift (Fz); shaded: the robot is in the channel, darker \
-                               while it gets in and out";
+                let caption = "Drag (−Fx) and lift (Fz); grey: the robot gets into the channel or out of \
+                               it; pink: it is fully inside";
                 html += &plot_figure(&format!("forces-{at}"), "", &alt, caption);
             }
             let alt = format!(
