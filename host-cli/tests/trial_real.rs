@@ -257,7 +257,8 @@ fn strides_are_found_at_the_commanded_thirteen_hertz() {
     let frequency = result.row.stride_frequency_hz.unwrap();
     assert!((frequency - commanded).abs() < 0.25 / 4.5, "{frequency} {commanded}");
     for stride in &result.stride_rows {
-        assert!((stride.period_s - 1.0 / 13.0).abs() < 0.2 / 13.0, "{stride:?}");
+        // No stride is lost or split; under load the leg is late by up to a quarter of one.
+        assert!((stride.period_s - 1.0 / 13.0).abs() < 0.3 / 13.0, "{stride:?}");
     }
     // What is computed for the window alone is what it is with the whole log computed.
     let whole_log = TrialOptions { trace: TraceExtent::Log, ..TrialOptions::default() };
