@@ -3,12 +3,10 @@
 //! Three layers, arrows pointing inward only:
 //!
 //! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
-//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`table`],
-//!   [`telemetry`], [`trial`],
-//!   [`plot`]: slices and matrices in, values out; no files, no clocks, no printing;
+//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`table`], [`telemetry`],
+//!   [`trial`], [`plot`], [`report`]: slices and matrices in, values out; no files, no clocks, no printing;
 //! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
-//!   [`output`]: the world to core types
-//!   and back, and [`workflow`], which joins them to the core;
+//!   [`output`]: the world to core types and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
 //! From a training log to the wrench of a frame:
@@ -48,6 +46,7 @@ pub mod plot;
 pub mod radio;
 mod random;
 pub mod recording;
+pub mod report;
 pub mod sensor_model;
 #[cfg(unix)]
 pub mod simulated_board;

@@ -159,7 +159,7 @@ pub fn evaluate(
             stride_times_s: strides.as_ref().map_or_else(Vec::new, |s| s.times_s.clone()),
         }
     });
-    Ok(TrialResult { row, stride_rows, remarks, trace })
+    Ok(TrialResult { row, stride_rows, remarks, trace, phase: None })
 }
 
 /// Checks the window of a trial against the clock of its log.

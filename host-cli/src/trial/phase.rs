@@ -61,6 +61,31 @@ impl PhaseProfile {
     }
 }
 
+impl PhaseProfile {
+    /// Of the strides of both: Chan, Golub and LeVeque's update (The American Statistician 37, 242,
+    /// 1983) in every stretch of the phase.
+    pub fn merged(&self, other: &Self) -> Self {
+        let (n, m) = (self.strides as f64, other.strides as f64);
+        let force = |a: &PhaseForce, b: &PhaseForce| {
+            let means = a.mean_n.iter().zip(&b.mean_n);
+            let mean_n = means.clone().map(|(a, b)| (n * a + m * b) / (n + m)).collect();
+            let squares = a.sd_n.iter().zip(&b.sd_n).zip(means).map(|((sd_a, sd_b), (a, b))| {
+                sd_a * sd_a * (n - 1.0)
+                    + sd_b * sd_b * (m - 1.0)
+                    + (b - a).powi(2) * n * m / (n + m)
+            });
+            let sd_n = squares.map(|square| (square / (n + m - 1.0)).sqrt()).collect();
+            PhaseForce { mean_n, sd_n }
+        };
+        Self {
+            strides: self.strides + other.strides,
+            phase_rad: self.phase_rad.clone(),
+            drag: force(&self.drag, &other.drag),
+            lift: force(&self.lift, &other.lift),
+        }
+    }
+}
+
 impl PhaseForce {
     fn of(strides: &[[f64; PHASES]]) -> Self {
         let n = strides.len() as f64;
@@ -135,6 +160,19 @@ mod tests {
                 assert!((profile.drag.sd_n[i] - 0.1 * (18.0_f64 / 17.0).sqrt()).abs() < 1e-9);
                 assert!(profile.lift.sd_n[i] < 1e-9);
             }
+        }
+    }
+
+    #[test]
+    fn parts_merge_to_the_whole() {
+        let trace = trace(false);
+        let of = |from, to| PhaseProfile::new([(&trace, [from, to])]).unwrap();
+        let (whole, merged) = (of(0.05, 1.95), of(0.05, 0.75).merged(&of(0.65, 1.95)));
+        assert_eq!(whole.strides, merged.strides);
+        for (a, b) in [(&whole.drag, &merged.drag), (&whole.lift, &merged.lift)] {
+            let pairs = a.mean_n.iter().chain(&a.sd_n).zip(b.mean_n.iter().chain(&b.sd_n));
+            // Sums of eighteen values in another order; √ of rounding where the deviation is zero.
+            assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-7));
         }
     }
 

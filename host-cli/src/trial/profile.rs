@@ -62,6 +62,9 @@ pub struct Robot {
     pub mass_kg: f64,
     /// Acceleration of free fall g, m/s².
     pub gravity_m_s2: f64,
+    /// Length, m, if known: figures shade when the robot enters and leaves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub length_m: Option<f64>,
 }
 
 /// The channel of a trial.
@@ -85,7 +88,8 @@ impl Profile {
     /// that is not a positive number.
     pub fn parse(text: &str) -> Result<Self, TomlError> {
         let profile: Self = parse(text)?;
-        for (table, key, value) in profile.constants() {
+        let length = profile.robot.length_m.map(|length| ("robot", "length_m", length));
+        for (table, key, value) in profile.constants().into_iter().chain(length) {
             if !(value > 0.0 && value.is_finite()) {
                 let message = format!("`{table}.{key}` is `{value}`, expected a positive number");
                 return Err(TomlError::at_key(text, table, key, message));

@@ -9,7 +9,8 @@ use crate::output::OutputError;
 use crate::pipeline::{self, Pieces};
 use crate::trial::manifest::{Entry, Manifest, Moment, Place, Problem};
 use crate::trial::{
-    ConditionRow, Per, Quantity, Remark, Sample, Trial, TrialError, TrialOptions, TrialResult,
+    ConditionRow, Per, PhaseProfile, Quantity, Remark, Sample, Trial, TrialError, TrialOptions,
+    TrialResult,
 };
 
 /// How a batch is run.
@@ -262,6 +263,19 @@ impl Batch {
             }
         }
         rows
+    }
+
+    /// Drag and lift over the phase of the leg in every condition that has them: of those trials of
+    /// which it was kept.
+    pub fn phases(&self) -> Vec<(String, PhaseProfile)> {
+        let results = || self.trials.iter().map(|trial| &trial.evaluated.result);
+        let of = |condition: &str| {
+            let profiles = results()
+                .filter(|result| result.row.condition == condition)
+                .filter_map(|result| result.phase.clone());
+            Some((condition.to_owned(), profiles.reduce(|all, one| all.merged(&one))?))
+        };
+        self.conditions().into_iter().filter_map(of).collect()
     }
 
     /// The values of a quantity in a condition; strides of a trial belong together.

@@ -5,6 +5,7 @@ pub mod batch;
 pub mod bench;
 pub mod convert;
 pub mod eval;
+pub mod figures;
 pub mod fit;
 pub mod moments;
 pub mod noise;

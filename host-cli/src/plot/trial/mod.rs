@@ -65,7 +65,7 @@ fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Line {
 }
 
 /// Means over `width_s` around each time, NaN where that is cut off; the times ascend.
-fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
+pub(crate) fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
     let mut sums = vec![0.0];
     sums.extend(values.iter().scan(0.0, |sum, value| {
         *sum += value;
@@ -84,7 +84,7 @@ fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
 }
 
 /// The usual length of a stride, s.
-fn stride_s(trace: &Trace) -> Option<f64> {
+pub(crate) fn stride_s(trace: &Trace) -> Option<f64> {
     let mut lengths: Vec<f64> =
         trace.stride_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     lengths.sort_by(f64::total_cmp);

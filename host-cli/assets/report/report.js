@@ -1,0 +1,175 @@
+"use strict";
+// Draws the plots of a report from the numbers in its #data. Names that come from files reach the
+// page as text only: textContent here, and `plain` for Plotly, which would read tags in them.
+(() => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b07c00", "#3a8fc2", "#000000"];
+  const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
+  const PALE = ["#9cc6e3", "#f3c29d"];
+  const NARROW = window.matchMedia("(max-width: 40rem)").matches;
+  const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  const withUnit = (name, unit) => plain(unit ? `${name} (${unit})` : name);
+  const axis = (title, more) => ({ title: { text: title }, automargin: true, zerolinecolor: "#999", gridcolor: "#e4e4e4",
+    linecolor: "#222", mirror: true, ...more });
+  const layout = (more) => ({ font: { family: "system-ui, DejaVu Sans, Verdana, sans-serif", size: NARROW ? 11 : 12, color: "#1c1c1c" },
+    margin: { l: 56, r: 12, t: 12, b: 44 }, showlegend: false, hovermode: "closest", paper_bgcolor: "#fff", plot_bgcolor: "#fff",
+    dragmode: NARROW ? "pan" : "zoom", ...more });
+  const CONFIG = { responsive: true, displaylogo: false, scrollZoom: true, showSendToCloud: false,
+    modeBarButtonsToRemove: ["select2d", "lasso2d"], toImageButtonOptions: { format: "svg" } };
+
+  // A button for every group of traces: the legend, for mouse, finger and keyboard.
+  function draw(id, traces, more) {
+    const plot = document.getElementById(id);
+    const keys = plot.parentNode.querySelector(".keys");
+    const groups = new Map();
+    traces.forEach((trace, at) => {
+      const name = trace.key;
+      if (name === undefined) return;
+      if (!groups.has(name)) groups.set(name, []);
+      groups.get(name).push(at);
+    });
+    const clean = traces.map(({ key, swatch, ...trace }) => ({ name: plain(key ?? ""), ...trace }));
+    for (const [name, at] of groups) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.setAttribute("aria-pressed", "true");
+      const swatch = document.createElement("span");
+      swatch.className = "swatch";
+      const { colour, dash } = traces[at[0]].swatch;
+      swatch.style.borderTopColor = colour;
+      swatch.style.borderTopStyle = dash === "solid" ? "solid" : dash === "dot" ? "dotted" : "dashed";
+      button.append(swatch, name);
+      button.addEventListener("click", () => {
+        const shown = button.getAttribute("aria-pressed") !== "true";
+        button.setAttribute("aria-pressed", String(shown));
+        Plotly.restyle(plot, { visible: shown }, at);
+      });
+      keys.append(button);
+    }
+    // Zoom without a mouse.
+    const act = (label, title, action) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = label;
+      button.setAttribute("aria-label", `${title}: ${plot.getAttribute("aria-label")}`);
+      button.title = title;
+      button.addEventListener("click", action);
+      keys.append(button);
+    };
+    const move = (shift, factor) => () => {
+      const [low, high] = plot._fullLayout.xaxis.range.map(Number);
+      const middle = (low + high) / 2 + shift * (high - low), half = (factor * (high - low)) / 2;
+      Plotly.relayout(plot, { "xaxis.range": [middle - half, middle + half] });
+    };
+    act("+", "zoom in", move(0, 0.5));
+    act("\u2212", "zoom out", move(0, 2));
+    act("\u2190", "to the left", move(-0.25, 1));
+    act("\u2192", "to the right", move(0.25, 1));
+    act("reset", "show all", () => {
+      const all = {};
+      for (const name of Object.keys(plot._fullLayout)) if (/^[xy]axis\d*$/.test(name)) all[`${name}.autorange`] = true;
+      Object.assign(all, more.reset ?? {});
+      Plotly.relayout(plot, all);
+    });
+    const { reset, ...rest } = more;
+    return Plotly.newPlot(plot, clean, layout(rest), CONFIG);
+  }
+
+  const line = (key, x, y, colour, dash, more) => ({ type: "scatter", mode: "lines", key, x, y,
+    swatch: { colour, dash }, line: { color: colour, dash, width: 1.8 }, ...more });
+
+  function box(id, { quantity, unit, conditions }) {
+    const traces = [];
+    conditions.forEach((c, at) => {
+      const colour = COLOURS[at % COLOURS.length];
+      const swatch = { colour, dash: "solid" };
+      traces.push({ type: "box", key: c.name, swatch, x: [at], q1: [c.q1], median: [c.median], q3: [c.q3], mean: [c.mean],
+        lowerfence: [c.low], upperfence: [c.high], width: 0.5, boxpoints: false, line: { color: colour, width: 1.6 } });
+      const spread = c.values.map((_, i) => at + 0.36 + 0.1 * (((i * 0.618034) % 1) - 0.5));
+      traces.push({ type: "scatter", mode: "markers", key: c.name, swatch, x: spread, y: c.values, text: c.labels.map(plain),
+        hovertemplate: "%{text}<br>%{y:.5g}<extra></extra>", marker: { color: colour, size: c.values.length > 60 ? 3 : 6, opacity: 0.65 } });
+    });
+    const ticks = { tickmode: "array", tickvals: conditions.map((_, i) => i), ticktext: conditions.map((c) => plain(`${c.name}`)) };
+    return draw(id, traces, { xaxis: axis("", { ...ticks, zeroline: false, range: [-0.6, conditions.length - 0.3] }),
+      yaxis: axis(withUnit(quantity, unit)), reset: { "xaxis.autorange": false, "xaxis.range": [-0.6, conditions.length - 0.3] } });
+  }
+
+  function phase(id, { quantity, conditions }) {
+    const traces = [];
+    const turn = 2 * Math.PI;
+    conditions.forEach((c, at) => {
+      const colour = COLOURS[at % COLOURS.length], dash = DASHES[at % DASHES.length], swatch = { colour, dash };
+      const band = { type: "scatter", mode: "lines", key: c.name, swatch, x: c.phase_rad, line: { width: 0 }, hoverinfo: "skip" };
+      traces.push({ ...band, y: c.mean.map((m, i) => m - c.sd[i]) });
+      traces.push({ ...band, y: c.mean.map((m, i) => m + c.sd[i]), fill: "tonexty", fillcolor: colour + "22" });
+      traces.push(line(c.name, c.phase_rad, c.mean, colour, dash, { hovertemplate: "%{x:.2f} rad<br>%{y:.4f} N" }));
+    });
+    const ticks = { tickmode: "array", tickvals: [0, 1, 2, 3, 4].map((q) => (q * turn) / 4), ticktext: ["0", "π/2", "π", "3π/2", "2π"] };
+    return draw(id, traces, { xaxis: axis("right leg angle (rad)", { ...ticks, range: [0, turn], zeroline: false }),
+      yaxis: axis(withUnit(quantity, "N")), reset: { "xaxis.autorange": false, "xaxis.range": [0, turn] } });
+  }
+
+  const shade = ({ partly, wholly }) => [...partly.map((s) => [s, "#e6e6e6"]), ...(wholly ? [[wholly, "#fbe9ea"]] : [])]
+    .map(([[x0, x1], fillcolor]) => ({ type: "rect", xref: "x", yref: "paper", x0, x1, y0: 0, y1: 1, fillcolor, line: { width: 0 }, layer: "below" }));
+
+  function forces(id, trial) {
+    const traces = [];
+    [["drag", "drag_n", "drag_stride_n", "solid"], ["lift", "lift_n", "lift_stride_n", "dash"]].forEach(([name, raw, mean, dash], at) => {
+      const colour = COLOURS[at];
+      if (!trial[mean]) { traces.push(line(name, trial.t_s, trial[raw], colour, dash)); return; }
+      traces.push(line(`${name}, every frame`, trial.t_s, trial[raw], PALE[at], "solid", { line: { color: PALE[at], width: 1 } }));
+      traces.push(line(`${name}, stride mean`, trial.t_s, trial[mean], colour, dash));
+    });
+    return draw(id, traces, { shapes: shade(trial), xaxis: axis("time (s)"), yaxis: axis("force (N)") });
+  }
+
+  function stack(id, trial) {
+    const rows = [];
+    [["Fx", "fx_n"], ["Fy", "fy_n"], ["Fz", "fz_n"]].forEach(([name, key]) => {
+      if (trial[key]) rows.push([`${name} (N)`, [[name, trial[key], 0, "solid"]]]);
+    });
+    const pair = (title, right, left) => {
+      const both = [["right", trial[right], 0, "solid"], ["left", trial[left], 1, "dash"]].filter((side) => side[1]);
+      if (both.length) rows.push([title, both.map(([side, values, ...pen]) => [`${side} ${title.split(" (")[0]}`, values, ...pen])]);
+    };
+    pair("leg angle (rad)", "right_leg_rad", "left_leg_rad");
+    pair("power (W)", "right_power_w", "left_power_w");
+    const traces = [], axes = {};
+    const height = 1 / Math.max(rows.length, 1);
+    rows.forEach(([title, lines], at) => {
+      const suffix = at === 0 ? "" : String(at + 1);
+      const top = 1 - at * height;
+      axes[`yaxis${suffix}`] = axis(title, { domain: [top - 0.86 * height, top] });
+      for (const [name, values, pen, dash] of lines)
+        traces.push(line(name, trial.t_s, values, COLOURS[pen], dash, { yaxis: `y${suffix}`, connectgaps: false, line: { color: COLOURS[pen], dash, width: 1.2 } }));
+    });
+    axes.xaxis = axis("time (s)", { anchor: `y${rows.length > 1 ? rows.length : ""}` });
+    return draw(id, traces, { ...axes, shapes: shade(trial), hovermode: "x" });
+  }
+
+  const drawn = [];
+  data.boxes.forEach((plot, at) => drawn.push(box(`box-${at}`, plot)));
+  data.phases.forEach((plot, at) => drawn.push(phase(`phase-${at}`, plot)));
+  // Trials are drawn when they are opened: there may be many.
+  const done = new Set();
+  function open(details) {
+    const at = Number(details.dataset.trial);
+    if (!details.open || done.has(at) || !data.trials[at]) return Promise.resolve();
+    done.add(at);
+    const trial = data.trials[at], both = [];
+    if (trial.drag_n) both.push(forces(`forces-${at}`, trial));
+    if (document.getElementById(`stack-${at}`)) both.push(stack(`stack-${at}`, trial));
+    return Promise.all(both);
+  }
+  const trials = [...document.querySelectorAll("details[data-trial]")];
+  trials.forEach((details) => { details.addEventListener("toggle", () => open(details)); drawn.push(open(details)); });
+  const all = document.querySelector(".all");
+  if (all) all.addEventListener("click", (event) => {
+    const shown = event.target.dataset.all;
+    if (shown) trials.forEach((details) => { details.open = shown === "open"; });
+  });
+  const fit = () => document.querySelectorAll(".js-plotly-plot").forEach((plot) => Plotly.Plots.resize(plot));
+  window.addEventListener("beforeprint", fit);
+  window.addEventListener("afterprint", fit);
+  Promise.all(drawn).then(() => { document.documentElement.dataset.plots = "drawn"; });
+})();

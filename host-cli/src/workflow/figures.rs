@@ -1,0 +1,113 @@
+//! The figures of a batch as files.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::output::{OutputError, write_atomically};
+use crate::plot::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
+use crate::plot::{Figure, Format};
+use crate::trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialRow};
+
+/// Strides that a telemetry figure shows where the window has many.
+const STRIDES: usize = 10;
+
+/// A directory of figures.
+#[derive(Clone, Debug)]
+pub struct FigureFolder {
+    directory: PathBuf,
+    formats: Vec<Format>,
+}
+
+impl FigureFolder {
+    /// In `directory`, which is made if it is not there; each figure in every one of the formats.
+    ///
+    /// # Errors
+    /// [`OutputError`] if the directory cannot be made.
+    pub fn create(directory: &Path, formats: &[Format]) -> Result<Self, OutputError> {
+        let directory = directory.to_owned();
+        match std::fs::create_dir_all(&directory) {
+            Ok(()) => Ok(Self { directory, formats: formats.to_vec() }),
+            Err(source) => Err(OutputError { path: directory, source }),
+        }
+    }
+
+    /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of
+    /// its whole log: `STEM.drag.svg`, `STEM.telemetry.svg`.
+    ///
+    /// # Errors
+    /// [`OutputError`] if a file cannot be written.
+    pub fn write_trial(
+        &self,
+        stem: &str,
+        row: &TrialRow,
+        trace: &Trace,
+        profile: &Profile,
+    ) -> Result<(), OutputError> {
+        let title = title(row);
+        let passage = passage(row, profile);
+        if !trace.wrench[0].is_empty() {
+            self.write(&format!("{stem}.drag"), &drag_lift_figure(&title, trace, &passage))?;
+        }
+        let range_s = some_strides(row, trace);
+        let figure = stack_figure(&title, trace, &passage, range_s);
+        self.write(&format!("{stem}.telemetry"), &figure)
+    }
+
+    /// Writes what is of all trials: `boxes.svg`, `phase.svg`.
+    ///
+    /// # Errors
+    /// [`OutputError`] if a file cannot be written.
+    pub fn write_batch(
+        &self,
+        conditions: &[ConditionRow],
+        phases: &[(String, PhaseProfile)],
+    ) -> Result<(), OutputError> {
+        self.write("boxes", &box_figure("Energies and specific resistance", conditions))?;
+        match phases.is_empty() {
+            true => Ok(()),
+            false => self.write("phase", &phase_figure("Drag and lift over a stride", phases)),
+        }
+    }
+
+    fn write(&self, name: &str, figure: &Figure) -> Result<(), OutputError> {
+        for &format in &self.formats {
+            let extension = match format {
+                Format::Svg => "svg",
+                Format::Png => "png",
+            };
+            let path = self.directory.join(format!("{name}.{extension}"));
+            let bytes = figure.render(format).map_err(|error| OutputError {
+                path: path.clone(),
+                source: io::Error::other(error),
+            })?;
+            write_atomically(path, &bytes)?;
+        }
+        Ok(())
+    }
+}
+
+/// What a figure of a trial is called.
+pub fn title(row: &TrialRow) -> String {
+    match row.condition.is_empty() {
+        true => row.file.clone(),
+        false => format!("{}: {}", row.condition, row.file),
+    }
+}
+
+/// The passage of a trial through its channel.
+pub fn passage(row: &TrialRow, profile: &Profile) -> Passage {
+    let window_s = [row.t_enter_s, row.t_exit_s];
+    Passage::new(window_s, profile.robot.length_m, profile.channel.length_m)
+}
+
+/// The window, or where it has many strides the ten in its middle, s.
+pub fn some_strides(row: &TrialRow, trace: &Trace) -> [f64; 2] {
+    let times = &trace.stride_times_s;
+    match times.len().checked_sub(STRIDES + STRIDES / 2) {
+        Some(_) => {
+            let first = (times.len() - STRIDES) / 2;
+            [times[first], times[first + STRIDES]]
+        }
+        None => [row.t_enter_s, row.t_exit_s],
+    }
+}
