@@ -73,7 +73,7 @@ pub fn evaluate(
     };
     let right_leg = leg(Telemetry::RightLeg);
     let strides = right_leg.as_ref().map(|angle| Strides::new(times, angle, enter, exit));
-    remark_rows(stretch, window.clone(), clock, &mut remarks);
+    remark_rows(stretch, window.clone(), clock, options, &mut remarks);
     if let Some(tare) = tare.filter(|_| forces.is_some()) {
         remark_tare(tare, profile, enter, &mut remarks);
     }
@@ -264,6 +264,7 @@ fn remark_rows(
     stretch: &Stretch,
     window: std::ops::Range<usize>,
     clock: &Clock,
+    options: &TrialOptions,
     remarks: &mut Vec<Remark>,
 ) {
     let rows = window.len() as u64;
@@ -275,7 +276,8 @@ fn remark_rows(
     }
     let missing = missing_rows(&stretch.times_s[window], clock.period_s);
     if missing > 0 {
-        remarks.push(Remark::MissingRows { missing, expected: rows + missing });
+        let (expected, rule) = (rows + missing, options.rule);
+        remarks.push(Remark::MissingRows { missing, expected, rule });
     }
 }
 

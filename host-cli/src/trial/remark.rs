@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
+use super::options::Rule;
 use super::window::Proposal;
 
 /// How much a remark matters.
@@ -33,6 +34,8 @@ pub enum Remark {
         missing: u64,
         /// How many there would be.
         expected: u64,
+        /// What a row stands for.
+        rule: Rule,
     },
     /// Without sensors: no forces, no drag energy.
     NoSensors,
@@ -119,7 +122,9 @@ impl Remark {
     pub fn severity(&self) -> Severity {
         match self {
             Self::RepeatedRows { .. } | Self::NoIntervals | Self::Manifest(_) => Severity::Note,
-            Self::MissingRows { missing, expected } if missing * 100 < *expected => Severity::Note,
+            Self::MissingRows { missing, expected, .. } if missing * 100 < *expected => {
+                Severity::Note
+            }
             Self::FoundWindow { is_good: true, .. } => Severity::Note,
             _ => Severity::Warning,
         }
@@ -158,9 +163,13 @@ impl fmt::Display for Remark {
                 f,
                 "{repeated} of {rows} rows repeat the frame before; a repeat is no new frame"
             ),
-            Self::MissingRows { missing, expected } => write!(
+            Self::MissingRows { missing, expected, rule } => write!(
                 f,
-                "about {missing} of {expected} rows are missing; all is computed by time, not by row"
+                "about {missing} of {expected} rows are missing; {}",
+                match rule {
+                    Rule::Time => "all is computed by time, not by row",
+                    Rule::Rows => "by row, the filter takes no notice of that",
+                }
             ),
             Self::NoSensors => write!(f, "the log has no sensor columns: {NO_FORCES}"),
             Self::NoCalibration => write!(f, "no calibration was given: {NO_FORCES}"),

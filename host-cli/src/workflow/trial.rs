@@ -37,7 +37,7 @@ pub enum TrialLogError {
     #[error(transparent)]
     Trial(#[from] TrialError),
     /// The window was to be found, and cannot be.
-    #[error("no window found: {0}")]
+    #[error("no window found")]
     Window(#[from] NoWindow),
     /// The window was to be found in forces that there are not.
     #[error("no window found: there are no forces to find it in")]

@@ -152,7 +152,7 @@ pub(super) fn statistics(
 /// Three digits or so of the largest of some values.
 fn decimals(values: impl Iterator<Item = f64>) -> usize {
     let largest = values.fold(0.0, |largest: f64, value| largest.max(value.abs()));
-    (1..=6).find(|&decimals| largest * 10_f64.powi(decimals) >= 100.0).unwrap_or(6) as usize
+    (1..=6).find(|&decimals| largest * 10_f64.powi(decimals) >= 1000.0).unwrap_or(6) as usize
 }
 
 /// Says what to know about the results on stderr: remarks of a kind once, for the first trial that
