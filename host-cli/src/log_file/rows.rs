@@ -57,10 +57,25 @@ impl Parsed {
         (self.rows, self.skipped) = (0, 0);
         self.groups.clear();
         self.columns.resize_with(columns, Vec::new);
+        // Old numbers stay until new ones are written over them: filling columns with zeros in
+        // between would take time.
         for column in &mut self.columns {
-            column.clear();
-            column.reserve(capacity);
+            column.reserve(capacity.saturating_sub(column.len()));
         }
+    }
+
+    /// Puts a number into the row that follows the last.
+    pub(super) fn put(&mut self, column: usize, number: f64) {
+        let column = &mut self.columns[column];
+        match column.get_mut(self.rows) {
+            Some(place) => *place = number,
+            None => column.push(number),
+        }
+    }
+
+    /// Leaves only the numbers of rows in the columns.
+    pub(super) fn finish(&mut self) {
+        self.columns.iter_mut().for_each(|column| column.truncate(self.rows));
     }
 
     pub(super) fn push_group(&mut self, label: &[u8]) {
@@ -72,9 +87,6 @@ impl Parsed {
 
     /// Takes back what a bad row has left behind; `groups` is the state before it.
     fn take_back_row(&mut self, labelled: bool) {
-        for column in &mut self.columns {
-            column.truncate(self.rows);
-        }
         if labelled && let Some((_, rows)) = self.groups.last_mut() {
             *rows -= 1;
             if *rows == 0 {
@@ -86,7 +98,7 @@ impl Parsed {
 }
 
 impl RowPlan {
-    /// Parses `lines` and appends their rows to `parsed`.
+    /// Parses `lines` and adds their rows to `parsed`, to be finished when there are no more.
     pub(super) fn parse_lines(
         &self,
         lines: &[u8],
@@ -176,8 +188,11 @@ impl RowPlan {
         for (column, _) in self.steps.iter().enumerate().filter(|(_, step)| **step == Step::Number)
         {
             let Some(values) = columns.next() else { break };
-            values.resize(parsed.rows + right, 0.0);
-            let values = &mut values[parsed.rows..];
+            let rows = parsed.rows..parsed.rows + right;
+            if values.len() < rows.end {
+                values.resize(rows.end, 0.0);
+            }
+            let values = &mut values[rows];
             let befores = (&places.fields[column..], count);
             let ends = match column + 1 == count {
                 true => (&places.lines[..], 1),
@@ -189,7 +204,6 @@ impl RowPlan {
             );
             right = wrong.unwrap_or(right);
         }
-        parsed.columns.iter_mut().for_each(|column| column.truncate(parsed.rows + right));
         if let Some(group) = self.steps.iter().position(|step| *step == Step::Group) {
             for row in 0..right {
                 let before = places.fields[row * count + group];
@@ -249,7 +263,7 @@ impl RowPlan {
             match self.steps.get(column) {
                 Some(Step::Number) => {
                     match parse_field(field) {
-                        Ok(value) => parsed.columns[slot].push(value),
+                        Ok(value) => parsed.put(slot, value),
                         Err(error) => {
                             problem = problem.or_else(|| Some(self.problem(error, column, field)));
                         }
@@ -424,7 +438,7 @@ fn parse_column(
     for value in &mut *values {
         let (start, end) = place(done);
         let Some(number) = parse_digits(lines, start, end) else { break };
-        *value = number;
+        *value = number as i64 as f64;
         done += 1;
     }
     for (row, value) in values.iter_mut().enumerate().skip(done) {
@@ -465,6 +479,7 @@ mod tests {
         let mut parsed = Parsed::default();
         parsed.clear(NUMBERS, 0);
         let result = plan().parse_lines_with(lanes, lines, skip, &mut parsed);
+        parsed.finish();
         (result, parsed)
     }
 
@@ -485,6 +500,7 @@ mod tests {
             }
             offset += line.len() + 1;
         }
+        parsed.finish();
         (Ok(()), parsed)
     }
 
