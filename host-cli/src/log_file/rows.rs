@@ -135,7 +135,8 @@ impl RowPlan {
             if !line.trim_ascii().is_empty() {
                 let fields = line.split(|&byte| byte == self.separator);
                 let result = self.parse_fields(fields, parsed);
-                finish_row(result, at, skip_bad_rows, parsed)?;
+                let may_skip = skip_bad_rows || is_cut(&result, end == lines.len());
+                finish_row(result, at, may_skip, parsed)?;
             }
             at = end + 1;
         }
@@ -240,7 +241,8 @@ impl RowPlan {
                     true => self.parse_fields(record.iter(), parsed),
                     false => Err((RowProblem::OpenQuote, false)),
                 };
-                finish_row(result, start, skip_bad_rows, parsed)?;
+                let may_skip = skip_bad_rows || is_cut(&result, !line.ends_with(b"\n"));
+                finish_row(result, start, may_skip, parsed)?;
             }
             start = end;
         }
@@ -304,6 +306,14 @@ impl RowPlan {
             NumberError::NotFinite => RowProblem::NotFinite { field: field_at, found: found() },
         }
     }
+}
+
+/// Whether a row is but the beginning of one: the end of a file that was still being written when its
+/// program was killed or the power failed. It is left out, as it does not belong to the rows that are
+/// wrong.
+fn is_cut(result: &Result<(), (RowProblem, bool)>, is_open: bool) -> bool {
+    let Err((RowProblem::ColumnCount { expected, found }, _)) = result else { return false };
+    is_open && found < expected
 }
 
 fn finish_row(
@@ -494,6 +504,7 @@ mod tests {
             if !text.trim_ascii().is_empty() {
                 let fields = text.split(|&byte| byte == plan.separator);
                 let result = plan.parse_fields(fields, &mut parsed);
+                let skip = skip || is_cut(&result, offset + line.len() == lines.len());
                 if let Err(error) = finish_row(result, offset, skip, &mut parsed) {
                     return (Err(error), parsed);
                 }
@@ -557,6 +568,21 @@ mod tests {
             )
         ) {
             assert_all_ways_agree(&bytes);
+        }
+    }
+
+    #[test]
+    fn a_last_row_that_is_cut_off_is_left_out() {
+        for (lines, rows, is_right) in [
+            ("1,a,,2\n3,a", 1, true),
+            ("1,a,,2\n3,\"a\",", 1, true),
+            ("1,a,,2\n3,a,,4", 2, true),
+            ("1,a,,2\n3,a\n", 1, false),
+            ("1,a,,2\n3,a,,4,5", 1, false),
+            ("1,a,,2\n3,a,,", 1, false),
+        ] {
+            let (result, parsed) = parse(Portable, lines.as_bytes(), false);
+            assert_eq!((parsed.rows, result.is_ok()), (rows, is_right), "{lines}");
         }
     }
 
