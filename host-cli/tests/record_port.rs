@@ -24,21 +24,13 @@ use shared_proto::{
 };
 use shellcal::log_file::LogError;
 use system_tests::on_the_wire;
+use system_tests::program::start;
 
 /// The board's end of a pty, and the name of the other.
 fn pty() -> (TTYPort, String) {
     let (mut board, host) = TTYPort::pair().unwrap();
     board.set_timeout(Duration::from_millis(10)).unwrap();
     (board, host.name().unwrap())
-}
-
-fn start(dir: &Path, arguments: &str) -> Child {
-    shellcal(dir)
-        .args(arguments.split_whitespace())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
 }
 
 /// Records from the port `adapter` once that is there. The program is started before the pty is made:
@@ -383,7 +375,7 @@ impl FakeBoard {
                     }
                     let stale = Answer::Refused(Refusal::OutOfRange);
                     let stale = Packet::Answer { number: number.wrapping_sub(1), answer: stale };
-                    for packet in [stale, Packet::Answer { number, answer: reply.clone() }] {
+                    for packet in [stale, Packet::Answer { number, answer: reply }] {
                         let _ = port.write_all(&frame(7));
                         let _ = port.write_all(&packet.encode());
                     }
