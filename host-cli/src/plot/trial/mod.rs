@@ -231,7 +231,7 @@ mod tests {
     #[test]
     fn a_box_has_its_quartiles_and_whiskers_at_their_values() {
         let mut sample = Sample::default();
-        [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].map(|value| sample.add_cluster([value]));
+        [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].into_iter().for_each(|value| sample.add_cluster([value]));
         let statistics = sample.statistics(1).unwrap();
         let row = ConditionRow {
             condition: "<3 cm>".to_owned(),
