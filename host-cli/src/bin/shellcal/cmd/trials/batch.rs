@@ -155,11 +155,12 @@ impl BatchArgs {
         Ok((run.batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
     }
 
-    fn options(&self) -> TrialOptions {
-        self.evaluation.options(match self.output.traces {
+    fn options(&self, equipment: &Equipment) -> TrialOptions {
+        let trace = match self.output.traces {
             Some(_) => TraceExtent::Window,
             None => TraceExtent::Nothing,
-        })
+        };
+        self.evaluation.options(equipment, trace)
     }
 
     fn evaluate(
@@ -172,7 +173,7 @@ impl BatchArgs {
         let bar = printer.progress_of("trials", manifest.rows.len() as u64);
         let progress = |done: usize| bar.set_position(done as u64);
         let options = BatchOptions {
-            trial: self.options(),
+            trial: self.options(equipment),
             mapping: &equipment.mapping,
             read: self.evaluation.read_options(),
             conditions: self.conditions.as_deref(),
@@ -254,7 +255,7 @@ impl BatchArgs {
                 manifest: &self.manifest,
                 calibration: self.evaluation.calibration(),
                 profile: &equipment.profile,
-                options: self.options(),
+                options: self.options(equipment),
                 trials: trials.collect(),
                 failures: failures.collect(),
                 excluded: batch.excluded,
