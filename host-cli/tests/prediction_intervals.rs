@@ -54,6 +54,7 @@ fn session(seed: u64, poses: usize) -> (Vec<Sample>, Vec<Sample>) {
         unit_seed: seed,
         noise_scale: 1.0,
         adc_bits: 12,
+        elastic: false,
     });
     let mut random = Random(seed);
     let mut order: Vec<u64> = (0..2 * poses as u64).collect();

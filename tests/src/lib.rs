@@ -1,6 +1,7 @@
-//! What tests across the crates share: the emulated board, running `shellcal`, packets as a host
+//! What tests across the crates share: the emulated board, a browser, running `shellcal`, packets as a host
 //! receives them, and where the real recordings are.
 
+pub mod browser;
 pub mod emulation;
 pub mod program;
 

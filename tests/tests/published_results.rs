@@ -24,6 +24,7 @@ fn log(directory: &Path, kind: Kind, seed: u64, rows: usize) -> Log {
         unit_seed: 1,
         noise_scale: 1.0,
         adc_bits: 12,
+        elastic: false,
     };
     let path = directory.join(format!("{seed}.csv"));
     let mut file = BufWriter::new(File::create(&path).unwrap());

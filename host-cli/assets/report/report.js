@@ -61,17 +61,19 @@
       const middle = (low + high) / 2 + shift * (high - low), half = (factor * (high - low)) / 2;
       Plotly.relayout(plot, { "xaxis.range": [middle - half, middle + half] });
     };
-    act("+", "zoom in", move(0, 0.5));
-    act("\u2212", "zoom out", move(0, 2));
-    act("\u2190", "to the left", move(-0.25, 1));
-    act("\u2192", "to the right", move(0.25, 1));
+    if (more.zoom !== false) {
+      act("+", "zoom in", move(0, 0.5));
+      act("\u2212", "zoom out", move(0, 2));
+      act("\u2190", "to the left", move(-0.25, 1));
+      act("\u2192", "to the right", move(0.25, 1));
+    }
     act("reset", "show all", () => {
       const all = {};
       for (const name of Object.keys(plot._fullLayout)) if (/^[xy]axis\d*$/.test(name)) all[`${name}.autorange`] = true;
       Object.assign(all, more.reset ?? {});
       Plotly.relayout(plot, all);
     });
-    const { reset, ...rest } = more;
+    const { reset, zoom, ...rest } = more;
     return Plotly.newPlot(plot, clean, layout(rest), CONFIG);
   }
 
@@ -89,9 +91,9 @@
       traces.push({ type: "scatter", mode: "markers", key: c.name, swatch, x: spread, y: c.values, text: c.labels.map(plain),
         hovertemplate: "%{text}<br>%{y:.5g}<extra></extra>", marker: { color: colour, size: c.values.length > 60 ? 3 : 6, opacity: 0.65 } });
     });
-    const ticks = { tickmode: "array", tickvals: conditions.map((_, i) => i), ticktext: conditions.map((c) => plain(`${c.name}`)) };
+    const ticks = { tickmode: "array", tickvals: conditions.map((_, i) => i), ticktext: conditions.map((c) => plain(c.name.length > 14 ? `${c.name.slice(0, 13)}…` : c.name)) };
     return draw(id, traces, { xaxis: axis("", { ...ticks, zeroline: false, range: [-0.6, conditions.length - 0.3] }),
-      yaxis: axis(withUnit(quantity, unit)), reset: { "xaxis.autorange": false, "xaxis.range": [-0.6, conditions.length - 0.3] } });
+      zoom: false, yaxis: axis(withUnit(quantity, unit)), reset: { "xaxis.autorange": false, "xaxis.range": [-0.6, conditions.length - 0.3] } });
   }
 
   function phase(id, { quantity, conditions }) {
@@ -168,8 +170,5 @@
     const shown = event.target.dataset.all;
     if (shown) trials.forEach((details) => { details.open = shown === "open"; });
   });
-  const fit = () => document.querySelectorAll(".js-plotly-plot").forEach((plot) => Plotly.Plots.resize(plot));
-  window.addEventListener("beforeprint", fit);
-  window.addEventListener("afterprint", fit);
   Promise.all(drawn).then(() => { document.documentElement.dataset.plots = "drawn"; });
 })();

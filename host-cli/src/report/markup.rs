@@ -30,16 +30,21 @@ pub(super) fn script_json(value: &impl Serialize) -> String {
 
 /// A number in four significant digits, with a true minus sign; a dash for none.
 pub(super) fn figure(value: impl Into<Option<f64>>) -> String {
+    significant(value, 4)
+}
+
+/// As [`figure`], in as many digits.
+pub(super) fn significant(value: impl Into<Option<f64>>, digits: i32) -> String {
     let Some(value) = value.into().filter(|value| value.is_finite()) else {
         return "–".to_owned();
     };
     let text = match value.abs() {
         0.0 => "0".to_owned(),
         size if (1e-4..1e6).contains(&size) => {
-            let decimals = (3 - size.log10().floor() as i32).clamp(0, 7) as usize;
+            let decimals = (digits - 1 - size.log10().floor() as i32).clamp(0, 7) as usize;
             format!("{value:.decimals$}")
         }
-        _ => format!("{value:.3e}"),
+        _ => format!("{value:.*e}", digits as usize - 1),
     };
     text.replace('-', "\u{2212}")
 }

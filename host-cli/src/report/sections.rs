@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::markup::{Cell, escape, figure, table};
+use super::markup::{Cell, escape, figure, significant, table};
 use super::numbers::{BoxPlot, Numbers, PhasePlot};
 use super::{MOST_TRACES, Report};
 use crate::calibration::quality::AxisQuality;
@@ -72,34 +72,34 @@ fn warnings(report: &Report<'_>) -> String {
             "<li class=\"warning\"><strong>Not evaluated:</strong> {file}: {reason}</li>"
         );
     }
-    // One line for each remark, with the trials that it is of.
-    let mut remarks: Vec<(Severity, String, Vec<&str>)> = Vec::new();
+    // A line for each kind of remark: its first, and how many more there are.
+    let mut kinds: Vec<(Severity, &str, String, usize)> = Vec::new();
     for trial in report.trials {
         for remark in &trial.remarks {
-            let (severity, text) = (remark.severity(), remark.to_string());
-            match remarks.iter_mut().find(|known| known.1 == text) {
-                Some((_, _, files)) => files.push(&trial.row.file),
-                None => remarks.push((severity, text, vec![&trial.row.file])),
+            match kinds
+                .iter_mut()
+                .find(|known| (known.0, known.1) == (remark.severity(), remark.code()))
+            {
+                Some((_, _, _, more)) => *more += 1,
+                None => {
+                    let text = format!("{}: {remark}", trial.row.file);
+                    kinds.push((remark.severity(), remark.code(), text, 0));
+                }
             }
         }
     }
-    remarks.sort_by(|a, b| b.0.cmp(&a.0));
-    for (severity, text, files) in remarks {
+    kinds.sort_by_key(|kind| std::cmp::Reverse(kind.0));
+    for (severity, _, text, more) in kinds {
         let (class, word) = match severity {
             Severity::Warning => ("warning", "Warning:"),
             Severity::Note => ("note", "Note:"),
         };
-        let files = match files.len() {
-            n if n == report.trials.len() && n > 1 => "all trials".to_owned(),
-            n if n > 4 => format!("{} and {} more", files[..3].join(", "), n - 3),
-            _ => files.join(", "),
+        let more = match more {
+            0 => String::new(),
+            more => format!(" (and the like in {more} more)"),
         };
-        let _ = writeln!(
-            items,
-            "<li class=\"{class}\"><strong>{word}</strong> {}: {}</li>",
-            escape(&files),
-            escape(&text)
-        );
+        let text = escape(&text);
+        let _ = writeln!(items, "<li class=\"{class}\"><strong>{word}</strong> {text}{more}</li>");
     }
     match items.is_empty() {
         true => html.push_str("<p>None.</p>\n"),
@@ -130,17 +130,15 @@ fn conditions(report: &Report<'_>, numbers: &Numbers) -> String {
                     Cell::Text(row.condition.clone()),
                     Cell::from(row.per.name()),
                     Cell::from(s.n as u64),
-                    Cell::from(s.mean),
-                    interval(s.mean_95),
-                    Cell::from(s.sd),
-                    Cell::from(s.q1),
-                    Cell::from(s.median),
-                    Cell::from(s.q3),
-                    Cell::from(s.whisker_low),
-                    Cell::from(s.whisker_high),
+                    short(s.mean),
+                    range(s.mean_95),
+                    short(s.sd),
+                    short(s.median),
+                    range(Some(Interval { low: s.q1, high: s.q3 })),
+                    range(Some(Interval { low: s.whisker_low, high: s.whisker_high })),
                     Cell::from(s.outliers.len() as u64),
-                    Cell::from(difference.map(|difference| difference.mean)),
-                    interval(difference.and_then(|difference| difference.mean_95)),
+                    short(difference.map(|difference| difference.mean)),
+                    range(difference.and_then(|difference| difference.mean_95)),
                 ]
             })
             .collect();
@@ -163,11 +161,9 @@ fn conditions(report: &Report<'_>, numbers: &Numbers) -> String {
             ("mean", false),
             ("95 % of mean", false),
             ("sd", false),
-            ("Q1", false),
             ("median", false),
-            ("Q3", false),
-            ("whisker", false),
-            ("whisker", false),
+            ("quartiles", false),
+            ("whiskers", false),
             ("outliers", false),
             (against.as_str(), false),
             ("95 % of it", false),
@@ -193,8 +189,8 @@ fn phase(numbers: &Numbers) -> String {
     let mut html = String::from("<div class=\"plots\">\n");
     for (at, plot) in numbers.phases.iter().enumerate() {
         let caption = format!(
-            "{} against the right leg's angle: mean over strides, with one standard deviation from \
-             stride to stride",
+            "{} against the right leg's angle while the robot is fully inside: mean over strides, with \
+             one standard deviation from stride to stride",
             capital(plot.quantity)
         );
         html += &plot_figure(&format!("phase-{at}"), "", &phase_alt(plot), &caption);
@@ -255,8 +251,8 @@ fn trials(report: &Report<'_>, numbers: &Numbers) -> String {
                     figure(row.drag_mean_n),
                     figure(row.lift_mean_n)
                 );
-                let caption = "Drag (−Fx) and lift (Fz); shaded: the robot is in the channel, darker \
-                               while it gets in and out";
+                let caption = "Drag (−Fx) and lift (Fz); grey: the robot gets into the channel or out of \
+                               it; pink: it is fully inside";
                 html += &plot_figure(&format!("forces-{at}"), "", &alt, caption);
             }
             let alt = format!(
@@ -454,9 +450,22 @@ fn phase_alt(plot: &PhasePlot) -> String {
 }
 
 fn interval(interval: Option<Interval>) -> Cell {
+    digits_of(interval, 4)
+}
+
+/// In three digits: wide tables are to be short.
+fn range(interval: Option<Interval>) -> Cell {
+    digits_of(interval, 3)
+}
+
+fn digits_of(interval: Option<Interval>, digits: i32) -> Cell {
     Cell::Figure(interval.map_or("–".to_owned(), |Interval { low, high }| {
-        format!("{} … {}", figure(low), figure(high))
+        format!("{} … {}", significant(low, digits), significant(high, digits))
     }))
+}
+
+fn short(value: impl Into<Option<f64>>) -> Cell {
+    Cell::Figure(significant(value, 3))
 }
 
 fn capital(text: &str) -> String {

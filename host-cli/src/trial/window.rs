@@ -77,8 +77,8 @@ pub enum NoWindow {
     },
     /// What there is, is no drag, or not more than chance makes.
     #[error(
-        "no sustained drag: the best stretch, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N \
-         ± {drag_se_n:.4} N"
+        "no sustained drag: the best stretch, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
+        if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
     )]
     NoDrag {
         /// Start of the stretch that comes nearest, s.

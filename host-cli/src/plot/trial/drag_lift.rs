@@ -58,7 +58,7 @@ pub fn drag_lift_figure(title: &str, trace: &Trace, passage: &Passage) -> Figure
         }
     };
     panel.draw_frame(&mut canvas);
-    keys.extend(passage.keys());
+    keys.extend(passage.keys(panel.x.range));
     draw_legend(&mut canvas, panel.area, &keys);
     Figure::new(canvas.finish())
 }

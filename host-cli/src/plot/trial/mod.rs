@@ -133,7 +133,7 @@ fn draw_legend<'a>(canvas: &mut Canvas, area: Rect, keys: impl IntoIterator<Item
             }
         };
         canvas.text((left + 30.0, y + 4.0), text, Style::LABEL.anchored(Anchor::Start));
-        left += 30.0 + 0.92 * text_width(text, Style::LABEL.size) + 8.0;
+        left += 36.0 + 0.92 * text_width(text, Style::LABEL.size) + 6.0;
     }
 }
 

@@ -61,12 +61,17 @@ impl Passage {
         wholly.into_iter().for_each(|stretch| fill(stretch, palette::INSIDE));
     }
 
-    /// What a legend says of the shading.
-    pub(super) fn keys(&self) -> Vec<Key<'static>> {
-        let both = self.entering_s.is_some();
-        let partly = if both { "entering, leaving" } else { "in the channel" };
-        let mut keys = vec![Key::Area(partly, palette::PARTLY_INSIDE)];
-        if self.stretches().1.is_some() {
+    /// What a legend says of the shading between two times, s.
+    pub(super) fn keys(&self, (low, high): (f64, f64)) -> Vec<Key<'static>> {
+        let is_seen = |stretch: &[f64; 2]| stretch[0] < high && stretch[1] > low;
+        let (partly, wholly) = self.stretches();
+        let mut keys = Vec::new();
+        if partly.iter().any(is_seen) {
+            let both = self.entering_s.is_some();
+            let name = if both { "entering, leaving" } else { "in the channel" };
+            keys.push(Key::Area(name, palette::PARTLY_INSIDE));
+        }
+        if wholly.iter().any(is_seen) {
             keys.push(Key::Area("fully inside", palette::INSIDE));
         }
         keys

@@ -89,7 +89,7 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
             panel.draw_x_labels(&mut canvas);
         }
         // The first panel's row also says what the shading is.
-        let shading = if i == 0 { passage.keys() } else { vec![] };
+        let shading = if i == 0 { passage.keys(panel.x.range) } else { vec![] };
         draw_legend(&mut canvas, area, row.keys.iter().chain(&shading));
     }
     Figure::new(canvas.finish())

@@ -6,13 +6,13 @@ use anyhow::Context;
 use jiff::Timestamp;
 
 /// Program and version.
-pub(super) fn program() -> String {
+pub(in crate::cmd) fn program() -> String {
     concat!("shellcal ", env!("CARGO_PKG_VERSION")).to_owned()
 }
 
 /// The time in UTC, RFC 3339 to the second; that of `SOURCE_DATE_EPOCH` where it is set, so that
 /// results can be made again byte for byte (reproducible-builds.org).
-pub(super) fn date() -> anyhow::Result<String> {
+pub(in crate::cmd) fn date() -> anyhow::Result<String> {
     let seconds = match std::env::var("SOURCE_DATE_EPOCH") {
         Ok(text) => text
             .parse()

@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use serde::Serialize;
-use shellcal::trial::manifest::{Manifest, suggest};
-use shellcal::trial::{ConditionRow, TraceExtent, TrialOptions, TrialResult};
+use shellcal::trial::manifest::Manifest;
+use shellcal::trial::{ConditionRow, TrialOptions, TrialResult};
 use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
 
 use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::OutputArgs;
-use super::{show, watch};
+use super::{manifest, show, watch};
 use crate::cmd::Outcome;
 use crate::printer::Printer;
 
@@ -119,8 +119,8 @@ impl BatchArgs {
 
     /// The files that the results depend on.
     fn watched(&self) -> Vec<PathBuf> {
-        let folder = self.folder();
-        let logs = self.read_manifest().map(|manifest| {
+        let folder = manifest::folder(&self.manifest);
+        let logs = manifest::read(&self.manifest).map(|manifest| {
             let entries = manifest.rows.into_iter().flatten();
             entries.map(|entry| folder.join(entry.file.value)).collect::<Vec<_>>()
         });
@@ -129,26 +129,14 @@ impl BatchArgs {
         own.chain(logs.unwrap_or_default()).collect()
     }
 
-    fn folder(&self) -> &Path {
-        self.manifest.parent().unwrap_or(Path::new(""))
-    }
-
-    fn read_manifest(&self) -> anyhow::Result<Manifest> {
-        let path = self.manifest.display();
-        let text = std::fs::read_to_string(&self.manifest)
-            .with_context(|| format!("cannot read `{path}`"))?;
-        let is_toml = self.manifest.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{path}:{problem}"))
-    }
-
     fn once(
         &self,
         printer: &mut Printer,
         before: Option<&Batch>,
     ) -> anyhow::Result<(Batch, Outcome)> {
         let equipment = self.evaluation.equipment()?;
-        let manifest = self.read_manifest()?;
-        self.check_reference(&manifest)?;
+        let manifest = manifest::read(&self.manifest)?;
+        manifest::check_reference(&manifest, self.reference.as_deref())?;
         let run = self.evaluate(printer, &manifest, &equipment, before)?;
         let is_whole = run.batch.failures.is_empty();
         self.show(printer, &equipment, &run)?;
@@ -156,11 +144,7 @@ impl BatchArgs {
     }
 
     fn options(&self, equipment: &Equipment) -> TrialOptions {
-        let trace = match self.output.traces {
-            Some(_) => TraceExtent::Window,
-            None => TraceExtent::Nothing,
-        };
-        self.evaluation.options(equipment, trace)
+        self.evaluation.options(equipment, self.output.trace_extent())
     }
 
     fn evaluate(
@@ -170,6 +154,7 @@ impl BatchArgs {
         equipment: &Equipment,
         before: Option<&Batch>,
     ) -> anyhow::Result<Run> {
+        let figures = self.output.figure_folder()?;
         let bar = printer.progress_of("trials", manifest.rows.len() as u64);
         let progress = |done: usize| bar.set_position(done as u64);
         let options = BatchOptions {
@@ -182,14 +167,19 @@ impl BatchArgs {
         };
         let batch = batch::run(
             manifest,
-            self.folder(),
+            manifest::folder(&self.manifest),
             equipment.instrument(),
             &options,
-            |place, result| self.output.write_trace(place, result),
+            |place, result| {
+                self.output.write_trial(place, result, figures.as_ref(), &equipment.profile)
+            },
         );
         bar.finish_and_clear();
         let conditions = batch.statistics(self.reference.as_deref(), self.seed);
         self.output.write_tables(&batch, &conditions)?;
+        if let Some(figures) = &figures {
+            figures.write_batch(&conditions, &batch.phases())?;
+        }
         let warnings = match self.conditions {
             Some(_) => Vec::new(),
             None => {
@@ -198,18 +188,6 @@ impl BatchArgs {
             }
         };
         Ok(Run { batch, conditions, warnings })
-    }
-
-    fn check_reference(&self, manifest: &Manifest) -> anyhow::Result<()> {
-        let Some(reference) = &self.reference else { return Ok(()) };
-        let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
-        let names: Vec<&str> = entries.map(|entry| &*entry.condition.value).collect();
-        if names.contains(&&**reference) {
-            return Ok(());
-        }
-        let hint = suggest(reference, names);
-        let hint = hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
-        bail!("no trial has the condition `{reference}` of `--reference`{hint}")
     }
 
     fn show(&self, printer: &mut Printer, equipment: &Equipment, run: &Run) -> anyhow::Result<()> {

@@ -125,6 +125,12 @@ impl EvaluationArgs {
         self.calibration.as_deref()
     }
 
+    /// The files that results depend on beside manifest and logs, and what they are.
+    pub(crate) fn files_by_role(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let calibration = self.calibration.iter().map(|path| ("calibration", &**path));
+        calibration.chain(self.profile.iter().map(|path| ("profile", &**path)))
+    }
+
     /// The files that results depend on beside manifest and logs.
     pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
         self.calibration.iter().chain(&self.profile).map(PathBuf::as_path)

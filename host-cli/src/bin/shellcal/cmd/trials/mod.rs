@@ -2,9 +2,13 @@
 
 pub(crate) mod batch;
 mod evaluation;
+mod manifest;
 mod outputs;
+pub(crate) mod plot;
 pub(crate) mod profile;
+pub(crate) mod report;
 mod show;
 pub(crate) mod stats;
 pub(crate) mod trial;
 mod watch;
+pub(crate) mod window;

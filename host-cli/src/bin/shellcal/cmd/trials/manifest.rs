@@ -1,0 +1,106 @@
+//! A manifest from its file, and all of its trials: what several commands do.
+
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use shellcal::output::OutputError;
+use shellcal::trial::manifest::{Manifest, Place, suggest};
+use shellcal::trial::{PhaseProfile, Profile, TraceExtent, TrialOptions, TrialResult};
+use shellcal::workflow::batch::{self, Batch, BatchOptions};
+use shellcal::workflow::figures::passage;
+
+use super::evaluation::{Equipment, EvaluationArgs};
+use crate::printer::Printer;
+
+/// Without sensors traces are thinned to this distance, s.
+const THIN_S: f64 = 0.01;
+
+/// Reads a manifest: TOML if it is called so, else CSV.
+pub(super) fn read(path: &Path) -> anyhow::Result<Manifest> {
+    let shown = path.display();
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read `{shown}`"))?;
+    let is_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{shown}:{problem}"))
+}
+
+/// Whether the trials of a manifest have the condition that others are to be compared with.
+pub(super) fn check_reference(manifest: &Manifest, reference: Option<&str>) -> anyhow::Result<()> {
+    let Some(reference) = reference else { return Ok(()) };
+    let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
+    let names: Vec<&str> = entries.map(|entry| &*entry.condition.value).collect();
+    if names.contains(&reference) {
+        return Ok(());
+    }
+    let hint = suggest(reference, names);
+    let hint = hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
+    bail!("no trial has the condition `{reference}` of `--reference`{hint}")
+}
+
+/// The folder that the logs of a manifest are relative to.
+pub(super) fn folder(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
+/// The name that files about a trial start with: that of its log, and its line in the manifest.
+pub(super) fn stem(place: Place, result: &TrialResult) -> String {
+    let stem = Path::new(&result.row.file).file_stem().unwrap_or_default().to_string_lossy();
+    format!("{stem}.{}", place.line)
+}
+
+/// Keeps of a trace of the whole log what a figure of many trials needs: the phase profile of the time
+/// that the robot is fully inside (or in the window, where that has no strides), and, if `thinned`, the
+/// trace frame by frame.
+pub(super) fn reduce(result: &mut TrialResult, profile: &Profile, thinned: bool) {
+    let Some(trace) = result.trace.take() else { return };
+    let window_s = [result.row.t_enter_s, result.row.t_exit_s];
+    let inside_s = passage(&result.row, profile).stretches().1;
+    let of = |window_s| PhaseProfile::new([(&trace, window_s)]);
+    result.phase = inside_s.and_then(of).or_else(|| of(window_s));
+    result.trace = thinned.then(|| trace.thinned(THIN_S));
+}
+
+/// Evaluates the trials of a manifest with traces of the whole logs, which `keep` may use and should
+/// reduce.
+pub(super) fn evaluate(
+    printer: &Printer,
+    path: &Path,
+    manifest: &Manifest,
+    evaluation: &EvaluationArgs,
+    equipment: &Equipment,
+    keep: impl Fn(Place, &mut TrialResult) -> Result<(), OutputError> + Sync,
+) -> Batch {
+    let bar = printer.progress_of("trials", manifest.rows.len() as u64);
+    let progress = |done: usize| bar.set_position(done as u64);
+    let options = BatchOptions {
+        trial: evaluation.options(equipment, TraceExtent::Log),
+        mapping: &equipment.mapping,
+        read: evaluation.read_options(),
+        conditions: None,
+        before: None,
+        progress: Some(&progress),
+    };
+    let batch = batch::run(manifest, folder(path), equipment.instrument(), &options, keep);
+    bar.finish_and_clear();
+    batch
+}
+
+/// What to know about forces over a stride, where the low-pass leaves little of them.
+pub(super) fn slow_filter(batch: &Batch, options: &TrialOptions) -> Option<String> {
+    let rows = batch.trials.iter().map(|trial| &trial.evaluated.result.row);
+    let strides_hz = rows.filter_map(|row| row.stride_frequency_hz).fold(0.0, f64::max);
+    let cutoff_hz = options.low_pass?.cutoff_hz;
+    (strides_hz > 0.5 * cutoff_hz).then(|| {
+        format!(
+            "{strides_hz:.1} strides per second are near or above the low-pass of {cutoff_hz} Hz: it \
+             leaves little of what forces do within a stride; raise `--lowpass` to see more"
+        )
+    })
+}
+
+/// Tells which trials could not be evaluated; whether there were any.
+pub(super) fn tell_failures(printer: &mut Printer, path: &Path, batch: &Batch) -> bool {
+    for failure in &batch.failures {
+        printer.failure(format!("{}:{}: {}", path.display(), failure.place, failure.message));
+    }
+    !batch.failures.is_empty()
+}

@@ -1,0 +1,220 @@
+//! `shellcal plot`: one figure.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use clap::Subcommand;
+use shellcal::log_file::Log;
+use shellcal::output::{AtomicFile, write_atomically};
+use shellcal::plot::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
+use shellcal::plot::{Figure, Format};
+use shellcal::trial::{TraceExtent, Trial, TrialRow};
+use shellcal::workflow::figures::{passage, some_strides, title};
+use shellcal::workflow::selection::TimeWindow;
+use shellcal::workflow::trial::{evaluate_log, find_window};
+
+use super::evaluation::EvaluationArgs;
+use super::manifest;
+use crate::cmd::Outcome;
+use crate::cmd::frames::parse_window;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal plot drag run3.txt --enter 4.2 --exit 8.9 --calibration calibration.json --output drag.svg
+  shellcal plot telemetry run3.txt --calibration calibration.json --between 5:6 --output run3.png
+  shellcal plot boxes manifest.csv --calibration calibration.json --output boxes.svg
+
+`shellcal batch --figures DIR` makes all of them.";
+
+/// Draw one figure of a trial or of a manifest's trials, as SVG or PNG
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct PlotArgs {
+    #[command(subcommand)]
+    kind: Kind,
+}
+
+#[derive(Debug, Subcommand)]
+enum Kind {
+    /// Drag and lift against time, with entering, leaving and fully-inside times shaded
+    Drag(OneArgs),
+    /// Fx, Fy, Fz, leg angles and power against time
+    Telemetry(OneArgs),
+    /// Drag and lift against the phase of the leg by condition, with the spread of strides
+    Phase(ManyArgs),
+    /// Box plots by condition: drag energy, electrical energy, specific resistance
+    Boxes(ManyArgs),
+}
+
+#[derive(Debug, clap::Args)]
+struct OneArgs {
+    /// Log of the trial, plain or gzip
+    #[arg(value_name = "LOG")]
+    log: PathBuf,
+
+    /// When the robot enters the channel, on the log's clock [default: found in the drag]
+    #[arg(long, value_name = "S", requires = "exit", allow_negative_numbers = true)]
+    enter: Option<f64>,
+
+    /// When it leaves
+    #[arg(long, value_name = "S", requires = "enter", allow_negative_numbers = true)]
+    exit: Option<f64>,
+
+    /// Show what lies between two times, in s on the log's clock [default: the whole log, or of
+    /// telemetry ten strides]
+    #[arg(long, value_name = "START:END", value_parser = parse_window)]
+    between: Option<TimeWindow>,
+
+    /// Title of the figure [default: the log's name]
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+
+    /// File to write: `.svg` or `.png`
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
+}
+
+#[derive(Debug, clap::Args)]
+struct ManyArgs {
+    /// Which trials there are: CSV, or TOML if it is called so
+    #[arg(value_name = "MANIFEST")]
+    manifest: PathBuf,
+
+    /// Title of the figure
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+
+    /// File to write: `.svg` or `.png`
+    #[arg(long, short, value_name = "FILE")]
+    output: PathBuf,
+
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
+}
+
+impl PlotArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        match &self.kind {
+            Kind::Drag(args) => args.run(printer, false),
+            Kind::Telemetry(args) => args.run(printer, true),
+            Kind::Phase(args) => args.run(printer, true),
+            Kind::Boxes(args) => args.run(printer, false),
+        }
+    }
+}
+
+impl OneArgs {
+    fn run(&self, printer: &mut Printer, telemetry: bool) -> anyhow::Result<Outcome> {
+        let format = Format::of(&self.output)?;
+        // A path that cannot be written is told before the work.
+        drop(AtomicFile::create(&self.output)?);
+        let equipment = self.evaluation.equipment()?;
+        let instrument = equipment.instrument();
+        let log = Log::open(&self.log, &equipment.mapping)?;
+        let options = self.evaluation.options(&equipment, TraceExtent::Log);
+        let read = self.evaluation.read_options();
+        let (t_enter_s, t_exit_s) = match self.enter.zip(self.exit) {
+            Some(window) => window,
+            None if equipment.calibration.is_none() => {
+                bail!("without a calibration there is no drag to find the window in")
+            }
+            None => {
+                let proposal = find_window(&log, instrument, &options, &read)?;
+                (proposal.t_enter_s, proposal.t_exit_s)
+            }
+        };
+        let trial = Trial {
+            file: self.log.display().to_string(),
+            condition: String::new(),
+            t_enter_s,
+            t_exit_s,
+            velocity_m_s: None,
+            mass_kg: None,
+            channel_length_m: None,
+            notes: None,
+        };
+        let result = evaluate_log(&log, &trial, instrument, &options, &read)?.result;
+        let (row, trace) = (&result.row, result.trace.unwrap_or_default());
+        let title = self.title.clone().unwrap_or_else(|| title(row));
+        let passage = passage(row, &equipment.profile);
+        let between = self.between.map(|window| [window.start_s, window.end_s]);
+        let figure = match telemetry {
+            true => {
+                let range_s = between.unwrap_or_else(|| some_strides(row, &trace));
+                stack_figure(&title, &trace, &passage, range_s)
+            }
+            false => {
+                if trace.wrench[0].is_empty() {
+                    bail!(
+                        "there are no forces to draw: the log has no sensors, or no calibration was given"
+                    );
+                }
+                let shown = match between {
+                    Some([from_s, to_s]) => trace.within(from_s, to_s),
+                    None => trace,
+                };
+                drag_lift_figure(&title, &shown, &passage)
+            }
+        };
+        write(printer, &self.output, format, &figure, Some(row))
+    }
+}
+
+impl ManyArgs {
+    fn run(&self, printer: &mut Printer, phase: bool) -> anyhow::Result<Outcome> {
+        let format = Format::of(&self.output)?;
+        drop(AtomicFile::create(&self.output)?);
+        let equipment = self.evaluation.equipment()?;
+        let manifest = manifest::read(&self.manifest)?;
+        let keep = |_, result: &mut _| {
+            manifest::reduce(result, &equipment.profile, false);
+            Ok(())
+        };
+        let evaluation = &self.evaluation;
+        let path = &self.manifest;
+        let batch = manifest::evaluate(printer, path, &manifest, evaluation, &equipment, keep);
+        let failed = manifest::tell_failures(printer, path, &batch);
+        let title = |usual: &str| self.title.clone().unwrap_or_else(|| usual.to_owned());
+        let figure = if phase {
+            let options = evaluation.options(&equipment, TraceExtent::Log);
+            if let Some(note) = manifest::slow_filter(&batch, &options) {
+                printer.warning(note);
+            }
+            let phases = batch.phases();
+            if phases.is_empty() {
+                bail!("no trial has strides with forces to draw");
+            }
+            phase_figure(&title("Drag and lift over a stride"), &phases)
+        } else {
+            // Intervals are not drawn: any seed will do.
+            let conditions = batch.statistics(None, 1);
+            if conditions.is_empty() {
+                bail!("no trial could be evaluated");
+            }
+            box_figure(&title("Energies and specific resistance"), &conditions)
+        };
+        let outcome = write(printer, &self.output, format, &figure, None)?;
+        Ok(if failed { Outcome::CheckFailed } else { outcome })
+    }
+}
+
+fn write(
+    printer: &mut Printer,
+    path: &Path,
+    format: Format,
+    figure: &Figure,
+    row: Option<&TrialRow>,
+) -> anyhow::Result<Outcome> {
+    write_atomically(path, &figure.render(format)?)?;
+    if printer.json() {
+        let window = row.map(|row| [row.t_enter_s, row.t_exit_s]);
+        printer.document(&serde_json::json!({ "file": path, "window_s": window }))?;
+    } else {
+        printer.note(format!("figure in `{}`", path.display()));
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,144 @@
+//! `shellcal window`: when the robot was in the channel.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use shellcal::log_file::Log;
+use shellcal::output::write_atomically;
+use shellcal::plot::Format;
+use shellcal::plot::trial::window_figure;
+use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, Trace, TraceExtent, propose_window};
+use shellcal::workflow::trial::{TrialLogError, evaluate_whole};
+
+use super::evaluation::EvaluationArgs;
+use crate::cmd::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal window run3.txt --calibration calibration.json --plot window.svg
+  shellcal window *.txt --calibration calibration.json --json
+
+The confidence is the share of the slow variation of the drag that one stay in a channel explains. Look
+at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit code is 1.";
+
+/// Propose entry into the channel and exit from it: onset and end of sustained drag
+///
+/// A manifest can say `auto` in place of times, and gets the same.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct WindowArgs {
+    /// Logs of trials, plain or gzip
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+
+    /// Draw the drag and what was found in it, as SVG or PNG; of one log
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
+}
+
+/// What `--json` says of a log.
+#[derive(Serialize)]
+struct Found {
+    log: String,
+    #[serde(flatten)]
+    proposal: Option<Proposal>,
+    /// Whether it can be used without a look at it.
+    good: bool,
+    /// Why there is none.
+    reason: Option<String>,
+}
+
+impl WindowArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let equipment = self.evaluation.equipment()?;
+        anyhow::ensure!(
+            equipment.calibration.is_some(),
+            "without a calibration there is no drag to find a window in: name one with `--calibration`"
+        );
+        anyhow::ensure!(
+            self.plot.is_none() || self.logs.len() == 1,
+            "`--plot` draws one log, and there are {}",
+            self.logs.len()
+        );
+        let format = self.plot.as_ref().map(Format::of).transpose()?;
+        let mut options = self.evaluation.options(&equipment, TraceExtent::Log);
+        // A filter that lags behind would make the window late.
+        options.low_pass = options
+            .low_pass
+            .map(|low_pass| shellcal::trial::LowPass { zero_phase: true, ..low_pass });
+        let mut found = Vec::new();
+        for path in &self.logs {
+            let log = Log::open(path, &equipment.mapping)?;
+            let read = self.evaluation.read_options();
+            let result = evaluate_whole(&log, equipment.instrument(), &options, &read)?.result;
+            let Trace { t_s, wrench: [fx, ..], .. } = result.trace.unwrap_or_default();
+            let drag: Vec<f64> = fx.iter().map(|fx| -fx).collect();
+            if drag.is_empty() {
+                return Err(TrialLogError::NoForces.into());
+            }
+            let stride_s = result.row.stride_frequency_hz.map(f64::recip);
+            let proposal = propose_window(&t_s, &drag, stride_s);
+            let name = path.display().to_string();
+            if let (Some(file), Some(format)) = (&self.plot, format) {
+                let figure = window_figure(&name, &t_s, &drag, proposal.as_ref());
+                write_atomically(file, &figure.render(format)?)?;
+            }
+            found.push(Found::new(name, proposal));
+        }
+        let refused = found.iter().any(|found| found.proposal.is_none());
+        self.print(printer, &found)?;
+        Ok(if refused { Outcome::CheckFailed } else { Outcome::Done })
+    }
+
+    fn print(&self, printer: &mut Printer, found: &[Found]) -> anyhow::Result<()> {
+        if printer.json() {
+            return printer.document(&found);
+        }
+        let header =
+            ["log", "entry (s)", "± se", "exit (s)", "± se", "drag (N)", "± se", "confidence"];
+        let rows: Vec<Vec<String>> = found
+            .iter()
+            .filter_map(|Found { log, proposal, .. }| {
+                let p = (*proposal)?;
+                let mut row = vec![log.clone()];
+                row.extend(
+                    [p.t_enter_s, p.t_enter_se_s, p.t_exit_s, p.t_exit_se_s]
+                        .map(|t| format!("{t:.3}")),
+                );
+                row.extend([p.drag_n, p.drag_se_n].map(|force| format!("{force:.4}")));
+                row.push(format!("{:.2}", p.confidence));
+                Some(row)
+            })
+            .collect();
+        if !rows.is_empty() {
+            printer.table(&header, &rows)?;
+        }
+        for Found { log, proposal, reason, .. } in found {
+            match (proposal, reason) {
+                (Some(proposal), _) if !proposal.is_good() => printer.warning(format!(
+                    "{log}: the confidence is below {GOOD_CONFIDENCE}: look at it with `--plot`"
+                )),
+                (None, Some(reason)) => printer.warning(format!("{log}: {reason}")),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Found {
+    fn new(log: String, proposal: Result<Proposal, NoWindow>) -> Self {
+        match proposal {
+            Ok(proposal) => {
+                Self { log, proposal: Some(proposal), good: proposal.is_good(), reason: None }
+            }
+            Err(reason) => {
+                Self { log, proposal: None, good: false, reason: Some(reason.to_string()) }
+            }
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! A headless Chromium, driven over its DevTools protocol.
+//!
+//! The protocol goes over a pair of pipes (`--remote-debugging-pipe`): JSON documents, each ended by a
+//! zero byte, to descriptor 3 and from descriptor 4 of the browser. A shell puts them there, so that
+//! neither a port nor a library is needed.
+//!
+//! For tests: what goes wrong is a panic that says what it was.
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+/// Names a Chromium that is not on the path.
+const CHROMIUM: &str = "SHELLCAL_CHROMIUM";
+const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
+/// When to give up, which is no statement on how long it should take.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A browser with one page.
+#[derive(Debug)]
+pub struct Browser {
+    process: Child,
+    to: ChildStdin,
+    from: BufReader<ChildStdout>,
+    session: String,
+    next_id: u64,
+    events: Vec<Value>,
+    _profile: tempfile::TempDir,
+}
+
+/// Looks for a Chromium; where this machine has none, says that the test was skipped.
+#[expect(clippy::print_stdout, reason = "a skipped test says so")]
+pub fn chromium() -> Option<String> {
+    let named = std::env::var(CHROMIUM).ok();
+    let runs = |name: &String| {
+        let mut command = Command::new(name);
+        command.arg("--version").stdout(Stdio::null()).stderr(Stdio::null());
+        command.status().is_ok_and(|status| status.success())
+    };
+    let found = named.into_iter().chain(NAMES.map(str::to_owned)).find(runs);
+    if found.is_none() {
+        println!(
+            "skipped: no Chromium on the path, nor named by {CHROMIUM}; on Debian it comes with `apt-get install chromium`"
+        );
+    }
+    found
+}
+
+impl Browser {
+    /// Starts a browser with a page of this size in CSS pixels, as on a phone if `mobile`.
+    pub fn start(chromium: &str, [width, height]: [u32; 2], mobile: bool) -> Self {
+        let profile = tempfile::tempdir().unwrap();
+        // A test runs as whoever runs it, in a container that may have no room for a sandbox.
+        let command = format!(
+            "exec \"$0\" --headless --no-sandbox --disable-gpu --disable-dev-shm-usage \
+             --remote-debugging-pipe --user-data-dir=\"$1\" 3<&0 4>&1 0</dev/null 1>/dev/null"
+        );
+        let mut process = Command::new("sh")
+            .args(["-c", &command, chromium, &profile.path().display().to_string()])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let to = process.stdin.take().unwrap();
+        let from = BufReader::new(process.stdout.take().unwrap());
+        let mut browser = Self {
+            process,
+            to,
+            from,
+            session: String::new(),
+            next_id: 0,
+            events: Vec::new(),
+            _profile: profile,
+        };
+        let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }));
+        let attach = json!({ "targetId": target["targetId"], "flatten": true });
+        let session = browser.call("Target.attachToTarget", attach);
+        browser.session = session["sessionId"].as_str().unwrap().to_owned();
+        for domain in ["Page", "Runtime", "Log", "Network"] {
+            browser.call(&format!("{domain}.enable"), json!({}));
+        }
+        let metrics =
+            json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile });
+        browser.call("Emulation.setDeviceMetricsOverride", metrics);
+        browser
+    }
+
+    /// Opens a file, and waits until it is loaded.
+    pub fn open(&mut self, path: &Path) {
+        let url = format!("file://{}", path.canonicalize().unwrap().display());
+        self.call("Page.navigate", json!({ "url": url }));
+        self.wait_for("document.readyState === 'complete'");
+    }
+
+    /// What an expression is on the page; promises are waited for.
+    pub fn evaluate(&mut self, expression: &str) -> Value {
+        let wanted =
+            json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let answer = self.call("Runtime.evaluate", wanted);
+        assert!(answer.get("exceptionDetails").is_none(), "{expression}: {answer}");
+        answer["result"]["value"].clone()
+    }
+
+    /// Waits until an expression is true on the page.
+    pub fn wait_for(&mut self, expression: &str) {
+        let deadline = Instant::now() + PATIENCE;
+        while self.evaluate(expression) != Value::Bool(true) {
+            assert!(Instant::now() < deadline, "`{expression}` does not become true");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Clicks in the middle of the element that an expression gives.
+    pub fn click(&mut self, element: &str) {
+        let place = self.evaluate(&format!(
+            "(() => {{ const e = {element}; e.scrollIntoView({{ block: 'center' }}); \
+             const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
+        ));
+        for kind in ["mousePressed", "mouseReleased"] {
+            let event = json!({ "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1 });
+            self.call("Input.dispatchMouseEvent", event);
+        }
+    }
+
+    /// Presses a key and lets it go: "Tab", "Enter", " ".
+    pub fn press(&mut self, key: &str) {
+        let code = match key {
+            "Tab" => 9,
+            "Enter" => 13,
+            _ => 32,
+        };
+        let text = if key == "Tab" {
+            ""
+        } else if key == "Enter" {
+            "\r"
+        } else {
+            " "
+        };
+        for kind in ["keyDown", "keyUp"] {
+            let text = if kind == "keyDown" { text } else { "" };
+            let event =
+                json!({ "type": kind, "key": key, "windowsVirtualKeyCode": code, "text": text });
+            self.call("Input.dispatchKeyEvent", event);
+        }
+    }
+
+    /// The whole page as PNG, in base64.
+    pub fn screenshot(&mut self) -> String {
+        let wanted = json!({ "captureBeyondViewport": true, "format": "png" });
+        self.call("Page.captureScreenshot", wanted)["data"].as_str().unwrap().to_owned()
+    }
+
+    /// The page as printed: PDF, in base64.
+    pub fn print(&mut self) -> String {
+        let wanted = json!({ "paperWidth": 8.27, "paperHeight": 11.69 });
+        self.call("Page.printToPDF", wanted)["data"].as_str().unwrap().to_owned()
+    }
+
+    /// What the page has complained of so far: errors, warnings of the console, exceptions.
+    pub fn complaints(&mut self) -> Vec<String> {
+        // An answer comes after all that was said before it.
+        self.evaluate("0");
+        let told = |event: &&Value| {
+            let parameters = &event["params"];
+            match event["method"].as_str() {
+                Some("Runtime.exceptionThrown") => true,
+                Some("Runtime.consoleAPICalled") => {
+                    matches!(parameters["type"].as_str(), Some("error" | "warning" | "assert"))
+                }
+                Some("Log.entryAdded") => {
+                    matches!(parameters["entry"]["level"].as_str(), Some("error" | "warning"))
+                }
+                _ => false,
+            }
+        };
+        self.events.iter().filter(told).map(Value::to_string).collect()
+    }
+
+    /// The addresses that the page has asked for beside its own file and what is in it.
+    pub fn requests(&mut self) -> Vec<String> {
+        self.evaluate("0");
+        let of = |event: &Value| {
+            let is_request = event["method"] == "Network.requestWillBeSent";
+            is_request.then(|| event["params"]["request"]["url"].as_str().unwrap().to_owned())
+        };
+        let own = |url: &String| ["file:", "data:", "blob:"].iter().any(|own| url.starts_with(own));
+        self.events.iter().filter_map(of).filter(|url| !own(url)).collect()
+    }
+
+    fn call(&mut self, method: &str, parameters: Value) -> Value {
+        self.next_id += 1;
+        let id = self.next_id;
+        let mut request = json!({ "id": id, "method": method, "params": parameters });
+        if !self.session.is_empty() {
+            request["sessionId"] = Value::String(self.session.clone());
+        }
+        let mut bytes = request.to_string().into_bytes();
+        bytes.push(0);
+        self.to.write_all(&bytes).unwrap();
+        loop {
+            let mut message = Vec::new();
+            let read = self.from.read_until(0, &mut message).unwrap();
+            assert!(read > 0, "{method}: the browser has ended");
+            message.pop();
+            let message: Value = serde_json::from_slice(&message).unwrap();
+            if message["id"] == id {
+                assert!(message.get("error").is_none(), "{method}: {message}");
+                return message["result"].clone();
+            }
+            self.events.push(message);
+        }
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
