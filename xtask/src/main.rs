@@ -14,6 +14,7 @@ mod stack;
 mod steps;
 mod test;
 mod toolchain;
+mod trials;
 
 use std::process::ExitCode;
 
@@ -41,6 +42,8 @@ enum Task {
     BenchPeers(peers::Args),
     /// Measure time and memory of a fit against the length of the file
     BenchScale(scale::Args),
+    /// Measure a batch of trials against the pipeline that labs use today
+    BenchTrials(trials::Args),
     /// Count the instructions of a fit with and without what it can be asked for
     Instructions(instructions::Args),
     /// Run one program and print its wall time and peak memory (used by the benchmarks)
@@ -56,6 +59,7 @@ fn main() -> ExitCode {
         Task::Emulate(args) => emulate::run(&args),
         Task::BenchPeers(args) => peers::run(&args),
         Task::BenchScale(args) => scale::run(&args),
+        Task::BenchTrials(args) => trials::run(&args),
         Task::Instructions(args) => instructions::run(&args),
         Task::Measure(args) => measure::run(&args),
     };

@@ -183,6 +183,14 @@ pub enum Problem {
 }
 
 impl CalibrationFile {
+    /// The share of the training loads' variance that the calibration leaves unexplained, 1 − R² of
+    /// each axis, if that is known.
+    pub fn unexplained(&self) -> Option<PerAxis<f64>> {
+        let train = self.origin.diagnostics.as_ref()?.train;
+        let known = train.iter().all(|axis| axis.r_squared.is_some());
+        known.then(|| train.map(|axis| (1.0 - axis.r_squared.unwrap_or(0.0)).max(0.0)))
+    }
+
     /// Reads the JSON document at `path`.
     ///
     /// # Errors

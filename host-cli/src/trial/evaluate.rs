@@ -86,7 +86,7 @@ pub fn evaluate(
     let half_widths = forces.as_ref().and_then(|forces| {
         let (calibration, axes) = (calibration?, [Axis::Fx, Axis::Fz]);
         let tare = tare.zip(forces.tare.as_ref());
-        half_widths(calibration, tare, forces, &span, &axes)
+        half_widths(calibration, tare, forces, &span, &axes, options)
     });
     if forces.is_some() && half_widths.is_none() {
         remarks.push(Remark::NoIntervals);

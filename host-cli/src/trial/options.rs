@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::wrench::PerAxis;
+
 /// How trials are evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialOptions {
@@ -17,6 +19,10 @@ pub struct TrialOptions {
     pub trace: TraceExtent,
     /// The highest reading that the converter can give, counts.
     pub full_scale: f64,
+    /// The share of the training loads' variance that the calibration leaves unexplained, 1 − R²,
+    /// where it is known: what it gets wrong of any load, whatever the number of frames.
+    #[serde(skip)]
+    pub unexplained: Option<PerAxis<f64>>,
 }
 
 /// What is taken as unloaded; its mean wrench is subtracted.
@@ -76,6 +82,7 @@ impl Default for TrialOptions {
             rule: Rule::Time,
             trace: TraceExtent::Nothing,
             full_scale: 4095.0,
+            unexplained: None,
         }
     }
 }

@@ -1,13 +1,16 @@
 //! How sure the mean force of a window is.
 //!
 //! The mean force less the tare is linear in the coefficients C, with d the mean features of the
-//! window less those of the tare: `dᵀC`. Its error has three parts, which are added as variances:
+//! window less those of the tare: `dᵀC`. Its error has four parts, which are added as variances:
 //!
 //! - that of the coefficients, `‖Tᵀd‖²` (or `S·‖Fᵀd‖²` where rows are taken as independent; see
 //!   [`crate::calibration::uncertainty`]);
 //! - the noise of the tare's mean, from how its frames scatter, with what neighbours have in common
 //!   (Newey & West, Econometrica 55, 1987);
-//! - the noise of the window's mean, the same noise over its frames.
+//! - the noise of the window's mean, the same noise over its frames;
+//! - what the calibration cannot follow, such as play in the springs: it does not average out over a
+//!   window, and is taken to be the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`, of
+//!   the training data's unexplained variance S without the noise σ² of a frame.
 //!
 //! Without a tare the residual variance of the calibration stands for the last two.
 //!
@@ -15,6 +18,7 @@
 
 use super::forces::Forces;
 use super::integral::Span;
+use super::options::TrialOptions;
 use super::tare::TareFrames;
 use crate::calibration::Calibration;
 use crate::calibration::uncertainty::{CoefficientCovariance, Tare, student_quantile};
@@ -38,6 +42,7 @@ pub(super) fn half_widths(
     forces: &Forces,
     span: &Span,
     axes: &[Axis],
+    options: &TrialOptions,
 ) -> Option<PerAxis<f64>> {
     let covariance = calibration.covariance.as_ref()?;
     // What each frame counts for in the mean.
@@ -61,6 +66,13 @@ pub(super) fn half_widths(
         let mut parts =
             vec![Part { variance, degrees_of_freedom: covariance.degrees_of_freedom as f64 }];
         let noise: &[f64] = &of_tare[axis];
+        if let Some(unexplained) = options.unexplained {
+            let residual = covariance.residual[axis][axis];
+            let lack = if residual > 0.0 { 1.0 - variance_of(noise) / residual } else { 0.0 };
+            let load = span.mean(&forces.wrench[axis]);
+            let variance = unexplained[axis] * lack.max(0.0) * load * load;
+            parts.push(Part { variance, ..parts[0] });
+        }
         if noise.len() > 1 {
             let frames = noise.len() as f64;
             let variance = long_run_variance(noise) * (1.0 / frames + own_frames);
@@ -99,6 +111,15 @@ fn mean_features(calibration: &Calibration, frames: &[Vec<f64>], shares: &[f64])
 fn square(factor: &[Vec<f64>], x: &[f64]) -> f64 {
     let product = |column: &Vec<f64>| column.iter().zip(x).map(|(f, x)| f * x).sum::<f64>();
     factor.iter().map(|column| product(column).powi(2)).sum()
+}
+
+/// The variance of a value of `x`, 0 of fewer than two.
+fn variance_of(x: &[f64]) -> f64 {
+    if x.len() < 2 {
+        return 0.0;
+    }
+    let mean = x.iter().sum::<f64>() / x.len() as f64;
+    x.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (x.len() - 1) as f64
 }
 
 /// The variance of the mean of `x`, times its length: Bartlett's weights over the cube root of the

@@ -1,6 +1,7 @@
 //! What is wrong between the rows of a manifest: duplicates, conditions that look mistyped.
 
 use std::collections::BTreeMap;
+use std::path::{Component, Path, PathBuf};
 
 use super::{Entry, Manifest, Moment, Place, Problem, did_you_mean, suggest};
 
@@ -23,10 +24,10 @@ impl Manifest {
     pub fn faults(&self, declared: Option<&[String]>) -> Vec<Fault> {
         let declared = declared.or(self.conditions.as_deref());
         let mut faults = Vec::new();
-        let mut before: BTreeMap<&str, Vec<&Entry>> = BTreeMap::new();
+        let mut before: BTreeMap<PathBuf, Vec<&Entry>> = BTreeMap::new();
         for (row, entry) in self.entries() {
-            let twin =
-                before.get(&*entry.file.value).into_iter().flatten().find(|e| overlap(e, entry));
+            let file = without_dots(&entry.file.value);
+            let twin = before.get(&file).into_iter().flatten().find(|e| overlap(e, entry));
             if let Some(twin) = twin {
                 let message = format!(
                     "overlaps the trial of line {}: the same log from {} to {}",
@@ -38,7 +39,7 @@ impl Manifest {
                 faults.push(Fault { row, problem });
                 continue;
             }
-            before.entry(&entry.file.value).or_default().push(entry);
+            before.entry(file).or_default().push(entry);
             let condition = &entry.condition;
             if let Some(declared) = declared.filter(|known| !known.contains(&condition.value)) {
                 let hint = did_you_mean(&condition.value, declared.iter().map(String::as_str));
@@ -87,6 +88,11 @@ impl Manifest {
     }
 }
 
+/// `./run.txt` is `run.txt`.
+fn without_dots(file: &str) -> PathBuf {
+    Path::new(file).components().filter(|part| *part != Component::CurDir).collect()
+}
+
 fn overlap(a: &Entry, b: &Entry) -> bool {
     let start = |moment| if let Moment::At(time) = moment { time } else { f64::NEG_INFINITY };
     let end = |moment| if let Moment::At(time) = moment { time } else { f64::INFINITY };
@@ -123,12 +129,12 @@ mod tests {
     #[test]
     fn trials_that_overlap_on_one_log_are_told_and_others_are_not() {
         let manifest =
-            manifest("a,x,1,3\nb,x,1,3\na,x,3,4\na,x,2.5,2.6\na,x,auto,0.5\nb,x,auto,auto\n");
+            manifest("a,x,1,3\nb,x,1,3\na,x,3,4\n./a,x,2.5,2.6\na,x,auto,0.5\nb,x,auto,auto\n");
         let faults = messages(manifest.faults(None).into_iter().map(|fault| fault.problem));
         assert_eq!(
             faults,
             [
-                "5:5: overlaps the trial of line 2: the same log from `1` s to `3` s",
+                "5:7: overlaps the trial of line 2: the same log from `1` s to `3` s",
                 "7:5: overlaps the trial of line 3: the same log from `1` s to `3` s"
             ]
         );

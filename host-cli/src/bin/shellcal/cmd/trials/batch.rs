@@ -143,8 +143,8 @@ impl BatchArgs {
         Ok((run.batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
     }
 
-    fn options(&self) -> TrialOptions {
-        self.evaluation.options(self.output.trace_extent())
+    fn options(&self, equipment: &Equipment) -> TrialOptions {
+        self.evaluation.options(equipment, self.output.trace_extent())
     }
 
     fn evaluate(
@@ -158,7 +158,7 @@ impl BatchArgs {
         let bar = printer.progress_of("trials", manifest.rows.len() as u64);
         let progress = |done: usize| bar.set_position(done as u64);
         let options = BatchOptions {
-            trial: self.options(),
+            trial: self.options(equipment),
             mapping: &equipment.mapping,
             read: self.evaluation.read_options(),
             conditions: self.conditions.as_deref(),
@@ -233,7 +233,7 @@ impl BatchArgs {
                 manifest: &self.manifest,
                 calibration: self.evaluation.calibration(),
                 profile: &equipment.profile,
-                options: self.options(),
+                options: self.options(equipment),
                 trials: trials.collect(),
                 failures: failures.collect(),
                 excluded: batch.excluded,

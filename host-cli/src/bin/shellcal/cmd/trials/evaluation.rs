@@ -96,7 +96,7 @@ impl EvaluationArgs {
         Ok(Equipment { profile, calibration, mapping: self.mapping.mapping()? })
     }
 
-    pub(crate) fn options(&self, trace: TraceExtent) -> TrialOptions {
+    pub(crate) fn options(&self, equipment: &Equipment, trace: TraceExtent) -> TrialOptions {
         let zero_phase = !self.causal && !self.by_row;
         TrialOptions {
             tare: match (self.tare_time, self.tare) {
@@ -113,6 +113,7 @@ impl EvaluationArgs {
             rule: if self.by_row { Rule::Rows } else { Rule::Time },
             trace,
             full_scale: self.full_scale,
+            unexplained: equipment.calibration.as_ref().and_then(CalibrationFile::unexplained),
         }
     }
 

@@ -72,7 +72,7 @@ pub(super) fn evaluate(
     let bar = printer.progress_of("trials", manifest.rows.len() as u64);
     let progress = |done: usize| bar.set_position(done as u64);
     let options = BatchOptions {
-        trial: evaluation.options(TraceExtent::Log),
+        trial: evaluation.options(equipment, TraceExtent::Log),
         mapping: &equipment.mapping,
         read: evaluation.read_options(),
         conditions: None,

@@ -30,6 +30,10 @@ pub(crate) struct OutputArgs {
     #[arg(long, value_name = "DIR")]
     pub(crate) traces: Option<PathBuf>,
 
+    /// Let traces run over the whole log
+    #[arg(long, requires = "traces")]
+    whole_logs: bool,
+
     /// Draw every figure into a directory: `boxes`, `phase`, and of each trial `LOG.LINE.drag` and
     /// `LOG.LINE.telemetry`
     #[arg(long, value_name = "DIR")]
@@ -77,6 +81,7 @@ impl OutputArgs {
     /// What has to be kept of a log for the outputs.
     pub(crate) fn trace_extent(&self) -> TraceExtent {
         match (&self.figures, &self.traces) {
+            _ if self.whole_logs => TraceExtent::Log,
             (Some(_), _) => TraceExtent::Log,
             (None, Some(_)) => TraceExtent::Window,
             (None, None) => TraceExtent::Nothing,
@@ -102,14 +107,17 @@ impl OutputArgs {
         Ok(())
     }
 
-    /// Writes the trace of a trial, in its window.
+    /// Writes the trace of a trial.
     fn write_trace(&self, place: Place, result: &TrialResult) -> Result<(), OutputError> {
         let (Some(directory), Some(trace)) = (&self.traces, &result.trace) else {
             return Ok(());
         };
         let path = directory.join(format!("{}.csv", manifest::stem(place, result)));
-        let trace = trace.within(result.row.t_enter_s, result.row.t_exit_s);
-        write_atomically(path, &trace_table(&trace).to_csv())
+        let table = match self.whole_logs {
+            true => trace_table(trace),
+            false => trace_table(&trace.within(result.row.t_enter_s, result.row.t_exit_s)),
+        };
+        write_atomically(path, &table.to_csv())
     }
 
     /// Writes the tables.

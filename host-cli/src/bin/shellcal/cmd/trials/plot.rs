@@ -115,7 +115,7 @@ impl OneArgs {
         let equipment = self.evaluation.equipment()?;
         let instrument = equipment.instrument();
         let log = Log::open(&self.log, &equipment.mapping)?;
-        let options = self.evaluation.options(TraceExtent::Log);
+        let options = self.evaluation.options(&equipment, TraceExtent::Log);
         let read = self.evaluation.read_options();
         let (t_enter_s, t_exit_s) = match self.enter.zip(self.exit) {
             Some(window) => window,
@@ -180,7 +180,7 @@ impl ManyArgs {
         let failed = manifest::tell_failures(printer, path, &batch);
         let title = |usual: &str| self.title.clone().unwrap_or_else(|| usual.to_owned());
         let figure = if phase {
-            let options = evaluation.options(TraceExtent::Log);
+            let options = evaluation.options(&equipment, TraceExtent::Log);
             if let Some(note) = manifest::slow_filter(&batch, &options) {
                 printer.warning(note);
             }

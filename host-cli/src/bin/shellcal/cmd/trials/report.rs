@@ -81,7 +81,7 @@ impl ReportArgs {
             }
         }
         let shown = path.display();
-        let options = evaluation.options(TraceExtent::Log);
+        let options = evaluation.options(&equipment, TraceExtent::Log);
         let mut warnings: Vec<String> =
             manifest.remarkable().iter().map(|problem| format!("{shown}:{problem}")).collect();
         warnings.extend(manifest::slow_filter(&batch, &options));

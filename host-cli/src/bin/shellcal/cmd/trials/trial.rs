@@ -86,7 +86,7 @@ impl TrialArgs {
             (Some(_), false) => TraceExtent::Window,
             (Some(_), true) => TraceExtent::Log,
         };
-        let options = self.evaluation.options(trace);
+        let options = self.evaluation.options(&equipment, trace);
         let log = Log::open(&self.log, &equipment.mapping)?;
         let trace_file = self.trace.as_ref().map(AtomicFile::create).transpose()?;
         let read = self.evaluation.read_options();

@@ -65,7 +65,7 @@ impl WindowArgs {
             self.logs.len()
         );
         let format = self.plot.as_ref().map(Format::of).transpose()?;
-        let mut options = self.evaluation.options(TraceExtent::Log);
+        let mut options = self.evaluation.options(&equipment, TraceExtent::Log);
         // A filter that lags behind would make the window late.
         options.low_pass = options
             .low_pass
