@@ -67,8 +67,9 @@ fn inverse_diagonal<const N: usize>(matrix: &[[f64; N]; N], index: usize) -> Opt
         }
         for i in (0..N).filter(|&i| i != k) {
             let factor = left[i][k] / pivot;
-            for j in k..N {
-                left[i][j] -= factor * left[k][j];
+            let above = left[k];
+            for (value, above) in left[i].iter_mut().zip(above).skip(k) {
+                *value -= factor * above;
             }
             right[i] -= factor * right[k];
         }
