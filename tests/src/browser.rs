@@ -32,19 +32,25 @@ pub struct Browser {
     _profile: tempfile::TempDir,
 }
 
-/// Looks for a Chromium; where this machine has none, says that the test was skipped.
-#[expect(clippy::print_stdout, reason = "a skipped test says so")]
-pub fn chromium() -> Option<String> {
+/// A Chromium of this machine: the one that `SHELLCAL_CHROMIUM` names, or one on the path.
+pub fn find() -> Option<String> {
     let named = std::env::var(CHROMIUM).ok();
     let runs = |name: &String| {
         let mut command = Command::new(name);
         command.arg("--version").stdout(Stdio::null()).stderr(Stdio::null());
         command.status().is_ok_and(|status| status.success())
     };
-    let found = named.into_iter().chain(NAMES.map(str::to_owned)).find(runs);
+    named.into_iter().chain(NAMES.map(str::to_owned)).find(runs)
+}
+
+/// As [`find`]; where this machine has none, says that the test was skipped.
+#[expect(clippy::print_stdout, reason = "a skipped test says so")]
+pub fn chromium() -> Option<String> {
+    let found = find();
     if found.is_none() {
         println!(
-            "skipped: no Chromium on the path, nor named by {CHROMIUM}; on Debian it comes with `apt-get install chromium`"
+            "skipped: no Chromium on the path, nor named by {CHROMIUM}; on Debian it comes with \
+             `apt-get install chromium`"
         );
     }
     found

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use system_tests::browser;
 use system_tests::emulation::IMAGE;
 
-use crate::firmware;
 use crate::steps::{cargo, run as step};
+use crate::{apt, firmware};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
@@ -20,6 +21,10 @@ pub(crate) struct Args {
     /// Leave out the firmware on its target: no compiler for the board and no emulator is needed
     #[arg(long)]
     without_board: bool,
+
+    /// Do not install Chromium where there is none: tests in a browser are then skipped
+    #[arg(long)]
+    without_browser: bool,
 }
 
 /// The profile of the tests: optimised, with the checks of a debug build.
@@ -42,6 +47,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     } else {
         Some(firmware::check()?)
     };
+    set_up_browser(args.without_browser);
     let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
     tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
     step("tests", &mut tests)?;
@@ -51,6 +57,20 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))?;
     }
     Ok(())
+}
+
+/// Gets a Chromium where there is none; without one the report's tests say that they were skipped.
+fn set_up_browser(without: bool) {
+    if browser::find().is_some() {
+        return;
+    }
+    let installed = match without {
+        true => Err(anyhow::anyhow!("there is no Chromium")),
+        false => apt::install(&["chromium"], "Chromium"),
+    };
+    if let Err(error) = installed {
+        eprintln!("{error:#}: tests in a browser will be skipped");
+    }
 }
 
 /// The directory of the real recordings as an absolute path, because every package's tests run in

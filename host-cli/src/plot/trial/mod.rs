@@ -148,3 +148,121 @@ fn empty_figure(title: &str, reason: &str) -> Figure {
     canvas.text((16.0, TOP + 12.0), reason, Style::LABEL.anchored(Anchor::Start));
     Figure::new(canvas.finish())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trial::{ConditionRow, Per, Quantity, Sample};
+
+    fn trace() -> Trace {
+        let t_s: Vec<f64> = (0..4000).map(|i| 1e-3 * f64::from(i)).collect();
+        let mut trace = Trace { stride_times_s: vec![0.5, 1.0, 1.5, 2.0], ..Trace::default() };
+        for axis in &mut trace.wrench {
+            *axis = t_s.iter().map(|t| (20.0 * t).sin()).collect();
+        }
+        trace.right_leg_rad = t_s.iter().map(|t| 12.0 * t).collect();
+        trace.right_power_w = t_s.iter().map(|t| 1.0 + t).collect();
+        trace.t_s = t_s;
+        trace
+    }
+
+    #[test]
+    fn means_over_a_stride_are_means_and_end_where_they_are_cut_off() {
+        let t_s: Vec<f64> = (0..100).map(|i| 0.1 * f64::from(i)).collect();
+        let values: Vec<f64> = t_s.iter().map(|t| 3.0 * t).collect();
+        let means = smoothed(&t_s, &values, 1.05);
+        assert!(means[..5].iter().chain(&means[95..]).all(|mean| mean.is_nan()));
+        for (mean, value) in means[6..94].iter().zip(&values[6..94]) {
+            // A straight line is its own mean; running sums of a hundred values of 30 at most.
+            assert!((mean - value).abs() < 1e-11);
+        }
+    }
+
+    #[test]
+    fn a_passage_is_shaded_where_it_is() {
+        let passage = Passage::new([1.0, 3.3], Some(0.18), 0.28);
+        let svg = drag_lift_figure("t", &trace(), &passage);
+        let fills = |colour: &str| -> Vec<(f64, f64)> {
+            let rectangles = svg.svg().lines().filter(|line| line.contains(colour));
+            // "M<left> <top>V<bottom>H<right>V<top>Z", of the panel; legends draw with h and v.
+            let of = |line: &str| {
+                let left = line.split("d=\"M").nth(1)?.split(' ').next()?.parse().ok()?;
+                let right = line.split('H').nth(1)?.split('V').next()?.parse().ok()?;
+                Some((left, right))
+            };
+            rectangles.filter_map(of).collect()
+        };
+        let area = wide_area(TOP, 100.0);
+        let x = |time_s: f64| area.left + area.width * time_s / 3.999;
+        let expected = [(x(1.0), x(1.9)), (x(2.4), x(3.3))];
+        for ((left, right), (from, to)) in fills(palette::PARTLY_INSIDE).into_iter().zip(expected) {
+            assert!((left - from).abs() < 0.01 && (right - to).abs() < 0.01);
+        }
+        assert_eq!(fills(palette::PARTLY_INSIDE).len(), 2);
+        assert_eq!(fills(palette::INSIDE).len(), 1);
+    }
+
+    #[test]
+    fn figures_of_what_is_not_there_say_so() {
+        let passage = Passage::new([1.0, 2.0], None, 0.28);
+        let nothing = Trace { t_s: trace().t_s, ..Trace::default() };
+        for figure in [
+            drag_lift_figure("a < b", &nothing, &passage),
+            stack_figure("a < b", &nothing, &passage, [0.0, 3.0]),
+            phase_figure("a < b", &[]),
+            box_figure("a < b", &[]),
+        ] {
+            assert!(
+                figure.svg().contains("a &lt; b") && figure.svg().contains(">no"),
+                "{}",
+                figure.svg()
+            );
+        }
+        // What there is of telemetry is drawn without the rest.
+        let legs = stack_figure(
+            "t",
+            &Trace { wrench: Default::default(), ..trace() },
+            &passage,
+            [0.0, 3.0],
+        );
+        assert!(legs.svg().contains("leg angle (rad)") && !legs.svg().contains("Fx"));
+    }
+
+    #[test]
+    fn a_box_has_its_quartiles_and_whiskers_at_their_values() {
+        let mut sample = Sample::default();
+        [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].into_iter().for_each(|value| sample.add_cluster([value]));
+        let statistics = sample.statistics(1).unwrap();
+        let row = ConditionRow {
+            condition: "<3 cm>".to_owned(),
+            per: Per::Trial,
+            quantity: Quantity::SpecificResistance,
+            statistics: statistics.clone(),
+            difference: None,
+        };
+        let svg = box_figure("t", &[row]);
+        let svg = svg.svg();
+        assert!(svg.contains("&lt;3 cm&gt;") && svg.contains("n = 6"));
+        // One outlier, 30, and one ring in the key.
+        assert_eq!(
+            svg.matches("fill=\"none\" stroke=\"#222222\"/>\n").count()
+                - svg.matches("<rect").count(),
+            2
+        );
+        // The axis runs over values from 1 to 30 with 8 % at both ends, 150 pixels high from 58 on.
+        let y = |value: f64| 58.0 + 150.0 - 150.0 * (value - 1.0 + 0.08 * 29.0) / (1.16 * 29.0);
+        for value in [
+            statistics.q1,
+            statistics.median,
+            statistics.q3,
+            statistics.whisker_low,
+            statistics.whisker_high,
+        ] {
+            let text = super::super::svg::number(y(value));
+            assert!(
+                svg.contains(&format!(" {text}H")) || svg.contains(&format!("V{text}H")),
+                "{value} at {text}"
+            );
+        }
+    }
+}
