@@ -148,6 +148,8 @@ fn numbers_that_cannot_be_are_told_with_their_place() {
         assert_eq!(output.status.code(), Some(2), "{arguments}");
         assert!(said(&output).contains(message), "{arguments}: {}", said(&output));
     }
+    let output = shellcal(dir.path(), "trial 1.txt --enter 1 --exit 99 -c cal.json");
+    assert!(said(&output).contains("hint: times are in s on the log's clock"), "{}", said(&output));
 }
 
 #[test]

@@ -9,9 +9,9 @@
 
 use super::error::TrialError;
 use super::forces::Forces;
-use super::grid::missing_rows;
 use super::integral::{Span, rows_within};
-use super::leg::{STILL_RAD, Strides, unwrap};
+use super::leg::{Strides, unwrap};
+use super::observe::{count_fresh, remark_frames, remark_legs, remark_rows, remark_tare};
 use super::options::{TraceExtent, TrialOptions};
 use super::power::Power;
 use super::profile::Profile;
@@ -25,9 +25,6 @@ use super::uncertainty::half_widths;
 use crate::calibration::Calibration;
 use crate::telemetry::Telemetry;
 use crate::wrench::{Axis, PerAxis};
-
-/// A stall is told when the leg stands still for this many strides.
-const STALL_STRIDES: f64 = 2.0;
 
 /// A trial with its overrides filled in.
 struct Terms {
@@ -254,82 +251,6 @@ fn find_power(
         return None;
     }
     Some(power)
-}
-
-fn count_fresh(stretch: &Stretch, window: std::ops::Range<usize>) -> u64 {
-    stretch.fresh[window].iter().filter(|fresh| **fresh).count() as u64
-}
-
-fn remark_rows(
-    stretch: &Stretch,
-    window: std::ops::Range<usize>,
-    clock: &Clock,
-    options: &TrialOptions,
-    remarks: &mut Vec<Remark>,
-) {
-    let rows = window.len() as u64;
-    if !stretch.readings.is_empty() {
-        let repeated = rows - count_fresh(stretch, window.clone());
-        if repeated > 0 {
-            remarks.push(Remark::RepeatedRows { rows, repeated });
-        }
-    }
-    let missing = missing_rows(&stretch.times_s[window], clock.period_s);
-    if missing > 0 {
-        let (expected, rule) = (rows + missing, options.rule);
-        remarks.push(Remark::MissingRows { missing, expected, rule });
-    }
-}
-
-fn remark_tare(tare: &TareFrames, profile: &Profile, enter_s: f64, remarks: &mut Vec<Remark>) {
-    let (turned_rad, end_s) = (tare.turned_rad(profile.telemetry.leg_rad_per_count), tare.end_s());
-    if turned_rad > STILL_RAD {
-        remarks.push(Remark::MovingTare { turned_rad, end_s });
-    }
-    if end_s > enter_s {
-        remarks.push(Remark::LateTare { end_s });
-    }
-}
-
-fn remark_frames(
-    calibration: Option<&Calibration>,
-    forces: Option<&Forces>,
-    window: std::ops::Range<usize>,
-    options: &TrialOptions,
-    remarks: &mut Vec<Remark>,
-) {
-    let (Some(calibration), Some(forces)) = (calibration, forces) else { return };
-    let of_rows = &forces.frame_of_row[window];
-    let (Some(&first), Some(&last)) = (of_rows.first(), of_rows.last()) else { return };
-    let of = (last - first + 1) as u64;
-    let cut = |column: &Vec<f64>| column[first..=last].to_vec();
-    let frames: Vec<Vec<f64>> = forces.frames.iter().map(cut).collect();
-    let out = calibration.rows_out_of_range(&frames);
-    if out > 0 {
-        remarks.push(Remark::OutOfRange { frames: out, of });
-    }
-    let inside = |reading: f64| reading > 0.0 && reading < options.full_scale;
-    let is_saturated = |frame: &usize| frames.iter().any(|column| !inside(column[*frame]));
-    let saturated = (0..of as usize).filter(is_saturated).count() as u64;
-    if saturated > 0 {
-        remarks.push(Remark::Saturated { frames: saturated, of });
-    }
-}
-
-fn remark_legs(strides: Option<&Strides>, remarks: &mut Vec<Remark>) {
-    let Some(strides) = strides else {
-        remarks.push(Remark::NoLeg);
-        return;
-    };
-    let mut periods: Vec<f64> = strides.spans().map(|(start, end)| end - start).collect();
-    periods.sort_by(f64::total_cmp);
-    match periods.get(periods.len() / 2) {
-        None => remarks.push(Remark::NoStride),
-        Some(median) if strides.longest_still_s > STALL_STRIDES * median => {
-            remarks.push(Remark::StalledLeg { longest_s: strides.longest_still_s });
-        }
-        Some(_) => {}
-    }
 }
 
 fn check_finite(row: &TrialRow) -> Result<(), TrialError> {

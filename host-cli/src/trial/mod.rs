@@ -18,6 +18,7 @@ mod grid;
 mod integral;
 mod leg;
 pub mod manifest;
+mod observe;
 mod options;
 mod phase;
 mod power;

@@ -28,6 +28,9 @@ pub struct ValueRow {
     pub difference: Option<Difference>,
 }
 
+/// The rows of each trial, by its name.
+type Trials<'a> = Vec<(&'a str, Vec<&'a csv::StringRecord>)>;
+
 impl ValueTable {
     /// Reads a table with a header. Conditions are in the column `by`, or in the first; values in
     /// all others that hold numbers alone. Rows with the same entry in the column `trial`, if there
@@ -74,7 +77,7 @@ impl ValueTable {
             return Err(at(1, "no column holds numbers alone".to_owned()));
         }
         // Conditions, then trials, in the order in which they are named.
-        let mut grouped: Vec<(&str, Vec<(&str, Vec<&csv::StringRecord>)>)> = Vec::new();
+        let mut grouped: Vec<(&str, Trials<'_>)> = Vec::new();
         for row in &rows {
             let place = grouped.iter().position(|(name, _)| *name == &row[by]);
             let place = place.unwrap_or_else(|| {
@@ -89,7 +92,7 @@ impl ValueTable {
                 None => trials.push((trial.map_or("", |trial| &row[trial]), vec![row])),
             }
         }
-        let sample = |trials: &[(&str, Vec<&csv::StringRecord>)], column: usize| {
+        let sample = |trials: &Trials<'_>, column: usize| {
             let mut sample = Sample::default();
             for (_, rows) in trials {
                 sample.add_cluster(rows.iter().filter_map(|row| number(&row[column])));

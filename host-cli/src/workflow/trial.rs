@@ -174,6 +174,8 @@ struct Reading<'a> {
     first_s: Option<f64>,
     last_s: Option<f64>,
     has_begun: bool,
+    /// Whether equal readings in a row are one frame.
+    repeats_are_stale: bool,
     stretch: Stretch,
 }
 
@@ -208,6 +210,7 @@ impl<'a> Reading<'a> {
             first_s: None,
             last_s: None,
             has_begun: false,
+            repeats_are_stale: log.repeats_are_stale(),
             stretch: Stretch {
                 telemetry: kinds.iter().map(|kind| (*kind, Vec::new())).collect(),
                 ..Stretch::default()
@@ -261,7 +264,10 @@ impl Selection for Reading<'_> {
     }
 
     fn take(&mut self, block: &mut Block) -> Result<(), TrialLogError> {
-        let fresh = block.fresh_rows();
+        let fresh = match self.repeats_are_stale {
+            true => block.fresh_rows(),
+            false => vec![true; block.rows],
+        };
         if self.tare.wants(block.time_s[block.rows - 1]) {
             let leg = self.kinds.iter().position(|kind| *kind == Telemetry::RightLeg);
             let leg = leg.map(|at| &*block.others[at]);

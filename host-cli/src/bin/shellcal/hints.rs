@@ -14,10 +14,12 @@ use shellcal::link::{LinkError, NotForBoard, RecordError};
 use shellcal::log_file::{LogError, RowProblem};
 use shellcal::output::OutputError;
 use shellcal::recording::NoFrame;
+use shellcal::trial::TrialError;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::noise::NoiseError;
+use shellcal::workflow::trial::TrialLogError;
 
 /// The next step after `error`, where one is known.
 pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
@@ -31,6 +33,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             .or_else(|| known(cause, after_conversion))
             .or_else(|| known(cause, after_noise))
             .or_else(|| known(cause, after_alignment))
+            .or_else(|| known(cause, after_trial))
             .or_else(|| known(cause, after_validation))
             .or_else(|| known(cause, after_merge))
             .or_else(|| known(cause, after_link))
@@ -87,6 +90,28 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
         ConvertError::Filter(FilterError::TooFewSamples { .. }) => "leave out `--zero-phase`",
         ConvertError::NoCovariance => {
             "leave out `--interval`, and `se` of `--columns`; calibrations made by `shellcal fit` have a covariance"
+        }
+        _ => return None,
+    })
+}
+
+fn after_trial(error: &TrialLogError) -> Option<&'static str> {
+    let error = match error {
+        TrialLogError::Log(error) => return after_log(error),
+        TrialLogError::Trial(error) => error,
+        _ => return None,
+    };
+    Some(match error {
+        TrialError::OutsideLog { .. } | TrialError::Gap { .. } => {
+            "times are in s on the log's clock; `shellcal info` tells from when to when it runs"
+        }
+        TrialError::Backward { .. } => "cut the log there: its parts are two recordings",
+        TrialError::TareFrames { .. } => {
+            "take fewer frames with `--tare`, or name a time with `--tare-time`"
+        }
+        TrialError::Channels { .. } => CHANNELS,
+        TrialError::Nothing(_) => {
+            "forces need sensors and `--calibration`, energies need telemetry"
         }
         _ => return None,
     })
