@@ -168,7 +168,7 @@ pub fn propose_window(
     let duration_s = last - first;
     let stride_s = stride_s.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(USUAL_STRIDE_S);
     let bin_s = duration_s / BINS as f64;
-    if rows.len() < BINS || !(duration_s > 4.0 * stride_s) {
+    if rows.len() < BINS || duration_s <= 4.0 * stride_s {
         return Err(NoWindow::TooShort { rows: rows.len(), duration_s });
     }
     let points = slow_points(&rows, first, bin_s, stride_s.max(bin_s));
@@ -355,8 +355,9 @@ fn inverse_diagonal<const N: usize>(matrix: &[[f64; N]; N], index: usize) -> Opt
         }
         for i in (0..N).filter(|&i| i != k) {
             let factor = left[i][k] / pivot;
-            for j in k..N {
-                left[i][j] -= factor * left[k][j];
+            let pivot_row = left[k];
+            for (value, above) in left[i].iter_mut().zip(pivot_row).skip(k) {
+                *value -= factor * above;
             }
             right[i] -= factor * right[k];
         }
