@@ -2,7 +2,6 @@
 
 use std::io::{self, Write};
 
-use crate::sensor_model::ModelError;
 use crate::virtual_robot::{COLUMNS, Row, TELEMETRY_COLUMNS, TrialSettings};
 
 /// Which columns a trial's log has.
@@ -14,18 +13,6 @@ pub enum TrialLayout {
     WithoutSensors,
     /// `t_s,s1..s8`, as `shellcal record` writes: from the board alone.
     WithoutTelemetry,
-}
-
-/// A trial that could not be written.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum WriteTrialError {
-    /// The sensor cannot be modelled.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// The writing itself.
-    #[error(transparent)]
-    Io(#[from] io::Error),
 }
 
 /// Writes the header of a telemetry text: free text, then the names of the columns.

@@ -61,12 +61,10 @@ impl Browser {
     pub fn start(chromium: &str, [width, height]: [u32; 2], mobile: bool) -> Self {
         let profile = tempfile::tempdir().unwrap();
         // A test runs as whoever runs it, in a container that may have no room for a sandbox.
-        let command = format!(
-            "exec \"$0\" --headless --no-sandbox --disable-gpu --disable-dev-shm-usage \
-             --remote-debugging-pipe --user-data-dir=\"$1\" 3<&0 4>&1 0</dev/null 1>/dev/null"
-        );
+        let command = "exec \"$0\" --headless --no-sandbox --disable-gpu --disable-dev-shm-usage \
+             --remote-debugging-pipe --user-data-dir=\"$1\" 3<&0 4>&1 0</dev/null 1>/dev/null";
         let mut process = Command::new("sh")
-            .args(["-c", &command, chromium, &profile.path().display().to_string()])
+            .args(["-c", command, chromium, &profile.path().display().to_string()])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())

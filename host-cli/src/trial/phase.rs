@@ -135,7 +135,7 @@ mod tests {
             .iter()
             .zip(&t_s)
             .map(|(angle, t)| {
-                -angle.cos() - if (t / 0.1 + 1e-6) as u32 % 2 == 0 { 0.1 } else { -0.1 }
+                -angle.cos() - if ((t / 0.1 + 1e-6) as u32).is_multiple_of(2) { 0.1 } else { -0.1 }
             })
             .collect();
         trace.wrench[2] = angle.iter().map(|angle| (2.0 * angle).sin()).collect();

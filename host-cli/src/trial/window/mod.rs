@@ -13,12 +13,16 @@
 //! correlation time, as neighbouring residuals are alike (Bartlett, J. R. Statist. Soc. B 8, 27,
 //! 1946).
 
+mod errors;
+mod stay;
+
+use errors::standard_errors;
+use stay::{Fit, Stay, refine, search};
+
 /// Stretches that a log is averaged in.
 const BINS: usize = 240;
 /// What is averaged over where the length of a stride is not known, s.
 const USUAL_STRIDE_S: f64 = 0.25;
-/// Rising and falling, each as a share of the window: tried at first.
-const RAMPS: [f64; 4] = [0.05, 0.15, 0.3, 0.45];
 /// Below this confidence there is no proposal.
 const LEAST_CONFIDENCE: f64 = 0.5;
 /// From this confidence on a proposal can be used without a look at it.
@@ -111,35 +115,6 @@ pub enum NoWindow {
     },
 }
 
-/// A stay in a channel, times in s.
-#[derive(Clone, Copy, Debug)]
-struct Stay {
-    enter: f64,
-    exit: f64,
-    /// Rising and falling, each as a share of the stay.
-    ramp: f64,
-}
-
-impl Stay {
-    /// 0 outside, 1 amid.
-    fn share(&self, time_s: f64) -> f64 {
-        let length_s = self.exit - self.enter;
-        let rising = (time_s - self.enter) / (self.ramp * length_s);
-        let falling = (self.exit - time_s) / (self.ramp * length_s);
-        let x = rising.min(falling).clamp(0.0, 1.0);
-        x * x * (3.0 - 2.0 * x)
-    }
-}
-
-/// Level and constant that fit best, and what they leave.
-#[derive(Clone, Copy, Debug)]
-struct Fit {
-    stay: Stay,
-    drag: f64,
-    outside: f64,
-    residual: f64,
-}
-
 /// Proposes entry and exit from the drag −Fx in N at `time_s` in s: tared, not delayed by a filter
 /// (unfiltered, or filtered forth and back). Values that are not finite are left out. `stride_s` is
 /// the length of a stride, if known.
@@ -192,70 +167,6 @@ fn slow_points(rows: &[(f64, f64)], first: f64, bin_s: f64, width_s: f64) -> Vec
     (0..BINS).filter_map(mean_around).collect()
 }
 
-/// The best stay on a coarse grid: every third point as entry and exit.
-fn search(points: &[(f64, f64)]) -> Fit {
-    const STEP: usize = 3;
-    let mut best: Option<Fit> = None;
-    for enter in (0..points.len()).step_by(STEP) {
-        for exit in (enter + 2 * STEP..points.len()).step_by(STEP) {
-            for ramp in RAMPS {
-                let fit = fit(points, Stay { enter: points[enter].0, exit: points[exit].0, ramp });
-                // A stretch of less drag than outside fits as well, upside down.
-                if fit.drag > 0.0 && best.is_none_or(|best| fit.residual < best.residual) {
-                    best = Some(fit);
-                }
-            }
-        }
-    }
-    let whole = Stay { enter: points[0].0, exit: points[points.len() - 1].0, ramp: RAMPS[0] };
-    best.unwrap_or_else(|| fit(points, whole))
-}
-
-/// Moves entry, exit and ramp by steps that are halved as long as that makes the fit better.
-fn refine(points: &[(f64, f64)], mut best: Fit, [first, last]: [f64; 2], bin_s: f64) -> Fit {
-    let mut step = 2.0 * bin_s;
-    while step > 0.01 * bin_s {
-        let mut moved = false;
-        for direction in [-1.0, 1.0] {
-            let by = direction * step;
-            let Stay { enter, exit, ramp } = best.stay;
-            let candidates = [
-                Stay { enter: (enter + by).max(first), ..best.stay },
-                Stay { exit: (exit + by).min(last), ..best.stay },
-                Stay { ramp: (ramp + by / (exit - enter)).clamp(0.02, 0.5), ..best.stay },
-            ];
-            for stay in candidates {
-                let fit = fit(points, stay);
-                let is_stay = stay.exit - stay.enter > 2.0 * bin_s && fit.drag > 0.0;
-                if is_stay && fit.residual < best.residual * (1.0 - 1e-9) {
-                    (best, moved) = (fit, true);
-                }
-            }
-        }
-        if !moved {
-            step *= 0.5;
-        }
-    }
-    best
-}
-
-/// Level and constant by least squares: a line over the share of the drag that is there.
-fn fit(points: &[(f64, f64)], stay: Stay) -> Fit {
-    let n = points.len() as f64;
-    let [mut x, mut y, mut xx, mut xy, mut yy] = [0.0; 5];
-    for &(time_s, drag) in points {
-        let share = stay.share(time_s);
-        x += share;
-        y += drag;
-        xx += share * share;
-        xy += share * drag;
-        yy += drag * drag;
-    }
-    let (sxx, sxy, syy) = (xx - x * x / n, xy - x * y / n, yy - y * y / n);
-    let drag = if sxx > 1e-9 * n { sxy / sxx } else { 0.0 };
-    Fit { stay, drag, outside: (y - drag * x) / n, residual: (syy - drag * sxy).max(0.0) }
-}
-
 fn judge(
     points: &[(f64, f64)],
     fit: Fit,
@@ -288,81 +199,6 @@ fn judge(
         outside_n: outside,
         confidence,
     })
-}
-
-/// Standard errors of level, entry and exit; infinite where the data do not tell.
-fn standard_errors(points: &[(f64, f64)], fit: &Fit) -> [f64; 3] {
-    const UNKNOWNS: usize = 5;
-    let n = points.len();
-    let model = |stay: &Stay, time_s: f64| fit.outside + fit.drag * stay.share(time_s);
-    let residuals: Vec<f64> =
-        points.iter().map(|&(time_s, drag)| drag - model(&fit.stay, time_s)).collect();
-    let step_s = 1e-3 * (fit.stay.exit - fit.stay.enter);
-    let moved = |enter: f64, exit: f64, ramp: f64| Stay {
-        enter: fit.stay.enter + enter,
-        exit: fit.stay.exit + exit,
-        ramp: fit.stay.ramp + ramp,
-    };
-    let slope = |to: [f64; 3], by: f64, time_s: f64| {
-        let [a, b, c] = to;
-        let ahead = model(&moved(a, b, c), time_s);
-        let behind = model(&moved(-a, -b, -c), time_s);
-        (ahead - behind) / (2.0 * by)
-    };
-    let mut normal = [[0.0; UNKNOWNS]; UNKNOWNS];
-    for &(time_s, _) in points {
-        let row = [
-            fit.stay.share(time_s),
-            slope([step_s, 0.0, 0.0], step_s, time_s),
-            slope([0.0, step_s, 0.0], step_s, time_s),
-            slope([0.0, 0.0, 1e-3], 1e-3, time_s),
-            1.0,
-        ];
-        for i in 0..UNKNOWNS {
-            for j in 0..UNKNOWNS {
-                normal[i][j] += row[i] * row[j];
-            }
-        }
-    }
-    let variance = residuals.iter().map(|r| r * r).sum::<f64>() / (n - UNKNOWNS) as f64;
-    let scale = variance * correlation_length(&residuals);
-    std::array::from_fn(|i| {
-        inverse_diagonal(&normal, i).map_or(f64::INFINITY, |d| (scale * d).sqrt())
-    })
-}
-
-/// How many neighbours count as one: 1 + 2 Σ ρₖ over the lags up to the first that is not positive.
-fn correlation_length(residuals: &[f64]) -> f64 {
-    let product =
-        |lag: usize| -> f64 { residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b).sum() };
-    let variance = product(0);
-    if variance <= 0.0 {
-        return 1.0;
-    }
-    let lags = (1..residuals.len() / 4).map(|lag| product(lag) / variance);
-    1.0 + 2.0 * lags.take_while(|&correlation| correlation > 0.0).sum::<f64>()
-}
-
-/// A diagonal element of the inverse, by elimination with the unit vector; `None` if singular.
-fn inverse_diagonal<const N: usize>(matrix: &[[f64; N]; N], index: usize) -> Option<f64> {
-    let mut left = *matrix;
-    let mut right = [0.0; N];
-    right[index] = 1.0;
-    for k in 0..N {
-        let pivot = left[k][k];
-        if pivot.is_nan() || pivot <= 1e-12 * matrix[k][k] || pivot <= 0.0 {
-            return None;
-        }
-        for i in (0..N).filter(|&i| i != k) {
-            let factor = left[i][k] / pivot;
-            let pivot_row = left[k];
-            for (value, above) in left[i].iter_mut().zip(pivot_row).skip(k) {
-                *value -= factor * above;
-            }
-            right[i] -= factor * right[k];
-        }
-    }
-    Some(right[index] / left[index][index])
 }
 
 #[cfg(test)]

@@ -1,0 +1,131 @@
+//! Trial by trial: tables, plots, strides.
+
+use std::fmt::Write;
+
+use super::super::markup::{Cell, escape, figure, table};
+use super::super::numbers::Numbers;
+use super::super::{MOST_TRACES, Report};
+use super::{interval, plot_figure};
+use crate::trial::{StrideRow, TrialResult};
+
+pub(super) fn trials(report: &Report<'_>, numbers: &Numbers) -> String {
+    if report.trials.is_empty() {
+        return String::new();
+    }
+    let header = [
+        ("log", true),
+        ("condition", true),
+        ("entry (s)", false),
+        ("exit (s)", false),
+        ("speed (m/s)", false),
+        ("drag (N)", false),
+        ("lift (N)", false),
+        ("drag energy (J)", false),
+        ("95 % of it (J)", false),
+        ("electrical energy (J)", false),
+        ("specific resistance", false),
+        ("strides", false),
+        ("strides/s", false),
+    ];
+    let rows: Vec<Vec<Cell>> = report.trials.iter().map(trial_cells).collect();
+    let mut html = table("One row for each trial", &header, &rows);
+    let drawn = numbers.trials.iter().flatten().count();
+    if drawn < report.trials.len() && report.trials.len() > MOST_TRACES {
+        let _ = writeln!(
+            html,
+            "<p class=\"quiet\">Traces of the first {drawn} trials are drawn, so that this file stays \
+             readable.</p>"
+        );
+    }
+    html.push_str(
+        "<p class=\"all\"><button type=\"button\" data-all=\"open\">Open all</button> <button \
+         type=\"button\" data-all=\"close\">Close all</button></p>\n",
+    );
+    for (at, trial) in report.trials.iter().enumerate() {
+        let row = &trial.row;
+        let (file, condition) = (escape(&row.file), escape(&row.condition));
+        let open = if at == 0 { " open" } else { "" };
+        let _ = writeln!(
+            html,
+            "<details data-trial=\"{at}\"{open}>\n<summary>{file} <span class=\"quiet\">{condition}, \
+             {} s to {} s</span></summary>",
+            figure(row.t_enter_s),
+            figure(row.t_exit_s)
+        );
+        if let Some(plot) = &numbers.trials[at] {
+            if plot.drag_n.is_some() {
+                let alt = format!(
+                    "Drag and lift over time of {}: mean drag {} N, mean lift {} N in the window",
+                    row.file,
+                    figure(row.drag_mean_n),
+                    figure(row.lift_mean_n)
+                );
+                let caption = "Drag (−Fx) and lift (Fz); grey: the robot gets into the channel or out of \
+                               it; pink: it is fully inside";
+                html += &plot_figure(&format!("forces-{at}"), "", &alt, caption);
+            }
+            let alt = format!(
+                "Forces, leg angles and power over time of {}: mean power {} W in the window",
+                row.file,
+                figure(row.mean_power_w)
+            );
+            let caption = "Forces, leg angles within a turn, and electrical power of both motors";
+            html += &plot_figure(&format!("stack-{at}"), " stack", &alt, caption);
+        }
+        html += &strides(&trial.stride_rows);
+        html.push_str("</details>\n");
+    }
+    html
+}
+
+fn trial_cells(trial: &TrialResult) -> Vec<Cell> {
+    let row = &trial.row;
+    vec![
+        Cell::Text(row.file.clone()),
+        Cell::Text(row.condition.clone()),
+        Cell::from(row.t_enter_s),
+        Cell::from(row.t_exit_s),
+        Cell::from(row.velocity_m_s),
+        Cell::from(row.drag_mean_n),
+        Cell::from(row.lift_mean_n),
+        Cell::from(row.drag_energy_j),
+        interval(row.drag_energy_95_j),
+        Cell::from(row.electrical_energy_j),
+        Cell::from(row.specific_resistance),
+        Cell::Figure(row.strides.map_or("–".to_owned(), |strides| strides.to_string())),
+        Cell::from(row.stride_frequency_hz),
+    ]
+}
+
+fn strides(strides: &[StrideRow]) -> String {
+    if strides.is_empty() {
+        return String::new();
+    }
+    let header = [
+        ("stride", false),
+        ("start (s)", false),
+        ("end (s)", false),
+        ("drag (N)", false),
+        ("lift (N)", false),
+        ("drag energy (J)", false),
+        ("electrical energy (J)", false),
+        ("specific resistance", false),
+    ];
+    let rows: Vec<Vec<Cell>> = strides
+        .iter()
+        .map(|row| {
+            vec![
+                Cell::from(row.stride),
+                Cell::Figure(format!("{:.4}", row.t_start_s)),
+                Cell::Figure(format!("{:.4}", row.t_end_s)),
+                Cell::from(row.drag_mean_n),
+                Cell::from(row.lift_mean_n),
+                Cell::from(row.drag_energy_j),
+                Cell::from(row.electrical_energy_j),
+                Cell::from(row.specific_resistance),
+            ]
+        })
+        .collect();
+    let table = table("One row for each stride", &header, &rows);
+    format!("<details><summary>{} strides</summary>\n{table}</details>\n", strides.len())
+}
