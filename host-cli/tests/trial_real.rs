@@ -303,7 +303,7 @@ fn published_tables_have_the_paper_s_means_and_their_box_plots() {
     for (name, means) in means {
         let Some(path) = real_recording(name) else { return };
         let text = fs::read_to_string(path).unwrap();
-        let rows = ValueTable::parse(&text, None, None).unwrap().statistics(Some("0"), 1);
+        let rows = ValueTable::parse(&text, None, None, None).unwrap().statistics(Some("0"), 1);
         assert_eq!(rows.len(), means.len());
         for (condition, mean, half_a_digit) in means {
             let found = rows.iter().find(|row| row.condition == *condition).unwrap();

@@ -33,12 +33,17 @@ type Trials<'a> = Vec<(&'a str, Vec<&'a csv::StringRecord>)>;
 
 impl ValueTable {
     /// Reads a table with a header. Conditions are in the column `by`, or in the first; values in
-    /// all others that hold numbers alone. Rows with the same entry in the column `trial`, if there
+    /// the columns `of`, or in all others that hold numbers alone. Rows with the same entry in the column `trial`, if there
     /// is one, are strides of one trial, and resemble each other.
     ///
     /// # Errors
     /// [`Problem`] if there is no such column, no column of numbers or no row, or a field is missing.
-    pub fn parse(text: &str, by: Option<&str>, trial: Option<&str>) -> Result<Self, Problem> {
+    pub fn parse(
+        text: &str,
+        by: Option<&str>,
+        trial: Option<&str>,
+        of: Option<&[String]>,
+    ) -> Result<Self, Problem> {
         let at =
             |line: usize, message: String| Problem { place: Place { line, column: 1 }, message };
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -59,6 +64,8 @@ impl ValueTable {
         };
         let by = by.map_or(Ok(0), find)?;
         let trial = trial.map(find).transpose()?;
+        let of = of.map(|names| names.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>());
+        let of = of.transpose()?;
         let mut rows = Vec::new();
         for record in reader.records() {
             rows.push(record.map_err(|error| at(line_of(&error), error.to_string()))?);
@@ -73,6 +80,10 @@ impl ValueTable {
         };
         let columns = (0..header.len()).filter(|column| *column != by && Some(*column) != trial);
         let columns: Vec<usize> = columns.filter(is_number).collect();
+        if let Some(text) = of.iter().flatten().find(|place| !columns.contains(place)) {
+            return Err(at(1, format!("column `{}` does not hold numbers alone", header[*text])));
+        }
+        let columns = of.unwrap_or(columns);
         if columns.is_empty() {
             return Err(at(1, "no column holds numbers alone".to_owned()));
         }
@@ -137,7 +148,7 @@ mod tests {
     #[test]
     fn columns_of_numbers_are_grouped_by_condition_and_trial() {
         let text = "cond,run,x,who\nb,1,1,me\na,1,2,you\nb,2,5,me\nb,2,,me\n";
-        let table = ValueTable::parse(text, None, Some("run")).unwrap();
+        let table = ValueTable::parse(text, None, Some("run"), None).unwrap();
         assert_eq!(
             (table.by.as_str(), table.quantities.as_slice()),
             ("cond", &["x".to_owned()][..])
@@ -156,9 +167,12 @@ mod tests {
             ("a,b\n", None, "1:1: the table has no rows"),
             ("cond,b\nx,1\n", Some("con"), "1:1: no column `con`, did you mean `cond`?"),
         ] {
-            assert_eq!(ValueTable::parse(text, by, None).unwrap_err().to_string(), message);
+            assert_eq!(ValueTable::parse(text, by, None, None).unwrap_err().to_string(), message);
         }
-        let error = ValueTable::parse("a,b\nx,1\ny\n", None, None).unwrap_err();
+        let of = ["who".to_owned()];
+        let error = ValueTable::parse("a,b,who\nx,1,me\n", None, None, Some(&of)).unwrap_err();
+        assert_eq!(error.message, "column `who` does not hold numbers alone");
+        let error = ValueTable::parse("a,b\nx,1\ny\n", None, None, None).unwrap_err();
         assert_eq!(error.place.line, 3);
     }
 }

@@ -13,7 +13,7 @@ use crate::printer::Printer;
 const EXAMPLES: &str = "\
 Examples:
   shellcal stats specific_resistance_per_stride.csv
-  shellcal stats results/strides.csv --by condition --trial file --reference free";
+  shellcal stats results/strides.csv --by condition --of drag_energy_j --trial file";
 
 /// Statistics of a table of values by condition: mean, interval, quartiles, whiskers, differences
 ///
@@ -29,6 +29,10 @@ pub(crate) struct StatsArgs {
     /// The column of conditions [default: the first]
     #[arg(long, value_name = "COLUMN")]
     by: Option<String>,
+
+    /// The columns of values [default: all that hold numbers alone]
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',')]
+    of: Option<Vec<String>>,
 
     /// The column that says which rows are of one trial, and so resemble each other
     #[arg(long, value_name = "COLUMN")]
@@ -48,7 +52,8 @@ impl StatsArgs {
         let path = self.table.display();
         let text = std::fs::read_to_string(&self.table)
             .with_context(|| format!("cannot read `{path}`"))?;
-        let table = ValueTable::parse(&text, self.by.as_deref(), self.trial.as_deref())
+        let (by, trial) = (self.by.as_deref(), self.trial.as_deref());
+        let table = ValueTable::parse(&text, by, trial, self.of.as_deref())
             .map_err(|problem| anyhow::anyhow!("{path}:{problem}"))?;
         if let Some(reference) = &self.reference {
             let names: Vec<&str> = table.conditions.iter().map(|(name, _)| &**name).collect();
