@@ -3,7 +3,7 @@
 use std::ops::{Add, Div, Mul, Sub};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wide(f64, f64);
+pub(crate) struct Wide(f64, f64);
 
 impl From<f64> for Wide {
     fn from(value: f64) -> Self {
@@ -18,7 +18,7 @@ impl From<Wide> for f64 {
 }
 
 impl Wide {
-    pub fn min(self, other: Self) -> Self {
+    pub(crate) fn min(self, other: Self) -> Self {
         if f64::from(self - other) <= 0.0 { self } else { other }
     }
 }

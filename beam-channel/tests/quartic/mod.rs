@@ -10,23 +10,32 @@ use double_double::Wide;
 
 /// A beam, and the body it may touch, seen from its wall: x forward of the body's middle, y towards
 /// the wall.
-pub struct Tip {
-    pub semi_length: f64,
-    pub semi_width: f64,
-    pub beam: f64,
+pub(crate) struct Tip {
+    pub(crate) semi_length: f64,
+    pub(crate) semi_width: f64,
+    pub(crate) beam: f64,
     /// From the body's middle to the unbent tip.
-    pub gap: f64,
+    pub(crate) gap: f64,
     /// From the body's middle to the base.
-    pub ahead: f64,
+    pub(crate) ahead: f64,
     /// Of the body, in rad, towards the wall.
-    pub yaw: f64,
+    pub(crate) yaw: f64,
 }
 
 type Polynomial = Vec<Wide>;
 
-/// The place `φ` on the ellipse of the intersection that lies furthest forward, in rad from the nose;
-/// `None` if there is none with the beam deflected forward.
-pub fn furthest_forward(tip: &Tip) -> Option<f64> {
+/// A place where the beam's tip may lie.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Intersection {
+    /// On the ellipse, in rad from the nose towards the wall, from −π to π.
+    pub(crate) phi: f64,
+    /// How far forward of the base it is, over the length of the beam.
+    pub(crate) forward: f64,
+}
+
+/// The intersections of the ellipse and the circle about the beam's base, with the beam deflected
+/// forward or not at all.
+pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     let wide = Wide::from;
     let two = wide(2.0);
     let (ahead, gap, beam) = (wide(tip.ahead), wide(tip.gap), wide(tip.beam));
@@ -49,14 +58,14 @@ pub fn furthest_forward(tip: &Tip) -> Option<f64> {
             }
         }
     }
-    // The sine of the beam's angle: how far forward the tip is.
-    let forward = |t: &Wide| *t / (wide(1.0) + *t * *t);
-    let roots = roots(&quartic).into_iter();
-    let t = roots.max_by(|a, b| f64::from(forward(a)).total_cmp(&f64::from(forward(b))))?;
-    let square = wide(1.0) + t * t;
-    let place = |parts: &[Wide]| (parts[0] + t * (parts[1] + t * parts[2])) / square;
-    let (along, across) = (place(&along), place(&across));
-    Some(f64::from(across / ry).atan2(f64::from(along / rx)))
+    let intersection = |t: Wide| {
+        let square = wide(1.0) + t * t;
+        let place = |parts: &[Wide]| (parts[0] + t * (parts[1] + t * parts[2])) / square;
+        let (along, across) = (place(&along), place(&across));
+        let phi = f64::from(across / ry).atan2(f64::from(along / rx));
+        Intersection { phi, forward: f64::from(two * t / square) }
+    };
+    roots(&quartic).into_iter().map(intersection).collect()
 }
 
 /// The roots from 0 on, each between two turning points.
