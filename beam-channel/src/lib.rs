@@ -46,6 +46,7 @@ mod plateau;
 mod quadrature;
 mod setup;
 mod side;
+mod start;
 
 pub use contact::Contact;
 pub use error::SetupError;

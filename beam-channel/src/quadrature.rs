@@ -9,6 +9,7 @@ use crate::{Model, Side};
 
 /// Gauss–Legendre nodes and weights of order 20 on [−1, 1], the positive half (Abramowitz and
 /// Stegun, table 25.4).
+#[expect(clippy::excessive_precision, reason = "as the table has them")]
 const NODES: [(f64, f64); 10] = [
     (0.076_526_521_133_497_333_75, 0.152_753_387_130_725_850_70),
     (0.227_785_851_141_645_078_08, 0.149_172_986_472_603_746_79),
