@@ -195,7 +195,6 @@ fn the_reference_solution_is_met() {
 
 /// The whole of the reference solution, where its file lies beside the real recordings.
 #[test]
-#[expect(clippy::print_stdout, reason = "a skipped test says so")]
 fn every_reference_value_is_met() {
     let Some(path) = reference_file() else {
         println!("skipped: no reference values beside SHELLCAL_REAL_DATA");
