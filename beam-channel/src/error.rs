@@ -47,13 +47,17 @@ impl fmt::Display for SetupError {
             }
             Self::Jams { wall, depth_m, beam_length_m } => write!(
                 f,
-                "the body jams: it reaches {depth_m} m past the tips of the {wall} beams, and at \
-                 twice their length of {beam_length_m} m or more they cannot turn out of its way"
+                "the body jams: it reaches {:.2} mm past the tips of the {wall} beams, and at \
+                 twice their length of {:.2} mm or more they cannot turn out of its way",
+                1e3 * depth_m,
+                1e3 * beam_length_m
             ),
             Self::BeyondTips { wall, offset_m, half_width_m } => write!(
                 f,
-                "the body's middle lies {offset_m} m off the channel's and so beyond the tips of \
-                 the {wall} beams, which are {half_width_m} m off it"
+                "the body's middle lies {:.2} mm off the channel's and so beyond the tips of the \
+                 {wall} beams, which are {:.2} mm off it",
+                1e3 * offset_m,
+                1e3 * half_width_m
             ),
         }
     }

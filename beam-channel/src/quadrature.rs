@@ -74,14 +74,15 @@ impl Model {
                         self.partial_passage(side, from, to)
                     }
                 })
-                .sum::<f64>()
+                .fold(0.0, |sum, work| sum + work)
         };
-        self.weight() * self.solved().map(|(_, side)| of_side(side)).sum::<f64>()
+        self.weight() * self.solved().fold(0.0, |sum, (_, side)| sum + of_side(side))
     }
 
     /// The work in J that the body does on all beams from before the first to past the last.
     pub fn energy(&self) -> f64 {
-        let passages = self.solved().map(|(_, side)| self.passage(side)).sum::<f64>();
+        // Not −0, which is the sum of nothing.
+        let passages = self.solved().fold(0.0, |sum, (_, side)| sum + self.passage(side));
         self.weight() * f64::from(self.setup().channel.beams) * passages
     }
 

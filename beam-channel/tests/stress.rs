@@ -98,8 +98,8 @@ fn a_body_that_jams_is_refused() {
     let aside = with(|setup| setup.pose.offset_m = -0.04);
     let error = check(&aside).unwrap_err();
     assert!(matches!(error, SetupError::BeyondTips { wall: Wall::Right, .. }), "{error:?}");
-    let text = "the body's middle lies -0.04 m off the channel's and so beyond the tips of the \
-                right beams, which are 0.04 m off it";
+    let text = "the body's middle lies -40.00 mm off the channel's and so beyond the tips of the \
+                right beams, which are 40.00 mm off it";
     assert_eq!(error.to_string(), text);
 }
 

@@ -10,6 +10,7 @@ use super::csv_columns::{Table, TableError};
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Condition {
     /// Its name in the table.
+    #[serde(rename = "condition")]
     pub name: String,
     /// Trials with a drag.
     pub trials: usize,

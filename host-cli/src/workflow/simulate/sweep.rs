@@ -1,7 +1,5 @@
 //! A body on its way through a channel.
 
-use std::f64::consts::PI;
-
 use beam_channel::{Model, Total, Wall};
 use serde::Serialize;
 
@@ -97,16 +95,16 @@ pub fn beam_rows(model: &Model, x_m: f64) -> impl Iterator<Item = BeamRow> + '_ 
                 Wall::Left => ("left", phi),
                 Wall::Right => ("right", -phi),
             };
-            debug_assert!(phi.abs() <= 2.0 * PI);
             Some(BeamRow {
                 wall: wall_name,
                 beam: beam + 1,
                 base_m: model.base_m(beam),
                 phi_rad,
                 deflection_rad: force.deflection_rad,
-                fx_n: force.fx_n,
-                fy_n: force.fy_n,
-                mz_nm: force.mz_nm,
+                // Not −0 at the first touch.
+                fx_n: force.fx_n + 0.0,
+                fy_n: force.fy_n + 0.0,
+                mz_nm: force.mz_nm + 0.0,
             })
         })
     })

@@ -2,7 +2,7 @@
 
 use anyhow::bail;
 use serde::Serialize;
-use shellcal::workflow::simulate::{Condition, ConditionChannel, read_trials};
+use shellcal::workflow::simulate::{Condition, ConditionChannel, Summary, read_trials};
 
 use super::args::{SimulateArgs, of_deflection, of_width};
 use super::model;
@@ -19,7 +19,7 @@ pub(super) struct Comparison {
     width_m: Option<f64>,
     simulated_drag_n: Option<f64>,
     over_prediction_n: Option<f64>,
-    /// Simulated over measured; none where the latter is not positive.
+    /// Simulated over measured; none where either is not positive.
     ratio: Option<f64>,
 }
 
@@ -49,11 +49,11 @@ impl SimulateArgs {
         };
         let simulated_drag_n = match &setup {
             None => Some(0.0),
-            Some(setup) => shellcal::workflow::simulate::Summary::of(&model(setup)?).mean_drag_n,
+            Some(setup) => Summary::of(&model(setup)?).mean_drag_n,
         };
         let over_prediction_n = simulated_drag_n.map(|drag| drag - measured.mean_drag_n);
         let ratio = simulated_drag_n
-            .filter(|_| measured.mean_drag_n > 0.0)
+            .filter(|&drag| drag > 0.0 && measured.mean_drag_n > 0.0)
             .map(|drag| drag / measured.mean_drag_n);
         let width_m = setup.map(|setup| setup.channel.width_m);
         Ok(Comparison { measured, width_m, simulated_drag_n, over_prediction_n, ratio })

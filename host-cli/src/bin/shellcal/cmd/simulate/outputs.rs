@@ -31,11 +31,11 @@ impl Outputs {
         let time = if args.speed.is_some() { "t_s," } else { "" };
         if let Some(file) = &mut sweep {
             let columns = "x_m,drag_n,fy_n,mz_nm,contacts_left,contacts_right";
-            writeln!(file, "width_m,deflection_m,{time}{columns}")?;
+            writeln!(file, "width_m,{time}{columns}")?;
         }
         if let Some(file) = &mut beams {
             let columns = "x_m,wall,beam,base_m,phi_rad,deflection_rad,fx_n,fy_n,mz_nm";
-            writeln!(file, "width_m,deflection_m,{time}{columns}")?;
+            writeln!(file, "width_m,{time}{columns}")?;
         }
         Ok(Self { sweep, beams, plot: open(&args.plot)?.zip(format) })
     }
@@ -48,8 +48,7 @@ impl Outputs {
         course: &Course,
     ) -> anyhow::Result<()> {
         let bar = printer.count("positions", course.count as u64);
-        let setup = model.setup();
-        let channel = format!("{},{}", setup.channel.width_m, setup.deflection_m());
+        let channel = model.setup().channel.width_m;
         let time = |t_s: Option<f64>| t_s.map_or_else(String::new, |t_s| format!("{t_s},"));
         if let Some(file) = &mut self.sweep {
             for (i, row) in course.rows(model).enumerate() {

@@ -1,7 +1,5 @@
 //! Numbers with units, as values of options.
 
-use std::str::FromStr;
-
 use shellcal::workflow::simulate::{Dimension, GridAxis, Parameter, Spread, Uncertain};
 
 /// Values of one list or range at most, so that a slip of a digit does not fill the memory.
@@ -9,31 +7,50 @@ const MOST_VALUES: f64 = 1e6;
 
 /// Reads a quantity: a number with one of the units of its dimension, or SI without one.
 pub(super) fn quantity(text: &str, dimension: Dimension) -> Result<f64, String> {
-    let units: &[(&str, f64)] = match dimension {
-        Dimension::Length => &[("um", 1e-6), ("µm", 1e-6), ("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)],
-        Dimension::Pressure => &[("GPa", 1e9), ("MPa", 1e6), ("Pa", 1.0)],
-        Dimension::Angle => {
-            &[("deg", f64::to_radians(1.0)), ("°", f64::to_radians(1.0)), ("rad", 1.0)]
-        }
-        Dimension::Number => &[],
-    };
     let text = text.trim();
-    let unit = units.iter().find_map(|&(unit, scale)| Some((text.strip_suffix(unit)?, scale)));
-    let (number, scale) = unit.unwrap_or((text, 1.0));
+    let unit = dimension_units(dimension)
+        .iter()
+        .find_map(|unit| Some((text.strip_suffix(unit.0)?, unit.1)));
+    let (number, unit) = unit.unwrap_or((text, Scale::Power(0)));
+    let value = match unit {
+        // As a decimal, so that `0.12mm` is the same number as `0.00012`.
+        Scale::Power(power) if !number.contains(['e', 'E']) => {
+            format!("{}e{power}", number.trim()).parse()
+        }
+        Scale::Power(power) => number.trim().parse().map(|value: f64| value * 10_f64.powi(power)),
+        Scale::Degrees => number.trim().parse().map(f64::to_radians),
+    };
     let wanted = match dimension {
         Dimension::Length => "a length such as `8cm`, `80mm` or `0.08` (m)",
         Dimension::Pressure => "a pressure such as `5.3GPa` or `5.3e9` (Pa)",
         Dimension::Angle => "an angle such as `5deg` or `0.087` (rad)",
         Dimension::Number => "a number",
     };
-    let value = f64::from_str(number.trim()).ok().filter(|value| value.is_finite());
-    let value = value.ok_or_else(|| format!("expected {wanted}"))?;
-    // Division by a power of ten rounds once; the product with its inverse might round twice.
-    Ok(if scale < 1.0 && dimension == Dimension::Length {
-        value / (1.0 / scale).round()
-    } else {
-        value * scale
-    })
+    value.ok().filter(|value| value.is_finite()).ok_or_else(|| format!("expected {wanted}"))
+}
+
+#[derive(Clone, Copy)]
+enum Scale {
+    /// Of ten.
+    Power(i32),
+    Degrees,
+}
+
+/// Longer names first where one ends with another.
+fn dimension_units(dimension: Dimension) -> &'static [(&'static str, Scale)] {
+    use Scale::{Degrees, Power};
+    match dimension {
+        Dimension::Length => &[
+            ("um", Power(-6)),
+            ("µm", Power(-6)),
+            ("mm", Power(-3)),
+            ("cm", Power(-2)),
+            ("m", Power(0)),
+        ],
+        Dimension::Pressure => &[("GPa", Power(9)), ("MPa", Power(6)), ("Pa", Power(0))],
+        Dimension::Angle => &[("deg", Degrees), ("°", Degrees), ("rad", Power(0))],
+        Dimension::Number => &[],
+    }
 }
 
 /// A length.
@@ -131,6 +148,8 @@ mod tests {
             assert_eq!(length(text), Ok(0.08), "{text}");
         }
         assert_eq!(length("25mm"), Ok(0.025));
+        assert_eq!(length("0.12mm"), Ok(0.000_12));
+        assert_eq!(length("-1e1mm"), Ok(-0.01));
         assert_eq!(angle("180deg"), Ok(std::f64::consts::PI));
         assert_eq!(pressure("5.3GPa"), Ok(5.3e9));
         for text in ["", "cm", "8 ft", "nan", "1e400"] {
