@@ -13,12 +13,13 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 const GEOMETRIES: u64 = 100_000;
 
-/// Of `φ`, in rad.
+/// Of `φ`, in rad. Both ends are right to rounding, and so is the travel in between; near a release
+/// `φ` hangs on it by a square root, and 1e-16 of a length can move it by this within 1e-8 of the way,
+/// which is where none of these positions are.
 const TOLERANCE: f64 = 1e-12;
 
-/// Where `s` has a maximum or a minimum the place of the tip hangs on its travel by a square root; a
-/// travel that is right to rounding, `4·2⁻⁵²` of the greatest length in it, says no more than this.
-const ROUNDING: f64 = 4.0 * f64::EPSILON;
+/// Threads, each with random numbers of its own, so that the geometries are the same anywhere.
+const THREADS: u64 = 4;
 
 struct Random(ChaCha8Rng);
 
@@ -71,20 +72,6 @@ fn tip(setup: &Setup, ahead_m: f64) -> Tip {
     }
 }
 
-/// The widest interval in which the tip may lie if the travel is right to rounding, as a tolerance.
-fn tolerance(setup: &Setup, side: &Side, travel: f64) -> f64 {
-    let size = setup.ellipse.semi_length_m.max(side.travel_m()).max(setup.beam.length_m);
-    let place = |travel: f64| {
-        let travel = travel.clamp(0.0, side.travel_m());
-        side.contact_after(travel).map(|contact| side.place_rad(&contact))
-    };
-    let around = [-1.0, 1.0].map(|sign| place(travel + sign * ROUNDING * size));
-    match around {
-        [Some(before), Some(after)] => TOLERANCE + (after - before).abs(),
-        _ => TOLERANCE,
-    }
-}
-
 /// The intersection at which the tip lies: of an upright ellipse that which lies furthest forward, as
 /// the paper has it; of a yawed one that to which the body has pushed it, the first beyond the
 /// first touch, because a yawed ellipse may come round to the tip from behind.
@@ -103,8 +90,6 @@ fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     in_contact: u64,
-    /// Of those, with `φ` within [`TOLERANCE`] whatever the conditioning.
-    within: u64,
     /// Of those, where the tip had snapped across.
     snapped: u64,
 }
@@ -125,21 +110,13 @@ fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally 
         let ahead = side.engagement_m() - travel;
         let found = side.contact(ahead);
         let expected = pick(&setup, side, intersections(&tip(&setup, ahead)));
-        let near_an_end = [0.0, side.travel_m()]
-            .iter()
-            .any(|end| (travel - end).abs() < 1e-12 * setup.ellipse.semi_length_m.max(travel));
-        if near_an_end {
-            continue;
-        }
         let what = format!("seed {seed}, number {i}: {setup:?} at {ahead}");
         assert_eq!(found.is_some(), expected.is_some(), "{what}: {found:?} {expected:?}");
         if let (Some(found), Some(expected)) = (found, expected) {
             let difference = side.place_rad(&found) - expected;
             let error = (difference - TAU * (difference / TAU).round()).abs();
-            let tolerance = tolerance(&setup, side, travel);
-            assert!(error <= tolerance, "{what}: off by {error:e} of {tolerance:e}");
+            assert!(error <= TOLERANCE, "{what}: off by {error:e}");
             tally.in_contact += 1;
-            tally.within += u64::from(error <= TOLERANCE);
             tally.snapped += u64::from(side.snaps());
         }
     }
@@ -147,15 +124,13 @@ fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally 
 }
 
 fn compare_all(count: u64, make: impl Fn(&mut Random) -> Setup + Copy + Send) -> Tally {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from) as u64;
     std::thread::scope(|scope| {
-        let share = |i| count / threads + u64::from(i < count % threads);
-        let work = (0..threads).map(|i| scope.spawn(move || compare(i, share(i), make)));
+        let share = |i| count / THREADS + u64::from(i < count % THREADS);
+        let work = (0..THREADS).map(|i| scope.spawn(move || compare(i, share(i), make)));
         let work: Vec<_> = work.collect();
         work.into_iter().map(|thread| thread.join().unwrap()).fold(Tally::default(), |sum, part| {
             Tally {
                 in_contact: sum.in_contact + part.in_contact,
-                within: sum.within + part.within,
                 snapped: sum.snapped + part.snapped,
             }
         })
@@ -167,7 +142,6 @@ fn a_hundred_thousand_random_geometries_have_the_same_contacts() {
     let tally = compare_all(GEOMETRIES, Random::setup);
     // Ten in twelve positions lie between the first touch and the release.
     assert!(tally.in_contact > GEOMETRIES * 4 / 5, "{tally:?}");
-    assert!(tally.within > tally.in_contact * 99 / 100, "{tally:?}");
     assert!(tally.snapped > 1000, "{tally:?}");
 }
 

@@ -1,7 +1,5 @@
 //! Geometries at the edge of what the model can say: figures or a named error, never a panic or
 //! something that is not a number.
-#![expect(clippy::unwrap_used, reason = "helpers of tests")]
-
 use beam_channel::{Angle, Model, Normal, Pose, Rules, Setup, SetupError, Wall};
 use proptest::prelude::*;
 
@@ -105,7 +103,8 @@ fn a_body_that_jams_is_refused() {
 
 #[test]
 fn quantities_that_make_no_sense_are_named() {
-    let cases: [(&str, fn(&mut Setup)); 8] = [
+    type Case = (&'static str, fn(&mut Setup));
+    let cases: [Case; 8] = [
         ("semi-length", |setup| setup.ellipse.semi_length_m = f64::NAN),
         ("semi-width", |setup| setup.ellipse.semi_width_m = 0.0),
         ("length", |setup| setup.beam.length_m = -1.0),
