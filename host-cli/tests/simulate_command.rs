@@ -154,6 +154,11 @@ fn a_body_off_the_middle_feels_a_side_force_and_a_moment() {
     let beams = at["beams"].as_array().unwrap();
     let left = beams.iter().filter(|beam| beam["wall"] == "left").count();
     assert!(left > beams.len() - left);
+    // The same to the right.
+    let mirrored = json("--deflection 1cm --off-centre -5mm --yaw -5deg --at 0.1");
+    let mirrored = &mirrored["channels"][0]["at"];
+    assert_close(&mirrored["fy_n"], -at["fy_n"].as_f64().unwrap());
+    assert_close(&mirrored["drag_n"], at["drag_n"].as_f64().unwrap());
 }
 
 #[test]

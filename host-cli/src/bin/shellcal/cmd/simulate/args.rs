@@ -30,7 +30,7 @@ Examples:
 pub(crate) struct SimulateArgs {
     /// Deflections of the beams, d = ry − width/2 [default: 1cm,2cm,3cm]
     #[arg(long, value_name = "LENGTH", value_delimiter = ',', value_parser = length,
-          allow_negative_numbers = true, conflicts_with = "width")]
+          allow_hyphen_values = true, conflicts_with = "width")]
     pub(super) deflection: Vec<f64>,
 
     /// Widths of the channel between opposite tips, instead of deflections
@@ -79,7 +79,7 @@ pub(super) struct GeometryArgs {
     modulus: f64,
 
     /// Kinetic friction of the beams on the shell
-    #[arg(long, value_name = "NUMBER", default_value_t = 0.53)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.53, allow_hyphen_values = true)]
     friction: f64,
 
     /// Beams of one row
@@ -96,12 +96,12 @@ pub(super) struct GeometryArgs {
 
     /// How far the body runs to the left of the channel's middle
     #[arg(long, value_name = "LENGTH", default_value = "0", value_parser = length,
-          allow_negative_numbers = true)]
+          allow_hyphen_values = true)]
     off_centre: f64,
 
     /// How far the body's nose is turned to the left
     #[arg(long, value_name = "ANGLE", default_value = "0", value_parser = angle,
-          allow_negative_numbers = true)]
+          allow_hyphen_values = true)]
     yaw: f64,
 
     /// Scale normal and tangent as the paper prints it, with its semi-axes swapped, not to length one
@@ -134,11 +134,11 @@ pub(super) struct SweepArgs {
     pub(super) overlay: Vec<PathBuf>,
 
     /// First position [default: 1 cm before the first contact]
-    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
     pub(super) from: Option<f64>,
 
     /// Last position [default: 1 cm after the last contact]
-    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
     pub(super) to: Option<f64>,
 
     /// From one position to the next
@@ -150,7 +150,7 @@ pub(super) struct SweepArgs {
     pub(super) speed: Option<f64>,
 
     /// Print the force of every beam that touches at this position
-    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
     pub(super) at: Option<f64>,
 }
 
@@ -194,7 +194,7 @@ pub(super) struct TrialArgs {
 }
 
 impl SimulateArgs {
-    /// The set-up of every channel, narrowest last if deflections were given in order.
+    /// The set-up of every channel, in the order given.
     pub(super) fn setups(&self) -> Vec<Setup> {
         let base = self.geometry.setup();
         if !self.width.is_empty() {
@@ -232,7 +232,8 @@ impl GeometryArgs {
 
 /// `setup` with a channel that deflects the beams by `deflection_m`.
 pub(super) fn of_deflection(setup: &Setup, deflection_m: f64) -> Setup {
-    of_width(setup, 2.0 * (setup.ellipse.semi_width_m - deflection_m))
+    // Doubled first: decimal widths then come out as they are written.
+    of_width(setup, 2.0 * setup.ellipse.semi_width_m - 2.0 * deflection_m)
 }
 
 /// `setup` with a channel of `width_m`.
