@@ -1,5 +1,7 @@
 //! A stretch of a tip's way on which everything is smooth and the body only moves forward.
 
+use core::array::from_fn;
+
 use libm::sqrt;
 
 use crate::contact::Contact;
@@ -19,8 +21,7 @@ pub(crate) struct Arc {
 /// is no greater, rounding leaves more than that.
 const CLOSE: f64 = 1e-8;
 
-/// Steps that nearly always suffice from where [`Start`] lets them begin. A fixed number lets the
-/// processor work on the next beam before this one is done.
+/// Steps that nearly always suffice from where [`Start`] lets them begin.
 const PLAIN_STEPS: usize = 3;
 
 /// More steps than bisection alone takes.
@@ -53,15 +54,38 @@ impl Arc {
     /// The contact at a travel on this arc, at the nearer end outside.
     #[inline]
     pub(crate) fn locate(&self, path: &Path, travel: f64) -> Contact {
-        let [low, high] = self.z;
-        let mut z = self.start.z(self.travel, travel).clamp(low, high);
-        let mut step = 0.0;
+        let [contact] = Self::locate_all([self], path, [travel]);
+        contact
+    }
+
+    /// The same for several arcs and travels, each with its own bits whatever its neighbours. A step
+    /// waits for the one before it; steps for several contacts need not wait for each other.
+    #[inline]
+    pub(crate) fn locate_all<const N: usize>(
+        arcs: [&Self; N],
+        path: &Path,
+        travels: [f64; N],
+    ) -> [Contact; N] {
+        let mut z: [f64; N] = from_fn(|i| {
+            let [low, high] = arcs[i].z;
+            arcs[i].start.z(arcs[i].travel, travels[i]).clamp(low, high)
+        });
+        let mut steps = [0.0; N];
         for _ in 0..PLAIN_STEPS {
-            step = path.place(z).newton_step(travel);
-            z = (z - step).clamp(low, high);
+            for i in 0..N {
+                let [low, high] = arcs[i].z;
+                steps[i] = path.place(z[i]).newton_step(travels[i]);
+                z[i] = (z[i] - steps[i]).clamp(low, high);
+            }
         }
-        // Also false if the step is not a number.
-        if step.abs() <= CLOSE * z { path.place(z) } else { self.locate_guarded(path, travel) }
+        from_fn(|i| {
+            // Also false if the step is not a number.
+            if steps[i].abs() <= CLOSE * z[i] {
+                path.place(z[i])
+            } else {
+                arcs[i].locate_guarded(path, travels[i])
+            }
+        })
     }
 
     /// The same by Newton's method within a bracket that shrinks, and by bisection where that does

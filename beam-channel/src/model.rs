@@ -1,5 +1,6 @@
 //! The channel as a whole.
 
+use core::array::from_fn;
 use core::fmt;
 use core::ops::Range;
 
@@ -134,17 +135,46 @@ impl Model {
     /// The cost is that of the beams that touch, of one wall only if the body runs in the middle.
     pub fn total(&self, x_m: f64) -> Total {
         let mut total = Total::default();
-        for (_, _, force) in self.beams(Wall::Left, x_m) {
-            total.add(Wall::Left, &force);
-        }
+        self.add_wall(&mut total, Wall::Left, x_m);
         if self.mirrored {
             let Total { fx_n, contacts: [touching, _], .. } = total;
             return Total { fx_n: 2.0 * fx_n, fy_n: 0.0, mz_nm: 0.0, contacts: [touching; 2] };
         }
-        for (_, _, force) in self.beams(Wall::Right, x_m) {
-            total.add(Wall::Right, &force);
-        }
+        self.add_wall(&mut total, Wall::Right, x_m);
         total
+    }
+
+    fn add_wall(&self, total: &mut Total, wall: Wall, x_m: f64) {
+        let Some(side) = self.side(wall) else { return };
+        let touching = self.touching(wall, x_m);
+        total.contacts[wall as usize] = touching.end - touching.start;
+        let mut beam = touching.start;
+        loop {
+            // Three fit into the processor's view; more wait again.
+            match touching.end - beam {
+                0 => return,
+                1 => self.add_beams::<1>(total, wall, side, beam, x_m),
+                2 => self.add_beams::<2>(total, wall, side, beam, x_m),
+                _ => self.add_beams::<3>(total, wall, side, beam, x_m),
+            }
+            beam = touching.end.min(beam + 3);
+        }
+    }
+
+    /// Adds the forces of `N` beams that all touch, solved side by side.
+    #[inline]
+    fn add_beams<const N: usize>(
+        &self,
+        total: &mut Total,
+        wall: Wall,
+        side: &Side,
+        first: u32,
+        x_m: f64,
+    ) {
+        let travels = from_fn(|i| side.travel_at(x_m, self.base_m(first + i as u32)));
+        for contact in side.contacts::<N>(travels) {
+            total.add(&self.law.force(side.path(), &contact).of(wall));
+        }
     }
 
     /// Where the body's middle is when it first touches a beam and when the last beam slips off,
@@ -157,11 +187,10 @@ impl Model {
 }
 
 impl Total {
-    fn add(&mut self, wall: Wall, force: &BeamForce) {
+    fn add(&mut self, force: &BeamForce) {
         self.fx_n += force.fx_n;
         self.fy_n += force.fy_n;
         self.mz_nm += force.mz_nm;
-        self.contacts[wall as usize] += 1;
     }
 }
 

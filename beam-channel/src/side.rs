@@ -191,12 +191,20 @@ impl Side {
     /// The contact with a beam that the body first touched `travel_m` ago; `None` before that, and
     /// once the beam has slipped off.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
+        let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
+        touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))
+    }
+
+    /// The contacts with beams that all touch.
+    #[inline]
+    pub(crate) fn contacts<const N: usize>(&self, travels: [f64; N]) -> [Contact; N] {
+        Arc::locate_all(travels.map(|travel| self.arc_at(travel)), &self.path, travels)
+    }
+
+    #[inline]
+    fn arc_at(&self, travel: f64) -> &Arc {
         let arcs = self.arcs();
-        if !(travel_m >= 0.0 && travel_m <= self.travel_m()) {
-            return None;
-        }
-        let arc = arcs.iter().find(|arc| travel_m <= arc.travel[1])?;
-        Some(arc.locate(&self.path, travel_m))
+        arcs.iter().find(|arc| travel <= arc.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
     }
 
     /// The beams that touch a body at `x_m`, of a row whose first base is at 0.

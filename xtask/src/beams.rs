@@ -56,7 +56,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let sweep = steps::target().join("release/examples/sweep");
     let script = steps::workspace().join("beam-channel/benches/peer_companion.py");
 
-    println!("{:>6} {:>12} {:>13} {:>13}", "", "beam-channel", "", "");
+    println!("beam-channel, one wall of two equal ones");
     println!("{:>6} {:>12} {:>13} {:>13}", "beams", "µs/position", "ns/contact", "contacts/pos.");
     for beams in BEAMS {
         let ours = ours(&sweep, beams, args.positions * 10, args.runs)?;
