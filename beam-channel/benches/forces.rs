@@ -1,6 +1,6 @@
 //! What a contact costs, and that beams that do not touch cost nothing.
 //!
-//! `item` is one contact in `sweep` and `per_contact`, one set-up in the others.
+//! An `item` is a contact of one wall; the other is its mirror image and costs nothing.
 #![allow(missing_docs, reason = "no one reads the documentation of a benchmark")]
 
 use beam_channel::{Model, Setup, Wall};

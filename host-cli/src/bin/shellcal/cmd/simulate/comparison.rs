@@ -2,7 +2,7 @@
 
 use anyhow::bail;
 use serde::Serialize;
-use shellcal::workflow::simulate::{Condition, ConditionChannel, Summary, read_trials};
+use shellcal::workflow::simulate::{Condition, ConditionChannel, Remark, Summary, read_trials};
 
 use super::args::{SimulateArgs, of_deflection, of_width};
 use super::model;
@@ -21,6 +21,7 @@ pub(super) struct Comparison {
     over_prediction_n: Option<f64>,
     /// Simulated over measured; none where either is not positive.
     ratio: Option<f64>,
+    remarks: Vec<Remark>,
 }
 
 impl SimulateArgs {
@@ -47,16 +48,16 @@ impl SimulateArgs {
             ConditionChannel::Deflection(depth) => Some(of_deflection(&base, depth)),
             ConditionChannel::Width(width) => Some(of_width(&base, width)),
         };
-        let simulated_drag_n = match &setup {
-            None => Some(0.0),
-            Some(setup) => Summary::of(&model(setup)?).mean_drag_n,
-        };
+        let summary =
+            setup.map(|setup| model(&setup).map(|model| Summary::of(&model))).transpose()?;
+        let simulated_drag_n = summary.as_ref().map_or(Some(0.0), |summary| summary.mean_drag_n);
         let over_prediction_n = simulated_drag_n.map(|drag| drag - measured.mean_drag_n);
         let ratio = simulated_drag_n
             .filter(|&drag| drag > 0.0 && measured.mean_drag_n > 0.0)
             .map(|drag| drag / measured.mean_drag_n);
         let width_m = setup.map(|setup| setup.channel.width_m);
-        Ok(Comparison { measured, width_m, simulated_drag_n, over_prediction_n, ratio })
+        let remarks = summary.map_or_else(Vec::new, |summary| summary.remarks);
+        Ok(Comparison { measured, width_m, simulated_drag_n, over_prediction_n, ratio, remarks })
     }
 
     /// The channel that a condition's name stands for.
@@ -107,9 +108,18 @@ pub(super) fn print(printer: &mut Printer, comparison: &[Comparison]) -> anyhow:
         "ratio",
     ];
     printer.table(&header, &rows)?;
+    Ok(())
+}
+
+/// What to know before trusting the comparison.
+pub(super) fn warn(printer: &mut Printer, comparison: &[Comparison]) {
+    for row in comparison {
+        for remark in &row.remarks {
+            printer.warning(format!("condition `{}`: {remark}", row.measured.name));
+        }
+    }
     for row in comparison.iter().filter(|row| row.measured.without_drag > 0) {
         let (name, count) = (&row.measured.name, row.measured.without_drag);
         printer.warning(format!("condition `{name}`: {count} trials without a drag left out"));
     }
-    Ok(())
 }

@@ -47,6 +47,7 @@ impl SimulateArgs {
         let course = self.course(&models)?;
         let mut outputs = Outputs::open(&self.sweep)?;
         let comparison = self.compare()?;
+        comparison::warn(printer, comparison.as_deref().unwrap_or_default());
 
         let mut reports = Vec::new();
         for (model, setup) in models.iter().zip(&setups) {
