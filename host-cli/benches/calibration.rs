@@ -3,10 +3,9 @@
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use shellcal::block::Block;
-use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Pass, Problem, Solver, Tsqr};
+use shellcal::calibration::solver::{self, Problem, SolverKind};
 use shellcal::calibration::{Calibration, quality};
 use shellcal::wrench::PerAxis;
 
@@ -36,32 +35,27 @@ fn blocks() -> Vec<Block> {
         .collect()
 }
 
-fn solver(basis: Basis, blocks: &[Block]) -> Tsqr {
+fn problem(basis: Basis, blocks: &[Block]) -> Problem {
     let model = Model { basis, intercept: true, channels: 8 };
     let scaling = Scaling::of_sample(&blocks[0].readings, true);
-    Tsqr::new(Problem { model, scaling, ridge: 0.0 }).expect("a valid problem")
+    Problem { model, scaling, ridge: 0.0 }
 }
 
 fn calibration(basis: Basis, blocks: &[Block]) -> Calibration {
-    let solver = solver(basis, blocks);
-    let extent = Extent::of_block(&blocks[0], 8).expect("finite");
-    let partial = solver.reduce(&blocks[0]).expect("finite");
-    Calibration::of_solution(&solver.solve(&partial, &extent).expect("full rank"), &extent)
+    let problem = problem(basis, blocks);
+    let (solution, extent) =
+        solver::fit(SolverKind::Tsqr, problem, &mut &blocks[..1]).expect("full rank");
+    Calibration::of_solution(&solution, &extent)
 }
 
 /// One thread; the log reader does this on as many as there are.
 #[divan::bench(args = Basis::ALL, sample_count = 15)]
 fn tsqr(bencher: Bencher, basis: &Basis) {
     let blocks = blocks();
-    let solver = solver(*basis, &blocks);
+    let problem = problem(*basis, &blocks);
     bencher.counter(ItemsCount::new(ROWS)).bench(|| {
-        let mut all = solver.empty();
-        let mut extent = Extent::new(8);
-        for block in &blocks {
-            extent.merge(&Extent::of_block(block, 8).expect("finite"));
-            solver.merge(&mut all, solver.reduce(black_box(block)).expect("finite"));
-        }
-        solver.solve(&all, &extent).expect("full rank")
+        let mut blocks = black_box(&blocks[..]);
+        solver::fit(SolverKind::Tsqr, problem.clone(), &mut blocks).expect("full rank")
     });
 }
 

@@ -12,15 +12,7 @@ const BLOCK_ROWS: usize = 6_000;
 /// # Panics
 /// Never: these settings are valid.
 pub fn training(rows: usize) -> Vec<Block> {
-    let recording = Recording::new(Settings {
-        kind: Kind::Training,
-        rate_hz: 100.0,
-        start_time_s: 0.0,
-        seed: 1,
-        unit_seed: 1,
-        noise_scale: 1.0,
-        adc_bits: 12,
-    });
+    let recording = Recording::new(Settings::of(Kind::Training));
     blocks(recording.expect("valid settings"), rows)
 }
 

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use system_tests::real_recording;
+use system_tests::{program, real_recording};
 use tempfile::TempDir;
 
 const HEADER: &str = "s1,s2,s3,s4,s5,s6,s7,s8,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm";
@@ -44,12 +44,7 @@ fn log(rows: usize, noise: f64, change: impl Fn(&mut [f64; 8])) -> String {
 }
 
 fn shellcal(dir: &TempDir, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_shellcal"))
-        .args(arguments.split_whitespace())
-        .current_dir(dir)
-        .env("SOURCE_DATE_EPOCH", "1500000000")
-        .output()
-        .unwrap()
+    program::output(dir.path(), arguments)
 }
 
 fn with_files(files: &[(&str, &str)]) -> TempDir {
@@ -263,4 +258,20 @@ fn the_lab_s_matrices_in_both_formats_make_the_same_calibration() {
     let expected = [-0.0036893645001891415, -0.011788310916859727, -0.0054612987129912085];
     assert_eq!(calibration.coefficients()[0][..3], expected);
     assert_eq!(calibration.coefficients()[0][3], 0.36303638238128627 / 1e3);
+}
+
+#[test]
+fn truncation_answers_where_rank_is_lost_and_says_so() {
+    let dir = with_files(&[("log.csv", &log(400, 1e-3, |s| s[1] = s[0]))]);
+    let error = refused(&dir, "fit log.csv --model linear --solver svd");
+    assert!(error.contains("only `8` of `9` features"), "{error}");
+    let output = shellcal(&dir, "fit log.csv --model linear --solver svd --truncate 1e-8 --json");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.contains("1 direction"), "{said}");
+    let fitted: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(fitted["rank"], 8);
+    let error = refused(&dir, "fit log.csv --truncate 1e-8");
+    assert!(error.contains("`--truncate` is for `--solver svd`"), "{error}");
+    let error = refused(&dir, "fit log.csv --solver svd --truncate 1");
+    assert!(error.contains("a share from 0 to 1"), "{error}");
 }

@@ -7,15 +7,15 @@ use std::fs;
 use std::process::{Command, Output};
 
 use shellcal::block::Block;
+use shellcal::calibration::Calibration;
 use shellcal::calibration::exact::{Accumulator, Moments, Parts, SolveError};
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Pass, Problem, Solver, Tsqr, solve_moments};
+use shellcal::calibration::solver::{self, Problem, SolverKind, solve_moments};
 use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration::validation::cross_validation::cross_validate;
 use shellcal::calibration::validation::grouped::{GroupedMoments, Grouping, RandomSplit};
 use shellcal::calibration::validation::selection::{self, select};
-use shellcal::calibration::{Calibration, extent::Extent};
 use shellcal::wrench::PerAxis;
 use tempfile::TempDir;
 
@@ -92,9 +92,9 @@ fn moments(block: &Block, basis: Basis) -> Moments {
 /// errors of every axis.
 fn brute_force(train: &Block, test: &Block, model: Model) -> PerAxis<(f64, f64)> {
     let scaling = Scaling::of_sample(&train.readings, model.intercept);
-    let tsqr = Tsqr::new(Problem { model, scaling, ridge: 0.0 }).unwrap();
-    let extent = Extent::of_block(train, model.channels).unwrap();
-    let solution = tsqr.solve(&tsqr.reduce(train).unwrap(), &extent).unwrap();
+    let problem = Problem { model, scaling, ridge: 0.0 };
+    let (solution, extent) =
+        solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(train)).unwrap();
     errors(&Calibration::of_solution(&solution, &extent), test)
 }
 

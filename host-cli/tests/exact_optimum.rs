@@ -10,10 +10,9 @@ use num_bigint::BigInt;
 use num_rational::BigRational;
 use shellcal::block::Block;
 use shellcal::calibration::Calibration;
-use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Pass, Problem, Solver, Tsqr};
+use shellcal::calibration::solver::{self, Problem, SolverKind};
 
 /// The rows of the lab's training recording: time, eight readings, six components of the wrench.
 fn recording() -> Option<Block> {
@@ -125,9 +124,9 @@ fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
     for intercept in [false, true] {
         let model = Model { basis: Basis::Cubic, intercept, channels: 8 };
         let scaling = Scaling::of_sample(&block.readings, intercept);
-        let solver = Tsqr::new(Problem { model, scaling, ridge: 0.0 }).unwrap();
-        let extent = Extent::of_block(&block, 8).unwrap();
-        let solution = solver.solve(&solver.reduce(&block).unwrap(), &extent).unwrap();
+        let problem = Problem { model, scaling, ridge: 0.0 };
+        let (solution, extent) =
+            solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(&block)).unwrap();
         let calibration = Calibration::of_solution(&solution, &extent);
         let (features, wrench) = integers(&block, model);
         let reached = residual(&block, &calibration);

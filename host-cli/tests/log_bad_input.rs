@@ -70,7 +70,7 @@ fn each_fault_is_named_with_its_place() {
         ("time,s1\n1,2,3\n", "`FILE`, line 2: expected 2 columns, found 3"),
         ("s1,note,x\n1,a,b\n1,a\n", "`FILE`, line 3: expected 3 columns, found 2"),
         ("s1,note,x\n1,a,b,c\n", "`FILE`, line 2: expected 3 columns, found 4"),
-        ("time,s1,s2\n1,2,3\n1,2,3\n1,2", "`FILE`, line 4: expected 3 columns, found 2"),
+        ("time,s1,s2\n1,2,3\n1,2\n1,2", "`FILE`, line 3: expected 3 columns, found 2"),
         ("time;s1\n1,5;2\n", "`FILE`, line 2: column 1 (`time`): expected a number, found `1,5`"),
         (
             "time,\"s1\"\n1,\"2\"\n1,\"x\"\n",

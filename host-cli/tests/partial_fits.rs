@@ -3,17 +3,13 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::fs;
-use std::process::{Command, Output};
+use std::process::Output;
 
+use system_tests::program;
 use tempfile::TempDir;
 
 fn shellcal(dir: &TempDir, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_shellcal"))
-        .args(arguments.split_whitespace())
-        .current_dir(dir)
-        .env("SOURCE_DATE_EPOCH", "1500000000")
-        .output()
-        .unwrap()
+    program::output(dir.path(), arguments)
 }
 
 fn done(dir: &TempDir, arguments: &str) -> Output {

@@ -1,11 +1,10 @@
 //! Identities that hold for the least-squares fit of a log, whatever the numbers.
 
 use shellcal::block::Block;
-use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::rank_loss::Dependence;
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{Pass, Problem, Solution, Solver, Tsqr};
+use shellcal::calibration::solver::{self, Problem, Solution, SolverKind};
 use shellcal::calibration::{Calibration, FitError, raw_units};
 use shellcal::wrench::PerAxis;
 
@@ -31,15 +30,15 @@ fn block(rows: usize) -> Block {
     Block { rows, readings, wrench, ..Block::default() }
 }
 
-fn solver(basis: Basis, intercept: bool, block: &Block) -> Tsqr {
+fn problem(basis: Basis, intercept: bool, block: &Block) -> Problem {
     let model = Model { basis, intercept, channels: block.readings.len() };
     let scaling = Scaling::of_sample(&block.readings, intercept);
-    Tsqr::new(Problem { model, scaling, ridge: 0.0 }).expect("a valid problem")
+    Problem { model, scaling, ridge: 0.0 }
 }
 
-fn fit(solver: &Tsqr, block: &Block) -> Result<(Solution, Calibration), FitError> {
-    let extent = Extent::of_block(block, block.readings.len())?;
-    let solution = solver.solve(&solver.reduce(block)?, &extent)?;
+fn fit(problem: &Problem, block: &Block) -> Result<(Solution, Calibration), FitError> {
+    let mut blocks = std::slice::from_ref(block);
+    let (solution, extent) = solver::fit(SolverKind::Tsqr, problem.clone(), &mut blocks)?;
     let calibration = Calibration::of_solution(&solution, &extent);
     Ok((solution, calibration))
 }
@@ -63,9 +62,9 @@ fn row_order_changes_nothing_but_rounding() {
     // 5000 and 2377 have no common divisor: every row once.
     let order: Vec<usize> = (0..block.rows).map(|i| i * 2377 % block.rows).collect();
     for basis in Basis::ALL {
-        let solver = solver(basis, true, &block);
-        let (one, _) = fit(&solver, &block).unwrap();
-        let (other, _) = fit(&solver, &reordered(&block, &order)).unwrap();
+        let problem = problem(basis, true, &block);
+        let (one, _) = fit(&problem, &block).unwrap();
+        let (other, _) = fit(&problem, &reordered(&block, &order)).unwrap();
         let difference = (&one.coefficients - &other.coefficients).norm_max();
         // Backward errors of some 2⁻⁵³·√p, magnified by the condition number.
         let bound = 1e-14 * one.condition * one.coefficients.norm_max();
@@ -76,12 +75,12 @@ fn row_order_changes_nothing_but_rounding() {
 #[test]
 fn a_wrench_in_other_units_gives_coefficients_in_other_units_to_the_bit() {
     let block = block(2000);
-    let solver = solver(Basis::Quadratic, true, &block);
-    let (one, _) = fit(&solver, &block).unwrap();
+    let problem = problem(Basis::Quadratic, true, &block);
+    let (one, _) = fit(&problem, &block).unwrap();
     for factor in [2f64.powi(-100), 2f64.powi(100)] {
         let mut scaled = block.clone();
         scaled.wrench.iter_mut().flatten().for_each(|w| *w *= factor);
-        let (other, _) = fit(&solver, &scaled).unwrap();
+        let (other, _) = fit(&problem, &scaled).unwrap();
         let scaled_back = one.coefficients.as_ref() * faer::Scale(factor);
         let difference = (&other.coefficients - scaled_back).norm_max();
         // Columns are reflected one by one; a power of two changes exponents only.
@@ -94,7 +93,7 @@ fn the_raw_export_of_a_fit_evaluates_to_the_same_wrench() {
     let block = block(3000);
     for basis in Basis::ALL {
         for intercept in [false, true] {
-            let (_, calibration) = fit(&solver(basis, intercept, &block), &block).unwrap();
+            let (_, calibration) = fit(&problem(basis, intercept, &block), &block).unwrap();
             let raw = raw_units::coefficients(&calibration);
             let mut wrench = PerAxis::default();
             calibration.wrench(&block.readings, &mut wrench);
@@ -120,12 +119,12 @@ fn dependent_channels_are_found_in_every_model_and_none_invented() {
     let full = block(3000);
     for basis in Basis::ALL {
         for intercept in [false, true] {
-            let (solution, _) = fit(&solver(basis, intercept, &full), &full).unwrap();
+            let (solution, _) = fit(&problem(basis, intercept, &full), &full).unwrap();
             assert_eq!(solution.rank, solution.coefficients.nrows());
 
             let mut twice = full.clone();
             twice.readings[6] = twice.readings[1].iter().map(|s| 3.0 * s).collect();
-            let error = fit(&solver(basis, intercept, &twice), &twice).unwrap_err();
+            let error = fit(&problem(basis, intercept, &twice), &twice).unwrap_err();
             let FitError::RankDeficient(loss) = error else { panic!("{error}") };
             let [Dependence::Line { first: 1, second: 6, ratio, offset }] = loss.dependences[..]
             else {
@@ -135,7 +134,7 @@ fn dependent_channels_are_found_in_every_model_and_none_invented() {
         }
         let mut still = full.clone();
         still.readings[4].fill(77.0);
-        let error = fit(&solver(basis, true, &still), &still).unwrap_err();
+        let error = fit(&problem(basis, true, &still), &still).unwrap_err();
         let FitError::RankDeficient(loss) = error else { panic!("{error}") };
         assert_eq!(loss.dependences, [Dependence::Constant { channel: 4, value: 77.0 }]);
     }
@@ -147,7 +146,7 @@ fn channels_one_count_apart_make_a_quadratic_model_singular_and_are_named() {
     let mut block = block(3000);
     block.readings[1] =
         block.readings[0].iter().zip(&block.readings[2]).map(|(s, r)| s + r % 2.0).collect();
-    let error = fit(&solver(Basis::Quadratic, true, &block), &block).unwrap_err();
+    let error = fit(&problem(Basis::Quadratic, true, &block), &block).unwrap_err();
     let FitError::RankDeficient(loss) = error else { panic!("{error}") };
     assert_eq!((loss.rank, loss.features), (44, 45));
     let [Dependence::Combination(shares)] = &loss.dependences[..] else { panic!("{loss}") };

@@ -19,18 +19,6 @@ fn ideal() -> Parameters {
     drawing
 }
 
-fn settings(kind: Kind) -> Settings {
-    Settings {
-        kind,
-        rate_hz: 100.0,
-        start_time_s: 0.0,
-        seed: 1,
-        unit_seed: 1,
-        noise_scale: 1.0,
-        adc_bits: 12,
-    }
-}
-
 fn frame(unit: &Parameters, wrench: [f64; 6]) -> Frame {
     SensorModel::new(unit, 1).expect("a unit that can be modelled").sample(0.0, &wrench)
 }
@@ -179,8 +167,9 @@ fn units_differ_by_the_spread_and_have_their_names() {
 
 #[test]
 fn recordings_are_made_row_by_row_whatever_their_length() {
-    let rows: Vec<Sample> = Recording::new(settings(Kind::Training)).unwrap().take(700).collect();
-    let again = Recording::new(settings(Kind::Training)).unwrap();
+    let rows: Vec<Sample> =
+        Recording::new(Settings::of(Kind::Training)).unwrap().take(700).collect();
+    let again = Recording::new(Settings::of(Kind::Training)).unwrap();
     assert!(rows.iter().copied().eq(again.take(700)));
     assert_eq!(rows[0].pose, 0);
     assert_eq!(rows[600].pose, 3);
@@ -192,11 +181,11 @@ fn seeds_and_kinds_change_a_recording() {
         let rows = Recording::new(settings).unwrap().skip(100).take(10);
         rows.flat_map(|s| s.frame.readings).map(u64::from).sum()
     };
-    let base = settings(Kind::Training);
+    let base = Settings::of(Kind::Training);
     let all = [
         base,
-        settings(Kind::Test),
-        settings(Kind::Zero),
+        Settings::of(Kind::Test),
+        Settings::of(Kind::Zero),
         Settings { seed: 2, ..base },
         Settings { unit_seed: 2, ..base },
         Settings { noise_scale: 3.0, ..base },
@@ -211,7 +200,7 @@ fn seeds_and_kinds_change_a_recording() {
 #[test]
 fn settings_that_describe_no_recording_are_refused() {
     let refused = |settings| Recording::new(settings).unwrap_err();
-    let base = settings(Kind::Training);
+    let base = Settings::of(Kind::Training);
     for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(refused(Settings { rate_hz, ..base }), ModelError::Timing { .. }));
     }
@@ -262,7 +251,7 @@ fn channels_lie_on_the_board_and_every_gap_can_open_and_close() {
 /// Cubic features with an intercept, and the wrench.
 fn problem(kind: Kind, rows: usize) -> (Mat<f64>, Mat<f64>) {
     let samples: Vec<Sample> =
-        Recording::new(settings(kind)).expect("a recording").take(rows).collect();
+        Recording::new(Settings::of(kind)).expect("a recording").take(rows).collect();
     let features = Mat::from_fn(rows, 25, |row, column| {
         if column == 24 {
             return 1.0;

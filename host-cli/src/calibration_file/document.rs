@@ -175,7 +175,7 @@ mod tests {
             made_by: "shellcal 0.1.0".into(),
             date: "2017-05-29T00:00:00Z".into(),
             sensor_serial: Some("shell 7".into()),
-            solver: Some(SolverRecord { name: SolverKind::Tsqr, ridge: 0.0 }),
+            solver: Some(SolverRecord { name: SolverKind::Tsqr, ridge: 0.0, truncate: None }),
             diagnostics: Some(Diagnostics {
                 rows: 12,
                 skipped_rows: 1,

@@ -72,6 +72,9 @@ pub struct SolverRecord {
     pub name: SolverKind,
     /// The ridge parameter, 0 for none.
     pub ridge: f64,
+    /// Directions are left out whose singular value is below this share of the largest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub truncate: Option<f64>,
 }
 
 /// How well a fit went.

@@ -3,7 +3,8 @@
 //! All other results appear whole or not at all ([`crate::output`]). A recording is the exception:
 //! it cannot be made again, so what has arrived goes to the file within half a second, and stays
 //! there whatever happens to the program. Pieces are written whole: when the disk is full, the file
-//! is cut back to the end of the last piece that fits.
+//! is cut back to the end of the last piece that fits. Only a kill in the middle of a write may leave a
+//! part of a line, which a reader of logs leaves out.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};

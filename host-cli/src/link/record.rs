@@ -117,6 +117,12 @@ pub enum RecordError {
         /// The port or file.
         source_name: String,
     },
+    /// Packets, but none with readings or forces.
+    #[error("`{source_name}`: the board is there, but sends no frames")]
+    NotStreaming {
+        /// The port or file.
+        source_name: String,
+    },
     /// The calibration.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
@@ -328,8 +334,10 @@ impl Session<'_> {
         }
         self.flush()?;
         recognised?;
-        match self.bytes {
-            0 => Err(RecordError::Silence { source_name: source.name().to_owned() }),
+        let source_name = || source.name().to_owned();
+        match (self.bytes, self.frames) {
+            (0, _) => Err(RecordError::Silence { source_name: source_name() }),
+            (_, 0) => Err(RecordError::NotStreaming { source_name: source_name() }),
             _ => Ok(()),
         }
     }

@@ -33,8 +33,8 @@ pub(super) fn parse_lines(
         let line = &lines[start..end];
         match payload(line).map(scan) {
             Some(Ok(Some(frame))) => {
-                for (column, &place) in parsed.columns.iter_mut().zip(places) {
-                    column.push(frame[place]);
+                for (column, &place) in places.iter().enumerate() {
+                    parsed.put(column, frame[place]);
                 }
                 parsed.rows += 1;
             }

@@ -6,7 +6,7 @@ use std::arch::x86_64::{__m128i, __m256i};
 use pulp::x86::V3;
 
 use super::lanes::{Lanes, Portable};
-use super::number::quotient;
+use super::number::{parse_digits, quotient};
 
 /// Processors with AVX2 and what came before it.
 #[derive(Clone, Copy, Debug)]
@@ -40,44 +40,67 @@ impl Lanes for Wide {
 
     #[inline(always)]
     fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        let V3 { sse2, ssse3, .. } = self.0;
         let negative = *lines.get(at)? == b'-';
-        let mut length = end.wrapping_sub(at + usize::from(negative));
-        // The last digit stands at the end of the register. Longer numbers, and the first ones of
-        // the lines, have no such register.
+        let start = at + usize::from(negative);
+        let length = end.wrapping_sub(start);
+        // The last digit stands at the end of the register.
         let register = lines.get(end.wrapping_sub(16)..).and_then(<[u8]>::first_chunk::<16>);
-        let Some(register) = register.filter(|_| length <= 16) else {
-            return self.other_number(lines, at, end);
-        };
+        match register {
+            Some(register) if length <= 16 => {
+                // Fifteen digits are below 2⁵³.
+                let (mantissa, decimals) = self.digits(register, length, 0)?;
+                Some(quotient(negative, mantissa, decimals))
+            }
+            // What is in front of the register is a number, too: times have as many digits.
+            // Nineteen digits always fit 64 bits.
+            Some(register) if length <= 20 => {
+                let (low, decimals) = self.digits(register, 16, length - 16)?;
+                let high = parse_digits(lines, start, end - 16)?;
+                let mantissa = high * 1_000_000_000_000_000 + low;
+                (mantissa <= 1 << 53).then(|| quotient(negative, mantissa, decimals))
+            }
+            _ => self.other_number(lines, at, end),
+        }
+    }
+}
+
+impl Wide {
+    /// The number that the digits spell in the last `length` bytes of a register, and how many of
+    /// them follow a point; `digits_before` stand in front of those bytes. `None` where there are no
+    /// digits in front of the point or behind it, more than 15 in all, or anything else.
+    #[inline(always)]
+    fn digits(
+        self,
+        register: &[u8; 16],
+        mut length: usize,
+        digits_before: usize,
+    ) -> Option<(u64, usize)> {
+        let V3 { sse2, ssse3, .. } = self.0;
         let mut register: __m128i = pulp::cast(*register);
         let points = sse2._mm_cmpeq_epi8(register, sse2._mm_set1_epi8(b'.' as i8));
         let points = sse2._mm_movemask_epi8(points) as u32 >> ((16 - length) % 32);
         let mut decimals = 0;
         if points != 0 {
-            // The point is closed up. Digits are wanted on both sides of it.
+            // The point is closed up.
             let whole_digits = points.trailing_zeros() as usize;
             length -= 1;
             decimals = length.wrapping_sub(whole_digits);
-            let close_up = CLOSE_UP.get(decimals.wrapping_sub(1)).filter(|_| whole_digits > 0)?;
+            let close_up = CLOSE_UP.get(decimals.wrapping_sub(1))?;
+            if whole_digits + digits_before == 0 {
+                return None;
+            }
             register = ssse3._mm_shuffle_epi8(register, pulp::cast(*close_up));
         }
         // What precedes the number becomes zeros.
-        let Some(last) = LAST.get(length.wrapping_sub(1)) else {
-            return self.other_number(lines, at, end);
-        };
+        let last = LAST.get(length.wrapping_sub(1))?;
         let values = sse2._mm_sub_epi8(register, sse2._mm_set1_epi8(b'0' as i8));
         let values = sse2._mm_and_si128(values, pulp::cast(*last));
         // Sets the top bit of whatever is no digit.
         let checked = sse2._mm_adds_epu8(values, sse2._mm_set1_epi8(0x76));
-        if sse2._mm_movemask_epi8(checked) != 0 {
-            return None;
-        }
-        // Fifteen digits are below 2⁵³.
-        Some(quotient(negative, self.join(values), decimals))
+        let is_number = sse2._mm_movemask_epi8(checked) == 0;
+        is_number.then(|| (self.join(values), decimals))
     }
-}
 
-impl Wide {
     /// Out of the way of the loop that `plain_number` is inlined in.
     #[inline(never)]
     fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
@@ -106,8 +129,8 @@ impl Wide {
 
 /// For each number of decimals from 1 on, where digits are taken from: those before the point come
 /// one place closer.
-const CLOSE_UP: [[u8; 16]; 14] = {
-    let mut rows = [[0; 16]; 14];
+const CLOSE_UP: [[u8; 16]; 15] = {
+    let mut rows = [[0; 16]; 15];
     let mut decimals = 1;
     while decimals <= rows.len() {
         let mut i = 0;

@@ -91,7 +91,7 @@ pub struct ReadSummary {
     /// Those among them whose readings equal those of the row before; 0 if readings were not
     /// wanted.
     pub repeated_rows: u64,
-    /// Rows that were wrong and left out.
+    /// Rows that were wrong and left out, and a last one that is cut off.
     pub skipped_rows: u64,
     /// The checksum of the file on disk, `blake3:` and hexadecimal digits, if asked for.
     pub checksum: Option<String>,

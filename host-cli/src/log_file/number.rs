@@ -40,7 +40,7 @@ pub(super) fn parse_plain(bytes: &[u8], at: usize) -> Option<(f64, usize)> {
 /// The number that all of `bytes[at..end]` spells if it is one to eight digits and nothing else, and
 /// bytes enough stand before it.
 #[inline(always)]
-pub(super) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<f64> {
+pub(super) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<u64> {
     let word = u64::from_le_bytes(*bytes.get(..end)?.last_chunk()?);
     let length = end.wrapping_sub(at);
     if length.wrapping_sub(1) >= 8 {
@@ -49,7 +49,7 @@ pub(super) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<f64> {
     // What precedes the number becomes zeros.
     let before = 64 - 8 * length;
     let values = (word ^ 0x3030_3030_3030_3030) >> before << before;
-    (others(values) == 0).then(|| eight_digits(values) as i64 as f64)
+    (others(values) == 0).then(|| eight_digits(values))
 }
 
 /// `±mantissa / 10^decimals`, correctly rounded for mantissas up to 2⁵³ and 22 decimals; at most 15

@@ -91,7 +91,9 @@ impl Plan {
                 // Rows differ little in length; should they, the columns grow.
                 let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;
                 parsed.clear(self.numbers, lines.len() / first * 9 / 8);
-                plan.parse_lines(lines, skip_bad_rows, parsed)
+                plan.parse_lines(lines, skip_bad_rows, parsed)?;
+                parsed.finish();
+                Ok(())
             }
             Rows::Console(places) => {
                 *parsed = console::parse_lines(lines, places, skip_bad_rows)?;

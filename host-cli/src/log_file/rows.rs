@@ -57,10 +57,25 @@ impl Parsed {
         (self.rows, self.skipped) = (0, 0);
         self.groups.clear();
         self.columns.resize_with(columns, Vec::new);
+        // Old numbers stay until new ones are written over them: filling columns with zeros in
+        // between would take time.
         for column in &mut self.columns {
-            column.clear();
-            column.reserve(capacity);
+            column.reserve(capacity.saturating_sub(column.len()));
         }
+    }
+
+    /// Puts a number into the row that follows the last.
+    pub(super) fn put(&mut self, column: usize, number: f64) {
+        let column = &mut self.columns[column];
+        match column.get_mut(self.rows) {
+            Some(place) => *place = number,
+            None => column.push(number),
+        }
+    }
+
+    /// Leaves only the numbers of rows in the columns.
+    pub(super) fn finish(&mut self) {
+        self.columns.iter_mut().for_each(|column| column.truncate(self.rows));
     }
 
     pub(super) fn push_group(&mut self, label: &[u8]) {
@@ -72,9 +87,6 @@ impl Parsed {
 
     /// Takes back what a bad row has left behind; `groups` is the state before it.
     fn take_back_row(&mut self, labelled: bool) {
-        for column in &mut self.columns {
-            column.truncate(self.rows);
-        }
         if labelled && let Some((_, rows)) = self.groups.last_mut() {
             *rows -= 1;
             if *rows == 0 {
@@ -86,7 +98,7 @@ impl Parsed {
 }
 
 impl RowPlan {
-    /// Parses `lines` and appends their rows to `parsed`.
+    /// Parses `lines` and adds their rows to `parsed`, to be finished when there are no more.
     pub(super) fn parse_lines(
         &self,
         lines: &[u8],
@@ -123,7 +135,8 @@ impl RowPlan {
             if !line.trim_ascii().is_empty() {
                 let fields = line.split(|&byte| byte == self.separator);
                 let result = self.parse_fields(fields, parsed);
-                finish_row(result, at, skip_bad_rows, parsed)?;
+                let may_skip = skip_bad_rows || is_cut(&result, end == lines.len());
+                finish_row(result, at, may_skip, parsed)?;
             }
             at = end + 1;
         }
@@ -176,8 +189,11 @@ impl RowPlan {
         for (column, _) in self.steps.iter().enumerate().filter(|(_, step)| **step == Step::Number)
         {
             let Some(values) = columns.next() else { break };
-            values.resize(parsed.rows + right, 0.0);
-            let values = &mut values[parsed.rows..];
+            let rows = parsed.rows..parsed.rows + right;
+            if values.len() < rows.end {
+                values.resize(rows.end, 0.0);
+            }
+            let values = &mut values[rows];
             let befores = (&places.fields[column..], count);
             let ends = match column + 1 == count {
                 true => (&places.lines[..], 1),
@@ -189,7 +205,6 @@ impl RowPlan {
             );
             right = wrong.unwrap_or(right);
         }
-        parsed.columns.iter_mut().for_each(|column| column.truncate(parsed.rows + right));
         if let Some(group) = self.steps.iter().position(|step| *step == Step::Group) {
             for row in 0..right {
                 let before = places.fields[row * count + group];
@@ -226,7 +241,8 @@ impl RowPlan {
                     true => self.parse_fields(record.iter(), parsed),
                     false => Err((RowProblem::OpenQuote, false)),
                 };
-                finish_row(result, start, skip_bad_rows, parsed)?;
+                let may_skip = skip_bad_rows || is_cut(&result, !line.ends_with(b"\n"));
+                finish_row(result, start, may_skip, parsed)?;
             }
             start = end;
         }
@@ -249,7 +265,7 @@ impl RowPlan {
             match self.steps.get(column) {
                 Some(Step::Number) => {
                     match parse_field(field) {
-                        Ok(value) => parsed.columns[slot].push(value),
+                        Ok(value) => parsed.put(slot, value),
                         Err(error) => {
                             problem = problem.or_else(|| Some(self.problem(error, column, field)));
                         }
@@ -290,6 +306,14 @@ impl RowPlan {
             NumberError::NotFinite => RowProblem::NotFinite { field: field_at, found: found() },
         }
     }
+}
+
+/// Whether a row is but the beginning of one: the end of a file that was still being written when its
+/// program was killed or the power failed. It is left out, as it does not belong to the rows that are
+/// wrong.
+fn is_cut(result: &Result<(), (RowProblem, bool)>, is_open: bool) -> bool {
+    let Err((RowProblem::ColumnCount { expected, found }, _)) = result else { return false };
+    is_open && found < expected
 }
 
 fn finish_row(
@@ -424,7 +448,7 @@ fn parse_column(
     for value in &mut *values {
         let (start, end) = place(done);
         let Some(number) = parse_digits(lines, start, end) else { break };
-        *value = number;
+        *value = number as i64 as f64;
         done += 1;
     }
     for (row, value) in values.iter_mut().enumerate().skip(done) {
@@ -465,6 +489,7 @@ mod tests {
         let mut parsed = Parsed::default();
         parsed.clear(NUMBERS, 0);
         let result = plan().parse_lines_with(lanes, lines, skip, &mut parsed);
+        parsed.finish();
         (result, parsed)
     }
 
@@ -479,12 +504,14 @@ mod tests {
             if !text.trim_ascii().is_empty() {
                 let fields = text.split(|&byte| byte == plan.separator);
                 let result = plan.parse_fields(fields, &mut parsed);
+                let skip = skip || is_cut(&result, offset + line.len() == lines.len());
                 if let Err(error) = finish_row(result, offset, skip, &mut parsed) {
                     return (Err(error), parsed);
                 }
             }
             offset += line.len() + 1;
         }
+        parsed.finish();
         (Ok(()), parsed)
     }
 
@@ -541,6 +568,21 @@ mod tests {
             )
         ) {
             assert_all_ways_agree(&bytes);
+        }
+    }
+
+    #[test]
+    fn a_last_row_that_is_cut_off_is_left_out() {
+        for (lines, rows, is_right) in [
+            ("1,a,,2\n3,a", 1, true),
+            ("1,a,,2\n3,\"a\",", 1, true),
+            ("1,a,,2\n3,a,,4", 2, true),
+            ("1,a,,2\n3,a\n", 1, false),
+            ("1,a,,2\n3,a,,4,5", 1, false),
+            ("1,a,,2\n3,a,,", 1, false),
+        ] {
+            let (result, parsed) = parse(Portable, lines.as_bytes(), false);
+            assert_eq!((parsed.rows, result.is_ok()), (rows, is_right), "{lines}");
         }
     }
 

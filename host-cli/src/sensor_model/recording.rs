@@ -34,6 +34,21 @@ pub struct Settings {
     pub adc_bits: u32,
 }
 
+impl Settings {
+    /// What is made of that kind where nothing else is asked for.
+    pub const fn of(kind: Kind) -> Self {
+        Self {
+            kind,
+            rate_hz: 100.0,
+            start_time_s: 0.0,
+            seed: 1,
+            unit_seed: 1,
+            noise_scale: 1.0,
+            adc_bits: 12,
+        }
+    }
+}
+
 /// One row of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {

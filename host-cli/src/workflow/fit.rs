@@ -8,6 +8,7 @@ use super::{WorkflowError, check_channels};
 use crate::block::Block;
 use crate::calibration::exact::{ExactError, Moments};
 use crate::calibration::extent::Extent;
+use crate::calibration::least_squares::Method;
 use crate::calibration::scaling::Scaling;
 use crate::calibration::solver::{self, Problem, Solution, SolverKind};
 use crate::calibration::uncertainty::{Covariance, Shape};
@@ -30,6 +31,9 @@ pub struct FitOptions<'a> {
     pub solver: SolverKind,
     /// λ of a ridge on columns of norm one, 0 for none.
     pub ridge: f64,
+    /// For [`SolverKind::Svd`]: leaves out directions whose singular value, of columns of norm one,
+    /// is below this share of the largest.
+    pub truncate: Option<f64>,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
     /// The exact sums of the training rows, where they have been made already: the exact solver
@@ -51,6 +55,7 @@ impl Default for FitOptions<'_> {
             intercept: true,
             solver: SolverKind::Exact,
             ridge: 0.0,
+            truncate: None,
             fresh: false,
             total: None,
             covariance: CovarianceFrom::Nothing,
@@ -203,7 +208,13 @@ fn solve(
             Scaling::of_sample(&sample.readings, model.intercept)
         }
     };
-    solver::fit(solver, Problem { model, scaling, ridge: options.ridge }, rows)
+    let problem = Problem { model, scaling, ridge: options.ridge };
+    match solver {
+        SolverKind::Svd => {
+            solver::fit_by(Method::Svd { truncate: options.truncate }, problem, rows)
+        }
+        _ => solver::fit(solver, problem, rows),
+    }
 }
 
 /// The covariance, as far as it can be had.

@@ -186,7 +186,7 @@ fn after_recording(error: &RecordError) -> Option<&'static str> {
             "leave out `--framing` to have it recognised"
         }
         RecordError::NoFrame { problem: NoFrame::OtherVersion { .. }, .. } => VERSIONS,
-        RecordError::Silence { .. } => {
+        RecordError::Silence { .. } | RecordError::NotStreaming { .. } => {
             "a board streams when told to: `--start`, or `shellcal board PORT start`"
         }
         _ => return None,

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::{Factor, Pass, Problem, Solution, Solver};
+use super::{Factor, Pass, Problem, Solution};
 use crate::block::Block;
 use crate::calibration::exact::{
     Accumulator, Adder, ExactError, Moments, RankLoss as ExactLoss, SolveError,
@@ -50,6 +50,14 @@ impl Exact {
         Ok(Self { model, ridge, adder: Adder::new(model.basis, model.channels) })
     }
 
+    /// The coefficients that fit the rows of `partial` best. `extent` is that of the same rows.
+    ///
+    /// # Errors
+    /// [`FitError`] if the rows do not determine the coefficients.
+    pub fn solve(&self, partial: ExactPartial, extent: &Extent) -> Result<Solution, FitError> {
+        solve_moments(&partial.finish()?, &self.model, self.ridge, extent)
+    }
+
     /// Prepares for rows such as those of `sample`, which saves work later.
     pub fn expect(&self, sample: &Block) {
         self.adder.expect(&sample.readings, &sample.wrench);
@@ -76,12 +84,6 @@ impl Pass for Exact {
         if let Err(error) = merged {
             earlier.0 = Err(error);
         }
-    }
-}
-
-impl Solver for Exact {
-    fn solve(&self, partial: &ExactPartial, extent: &Extent) -> Result<Solution, FitError> {
-        solve_moments(&partial.clone().finish()?, &self.model, self.ridge, extent)
     }
 }
 

@@ -6,7 +6,6 @@
 
 mod exact;
 mod family;
-mod tsqr;
 
 use std::borrow::Cow;
 
@@ -16,8 +15,6 @@ use serde::{Deserialize, Serialize};
 
 pub use self::exact::{Exact, ExactPartial, solve_moments};
 pub use self::family::{Blocks, fit, fit_by};
-pub use self::tsqr::Tsqr;
-use super::extent::Extent;
 use super::features::Features;
 use super::least_squares::LeastSquares;
 use super::scaling::Scaling;
@@ -40,16 +37,6 @@ pub trait Pass: Sync {
 
     /// Adds the rows of `later` to those of `earlier`.
     fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
-}
-
-/// A way to find the coefficients `C` that minimise `‖X(s)·C − W‖` in one pass over the rows of a
-/// log.
-pub trait Solver: Pass {
-    /// The coefficients that fit all rows best. `extent` is that of the same rows.
-    ///
-    /// # Errors
-    /// [`FitError`] if the rows do not determine the coefficients.
-    fn solve(&self, partial: &Self::Partial, extent: &Extent) -> Result<Solution, FitError>;
 }
 
 /// The solvers by name.

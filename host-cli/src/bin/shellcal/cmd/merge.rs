@@ -113,7 +113,11 @@ impl MergeArgs {
                 made_by: merged.made_by,
                 date: merged.date,
                 sensor_serial: self.serial.clone(),
-                solver: Some(SolverRecord { name: SolverKind::Exact, ridge: self.ridge }),
+                solver: Some(SolverRecord {
+                    name: SolverKind::Exact,
+                    ridge: self.ridge,
+                    truncate: None,
+                }),
                 diagnostics: Some(Diagnostics {
                     rows: solution.rows,
                     skipped_rows: merged.skipped_rows,

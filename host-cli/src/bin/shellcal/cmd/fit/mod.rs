@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use anyhow::Context;
 use clap::ValueEnum;
+use shellcal::calibration::solver::SolverKind;
 use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration::validation::grouped::GroupedMoments;
 use shellcal::calibration_file::{
@@ -68,6 +69,11 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "SOLVER", default_value = "exact")]
     solver: SolverArg,
 
+    /// With `--solver svd`: leave out directions that the data hardly excite, those whose singular
+    /// value is below this share of the largest, such as 1e-8
+    #[arg(long, value_name = "SHARE", value_parser = parse_share)]
+    truncate: Option<f64>,
+
     /// Leave out rows that repeat the readings of the row before
     #[arg(long)]
     fresh: bool,
@@ -96,7 +102,7 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "cv"]
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "truncate", "cv"]
     )]
     partial: Option<PathBuf>,
 
@@ -143,6 +149,10 @@ struct Outputs {
 impl FitArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let start = Instant::now();
+        anyhow::ensure!(
+            self.truncate.is_none() || self.solver.0 == SolverKind::Svd,
+            "`--truncate` is for `--solver svd`"
+        );
         let mapping = self.mapping.mapping()?;
         let open = |path: &PathBuf| Log::open(path, &mapping);
         let train = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
@@ -171,6 +181,13 @@ impl FitArgs {
         if let Some(reason) = choice.not_grouped.as_ref().or(fitted.not_grouped.as_ref()) {
             self.tell_not_grouped(reason, printer)?;
         }
+        let left_out = fitted.calibration.model().term_count() - fitted.solution.rank;
+        if left_out > 0 {
+            let s = if left_out > 1 { "s" } else { "" };
+            printer.warning(format!(
+                "left out {left_out} direction{s} in which the data hardly move the readings"
+            ));
+        }
         let file = self.calibration_file(&fitted, choice)?;
         self.write(outputs, &file, &fitted)?;
         let seconds = start.elapsed().as_secs_f64();
@@ -195,6 +212,7 @@ impl FitArgs {
             intercept: !self.no_intercept,
             solver: self.solver.0,
             ridge: choice.ridge,
+            truncate: self.truncate,
             fresh: self.fresh,
             total: choice.sums.as_ref().and_then(GroupedMoments::total),
             covariance: match &choice.sums {
@@ -260,7 +278,11 @@ impl FitArgs {
                 made_by: origin::program(),
                 date: origin::date()?,
                 sensor_serial: self.serial.clone(),
-                solver: Some(SolverRecord { name: fitted.solver, ridge: choice.ridge }),
+                solver: Some(SolverRecord {
+                    name: fitted.solver,
+                    ridge: choice.ridge,
+                    truncate: self.truncate,
+                }),
                 diagnostics: Some(Diagnostics {
                     rows: fitted.solution.rows,
                     skipped_rows: train.skipped_rows,
@@ -295,6 +317,11 @@ impl FitArgs {
         }
         Ok(())
     }
+}
+
+fn parse_share(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok().filter(|share| (0.0..1.0).contains(share));
+    share.ok_or_else(|| "a share from 0 to 1, such as 1e-8".to_owned())
 }
 
 fn total(evaluations: &[Evaluation]) -> Evaluation {
