@@ -93,8 +93,9 @@ impl Model {
             plateau.min_contacts[1] = plateau.min_contacts[0];
             plateau.max_contacts[1] = plateau.max_contacts[0];
         }
-        for (i, least) in plateau.min_contacts.iter_mut().enumerate() {
-            *least = (*least).min(plateau.max_contacts[i]);
+        // A wall that is not touched has no least number yet.
+        for (least, greatest) in plateau.min_contacts.iter_mut().zip(plateau.max_contacts) {
+            *least = (*least).min(greatest);
         }
         Some(plateau)
     }

@@ -14,8 +14,8 @@ use crate::{Setup, SetupError, Wall};
 /// A beam touches from the moment the body reaches its tip until its tip can no longer rest on
 /// the body: until the ellipse, seen from the beam's base, falls away, which is where the body's
 /// travel `s(z)` has its greatest value. On the way in `s` may fall on one stretch of `z` if the
-/// body reaches farther past the tips than a beam is long (`d > L`); a tip cannot stay there and
-/// snaps across ([`snaps`](Self::snaps)). What is left are arcs on which `s` rises.
+/// body reaches farther past the tips than a beam is long (`d > L`) or is yawed; a tip cannot stay
+/// there and snaps across ([`snaps`](Self::snaps)). What is left are arcs on which `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     path: Path,

@@ -31,7 +31,14 @@ fn check(setup: &Setup) -> Result<Model, SetupError> {
                 assert!(force.deflection_rad >= 0.0 && contact.reach_m() >= 0.0);
             }
         }
-        finite("total", model.total(x).fx_n);
+        // Beams that are solved side by side are the same, to the bit, as each by itself.
+        let of_wall = |wall| model.beams(wall, x).map(|(_, _, force)| force.fx_n);
+        let sum = if setup.pose == Pose::default() {
+            2.0 * of_wall(Wall::Left).fold(0.0, |sum, fx| sum + fx)
+        } else {
+            Wall::BOTH.into_iter().flat_map(of_wall).fold(0.0, |sum, fx| sum + fx)
+        };
+        assert_eq!(model.total(x).fx_n, sum, "{setup:?} at {x}");
     }
     assert_eq!(model.total(first - 1.0), model.total(last + 1.0));
     Ok(model)

@@ -7,22 +7,18 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
 
 use serde_json::Value;
+use system_tests::program::output;
 
 const MEANS: [f64; 3] = [0.108734173433852, 0.21708288510962, 0.305874279216731];
 
 /// Fifteen digits were printed; ten roundings lie within this.
 const RELATIVE: f64 = 1e-12;
 
-fn shellcal(dir: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
-    command.arg("simulate").args(arguments).current_dir(dir).output().unwrap()
-}
-
-fn run(dir: &Path, arguments: &str) -> (String, String) {
-    let output = shellcal(dir, &arguments.split_whitespace().collect::<Vec<_>>());
+/// What it prints, and what it says.
+fn simulate(dir: &Path, arguments: &str) -> (String, String) {
+    let output = output(dir, &format!("simulate {arguments}"));
     let stderr = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{arguments}: {stderr}");
     (String::from_utf8(output.stdout).unwrap(), stderr)
@@ -30,12 +26,12 @@ fn run(dir: &Path, arguments: &str) -> (String, String) {
 
 fn json(arguments: &str) -> Value {
     let dir = tempfile::tempdir().unwrap();
-    serde_json::from_str(&run(dir.path(), &format!("--json {arguments}")).0).unwrap()
+    serde_json::from_str(&simulate(dir.path(), &format!("--json {arguments}")).0).unwrap()
 }
 
-fn fails(dir: &Path, arguments: &[&str]) -> String {
-    let output = shellcal(dir, arguments);
-    assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+fn fails(dir: &Path, arguments: &str) -> String {
+    let output = output(dir, &format!("simulate {arguments}"));
+    assert_eq!(output.status.code(), Some(2), "{arguments}");
     assert!(output.stdout.is_empty());
     String::from_utf8(output.stderr).unwrap()
 }
@@ -79,7 +75,7 @@ fn a_sweep_is_written_with_the_time_of_a_body_at_a_given_speed() {
     let dir = tempfile::tempdir().unwrap();
     let arguments = "--width 8cm --from 0.05 --to 0.15 --step 5cm --speed 0.5 --output sweep.csv \
                      --beam-forces beams.csv";
-    run(dir.path(), arguments);
+    simulate(dir.path(), arguments);
     let text = fs::read_to_string(dir.path().join("sweep.csv")).unwrap();
     let mut lines = text.lines();
     let header = "width_m,t_s,x_m,drag_n,fy_n,mz_nm,contacts_left,contacts_right";
@@ -105,12 +101,17 @@ fn a_sweep_is_written_with_the_time_of_a_body_at_a_given_speed() {
 fn the_figure_is_drawn_with_a_measured_trace() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("run7.csv"), "x_m,drag_n\n0,0.01\n0.1,0.15\n").unwrap();
-    run(dir.path(), "--plot drag.svg --overlay run7.csv");
+    simulate(dir.path(), "--plot drag.svg --overlay run7.csv");
     let svg = fs::read_to_string(dir.path().join("drag.svg")).unwrap();
     for label in ["1 cm deflection", "3 cm deflection", "run7", "drag (N)", "beams per side"] {
         assert!(svg.contains(label), "{label}");
     }
-    run(dir.path(), "--plot drag.png");
+    fs::write(dir.path().join("run8.csv"), "t_s,fx_n\n3,-0.01\n4,-0.15\n").unwrap();
+    simulate(dir.path(), "--plot drag.svg --overlay run8.csv --speed 0.2 --entry 3");
+    assert!(fs::read_to_string(dir.path().join("drag.svg")).unwrap().contains("run8"));
+    let error = fails(dir.path(), "--plot drag.svg --overlay run8.csv");
+    assert!(error.contains("`run8.csv`, line 1: no column `x_m`; found `t_s`, `fx_n`"), "{error}");
+    simulate(dir.path(), "--plot drag.png");
     assert!(fs::read(dir.path().join("drag.png")).unwrap().starts_with(b"\x89PNG"));
 }
 
@@ -118,18 +119,18 @@ fn the_figure_is_drawn_with_a_measured_trace() {
 fn what_is_outside_the_models_validity_is_said_and_what_jams_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let warning = "warning: channel of 4 cm: the body reaches farther past the tips than a beam is";
-    assert!(run(dir.path(), "").1.contains(warning));
-    assert_eq!(run(dir.path(), "--deflection 1cm,2cm").1, "");
-    let error = fails(dir.path(), &["--ry", "9cm", "--width", "7cm", "--output", "x.csv"]);
+    assert!(simulate(dir.path(), "").1.contains(warning));
+    assert_eq!(simulate(dir.path(), "--deflection 1cm,2cm").1, "");
+    let error = fails(dir.path(), "--ry 9cm --width 7cm --output x.csv");
     assert!(
         error.starts_with("error: a channel 7 cm wide: the body jams: it reaches 55.00 mm"),
         "{error}"
     );
     assert!(error.contains("hint: give a wider channel"), "{error}");
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
-    let error = fails(dir.path(), &["--friction", "-1"]);
+    let error = fails(dir.path(), "--friction -1");
     assert!(error.contains("the friction coefficient is -1: expected 0 to 100"), "{error}");
-    let error = fails(dir.path(), &["--width", "8furlongs"]);
+    let error = fails(dir.path(), "--width 8furlongs");
     assert!(error.contains("expected a length such as `8cm`"), "{error}");
 }
 
@@ -169,7 +170,7 @@ fn measured_trials_stand_beside_the_model() {
                  4,tight,0.13\n5,free,0.001\n";
     fs::write(dir.path().join("trials.csv"), table).unwrap();
     let arguments = "--json --compare trials.csv --condition tight=4cm";
-    let document: Value = serde_json::from_str(&run(dir.path(), arguments).0).unwrap();
+    let document: Value = serde_json::from_str(&simulate(dir.path(), arguments).0).unwrap();
     let rows = document["comparison"].as_array().unwrap();
     for (row, (mean, measured)) in rows.iter().zip(MEANS.into_iter().zip([0.03, 0.08, 0.13])) {
         assert_close(&row["simulated_drag_n"], mean);
@@ -178,9 +179,9 @@ fn measured_trials_stand_beside_the_model() {
     }
     assert_eq!((&rows[0]["trials"], &rows[0]["condition"]), (&2.into(), &"1 cm".into()));
     assert_eq!((&rows[3]["simulated_drag_n"], &rows[3]["width_m"]), (&0.0.into(), &Value::Null));
-    let error = fails(dir.path(), &["--compare", "trials.csv"]);
+    let error = fails(dir.path(), "--compare trials.csv");
     assert!(error.contains("condition `tight` is neither `free` nor a deflection"), "{error}");
-    let error = fails(dir.path(), &["--compare", "trials.csv", "--condition", "loose=9cm"]);
+    let error = fails(dir.path(), "--compare trials.csv --condition loose=9cm");
     assert!(error.contains("has no condition `loose`"), "{error}");
 }
 
@@ -188,7 +189,7 @@ fn measured_trials_stand_beside_the_model() {
 fn a_grid_has_every_combination() {
     let dir = tempfile::tempdir().unwrap();
     let arguments = "--deflection 1cm --grid friction=0,0.53 --grid beam-length=1mm,27mm";
-    run(dir.path(), &format!("{arguments} --output grid.csv"));
+    simulate(dir.path(), &format!("{arguments} --output grid.csv"));
     let text = fs::read_to_string(dir.path().join("grid.csv")).unwrap();
     let lines: Vec<_> = text.lines().collect();
     let header =
@@ -197,7 +198,7 @@ fn a_grid_has_every_combination() {
     assert!(lines[3].starts_with("0.08,0.53,0.001,,,,,\"the body jams"), "{}", lines[3]);
     let mean: f64 = lines[4].split(',').nth(3).unwrap().parse().unwrap();
     assert!((mean / MEANS[0] - 1.0).abs() < RELATIVE);
-    let (table, warning) = run(dir.path(), arguments);
+    let (table, warning) = simulate(dir.path(), arguments);
     assert_eq!(table.lines().count(), 6);
     assert!(warning.contains("2 combinations make no sense, or the body jams"), "{warning}");
 }

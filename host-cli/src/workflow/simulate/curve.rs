@@ -39,25 +39,44 @@ pub fn curve(model: &Model, label: String, from_m: f64, to_m: f64) -> ChannelCur
     ChannelCurve { label, drag, contacts, measured: false }
 }
 
-/// Reads a measured trace: positions in a column `x_m` and the drag in `drag_n`, or −`fx_n`.
-/// Rows that lack either are left out.
+/// Where a body of which only the time is known was: at a steady speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passage {
+    /// Its speed in m/s.
+    pub speed_m_s: f64,
+    /// When it was at `entry_x_m`, in s; the time of the first row if not known.
+    pub entry_s: Option<f64>,
+    /// Where it entered, in m past the first beam.
+    pub entry_x_m: f64,
+}
+
+/// Reads a measured trace: the drag in a column `drag_n`, or −`fx_n`, and positions in `x_m` or, of a
+/// body with a known passage, times in `t_s`. Rows that lack a value are left out.
 ///
 /// # Errors
 /// [`TableError`] naming file, line and column.
-pub fn read_trace(path: &Path) -> Result<ChannelCurve, TableError> {
+pub fn read_trace(path: &Path, passage: Option<Passage>) -> Result<ChannelCurve, TableError> {
     let mut table = Table::open(path)?;
-    let x = table.column(&["x_m"])?;
+    let place = table.column(if passage.is_some() { &["x_m", "t_s"] } else { &["x_m"] })?;
     let drag = table.column(&["drag_n", "fx_n"])?;
     let sign = if table.name(drag).eq_ignore_ascii_case("fx_n") { -1.0 } else { 1.0 };
     let mut points = Vec::new();
     while let Some(record) = table.next()? {
-        if let (Some(x), Some(drag)) = (record.number(x)?, record.number(drag)?) {
-            points.push((x, sign * drag));
+        if let (Some(place), Some(drag)) = (record.number(place)?, record.number(drag)?) {
+            points.push((place, sign * drag));
         }
     }
-    if points.is_empty() {
+    let Some(&(first, _)) = points.first() else {
         let column = table.name(drag).to_owned();
         return Err(TableError::Empty { path: table.path().to_path_buf(), column });
+    };
+    if let Some(Passage { speed_m_s, entry_s, entry_x_m }) = passage
+        && table.name(place).eq_ignore_ascii_case("t_s")
+    {
+        let entry_s = entry_s.unwrap_or(first);
+        for (place, _) in &mut points {
+            *place = entry_x_m + speed_m_s * (*place - entry_s);
+        }
     }
     let label = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     Ok(ChannelCurve { label, drag: points, contacts: Vec::new(), measured: true })
@@ -89,10 +108,22 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         for text in ["x_m,drag_n\n0.1,0.5\n0.2,\n", "t_s,fx_n,x_m\n0,-0.5,0.1\n"] {
             std::fs::write(file.path(), text).unwrap();
-            assert_eq!(read_trace(file.path()).unwrap().drag, [(0.1, 0.5)]);
+            assert_eq!(read_trace(file.path(), None).unwrap().drag, [(0.1, 0.5)]);
         }
         std::fs::write(file.path(), "x_m,fz_n\n").unwrap();
-        let error = read_trace(file.path()).unwrap_err().to_string();
+        let error = read_trace(file.path(), None).unwrap_err().to_string();
         assert!(error.ends_with("no column `drag_n` or `fx_n`; found `x_m`, `fz_n`"), "{error}");
+    }
+
+    #[test]
+    fn a_trace_over_time_is_placed_by_its_speed() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "t_s,fx_n\n10,0\n12,-0.5\n").unwrap();
+        let passage = Passage { speed_m_s: 0.25, entry_s: None, entry_x_m: -0.05 };
+        let points = |passage| read_trace(file.path(), Some(passage)).unwrap().drag;
+        assert_eq!(points(passage), [(-0.05, 0.0), (0.45, 0.5)]);
+        let later = Passage { entry_s: Some(12.0), ..passage };
+        assert_eq!(points(later), [(-0.55, 0.0), (-0.05, 0.5)]);
+        assert!(read_trace(file.path(), None).is_err());
     }
 }

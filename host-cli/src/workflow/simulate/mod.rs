@@ -14,7 +14,7 @@ mod sweep;
 
 pub use compare::{Condition, ConditionChannel, read_trials};
 pub use csv_columns::TableError;
-pub use curve::{curve, read_trace};
+pub use curve::{Passage, curve, read_trace};
 pub use grid::{Cell, GridAxis, grid};
 pub use monte_carlo::{Interval, MonteCarlo, Spread, Uncertain, monte_carlo};
 pub use parameter::{Dimension, Parameter};

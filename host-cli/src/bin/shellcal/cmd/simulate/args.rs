@@ -129,9 +129,21 @@ pub(super) struct SweepArgs {
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<PathBuf>,
 
-    /// Draw a measured trace too: CSV with columns `x_m` and `drag_n` (or `fx_n`)
+    /// Draw a measured trace too: CSV with columns `x_m` or, with `--speed`, `t_s`, and `drag_n` or
+    /// `fx_n`, such as `shellcal convert` writes
     #[arg(long, value_name = "FILE", requires = "plot")]
     pub(super) overlay: Vec<PathBuf>,
+
+    /// When the body of a measured trace with times first touched a beam, in s [default: at its
+    /// first row]
+    #[arg(
+        long,
+        value_name = "S",
+        requires = "overlay",
+        requires = "speed",
+        allow_hyphen_values = true
+    )]
+    pub(super) entry: Option<f64>,
 
     /// First position [default: 1 cm before the first contact]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]

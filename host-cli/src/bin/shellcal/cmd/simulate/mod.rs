@@ -69,7 +69,7 @@ impl SimulateArgs {
             }
             reports.push(report);
         }
-        outputs.draw(&models, &course, &self.sweep.overlay)?;
+        outputs.draw(&models, &course, &self.sweep)?;
         outputs.commit()?;
 
         if printer.json() {

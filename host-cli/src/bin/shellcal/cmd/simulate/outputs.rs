@@ -7,7 +7,7 @@ use anyhow::Context;
 use beam_channel::Model;
 use shellcal::output::AtomicFile;
 use shellcal::plot::{Format, channel_figure};
-use shellcal::workflow::simulate::{Course, beam_rows, curve, read_trace};
+use shellcal::workflow::simulate::{Course, Passage, beam_rows, curve, read_trace};
 
 use super::args::SweepArgs;
 use super::report::cm;
@@ -87,7 +87,7 @@ impl Outputs {
         &mut self,
         models: &[Model],
         course: &Course,
-        overlays: &[PathBuf],
+        args: &SweepArgs,
     ) -> anyhow::Result<()> {
         let Some((file, format)) = &mut self.plot else { return Ok(()) };
         let last = course.from_m + course.step_m * (course.count - 1) as f64;
@@ -98,8 +98,14 @@ impl Outputs {
                 curve(model, label, course.from_m, last)
             })
             .collect();
-        for path in overlays {
-            curves.push(read_trace(path)?);
+        let first_contact = models.iter().find_map(Model::extent_m).map_or(0.0, |[x, _]| x);
+        let passage = args.speed.map(|speed_m_s| Passage {
+            speed_m_s,
+            entry_s: args.entry,
+            entry_x_m: first_contact,
+        });
+        for path in &args.overlay {
+            curves.push(read_trace(path, passage)?);
         }
         let friction = models.first().map_or(0.0, |model| model.setup().beam.friction);
         let title = format!("Simulated drag, friction {friction}");
