@@ -1,4 +1,4 @@
-//! Against a reference solution in 50-digit arithmetic, printed to 15 digits.
+//! Against a reference solution in 40-digit arithmetic, printed to 15 digits.
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 use std::fs;

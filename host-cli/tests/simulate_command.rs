@@ -1,6 +1,6 @@
 //! `shellcal simulate` as a user meets it.
 //!
-//! Figures are those of the reference solution in 50-digit arithmetic that
+//! Figures are those of the reference solution in 40-digit arithmetic that
 //! `beam-channel/tests/reference.rs` has.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
