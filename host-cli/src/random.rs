@@ -29,6 +29,8 @@ pub(crate) enum Purpose {
     Losses = 8,
     /// What a radio does to packets.
     Radio = 9,
+    /// What the parameters of a beam channel may be.
+    BeamChannel = 20,
 }
 
 /// A stream of random numbers.

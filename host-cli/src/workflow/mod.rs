@@ -9,6 +9,7 @@ pub mod moments;
 pub mod noise;
 pub mod sampling;
 pub mod selection;
+pub mod simulate;
 mod training_rows;
 
 use std::path::PathBuf;
