@@ -105,12 +105,11 @@ fn stride(trace: &Trace, [from, to]: [f64; 2], axis: Axis, sign: f64) -> Option<
     let rows = trace.t_s.partition_point(|&t| t < from)..trace.t_s.partition_point(|&t| t < to);
     let force = trace.wrench[axis.index()].get(rows.clone())?;
     let angle = trace.right_leg_rad.get(rows)?;
-    let (first, last) = (angle.first()?, angle.last()?);
-    let forward = if last >= first { 1.0 } else { -1.0 };
+    let forward = if angle.last()? >= angle.first()? { 1.0 } else { -1.0 };
     let (mut sums, mut counts) = ([0.0; PHASES], [0_u32; PHASES]);
     for (force, angle) in force.iter().zip(angle) {
-        // The encoder's noise may put the first row a little before the stride.
-        let turn = (forward * (angle - first) / TAU).clamp(0.0, 1.0);
+        // A stride goes from phase 0 to phase 2π.
+        let turn = (forward * angle / TAU).rem_euclid(1.0);
         let stretch = ((turn * PHASES as f64) as usize).min(PHASES - 1);
         sums[stretch] += sign * force;
         counts[stretch] += 1;
@@ -123,9 +122,9 @@ fn stride(trace: &Trace, [from, to]: [f64; 2], axis: Axis, sign: f64) -> Option<
 mod tests {
     use super::*;
 
-    /// 20 strides of 0.1 s at 1 kHz: drag cos φ + stride number's sign, lift sin 2φ.
+    /// 20 strides of 0.1 s with 96 rows each: drag cos φ + stride number's sign, lift sin 2φ.
     fn trace(backwards: bool) -> Trace {
-        let t_s: Vec<f64> = (0..2000).map(|i| 1e-3 * f64::from(i)).collect();
+        let t_s: Vec<f64> = (0..1920).map(|i| 0.1 / 96.0 * (f64::from(i) + 0.5)).collect();
         let angle: Vec<f64> = t_s.iter().map(|t| TAU * t / 0.1).collect();
         let mut trace = Trace {
             stride_times_s: (0..=20).map(|i| 0.1 * f64::from(i) - 1e-9).collect(),
@@ -153,9 +152,10 @@ mod tests {
             // The first stride starts before the window, the last ends after it.
             assert_eq!(profile.strides, 18);
             for (i, phase) in profile.phase_rad.iter().enumerate() {
-                // Three or four rows in a stretch of 0.2 rad: means at phases off by 0.1 rad at most.
-                assert!((profile.drag.mean_n[i] - phase.cos()).abs() < 0.1);
-                assert!((profile.lift.mean_n[i] - (2.0 * phase).sin()).abs() < 0.2);
+                // Three rows in a stretch w = 0.2 rad wide, w/3 apart: their mean is that at the middle
+                // less (2/3)(kw/3)²/2 of it, 0.6 % for k = 2.
+                assert!((profile.drag.mean_n[i] - phase.cos()).abs() < 0.0015);
+                assert!((profile.lift.mean_n[i] - (2.0 * phase).sin()).abs() < 0.006);
                 // ±0.1 alternating, 18 strides: sd 0.1 · √(18/17).
                 assert!((profile.drag.sd_n[i] - 0.1 * (18.0_f64 / 17.0).sqrt()).abs() < 1e-9);
                 assert!(profile.lift.sd_n[i] < 1e-9);
