@@ -37,6 +37,8 @@ pub(crate) enum Purpose {
     Controller = 12,
     /// Noise of its telemetry.
     Telemetry = 13,
+    /// What the parameters of a beam channel may be.
+    BeamChannel = 20,
 }
 
 /// A stream of random numbers.

@@ -1,6 +1,7 @@
 //! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
 
 mod apt;
+mod beams;
 mod emulate;
 mod emulator;
 mod firmware;
@@ -44,6 +45,8 @@ enum Task {
     BenchScale(scale::Args),
     /// Measure a batch of trials against the pipeline that labs use today
     BenchTrials(trials::Args),
+    /// Measure forces in the beam channel against companion matrices in numpy
+    BenchBeams(beams::Args),
     /// Count the instructions of a fit with and without what it can be asked for
     Instructions(instructions::Args),
     /// Run one program and print its wall time and peak memory (used by the benchmarks)
@@ -60,6 +63,7 @@ fn main() -> ExitCode {
         Task::BenchPeers(args) => peers::run(&args),
         Task::BenchScale(args) => scale::run(&args),
         Task::BenchTrials(args) => trials::run(&args),
+        Task::BenchBeams(args) => beams::run(&args),
         Task::Instructions(args) => instructions::run(&args),
         Task::Measure(args) => measure::run(&args),
     };

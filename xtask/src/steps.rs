@@ -33,9 +33,13 @@ pub(crate) fn run(title: &str, command: &mut Command) -> Result<()> {
 /// Builds the released `shellcal` and returns where it is.
 pub(crate) fn build_shellcal() -> Result<PathBuf> {
     run("build shellcal", &mut cargo(&["build", "--release", "--package", "shellcal"]))?;
-    let target = std::env::var_os("CARGO_TARGET_DIR")
-        .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
-    Ok(target.join("release").join("shellcal"))
+    Ok(target().join("release").join("shellcal"))
+}
+
+/// Where cargo puts what it builds.
+pub(crate) fn target() -> PathBuf {
+    std::env::var_os("CARGO_TARGET_DIR")
+        .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir))
 }
 
 /// A directory below `target` for what a benchmark makes.

@@ -1,6 +1,6 @@
 //! Applying a calibration: from readings to wrenches.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 use super::extent::{Extent, Range};
 use super::features::{Features, LANES, Lanes};
@@ -102,11 +102,9 @@ impl Calibration {
         let rows = self.rows_of(readings);
         let columns = readings.iter().zip(self.valid_range.iter().flatten());
         // Where a calibration is used as it should be, there is no such column.
+        let arch = Arch::new();
         let outside: Vec<_> = columns
-            .filter(|(column, range)| {
-                Arch::new()
-                    .dispatch(|| column.iter().fold(false, |any, &s| any | !range.contains(s)))
-            })
+            .filter(|&(column, &range)| arch.dispatch(LeavesRange { column, range }))
             .collect();
         if outside.is_empty() {
             return 0;
@@ -142,17 +140,20 @@ impl WithSimd for Convert<'_> {
         for start in (0..rows).step_by(LANES) {
             calibration.features.lanes(readings, start, &mut features);
             let mut sums = [[0.0; LANES]; 6];
-            // One vector of rows at a time: six sums and a feature stay in registers.
-            for vector in 0..LANES / S::F64_LANES {
-                let mut vectors = [simd.splat_f64s(0.0); 6];
+            // Two vectors of rows at a time: their twelve sums stay in registers, and are as many as
+            // it takes for none to wait for its last addition.
+            for vector in (0..LANES / S::F64_LANES).step_by(2) {
+                let mut vectors = [[simd.splat_f64s(0.0); 2]; 6];
                 for (feature, coefficients) in features.iter().zip(&calibration.coefficients) {
-                    let x = S::as_simd_f64s(feature).0[vector];
-                    for (sum, &c) in vectors.iter_mut().zip(coefficients) {
-                        *sum = simd.mul_add_f64s(x, simd.splat_f64s(c), *sum);
+                    let feature = S::as_simd_f64s(feature).0;
+                    let x = [feature[vector], feature[vector + 1]];
+                    for (sums, &c) in vectors.iter_mut().zip(coefficients) {
+                        let c = simd.splat_f64s(c);
+                        *sums = [0, 1].map(|i| simd.mul_add_f64s(x[i], c, sums[i]));
                     }
                 }
-                for (lanes, sum) in sums.iter_mut().zip(vectors) {
-                    S::as_mut_simd_f64s(lanes).0[vector] = sum;
+                for (lanes, sums) in sums.iter_mut().zip(vectors) {
+                    S::as_mut_simd_f64s(lanes).0[vector..vector + 2].copy_from_slice(&sums);
                 }
             }
             for (axis, sums) in wrench.iter_mut().zip(&sums) {
@@ -162,6 +163,23 @@ impl WithSimd for Convert<'_> {
                 }
             }
         }
+    }
+}
+
+/// Whether any reading of a channel lies outside a range, inlined whole into code for the widest
+/// vectors of the machine.
+struct LeavesRange<'a> {
+    column: &'a [f64],
+    range: Range,
+}
+
+impl NullaryFnOnce for LeavesRange<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn call(self) -> bool {
+        let Self { column, range } = self;
+        column.iter().fold(false, |any, &s| any | !range.contains(s))
     }
 }
 

@@ -3,7 +3,7 @@
 //! Found in the same pass as the fit, whatever the solver. It says where a calibration may be
 //! trusted, and names channels that never moved.
 
-use pulp::Arch;
+use pulp::{Arch, NullaryFnOnce};
 use serde::{Deserialize, Serialize};
 
 use super::FitError;
@@ -66,12 +66,12 @@ impl Extent {
             .map(|i| format!("s{i}"))
             .chain(Axis::ALL.map(|axis| axis.name().to_owned()));
         for (name, column) in names.zip(block.readings.iter().chain(&block.wrench)) {
-            if !all_finite(column) {
+            if !Arch::new().dispatch(AllFinite(column)) {
                 let row = column.iter().position(|x| !x.is_finite()).unwrap_or(0);
                 return Err(FitError::NotFinite { column: name, row });
             }
         }
-        let ranges = block.readings.iter().map(|column| range_of(column)).collect();
+        let ranges = block.readings.iter().map(|c| Arch::new().dispatch(RangeOf(c))).collect();
         Ok(Self { rows: block.rows as u64, ranges })
     }
 
@@ -89,27 +89,43 @@ impl Extent {
     }
 }
 
-fn all_finite(column: &[f64]) -> bool {
-    // A product with zero is NaN for what is not finite; sums of zeros vectorise, early exits do
-    // not.
-    Arch::new().dispatch(|| {
-        let mut zeros = [0.0; 8];
-        let (chunks, rest) = column.as_chunks::<8>();
+/// Interleaved sums and extremes.
+const LANES: usize = 16;
+
+/// Whether all numbers of a column are finite, inlined whole into code for the widest vectors of the
+/// machine.
+struct AllFinite<'a>(&'a [f64]);
+
+impl NullaryFnOnce for AllFinite<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn call(self) -> bool {
+        // A product with zero is NaN for what is not finite; sums of zeros vectorise, early exits do
+        // not.
+        let mut zeros = [0.0; LANES];
+        let (chunks, rest) = self.0.as_chunks::<LANES>();
         for chunk in chunks {
             for (zero, x) in zeros.iter_mut().zip(chunk) {
                 *zero += x * 0.0;
             }
         }
         zeros.iter().all(|&zero| zero == 0.0) && rest.iter().all(|x| x.is_finite())
-    })
+    }
 }
 
-fn range_of(column: &[f64]) -> Range {
-    Arch::new().dispatch(|| {
-        let (mut min, mut max) = ([f64::INFINITY; 8], [f64::NEG_INFINITY; 8]);
-        let (chunks, rest) = column.as_chunks::<8>();
+/// The range of a column, likewise.
+struct RangeOf<'a>(&'a [f64]);
+
+impl NullaryFnOnce for RangeOf<'_> {
+    type Output = Range;
+
+    #[inline(always)]
+    fn call(self) -> Range {
+        let (mut min, mut max) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
+        let (chunks, rest) = self.0.as_chunks::<LANES>();
         for chunk in chunks {
-            for i in 0..8 {
+            for i in 0..LANES {
                 min[i] = if chunk[i] < min[i] { chunk[i] } else { min[i] };
                 max[i] = if chunk[i] > max[i] { chunk[i] } else { max[i] };
             }
@@ -118,7 +134,7 @@ fn range_of(column: &[f64]) -> Range {
             min: min.iter().chain(rest).copied().fold(f64::INFINITY, f64::min),
             max: max.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max),
         }
-    })
+    }
 }
 
 #[cfg(test)]

@@ -1,11 +1,16 @@
 //! What [`super::rows`] does with many bytes at once, and how a processor does it.
 
-use super::number::parse_plain;
+use super::number::{parse_digits, parse_plain};
 
 /// How a processor works on several bytes at once.
 pub(super) trait Lanes: Copy {
     /// Runs `task` with the instructions of this processor, so that the methods can be inlined.
     fn run<R>(self, task: impl FnOnce() -> R) -> R;
+
+    /// The same for what [`Lanes::find`] is used in.
+    fn run_find<R>(self, task: impl FnOnce() -> R) -> R {
+        self.run(task)
+    }
 
     /// For each of `wanted`, a bit for each byte that is one, the first in the lowest bit.
     fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> [u64; 2];
@@ -13,6 +18,59 @@ pub(super) trait Lanes: Copy {
     /// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).
     /// `None` leaves the field to [`super::number::parse_field`].
     fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64>;
+
+    /// The first numbers of a column that are whole and have up to eight digits; how many there are.
+    #[inline(always)]
+    fn whole_numbers(self, lines: &[u8], fields: Fields<'_>, values: &mut [f64]) -> usize {
+        for (row, value) in values.iter_mut().enumerate() {
+            let (start, end) = fields.place(row);
+            let Some(number) = parse_digits(lines, start, end) else { return row };
+            *value = number as i64 as f64;
+        }
+        values.len()
+    }
+
+    /// The first numbers of a column that are plain decimals, as many as are found several at a time.
+    /// The others are left to [`Lanes::plain_number`].
+    #[inline(always)]
+    fn plain_numbers(self, _lines: &[u8], _fields: Fields<'_>, _values: &mut [f64]) -> usize {
+        0
+    }
+}
+
+/// Where the fields of a column are, row by row. No closure, which need not be inlined where it is
+/// used.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fields<'a> {
+    /// What precedes each field, and where each ends; both a slice and how far rows are apart in it.
+    pub(super) befores: (&'a [usize], usize),
+    pub(super) ends: (&'a [usize], usize),
+}
+
+impl<'a> Fields<'a> {
+    /// Where the field of a row starts and ends.
+    #[inline(always)]
+    pub(super) fn place(self, row: usize) -> (usize, usize) {
+        let (befores, ends) = (self.befores, self.ends);
+        (befores.0[row * befores.1].wrapping_add(1), ends.0[row * ends.1])
+    }
+
+    /// Where the fields of `N` rows start and end.
+    #[inline(always)]
+    pub(super) fn some<const N: usize>(self, row: usize) -> [(usize, usize); N] {
+        let mut places = [(0, 0); N];
+        for (lane, place) in places.iter_mut().enumerate() {
+            *place = self.place(row + lane);
+        }
+        places
+    }
+
+    /// The same without the rows before this one.
+    #[inline(always)]
+    pub(super) fn from_row(self, row: usize) -> Fields<'a> {
+        let from = |(places, stride): (&'a [usize], usize)| (&places[row * stride..], stride);
+        Fields { befores: from(self.befores), ends: from(self.ends) }
+    }
 }
 
 /// Any processor: eight bytes within one 64-bit word.

@@ -26,16 +26,8 @@ impl Lanes for Wide {
 
     #[inline(always)]
     fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> [u64; 2] {
-        let V3 { avx, avx2, .. } = self.0;
-        let halves: [__m256i; 2] = pulp::cast(*bytes);
-        wanted.map(|byte| {
-            let byte = avx._mm256_set1_epi8(byte as i8);
-            let [low, high] = halves.map(|half| {
-                let found = avx2._mm256_cmpeq_epi8(half, byte);
-                u64::from(avx2._mm256_movemask_epi8(found) as u32)
-            });
-            low | high << 32
-        })
+        let halves = pulp::cast(*bytes);
+        [self.places_of(wanted[0], halves), self.places_of(wanted[1], halves)]
     }
 
     #[inline(always)]
@@ -64,7 +56,17 @@ impl Lanes for Wide {
     }
 }
 
+// No closures here: what is not inlined into code for these processors cannot use their registers.
 impl Wide {
+    #[inline(always)]
+    fn places_of(self, byte: u8, [low, high]: [__m256i; 2]) -> u64 {
+        let V3 { avx, avx2, .. } = self.0;
+        let byte = avx._mm256_set1_epi8(byte as i8);
+        let low = avx2._mm256_movemask_epi8(avx2._mm256_cmpeq_epi8(low, byte));
+        let high = avx2._mm256_movemask_epi8(avx2._mm256_cmpeq_epi8(high, byte));
+        u64::from(low as u32) | u64::from(high as u32) << 32
+    }
+
     /// The number that the digits spell in the last `length` bytes of a register, and how many of
     /// them follow a point; `digits_before` stand in front of those bytes. `None` where there are no
     /// digits in front of the point or behind it, more than 15 in all, or anything else.
@@ -85,14 +87,14 @@ impl Wide {
             let whole_digits = points.trailing_zeros() as usize;
             length -= 1;
             decimals = length.wrapping_sub(whole_digits);
-            let close_up = CLOSE_UP.get(decimals.wrapping_sub(1))?;
-            if whole_digits + digits_before == 0 {
+            let close_up = CLOSE_UP.get(decimals)?;
+            if decimals == 0 || whole_digits + digits_before == 0 {
                 return None;
             }
             register = ssse3._mm_shuffle_epi8(register, pulp::cast(*close_up));
         }
         // What precedes the number becomes zeros.
-        let last = LAST.get(length.wrapping_sub(1))?;
+        let last = LAST.get(length.wrapping_sub(1)).filter(|_| length <= 15)?;
         let values = sse2._mm_sub_epi8(register, sse2._mm_set1_epi8(b'0' as i8));
         let values = sse2._mm_and_si128(values, pulp::cast(*last));
         // Sets the top bit of whatever is no digit.
@@ -127,17 +129,17 @@ impl Wide {
     }
 }
 
-/// For each number of decimals from 1 on, where digits are taken from: those before the point come
-/// one place closer.
-const CLOSE_UP: [[u8; 16]; 15] = {
-    let mut rows = [[0; 16]; 15];
-    let mut decimals = 1;
-    while decimals <= rows.len() {
+/// For each number of decimals, where digits are taken from: those before the point come one place
+/// closer. Where there are no decimals, there is no point.
+pub(super) const CLOSE_UP: [[u8; 16]; 16] = {
+    let mut rows = [[0; 16]; 16];
+    let mut decimals = 0;
+    while decimals < rows.len() {
         let mut i = 0;
         while i < 16 {
-            let is_before_point = i + decimals < 16;
+            let is_before_point = decimals > 0 && i + decimals < 16;
             // 0x80 gives zero: the first place is left without a source.
-            rows[decimals - 1][i] = match (is_before_point, i) {
+            rows[decimals][i] = match (is_before_point, i) {
                 (false, _) => i as u8,
                 (true, 0) => 0x80,
                 (true, _) => i as u8 - 1,
@@ -150,8 +152,8 @@ const CLOSE_UP: [[u8; 16]; 15] = {
 };
 
 /// For each number of digits from 1 on, a mask of the last so many places.
-const LAST: [[u8; 16]; 15] = {
-    let mut rows = [[0; 16]; 15];
+pub(super) const LAST: [[u8; 16]; 16] = {
+    let mut rows = [[0; 16]; 16];
     let mut digits = 1;
     while digits <= rows.len() {
         let mut i = 16 - digits;

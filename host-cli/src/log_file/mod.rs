@@ -23,6 +23,8 @@ mod error;
 mod head;
 mod lanes;
 #[cfg(target_arch = "x86_64")]
+mod lanes_avx512;
+#[cfg(target_arch = "x86_64")]
 mod lanes_x86;
 mod mapping;
 mod number;

@@ -9,10 +9,10 @@
 use memchr::{memchr, memchr_iter};
 
 use super::error::{Field, RowProblem};
-use super::lanes::{Lanes, Portable};
+use super::lanes::{Fields, Lanes, Portable};
+use super::number::{NumberError, parse_field};
 #[cfg(target_arch = "x86_64")]
-use super::lanes_x86::Wide;
-use super::number::{NumberError, parse_digits, parse_field};
+use super::{lanes_avx512::Widest, lanes_x86::Wide};
 
 /// What is wanted from each row.
 #[derive(Debug)]
@@ -106,6 +106,10 @@ impl RowPlan {
         parsed: &mut Parsed,
     ) -> Result<(), RowError> {
         #[cfg(target_arch = "x86_64")]
+        if let Some(widest) = Widest::detect() {
+            return self.parse_lines_with(widest, lines, skip_bad_rows, parsed);
+        }
+        #[cfg(target_arch = "x86_64")]
         if let Some(wide) = Wide::detect() {
             return self.parse_lines_with(wide, lines, skip_bad_rows, parsed);
         }
@@ -154,7 +158,7 @@ impl RowPlan {
         parsed: &mut Parsed,
     ) -> usize {
         loop {
-            lanes.run(
+            lanes.run_find(
                 #[inline(always)]
                 || places.find(lanes, lines, at, self),
             );
@@ -199,9 +203,10 @@ impl RowPlan {
                 true => (&places.lines[..], 1),
                 false => (&places.fields[column + 1..], count),
             };
+            let fields = Fields { befores, ends };
             let wrong = lanes.run(
                 #[inline(always)]
-                || parse_column(lanes, lines, befores, ends, values),
+                || parse_column(lanes, lines, fields, values),
             );
             right = wrong.unwrap_or(right);
         }
@@ -432,27 +437,19 @@ fn write_few(mut bits: u64, base: usize, places: &mut [usize]) -> usize {
     count
 }
 
-/// Parses the fields between places, each a slice and how far they are apart in it, into `values`;
-/// returns which one is the first that is wrong.
+/// Parses the fields of a column into `values`; returns which one is the first that is wrong.
 #[inline(always)]
 fn parse_column(
     lanes: impl Lanes,
     lines: &[u8],
-    (befores, before_stride): (&[usize], usize),
-    (ends, end_stride): (&[usize], usize),
+    fields: Fields<'_>,
     values: &mut [f64],
 ) -> Option<usize> {
-    let place = |row: usize| (befores[row * before_stride].wrapping_add(1), ends[row * end_stride]);
-    let mut done = 0;
     // Readings are short integers: as long as they are, so are the next.
-    for value in &mut *values {
-        let (start, end) = place(done);
-        let Some(number) = parse_digits(lines, start, end) else { break };
-        *value = number as i64 as f64;
-        done += 1;
-    }
-    for (row, value) in values.iter_mut().enumerate().skip(done) {
-        let (start, end) = place(row);
+    let whole = lanes.whole_numbers(lines, fields, values);
+    let plain = lanes.plain_numbers(lines, fields.from_row(whole), &mut values[whole..]);
+    for (row, value) in values.iter_mut().enumerate().skip(whole + plain) {
+        let (start, end) = fields.place(row);
         *value = match lanes.plain_number(lines, start, end) {
             Some(number) => number,
             None => match parse_unusual(lines, start, end) {
@@ -521,6 +518,8 @@ mod tests {
             let mut ways = vec![parse(Portable, lines, skip)];
             #[cfg(target_arch = "x86_64")]
             ways.extend(Wide::detect().map(|wide| parse(wide, lines, skip)));
+            #[cfg(target_arch = "x86_64")]
+            ways.extend(Widest::detect().map(|widest| parse(widest, lines, skip)));
             for (found, parsed) in ways {
                 assert_eq!(found, result, "{:?}", String::from_utf8_lossy(lines));
                 if result.is_ok() {

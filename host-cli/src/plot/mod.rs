@@ -10,6 +10,7 @@
 //! stays text (DejaVu Sans where the viewer has it, another sans-serif where not); for PNG the font
 //! is part of the program.
 
+mod beam_channel;
 mod bins;
 mod chart;
 mod density;
@@ -24,6 +25,7 @@ mod svg;
 mod trace;
 pub mod trial;
 
+pub use beam_channel::{ChannelCurve, channel_figure};
 pub use chart::{Chart, Mark, Series};
 pub use figure::{Figure, Format, PlotError};
 pub use fit::{FitPlot, fit_figure};

@@ -147,6 +147,8 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let mut loads = WrenchSums::default();
     let mut train_errors = Vec::new();
     let is_drawn = plots.is_some();
+    // Training rows are within the range that they define: there is nothing to look for.
+    let valid_range = calibration.valid_range.take();
     read_before.store(train_bytes, Ordering::Relaxed);
     for log in 0..train.len() {
         let mut errors = Evaluation::default();
@@ -161,6 +163,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         errors.note(&summary);
         train_errors.push(errors);
     }
+    calibration.valid_range = valid_range;
     calibration.covariance = covariance;
     if let (Some(covariance), Some(unit)) = (&mut calibration.covariance, size_unit) {
         covariance.shape = shape(&train_errors, &unit);

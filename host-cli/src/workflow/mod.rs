@@ -11,6 +11,7 @@ pub mod moments;
 pub mod noise;
 pub mod sampling;
 pub mod selection;
+pub mod simulate;
 pub mod synthetic_trials;
 mod training_rows;
 pub mod trial;

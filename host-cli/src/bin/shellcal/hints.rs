@@ -3,6 +3,7 @@
 use std::error::Error;
 use std::io;
 
+use beam_channel::SetupError;
 use shared_proto::Refusal;
 use shellcal::alignment::AlignError;
 use shellcal::calibration::FitError;
@@ -39,6 +40,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             .or_else(|| known(cause, after_link))
             .or_else(|| known(cause, after_recording))
             .or_else(|| known(cause, after_not_for_board))
+            .or_else(|| known(cause, after_setup))
             .or_else(|| known(cause, after_output)),
     });
     hint.map(str::to_owned)
@@ -50,6 +52,16 @@ fn known<E: Error + 'static>(
     after: fn(&E) -> Option<&'static str>,
 ) -> Option<&'static str> {
     cause.downcast_ref().and_then(after)
+}
+
+fn after_setup(error: &SetupError) -> Option<&'static str> {
+    Some(match error {
+        SetupError::Jams { .. } => {
+            "give a wider channel (`--width`) or longer beams (`--beam-length`)"
+        }
+        SetupError::BeyondTips { .. } => "the offset is a length: `--off-centre 5mm`",
+        _ => return None,
+    })
 }
 
 fn after_validation(error: &ValidationError) -> Option<&'static str> {

@@ -91,9 +91,17 @@ impl Printer {
 
     /// A progress bar over `bytes` on stderr; draws nothing when quiet or not on a terminal.
     pub(crate) fn progress(&self, label: &str, bytes: u64) -> ProgressBar {
-        let bar = ProgressBar::with_draw_target(Some(bytes), ProgressDrawTarget::hidden());
+        self.bar(label, bytes, "{msg} {wide_bar} {bytes}/{total_bytes} {eta}")
+    }
+
+    /// The same over things that are counted.
+    pub(crate) fn count(&self, label: &str, total: u64) -> ProgressBar {
+        self.bar(label, total, "{msg} {wide_bar} {human_pos}/{human_len} {eta}")
+    }
+
+    fn bar(&self, label: &str, total: u64, style: &str) -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::hidden());
         if !self.options.quiet && io::stderr().is_terminal() {
-            let style = "{msg} {wide_bar} {bytes}/{total_bytes} {eta}";
             bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
             bar.set_message(label.to_owned());
             bar.set_draw_target(ProgressDrawTarget::stderr());

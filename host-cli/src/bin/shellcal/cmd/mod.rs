@@ -18,6 +18,7 @@ mod ports;
 mod quality;
 mod record;
 mod serial;
+mod simulate;
 #[cfg(unix)]
 mod simulate_board;
 mod synth;
@@ -54,6 +55,7 @@ pub(crate) enum Command {
     Import(import::ImportArgs),
     Bench(bench::BenchArgs),
     Synth(synth::SynthArgs),
+    Simulate(Box<simulate::SimulateArgs>),
 }
 
 /// How a command that could run has ended.
@@ -88,6 +90,7 @@ impl Command {
             Command::Import(args) => args.run(printer),
             Command::Bench(args) => args.run(printer),
             Command::Synth(args) => args.run(printer),
+            Command::Simulate(args) => args.run(printer),
         }
     }
 }

@@ -1,0 +1,109 @@
+//! From the place of a contact to its force.
+
+use libm::{atan2, sqrt};
+
+use crate::contact::Contact;
+use crate::path::Path;
+use crate::{Angle, Normal, Setup};
+
+/// What one beam does to the body.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BeamForce {
+    /// Forward force in N: negative resists.
+    pub fx_n: f64,
+    /// Force to the left in N.
+    pub fy_n: f64,
+    /// Moment about the body's middle in N·m, positive from x to y.
+    pub mz_nm: f64,
+    /// `Δθ`, in rad.
+    pub deflection_rad: f64,
+}
+
+/// The paper's force of a beam, `(k_t/L)·Δθ·(n̂ + μ_k·t̂)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Law {
+    /// `k_t/L`, in N/rad.
+    stiffness: f64,
+    friction: f64,
+    angle: Angle,
+    normal: Normal,
+    /// `R_x² + R_y²`, in m².
+    axes: f64,
+}
+
+impl Law {
+    pub(crate) fn new(setup: &Setup) -> Self {
+        let (rx, ry) = (setup.ellipse.semi_length_m, setup.ellipse.semi_width_m);
+        Self {
+            stiffness: setup.beam.torsional_stiffness() / setup.beam.length_m,
+            friction: setup.beam.friction,
+            angle: setup.rules.angle,
+            normal: setup.rules.normal,
+            axes: rx * rx + ry * ry,
+        }
+    }
+
+    /// The force of a beam of the left wall.
+    #[inline]
+    pub(crate) fn force(&self, path: &Path, contact: &Contact) -> BeamForce {
+        let deflection_rad = self.deflection(path, contact);
+        let push = self.stiffness * deflection_rad / sqrt(self.square(contact));
+        let Contact { sin, cos, back, out, .. } = *contact;
+        let fx_n = -push * (out + self.friction * back);
+        let fy_n = -push * (back - self.friction * out);
+        let (x, y) = (path.half_length * cos + path.shear * sin, path.half_width * sin);
+        BeamForce { fx_n, fy_n, mz_nm: x * fy_n - y * fx_n, deflection_rad }
+    }
+
+    /// The drag of a beam in N.
+    pub(crate) fn drag(&self, path: &Path, contact: &Contact) -> f64 {
+        self.stiffness
+            * self.deflection(path, contact)
+            * (contact.out + self.friction * contact.back)
+            / sqrt(self.square(contact))
+    }
+
+    /// The sign of `d drag/d travel` and its size, in N/m, on the arc of `contact`.
+    ///
+    /// With `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, and `dΔθ/dτ = ±out/r`,
+    /// `ds/dτ = steepness/r`.
+    pub(crate) fn drag_slope(&self, path: &Path, contact: &Contact) -> f64 {
+        let Contact { rise, reach, sin, cos, back, out, steepness, .. } = *contact;
+        let push = out + self.friction * back;
+        let back_slope = path.half_length * cos + path.shear * sin;
+        let out_slope = -path.half_width * sin;
+        let push_slope = out_slope + self.friction * back_slope;
+        // Half the slope of N².
+        let square_slope = match self.normal {
+            Normal::Unit => back * back_slope + out * out_slope,
+            Normal::AsPrinted => -(back * back_slope + out * out_slope),
+        };
+        let past = self.angle == Angle::Folded && rise > path.beam;
+        let turned = if past { -out } else { out };
+        let square = self.square(contact);
+        let slope = turned * push
+            + reach * self.deflection(path, contact) * (push_slope - push * square_slope / square);
+        self.stiffness * slope / (sqrt(square) * steepness)
+    }
+
+    /// `Δθ` in rad. The arctangent is right to rounding where the paper's arcsine is not: near 90°.
+    #[inline]
+    fn deflection(&self, path: &Path, contact: &Contact) -> f64 {
+        let upright = path.beam - contact.rise;
+        match self.angle {
+            Angle::Folded => atan2(contact.reach, upright.abs()),
+            Angle::True => atan2(contact.reach, upright),
+        }
+    }
+
+    /// The square of what normal and tangent are divided by, in m².
+    #[inline]
+    fn square(&self, contact: &Contact) -> f64 {
+        let length = contact.back * contact.back + contact.out * contact.out;
+        match self.normal {
+            Normal::Unit => length,
+            // R_x² cos² φ + R_y² sin² φ, where the above is R_y² cos² φ + R_x² sin² φ.
+            Normal::AsPrinted => self.axes - length,
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Quasi-static forces on an ellipse that pushes through a channel of springy beams.
+//!
+//! The model is that of Koc et al., "Body Lift and Drag for a Legged Millirobot in Compliant Beam
+//! Environment", section "Quasi-static contact forces": a rigid body, elliptic from above, moves
+//! forward between two rows of beams; each beam is a bar of length `L` on a torsional spring, and
+//! its tip slides along the body. Axes: x forward, y left; SI units throughout.
+//!
+//! ```
+//! use beam_channel::{Model, Setup};
+//!
+//! let mut setup = Setup::default();
+//! setup.channel.width_m = 0.06; // 2 cm of deflection
+//! let model = Model::new(&setup)?;
+//!
+//! let total = model.total(0.1); // the body's middle 10 cm past the first beam
+//! assert_eq!(total.contacts, [6, 6]);
+//! assert!((-total.fx_n - 0.217349).abs() < 1e-6);
+//!
+//! let plateau = model.plateau().expect("the channel is longer than the body");
+//! assert!((plateau.mean_drag_n - 0.217083).abs() < 1e-6);
+//! # Ok::<(), beam_channel::SetupError>(())
+//! ```
+//!
+//! # How it is solved
+//!
+//! Write `φ` for the place on the ellipse where a beam's tip lies and `φ_e` for the place where it
+//! first touches. With `sin((φ − φ_e)/2) = z²` everything is algebraic in `z`, free of
+//! cancellation, and smooth at the first touch, where it is not in `φ`. How far the body has moved
+//! since it touched the beam, `s(z)`, rises with `z` until the beam slips off; a contact is
+//! therefore one root of `s(z) = s`, found by a bracketed Newton iteration ([`Side`]). The beams
+//! that touch are a range of indices, known beforehand; the others are never visited. Integrals
+//! over the body's path are integrals over `z` ([`Model::energy`]).
+//!
+//! The crate allocates nothing and needs no standard library; its elementary functions are those
+//! of `libm`, so results are the same bits on every machine.
+#![no_std]
+#![forbid(unsafe_code)]
+
+mod arc;
+mod contact;
+mod error;
+mod force;
+mod model;
+mod path;
+mod plateau;
+mod quadrature;
+mod setup;
+mod side;
+mod start;
+
+pub use contact::Contact;
+pub use error::SetupError;
+pub use force::BeamForce;
+pub use model::{Model, Total, Wall};
+pub use plateau::{Extreme, Plateau, Turn};
+pub use setup::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup};
+pub use side::Side;

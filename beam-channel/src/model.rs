@@ -1,0 +1,204 @@
+//! The channel as a whole.
+
+use core::array::from_fn;
+use core::fmt;
+use core::ops::Range;
+
+use crate::contact::Contact;
+use crate::force::{BeamForce, Law};
+use crate::{Setup, SetupError, Side};
+
+/// One of the two walls.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wall {
+    /// At positive y: the paper's top beams.
+    Left,
+    /// At negative y.
+    Right,
+}
+
+/// A body in a channel, all that does not depend on its position worked out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Model {
+    setup: Setup,
+    law: Law,
+    sides: [Option<Side>; 2],
+    mirrored: bool,
+}
+
+/// What all beams do to the body.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Total {
+    /// Forward force in N, the paper's `F_drag`: negative resists.
+    pub fx_n: f64,
+    /// Force to the left in N.
+    pub fy_n: f64,
+    /// Moment about the body's middle in N·m, positive from x to y.
+    pub mz_nm: f64,
+    /// Beams that touch, of the left and of the right wall.
+    pub contacts: [u32; 2],
+}
+
+impl Wall {
+    /// Both, left first.
+    pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
+
+    /// +1 for the left wall, −1 for the right.
+    pub(crate) fn sign(self) -> f64 {
+        match self {
+            Self::Left => 1.0,
+            Self::Right => -1.0,
+        }
+    }
+}
+
+impl fmt::Display for Wall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        })
+    }
+}
+
+impl Model {
+    /// Works out what does not depend on the body's position.
+    ///
+    /// # Errors
+    /// [`SetupError`] if a quantity makes no sense, or the body jams.
+    pub fn new(setup: &Setup) -> Result<Self, SetupError> {
+        setup.check()?;
+        let mirrored = setup.pose.offset_m == 0.0 && setup.pose.yaw_rad == 0.0;
+        let left = Side::new(setup, Wall::Left)?;
+        let right = if mirrored { left } else { Side::new(setup, Wall::Right)? };
+        Ok(Self { setup: *setup, law: Law::new(setup), sides: [left, right], mirrored })
+    }
+
+    /// What the model was made from.
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    /// One wall's side; `None` where the body touches none of its beams.
+    pub fn side(&self, wall: Wall) -> Option<&Side> {
+        self.sides[wall as usize].as_ref()
+    }
+
+    /// The sides that have to be solved, and what each counts for.
+    pub(crate) fn solved(&self) -> impl Iterator<Item = (usize, &Side)> {
+        let count = if self.mirrored { 1 } else { 2 };
+        self.sides[..count].iter().enumerate().filter_map(|(i, side)| Some((i, side.as_ref()?)))
+    }
+
+    /// What a solved side counts for: a body in the middle has two equal ones.
+    pub(crate) fn weight(&self) -> f64 {
+        if self.mirrored { 2.0 } else { 1.0 }
+    }
+
+    pub(crate) fn is_mirrored(&self) -> bool {
+        self.mirrored
+    }
+
+    pub(crate) fn law(&self) -> &Law {
+        &self.law
+    }
+
+    /// Where the base of beam `i` is, in m from the first, `l_i`.
+    pub fn base_m(&self, beam: u32) -> f64 {
+        self.setup.channel.pitch_m * f64::from(beam)
+    }
+
+    /// The beams of a wall, counted from 0, that touch a body whose middle is at `x_m`.
+    pub fn touching(&self, wall: Wall, x_m: f64) -> Range<u32> {
+        let channel = &self.setup.channel;
+        self.side(wall).map_or(0..0, |side| side.touching(x_m, channel.beams, channel.pitch_m))
+    }
+
+    /// The beams of a wall that touch a body whose middle is at `x_m`: which, where, and their
+    /// force.
+    pub fn beams(
+        &self,
+        wall: Wall,
+        x_m: f64,
+    ) -> impl Iterator<Item = (u32, Contact, BeamForce)> + '_ {
+        let side = self.side(wall);
+        self.touching(wall, x_m).filter_map(move |beam| {
+            let side = side?;
+            let contact = side.contact_after(side.travel_at(x_m, self.base_m(beam)))?;
+            let force = self.law.force(side.path(), &contact);
+            Some((beam, contact, force.of(wall)))
+        })
+    }
+
+    /// What all beams do to a body whose middle is at `x_m`, in m past the first beam.
+    ///
+    /// The cost is that of the beams that touch, of one wall only if the body runs in the middle.
+    pub fn total(&self, x_m: f64) -> Total {
+        let mut total = Total::default();
+        self.add_wall(&mut total, Wall::Left, x_m);
+        if self.mirrored {
+            let Total { fx_n, contacts: [touching, _], .. } = total;
+            return Total { fx_n: 2.0 * fx_n, fy_n: 0.0, mz_nm: 0.0, contacts: [touching; 2] };
+        }
+        self.add_wall(&mut total, Wall::Right, x_m);
+        total
+    }
+
+    fn add_wall(&self, total: &mut Total, wall: Wall, x_m: f64) {
+        let Some(side) = self.side(wall) else { return };
+        let touching = self.touching(wall, x_m);
+        total.contacts[wall as usize] = touching.end - touching.start;
+        let mut beam = touching.start;
+        loop {
+            // Three fit into the processor's view; more wait again.
+            match touching.end - beam {
+                0 => return,
+                1 => self.add_beams::<1>(total, wall, side, beam, x_m),
+                2 => self.add_beams::<2>(total, wall, side, beam, x_m),
+                _ => self.add_beams::<3>(total, wall, side, beam, x_m),
+            }
+            beam = touching.end.min(beam + 3);
+        }
+    }
+
+    /// Adds the forces of `N` beams that all touch, solved side by side.
+    #[inline]
+    fn add_beams<const N: usize>(
+        &self,
+        total: &mut Total,
+        wall: Wall,
+        side: &Side,
+        first: u32,
+        x_m: f64,
+    ) {
+        let travels = from_fn(|i| side.travel_at(x_m, self.base_m(first + i as u32)));
+        for contact in side.contacts::<N>(travels) {
+            total.add(&self.law.force(side.path(), &contact).of(wall));
+        }
+    }
+
+    /// Where the body's middle is when it first touches a beam and when the last beam slips off,
+    /// in m; `None` if it touches none.
+    pub fn extent_m(&self) -> Option<[f64; 2]> {
+        let last = self.base_m(self.setup.channel.beams - 1);
+        let ends = self.solved().map(|(_, side)| [-side.engagement_m(), last - side.release_m()]);
+        ends.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+    }
+}
+
+impl Total {
+    fn add(&mut self, force: &BeamForce) {
+        self.fx_n += force.fx_n;
+        self.fy_n += force.fy_n;
+        self.mz_nm += force.mz_nm;
+    }
+}
+
+impl BeamForce {
+    /// The force of the left wall's beam, at the wall that it is of.
+    fn of(self, wall: Wall) -> Self {
+        let Self { fx_n, fy_n, mz_nm, deflection_rad } = self;
+        let sign = wall.sign();
+        Self { fx_n, fy_n: sign * fy_n, mz_nm: sign * mz_nm, deflection_rad }
+    }
+}

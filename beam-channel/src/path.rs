@@ -1,0 +1,117 @@
+//! The way a beam's tip takes along the body, in a variable in which it is algebraic and smooth.
+//!
+//! Seen from a wall, with x forward and y towards it, the ellipse is `x = W·cos τ + S·sin τ`,
+//! `y = H·sin τ`: upright (`W = R_x`, `S = 0`, `H = R_y`) or, if the body is yawed, sheared. The
+//! tips of the unbent beams lie on `y = g`, which the ellipse crosses at `sin τ_e = g/H`.
+
+use libm::{cbrt, sqrt};
+
+use crate::contact::Contact;
+
+/// Ellipse, wall line and length of beam: what the way of a tip depends on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Path {
+    /// `W`, in m.
+    pub(crate) half_length: f64,
+    /// `S`, in m.
+    pub(crate) shear: f64,
+    /// `H`, in m: how far the ellipse reaches towards the wall.
+    pub(crate) half_width: f64,
+    /// `L`, in m.
+    pub(crate) beam: f64,
+    /// `τ_e` by its sine and cosine.
+    pub(crate) sin_e: f64,
+    pub(crate) cos_e: f64,
+}
+
+impl Path {
+    /// The place of the tip at `z`, where `z² = sin((τ − τ_e)/2)`, from 0 to
+    /// [`last`](Self::last).
+    ///
+    /// With `a = (τ − τ_e)/2` the ellipse rises past the wall line by
+    /// `h = H(sin τ − sin τ_e) = 2H·cos(τ_e + a)·sin a`, so the tip has moved forward by
+    /// `r = √(h(2L − h)) = z·√(2H·cos(τ_e + a)·(2L − h))`, and the body since the first touch by
+    /// `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e + a) − S·cos(τ_e + a)) + r`. Nowhere do numbers of
+    /// like size cancel.
+    #[inline]
+    pub(crate) fn place(&self, z: f64) -> Contact {
+        let Self { half_length, shear, half_width, beam, sin_e, cos_e } = *self;
+        let sin_a = z * z;
+        let cos_a = sqrt((1.0 - sin_a) * (1.0 + sin_a));
+        let sin_mid = sin_e * cos_a + cos_e * sin_a;
+        let cos_mid = cos_e * cos_a - sin_e * sin_a;
+        let sin = sin_mid * cos_a + cos_mid * sin_a;
+        let cos = cos_mid * cos_a - sin_mid * sin_a;
+        let width = 2.0 * half_width * cos_mid;
+        let rise = width * sin_a;
+        // Rounding must not make the root of a negative number of what is zero.
+        let root = sqrt((width * (2.0 * beam - rise)).max(f64::MIN_POSITIVE));
+        let reach = z * root;
+        let back = half_length * sin - shear * cos;
+        let out = half_width * cos;
+        Contact {
+            travel: 2.0 * sin_a * (half_length * sin_mid - shear * cos_mid) + reach,
+            rise,
+            reach,
+            sin,
+            cos,
+            back,
+            out,
+            sin_a,
+            cos_a,
+            root,
+            steepness: z * root * back + out * (beam - rise),
+        }
+    }
+
+    /// `z` where the ellipse comes back to the wall line, `τ = π − τ_e`.
+    pub(crate) fn last(&self) -> f64 {
+        sqrt(self.cos_e)
+    }
+
+    /// `z` where the ellipse is widest, `τ = π/2`.
+    pub(crate) fn widest(&self) -> f64 {
+        // sin² a = (1 − cos 2a)/2 with cos 2a = sin τ_e, and cos² τ_e = (1 − sin τ_e)(1 + sin τ_e).
+        sqrt(self.cos_e / sqrt(2.0 * (1.0 + self.sin_e)))
+    }
+
+    /// `z` on the way in and on the way out where the ellipse has risen by `rise` past the wall
+    /// line, at most [`depth`](Self::depth).
+    pub(crate) fn at_rise(&self, rise: f64) -> [f64; 2] {
+        let sin = self.sin_e + rise / self.half_width;
+        let cos = sqrt(((1.0 - sin) * (1.0 + sin)).max(0.0));
+        // 2·cos(τ_e + a)·sin a = rise/H, where cos(τ_e + a) is the root of a half angle's formula.
+        [cos, -cos].map(|cos| {
+            let cos_2a = self.cos_e * cos + self.sin_e * sin;
+            let sin_2a = self.cos_e * sin - self.sin_e * cos;
+            let sin_a = sin_2a / sqrt(2.0 * (1.0 + cos_2a));
+            sqrt(sin_a.max(0.0))
+        })
+    }
+
+    /// How far the ellipse reaches past the wall line, `d`, in m.
+    pub(crate) fn depth(&self) -> f64 {
+        let Self { half_width, sin_e, cos_e, .. } = *self;
+        half_width * cos_e * cos_e / (1.0 + sin_e)
+    }
+
+    /// `z` on the way in where the body's progress is slowest for the turn of the beam.
+    ///
+    /// There `ds/dτ` has the sign of `E = W·tan τ + H·cot θ − S`, `θ` being the angle of the
+    /// beam, `cos θ = (L − h)/L`. From `∞` at the first touch `E` falls to one minimum and rises
+    /// again to `∞` at the widest place: its derivative has the sign of `κ²·sin² θ − cos² τ`,
+    /// `κ³ = W·L/H²`, which is quadratic in `h`, negative at the first touch and positive at the
+    /// widest place. So the body's travel falls with `z` on one stretch at most on the way in; on
+    /// the way out `E` rises throughout, and the travel has one maximum.
+    pub(crate) fn slowest(&self) -> f64 {
+        let Self { half_length, half_width, beam, sin_e, cos_e, .. } = *self;
+        let kappa = cbrt(half_length * beam / (half_width * half_width));
+        // In units of H: h = H·x and L = H·l.
+        let l = beam / half_width;
+        let square = 1.0 - kappa * kappa / (l * l);
+        let linear = 2.0 * sin_e + 2.0 * kappa * kappa / l;
+        let root = sqrt((linear * linear + 4.0 * square * cos_e * cos_e).max(0.0));
+        let rise = 2.0 * cos_e * cos_e / (linear + root);
+        self.at_rise((half_width * rise).min(self.depth()))[0]
+    }
+}

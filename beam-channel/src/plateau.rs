@@ -1,0 +1,220 @@
+//! The stretch on which the body is wholly among the beams.
+//!
+//! There the drag repeats itself from beam to beam, so that its mean is the work on one beam over
+//! the spacing, and its extremes lie within one spacing. As a function of position the drag is
+//! smooth but for corners where a beam is touched or stands at 90° and jumps where one slips off or
+//! snaps. All of these are known beforehand; between two of them the extremes are roots of the
+//! derivative.
+
+use crate::side::turn;
+use crate::{Model, Side};
+
+/// The drag of a body that is wholly among the beams.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plateau {
+    /// Where the body's middle is when the first beam slips off and when the last is touched,
+    /// in m. The drag has seen all its values only if they are one spacing apart or more.
+    pub extent_m: [f64; 2],
+    /// Mean in N.
+    pub mean_drag_n: f64,
+    /// The greatest value.
+    pub peak: Extreme,
+    /// The smallest value.
+    pub minimum: Extreme,
+    /// Mean number of beams that touch, left and right.
+    pub mean_contacts: [f64; 2],
+    /// The smallest number of beams that touch, left and right.
+    pub min_contacts: [u32; 2],
+    /// The greatest number of beams that touch, left and right.
+    pub max_contacts: [u32; 2],
+}
+
+/// An extreme value of the drag.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extreme {
+    /// The drag in N.
+    pub drag_n: f64,
+    /// The first position on the plateau at which it occurs, in m; again at every spacing.
+    pub x_m: f64,
+    /// What the drag does there.
+    pub turn: Turn,
+}
+
+/// What the drag does where it is extreme.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// It turns smoothly.
+    Smooth,
+    /// It has a corner or a jump, and this is its limit from one side.
+    Limit,
+}
+
+/// Corners and jumps of one spacing: two sides with five ends of arcs each, and the two ends.
+const BREAKS: usize = 12;
+
+/// Intervals between two breaks at whose ends the sign of the derivative is looked at.
+const SAMPLES: u32 = 16;
+
+impl Model {
+    /// The plateau of the drag; `None` if the body touches no beam or is never wholly among the
+    /// beams: the channel is shorter than it.
+    pub fn plateau(&self) -> Option<Plateau> {
+        let channel = &self.setup().channel;
+        let last = self.base_m(channel.beams - 1);
+        let ends = self.solved().map(|(_, side)| [-side.release_m(), last - side.engagement_m()]);
+        let extent_m = ends.reduce(|a, b| [a[0].max(b[0]), a[1].min(b[1])])?;
+        if extent_m[0] > extent_m[1] {
+            return None;
+        }
+        let start = extent_m[0];
+        let passages: f64 = self.solved().map(|(_, side)| self.passage(side)).sum();
+        let mean_drag_n = self.weight() * passages / channel.pitch_m;
+        let limit = |drag_n| Extreme { drag_n, x_m: start, turn: Turn::Limit };
+        let mut plateau = Plateau {
+            extent_m,
+            mean_drag_n,
+            peak: limit(f64::NEG_INFINITY),
+            minimum: limit(f64::INFINITY),
+            mean_contacts: [0.0; 2],
+            min_contacts: [u32::MAX; 2],
+            max_contacts: [0; 2],
+        };
+        for (i, side) in self.solved() {
+            plateau.mean_contacts[i] = side.travel_m() / channel.pitch_m;
+        }
+        let (breaks, count) = self.breaks(start);
+        for ends in breaks[..count].windows(2) {
+            let smooth = Smooth { model: self, from: ends[0], to: ends[1] };
+            smooth.count(&mut plateau);
+            smooth.search(&mut plateau);
+        }
+        if self.is_mirrored() {
+            plateau.mean_contacts[1] = plateau.mean_contacts[0];
+            plateau.min_contacts[1] = plateau.min_contacts[0];
+            plateau.max_contacts[1] = plateau.max_contacts[0];
+        }
+        // A wall that is not touched has no least number yet.
+        for (least, greatest) in plateau.min_contacts.iter_mut().zip(plateau.max_contacts) {
+            *least = (*least).min(greatest);
+        }
+        Some(plateau)
+    }
+
+    /// The corners and jumps of the drag within one spacing from `start`, in order.
+    fn breaks(&self, start: f64) -> ([f64; BREAKS], usize) {
+        let pitch = self.setup().channel.pitch_m;
+        let mut breaks = [f64::INFINITY; BREAKS];
+        breaks[0] = start;
+        breaks[1] = start + pitch;
+        let mut count = 2;
+        for (_, side) in self.solved() {
+            let ends = side.arcs().iter().map(|arc| arc.travel[1]);
+            for travel in core::iter::once(0.0).chain(ends) {
+                let past = travel - side.engagement_m() - start;
+                let place = start + (past - pitch * libm::floor(past / pitch));
+                if place > start && place < start + pitch {
+                    breaks[count] = place;
+                    count += 1;
+                }
+            }
+        }
+        breaks[..count].sort_unstable_by(f64::total_cmp);
+        (breaks, count)
+    }
+}
+
+/// The drag between two breaks, which is smooth; at the ends its limits from within.
+struct Smooth<'a> {
+    model: &'a Model,
+    from: f64,
+    to: f64,
+}
+
+impl Smooth<'_> {
+    fn middle(&self) -> f64 {
+        0.5 * (self.from + self.to)
+    }
+
+    /// Sums `f` over the beams that touch in the middle of this stretch, in an endless channel; each
+    /// is held to the arc that it is on there.
+    fn sum(&self, side: &Side, x: f64, f: impl Fn(&crate::Contact) -> f64) -> f64 {
+        let pitch = self.model.setup().channel.pitch_m;
+        let middle = self.middle() + side.engagement_m();
+        let (first, end) = self.touching(side);
+        let mut sum = 0.0;
+        let mut beam = first;
+        while beam < end {
+            let travel = middle - pitch * beam;
+            let arc = side.arcs().iter().find(|arc| travel <= arc.travel[1]);
+            if let Some(arc) = arc {
+                let travel = x + side.engagement_m() - pitch * beam;
+                sum += f(&arc.locate(side.path(), travel));
+            }
+            beam += 1.0;
+        }
+        sum
+    }
+
+    /// The beams that touch in the middle, as whole numbers that may be negative.
+    fn touching(&self, side: &Side) -> (f64, f64) {
+        let pitch = self.model.setup().channel.pitch_m;
+        let nose = self.middle() + side.engagement_m();
+        let first = libm::ceil((nose - side.travel_m()) / pitch);
+        (first, libm::floor(nose / pitch) + 1.0)
+    }
+
+    fn drag(&self, x: f64) -> f64 {
+        let law = self.model.law();
+        let of = |side: &Side| self.sum(side, x, |contact| law.drag(side.path(), contact));
+        self.model.weight() * self.model.solved().map(|(_, side)| of(side)).sum::<f64>()
+    }
+
+    fn slope(&self, x: f64) -> f64 {
+        let law = self.model.law();
+        let of = |side: &Side| self.sum(side, x, |contact| law.drag_slope(side.path(), contact));
+        self.model.solved().map(|(_, side)| of(side)).sum()
+    }
+
+    fn count(&self, plateau: &mut Plateau) {
+        for (i, side) in self.model.solved() {
+            let (first, end) = self.touching(side);
+            let touching = (end - first).max(0.0) as u32;
+            plateau.min_contacts[i] = plateau.min_contacts[i].min(touching);
+            plateau.max_contacts[i] = plateau.max_contacts[i].max(touching);
+        }
+    }
+
+    fn search(&self, plateau: &mut Plateau) {
+        for x in [self.from, self.to] {
+            plateau.offer(Extreme { drag_n: self.drag(x), x_m: x, turn: Turn::Limit });
+        }
+        let at = |i: u32| {
+            // Closer towards the ends, where a jump of the slope may leave an extreme nearby; not at
+            // them, where a beam that slips off has no slope.
+            let share = f64::from(i) / f64::from(SAMPLES);
+            let share = (share * share * (3.0 - 2.0 * share)).clamp(1e-9, 1.0 - 1e-9);
+            self.from + share * (self.to - self.from)
+        };
+        let mut before = (at(0), self.slope(at(0)));
+        for i in 1..=SAMPLES {
+            let after = (at(i), self.slope(at(i)));
+            if before.1 * after.1 < 0.0 {
+                let sign = before.1.signum();
+                let x_m = turn(|x| sign * self.slope(x), before.0, after.0);
+                plateau.offer(Extreme { drag_n: self.drag(x_m), x_m, turn: Turn::Smooth });
+            }
+            before = after;
+        }
+    }
+}
+
+impl Plateau {
+    fn offer(&mut self, extreme: Extreme) {
+        if extreme.drag_n > self.peak.drag_n {
+            self.peak = extreme;
+        }
+        if extreme.drag_n < self.minimum.drag_n {
+            self.minimum = extreme;
+        }
+    }
+}

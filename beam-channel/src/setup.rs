@@ -1,0 +1,164 @@
+//! Body, beams and channel: what the model is told.
+
+use crate::SetupError;
+
+/// Lengths outside this range, in m, are taken for a slip of the unit; within it nothing overflows.
+const LENGTHS: (f64, f64) = (1e-6, 1e6);
+
+/// Everything the model needs to know. The default is the robot and the obstacle track of the
+/// paper (its Table I) in the channel of 1 cm deflection (its Table II).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Setup {
+    /// The body.
+    pub ellipse: Ellipse,
+    /// One beam.
+    pub beam: Beam,
+    /// How the beams stand.
+    pub channel: Channel,
+    /// Where the body runs.
+    pub pose: Pose,
+    /// What the equations leave open.
+    pub rules: Rules,
+}
+
+/// The body seen from above.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ellipse {
+    /// Semi-axis along the body, `R_x`, in m.
+    pub semi_length_m: f64,
+    /// Semi-axis across the body, `R_y`, in m.
+    pub semi_width_m: f64,
+}
+
+/// A beam: a rigid bar on a torsional spring at its base.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beam {
+    /// From base to tip, `L`, in m.
+    pub length_m: f64,
+    /// Its side that stands upright, `w`, in m.
+    pub width_m: f64,
+    /// Its side that bends, `t`, in m.
+    pub thickness_m: f64,
+    /// Flexural modulus, `E`, in Pa.
+    pub flexural_modulus_pa: f64,
+    /// Kinetic friction of the beam on the shell, `μ_k`.
+    pub friction: f64,
+}
+
+/// Two rows of beams, opposite each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Channel {
+    /// Between the tips of opposite beams, `b`, in m.
+    pub width_m: f64,
+    /// Beams of one row, `n`.
+    pub beams: u32,
+    /// From one beam of a row to the next, in m.
+    pub pitch_m: f64,
+}
+
+/// How the body runs through the channel; the paper's runs along the middle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// How far its middle is to the left of the channel's, in m.
+    pub offset_m: f64,
+    /// How far its nose is turned to the left, in rad.
+    pub yaw_rad: f64,
+}
+
+/// Readings of the paper's equations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rules {
+    /// How the deflection of a beam is taken.
+    pub angle: Angle,
+    /// How normal and tangent are scaled.
+    pub normal: Normal,
+}
+
+/// How the deflection of a beam is taken from the place of its tip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Angle {
+    /// From the tip's forward displacement alone, as the arcsine in the paper: a beam that turns
+    /// past 90° counts as if it had not turned so far.
+    #[default]
+    Folded,
+    /// The angle the beam has turned.
+    True,
+}
+
+/// How the normal and the tangent of the body are scaled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Normal {
+    /// To length one.
+    #[default]
+    Unit,
+    /// By the denominator that the paper prints, which has the semi-axes swapped: their length
+    /// then runs from `R_y/R_x` at the nose to `R_x/R_y` at the flank.
+    AsPrinted,
+}
+
+impl Default for Ellipse {
+    fn default() -> Self {
+        Self { semi_length_m: 0.09, semi_width_m: 0.05 }
+    }
+}
+
+impl Default for Beam {
+    fn default() -> Self {
+        Self {
+            length_m: 0.027,
+            width_m: 0.03,
+            thickness_m: 0.000_12,
+            flexural_modulus_pa: 5.3e9,
+            friction: 0.53,
+        }
+    }
+}
+
+impl Default for Channel {
+    fn default() -> Self {
+        Self { width_m: 0.08, beams: 11, pitch_m: 0.28 / 11.0 }
+    }
+}
+
+impl Beam {
+    /// `k_t = E·I/L` in N·m/rad, with `I = w·t³/12`.
+    pub fn torsional_stiffness(&self) -> f64 {
+        let Self { length_m, width_m, thickness_m, flexural_modulus_pa, .. } = *self;
+        flexural_modulus_pa * width_m * (thickness_m * thickness_m * thickness_m)
+            / (12.0 * length_m)
+    }
+}
+
+impl Setup {
+    /// How far a body in the middle of the channel pushes the tips aside at most, `d = R_y − b/2`
+    /// in m. Zero or less: it touches none.
+    pub fn deflection_m(&self) -> f64 {
+        self.ellipse.semi_width_m - 0.5 * self.channel.width_m
+    }
+
+    /// # Errors
+    /// [`SetupError::OutOfRange`] naming the first quantity that makes no sense.
+    pub(crate) fn check(&self) -> Result<(), SetupError> {
+        let Self { ellipse, beam, channel, pose, .. } = self;
+        let quarter_turn = core::f64::consts::FRAC_PI_2;
+        for (quantity, value, (least, greatest)) in [
+            ("body's semi-length in m", ellipse.semi_length_m, LENGTHS),
+            ("body's semi-width in m", ellipse.semi_width_m, LENGTHS),
+            ("beam's length in m", beam.length_m, LENGTHS),
+            ("beam's width in m", beam.width_m, LENGTHS),
+            ("beam's thickness in m", beam.thickness_m, (1e-9, LENGTHS.1)),
+            ("flexural modulus in Pa", beam.flexural_modulus_pa, (1.0, 1e15)),
+            ("friction coefficient", beam.friction, (0.0, 100.0)),
+            ("channel's width in m", channel.width_m, LENGTHS),
+            ("number of beams", f64::from(channel.beams), (1.0, 1e9)),
+            ("spacing of the beams in m", channel.pitch_m, LENGTHS),
+            ("offset in m", pose.offset_m, (-LENGTHS.1, LENGTHS.1)),
+            ("yaw in rad", pose.yaw_rad, (-quarter_turn, quarter_turn)),
+        ] {
+            if !(least..=greatest).contains(&value) {
+                return Err(SetupError::OutOfRange { quantity, value, least, greatest });
+            }
+        }
+        Ok(())
+    }
+}

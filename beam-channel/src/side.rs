@@ -1,0 +1,252 @@
+//! One wall's beams against the body.
+
+use core::ops::Range;
+
+use libm::{atan2, cos, sin, sqrt};
+
+use crate::arc::Arc;
+use crate::contact::Contact;
+use crate::path::Path;
+use crate::{Setup, SetupError, Wall};
+
+/// One wall's beams against the body: when they touch, where, and when they slip off.
+///
+/// A beam touches from the moment the body reaches its tip until its tip can no longer rest on
+/// the body: until the ellipse, seen from the beam's base, falls away, which is where the body's
+/// travel `s(z)` has its greatest value. On the way in `s` may fall on one stretch of `z` if the
+/// body reaches farther past the tips than a beam is long (`d > L`) or is yawed; a tip cannot stay
+/// there and snaps across ([`snaps`](Self::snaps)). What is left are arcs on which `s` rises.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Side {
+    path: Path,
+    /// In the order of travel, which has no gaps; `z` may have one, where the tip snaps.
+    arcs: [Arc; 4],
+    count: usize,
+    snaps: bool,
+    /// `x(τ_e)`: how far forward of the body's middle the first touch is.
+    engagement: f64,
+    /// `φ` at the first touch.
+    phi_e: f64,
+}
+
+impl Side {
+    /// The side of `wall`; `None` where the body does not reach its beams.
+    ///
+    /// # Errors
+    /// [`SetupError::BeyondTips`] if the body's middle is beyond the tips; [`SetupError::Jams`] if
+    /// the body reaches two beam lengths past the tips or more.
+    pub(crate) fn new(setup: &Setup, wall: Wall) -> Result<Option<Self>, SetupError> {
+        let beam_length_m = setup.beam.length_m;
+        let half_width_m = 0.5 * setup.channel.width_m;
+        let (offset_m, yaw) = (setup.pose.offset_m, wall.sign() * setup.pose.yaw_rad);
+        let gap = half_width_m - wall.sign() * offset_m;
+        if gap <= 0.0 {
+            return Err(SetupError::BeyondTips { wall, offset_m, half_width_m });
+        }
+        let (rx, ry) = (setup.ellipse.semi_length_m, setup.ellipse.semi_width_m);
+        // The body's place φ is τ − lead.
+        let (half_length, shear, half_width, lead) = if yaw == 0.0 {
+            (rx, 0.0, ry, 0.0)
+        } else {
+            let (sin, cos) = (sin(yaw), cos(yaw));
+            let half_width = sqrt(rx * rx * sin * sin + ry * ry * cos * cos);
+            let shear = (rx - ry) * (rx + ry) * sin * cos / half_width;
+            (rx * ry / half_width, shear, half_width, atan2(rx * sin, ry * cos))
+        };
+        let depth_m = half_width - gap;
+        if depth_m <= 0.0 {
+            return Ok(None);
+        }
+        if depth_m >= 2.0 * beam_length_m {
+            return Err(SetupError::Jams { wall, depth_m, beam_length_m });
+        }
+        let sin_e = gap / half_width;
+        let cos_e = sqrt(depth_m * (half_width + gap)) / half_width;
+        let path = Path { half_length, shear, half_width, beam: beam_length_m, sin_e, cos_e };
+        let mut side = Self {
+            path,
+            arcs: [Arc::default(); 4],
+            count: 0,
+            snaps: false,
+            engagement: half_length * cos_e + shear * sin_e,
+            phi_e: atan2(sin_e, cos_e) - lead,
+        };
+        side.find_arcs();
+        Ok(Some(side))
+    }
+
+    fn find_arcs(&mut self) {
+        let path = self.path;
+        let widest = path.widest();
+        let steepness = |z| path.place(z).steepness;
+        let release = turn(steepness, widest, path.last());
+        let slowest = path.slowest();
+        if steepness(slowest) < 0.0 {
+            let stop = turn(steepness, 0.0, slowest);
+            let stopped = path.place(stop).travel;
+            self.snaps = true;
+            self.add_smooth(0.0, stop);
+            if path.place(release).travel > stopped {
+                // Beyond the stretch on which the travel falls, where it is back at what it was.
+                let again = turn(|z| -steepness(z), slowest, widest);
+                let resume = turn(|z| stopped - path.place(z).travel, again, release);
+                self.add_smooth(resume, release);
+            }
+        } else {
+            self.add_smooth(0.0, release);
+        }
+    }
+
+    /// Adds the way from `from` to `to`, cut where the beam stands at 90°: the folded angle has
+    /// its kinks there.
+    fn add_smooth(&mut self, from: f64, to: f64) {
+        let path = self.path;
+        let mut start = from;
+        if path.depth() > path.beam {
+            for cut in path.at_rise(path.beam) {
+                if cut > start && cut < to {
+                    self.add(start, cut);
+                    start = cut;
+                }
+            }
+        }
+        self.add(start, to);
+    }
+
+    fn add(&mut self, from: f64, to: f64) {
+        let mut arc = Arc::new(&self.path, [from, to]);
+        if self.count > 0 {
+            // The travel has no gaps, to the last bit.
+            arc.travel[0] = self.arcs[self.count - 1].travel[1];
+            arc.travel[1] = arc.travel[1].max(arc.travel[0]);
+        }
+        self.arcs[self.count] = arc;
+        self.count += 1;
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(crate) fn arcs(&self) -> &[Arc] {
+        &self.arcs[..self.count]
+    }
+
+    /// How far the body moves from the first touch of a beam until the beam slips off, in m.
+    pub fn travel_m(&self) -> f64 {
+        self.arcs[self.count - 1].travel[1]
+    }
+
+    /// How far forward of the body's middle a beam's base is when the body first touches the beam,
+    /// `u_e`, in m.
+    pub fn engagement_m(&self) -> f64 {
+        self.engagement
+    }
+
+    /// How far forward of the body's middle a beam's base is when the beam slips off, `u_f`, in m:
+    /// negative.
+    pub fn release_m(&self) -> f64 {
+        self.engagement - self.travel_m()
+    }
+
+    /// How far the body reaches past the line of the tips, in m.
+    pub fn depth_m(&self) -> f64 {
+        self.path.depth()
+    }
+
+    /// Whether beams turn past 90° while the body passes: it is then nearer to the wall than their
+    /// bases, and a real beam bends otherwise.
+    pub fn turns_past_a_right_angle(&self) -> bool {
+        self.depth_m() > self.path.beam
+    }
+
+    /// Whether tips snap across a part of the body where they cannot rest.
+    pub fn snaps(&self) -> bool {
+        self.snaps
+    }
+
+    /// Whether the body, because it is yawed, meets the beams' faces before it reaches their tips:
+    /// the model knows of no force on a face.
+    pub fn meets_faces_first(&self) -> bool {
+        self.path.shear * self.path.cos_e > self.path.half_length * self.path.sin_e
+    }
+
+    /// The place on the ellipse where a beam first touches, `φ_e`, in rad from the nose towards
+    /// the wall.
+    pub fn first_touch_rad(&self) -> f64 {
+        self.phi_e
+    }
+
+    /// The place on the ellipse where `contact` is, `φ`, in rad from the nose towards the wall.
+    pub fn place_rad(&self, contact: &Contact) -> f64 {
+        self.phi_e + contact.turn()
+    }
+
+    /// The contact with a beam whose base is `ahead_m` forward of the body's middle, `u`, in m;
+    /// `None` if the beam does not touch.
+    pub fn contact(&self, ahead_m: f64) -> Option<Contact> {
+        self.contact_after(self.engagement - ahead_m)
+    }
+
+    /// The contact with a beam that the body first touched `travel_m` ago; `None` before that, and
+    /// once the beam has slipped off.
+    pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
+        let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
+        touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))
+    }
+
+    /// The contacts with beams that all touch.
+    #[inline]
+    pub(crate) fn contacts<const N: usize>(&self, travels: [f64; N]) -> [Contact; N] {
+        Arc::locate_all(travels.map(|travel| self.arc_at(travel)), &self.path, travels)
+    }
+
+    #[inline]
+    fn arc_at(&self, travel: f64) -> &Arc {
+        let arcs = self.arcs();
+        arcs.iter().find(|arc| travel <= arc.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
+    }
+
+    /// The beams that touch a body at `x_m`, of a row whose first base is at 0.
+    pub(crate) fn touching(&self, x_m: f64, beams: u32, pitch: f64) -> Range<u32> {
+        let nose = x_m + self.engagement;
+        let travel = |i: u32| nose - pitch * f64::from(i);
+        // The quotients may round across a whole number; a step to either side puts that right.
+        let first = libm::ceil((nose - self.travel_m()) / pitch);
+        let mut first = (first as u32).min(beams);
+        while first < beams && travel(first) > self.travel_m() {
+            first += 1;
+        }
+        while first > 0 && travel(first - 1) <= self.travel_m() {
+            first -= 1;
+        }
+        let mut end = (libm::floor(nose / pitch) + 1.0).max(0.0).min(f64::from(beams)) as u32;
+        while end < beams && travel(end) >= 0.0 {
+            end += 1;
+        }
+        while end > first && travel(end - 1) < 0.0 {
+            end -= 1;
+        }
+        first..end.max(first)
+    }
+
+    /// How far the body at `x_m` has moved since it first touched a beam whose base is at `base_m`.
+    pub(crate) fn travel_at(&self, x_m: f64, base_m: f64) -> f64 {
+        x_m + self.engagement - base_m
+    }
+}
+
+/// Where `f` turns from positive to negative between `low` and `high`, to the last bit.
+pub(crate) fn turn(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+    loop {
+        let middle = 0.5 * (low + high);
+        if !(middle > low && middle < high) {
+            return low;
+        }
+        if f(middle) > 0.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! The options of `shellcal simulate`.
+
+use std::path::PathBuf;
+
+use beam_channel::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup};
+use shellcal::workflow::simulate::{GridAxis, Uncertain};
+
+use super::quantity::{
+    angle, grid_axis, length, positive_length, pressure, share, speed, uncertain,
+};
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal simulate                                    the paper's channels: 1, 2 and 3 cm
+  shellcal simulate --width 7cm --output sweep.csv     drag at every mm of the way
+  shellcal simulate --plot drag.svg                    the paper's figure
+  shellcal simulate --at 10cm --deflection 2cm         every beam's force at one position
+  shellcal simulate --grid friction=0:1:11 --grid rx=6cm,9cm
+  shellcal simulate --uncertain thickness=5% --uncertain friction=0.05
+  shellcal simulate --compare trials.csv               measured drags beside the model's";
+
+/// Simulate the body's drag in a channel of springy beams
+///
+/// The paper's quasi-static model: an ellipse pushes through two rows of beams, each a bar on a
+/// torsional spring. Prints, for every channel, the drag where the body is wholly among the beams,
+/// and the energy of a crossing. Lengths take mm, cm or m, and are in m without a unit; positions
+/// are those of the body's middle past the first beam.
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct SimulateArgs {
+    /// Deflections of the beams, d = ry − width/2 [default: 1cm,2cm,3cm]
+    #[arg(long, value_name = "LENGTH", value_delimiter = ',', value_parser = length,
+          allow_hyphen_values = true, conflicts_with = "width")]
+    pub(super) deflection: Vec<f64>,
+
+    /// Widths of the channel between opposite tips, instead of deflections
+    #[arg(long, value_name = "LENGTH", value_delimiter = ',', value_parser = positive_length)]
+    pub(super) width: Vec<f64>,
+
+    #[command(flatten)]
+    pub(super) geometry: GeometryArgs,
+
+    #[command(flatten)]
+    pub(super) sweep: SweepArgs,
+
+    #[command(flatten)]
+    pub(super) study: StudyArgs,
+
+    #[command(flatten)]
+    pub(super) trials: TrialArgs,
+}
+
+/// Body, beams and channel; by default those of the paper.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Geometry")]
+pub(super) struct GeometryArgs {
+    /// Semi-axis of the body along its way
+    #[arg(long, value_name = "LENGTH", default_value = "9cm", value_parser = length)]
+    rx: f64,
+
+    /// Semi-axis of the body across its way
+    #[arg(long, value_name = "LENGTH", default_value = "5cm", value_parser = length)]
+    ry: f64,
+
+    /// A beam from base to tip
+    #[arg(long, value_name = "LENGTH", default_value = "27mm", value_parser = length)]
+    beam_length: f64,
+
+    /// A beam's upright side
+    #[arg(long, value_name = "LENGTH", default_value = "30mm", value_parser = length)]
+    beam_width: f64,
+
+    /// A beam's bending side
+    #[arg(long, value_name = "LENGTH", default_value = "0.12mm", value_parser = length)]
+    thickness: f64,
+
+    /// Flexural modulus of the beams
+    #[arg(long, value_name = "PRESSURE", default_value = "5.3GPa", value_parser = pressure)]
+    modulus: f64,
+
+    /// Kinetic friction of the beams on the shell
+    #[arg(long, value_name = "NUMBER", default_value_t = 0.53, allow_hyphen_values = true)]
+    friction: f64,
+
+    /// Beams of one row
+    #[arg(long, value_name = "N", default_value_t = 11)]
+    beams: u32,
+
+    /// Length of the channel: its beams are this over their number apart
+    #[arg(long, value_name = "LENGTH", default_value = "28cm", value_parser = length)]
+    channel_length: f64,
+
+    /// From one beam to the next, instead of the channel's length
+    #[arg(long, value_name = "LENGTH", value_parser = length)]
+    spacing: Option<f64>,
+
+    /// How far the body runs to the left of the channel's middle
+    #[arg(long, value_name = "LENGTH", default_value = "0", value_parser = length,
+          allow_hyphen_values = true)]
+    off_centre: f64,
+
+    /// How far the body's nose is turned to the left
+    #[arg(long, value_name = "ANGLE", default_value = "0", value_parser = angle,
+          allow_hyphen_values = true)]
+    yaw: f64,
+
+    /// Scale normal and tangent as the paper prints it, with its semi-axes swapped, not to length one
+    #[arg(long)]
+    as_printed: bool,
+
+    /// Take the angle that a beam has turned beyond 90° too, not the paper's arcsine
+    #[arg(long)]
+    true_angle: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Sweep over positions")]
+pub(super) struct SweepArgs {
+    /// Write drag, side force, moment and contacts at every position, as CSV; with `--grid`, the
+    /// figures of every combination
+    #[arg(long, short, value_name = "FILE")]
+    pub(super) output: Option<PathBuf>,
+
+    /// Write the force of every beam that touches, at every position, as CSV
+    #[arg(long, value_name = "FILE")]
+    pub(super) beam_forces: Option<PathBuf>,
+
+    /// Draw drag over position and contact counts, to .svg or .png
+    #[arg(long, value_name = "FILE")]
+    pub(super) plot: Option<PathBuf>,
+
+    /// Draw a measured trace too: CSV with columns `x_m` or, with `--speed`, `t_s`, and `drag_n` or
+    /// `fx_n`, such as `shellcal convert` writes
+    #[arg(long, value_name = "FILE", requires = "plot")]
+    pub(super) overlay: Vec<PathBuf>,
+
+    /// When the body of a measured trace with times first touched a beam, in s [default: at its
+    /// first row]
+    #[arg(
+        long,
+        value_name = "S",
+        requires = "overlay",
+        requires = "speed",
+        allow_hyphen_values = true
+    )]
+    pub(super) entry: Option<f64>,
+
+    /// First position [default: 1 cm before the first contact]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
+    pub(super) from: Option<f64>,
+
+    /// Last position [default: 1 cm after the last contact]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
+    pub(super) to: Option<f64>,
+
+    /// From one position to the next
+    #[arg(long, value_name = "LENGTH", default_value = "1mm", value_parser = positive_length)]
+    pub(super) step: f64,
+
+    /// Speed of the body in m/s: adds the time, 0 at the first position
+    #[arg(long, value_name = "M_PER_S", value_parser = speed)]
+    pub(super) speed: Option<f64>,
+
+    /// Print the force of every beam that touches at this position
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_hyphen_values = true)]
+    pub(super) at: Option<f64>,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Studies of parameters")]
+pub(super) struct StudyArgs {
+    /// Every combination of values: NAME=FROM:TO:COUNT or NAME=VALUE,VALUE; of rx, ry, width,
+    /// beam-length, beam-width, thickness, modulus, friction, spacing, off-centre, yaw
+    #[arg(long, value_name = "NAME=VALUES", value_parser = grid_axis, conflicts_with_all = ["uncertain", "at", "compare", "beam_forces", "plot"])]
+    pub(super) grid: Vec<GridAxis>,
+
+    /// A parameter that is not known exactly: NAME=SD or NAME=PERCENT%, normal about its value;
+    /// prints intervals by Monte Carlo
+    #[arg(long, value_name = "NAME=SD", value_parser = uncertain)]
+    pub(super) uncertain: Vec<Uncertain>,
+
+    /// Channels to draw
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(2..=10_000_000))]
+    pub(super) draws: u64,
+
+    /// Seed of the draws
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(super) seed: u64,
+
+    /// Share of the draws within an interval
+    #[arg(long, value_name = "SHARE", default_value_t = 0.95, value_parser = share)]
+    pub(super) level: f64,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Measured trials")]
+pub(super) struct TrialArgs {
+    /// Table of trials with columns `condition` and `drag_mean_n`, as CSV: prints measured and
+    /// simulated drag of every condition. A condition is a deflection (`3 cm`) or `free`
+    #[arg(long, value_name = "FILE")]
+    pub(super) compare: Option<PathBuf>,
+
+    /// The width of a condition's channel, where its name does not tell: NAME=WIDTH
+    #[arg(long, value_name = "NAME=WIDTH", value_parser = condition, requires = "compare")]
+    pub(super) condition: Vec<(String, f64)>,
+}
+
+impl SimulateArgs {
+    /// The set-up of every channel, in the order given.
+    pub(super) fn setups(&self) -> Vec<Setup> {
+        let base = self.geometry.setup();
+        if !self.width.is_empty() {
+            return self.width.iter().map(|&width| of_width(&base, width)).collect();
+        }
+        let deflections = match &self.deflection[..] {
+            [] => &[0.01, 0.02, 0.03],
+            given => given,
+        };
+        deflections.iter().map(|&depth| of_deflection(&base, depth)).collect()
+    }
+}
+
+impl GeometryArgs {
+    /// The set-up but for the channel's width.
+    pub(super) fn setup(&self) -> Setup {
+        let pitch_m = self.spacing.unwrap_or(self.channel_length / f64::from(self.beams));
+        let angle = if self.true_angle { Angle::True } else { Angle::Folded };
+        let normal = if self.as_printed { Normal::AsPrinted } else { Normal::Unit };
+        Setup {
+            ellipse: Ellipse { semi_length_m: self.rx, semi_width_m: self.ry },
+            beam: Beam {
+                length_m: self.beam_length,
+                width_m: self.beam_width,
+                thickness_m: self.thickness,
+                flexural_modulus_pa: self.modulus,
+                friction: self.friction,
+            },
+            channel: Channel { beams: self.beams, pitch_m, ..Channel::default() },
+            pose: Pose { offset_m: self.off_centre, yaw_rad: self.yaw },
+            rules: Rules { angle, normal },
+        }
+    }
+}
+
+/// `setup` with a channel that deflects the beams by `deflection_m`.
+pub(super) fn of_deflection(setup: &Setup, deflection_m: f64) -> Setup {
+    // Doubled first: decimal widths then come out as they are written.
+    of_width(setup, 2.0 * setup.ellipse.semi_width_m - 2.0 * deflection_m)
+}
+
+/// `setup` with a channel of `width_m`.
+pub(super) fn of_width(setup: &Setup, width_m: f64) -> Setup {
+    Setup { channel: Channel { width_m, ..setup.channel }, ..*setup }
+}
+
+fn condition(text: &str) -> Result<(String, f64), String> {
+    let (name, width) = text.rsplit_once('=').ok_or("expected `NAME=WIDTH`")?;
+    Ok((name.trim().to_owned(), positive_length(width)?))
+}

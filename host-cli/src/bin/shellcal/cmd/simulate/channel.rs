@@ -1,0 +1,80 @@
+//! What is said of one channel.
+
+use beam_channel::Model;
+use serde::Serialize;
+use shellcal::workflow::simulate::{BeamRow, MonteCarlo, Row, Summary, beam_rows};
+
+use super::report::cm;
+use crate::printer::Printer;
+
+/// One channel.
+#[derive(Debug, Serialize)]
+pub(super) struct ChannelReport {
+    #[serde(flatten)]
+    pub(super) summary: Summary,
+    /// The beams that touch at the position asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) at: Option<Position>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) uncertainty: Option<MonteCarlo>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) positions: Option<Vec<Row>>,
+}
+
+/// The body at one position.
+#[derive(Debug, Serialize)]
+pub(super) struct Position {
+    x_m: f64,
+    drag_n: f64,
+    fy_n: f64,
+    mz_nm: f64,
+    beams: Vec<BeamRow>,
+}
+
+impl ChannelReport {
+    pub(super) fn new(model: &Model, at: Option<f64>) -> Self {
+        let at = at.map(|x_m| {
+            let total = model.total(x_m);
+            Position {
+                x_m,
+                drag_n: 0.0 - total.fx_n,
+                fy_n: total.fy_n,
+                mz_nm: total.mz_nm,
+                beams: beam_rows(model, x_m).collect(),
+            }
+        });
+        Self { summary: Summary::of(model), at, uncertainty: None, positions: None }
+    }
+
+    pub(super) fn warn(&self, printer: &mut Printer) {
+        for remark in &self.summary.remarks {
+            printer.warning(format!("channel of {} cm: {remark}", cm(self.summary.width_m)));
+        }
+    }
+
+    /// The forces at the position asked for, if one was.
+    pub(super) fn print_beams(&self, printer: &mut Printer) -> anyhow::Result<()> {
+        let Some(Position { x_m, drag_n, fy_n, mz_nm, beams }) = &self.at else { return Ok(()) };
+        printer.line("")?;
+        printer.line(format!(
+            "channel of {} cm, body at {} cm: drag {drag_n:.5} N, Fy {fy_n:.5} N, Mz {mz_nm:.6} N·m",
+            cm(self.summary.width_m),
+            cm(*x_m)
+        ))?;
+        let rows: Vec<_> = beams
+            .iter()
+            .map(|beam| {
+                vec![
+                    format!("{} {}", beam.wall, beam.beam),
+                    cm(beam.base_m),
+                    format!("{:.2}", beam.phi_rad.to_degrees()),
+                    format!("{:.2}", beam.deflection_rad.to_degrees()),
+                    format!("{:.6}", beam.fx_n),
+                    format!("{:.6}", beam.fy_n),
+                ]
+            })
+            .collect();
+        let header = ["beam", "base (cm)", "φ (°)", "Δθ (°)", "Fx (N)", "Fy (N)"];
+        printer.table(&header, &rows)
+    }
+}

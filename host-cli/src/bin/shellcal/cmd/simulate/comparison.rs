@@ -1,0 +1,125 @@
+//! Measured trials beside the model.
+
+use anyhow::bail;
+use serde::Serialize;
+use shellcal::workflow::simulate::{Condition, ConditionChannel, Remark, Summary, read_trials};
+
+use super::args::{SimulateArgs, of_deflection, of_width};
+use super::model;
+use super::quantity::length;
+use super::report::{cm, or_dash};
+use crate::printer::Printer;
+
+/// One condition, measured and simulated.
+#[derive(Debug, Serialize)]
+pub(super) struct Comparison {
+    #[serde(flatten)]
+    measured: Condition,
+    /// None where the robot runs free.
+    width_m: Option<f64>,
+    simulated_drag_n: Option<f64>,
+    over_prediction_n: Option<f64>,
+    /// Simulated over measured; none where either is not positive.
+    ratio: Option<f64>,
+    remarks: Vec<Remark>,
+}
+
+impl SimulateArgs {
+    /// The comparison, if one is asked for.
+    pub(super) fn compare(&self) -> anyhow::Result<Option<Vec<Comparison>>> {
+        let Some(path) = &self.trials.compare else { return Ok(None) };
+        let conditions = read_trials(path)?;
+        for (name, _) in &self.trials.condition {
+            if !conditions.iter().any(|condition| condition.name == *name) {
+                bail!("`{}` has no condition `{name}`", path.display());
+            }
+        }
+        conditions
+            .into_iter()
+            .map(|condition| self.simulate(condition))
+            .collect::<Result<_, _>>()
+            .map(Some)
+    }
+
+    fn simulate(&self, measured: Condition) -> anyhow::Result<Comparison> {
+        let base = self.geometry.setup();
+        let setup = match self.channel_of(&measured.name)? {
+            ConditionChannel::Free => None,
+            ConditionChannel::Deflection(depth) => Some(of_deflection(&base, depth)),
+            ConditionChannel::Width(width) => Some(of_width(&base, width)),
+        };
+        let summary =
+            setup.map(|setup| model(&setup).map(|model| Summary::of(&model))).transpose()?;
+        let simulated_drag_n = summary.as_ref().map_or(Some(0.0), |summary| summary.mean_drag_n);
+        let over_prediction_n = simulated_drag_n.map(|drag| drag - measured.mean_drag_n);
+        let ratio = simulated_drag_n
+            .filter(|&drag| drag > 0.0 && measured.mean_drag_n > 0.0)
+            .map(|drag| drag / measured.mean_drag_n);
+        let width_m = setup.map(|setup| setup.channel.width_m);
+        let remarks = summary.map_or_else(Vec::new, |summary| summary.remarks);
+        Ok(Comparison { measured, width_m, simulated_drag_n, over_prediction_n, ratio, remarks })
+    }
+
+    /// The channel that a condition's name stands for.
+    fn channel_of(&self, name: &str) -> anyhow::Result<ConditionChannel> {
+        let given = self.trials.condition.iter().find(|(given, _)| given == name);
+        if let Some(&(_, width)) = given {
+            return Ok(ConditionChannel::Width(width));
+        }
+        if name.eq_ignore_ascii_case("free") {
+            return Ok(ConditionChannel::Free);
+        }
+        // A bare number could be anything.
+        match length(name) {
+            Ok(depth) if name.ends_with('m') => Ok(ConditionChannel::Deflection(depth)),
+            _ => bail!(
+                "condition `{name}` is neither `free` nor a deflection with its unit, such as \
+                 `3 cm`: give its channel with `--condition \"{name}=WIDTH\"`"
+            ),
+        }
+    }
+}
+
+pub(super) fn print(printer: &mut Printer, comparison: &[Comparison]) -> anyhow::Result<()> {
+    let rows: Vec<_> = comparison
+        .iter()
+        .map(|row| {
+            vec![
+                row.measured.name.clone(),
+                row.width_m.map_or_else(|| "–".to_owned(), cm),
+                row.measured.trials.to_string(),
+                format!("{:.4}", row.measured.mean_drag_n),
+                or_dash(row.measured.sd_drag_n, 4),
+                or_dash(row.simulated_drag_n, 4),
+                or_dash(row.over_prediction_n, 4),
+                or_dash(row.ratio, 2),
+            ]
+        })
+        .collect();
+    printer.line("")?;
+    let header = [
+        "condition",
+        "width (cm)",
+        "trials",
+        "measured (N)",
+        "s.d. (N)",
+        "simulated (N)",
+        "over-prediction (N)",
+        "ratio",
+    ];
+    printer.table(&header, &rows)?;
+    Ok(())
+}
+
+/// What to know before trusting the comparison.
+pub(super) fn warn(printer: &mut Printer, comparison: &[Comparison]) {
+    for row in comparison {
+        for remark in &row.remarks {
+            printer.warning(format!("condition `{}`: {remark}", row.measured.name));
+        }
+    }
+    for row in comparison.iter().filter(|row| row.measured.without_drag > 0) {
+        let (name, count) = (&row.measured.name, row.measured.without_drag);
+        printer.warning(format!("condition `{name}`: {count} trials without a drag left out"));
+    }
+}

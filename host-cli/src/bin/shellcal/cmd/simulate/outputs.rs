@@ -1,0 +1,124 @@
+//! The files that a simulation writes: opened before the work, put in place after it.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::Context;
+use beam_channel::Model;
+use shellcal::output::AtomicFile;
+use shellcal::plot::{Format, channel_figure};
+use shellcal::workflow::simulate::{Course, Passage, beam_rows, curve, read_trace};
+
+use super::args::SweepArgs;
+use super::report::cm;
+use crate::printer::Printer;
+
+/// What is written.
+pub(super) struct Outputs {
+    sweep: Option<AtomicFile>,
+    beams: Option<AtomicFile>,
+    plot: Option<(AtomicFile, Format)>,
+}
+
+/// Rows between two reports of progress.
+const CHUNK: usize = 1024;
+
+impl Outputs {
+    pub(super) fn open(args: &SweepArgs) -> anyhow::Result<Self> {
+        let format = args.plot.as_ref().map(Format::of).transpose()?;
+        let open = |path: &Option<PathBuf>| path.as_ref().map(AtomicFile::create).transpose();
+        let (mut sweep, mut beams) = (open(&args.output)?, open(&args.beam_forces)?);
+        let time = if args.speed.is_some() { "t_s," } else { "" };
+        if let Some(file) = &mut sweep {
+            let columns = "x_m,drag_n,fy_n,mz_nm,contacts_left,contacts_right";
+            writeln!(file, "width_m,{time}{columns}")?;
+        }
+        if let Some(file) = &mut beams {
+            let columns = "x_m,wall,beam,base_m,phi_rad,deflection_rad,fx_n,fy_n,mz_nm";
+            writeln!(file, "width_m,{time}{columns}")?;
+        }
+        Ok(Self { sweep, beams, plot: open(&args.plot)?.zip(format) })
+    }
+
+    /// Writes the rows of one channel.
+    pub(super) fn sweep(
+        &mut self,
+        printer: &Printer,
+        model: &Model,
+        course: &Course,
+    ) -> anyhow::Result<()> {
+        let bar = printer.count("positions", course.count as u64);
+        let channel = model.setup().channel.width_m;
+        let time = |t_s: Option<f64>| t_s.map_or_else(String::new, |t_s| format!("{t_s},"));
+        if let Some(file) = &mut self.sweep {
+            for (i, row) in course.rows(model).enumerate() {
+                let [x, drag, fy, mz] = [row.x_m, row.drag_n, row.fy_n, row.mz_nm];
+                let (left, right) = (row.contacts_left, row.contacts_right);
+                let time = time(row.t_s);
+                writeln!(file, "{channel},{time}{x},{drag},{fy},{mz},{left},{right}")?;
+                if i % CHUNK == 0 {
+                    bar.set_position(i as u64);
+                }
+            }
+        }
+        if let Some(file) = &mut self.beams {
+            for (i, x) in course.positions().enumerate() {
+                let time = time(course.time_s(x));
+                for row in beam_rows(model, x) {
+                    let (wall, beam, base) = (row.wall, row.beam, row.base_m);
+                    let [phi, turn] = [row.phi_rad, row.deflection_rad];
+                    let [fx, fy, mz] = [row.fx_n, row.fy_n, row.mz_nm];
+                    writeln!(
+                        file,
+                        "{channel},{time}{x},{wall},{beam},{base},{phi},{turn},{fx},{fy},{mz}"
+                    )?;
+                }
+                if i % CHUNK == 0 {
+                    bar.set_position(i as u64);
+                }
+            }
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Draws all channels, with what was measured.
+    pub(super) fn draw(
+        &mut self,
+        models: &[Model],
+        course: &Course,
+        args: &SweepArgs,
+    ) -> anyhow::Result<()> {
+        let Some((file, format)) = &mut self.plot else { return Ok(()) };
+        let last = course.from_m + course.step_m * (course.count - 1) as f64;
+        let mut curves: Vec<_> = models
+            .iter()
+            .map(|model| {
+                let label = format!("{} cm deflection", cm(model.setup().deflection_m()));
+                curve(model, label, course.from_m, last)
+            })
+            .collect();
+        let first_contact = models.iter().find_map(Model::extent_m).map_or(0.0, |[x, _]| x);
+        let passage = args.speed.map(|speed_m_s| Passage {
+            speed_m_s,
+            entry_s: args.entry,
+            entry_x_m: first_contact,
+        });
+        for path in &args.overlay {
+            curves.push(read_trace(path, passage)?);
+        }
+        let friction = models.first().map_or(0.0, |model| model.setup().beam.friction);
+        let title = format!("Simulated drag, friction {friction}");
+        let figure = channel_figure(&title, &curves);
+        file.write_all(&figure.render(*format)?).context("cannot write the picture")?;
+        Ok(())
+    }
+
+    pub(super) fn commit(self) -> anyhow::Result<()> {
+        let Self { sweep, beams, plot } = self;
+        for file in [sweep, beams, plot.map(|(file, _)| file)].into_iter().flatten() {
+            file.commit()?;
+        }
+        Ok(())
+    }
+}

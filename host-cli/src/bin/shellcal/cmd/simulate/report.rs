@@ -1,0 +1,156 @@
+//! Tables of channels.
+
+use beam_channel::{Angle, Normal, Setup};
+use serde::Serialize;
+use shellcal::workflow::simulate::{Interval, Parameter};
+
+use super::channel::ChannelReport;
+use crate::printer::Printer;
+
+/// What all channels have in common, for `--json`.
+#[derive(Debug, Serialize)]
+pub(super) struct SetupReport {
+    parameters: serde_json::Map<String, serde_json::Value>,
+    beams: u32,
+    torsional_stiffness_nm_rad: f64,
+    as_printed: bool,
+    true_angle: bool,
+}
+
+impl SetupReport {
+    pub(super) fn new(setup: &Setup) -> Self {
+        let common = Parameter::ALL.into_iter().filter(|&name| name != Parameter::Width);
+        Self {
+            parameters: common.map(|name| (name.column(), name.get(setup).into())).collect(),
+            beams: setup.channel.beams,
+            torsional_stiffness_nm_rad: setup.beam.torsional_stiffness(),
+            as_printed: setup.rules.normal == Normal::AsPrinted,
+            true_angle: setup.rules.angle == Angle::True,
+        }
+    }
+}
+
+/// A length in cm, without digits that rounding made.
+pub(super) fn cm(length_m: f64) -> String {
+    let rounded = (length_m * 1e8).round() / 1e6;
+    // Not −0.
+    format!("{}", rounded + 0.0)
+}
+
+/// A figure, or a dash where there is none.
+pub(super) fn or_dash(value: Option<f64>, decimals: usize) -> String {
+    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+/// "5–6", and both walls where they differ.
+fn contacts(least: Option<[u32; 2]>, greatest: Option<[u32; 2]>) -> String {
+    let (Some(least), Some(greatest)) = (least, greatest) else { return "–".to_owned() };
+    let wall = |i: usize| match (least[i], greatest[i]) {
+        (least, greatest) if least == greatest => format!("{least}"),
+        (least, greatest) => format!("{least}–{greatest}"),
+    };
+    if wall(0) == wall(1) { wall(0) } else { format!("{}, {}", wall(0), wall(1)) }
+}
+
+pub(super) fn print_channels(
+    printer: &mut Printer,
+    reports: &[ChannelReport],
+) -> anyhow::Result<()> {
+    let rows: Vec<_> = reports
+        .iter()
+        .map(|report| {
+            let summary = &report.summary;
+            vec![
+                cm(summary.width_m),
+                cm(summary.deflection_m),
+                contacts(summary.min_contacts, summary.max_contacts),
+                or_dash(summary.mean_drag_n, 4),
+                or_dash(summary.minimum_drag_n, 4),
+                or_dash(summary.peak_drag_n, 4),
+                format!("{:.3}", 1e3 * summary.energy_j),
+            ]
+        })
+        .collect();
+    let header = [
+        "width (cm)",
+        "deflection (cm)",
+        "beams per side",
+        "mean drag (N)",
+        "minimum (N)",
+        "peak (N)",
+        "energy (mJ)",
+    ];
+    printer.table(&header, &rows)
+}
+
+pub(super) fn print_uncertainty(
+    printer: &mut Printer,
+    reports: &[ChannelReport],
+) -> anyhow::Result<()> {
+    let with = || reports.iter().filter_map(|r| Some((&r.summary, r.uncertainty.as_ref()?)));
+    let Some((_, first)) = with().next() else { return Ok(()) };
+    let mut rows = Vec::new();
+    for (summary, result) in with() {
+        let figures = [
+            ("mean drag (N)", result.mean_drag_n, 1.0, 4),
+            ("minimum (N)", result.minimum_drag_n, 1.0, 4),
+            ("peak (N)", result.peak_drag_n, 1.0, 4),
+            ("energy (mJ)", result.energy_j, 1e3, 3),
+        ];
+        for (name, interval, scale, decimals) in figures {
+            let figure = |of: fn(&Interval) -> f64| {
+                or_dash(interval.as_ref().map(|interval| scale * of(interval)), decimals)
+            };
+            rows.push(vec![
+                format!("{} cm: {name}", cm(summary.width_m)),
+                figure(|interval| interval.median),
+                figure(|interval| interval.low),
+                figure(|interval| interval.high),
+                figure(|interval| interval.sd),
+            ]);
+        }
+    }
+    printer.line("")?;
+    printer.line(format!(
+        "{} draws; intervals hold {} % of them",
+        first.draws,
+        percent(first.level)
+    ))?;
+    printer.table(&["channel", "median", "from", "to", "s.d."], &rows)?;
+    for (summary, result) in with() {
+        for (count, what) in [
+            (result.refused, "make no sense or jam, and are left out"),
+            (result.without_plateau, "have no plateau, and count for the energy alone"),
+        ] {
+            if count > 0 {
+                let (width, draws) = (cm(summary.width_m), result.draws);
+                printer.warning(format!("channel of {width} cm: {count} of {draws} draws {what}"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A share in %, without digits that rounding made.
+fn percent(share: f64) -> f64 {
+    (share * 1e8).round() / 1e6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_are_said_without_the_noise_of_their_arithmetic() {
+        assert_eq!([cm(2.0 * (0.05 - 0.01)), cm(-1e-12), cm(0.0255)], ["8", "0", "2.55"]);
+        assert_eq!(percent(0.95), 95.0);
+    }
+
+    #[test]
+    fn walls_are_told_apart_only_where_they_differ() {
+        let said = |least, greatest| contacts(Some(least), Some(greatest));
+        assert_eq!(said([4, 4], [5, 5]), "4–5");
+        assert_eq!(said([5, 4], [5, 5]), "5, 4–5");
+        assert_eq!(contacts(None, None), "–");
+    }
+}

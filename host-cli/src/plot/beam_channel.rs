@@ -1,0 +1,121 @@
+//! The figure of a body in a channel of beams: drag over position, and the beams that touch below.
+
+use super::figure::Figure;
+use super::palette;
+use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::scale::{Axis, Spacing};
+use super::svg::{Anchor, Canvas, Rect, Style, point, text_width};
+
+/// A line of the figure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChannelCurve {
+    /// What the legend calls it.
+    pub label: String,
+    /// Position in m and drag in N.
+    pub drag: Vec<(f64, f64)>,
+    /// Position in m and beams that touch, per side on average. Empty where not known.
+    pub contacts: Vec<(f64, f64)>,
+    /// Whether it was measured: it is then drawn below the others, and finer.
+    pub measured: bool,
+}
+
+const WIDTH: f64 = 560.0;
+const DRAG_HEIGHT: f64 = 260.0;
+const CONTACTS_HEIGHT: f64 = 110.0;
+const GAP: f64 = 18.0;
+const TOP: f64 = 44.0;
+const LEGEND_KEY: f64 = 24.0;
+const LEGEND_PITCH: f64 = 19.0;
+
+/// Draws drag over position, and contact counts below.
+pub fn channel_figure(title: &str, curves: &[ChannelCurve]) -> Figure {
+    let labels = curves.iter().map(|curve| text_width(&curve.label, Style::LABEL.size));
+    let legend = LEGEND_KEY + 24.0 + labels.fold(0.0, f64::max);
+    let left = LEFT_MARGIN + 4.0;
+    let upper = Rect { left, top: TOP, width: WIDTH, height: DRAG_HEIGHT };
+    let lower = Rect { top: upper.bottom() + GAP, height: CONTACTS_HEIGHT, ..upper };
+    let entries = TOP + LEGEND_PITCH * curves.len() as f64 + 16.0;
+    let height = (lower.bottom() + BOTTOM_MARGIN + 6.0).max(entries);
+    let mut canvas = Canvas::new(upper.right() + legend, height);
+    let style = Style::TITLE.anchored(Anchor::Start);
+    canvas.text((left, TOP - 16.0), title, style);
+
+    let drags = || curves.iter().flat_map(|curve| &curve.drag);
+    let counts = || curves.iter().flat_map(|curve| &curve.contacts);
+    let (from, to) = range(drags().map(|point| point.0));
+    let (least, greatest) = range(drags().map(|point| point.1).chain([0.0]));
+    let (_, most) = range(counts().map(|point| point.1).chain([1.0]));
+    let axis =
+        |name: &str, unit: &str, low, high| Axis::new(name, unit, Spacing::Linear, low, high);
+    let x = axis("position of the body's middle past the first beam", "m", from, to);
+    let drag = axis("drag", "N", least, greatest).padded(0.04);
+    let contacts = axis("beams per side", "", 0.0, most + 0.5);
+    let upper = Panel { area: upper, x: x.clone(), y: drag };
+    let lower = Panel { area: lower, x, y: contacts };
+    for (panel, of) in [(&upper, 0), (&lower, 1)] {
+        panel.draw_grid(&mut canvas);
+        canvas.clipped(panel.area, |canvas| {
+            for measured in [true, false] {
+                for (i, curve) in curves.iter().enumerate().filter(|c| c.1.measured == measured) {
+                    draw(canvas, panel, [&curve.drag, &curve.contacts][of], colour(i), measured);
+                }
+            }
+        });
+    }
+    upper.draw_y_labels(&mut canvas);
+    canvas.frame(upper.area, palette::INK);
+    lower.draw_frame(&mut canvas);
+    for (i, curve) in curves.iter().enumerate() {
+        let (left, y) = (upper.area.right() + 12.0, TOP + 10.0 + LEGEND_PITCH * i as f64);
+        let width = if curve.measured { 0.8 } else { 1.6 };
+        canvas.line((left, y), (left + LEGEND_KEY, y), colour(i), width);
+        let style = Style::LABEL.anchored(Anchor::Start);
+        canvas.text((left + LEGEND_KEY + 6.0, y + 4.0), &curve.label, style);
+    }
+    Figure::new(canvas.finish())
+}
+
+fn draw(canvas: &mut Canvas, panel: &Panel, points: &[(f64, f64)], colour: &str, measured: bool) {
+    let mut path = String::new();
+    for &(x, y) in points {
+        let (x, y) = panel.place(x, y);
+        path += if path.is_empty() { "M" } else { "L" };
+        path += &point(x, y);
+    }
+    if !path.is_empty() {
+        canvas.stroke(&path, colour, if measured { 0.8 } else { 1.6 });
+    }
+}
+
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+}
+
+fn colour(curve: usize) -> &'static str {
+    palette::SERIES[curve % palette::SERIES.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_curve_is_drawn_once_in_each_panel_that_it_is_known_in() {
+        let curve = |label: &str, measured| ChannelCurve {
+            label: label.to_owned(),
+            drag: vec![(0.0, 0.0), (0.1, 0.2)],
+            contacts: if measured { Vec::new() } else { vec![(0.0, 0.0), (0.1, 5.0)] },
+            measured,
+        };
+        let figure = channel_figure("drag", &[curve("3 cm", false), curve("run 1", true)]);
+        let lines = |colour: &str| figure.svg().matches(&format!("stroke=\"{colour}\"")).count();
+        // With the one in the legend.
+        assert_eq!((lines(colour(0)), lines(colour(1))), (3, 2));
+        assert!(figure.svg().contains("run 1") && !figure.svg().contains("NaN"));
+    }
+
+    #[test]
+    fn a_figure_without_curves_is_a_figure() {
+        assert!(!channel_figure("nothing", &[]).svg().contains("NaN"));
+    }
+}

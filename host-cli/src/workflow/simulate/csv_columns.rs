@@ -1,0 +1,132 @@
+//! Tables of which only some columns matter.
+
+use std::path::{Path, PathBuf};
+
+/// A table that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TableError {
+    /// It cannot be read as CSV.
+    #[error("cannot read `{}`", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What went wrong.
+        source: csv::Error,
+    },
+    /// A column is missing.
+    #[error(
+        "`{}`, line 1: no column {wanted}; found {found}",
+        path.display()
+    )]
+    NoColumn {
+        /// The file.
+        path: PathBuf,
+        /// Names that would do.
+        wanted: String,
+        /// The names there are.
+        found: String,
+    },
+    /// A field is no number.
+    #[error("`{}`, line {line}: `{text}` in column `{column}` is not a finite number", path.display())]
+    NotANumber {
+        /// The file.
+        path: PathBuf,
+        /// Counted from 1.
+        line: u64,
+        /// The column.
+        column: String,
+        /// What stands there.
+        text: String,
+    },
+    /// There are no rows.
+    #[error("`{}` has no rows with a value in column `{column}`", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+        /// The column.
+        column: String,
+    },
+}
+
+/// A table with its header read.
+pub(super) struct Table {
+    path: PathBuf,
+    reader: csv::Reader<std::fs::File>,
+    header: Vec<String>,
+}
+
+/// A row of a [`Table`].
+pub(super) struct Record<'a> {
+    path: &'a Path,
+    header: &'a [String],
+    record: csv::StringRecord,
+}
+
+impl Table {
+    pub(super) fn open(path: &Path) -> Result<Self, TableError> {
+        let failed = |source| TableError::Read { path: path.to_path_buf(), source };
+        let mut builder = csv::ReaderBuilder::new();
+        builder.trim(csv::Trim::All).flexible(true);
+        let mut reader = builder.from_path(path).map_err(failed)?;
+        let header = reader.headers().map_err(failed)?;
+        let header =
+            header.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+        Ok(Self { path: path.to_path_buf(), reader, header })
+    }
+
+    /// The place and name of the first of `names` that is there.
+    pub(super) fn column(&self, names: &[&str]) -> Result<usize, TableError> {
+        let place = |name: &&str| self.header.iter().position(|h| h.eq_ignore_ascii_case(name));
+        names.iter().find_map(place).ok_or_else(|| {
+            let quoted = |names: &mut dyn Iterator<Item = &str>, between: &str| {
+                names.map(|name| format!("`{name}`")).collect::<Vec<_>>().join(between)
+            };
+            TableError::NoColumn {
+                path: self.path.clone(),
+                wanted: quoted(&mut names.iter().copied(), " or "),
+                found: quoted(&mut self.header.iter().map(String::as_str), ", "),
+            }
+        })
+    }
+
+    pub(super) fn name(&self, column: usize) -> &str {
+        &self.header[column]
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn next(&mut self) -> Result<Option<Record<'_>>, TableError> {
+        let mut record = csv::StringRecord::new();
+        match self.reader.read_record(&mut record) {
+            Ok(true) => Ok(Some(Record { path: &self.path, header: &self.header, record })),
+            Ok(false) => Ok(None),
+            Err(source) => Err(TableError::Read { path: self.path.clone(), source }),
+        }
+    }
+}
+
+impl Record<'_> {
+    pub(super) fn text(&self, column: usize) -> &str {
+        self.record.get(column).unwrap_or_default()
+    }
+
+    /// `None` where nothing stands.
+    pub(super) fn number(&self, column: usize) -> Result<Option<f64>, TableError> {
+        let text = self.text(column);
+        if text.is_empty() {
+            return Ok(None);
+        }
+        match text.parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(Some(value)),
+            _ => Err(TableError::NotANumber {
+                path: self.path.to_path_buf(),
+                line: self.record.position().map_or(0, csv::Position::line),
+                column: self.header[column].clone(),
+                text: text.to_owned(),
+            }),
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! What a channel comes to: the figures of its plateau, its energy, and how far to trust them.
+
+use std::fmt;
+
+use beam_channel::{Model, Setup, SetupError, Side, Wall};
+use serde::Serialize;
+
+/// A channel in a few figures. Two figures belong to the left and to the right wall.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Between the tips of opposite beams, in m.
+    pub width_m: f64,
+    /// How far a body in the middle pushes the tips aside at most, in m; negative if it passes free.
+    pub deflection_m: f64,
+    /// Where the body's middle is when it touches the first beam, in m past that beam.
+    pub first_contact_m: Option<f64>,
+    /// Where the body's middle is when the last beam slips off.
+    pub last_contact_m: Option<f64>,
+    /// From where to where the body is wholly among the beams, in m.
+    pub plateau_m: Option<[f64; 2]>,
+    /// Mean drag on the plateau in N; zero without contact, none without a plateau.
+    pub mean_drag_n: Option<f64>,
+    /// The greatest drag on the plateau in N.
+    pub peak_drag_n: Option<f64>,
+    /// Where that is first, in m.
+    pub peak_x_m: Option<f64>,
+    /// The smallest drag on the plateau in N.
+    pub minimum_drag_n: Option<f64>,
+    /// Where that is first, in m.
+    pub minimum_x_m: Option<f64>,
+    /// Mean number of beams that touch on the plateau.
+    pub mean_contacts: Option<[f64; 2]>,
+    /// The smallest number.
+    pub min_contacts: Option<[u32; 2]>,
+    /// The greatest number.
+    pub max_contacts: Option<[u32; 2]>,
+    /// Work on all beams in one crossing, in J.
+    pub energy_j: f64,
+    /// What to know before trusting the figures.
+    pub remarks: Vec<Remark>,
+}
+
+/// A reason to look twice at a result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Remark {
+    /// `d > L`.
+    PastRightAngle,
+    /// Tips snap across a part of the body.
+    Snaps,
+    /// A yawed body meets faces before tips.
+    FacesFirst,
+    /// The body is never wholly among the beams.
+    NoPlateau,
+    /// The plateau is shorter than one spacing.
+    ShortPlateau,
+}
+
+/// Works out a channel.
+///
+/// # Errors
+/// [`SetupError`] if it makes no sense, or the body jams.
+pub fn summarise(setup: &Setup) -> Result<Summary, SetupError> {
+    Ok(Summary::of(&Model::new(setup)?))
+}
+
+impl Summary {
+    /// The figures of a model.
+    pub fn of(model: &Model) -> Self {
+        let setup = model.setup();
+        let sides = || Wall::BOTH.into_iter().filter_map(|wall| model.side(wall));
+        let extent = model.extent_m();
+        let plateau = model.plateau();
+        let free = extent.is_none();
+        let or_nothing = |value: Option<f64>| if free { Some(0.0) } else { value };
+        let any = |test: fn(&Side) -> bool| sides().any(test);
+        let short = plateau.is_some_and(|plateau| {
+            plateau.extent_m[1] - plateau.extent_m[0] < setup.channel.pitch_m
+        });
+        let remarks = [
+            (any(Side::turns_past_a_right_angle), Remark::PastRightAngle),
+            (any(Side::snaps), Remark::Snaps),
+            (any(Side::meets_faces_first), Remark::FacesFirst),
+            (!free && plateau.is_none(), Remark::NoPlateau),
+            (short, Remark::ShortPlateau),
+        ];
+        let no_contacts = free.then_some([0; 2]);
+        Self {
+            width_m: setup.channel.width_m,
+            deflection_m: setup.deflection_m(),
+            first_contact_m: extent.map(|[first, _]| first),
+            last_contact_m: extent.map(|[_, last]| last),
+            plateau_m: plateau.map(|plateau| plateau.extent_m),
+            mean_drag_n: or_nothing(plateau.map(|plateau| plateau.mean_drag_n)),
+            peak_drag_n: or_nothing(plateau.map(|plateau| plateau.peak.drag_n)),
+            peak_x_m: plateau.map(|plateau| plateau.peak.x_m),
+            minimum_drag_n: or_nothing(plateau.map(|plateau| plateau.minimum.drag_n)),
+            minimum_x_m: plateau.map(|plateau| plateau.minimum.x_m),
+            mean_contacts: plateau
+                .map(|plateau| plateau.mean_contacts)
+                .or(free.then_some([0.0; 2])),
+            min_contacts: plateau.map(|plateau| plateau.min_contacts).or(no_contacts),
+            max_contacts: plateau.map(|plateau| plateau.max_contacts).or(no_contacts),
+            energy_j: model.energy(),
+            remarks: remarks.into_iter().filter_map(|(is, remark)| is.then_some(remark)).collect(),
+        }
+    }
+}
+
+impl fmt::Display for Remark {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::PastRightAngle => {
+                "the body reaches farther past the tips than a beam is long: it crosses the line \
+                 of the bases and beams turn past 90°, where the model is not valid"
+            }
+            Self::Snaps => "tips snap across a part of the body on which they cannot rest",
+            Self::FacesFirst => {
+                "the body is yawed so far that it meets the beams' faces before their tips, which \
+                 the model does not know of"
+            }
+            Self::NoPlateau => "the channel is shorter than the body: there is no plateau",
+            Self::ShortPlateau => {
+                "the plateau is shorter than the spacing of the beams: its figures are those of a \
+                 longer channel"
+            }
+        })
+    }
+}
