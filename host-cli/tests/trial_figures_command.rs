@@ -261,3 +261,36 @@ fn a_report_says_what_went_in_and_is_the_same_every_time() {
     let (_, said) = run(path, &["report", "nowhere.csv", "--output", "r.html"], 2);
     assert!(said.contains("nowhere.csv") && !path.join("r.html").exists(), "{said}");
 }
+
+#[test]
+fn a_real_trial_is_drawn_and_its_unclear_window_refused() {
+    let log = "velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
+    let (Some(log), Some(matrix)) = (
+        system_tests::real_recording(&format!("skinproc/{log}")),
+        system_tests::real_recording("skinproc/N_matrix_trial9.csv"),
+    ) else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(log, path.join("run3.txt")).unwrap();
+    run(path, &["import", matrix.to_str().unwrap(), "--output", "lab.json"], 0);
+    // The legs start after 0.1 s; drag comes and goes all along, and no tare of its own is quiet.
+    let with = ["--calibration", "lab.json", "--tare-time", "0:0.09"];
+    let (_, said) = run(path, &[&["window", "run3.txt"], &with[..]].concat(), 1);
+    assert!(said.contains("run3.txt: "), "{said}");
+    let window = ["--enter", "3", "--exit", "9"];
+    for kind in ["drag", "telemetry"] {
+        let arguments =
+            [&["plot", kind, "run3.txt", "--output", "f.svg"], &window[..], &with].concat();
+        run(path, &arguments, 0);
+        let svg = fs::read_to_string(path.join("f.svg")).unwrap();
+        assert!(svg.contains("fully inside") && !svg.contains("NaN"));
+    }
+    let manifest = "file,condition,t_enter_s,t_exit_s\nrun3.txt,3 cm,3,9\n";
+    fs::write(path.join("manifest.csv"), manifest).unwrap();
+    run(path, &[&["report", "manifest.csv"], &with[..]].concat(), 0);
+    let html = fs::read_to_string(path.join("report.html")).unwrap();
+    // Rows are missing from it, and what repeats is told.
+    assert!(html.contains("rows are missing") && html.contains("repeat the frame before"));
+}

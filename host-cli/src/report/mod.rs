@@ -3,7 +3,7 @@
 //!
 //! The file needs no network: style, program and plotting library (plotly.js, MIT) are in it, and a
 //! content security policy forbids everything else. Whatever comes from files (names, conditions,
-//! notes, messages) is text: escaped in HTML ([`markup`]), `<` written `\u003c` in the numbers' JSON.
+//! notes, messages) is text: escaped in HTML (`markup`), `<` written `\u003c` in the numbers' JSON.
 
 mod markup;
 mod numbers;
@@ -21,6 +21,7 @@ pub const MOST_TRACES: usize = 100;
 const STYLE: &str = include_str!("../../assets/report/report.css");
 const SCRIPT: &str = include_str!("../../assets/report/report.js");
 const PLOTLY: &str = include_str!("../../assets/report/plotly-cartesian.min.js");
+const PLOTLY_LICENCE: &str = include_str!("../../assets/report/plotly-LICENSE.txt");
 
 /// What a report says. Times are in s on each log's clock, all else in SI units.
 #[derive(Clone, Debug)]
@@ -92,6 +93,8 @@ impl Report<'_> {
 <body>
 {body}
 <script id="data" type="application/json">{data}</script>
+<!-- plotly.js, which follows:
+{PLOTLY_LICENCE}-->
 <script>{PLOTLY}</script>
 <script>
 {SCRIPT}</script>
