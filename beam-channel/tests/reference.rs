@@ -278,6 +278,56 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
     close("no friction", smooth, &values["mean_drag_normal_part"]);
     close("per friction", rough - smooth, &values["mean_drag_friction_per_mu"]);
     close("reversed", 2.0 * smooth - plateau.mean_drag_n, &variants["mu_reversed"]);
+    let pushed = plateau.mean_drag_n + pulled_work(setup, side.first_touch_rad()) / pitch;
+    close("ungated", pushed, &variants["ungated"]);
+}
+
+/// The work in J that a pair of beams would do before they bend forward, had their tips been drawn
+/// back by a body that is only coming: what the reference calls ungated, and the model leaves out. By
+/// the formulas, with nothing of the model but the place where they begin to bend forward.
+fn pulled_work(setup: &Setup, first_touch_rad: f64) -> f64 {
+    let Setup { ellipse, beam, .. } = setup;
+    let (rx, ry, length) = (ellipse.semi_length_m, ellipse.semi_width_m, beam.length_m);
+    let stiffness = beam.torsional_stiffness() / length;
+    // With φ = first touch + z²: travel's slope in z, and drag's product with it.
+    let at = |z: f64| {
+        let (phi, half) = (first_touch_rad + z * z, 0.5 * z * z);
+        let rise = 2.0 * ry * (first_touch_rad + half).cos() * half.sin();
+        let reach = (rise * (2.0 * length - rise)).sqrt();
+        let (back, out) = (rx * phi.sin(), ry * phi.cos());
+        let reach_slope = if reach > 0.0 {
+            (length - rise) * out / reach * 2.0 * z
+        } else {
+            // The limit for z → 0, where reach = z·√(2L·out).
+            (2.0 * length * out).sqrt()
+        };
+        let slope = reach_slope - 2.0 * z * back;
+        let angle = reach.atan2((length - rise).abs());
+        let drag = -stiffness * angle * (out + beam.friction * back) / back.hypot(out);
+        (slope, drag * slope)
+    };
+    // The tip leaves where travel turns, found by bisection.
+    let (mut low, mut high) = (0.0, (0.5 * std::f64::consts::PI - first_touch_rad).sqrt());
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if at(middle).0 > 0.0 { low = middle } else { high = middle }
+    }
+    // Simpson's rule; the integrand is smooth in z.
+    let steps = 4096;
+    let step = low / f64::from(steps);
+    let sum: f64 = (0..=steps)
+        .map(|i| {
+            let weight = if i == 0 || i == steps {
+                1.0
+            } else if i % 2 == 1 {
+                4.0
+            } else {
+                2.0
+            };
+            weight * at(step * f64::from(i)).1
+        })
+        .sum();
+    2.0 * sum * step / 3.0
 }
 
 fn plateau_of(setup: &Setup, change: &dyn Fn(&mut Setup)) -> Plateau {

@@ -209,10 +209,10 @@ fn by_time_results_are_those_of_the_formulas_over_time() {
         let tare = fresh.iter().map(|&i| untared[i]).sum::<f64>() / 50.0;
         // Each slot of the grid shows the last row not after it.
         let mut even = Vec::new();
-        for i in 0..time.len() {
+        for (i, force) in untared.iter().enumerate() {
             let until = if i + 1 < time.len() { slot(i + 1) } else { slot(i) + 1 };
             even.truncate(slot(i));
-            even.resize(until.max(slot(i) + 1), untared[i] - tare);
+            even.resize(until.max(slot(i) + 1), force - tare);
         }
         let filtered = filter_both_ways(&even, &sections(10.0, 999.0));
         (0..time.len()).map(|i| filtered[slot(i)]).collect::<Vec<_>>()
@@ -279,11 +279,14 @@ fn a_tare_without_motion_is_taken_in_silence_and_one_with_motion_is_told() {
     assert!(!moving(&evaluate(&log, &matrix, &quiet)));
 }
 
+/// A condition, its mean in the paper, and how far that may be rounded.
+type Mean = (&'static str, f64, f64);
+
 /// `numpy.mean`, `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the published tables are
 /// computed here by definition: sort, and interpolate at rank (n − 1)·p.
 #[test]
 fn published_tables_have_the_paper_s_means_and_their_box_plots() {
-    let means: [(&str, &[(&str, f64, f64)]); 2] = [
+    let means: [(&str, &[Mean]); 2] = [
         (
             "published/specific_resistance_per_stride.csv",
             &[

@@ -8,7 +8,7 @@
 //!        └──► leg angle ──► strides ──────────┘
 //! ```
 //!
-//! [`evaluate`] takes the rows around a trial's window ([`Stretch`]) and gives its results;
+//! [`evaluate()`] takes the rows around a trial's window ([`Stretch`]) and gives its results;
 //! [`warm_up_s`] says how far around. `docs/trials.md` has the formulas and definitions.
 
 mod error;
