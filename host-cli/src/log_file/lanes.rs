@@ -65,10 +65,10 @@ impl<'a> Fields<'a> {
         places
     }
 
-    /// The same without the rows before this one.
+    /// The same without the first so many rows.
     #[inline(always)]
-    pub(super) fn from_row(self, row: usize) -> Fields<'a> {
-        let from = |(places, stride): (&'a [usize], usize)| (&places[row * stride..], stride);
+    pub(super) fn after_rows(self, rows: usize) -> Fields<'a> {
+        let from = |(places, stride): (&'a [usize], usize)| (&places[rows * stride..], stride);
         Fields { befores: from(self.befores), ends: from(self.ends) }
     }
 }

@@ -54,7 +54,7 @@ impl Lanes for Widest {
             *group = eight;
             done += group.len();
         }
-        done + self.wide.whole_numbers(lines, fields.from_row(done), &mut values[done..])
+        done + self.wide.whole_numbers(lines, fields.after_rows(done), &mut values[done..])
     }
 
     #[inline(always)]
@@ -75,7 +75,7 @@ impl Lanes for Widest {
 fn minus_signs(bytes: u32) -> u32 {
     const LOW_BITS: u32 = 0x7f7f_7f7f;
     let others = bytes ^ u32::from_le_bytes([b'-'; 4]);
-    !((others & LOW_BITS) + LOW_BITS | others) & !LOW_BITS
+    !(((others & LOW_BITS) + LOW_BITS) | others) & !LOW_BITS
 }
 
 /// The lowest and the highest of the bits of each lane.

@@ -447,7 +447,7 @@ fn parse_column(
 ) -> Option<usize> {
     // Readings are short integers: as long as they are, so are the next.
     let whole = lanes.whole_numbers(lines, fields, values);
-    let plain = lanes.plain_numbers(lines, fields.from_row(whole), &mut values[whole..]);
+    let plain = lanes.plain_numbers(lines, fields.after_rows(whole), &mut values[whole..]);
     for (row, value) in values.iter_mut().enumerate().skip(whole + plain) {
         let (start, end) = fields.place(row);
         *value = match lanes.plain_number(lines, start, end) {
