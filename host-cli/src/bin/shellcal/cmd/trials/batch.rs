@@ -179,6 +179,9 @@ impl BatchArgs {
         self.output.write_tables(&batch, &conditions)?;
         if let Some(figures) = &figures {
             figures.write_batch(&conditions, &batch.phases())?;
+            if let Some(note) = manifest::slow_filter(&batch, &self.options(equipment)) {
+                printer.warning(note);
+            }
         }
         let warnings = match self.conditions {
             Some(_) => Vec::new(),
