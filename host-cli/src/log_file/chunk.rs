@@ -11,8 +11,9 @@ use super::rows::Parsed;
 use crate::block::Block;
 use crate::pipeline::Pieces;
 
-/// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing.
-pub(super) const CHUNK_BYTES: usize = 1 << 18;
+/// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing,
+/// with what they are parsed into.
+pub(super) const CHUNK_BYTES: usize = 1 << 17;
 
 /// The first piece is that much smaller: it is worked on by one thread alone.
 const FIRST_CHUNK_SHARE: usize = 8;

@@ -167,7 +167,9 @@ impl KeptBlock {
     /// Takes the wrench out of `block`.
     fn new(block: &mut Block) -> Self {
         let readings = block.readings.iter().map(|column| Column::new(column)).collect();
-        let wrench = std::mem::take(&mut block.wrench);
+        let mut wrench = std::mem::take(&mut block.wrench);
+        // There was room for more rows than there are.
+        wrench.iter_mut().for_each(Vec::shrink_to_fit);
         Self { readings, block: Block { rows: block.rows, wrench, ..Block::default() } }
     }
 
