@@ -82,17 +82,7 @@ fn error(
     let mut tare = TareSearch::new(TareRule::First(50), Rule::Time);
     tare.look_at(times, &stretch.readings, &stretch.fresh, None);
     let tare = tare.finish().unwrap();
-    let [t_enter_s, t_exit_s] = trial.window_s();
-    let subject = Trial {
-        file: String::new(),
-        condition: String::new(),
-        t_enter_s,
-        t_exit_s,
-        velocity_m_s: None,
-        mass_kg: None,
-        channel_length_m: None,
-        notes: None,
-    };
+    let subject = Trial::of_window(String::new(), trial.window_s().into());
     let options = TrialOptions { unexplained: Some(*unexplained), ..TrialOptions::default() };
     let profile = Profile::velociroach();
     let result =

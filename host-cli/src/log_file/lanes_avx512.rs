@@ -1,5 +1,6 @@
-//! [`Lanes`] in the registers of 64 bytes that x86-64 processors with AVX-512 have: marks are looked
-//! for in all of them at a time, and four numbers of up to 16 bytes are read side by side.
+//! [`Lanes`] in the registers of 64 bytes that x86-64 processors with AVX-512 have: eight whole
+//! numbers of up to 8 digits or four decimals of up to 16 bytes are read side by side. All else is
+//! as with [`Wide`].
 
 use std::arch::x86_64::{__m256d, __m256i, __m512i};
 

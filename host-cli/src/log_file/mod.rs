@@ -34,6 +34,7 @@ mod source;
 
 use std::io::Read;
 use std::path::Path;
+use std::sync::LazyLock;
 use std::sync::atomic::Ordering;
 
 pub use columns::{Column, Meaning};
@@ -118,11 +119,15 @@ pub struct ReadSummary {
     pub checksum: Option<String>,
 }
 
+/// One per core. Asked for once: finding out reads several files.
+static AVAILABLE_THREADS: LazyLock<usize> =
+    LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
+
 impl ReadOptions<'_> {
     /// The number of threads that parse.
     pub(crate) fn thread_count(&self) -> usize {
         match self.threads {
-            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            0 => *AVAILABLE_THREADS,
             threads => threads,
         }
     }

@@ -20,3 +20,19 @@ pub struct Trial {
     /// What the manifest says of it.
     pub notes: Option<String>,
 }
+
+impl Trial {
+    /// The trial of a log between two times, of which nothing else is said.
+    pub fn of_window(file: String, (t_enter_s, t_exit_s): (f64, f64)) -> Self {
+        Self {
+            file,
+            condition: String::new(),
+            t_enter_s,
+            t_exit_s,
+            velocity_m_s: None,
+            mass_kg: None,
+            channel_length_m: None,
+            notes: None,
+        }
+    }
+}

@@ -69,18 +69,15 @@ pub fn evaluate_log(
     read: &ReadOptions<'_>,
 ) -> Result<Evaluated, TrialLogError> {
     let window = (trial.t_enter_s, trial.t_exit_s);
-    let Recorded { clock, stretch, tare, summary } =
-        Recorded::read(log, window, instrument, options, read)?;
+    let recorded = Recorded::read(log, window, instrument, options, read)?;
     // What is wrong with the window says more than that there are no rows in it.
-    check_window(trial, &clock)?;
-    let tare = tare.finish()?;
-    let Instrument { profile, calibration } = instrument;
-    let mut result =
-        evaluate(trial, profile, calibration, &clock, tare.as_ref(), &stretch, options)?;
-    if summary.skipped_rows > 0 {
-        result.remarks.push(Remark::SkippedRows { rows: summary.skipped_rows });
+    check_window(trial, &recorded.clock)?;
+    let rows = recorded.summary.skipped_rows;
+    let mut evaluated = recorded.evaluate(trial, instrument, options)?;
+    if rows > 0 {
+        evaluated.result.remarks.push(Remark::SkippedRows { rows });
     }
-    Ok(Evaluated { result, clock, rows: summary.rows, checksum: summary.checksum })
+    Ok(evaluated)
 }
 
 /// Evaluates a log from its first row to its last, with its trace, as if it were one trial: what a
@@ -96,22 +93,10 @@ pub fn evaluate_whole(
 ) -> Result<Evaluated, TrialLogError> {
     let options = TrialOptions { trace: TraceExtent::Log, ..*options };
     let everything = (f64::NEG_INFINITY, f64::INFINITY);
-    let Recorded { clock, stretch, tare, summary } =
-        Recorded::read(log, everything, instrument, &options, read)?;
-    let trial = Trial {
-        file: log.path().display().to_string(),
-        condition: String::new(),
-        t_enter_s: clock.first_s,
-        t_exit_s: clock.last_s,
-        velocity_m_s: None,
-        mass_kg: None,
-        channel_length_m: None,
-        notes: None,
-    };
-    let tare = tare.finish()?;
-    let Instrument { profile, calibration } = instrument;
-    let result = evaluate(&trial, profile, calibration, &clock, tare.as_ref(), &stretch, &options)?;
-    Ok(Evaluated { result, clock, rows: summary.rows, checksum: summary.checksum })
+    let recorded = Recorded::read(log, everything, instrument, &options, read)?;
+    let Clock { first_s, last_s, .. } = recorded.clock;
+    let trial = Trial::of_window(log.path().display().to_string(), (first_s, last_s));
+    recorded.evaluate(&trial, instrument, &options)
 }
 
 /// Proposes entry and exit from the drag, filtered without delay whatever `options` say.
@@ -156,6 +141,19 @@ impl Recorded {
         let summary = log.read_where(&wanted, read, &mut reading)?;
         let clock = reading.clock(summary.rows)?;
         Ok(Self { clock, stretch: reading.stretch, tare: reading.tare, summary })
+    }
+
+    fn evaluate(
+        self,
+        trial: &Trial,
+        Instrument { profile, calibration }: Instrument<'_>,
+        options: &TrialOptions,
+    ) -> Result<Evaluated, TrialLogError> {
+        let Self { clock, stretch, tare, summary } = self;
+        let tare = tare.finish()?;
+        let result =
+            evaluate(trial, profile, calibration, &clock, tare.as_ref(), &stretch, options)?;
+        Ok(Evaluated { result, clock, rows: summary.rows, checksum: summary.checksum })
     }
 }
 

@@ -117,7 +117,7 @@ impl OneArgs {
         let log = Log::open(&self.log, &equipment.mapping)?;
         let options = self.evaluation.options(&equipment, TraceExtent::Log);
         let read = self.evaluation.read_options();
-        let (t_enter_s, t_exit_s) = match self.enter.zip(self.exit) {
+        let window = match self.enter.zip(self.exit) {
             Some(window) => window,
             None if equipment.calibration.is_none() => {
                 bail!("without a calibration there is no drag to find the window in")
@@ -127,16 +127,7 @@ impl OneArgs {
                 (proposal.t_enter_s, proposal.t_exit_s)
             }
         };
-        let trial = Trial {
-            file: self.log.display().to_string(),
-            condition: String::new(),
-            t_enter_s,
-            t_exit_s,
-            velocity_m_s: None,
-            mass_kg: None,
-            channel_length_m: None,
-            notes: None,
-        };
+        let trial = Trial::of_window(self.log.display().to_string(), window);
         let result = evaluate_log(&log, &trial, instrument, &options, &read)?.result;
         let (row, trace) = (&result.row, result.trace.unwrap_or_default());
         let title = self.title.clone().unwrap_or_else(|| title(row));

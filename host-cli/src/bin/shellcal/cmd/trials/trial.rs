@@ -103,14 +103,10 @@ impl TrialArgs {
             }
         };
         let trial = Trial {
-            file: name.clone(),
-            condition: String::new(),
-            t_enter_s: window.0,
-            t_exit_s: window.1,
             velocity_m_s: self.velocity,
             mass_kg: self.mass,
             channel_length_m: self.channel_length,
-            notes: None,
+            ..Trial::of_window(name.clone(), window)
         };
         let bar = printer.progress(&name, log.bytes());
         let progress = |bytes| bar.set_position(bytes);
