@@ -36,6 +36,7 @@ pub mod alignment;
 pub mod block;
 pub mod calibration;
 pub mod calibration_file;
+mod cores;
 pub mod double_double;
 pub mod filter;
 pub mod link;
@@ -50,6 +51,7 @@ pub mod report;
 pub mod sensor_model;
 #[cfg(unix)]
 pub mod simulated_board;
+mod step;
 pub mod survey;
 pub mod synthetic_block;
 pub mod synthetic_log;

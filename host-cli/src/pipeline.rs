@@ -4,7 +4,9 @@
 //! the order of the results are not.
 
 use std::collections::BTreeMap;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError, TryLockError};
+
+use crate::cores::Cores;
 
 /// What is cut into pieces, one after another.
 pub(crate) trait Pieces: Send {
@@ -44,16 +46,22 @@ pub(crate) fn run<P: Pieces, T: Send, E>(
         }
         return Ok(());
     }
+    let cores = Cores::for_each_of(threads);
+    let _stay = cores.as_ref().and_then(|cores| cores.stay(0));
     let queue = Queue::new(pieces, WAITING_PER_THREAD * threads);
     std::thread::scope(|scope| {
-        for _ in 1..threads {
-            scope.spawn(|| {
-                let _stop = StopOnPanic(&queue);
+        let _stop = StopOnPanic(&queue);
+        for thread in 1..threads {
+            let (queue, work, cores) = (&queue, &work, cores.as_ref());
+            scope.spawn(move || {
+                let _stay = cores.and_then(|cores| cores.stay(thread));
+                let _stop = StopOnPanic(queue);
                 let mut piece = P::Piece::default();
-                while queue.wait_for_room() && queue.work_on_next(&mut piece, &work) {}
+                while queue.wait_for_room() && queue.work_on_next(&mut piece, work) {}
             });
         }
-        let _stop = StopOnPanic(&queue);
+        // New threads may have been put on this core: let them move to their own.
+        std::thread::yield_now();
         let outcome = loop {
             match queue.take_finished() {
                 Finished::Result(Ok(value)) => {
@@ -98,6 +106,8 @@ struct State<T, E> {
     /// How many pieces there are, once that is known.
     pieces: Option<usize>,
     stopped: bool,
+    /// How many threads wait for a change.
+    waiting: usize,
 }
 
 enum Finished<T, E> {
@@ -108,7 +118,8 @@ enum Finished<T, E> {
 
 impl<'a, P: Pieces, T> Queue<'a, P, T> {
     fn new(pieces: &'a mut P, room: usize) -> Self {
-        let state = State { finished: BTreeMap::new(), next: 0, pieces: None, stopped: false };
+        let state =
+            State { finished: BTreeMap::new(), next: 0, pieces: None, stopped: false, waiting: 0 };
         Self {
             source: Mutex::new(Source { pieces, next: 0 }),
             state: Mutex::new(state),
@@ -124,14 +135,13 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
 
     /// Takes a piece, works on it, files the result; `false` if there is none.
     fn work_on_next(&self, piece: &mut P::Piece, work: impl Fn(&mut P::Piece) -> T) -> bool {
-        let mut source = self.source.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut source = lock_soon(&self.source);
         let index = source.next;
         source.next += 1;
         let next = source.pieces.next(piece);
         if source.pieces.ended() || !matches!(next, Ok(true)) {
             let pieces = if matches!(next, Ok(false)) { index } else { index + 1 };
-            self.state().pieces.get_or_insert(pieces);
-            self.changed.notify_all();
+            self.change(|state| *state.pieces.get_or_insert(pieces));
         }
         drop(source);
         let result = match next {
@@ -140,8 +150,7 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
             Err(error) => Err(error),
         };
         let more = result.is_ok();
-        self.state().finished.insert(index, result);
-        self.changed.notify_all();
+        self.change(|state| state.finished.insert(index, result));
         more
     }
 
@@ -149,38 +158,75 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
     fn wait_for_room(&self) -> bool {
         let mut state = self.state();
         while !state.stopped && state.pieces.is_none() && state.finished.len() >= self.room {
-            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state = self.wait(state);
         }
         !state.stopped && state.pieces.is_none()
     }
 
     fn take_finished(&self) -> Finished<T, P::Error> {
-        let mut state = self.state();
-        let next = state.next;
-        match state.finished.remove(&next) {
-            Some(result) => {
-                state.next += 1;
-                self.changed.notify_all();
-                Finished::Result(result)
+        self.change(|state| {
+            let next = state.next;
+            match state.finished.remove(&next) {
+                Some(result) => {
+                    state.next += 1;
+                    Finished::Result(result)
+                }
+                None if state.pieces.is_some_and(|pieces| next >= pieces) => Finished::All,
+                None => Finished::NotYet { all_taken: state.pieces.is_some() },
             }
-            None if state.pieces.is_some_and(|pieces| next >= pieces) => Finished::All,
-            None => Finished::NotYet { all_taken: state.pieces.is_some() },
-        }
+        })
     }
 
     /// Waits for the next result in order; `false` if it will never come.
     fn wait_for_finished(&self) -> bool {
         let mut state = self.state();
         while !state.stopped && !state.finished.contains_key(&state.next) {
-            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state = self.wait(state);
         }
         !state.stopped
     }
 
     fn stop(&self) {
-        self.state().stopped = true;
-        self.changed.notify_all();
+        self.change(|state| state.stopped = true);
     }
+
+    /// Changes the state and tells those who wait for that, if there are any.
+    fn change<R>(&self, change: impl FnOnce(&mut State<T, P::Error>) -> R) -> R {
+        let mut state = self.state();
+        let result = change(&mut state);
+        let waiting = state.waiting;
+        drop(state);
+        if waiting > 0 {
+            self.changed.notify_all();
+        }
+        result
+    }
+
+    /// Waits for a change.
+    fn wait<'s>(
+        &self,
+        mut state: MutexGuard<'s, State<T, P::Error>>,
+    ) -> MutexGuard<'s, State<T, P::Error>> {
+        state.waiting += 1;
+        let mut state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        state.waiting -= 1;
+        state
+    }
+}
+
+/// Locks without going to sleep, if that is possible soon: to be woken takes longer than to read a
+/// piece.
+fn lock_soon<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    /// Some tens of microseconds.
+    const ATTEMPTS: usize = 1000;
+    for _ in 0..ATTEMPTS {
+        match mutex.try_lock() {
+            Ok(guard) => return guard,
+            Err(TryLockError::Poisoned(error)) => return error.into_inner(),
+            Err(TryLockError::WouldBlock) => std::hint::spin_loop(),
+        }
+    }
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Lets the other threads go when this one panics, or they would wait for its result for ever.

@@ -477,7 +477,9 @@ fn a_board_is_told_to_start_until_it_does_and_to_stop_at_the_end() {
     succeed(dir.path(), &format!("record {name} -o log.csv --duration 1.5 --start"));
     // It looks for commands every few ms.
     thread::sleep(Duration::from_secs(1));
-    let heard = board.stop();
+    let mut heard = board.stop();
+    // On a busy machine answers may come late, and commands be repeated.
+    heard.dedup();
     assert_eq!(heard, [Command::Start, Command::Stop]);
     // Each answer comes with frame 7, twice.
     assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), [7]);

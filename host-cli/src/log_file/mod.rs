@@ -141,7 +141,7 @@ impl Log {
     /// columns for one thing, or lacks a column that `mapping` names.
     pub fn open(path: &Path, mapping: &Mapping) -> Result<Self, LogError> {
         let source = Source::new(path)?;
-        let mut head = Vec::new();
+        let mut head = Vec::with_capacity(HEAD_BYTES as usize);
         let mut stream = source.open(false)?.take(HEAD_BYTES);
         stream.read_to_end(&mut head).map_err(|error| source.error(error))?;
         let whole = (head.len() as u64) < HEAD_BYTES;
@@ -375,7 +375,7 @@ impl Log {
     pub fn sample(&self, wanted: &Wanted) -> Result<Block, LogError> {
         self.require(wanted)?;
         let plan = Plan::new(&self.layout, wanted);
-        let mut lines = Vec::new();
+        let mut lines = Vec::with_capacity((SAMPLES * SAMPLE_BYTES) as usize);
         let rows_end = self.source.bytes;
         let span = rows_end.saturating_sub(self.layout.rows_start);
         let io = |error| self.source.error(error);

@@ -1,9 +1,10 @@
 //! Training logs as rows that can be passed over as often as a solver asks.
 //!
 //! Parsing is the dearest part of a fit, so the rows of short logs are kept from the first pass on,
-//! counts as what they are, integers of 16 bits. Longer logs are read anew on every pass: memory
-//! does not grow with them.
+//! counts and wrenches of a digital sensor as what they are, integers of 16 bits. Longer logs are
+//! read anew on every pass: memory does not grow with them.
 
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::WorkflowError;
@@ -12,8 +13,10 @@ use crate::calibration::FitError;
 use crate::calibration::solver::{Blocks, Pass};
 use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
 use crate::pipeline::{self, Pieces};
+use crate::step::{Step, Words};
 
-/// The bytes that kept rows may take: some 100,000 rows of eight channels.
+/// The bytes that kept rows may take: some 100,000 rows of eight channels, or 300,000 where the
+/// wrench is that of a digital sensor.
 const KEPT_BYTES: usize = 8 << 20;
 
 /// The rows of training logs.
@@ -43,11 +46,12 @@ impl<'a> TrainingRows<'a> {
         mut fold: impl FnMut(T),
     ) -> Result<ReadSummary, WorkflowError> {
         let known = self.summaries.get(log);
-        if let (Some(kept), Some(known)) = (&mut self.kept, known) {
+        if let (Some(kept), Some(known)) = (&self.kept, known) {
+            let channels = self.logs[log].channels();
             pipeline::run(
-                &mut KeptBlocks(&mut kept[log]),
+                &mut KeptBlocks(&kept[log]),
                 self.read.thread_count(),
-                |piece| piece.with_block(&map),
+                |piece| map(piece.block(channels)),
                 |never| match never {},
                 |value| -> Result<(), WorkflowError> {
                     fold(value?);
@@ -94,11 +98,12 @@ impl<'a> TrainingRows<'a> {
         let (mut summaries, mut kept) = (Vec::new(), Vec::new());
         let (mut bytes, is_kept) = (0, AtomicBool::new(true));
         let mut all = pass.empty();
+        let steps = Steps::new();
         for log in 0..self.logs.len() {
             let mut blocks = Vec::new();
             let map = |block: &mut Block| {
                 let partial = pass.reduce(block)?;
-                let kept = is_kept.load(Ordering::Relaxed).then(|| KeptBlock::new(block));
+                let kept = is_kept.load(Ordering::Relaxed).then(|| KeptBlock::new(block, &steps));
                 Ok((partial, kept))
             };
             let summary = self.read_log(log, &self.read, map, |(partial, block)| {
@@ -147,63 +152,85 @@ impl Blocks for TrainingRows<'_> {
     }
 }
 
-/// The readings and the wrench of some rows.
+/// The readings and the wrench of some rows, in little memory.
 #[derive(Debug)]
 struct KeptBlock {
-    readings: Vec<Column>,
-    /// All but the readings.
-    block: Block,
+    rows: usize,
+    /// The readings, then the wrench.
+    columns: Vec<Column>,
+    /// Those columns that are small integers, one after another.
+    words: Vec<u16>,
+    others: Vec<f64>,
 }
 
-/// The readings of one channel.
-#[derive(Debug)]
+/// How the numbers of one column are kept.
+#[derive(Clone, Copy, Debug)]
 enum Column {
-    /// All of them are such numbers.
-    Counts(Vec<u16>),
-    Other(Vec<f64>),
+    /// As multiples of a step.
+    Words(Words),
+    /// As they are.
+    Other,
 }
+
+/// What the numbers of each column are multiples of: in the first block, and then mostly in all.
+type Steps = OnceLock<Vec<Option<Step>>>;
 
 impl KeptBlock {
-    /// Takes the wrench out of `block`.
-    fn new(block: &mut Block) -> Self {
-        let readings = block.readings.iter().map(|column| Column::new(column)).collect();
-        let mut wrench = std::mem::take(&mut block.wrench);
-        // There was room for more rows than there are.
-        wrench.iter_mut().for_each(Vec::shrink_to_fit);
-        Self { readings, block: Block { rows: block.rows, wrench, ..Block::default() } }
+    fn new(block: &Block, steps: &Steps) -> Self {
+        let columns = || block.readings.iter().chain(&block.wrench);
+        let steps = steps.get_or_init(|| columns().map(|column| Step::of(column)).collect());
+        let mut kept = Self {
+            rows: block.rows,
+            columns: Vec::with_capacity(steps.len()),
+            words: Vec::with_capacity(steps.len() * block.rows),
+            others: Vec::new(),
+        };
+        for (column, step) in columns().zip(steps) {
+            let words = step.and_then(|step| step.count(column, &mut kept.words));
+            if words.is_none() {
+                kept.others.extend_from_slice(column);
+            }
+            kept.columns.push(words.map_or(Column::Other, Column::Words));
+        }
+        kept.words.shrink_to_fit();
+        kept
     }
 
     fn bytes(&self) -> usize {
-        let readings = |column: &Column| match column {
-            Column::Counts(counts) => size_of_val(&counts[..]),
-            Column::Other(readings) => size_of_val(&readings[..]),
-        };
-        let wrench = self.block.wrench.iter().map(|column| column.capacity() * size_of::<f64>());
-        self.readings.iter().map(readings).chain(wrench).sum()
+        size_of_val(&self.words[..]) + size_of_val(&self.others[..])
     }
-}
 
-impl Column {
-    fn new(readings: &[f64]) -> Self {
-        // Where a count is added to 2⁵², it stands in the lowest bits: a cast would take longer.
-        const TO_LOWEST_BITS: f64 = (1_u64 << 52) as f64;
-        let count = |&s: &f64| (s + TO_LOWEST_BITS).to_bits() as u16;
-        let counts: Vec<u16> = readings.iter().map(count).collect();
-        let is_exact = |(&s, &count): (&f64, &u16)| s == f64::from(count);
-        // Without a way out of the loop: it is all or nothing, and nearly always all.
-        let all = readings.iter().zip(&counts).map(is_exact).fold(true, |all, is| all & is);
-        if all { Column::Counts(counts) } else { Column::Other(readings.to_vec()) }
+    /// Writes the rows as they were read.
+    fn restore(&self, block: &mut Block, channels: usize) {
+        block.rows = self.rows;
+        block.readings.resize_with(channels, Vec::new);
+        block.wrench.resize_with(self.columns.len() - channels, Vec::new);
+        let (mut words, mut others) = (&self.words[..], &self.others[..]);
+        let columns = block.readings.iter_mut().chain(&mut block.wrench);
+        for (kept, column) in self.columns.iter().zip(columns) {
+            column.clear();
+            match kept {
+                Column::Words(how) => {
+                    let words = words.split_off(..self.rows).expect("as many as there are rows");
+                    how.values(words, column);
+                }
+                Column::Other => {
+                    let numbers = others.split_off(..self.rows).expect("likewise");
+                    column.extend_from_slice(numbers);
+                }
+            }
+        }
     }
 }
 
 /// Blocks that are handed out one by one.
-struct KeptBlocks<'a>(&'a mut [KeptBlock]);
+struct KeptBlocks<'a>(&'a [KeptBlock]);
 
-/// One of them, and room for its readings.
+/// One of them, and room for its rows.
 #[derive(Default)]
 struct KeptPiece<'a> {
-    kept: Option<&'a mut KeptBlock>,
-    readings: Vec<Vec<f64>>,
+    kept: Option<&'a KeptBlock>,
+    block: Block,
 }
 
 impl<'a> Pieces for KeptBlocks<'a> {
@@ -215,26 +242,17 @@ impl<'a> Pieces for KeptBlocks<'a> {
     }
 
     fn next(&mut self, piece: &mut KeptPiece<'a>) -> Result<bool, Self::Error> {
-        piece.kept = self.0.split_off_first_mut();
+        piece.kept = self.0.split_off_first();
         Ok(piece.kept.is_some())
     }
 }
 
 impl KeptPiece<'_> {
-    /// What `map` makes of the rows as they were read.
-    fn with_block<T>(&mut self, map: impl Fn(&Block) -> T) -> T {
-        let Some(kept) = &mut self.kept else { return map(&Block::default()) };
-        self.readings.resize_with(kept.readings.len(), Vec::new);
-        for (column, kept) in self.readings.iter_mut().zip(&kept.readings) {
-            column.clear();
-            match kept {
-                Column::Counts(counts) => column.extend(counts.iter().map(|&s| f64::from(s))),
-                Column::Other(readings) => column.extend_from_slice(readings),
-            }
+    /// The rows as they were read, of so many channels.
+    fn block(&mut self, channels: usize) -> &Block {
+        if let Some(kept) = self.kept {
+            kept.restore(&mut self.block, channels);
         }
-        std::mem::swap(&mut kept.block.readings, &mut self.readings);
-        let value = map(&kept.block);
-        std::mem::swap(&mut kept.block.readings, &mut self.readings);
-        value
+        &self.block
     }
 }

@@ -31,9 +31,10 @@ impl Printer {
 
     /// Prints the result of a command as one JSON document, every figure at full precision.
     pub(crate) fn document(&mut self, value: &impl Serialize) -> anyhow::Result<()> {
-        let mut out = io::stdout().lock();
-        serde_json::to_writer_pretty(&mut out, value).map_err(io::Error::from)?;
-        writeln!(out)?;
+        // At one go: stdout would pass it on line by line.
+        let mut text = serde_json::to_vec_pretty(value).map_err(io::Error::from)?;
+        text.push(b'\n');
+        io::stdout().lock().write_all(&text)?;
         Ok(())
     }
 

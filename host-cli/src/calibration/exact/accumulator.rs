@@ -4,7 +4,7 @@
 //! channel's range, which makes them small. Each sum over such a block is exact (see
 //! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
 //! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches turn up that the choice of
-//! centre and limbs does not cover, the sums so far are put into [`Moments`] and a new choice is
+//! centre, limbs and digits does not cover, the sums so far are put into [`Moments`] and a new choice is
 //! made.
 
 use std::sync::Arc;
@@ -13,9 +13,10 @@ use pulp::Arch;
 
 use super::block_sums::{Scratch, SumBlock};
 use super::choice::Choice;
+use super::digits::{Digits, Numbers};
 use super::kernel::ROWS;
 use super::layout::Layout;
-use super::limbs::{FeatureLimbs, Limbs, Places, SQUARE_WIDTH};
+use super::limbs::{FeatureLimbs, SQUARE_WIDTH};
 use super::moments::{Channel, Moments};
 use super::open_sums::{MOST_BLOCKS, OpenSums};
 use super::unit::{Unit, count, survey};
@@ -33,7 +34,7 @@ pub struct Accumulator {
     /// What the choice of centre and limbs is made for: rows so far, and what other accumulators
     /// have met. Has no influence on results.
     expected: Vec<Channel>,
-    places: [Places; 6],
+    numbers: [Numbers; 6],
     open: Option<OpenSums>,
     /// Rows not yet summed: columns of [`ROWS`] numbers.
     staged: usize,
@@ -51,7 +52,7 @@ impl Accumulator {
             channels: total.channels.clone(),
             expected: total.channels.clone(),
             total,
-            places: [Places::NONE; 6],
+            numbers: [Numbers::NONE; 6],
             open: None,
             staged: 0,
             readings: vec![0.0; channels * ROWS],
@@ -68,7 +69,7 @@ impl Accumulator {
             total: Moments::with_layout(self.total.basis, self.layout.clone()),
             channels: Vec::new(),
             expected: self.expected.clone(),
-            places: self.places,
+            numbers: self.numbers,
             open: None,
             staged: 0,
             readings: vec![0.0; self.readings.len()],
@@ -95,7 +96,7 @@ impl Accumulator {
         for (own, other) in self.expected.iter_mut().zip(&other.expected) {
             own.merge(other);
         }
-        for (own, other) in self.places.iter_mut().zip(other.places) {
+        for (own, other) in self.numbers.iter_mut().zip(other.numbers) {
             *own = own.and(other);
         }
     }
@@ -107,8 +108,8 @@ impl Accumulator {
                 expected.merge(&found);
             }
         }
-        for (places, column) in self.places.iter_mut().zip(wrench) {
-            *places = places.and(Places::of(column.as_ref()));
+        for (numbers, column) in self.numbers.iter_mut().zip(wrench) {
+            *numbers = numbers.and(Numbers::of(column.as_ref()));
         }
     }
 
@@ -141,7 +142,7 @@ impl Accumulator {
                 return Err(ExactError::TooWide { channel: i });
             }
         }
-        for (own, other) in self.places.iter_mut().zip(other.places) {
+        for (own, other) in self.numbers.iter_mut().zip(other.numbers) {
             *own = own.and(other);
         }
         let Some(open) = other.open.take_if(|open| open.rows > 0) else { return Ok(()) };
@@ -182,8 +183,8 @@ impl Accumulator {
         assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
         self.survey(readings)?;
         if self.open.is_none() {
-            for (places, column) in self.places.iter_mut().zip(wrench) {
-                *places = places.and(Places::of(column.as_ref()));
+            for (numbers, column) in self.numbers.iter_mut().zip(wrench) {
+                *numbers = numbers.and(Numbers::of(column.as_ref()));
             }
         }
         let mut start = 0;
@@ -290,22 +291,29 @@ impl Accumulator {
             if !staged.iter().all(|x| x.is_finite()) {
                 return Err(ExactError::NotFinite { axis });
             }
-            let places = &mut self.places[axis.index()];
-            *places = places.and(Places::of(staged));
+            let numbers = &mut self.numbers[axis.index()];
+            *numbers = numbers.and(Numbers::of(staged));
         }
-        let limbs = |width| -> Result<[Limbs; 6], ExactError> {
-            let mut limbs = [Limbs::of_integers(width, 0); 6];
-            for axis in Axis::ALL {
-                let places = self.places[axis.index()];
-                limbs[axis.index()] =
-                    places.limbs(width).ok_or(ExactError::TooManyPlaces { axis })?;
-            }
-            Ok(limbs)
-        };
         let centre: Vec<i64> = self.expected.iter().map(Channel::middle).collect();
         let features = FeatureLimbs::new(distance(&self.expected, &centre), &self.layout);
-        let cross = features.cross_width().map(limbs).transpose()?;
-        let choice = Choice::new(&self.layout, centre, features, limbs(SQUARE_WIDTH)?, cross);
+        let cross_width = features.cross_width().unwrap_or(SQUARE_WIDTH);
+        // Narrow digits will do for both, as they are as few.
+        let digits = |width: u32| -> Result<[Digits; 6], ExactError> {
+            let mut digits = [Digits::NONE; 6];
+            for axis in Axis::ALL {
+                let numbers = self.numbers[axis.index()];
+                digits[axis.index()] = match numbers.grid(cross_width) {
+                    Some(grid) => Digits::Grid(grid),
+                    None => numbers
+                        .limbs(width)
+                        .map(Digits::Limbs)
+                        .ok_or(ExactError::TooManyPlaces { axis })?,
+                };
+            }
+            Ok(digits)
+        };
+        let (squares, cross) = (digits(SQUARE_WIDTH)?, digits(cross_width)?);
+        let choice = Choice::new(&self.layout, centre, features, squares, cross);
         self.open = Some(OpenSums::new(Arc::new(choice)));
         Ok(())
     }

@@ -30,7 +30,7 @@ impl Scratch {
     }
 }
 
-/// Adds the first `rows` rows of a block to open sums, unless the limbs do not cover the wrench:
+/// Adds the first `rows` rows of a block to open sums, unless the digits do not cover the wrench:
 /// says whether.
 pub(super) struct SumBlock<'a> {
     pub(super) layout: &'a Layout,
@@ -80,16 +80,17 @@ impl WithSimd for SumBlock<'_> {
     }
 }
 
-/// Cuts the wrench into its limbs; says whether they add up to it.
+/// Cuts the wrench into its digits; says whether they add up to it.
 #[inline(always)]
 fn cut_wrench(choice: &Choice, axes: &[f64], wrench: &mut [f64]) -> bool {
     let (squares, rest) = wrench.split_at_mut(choice.square_columns() * ROWS);
     let cross = &mut rest[ROWS..];
-    for (limbs, mut columns) in [(Some(&choice.squares), squares), (choice.cross.as_ref(), cross)] {
-        for (limbs, axis) in limbs.into_iter().flatten().zip(axes.chunks_exact(ROWS)) {
+    for (digits, mut columns) in [(Some(&choice.squares), squares), (choice.cross.as_ref(), cross)]
+    {
+        for (digits, axis) in digits.into_iter().flatten().zip(axes.chunks_exact(ROWS)) {
             let now;
-            (now, columns) = columns.split_at_mut(limbs.count * ROWS);
-            if !limbs.cut(axis, now) {
+            (now, columns) = columns.split_at_mut(digits.count() * ROWS);
+            if !digits.cut(axis, now) {
                 return false;
             }
         }

@@ -2,14 +2,16 @@
 
 use std::ops::Range;
 
+use super::digits::Digits;
 use super::layout::Layout;
-use super::limbs::{FeatureLimbs, Limbs};
+use super::limbs::FeatureLimbs;
 
 /// A choice of centre and limbs, with what follows from it for the work on a block of rows.
 ///
 /// Columns of features stand side by side: first the right operands, feature by feature, then, for
-/// one group of products after the other, those left operands that are not among them. Columns of the wrench, likewise: limbs to be
-/// multiplied with each other, axis by axis, then ones, then limbs for the features only.
+/// one group of products after the other, those left operands that are not among them. Columns of
+/// the wrench, likewise: digits to be multiplied with each other, axis by axis, then ones, then
+/// digits for the features only.
 #[derive(Debug, PartialEq)]
 pub(super) struct Choice {
     /// What is subtracted from the readings of each channel.
@@ -22,10 +24,10 @@ pub(super) struct Choice {
     /// The products of features, group by group of the layout, each with its left operands that
     /// are not among the right ones.
     pub(super) groups: Vec<(Vec<Part>, Operands)>,
-    /// Limbs of each axis that are multiplied with those of other axes.
-    pub(super) squares: [Limbs; 6],
-    /// Limbs of each axis that are multiplied with features, if not the same.
-    pub(super) cross: Option<[Limbs; 6]>,
+    /// Digits of each axis that are multiplied with those of other axes.
+    pub(super) squares: [Digits; 6],
+    /// Digits of each axis that are multiplied with features, if not the same.
+    pub(super) cross: Option<[Digits; 6]>,
 }
 
 /// A limb of a feature: the feature is the sum of its limbs, each times two to its shift.
@@ -47,8 +49,8 @@ impl Choice {
         layout: &Layout,
         centre: Vec<i64>,
         features: FeatureLimbs,
-        squares: [Limbs; 6],
-        cross: Option<[Limbs; 6]>,
+        squares: [Digits; 6],
+        cross: [Digits; 6],
     ) -> Self {
         let FeatureLimbs { left, right, .. } = features;
         let parts = |feature: usize, count: usize, width: u32| {
@@ -75,21 +77,22 @@ impl Choice {
             (lefts, Operands { left: columns, right })
         });
         let groups = groups.collect();
+        let cross = (cross != squares).then_some(cross);
         Self { centre, features, firsts, rights, groups, squares, cross }
     }
 
-    /// Columns of limbs that are multiplied with each other; the column of ones comes after them.
+    /// Columns of digits that are multiplied with each other; the column of ones comes after them.
     pub(super) fn square_columns(&self) -> usize {
-        self.squares.iter().map(|limbs| limbs.count).sum()
+        self.squares.iter().map(Digits::count).sum()
     }
 
     /// Columns of the wrench.
     pub(super) fn wrench_columns(&self) -> usize {
-        let cross = self.cross.iter().flatten().map(|limbs| limbs.count).sum::<usize>();
+        let cross = self.cross.iter().flatten().map(Digits::count).sum::<usize>();
         self.square_columns() + 1 + cross
     }
 
-    /// The columns of the wrench that are multiplied with features: limbs axis by axis and ones,
+    /// The columns of the wrench that are multiplied with features: digits axis by axis and ones,
     /// the latter last or first.
     pub(super) fn cross_columns(&self) -> Range<usize> {
         match self.cross {
@@ -98,17 +101,17 @@ impl Choice {
         }
     }
 
-    /// The limbs of each axis that are multiplied with features.
-    pub(super) fn cross_limbs(&self) -> &[Limbs; 6] {
+    /// The digits of each axis that are multiplied with features.
+    pub(super) fn cross_digits(&self) -> &[Digits; 6] {
         self.cross.as_ref().unwrap_or(&self.squares)
     }
 
-    /// For every axis the columns that its limbs are multiplied with: its own, those of later axes
+    /// For every axis the columns that its digits are multiplied with: its own, those of later axes
     /// and ones.
     pub(super) fn square_operands(&self) -> [Operands; 6] {
         let mut start = 0;
-        self.squares.map(|limbs| {
-            let own = start..start + limbs.count;
+        self.squares.map(|digits| {
+            let own = start..start + digits.count();
             start = own.end;
             Operands { right: own.start..self.square_columns() + 1, left: own.collect() }
         })

@@ -18,6 +18,7 @@ mod block_sums;
 mod by_group;
 mod choice;
 mod cholesky;
+mod digits;
 mod held_out;
 mod kernel;
 mod layout;

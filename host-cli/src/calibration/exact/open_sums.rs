@@ -6,8 +6,7 @@ use num_bigint::BigInt;
 
 use super::choice::Choice;
 use super::layout::Layout;
-use super::limbs::SQUARE_WIDTH;
-use super::moments::{Moments, Scaled, join, move_origin};
+use super::moments::{Moments, Scaled, move_origin};
 use crate::calibration::model::Basis;
 
 /// Blocks after which the pairs of sums could lose their exactness: `2^25·2^26 < 2^53`, and
@@ -20,8 +19,8 @@ pub(super) struct OpenSums {
     pub(super) choice: Arc<Choice>,
     pub(super) rows: u64,
     pub(super) blocks: u64,
-    /// The multiples of 2²⁶ of the sums: those of the groups, then of the limbs of the wrench and
-    /// ones with features, then of the limbs of the wrench with each other and ones.
+    /// The multiples of 2²⁶ of the sums: those of the groups, then of the digits of the wrench
+    /// and ones with features, then of the digits of the wrench with each other and ones.
     pub(super) high: Vec<f64>,
     /// What is not a multiple of 2²⁶ in each.
     pub(super) low: Vec<f64>,
@@ -54,9 +53,9 @@ impl OpenSums {
         self.add_squares(&mut moments, &mut wrench, &mut sums);
         let back: Vec<i64> = self.choice.centre.iter().map(|c| -c).collect();
         move_origin(layout, &mut moments.readings, &mut wrench, &back);
-        let limbs = self.choice.cross_limbs();
-        for ((scaled, sums), limbs) in moments.wrench.iter_mut().zip(wrench).zip(limbs) {
-            *scaled = Scaled::new(limbs.unit, sums);
+        let digits = self.choice.cross_digits();
+        for ((scaled, sums), digits) in moments.wrench.iter_mut().zip(wrench).zip(digits) {
+            *scaled = Scaled::new(digits.unit(), sums);
         }
         moments
     }
@@ -104,12 +103,13 @@ impl OpenSums {
         if choice.cross.is_some() {
             add_ones(sums);
         }
-        let wrench = choice.cross_limbs().map(|limbs| {
-            let products: Vec<i128> = (0..limbs.count * rights.len()).map(|_| next(sums)).collect();
+        let wrench = choice.cross_digits().map(|digits| {
+            let products = digits.count() * rights.len();
+            let products: Vec<i128> = (0..products).map(|_| next(sums)).collect();
             let mut axis = vec![BigInt::ZERO; layout.features.len() + 1];
             for (column, right) in rights.iter().enumerate() {
-                let of_limbs = products.iter().skip(column).step_by(rights.len()).copied();
-                axis[1 + right.feature] += join(of_limbs, limbs.width) << right.shift;
+                let of_digits = products.iter().skip(column).step_by(rights.len()).copied();
+                axis[1 + right.feature] += digits.join(of_digits) << right.shift;
             }
             axis
         });
@@ -127,28 +127,25 @@ impl OpenSums {
         sums: &mut impl Iterator<Item = i128>,
     ) {
         let Choice { squares, .. } = &*self.choice;
-        let cross = self.choice.cross_limbs();
+        let cross = self.choice.cross_digits();
         for (left, operands) in self.choice.square_operands().iter().enumerate() {
-            // Sums by limb on the left, then by axis and limb on the right, then one.
-            let rows: Vec<Vec<i128>> = (0..squares[left].count)
+            // Sums by digit on the left, then by axis and digit on the right, then one.
+            let rows: Vec<Vec<i128>> = (0..squares[left].count())
                 .map(|_| operands.right.clone().map(|_| next(sums)).collect())
                 .collect();
             let mut column = 0;
             for right in left..6 {
-                let count = squares[right].count;
-                let sum: BigInt = (column..column + count)
-                    .zip((0u32..).step_by(SQUARE_WIDTH as usize))
-                    .map(|(column, up)| {
-                        join(rows.iter().map(|row| row[column]), SQUARE_WIDTH) << up
-                    })
-                    .sum();
-                let exponent = squares[left].unit + squares[right].unit;
+                let count = squares[right].count();
+                let of_digits = (column..column + count)
+                    .map(|column| squares[left].join(rows.iter().map(|row| row[column])));
+                let sum = squares[right].join_joined(of_digits);
+                let exponent = squares[left].unit() + squares[right].unit();
                 moments.squares[pair(left, right)] = Scaled::new(exponent, vec![sum]);
                 column += count;
             }
-            let ones = join(rows.iter().map(|row| row[column]), SQUARE_WIDTH);
-            // The other sums of this axis may count in units of other limbs.
-            let up = squares[left].unit - cross[left].unit;
+            let ones = squares[left].join(rows.iter().map(|row| row[column]));
+            // The other sums of this axis may count in units of other digits.
+            let up = squares[left].unit() - cross[left].unit();
             wrench[left][0] = if up >= 0 { ones << up } else { ones >> -up };
         }
     }
