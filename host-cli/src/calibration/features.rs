@@ -92,24 +92,24 @@ impl Features {
     #[inline(always)]
     pub(super) fn lanes(&self, readings: &[Vec<f64>], start: usize, features: &mut [Lanes]) {
         for (j, recipe) in self.recipe.iter().enumerate() {
-            features[j] = match *recipe {
-                Recipe::One => [1.0; LANES],
+            let (before, feature) = features.split_at_mut(j);
+            let feature = &mut feature[0];
+            match *recipe {
+                Recipe::One => *feature = [1.0; LANES],
                 Recipe::Reading(channel) => {
                     let (centre, factor) = self.standardise(channel);
-                    let mut lanes = load(&readings[channel][start..]);
-                    for z in &mut lanes {
+                    *feature = load(&readings[channel][start..]);
+                    for z in feature {
                         *z = (*z - centre) * factor;
                     }
-                    lanes
                 }
                 Recipe::Product(a, b) => {
-                    let (mut lanes, b) = (features[a], features[b]);
+                    let (a, b) = (&before[a], &before[b]);
                     for i in 0..LANES {
-                        lanes[i] *= b[i];
+                        feature[i] = a[i] * b[i];
                     }
-                    lanes
                 }
-            };
+            }
         }
     }
 
