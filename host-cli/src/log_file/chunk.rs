@@ -9,7 +9,6 @@ use memchr::{memchr, memrchr};
 
 use super::rows::Parsed;
 use crate::block::Block;
-use crate::pipeline::Pieces;
 
 /// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing,
 /// with what they are parsed into.
@@ -64,6 +63,8 @@ pub(super) struct Chunker<R> {
     stream: R,
     chunk_bytes: usize,
     offset: u64,
+    /// How much of the stream has been read.
+    position: u64,
     skip: u64,
     carry: Vec<u8>,
     context: Vec<u8>,
@@ -78,6 +79,7 @@ impl<R: Read> Chunker<R> {
             stream,
             chunk_bytes,
             offset: skip,
+            position: skip,
             skip,
             carry: Vec::new(),
             context: Vec::new(),
@@ -89,17 +91,14 @@ impl<R: Read> Chunker<R> {
     pub(super) fn stream(&self) -> &R {
         &self.stream
     }
-}
 
-impl<R: Read + Send> Pieces for Chunker<R> {
-    type Piece = Chunk;
-    type Error = ChunkError;
-
-    fn ended(&self) -> bool {
+    /// Whether all has been read.
+    pub(super) fn ended(&self) -> bool {
         self.ended
     }
 
-    fn next(&mut self, chunk: &mut Chunk) -> Result<bool, ChunkError> {
+    /// Puts the next piece into `chunk`; `false` if there are no more.
+    pub(super) fn next(&mut self, chunk: &mut Chunk) -> Result<bool, ChunkError> {
         if self.ended {
             return Ok(false);
         }
@@ -119,14 +118,16 @@ impl<R: Read + Send> Pieces for Chunker<R> {
         let chunk_bytes = match self.has_begun {
             true => self.chunk_bytes,
             false => self.chunk_bytes.div_ceil(FIRST_CHUNK_SHARE),
-        };
+        } as u64;
         self.has_begun = true;
         let length = loop {
-            let target = filled + chunk_bytes;
+            // Up to a multiple of the size: whole pages are copied, and whole subtrees hashed.
+            let target = filled + (chunk_bytes - self.position % chunk_bytes) as usize;
             if buffer.len() < target {
                 buffer.resize(target, 0);
             }
             let read = read_full(&mut self.stream, &mut buffer[filled..target])?;
+            self.position += read as u64;
             self.ended = filled + read < target;
             let line_end = memrchr(b'\n', &buffer[filled..filled + read]).map(|at| filled + at + 1);
             filled += read;
@@ -150,9 +151,7 @@ impl<R: Read + Send> Pieces for Chunker<R> {
         self.offset += length as u64;
         Ok(length > 0)
     }
-}
 
-impl<R> Chunker<R> {
     /// Keeps the last lines handed out: as many as fit, at least one.
     fn keep_context(&mut self, lines: &[u8]) {
         self.context.clear();

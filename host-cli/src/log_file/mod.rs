@@ -26,6 +26,7 @@ mod lanes;
 mod lanes_avx512;
 #[cfg(target_arch = "x86_64")]
 mod lanes_x86;
+mod many;
 mod mapping;
 mod number;
 mod plan;
@@ -39,10 +40,10 @@ use std::sync::atomic::Ordering;
 
 pub use columns::{Column, Meaning};
 pub use error::{Field, LogError, RowProblem};
+pub use many::read_all;
 pub use mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
 
 use crate::block::Block;
-use crate::pipeline::{self, Pieces};
 use crate::telemetry::Telemetry;
 use crate::wrench::Axis;
 use chunk::{CHUNK_BYTES, ChunkError, Chunker, LINE_LIMIT, Room};
@@ -278,44 +279,9 @@ impl Log {
         map: impl Fn(&mut Block) -> T + Sync,
         mut fold: impl FnMut(T) -> Result<(), E>,
     ) -> Result<ReadSummary, E> {
-        self.require(wanted)?;
-        let plan = Plan::new(&self.layout, wanted);
-        let stream = self.source.open(options.checksum)?;
-        let bytes_done = stream.bytes_done();
-        let mut chunker = Chunker::new(stream, self.layout.rows_start, self.chunk_bytes);
-        let mut summary = ReadSummary::default();
-        pipeline::run(
-            &mut chunker,
-            options.thread_count(),
-            |chunk| {
-                let Room { mut parsed, mut block } = std::mem::take(&mut chunk.room);
-                plan.parse(chunk.lines(), options.skip_bad_rows, &mut parsed)
-                    .map_err(|error| (chunk.offset, error))?;
-                plan.fill(&mut block, &mut parsed, &chunk.context);
-                let (rows, skipped) = (block.rows, parsed.skipped);
-                let repeated = block.repeated_rows();
-                let value = (rows > 0).then(|| map(&mut block));
-                chunk.room = Room { parsed, block };
-                Ok((rows, repeated, skipped, value))
-            },
-            |error| E::from(self.chunk_error(error)),
-            |result| {
-                let (rows, repeated, skipped, value) =
-                    result.map_err(|(offset, error)| self.row_error(offset, error))?;
-                summary.rows += rows as u64;
-                summary.repeated_rows += repeated as u64;
-                summary.skipped_rows += skipped;
-                if let Some(progress) = options.progress {
-                    progress(bytes_done.load(Ordering::Relaxed));
-                }
-                value.map_or(Ok(()), &mut fold)
-            },
-        )?;
-        if summary.rows == 0 && summary.skipped_rows == 0 {
-            return Err(LogError::NoRows { path: self.source.path.clone() }.into());
-        }
-        summary.checksum = chunker.stream().checksum();
-        Ok(summary)
+        let fold = |_, value| fold(value);
+        let mut summaries = read_all(&[self], wanted, options, |_, block| map(block), fold)?;
+        Ok(summaries.pop().expect("one of each log"))
     }
 
     /// Streams the log once on this thread, and parses all that is `wanted` only of pieces whose

@@ -41,8 +41,17 @@ impl Source {
 
     /// Opens the file at its start.
     pub(super) fn open(&self, checksum: bool) -> Result<Stream, LogError> {
+        self.open_counting(checksum, &Arc::default())
+    }
+
+    /// The same; what is read of the file on disk is added to `bytes`.
+    pub(super) fn open_counting(
+        &self,
+        checksum: bool,
+        bytes: &Arc<AtomicU64>,
+    ) -> Result<Stream, LogError> {
         let hash = checksum.then(Box::default);
-        let tap = Tap { file: self.file()?, bytes: Arc::default(), hash };
+        let tap = Tap { file: self.file()?, bytes: Arc::clone(bytes), hash };
         Ok(match self.compressed {
             true => {
                 let tap = BufReader::with_capacity(1 << 16, tap);

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::eval::{BlockErrors, EvalOptions, Evaluation, eval};
-use super::training_rows::TrainingRows;
+use super::eval::{BlockErrors, Evaluation};
+use super::log_rows::LogRows;
 use super::{WorkflowError, check_channels};
 use crate::block::Block;
 use crate::calibration::exact::{ExactError, Moments};
@@ -108,8 +108,8 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
 /// Fits a calibration to `train` and finds its errors there and on `test`.
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
-/// often by solvers that iterate. Some 100,000 rows are kept between the passes; longer logs are
-/// read anew, so that memory does not grow with them.
+/// often by solvers that iterate. Some 100,000 rows are kept between the passes, those of the test
+/// logs among them; longer logs are read anew, so that memory does not grow with them.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the
@@ -129,7 +129,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         }
     };
     let read = ReadOptions { progress: Some(&report), ..options.read };
-    let mut rows = TrainingRows::new(train, options.fresh, read);
+    let mut rows = LogRows::new(train, test, options.fresh, read);
     let (mut solver, mut not_exact) = (options.solver, None);
     let solved = match solve(solver, first, &mut rows, options) {
         Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {
@@ -145,36 +145,37 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
 
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
     let mut loads = WrenchSums::default();
-    let mut train_errors = Vec::new();
+    let mut evaluations = vec![Evaluation::default(); train.len() + test.len()];
     let is_drawn = plots.is_some();
     // Training rows are within the range that they define: there is nothing to look for.
-    let valid_range = calibration.valid_range.take();
+    let mut without_range = calibration.clone();
+    without_range.valid_range = None;
+    let map = |log: usize, block: &Block| match log < train.len() {
+        true => {
+            let errors = BlockErrors::of(&without_range, block, size_unit.as_ref(), is_drawn);
+            Ok((errors, Some(WrenchSums::of(&block.wrench))))
+        }
+        false => Ok((BlockErrors::of(&calibration, block, None, is_drawn), None)),
+    };
     read_before.store(train_bytes, Ordering::Relaxed);
-    for log in 0..train.len() {
-        let mut errors = Evaluation::default();
-        let map = |block: &Block| {
-            let errors = BlockErrors::of(&calibration, block, size_unit.as_ref(), is_drawn);
-            Ok((errors, WrenchSums::of(&block.wrench)))
-        };
-        let summary = rows.each_block(log, map, |(block, of_block)| {
-            errors.add(&block, plots.as_mut().map(|(train, _)| train));
+    let summaries = rows.each_block(map, |log, (block, of_block)| {
+        let plot = plots.as_mut().map(|(of_train, of_test)| match log < train.len() {
+            true => of_train,
+            false => of_test,
+        });
+        evaluations[log].add(&block, plot);
+        if let Some(of_block) = of_block {
             loads.merge(&of_block);
-        })?;
-        errors.note(&summary);
-        train_errors.push(errors);
+        }
+    })?;
+    for (evaluation, summary) in evaluations.iter_mut().zip(summaries) {
+        evaluation.note(summary);
     }
-    calibration.valid_range = valid_range;
+    let test_errors = evaluations.split_off(train.len());
+    let train_errors = evaluations;
     calibration.covariance = covariance;
     if let (Some(covariance), Some(unit)) = (&mut calibration.covariance, size_unit) {
         covariance.shape = shape(&train_errors, &unit);
-    }
-    let mut test_errors = Vec::new();
-    read_before.store(2 * train_bytes, Ordering::Relaxed);
-    let eval_options = EvalOptions { fresh: options.fresh, size_unit: None, read };
-    for log in test {
-        let plot = plots.as_mut().map(|(_, test)| test);
-        test_errors.push(eval(&calibration, log, &eval_options, plot)?);
-        read_before.fetch_add(log.bytes(), Ordering::Relaxed);
     }
     Ok(Fit {
         calibration,
@@ -193,7 +194,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
 fn solve(
     solver: SolverKind,
     first: &Log,
-    rows: &mut TrainingRows<'_>,
+    rows: &mut LogRows<'_>,
     options: &FitOptions<'_>,
 ) -> Result<(Solution, Extent), WorkflowError> {
     let channels = first.channels();

@@ -7,13 +7,14 @@ pub mod convert;
 pub mod eval;
 pub mod figures;
 pub mod fit;
+mod kept_rows;
+mod log_rows;
 pub mod moments;
 pub mod noise;
 pub mod sampling;
 pub mod selection;
 pub mod simulate;
 pub mod synthetic_trials;
-mod training_rows;
 pub mod trial;
 
 use std::path::PathBuf;

@@ -1,0 +1,213 @@
+//! The rows of training and test logs, to be passed over as often as a fit asks.
+//!
+//! Parsing is the dearest part of a fit, so the rows of short logs are kept from the first pass on.
+//! Longer logs are read anew on every pass: memory does not grow with them.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::WorkflowError;
+use super::kept_rows::{KeptBlock, Steps};
+use crate::block::Block;
+use crate::calibration::FitError;
+use crate::calibration::solver::{Blocks, Pass};
+use crate::log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
+use crate::pipeline::{self, Pieces};
+
+/// The bytes that kept rows may take: some 100,000 rows of eight channels, or 300,000 where the
+/// wrench is that of a digital sensor.
+const KEPT_BYTES: usize = 8 << 20;
+
+/// Test logs are read together with the training logs if all of them are at most this long, so that
+/// their rows are likely to be kept: one pass of all cores in place of two.
+const TOGETHER_BYTES: u64 = 3 * KEPT_BYTES as u64;
+
+/// The rows of logs for training and for tests.
+pub(super) struct LogRows<'a> {
+    /// The training logs, then the test logs.
+    logs: Vec<&'a Log>,
+    train: usize,
+    /// Use only rows whose readings differ from those of the row before.
+    fresh: bool,
+    read: ReadOptions<'a>,
+    /// What the first of the logs were, as far as they have been read.
+    summaries: Vec<ReadSummary>,
+    /// The rows of the first of the logs, as far as they are kept.
+    kept: Vec<Vec<KeptBlock>>,
+}
+
+impl<'a> LogRows<'a> {
+    /// The rows of some logs. Progress counts the bytes of all logs in each pass that reads them.
+    pub(super) fn new(
+        train: &'a [Log],
+        test: &'a [Log],
+        fresh: bool,
+        read: ReadOptions<'a>,
+    ) -> Self {
+        let logs: Vec<&Log> = train.iter().chain(test).collect();
+        let (summaries, kept) = (Vec::new(), Vec::new());
+        Self { logs, train: train.len(), fresh, read, summaries, kept }
+    }
+
+    /// Passes over the rows of all logs: `map` gets blocks and the log that they are from on any
+    /// thread, `fold` gets what `map` makes of them, in order. Returns what the logs were.
+    pub(super) fn each_block<T: Send>(
+        &mut self,
+        map: impl Fn(usize, &Block) -> Result<T, FitError> + Sync,
+        fold: impl FnMut(usize, T),
+    ) -> Result<&[ReadSummary], WorkflowError> {
+        self.pass_over(self.logs.len(), map, fold)?;
+        Ok(&self.summaries)
+    }
+
+    /// Passes over the rows of the first logs, so many of them.
+    fn pass_over<T: Send>(
+        &mut self,
+        logs: usize,
+        map: impl Fn(usize, &Block) -> Result<T, FitError> + Sync,
+        mut fold: impl FnMut(usize, T),
+    ) -> Result<(), WorkflowError> {
+        let kept = self.kept.len().min(logs);
+        self.pass_over_kept(kept, &map, &mut fold)?;
+        // What is known is not hashed again.
+        let known = self.summaries.len().clamp(kept, logs);
+        let map = |log: usize, block: &mut Block| map(log, block);
+        if kept < known {
+            let read = ReadOptions { checksum: false, ..self.read };
+            self.read_logs(kept..known, &read, map, &mut fold)?;
+        }
+        if known < logs {
+            let summaries = self.read_logs(known..logs, &self.read, map, &mut fold)?;
+            self.summaries.extend(summaries);
+        }
+        Ok(())
+    }
+
+    fn pass_over_kept<T: Send>(
+        &self,
+        logs: usize,
+        map: &(impl Fn(usize, &Block) -> Result<T, FitError> + Sync),
+        fold: &mut impl FnMut(usize, T),
+    ) -> Result<(), WorkflowError> {
+        let blocks = self.kept[..logs].iter().enumerate();
+        let blocks: Vec<_> =
+            blocks.flat_map(|(log, blocks)| blocks.iter().map(move |block| (log, block))).collect();
+        pipeline::run(
+            &mut KeptBlocks(blocks.into_iter()),
+            self.read.thread_count(),
+            |KeptPiece { kept, block }| {
+                let (log, kept) = kept.expect("a piece that was handed out");
+                kept.restore(block, self.logs[log].channels());
+                Ok((log, map(log, block)?))
+            },
+            |never| match never {},
+            |result: Result<_, FitError>| {
+                let (log, value) = result?;
+                fold(log, value);
+                Ok(())
+            },
+        )
+    }
+
+    fn read_logs<T: Send>(
+        &self,
+        logs: Range<usize>,
+        read: &ReadOptions<'_>,
+        map: impl Fn(usize, &mut Block) -> Result<T, FitError> + Sync,
+        mut fold: impl FnMut(usize, T),
+    ) -> Result<Vec<ReadSummary>, WorkflowError> {
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        let first = logs.start;
+        let bytes_before = self.logs[..first].iter().map(|log| log.bytes()).sum::<u64>();
+        let report = |bytes: u64| {
+            if let Some(progress) = self.read.progress {
+                progress(bytes_before + bytes);
+            }
+        };
+        let read = ReadOptions { progress: Some(&report), ..*read };
+        let map = |log: usize, block: &mut Block| {
+            if self.fresh {
+                let fresh = block.fresh_rows();
+                block.retain_rows(&fresh);
+            }
+            map(first + log, block)
+        };
+        log_file::read_all(&self.logs[logs], &wanted, &read, map, |log, value| {
+            fold(first + log, value?);
+            Ok::<_, WorkflowError>(())
+        })
+    }
+
+    /// The first pass over the training logs: reads them, and the test logs if all are short, and
+    /// keeps their rows if they are few.
+    fn first_pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
+        let is_short = self.logs.iter().map(|log| log.bytes()).sum::<u64>() <= TOGETHER_BYTES;
+        let logs = if is_short { self.logs.len() } else { self.train };
+        let (steps, is_kept) = (Steps::new(), AtomicBool::new(true));
+        let map = |log: usize, block: &mut Block| {
+            let partial = (log < self.train).then(|| pass.reduce(block)).transpose()?;
+            let kept = is_kept.load(Ordering::Relaxed).then(|| KeptBlock::new(block, &steps));
+            Ok((partial, kept))
+        };
+        let (mut all, mut kept, mut bytes) = (pass.empty(), Vec::new(), 0);
+        kept.resize_with(logs, Vec::new);
+        self.summaries = self.read_logs(0..logs, &self.read, map, |log, (partial, block)| {
+            if let Some(partial) = partial {
+                pass.merge(&mut all, partial);
+            }
+            bytes += block.as_ref().map_or(0, KeptBlock::bytes);
+            if bytes > KEPT_BYTES {
+                is_kept.store(false, Ordering::Relaxed);
+                kept.truncate(if log < self.train { 0 } else { self.train });
+            }
+            if let Some(kept) = kept.get_mut(log) {
+                kept.extend(block);
+            }
+        })?;
+        self.kept = kept;
+        Ok(all)
+    }
+}
+
+impl Blocks for LogRows<'_> {
+    type Error = WorkflowError;
+
+    fn sample(&self) -> Option<Block> {
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        self.logs.first()?.sample(&wanted).ok()
+    }
+
+    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
+        if self.summaries.is_empty() {
+            return self.first_pass(pass);
+        }
+        let mut all = pass.empty();
+        let reduce = |_, block: &Block| pass.reduce(block);
+        self.pass_over(self.train, reduce, |_, partial| pass.merge(&mut all, partial))?;
+        Ok(all)
+    }
+}
+
+/// Blocks that are handed out one by one, each with its log.
+struct KeptBlocks<'a>(std::vec::IntoIter<(usize, &'a KeptBlock)>);
+
+/// One of them, and room for its rows.
+#[derive(Default)]
+struct KeptPiece<'a> {
+    kept: Option<(usize, &'a KeptBlock)>,
+    block: Block,
+}
+
+impl<'a> Pieces for KeptBlocks<'a> {
+    type Piece = KeptPiece<'a>;
+    type Error = std::convert::Infallible;
+
+    fn ended(&self) -> bool {
+        self.0.len() == 0
+    }
+
+    fn next(&mut self, piece: &mut KeptPiece<'a>) -> Result<bool, Self::Error> {
+        piece.kept = self.0.next();
+        Ok(piece.kept.is_some())
+    }
+}
