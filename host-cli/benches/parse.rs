@@ -35,7 +35,7 @@ const WAYS: [Way; 5] = [
     ("shellcal", shellcal_reader),
     ("csv ByteRecord + str::parse", csv_byte_record),
     ("csv StringRecord + str::parse", csv_string_record),
-    ("shellcal with BLAKE3", shellcal_with_checksum),
+    ("shellcal with checksum", shellcal_with_checksum),
     ("floor: read, find newlines", floor),
 ];
 

@@ -36,6 +36,7 @@ pub mod alignment;
 pub mod block;
 pub mod calibration;
 pub mod calibration_file;
+pub mod checksum;
 mod cores;
 pub mod double_double;
 pub mod filter;

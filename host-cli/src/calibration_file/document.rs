@@ -191,7 +191,7 @@ mod tests {
             sources: vec![Source {
                 role: Role::Train,
                 path: "train.csv".into(),
-                checksum: Some("blake3:00".into()),
+                checksum: Some("xxh128:00".into()),
                 rows: 12,
             }],
         };

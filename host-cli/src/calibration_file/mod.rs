@@ -112,7 +112,7 @@ pub struct Source {
     pub role: Role,
     /// The file as it was named.
     pub path: PathBuf,
-    /// `blake3:` and hexadecimal digits.
+    /// As [`crate::checksum`] gives it.
     pub checksum: Option<String>,
     /// Rows used.
     pub rows: u64,

@@ -116,7 +116,7 @@ pub struct ReadSummary {
     pub repeated_rows: u64,
     /// Rows that were wrong and left out, and a last one that is cut off.
     pub skipped_rows: u64,
-    /// The checksum of the file on disk, `blake3:` and hexadecimal digits, if asked for.
+    /// The [checksum](crate::checksum) of the file on disk, if asked for.
     pub checksum: Option<String>,
 }
 

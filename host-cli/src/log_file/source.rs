@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use flate2::bufread::MultiGzDecoder;
 
 use super::LogError;
+use crate::checksum::Checksum;
 
 /// A file to be read from its start any number of times.
 #[derive(Debug)]
@@ -50,8 +51,8 @@ impl Source {
         checksum: bool,
         bytes: &Arc<AtomicU64>,
     ) -> Result<Stream, LogError> {
-        let hash = checksum.then(Box::default);
-        let tap = Tap { file: self.file()?, bytes: Arc::clone(bytes), hash };
+        let checksum = checksum.then(Box::default);
+        let tap = Tap { file: self.file()?, bytes: Arc::clone(bytes), checksum };
         Ok(match self.compressed {
             true => {
                 let tap = BufReader::with_capacity(1 << 16, tap);
@@ -89,7 +90,7 @@ impl Stream {
 
     /// The checksum of the file on disk, once it has been read to its end.
     pub(super) fn checksum(&self) -> Option<String> {
-        self.tap().hash.as_ref().map(|hash| hash.finish())
+        self.tap().checksum.as_ref().map(|checksum| checksum.finish())
     }
 
     fn tap(&self) -> &Tap {
@@ -109,34 +110,21 @@ impl Read for Stream {
     }
 }
 
-/// A file that counts and hashes what is read from it.
+/// A file that counts and sums up what is read from it.
 #[derive(Debug)]
 pub(super) struct Tap {
     file: File,
     bytes: Arc<AtomicU64>,
-    hash: Option<Box<Hash>>,
+    checksum: Option<Box<Checksum>>,
 }
 
 impl Read for Tap {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.file.read(buffer)?;
         self.bytes.fetch_add(read as u64, Ordering::Relaxed);
-        if let Some(hash) = &mut self.hash {
-            hash.update(&buffer[..read]);
+        if let Some(checksum) = &mut self.checksum {
+            checksum.update(&buffer[..read]);
         }
         Ok(read)
-    }
-}
-
-#[derive(Debug, Default)]
-struct Hash(blake3::Hasher);
-
-impl Hash {
-    fn update(&mut self, bytes: &[u8]) {
-        self.0.update(bytes);
-    }
-
-    fn finish(&self) -> String {
-        format!("blake3:{}", self.0.finalize().to_hex())
     }
 }

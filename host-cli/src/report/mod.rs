@@ -65,7 +65,7 @@ pub struct Input {
     pub path: String,
     /// Its size.
     pub bytes: u64,
-    /// `blake3:` and hexadecimal digits.
+    /// As [`crate::checksum`] gives it.
     pub checksum: String,
 }
 

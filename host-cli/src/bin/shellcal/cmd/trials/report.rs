@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use shellcal::checksum;
 use shellcal::output::AtomicFile;
 use shellcal::report::{Input, Report};
 use shellcal::trial::{LowPass, Profile, Rule, TareRule, TraceExtent, TrialOptions, TrialResult};
@@ -136,7 +137,7 @@ fn input(role: &str, path: &Path) -> anyhow::Result<Input> {
         role: role.to_owned(),
         path: path.display().to_string(),
         bytes: bytes.len() as u64,
-        checksum: format!("blake3:{}", blake3::hash(&bytes).to_hex()),
+        checksum: checksum::of(&bytes),
     })
 }
 
