@@ -47,7 +47,7 @@ mod tests {
 
     #[test]
     fn pieces_add_up_to_the_whole() {
-        let bytes: Vec<u8> = (0..10_000_u32).map(|i| (i * i >> 3) as u8).collect();
+        let bytes: Vec<u8> = (0..10_000_u32).map(|i| ((i * i) >> 3) as u8).collect();
         for size in [1, 255, 256, 257, 4096] {
             let mut checksum = Checksum::default();
             bytes.chunks(size).for_each(|piece| checksum.update(piece));

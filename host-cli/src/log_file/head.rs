@@ -201,6 +201,9 @@ fn wrench_names() -> impl Iterator<Item = String> {
 
 /// The fields of one line, quotes removed.
 fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
+    if !line.contains(&b'"') {
+        return line.split(|&b| b == separator).map(<[u8]>::to_vec).collect();
+    }
     let mut reader = csv::ReaderBuilder::new();
     reader.has_headers(false).delimiter(separator).flexible(true);
     let mut record = csv::ByteRecord::new();
@@ -248,7 +251,12 @@ fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
     }
     let control =
         |b: u8| (b < 0x20 && !b.is_ascii_whitespace() && b != 0x0b && b != 0x1b) || b == 0x7f;
-    head.iter().position(|&b| control(b)).map(|at| (at, head[at]))
+    // Without a way out within a part, parts are looked at with vectors.
+    const PART: usize = 512;
+    let has_control = |part: &[u8]| part.iter().fold(false, |any, &b| any | control(b));
+    let start = PART * head.chunks(PART).position(has_control)?;
+    let at = start + head[start..].iter().position(|&b| control(b))?;
+    Some((at, head[at]))
 }
 
 /// A line of the head.
@@ -306,6 +314,8 @@ mod tests {
         assert_eq!(binary_byte(b"PK\x03\x04"), Some((2, 3)));
         assert_eq!(binary_byte(b"\xff\xfet\0"), Some((0, 0xff)));
         assert_eq!(binary_byte(b"a\0b"), Some((1, 0)));
+        let late = [&[b'1'; 1000][..], b"\x7f\0"].concat();
+        assert_eq!(binary_byte(&late), Some((1000, 0x7f)));
         assert_eq!(binary_byte("\u{feff}t (µs),\r\n\t".as_bytes()), None);
     }
 }

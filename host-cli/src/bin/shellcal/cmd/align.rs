@@ -20,12 +20,6 @@ use super::mapping::{FormatArg, MappingArgs, TimeUnitArg, parse_column};
 use crate::hints;
 use crate::printer::Printer;
 
-/// Line up a reference sensor's recording with a board log from another clock
-///
-/// Finds the offset of the two clocks, whatever it is, and how much faster one runs, from the loads
-/// that both saw; no map from wrench to readings is needed. Writes a training log: the board's
-/// frames with the reference at the same times, low-passed below the board's Nyquist frequency.
-/// Where the match is not clear, nothing is written and the exit code is 1.
 #[derive(Debug, clap::Args)]
 pub(crate) struct AlignArgs {
     /// Recording of the reference sensor: time and six wrench columns, plain or gzip

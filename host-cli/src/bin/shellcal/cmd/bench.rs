@@ -23,10 +23,6 @@ Examples:
   shellcal bench train.csv --model cubic --solver exact,tsqr,gram --plot solvers.svg
   shellcal bench --rows 10000 --json";
 
-/// Compare solvers on your data: run time against error
-///
-/// Rows are read into memory first; then every solver fits every model on one thread. Errors are
-/// relative to an answer in twice the precision.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct BenchArgs {

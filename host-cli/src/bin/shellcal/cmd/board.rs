@@ -15,10 +15,6 @@ use super::Outcome;
 use super::serial::{FramingArg, SerialArgs};
 use crate::printer::Printer;
 
-/// Ask a board what it is and how it does, and set it up; or be one
-///
-/// With `--simulate` the program is a board itself, on a port of its own that it prints: the
-/// firmware's library over the sensor model, for who has no board.
 #[derive(Debug, clap::Args)]
 pub(crate) struct BoardArgs {
     /// Serial port; `shellcal ports` lists them

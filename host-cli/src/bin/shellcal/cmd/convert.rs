@@ -30,10 +30,6 @@ Examples:
   shellcal convert calibration.json run3.txt --tare-time 0:0.2 --lowpass 10 --zero-phase
   shellcal convert calibration.json run*.txt --output-dir wrenches";
 
-/// Convert logs of readings to forces and moments
-///
-/// Writes one row per frame: time, wrench, the standard error of each axis where the calibration
-/// carries a covariance, and flags for readings that cannot be trusted.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct ConvertArgs {

@@ -22,9 +22,6 @@ Examples:
   shellcal eval calibration.json test.csv
   shellcal eval calibration.json test-*.csv --max-rms 0.15 || echo too far off";
 
-/// Compare a calibration with the wrench measured in logs
-///
-/// Exits with 1 when the RMS error of an axis over all logs is above its limit.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct EvalArgs {

@@ -16,11 +16,6 @@ Examples:
   shellcal import N_matrix.mat -o calibration.json
   shellcal import N_matrix.csv -o calibration.json --serial shell-7";
 
-/// Make a calibration from a coefficient matrix for raw readings
-///
-/// CSV with a header `feature,Fx_N,…,Mz_mNm` and rows `s1^1,…`; bare numbers, features by axes or
-/// axes by features (8 channels; linear, cubic, quadratic or poly3, one feature more with an
-/// intercept); or a MATLAB 5 file with such a matrix.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct ImportArgs {

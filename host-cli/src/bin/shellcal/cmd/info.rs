@@ -16,7 +16,6 @@ Examples:
   shellcal info run3.txt
   shellcal info recordings/*.csv.gz --json";
 
-/// Say what a log is: format, columns, rows, timing, repeats, saturated or constant channels
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct InfoArgs {

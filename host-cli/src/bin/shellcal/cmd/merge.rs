@@ -18,10 +18,6 @@ use super::quality::{significant, table_row};
 use super::{Outcome, origin};
 use crate::printer::Printer;
 
-/// Merge partial fits to a calibration
-///
-/// Partial fits are written by `shellcal fit --partial`, on as many machines as there are files.
-/// Sums are exact: the result is the one fit over all their rows, bit for bit, in any order.
 #[derive(Debug, clap::Args)]
 pub(crate) struct MergeArgs {
     /// Partial fits

@@ -5,6 +5,7 @@ mod bench;
 mod board;
 mod choices;
 mod convert;
+mod deferred;
 mod eval;
 mod fit;
 mod frames;
@@ -32,30 +33,128 @@ use std::process::ExitCode;
 use clap::Subcommand;
 
 use crate::printer::Printer;
+use deferred::Deferred;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    Ports(ports::PortsArgs),
-    Board(board::BoardArgs),
-    Record(record::RecordArgs),
-    Info(info::InfoArgs),
-    Align(Box<align::AlignArgs>),
-    Fit(Box<fit::FitArgs>),
-    Merge(merge::MergeArgs),
-    Eval(Box<eval::EvalArgs>),
-    Convert(Box<convert::ConvertArgs>),
-    Noise(noise::NoiseArgs),
-    Trial(Box<trials::trial::TrialArgs>),
-    Batch(Box<trials::batch::BatchArgs>),
-    Window(Box<trials::window::WindowArgs>),
-    Plot(Box<trials::plot::PlotArgs>),
-    Report(Box<trials::report::ReportArgs>),
-    Stats(trials::stats::StatsArgs),
-    Profile(trials::profile::ProfileArgs),
-    Import(import::ImportArgs),
-    Bench(bench::BenchArgs),
-    Synth(synth::SynthArgs),
-    Simulate(Box<simulate::SimulateArgs>),
+    /// List the serial ports of this computer
+    Ports(Deferred<ports::PortsArgs>),
+
+    /// Ask a board what it is and how it does, and set it up; or be one
+    ///
+    /// With `--simulate` the program is a board itself, on a port of its own that it prints: the
+    /// firmware's library over the sensor model, for who has no board.
+    Board(Deferred<board::BoardArgs>),
+
+    /// Record what a board sends as CSV, until Ctrl-C or for `--duration`
+    ///
+    /// Columns: t_s (the board's clock), s1 to s8 in steps of the 12-bit converter or, if the board
+    /// streams wrenches, fx_n to mz_nm; index (sequence number), missing (frames lost before the row),
+    /// dropped (the board's own count, modulo 256) and flags (s3:saturated, s3:range, late, restart,
+    /// untared).
+    /// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
+    Record(Deferred<record::RecordArgs>),
+
+    /// Say what a log is: format, columns, rows, timing, repeats, saturated or constant channels
+    Info(Deferred<info::InfoArgs>),
+
+    /// Line up a reference sensor's recording with a board log from another clock
+    ///
+    /// Finds the offset of the two clocks, whatever it is, and how much faster one runs, from the loads
+    /// that both saw; no map from wrench to readings is needed. Writes a training log: the board's
+    /// frames with the reference at the same times, low-passed below the board's Nyquist frequency.
+    /// Where the match is not clear, nothing is written and the exit code is 1.
+    Align(Deferred<align::AlignArgs>),
+
+    /// Fit a calibration to logs with readings and a measured wrench
+    ///
+    /// Prints the error of every axis, on the training logs and on test logs that the fit has not
+    /// seen. Some 100,000 training rows are kept; where there are more, they are read twice: memory
+    /// does not grow with the logs.
+    Fit(Deferred<fit::FitArgs>),
+
+    /// Merge partial fits to a calibration
+    ///
+    /// Partial fits are written by `shellcal fit --partial`, on as many machines as there are files.
+    /// Sums are exact: the result is the one fit over all their rows, bit for bit, in any order.
+    Merge(Deferred<merge::MergeArgs>),
+
+    /// Compare a calibration with the wrench measured in logs
+    ///
+    /// Exits with 1 when the RMS error of an axis over all logs is above its limit.
+    Eval(Deferred<eval::EvalArgs>),
+
+    /// Convert logs of readings to forces and moments
+    ///
+    /// Writes one row per frame: time, wrench, the standard error of each axis where the calibration
+    /// carries a covariance, and flags for readings that cannot be trusted.
+    Convert(Deferred<convert::ConvertArgs>),
+
+    /// Measure the noise of an unloaded sensor: RMS about the mean, per axis and channel
+    Noise(Deferred<noise::NoiseArgs>),
+
+    /// Evaluate one trial: drag, lift, energies and specific resistance, and those of its strides
+    ///
+    /// Without `--enter` and `--exit` the window is looked for in the drag.
+    Trial(Deferred<trials::trial::TrialArgs>),
+
+    /// Evaluate all trials of a manifest: per trial, per stride, and by condition
+    ///
+    /// One bad trial does not hold up the others: it is told, left out, and the exit code is 1.
+    Batch(Deferred<trials::batch::BatchArgs>),
+
+    /// Propose entry into the channel and exit from it: onset and end of sustained drag
+    ///
+    /// A manifest can say `auto` in place of times, and gets the same.
+    Window(Deferred<trials::window::WindowArgs>),
+
+    /// Draw one figure of a trial or of a manifest's trials, as SVG or PNG
+    Plot(Deferred<trials::plot::PlotArgs>),
+
+    /// Report on all trials of a manifest: tables and figures to zoom into, in one HTML file
+    ///
+    /// The file needs no network. It has what it takes to make it again: settings, command line, and the
+    /// checksum of everything that went in.
+    Report(Deferred<trials::report::ReportArgs>),
+
+    /// Statistics of a table of values by condition: mean, interval, quartiles, whiskers, differences
+    ///
+    /// One table for each column of numbers. Quartiles are those of NumPy and matplotlib (type 7),
+    /// whiskers Tukey's, intervals BCa bootstrap intervals of the mean.
+    Stats(Deferred<trials::stats::StatsArgs>),
+
+    /// Print the built-in robot profile, with the source of every constant
+    ///
+    /// To evaluate trials of another robot, keep it in a file, change it there, and name that file with
+    /// `--profile`.
+    Profile(Deferred<trials::profile::ProfileArgs>),
+
+    /// Make a calibration from a coefficient matrix for raw readings
+    ///
+    /// CSV with a header `feature,Fx_N,…,Mz_mNm` and rows `s1^1,…`; bare numbers, features by axes or
+    /// axes by features (8 channels; linear, cubic, quadratic or poly3, one feature more with an
+    /// intercept); or a MATLAB 5 file with such a matrix.
+    Import(Deferred<import::ImportArgs>),
+
+    /// Compare solvers on your data: run time against error
+    ///
+    /// Rows are read into memory first; then every solver fits every model on one thread. Errors are
+    /// relative to an answer in twice the precision.
+    Bench(Deferred<bench::BenchArgs>),
+
+    /// Make a synthetic recording from a physical model of the sensor
+    ///
+    /// A rigid plate on springs, eight reflectors, the response of the GP2S60, noise, drift, creep and
+    /// hysteresis, a reference sensor. The same command makes the same bytes on every machine.
+    Synth(Deferred<synth::SynthArgs>),
+
+    /// Simulate the body's drag in a channel of springy beams
+    ///
+    /// The paper's quasi-static model: an ellipse pushes through two rows of beams, each a bar on a
+    /// torsional spring. Prints, for every channel, the drag where the body is wholly among the beams,
+    /// and the energy of a crossing. Lengths take mm, cm or m, and are in m without a unit; positions
+    /// are those of the body's middle past the first beam.
+    Simulate(Deferred<simulate::SimulateArgs>),
 }
 
 /// How a command that could run has ended.

@@ -19,7 +19,6 @@ Examples:
   shellcal noise calibration.json unloaded.csv
   shellcal noise calibration.json run3.txt --window 0:0.1";
 
-/// Measure the noise of an unloaded sensor: RMS about the mean, per axis and channel
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct NoiseArgs {

@@ -5,7 +5,6 @@ use shellcal::link::ports;
 use super::Outcome;
 use crate::printer::Printer;
 
-/// List the serial ports of this computer
 #[derive(Debug, clap::Args)]
 pub(crate) struct PortsArgs {}
 

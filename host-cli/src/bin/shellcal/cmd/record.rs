@@ -17,13 +17,6 @@ use super::convert::{DEFAULT_TARE, parse_count};
 use super::serial::{FramingArg, SerialArgs};
 use crate::printer::Printer;
 
-/// Record what a board sends as CSV, until Ctrl-C or for `--duration`
-///
-/// Columns: t_s (the board's clock), s1 to s8 in steps of the 12-bit converter or, if the board
-/// streams wrenches, fx_n to mz_nm; index (sequence number), missing (frames lost before the row),
-/// dropped (the board's own count, modulo 256) and flags (s3:saturated, s3:range, late, restart,
-/// untared).
-/// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
 #[derive(Debug, clap::Args)]
 pub(crate) struct RecordArgs {
     /// Serial port; `shellcal ports` lists them

@@ -14,10 +14,6 @@ use super::synth_trial::{TrialArgs, TrialsArgs};
 use crate::cmd::Outcome;
 use crate::printer::Printer;
 
-/// Make a synthetic recording from a physical model of the sensor
-///
-/// A rigid plate on springs, eight reflectors, the response of the GP2S60, noise, drift, creep and
-/// hysteresis, a reference sensor. The same command makes the same bytes on every machine.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SynthArgs {
     #[command(subcommand)]

@@ -37,11 +37,6 @@ Examples:
   shellcal fit monday.csv tuesday.csv --model quadratic --json
   shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm";
 
-/// Fit a calibration to logs with readings and a measured wrench
-///
-/// Prints the error of every axis, on the training logs and on test logs that the fit has not
-/// seen. Some 100,000 training rows are kept; where there are more, they are read twice: memory
-/// does not grow with the logs.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct FitArgs {

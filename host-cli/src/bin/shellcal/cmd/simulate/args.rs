@@ -19,12 +19,6 @@ Examples:
   shellcal simulate --uncertain thickness=5% --uncertain friction=0.05
   shellcal simulate --compare trials.csv               measured drags beside the model's";
 
-/// Simulate the body's drag in a channel of springy beams
-///
-/// The paper's quasi-static model: an ellipse pushes through two rows of beams, each a bar on a
-/// torsional spring. Prints, for every channel, the drag where the body is wholly among the beams,
-/// and the energy of a crossing. Lengths take mm, cm or m, and are in m without a unit; positions
-/// are those of the body's middle past the first beam.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct SimulateArgs {

@@ -24,9 +24,6 @@ A manifest is CSV with the columns file, condition, t_enter_s, t_exit_s and, if 
 velocity_m_s, mass_kg, channel_length_m, notes, exclude; or TOML with the same keys in [[trial]]
 tables. Times are in s on the log's clock, or `auto`. Files are relative to the manifest.";
 
-/// Evaluate all trials of a manifest: per trial, per stride, and by condition
-///
-/// One bad trial does not hold up the others: it is told, left out, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct BatchArgs {

@@ -27,7 +27,6 @@ Examples:
 
 `shellcal batch --figures DIR` makes all of them.";
 
-/// Draw one figure of a trial or of a manifest's trials, as SVG or PNG
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct PlotArgs {

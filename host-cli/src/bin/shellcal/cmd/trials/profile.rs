@@ -5,10 +5,6 @@ use shellcal::trial::{Profile, VELOCIROACH};
 use crate::cmd::Outcome;
 use crate::printer::Printer;
 
-/// Print the built-in robot profile, with the source of every constant
-///
-/// To evaluate trials of another robot, keep it in a file, change it there, and name that file with
-/// `--profile`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  shellcal profile > robot.toml")]
 pub(crate) struct ProfileArgs {}

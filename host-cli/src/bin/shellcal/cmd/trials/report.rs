@@ -19,10 +19,6 @@ Examples:
   shellcal report manifest.csv --calibration calibration.json
   shellcal report manifest.csv --calibration calibration.json --reference free --output beams.html";
 
-/// Report on all trials of a manifest: tables and figures to zoom into, in one HTML file
-///
-/// The file needs no network. It has what it takes to make it again: settings, command line, and the
-/// checksum of everything that went in.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct ReportArgs {

@@ -15,10 +15,6 @@ Examples:
   shellcal stats specific_resistance_per_stride.csv
   shellcal stats results/strides.csv --by condition --of drag_energy_j --trial file";
 
-/// Statistics of a table of values by condition: mean, interval, quartiles, whiskers, differences
-///
-/// One table for each column of numbers. Quartiles are those of NumPy and matplotlib (type 7),
-/// whiskers Tukey's, intervals BCa bootstrap intervals of the mean.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct StatsArgs {

@@ -21,9 +21,6 @@ Examples:
   shellcal trial run3.txt --calibration calibration.json --trace run3.trace.csv
   shellcal trial run3.txt --enter 4.2 --exit 8.9 --mass 0.091";
 
-/// Evaluate one trial: drag, lift, energies and specific resistance, and those of its strides
-///
-/// Without `--enter` and `--exit` the window is looked for in the drag.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct TrialArgs {

@@ -22,9 +22,6 @@ Examples:
 The confidence is the share of the slow variation of the drag that one stay in a channel explains. Look
 at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit code is 1.";
 
-/// Propose entry into the channel and exit from it: onset and end of sustained drag
-///
-/// A manifest can say `auto` in place of times, and gets the same.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct WindowArgs {

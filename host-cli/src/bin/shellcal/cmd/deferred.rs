@@ -1,0 +1,56 @@
+//! Arguments that are not looked into before their subcommand is called.
+
+use std::ops::Deref;
+
+use clap::builder::Resettable;
+use clap::{ArgMatches, Args, Command, Error, FromArgMatches};
+
+/// The arguments of one subcommand among many: to set up those of all of them would take half of
+/// the time that it takes to start.
+///
+/// What they are for is said where the subcommands are listed, as it is wanted there.
+#[derive(Debug)]
+pub(crate) struct Deferred<T>(Box<T>);
+
+impl<T: Args> Args for Deferred<T> {
+    fn augment_args(command: Command) -> Command {
+        command.defer(augment::<T>)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        command.defer(augment_for_update::<T>)
+    }
+}
+
+fn augment<T: Args>(command: Command) -> Command {
+    keep_about(command, T::augment_args)
+}
+
+fn augment_for_update<T: Args>(command: Command) -> Command {
+    keep_about(command, T::augment_args_for_update)
+}
+
+/// Sets of arguments that are part of others would say what they are for, too.
+fn keep_about(command: Command, augment: fn(Command) -> Command) -> Command {
+    let about = Resettable::from(command.get_about().cloned());
+    let long_about = Resettable::from(command.get_long_about().cloned());
+    augment(command).about(about).long_about(long_about)
+}
+
+impl<T: FromArgMatches> FromArgMatches for Deferred<T> {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, Error> {
+        T::from_arg_matches(matches).map(Box::new).map(Self)
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), Error> {
+        self.0.update_from_arg_matches(matches)
+    }
+}
+
+impl<T> Deref for Deferred<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.0
+    }
+}
