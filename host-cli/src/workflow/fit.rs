@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{BlockErrors, Evaluation};
-use super::log_rows::LogRows;
+use super::log_rows::{LogRows, store};
 use super::{WorkflowError, check_channels};
 use crate::block::Block;
 use crate::calibration::exact::{ExactError, Moments};
@@ -129,7 +129,8 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         }
     };
     let read = ReadOptions { progress: Some(&report), ..options.read };
-    let mut rows = LogRows::new(train, test, options.fresh, read);
+    let mut store = store(train, test);
+    let mut rows = LogRows::new(train, test, options.fresh, read, store.room());
     let (mut solver, mut not_exact) = (options.solver, None);
     let solved = match solve(solver, first, &mut rows, options) {
         Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {

@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::WorkflowError;
-use super::kept_rows::{KeptBlock, Steps};
+use super::kept_rows::{KeptBlock, Room, Steps, Store};
 use crate::block::Block;
 use crate::calibration::FitError;
 use crate::calibration::solver::{Blocks, Pass};
@@ -33,7 +33,15 @@ pub(super) struct LogRows<'a> {
     /// What the first of the logs were, as far as they have been read.
     summaries: Vec<ReadSummary>,
     /// The rows of the first of the logs, as far as they are kept.
-    kept: Vec<Vec<KeptBlock>>,
+    kept: Vec<Vec<KeptBlock<'a>>>,
+    room: Room<'a>,
+}
+
+/// Memory for the rows of such logs.
+pub(super) fn store(train: &[Log], test: &[Log]) -> Store {
+    let bytes: u64 = train.iter().chain(test).map(Log::bytes).sum();
+    // Rows take a quarter of their text or so.
+    Store::new(KEPT_BYTES, bytes / 4)
 }
 
 impl<'a> LogRows<'a> {
@@ -43,10 +51,11 @@ impl<'a> LogRows<'a> {
         test: &'a [Log],
         fresh: bool,
         read: ReadOptions<'a>,
+        room: Room<'a>,
     ) -> Self {
         let logs: Vec<&Log> = train.iter().chain(test).collect();
         let (summaries, kept) = (Vec::new(), Vec::new());
-        Self { logs, train: train.len(), fresh, read, summaries, kept }
+        Self { logs, train: train.len(), fresh, read, summaries, kept, room }
     }
 
     /// Passes over the rows of all logs: `map` gets blocks and the log that they are from on any
@@ -146,22 +155,24 @@ impl<'a> LogRows<'a> {
         let (steps, is_kept) = (Steps::new(), AtomicBool::new(true));
         let map = |log: usize, block: &mut Block| {
             let partial = (log < self.train).then(|| pass.reduce(block)).transpose()?;
-            let kept = is_kept.load(Ordering::Relaxed).then(|| KeptBlock::new(block, &steps));
+            let is_kept = is_kept.load(Ordering::Relaxed);
+            let kept = is_kept.then(|| KeptBlock::new(block, &steps, &self.room)).flatten();
             Ok((partial, kept))
         };
-        let (mut all, mut kept, mut bytes) = (pass.empty(), Vec::new(), 0);
+        let (mut all, mut kept, mut other_bytes) = (pass.empty(), Vec::new(), 0);
         kept.resize_with(logs, Vec::new);
         self.summaries = self.read_logs(0..logs, &self.read, map, |log, (partial, block)| {
             if let Some(partial) = partial {
                 pass.merge(&mut all, partial);
             }
-            bytes += block.as_ref().map_or(0, KeptBlock::bytes);
-            if bytes > KEPT_BYTES {
+            other_bytes += block.as_ref().map_or(0, KeptBlock::other_bytes);
+            let Some(block) = block.filter(|_| other_bytes <= KEPT_BYTES) else {
                 is_kept.store(false, Ordering::Relaxed);
                 kept.truncate(if log < self.train { 0 } else { self.train });
-            }
+                return;
+            };
             if let Some(kept) = kept.get_mut(log) {
-                kept.extend(block);
+                kept.push(block);
             }
         })?;
         self.kept = kept;
@@ -189,12 +200,12 @@ impl Blocks for LogRows<'_> {
 }
 
 /// Blocks that are handed out one by one, each with its log.
-struct KeptBlocks<'a>(std::vec::IntoIter<(usize, &'a KeptBlock)>);
+struct KeptBlocks<'a>(std::vec::IntoIter<(usize, &'a KeptBlock<'a>)>);
 
 /// One of them, and room for its rows.
 #[derive(Default)]
 struct KeptPiece<'a> {
-    kept: Option<(usize, &'a KeptBlock)>,
+    kept: Option<(usize, &'a KeptBlock<'a>)>,
     block: Block,
 }
 
