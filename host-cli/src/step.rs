@@ -22,6 +22,9 @@ const FINEST: u64 = 1_000_000_000;
 /// calculated with are exact below.
 const MOST: f64 = (1_u64 << 40) as f64;
 
+/// Whole numbers up to here are doubles.
+const EXACT: u64 = 1 << f64::MANTISSA_DIGITS;
+
 impl Step {
     /// The step of zeros.
     pub(crate) const NONE: Self = Self { times: 0, over: 1 };
@@ -33,16 +36,18 @@ impl Step {
             while !is_decimal(value, over as f64) {
                 over = Some(10 * over).filter(|&over| over <= FINEST)?;
             }
-            let count = (value * over as f64).round().abs() as u64;
-            Some(Self { times: gcd(count, known.times * (over / known.over)), over })
+            let times = (value * over as f64).round().abs() as u64;
+            Self { times, over }.and(known)
         })
     }
 
-    /// The largest step that the multiples of both are multiples of.
-    pub(crate) fn and(self, other: Self) -> Self {
+    /// The largest step that the multiples of both are multiples of; `None` if it is too fine for
+    /// the larger of them.
+    pub(crate) fn and(self, other: Self) -> Option<Self> {
         let over = self.over.max(other.over);
-        let times = |step: Self| step.times * (over / step.over);
-        Self { times: gcd(times(self), times(other)), over }
+        let times = |step: Self| step.times.checked_mul(over / step.over);
+        let times = gcd(times(self)?, times(other)?);
+        (times <= EXACT).then_some(Self { times, over })
     }
 
     /// The step itself, as a double; `None` of zeros.
@@ -165,6 +170,9 @@ mod tests {
         assert_eq!(of(&[f64::NAN]), None);
         assert_eq!(of(&[f64::INFINITY]), None);
         assert_eq!(of(&[1e300]), None);
+        // 10²¹ of the finest steps, which no 64 bits hold.
+        assert_eq!(of(&[1e12, 1e-9]), None);
+        assert_eq!(Step::of(&[1e12]).unwrap().and(Step::of(&[1e-9]).unwrap()), None);
     }
 
     #[test]
@@ -172,7 +180,7 @@ mod tests {
         let values = [0.0, 12.5, -0.04, 7.0, 0.002];
         for cut in 0..=values.len() {
             let [a, b] = [&values[..cut], &values[cut..]].map(|part| Step::of(part).unwrap());
-            assert_eq!(a.and(b).size(), Step::of(&values).unwrap().size());
+            assert_eq!(a.and(b).unwrap().size(), Step::of(&values).unwrap().size());
         }
     }
 

@@ -39,16 +39,8 @@ impl Draws {
 }
 
 fn a_trial([t_enter_s, t_exit_s]: [f64; 2]) -> Trial {
-    Trial {
-        file: "trial.txt".to_owned(),
-        condition: "3 cm".to_owned(),
-        t_enter_s,
-        t_exit_s,
-        velocity_m_s: None,
-        mass_kg: None,
-        channel_length_m: None,
-        notes: None,
-    }
+    let window = (t_enter_s, t_exit_s);
+    Trial { condition: "3 cm".to_owned(), ..Trial::of_window("trial.txt".to_owned(), window) }
 }
 
 /// The telemetry of a trial as the evaluation takes it, without the readings.

@@ -121,7 +121,7 @@ impl<R: Read> Chunker<R> {
         } as u64;
         self.has_begun = true;
         let length = loop {
-            // Up to a multiple of the size: whole pages are copied, and whole subtrees hashed.
+            // Up to a multiple of the size: whole pages are copied.
             let target = filled + (chunk_bytes - self.position % chunk_bytes) as usize;
             if buffer.len() < target {
                 buffer.resize(target, 0);

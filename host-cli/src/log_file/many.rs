@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::chunk::{Chunk, ChunkError, Chunker, Room};
+use super::chunk::{Chunk, Chunker, Room};
 use super::plan::Plan;
 use super::rows::RowError;
 use super::source::Stream;
@@ -55,10 +55,7 @@ pub fn read_all<T: Send, E: From<LogError>>(
             chunk.room = Room { parsed, block };
             Ok((log, rows, repeated, skipped, value))
         },
-        |(log, failure)| match failure {
-            LegFailure::Log(error) => E::from(error),
-            LegFailure::Chunk(error) => E::from(logs[log].chunk_error(error)),
-        },
+        E::from,
         |result| {
             let (log, rows, repeated, skipped, value) =
                 result.map_err(|RowFailure { log, offset, error }| {
@@ -108,12 +105,6 @@ struct Leg {
     chunk: Chunk,
 }
 
-/// Why there is no next piece of a log.
-enum LegFailure {
-    Log(LogError),
-    Chunk(ChunkError),
-}
-
 impl<'a> Relay<'a> {
     fn new(logs: &'a [&'a Log], checksum: bool) -> Self {
         let (bytes_done, checksums) = (Arc::default(), Vec::new());
@@ -123,7 +114,7 @@ impl<'a> Relay<'a> {
 
 impl Pieces for Relay<'_> {
     type Piece = Leg;
-    type Error = (usize, LegFailure);
+    type Error = LogError;
 
     fn ended(&self) -> bool {
         self.now >= self.logs.len()
@@ -135,16 +126,11 @@ impl Pieces for Relay<'_> {
             let chunker = match &mut self.chunker {
                 Some(chunker) => chunker,
                 none => {
-                    let stream = log
-                        .source
-                        .open_counting(self.checksum, &self.bytes_done)
-                        .map_err(|error| (leg.log, LegFailure::Log(error)))?;
+                    let stream = log.source.open_counting(self.checksum, &self.bytes_done)?;
                     none.insert(Chunker::new(stream, log.layout.rows_start, log.chunk_bytes))
                 }
             };
-            let any = chunker
-                .next(&mut leg.chunk)
-                .map_err(|error| (leg.log, LegFailure::Chunk(error)))?;
+            let any = chunker.next(&mut leg.chunk).map_err(|error| log.chunk_error(error))?;
             if chunker.ended() {
                 self.checksums.push(chunker.stream().checksum());
                 self.chunker = None;

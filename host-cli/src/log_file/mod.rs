@@ -35,8 +35,8 @@ mod source;
 
 use std::io::Read;
 use std::path::Path;
-use std::sync::LazyLock;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, LazyLock};
 
 pub use columns::{Column, Meaning};
 pub use error::{Field, LogError, RowProblem};
@@ -143,7 +143,7 @@ impl Log {
     pub fn open(path: &Path, mapping: &Mapping) -> Result<Self, LogError> {
         let source = Source::new(path)?;
         let mut head = Vec::with_capacity(HEAD_BYTES as usize);
-        let mut stream = source.open(false)?.take(HEAD_BYTES);
+        let mut stream = source.open()?.take(HEAD_BYTES);
         stream.read_to_end(&mut head).map_err(|error| source.error(error))?;
         let whole = (head.len() as u64) < HEAD_BYTES;
         let layout = head::recognise_layout(&source, &head, whole, mapping)?;
@@ -298,8 +298,8 @@ impl Log {
         self.require(&Wanted { time: true, ..wanted.clone() })?;
         let time_only = Plan::new(&self.layout, &Wanted { time: true, ..Wanted::default() });
         let plan = Plan::new(&self.layout, wanted);
-        let stream = self.source.open(options.checksum)?;
-        let bytes_done = stream.bytes_done();
+        let bytes_done = Arc::default();
+        let stream = self.source.open_counting(options.checksum, &bytes_done)?;
         let chunk_bytes = self.chunk_bytes.min(SELECTED_BYTES);
         let mut chunker = Chunker::new(stream, self.layout.rows_start, chunk_bytes);
         let mut chunk = chunk::Chunk::default();
@@ -346,7 +346,7 @@ impl Log {
         let span = rows_end.saturating_sub(self.layout.rows_start);
         let io = |error| self.source.error(error);
         if self.source.compressed || span <= SAMPLES * SAMPLE_BYTES {
-            let stream = self.source.open(false)?;
+            let stream = self.source.open()?;
             let mut chunk = chunk::Chunk::default();
             let bytes = (SAMPLES * SAMPLE_BYTES) as usize;
             let mut chunker = Chunker::new(stream, self.layout.rows_start, bytes);
@@ -401,7 +401,7 @@ impl Log {
     /// The number of the line at `offset`, counted by reading up to there again: lines are not
     /// counted while all is well.
     fn line_number(&self, offset: u64) -> Result<u64, LogError> {
-        let mut before = self.source.open(false)?.take(offset);
+        let mut before = self.source.open()?.take(offset);
         let mut buffer = vec![0; 1 << 16];
         let mut line = 1;
         loop {

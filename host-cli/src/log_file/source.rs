@@ -41,8 +41,8 @@ impl Source {
     }
 
     /// Opens the file at its start.
-    pub(super) fn open(&self, checksum: bool) -> Result<Stream, LogError> {
-        self.open_counting(checksum, &Arc::default())
+    pub(super) fn open(&self) -> Result<Stream, LogError> {
+        self.open_counting(false, &Arc::default())
     }
 
     /// The same; what is read of the file on disk is added to `bytes`.
@@ -83,11 +83,6 @@ pub(super) enum Stream {
 }
 
 impl Stream {
-    /// Counts how much of the file on disk has been read.
-    pub(super) fn bytes_done(&self) -> Arc<AtomicU64> {
-        Arc::clone(&self.tap().bytes)
-    }
-
     /// The checksum of the file on disk, once it has been read to its end.
     pub(super) fn checksum(&self) -> Option<String> {
         self.tap().checksum.as_ref().map(|checksum| checksum.finish())

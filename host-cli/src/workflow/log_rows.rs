@@ -14,8 +14,8 @@ use crate::calibration::solver::{Blocks, Pass};
 use crate::log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
 use crate::pipeline::{self, Pieces};
 
-/// The bytes that kept rows may take: some 100,000 rows of eight channels, or 300,000 where the
-/// wrench is that of a digital sensor.
+/// The bytes that kept rows may take as small integers, and again as other numbers: some 100,000 rows
+/// of eight channels, or 300,000 where the wrench is that of a digital sensor.
 const KEPT_BYTES: usize = 8 << 20;
 
 /// Test logs are read together with the training logs if all of them are at most this long, so that

@@ -43,7 +43,7 @@ impl Numbers {
         let steps = self.step.zip(other.step);
         Self {
             places: self.places.and(other.places),
-            step: steps.map(|(a, b)| a.and(b)),
+            step: steps.and_then(|(a, b)| a.and(b)),
             largest: self.largest.max(other.largest),
         }
     }
@@ -113,9 +113,7 @@ impl Digits {
     pub(super) fn join(&self, sums: impl DoubleEndedIterator<Item = i128> + Clone) -> BigInt {
         match self {
             Self::Limbs(limbs) => join(sums, limbs.width),
-            Self::Grid(grid) => {
-                sums.zip(grid.weights()).map(|(sum, w)| BigInt::from(sum) * w).sum()
-            }
+            Self::Grid(_) => self.join_joined(sums.map(BigInt::from)),
         }
     }
 
@@ -198,9 +196,27 @@ mod tests {
         assert_eq!(grid(&[0.00625, 1000.0], 16), None);
         assert_eq!(grid(&[1.0 / 3.0], 16), None);
         assert_eq!(grid(&[0.0], 16), None);
+        assert_eq!(grid(&[1e12, 1e-9], 16), None);
     }
 
     proptest! {
+        #[test]
+        fn what_a_grid_is_chosen_for_has_digits_on_it(
+            parts in prop::collection::vec((-30_000_000..30_000_000_i64, 0..=9), 1..6),
+            width in 8_u32..24,
+        ) {
+            // Decimals of any sizes, known in parts as they turn up.
+            let parse = |&(m, decimals): &(i64, i32)| format!("{m}e-{decimals}").parse().unwrap();
+            let values: Vec<f64> = parts.iter().map(parse).collect();
+            let known = values.iter().fold(Numbers::NONE, |known, &x| known.and(Numbers::of(&[x])));
+            if let Some(grid) = known.grid(width) {
+                let mut out = vec![0.0; 2 * ROWS];
+                for x in values {
+                    prop_assert!(Digits::Grid(grid).cut(&[x; ROWS], &mut out), "{}", x);
+                }
+            }
+        }
+
         #[test]
         fn digits_are_small_integers_that_add_up(
             counts in prop::collection::vec(-8000..=8000_i32, ROWS),
