@@ -14,7 +14,7 @@ use shellcal::calibration::scaling::Scaling;
 use shellcal::calibration::solver::{self, Problem, SolverKind, solve_moments};
 use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration::validation::cross_validation::cross_validate;
-use shellcal::calibration::validation::grouped::{GroupedMoments, Grouping, RandomSplit};
+use shellcal::calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
 use shellcal::calibration::validation::selection::{self, select};
 use shellcal::wrench::PerAxis;
 use tempfile::TempDir;
@@ -76,9 +76,8 @@ fn rows_of(block: &Block, keep: impl Fn(usize) -> bool) -> Block {
 
 fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
     let random = RandomSplit { folds: random_folds, held_out: random_folds, seed: 1 };
-    let grouping = Grouping::new(basis, block.readings.len(), random);
-    let mut all = grouping.empty();
-    all.merge(grouping.reduce(block, None).unwrap()).unwrap();
+    let all = GroupSums::new(basis, block.readings.len(), random);
+    all.note(all.add(block, None).unwrap());
     all.finish().unwrap()
 }
 

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use shellcal::block::Block;
 use shellcal::calibration::solver::solve_moments;
 use shellcal::calibration::uncertainty::{CoefficientCovariance, Covariance};
-use shellcal::calibration::validation::grouped::{Grouping, RandomSplit};
+use shellcal::calibration::validation::grouped::{GroupSums, RandomSplit};
 use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::log_file::{Log, Mapping, ReadOptions};
 use shellcal::sensor_model::{Kind, Recording, Sample, Settings};
@@ -167,9 +167,8 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
             }
             block.groups.push((pose.to_string(), 40));
         }
-        let grouping = Grouping::new(Basis::Linear, 2, RandomSplit::default());
-        let mut sums = grouping.empty();
-        sums.merge(grouping.reduce(&block, None).unwrap()).unwrap();
+        let sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
+        sums.note(sums.add(&block, None).unwrap());
         let sums = sums.finish().unwrap();
         let total = sums.total().unwrap();
         let solution = solve_moments(total, &model, 0.0, &total.extent()).unwrap();

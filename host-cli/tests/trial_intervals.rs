@@ -6,7 +6,7 @@
 use shellcal::block::Block;
 use shellcal::calibration::solver::solve_moments;
 use shellcal::calibration::uncertainty::Covariance;
-use shellcal::calibration::validation::grouped::{Grouping, RandomSplit};
+use shellcal::calibration::validation::grouped::{GroupSums, RandomSplit};
 use shellcal::calibration::{Basis, Calibration, Model};
 use shellcal::sensor_model::{Kind, Recording, Settings};
 use shellcal::trial::{
@@ -43,9 +43,8 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
             _ => block.groups.push((label, 1)),
         }
     }
-    let grouping = Grouping::new(Basis::Cubic, 8, RandomSplit::default());
-    let mut sums = grouping.empty();
-    sums.merge(grouping.reduce(&block, None).unwrap()).unwrap();
+    let sums = GroupSums::new(Basis::Cubic, 8, RandomSplit::default());
+    sums.note(sums.add(&block, None).unwrap());
     let sums = sums.finish().unwrap();
     let total = sums.total().unwrap();
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 8 };

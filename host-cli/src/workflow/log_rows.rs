@@ -10,7 +10,7 @@ use super::WorkflowError;
 use super::kept_rows::{KeptBlock, Room, Steps, Store};
 use crate::block::Block;
 use crate::calibration::FitError;
-use crate::calibration::solver::{Blocks, Pass};
+use crate::calibration::solver::{Blocks, Pass, Reducer};
 use crate::log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
 use crate::pipeline::{self, Pieces};
 
@@ -153,8 +153,9 @@ impl<'a> LogRows<'a> {
         let is_short = self.logs.iter().map(|log| log.bytes()).sum::<u64>() <= TOGETHER_BYTES;
         let logs = if is_short { self.logs.len() } else { self.train };
         let (steps, is_kept) = (Steps::new(), AtomicBool::new(true));
+        let reducer = Reducer::new(pass);
         let map = |log: usize, block: &mut Block| {
-            let partial = (log < self.train).then(|| pass.reduce(block)).transpose()?;
+            let partial = (log < self.train).then(|| reducer.reduce(block)).transpose()?.flatten();
             let is_kept = is_kept.load(Ordering::Relaxed);
             let kept = is_kept.then(|| KeptBlock::new(block, &steps, &self.room)).flatten();
             Ok((partial, kept))
@@ -162,9 +163,7 @@ impl<'a> LogRows<'a> {
         let (mut all, mut kept, mut other_bytes) = (pass.empty(), Vec::new(), 0);
         kept.resize_with(logs, Vec::new);
         self.summaries = self.read_logs(0..logs, &self.read, map, |log, (partial, block)| {
-            if let Some(partial) = partial {
-                pass.merge(&mut all, partial);
-            }
+            reducer.merge(&mut all, partial);
             other_bytes += block.as_ref().map_or(0, KeptBlock::other_bytes);
             let Some(block) = block.filter(|_| other_bytes <= KEPT_BYTES) else {
                 is_kept.store(false, Ordering::Relaxed);
@@ -176,7 +175,7 @@ impl<'a> LogRows<'a> {
             }
         })?;
         self.kept = kept;
-        Ok(all)
+        Ok(reducer.finish(all))
     }
 }
 
@@ -192,10 +191,10 @@ impl Blocks for LogRows<'_> {
         if self.summaries.is_empty() {
             return self.first_pass(pass);
         }
-        let mut all = pass.empty();
-        let reduce = |_, block: &Block| pass.reduce(block);
-        self.pass_over(self.train, reduce, |_, partial| pass.merge(&mut all, partial))?;
-        Ok(all)
+        let (mut all, reducer) = (pass.empty(), Reducer::new(pass));
+        let reduce = |_, block: &Block| reducer.reduce(block);
+        self.pass_over(self.train, reduce, |_, partial| reducer.merge(&mut all, partial))?;
+        Ok(reducer.finish(all))
     }
 }
 

@@ -1,15 +1,15 @@
 //! From logs to exact sums, group by group, in one pass and without fitting anything.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use super::{WorkflowError, check_channels};
 use crate::block::Block;
 use crate::calibration::FitError;
 use crate::calibration::extent::Extent;
 use crate::calibration::model::Basis;
 use crate::calibration::validation::ValidationError;
-use crate::calibration::validation::grouped::{BlockSums, GroupedMoments, Grouping, RandomSplit};
-use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
+use crate::calibration::validation::grouped::{
+    BlockGroups, GroupSums, GroupedMoments, RandomSplit,
+};
+use crate::log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
 
 /// What a group is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,34 +62,22 @@ pub fn sum(
         check_channels(log, first.channels())?;
     }
     let channels = first.channels();
-    let grouping = Grouping::new(options.basis, channels, options.random);
-    let mut all = grouping.empty();
-    let mut summaries = Vec::new();
-    let read_before = AtomicU64::new(0);
-    let report = |bytes: u64| {
-        if let Some(progress) = options.read.progress {
-            progress(read_before.load(Ordering::Relaxed) + bytes);
+    let sums = GroupSums::new(options.basis, channels, options.random);
+    let labels: Vec<String> = logs.iter().map(|log| log.path().display().to_string()).collect();
+    let map = |log: usize, block: &mut Block| -> Result<BlockGroups, WorkflowError> {
+        if options.fresh {
+            block.retain_rows(&block.fresh_rows());
         }
+        // Names what is not finite, as every fit does.
+        Extent::of_block(block, channels)?;
+        Ok(sums.add(block, (!groups).then_some(&labels[log]))?)
     };
-    let read = ReadOptions { progress: Some(&report), ..options.read };
-    for log in logs {
-        let label = log.path().display().to_string();
-        let label = (!groups).then_some(label.as_str());
-        let map = |block: &mut Block| -> Result<BlockSums, WorkflowError> {
-            if options.fresh {
-                block.retain_rows(&block.fresh_rows());
-            }
-            // Names what is not finite, as every fit does.
-            Extent::of_block(block, channels)?;
-            Ok(grouping.reduce(block, label)?)
-        };
-        let summary = log.read(&wanted, &read, map, |block| -> Result<(), WorkflowError> {
-            Ok(all.merge(block?)?)
-        })?;
-        summaries.push(summary);
-        read_before.fetch_add(log.bytes(), Ordering::Relaxed);
-    }
-    Ok((all.finish()?, summaries))
+    let logs: Vec<&Log> = logs.iter().collect();
+    let summaries = log_file::read_all(&logs, &wanted, &options.read, map, |_, groups| {
+        sums.note(groups?);
+        Ok::<_, WorkflowError>(())
+    })?;
+    Ok((sums.finish()?, summaries))
 }
 
 impl From<ValidationError> for WorkflowError {

@@ -14,12 +14,13 @@ use pulp::Arch;
 use super::block_sums::{Scratch, SumBlock};
 use super::choice::Choice;
 use super::digits::{Digits, Numbers};
+use super::expected::Expected;
 use super::kernel::ROWS;
 use super::layout::Layout;
 use super::limbs::{FeatureLimbs, SQUARE_WIDTH};
 use super::moments::{Channel, Moments};
 use super::open_sums::{MOST_BLOCKS, OpenSums};
-use super::unit::{Unit, count, survey};
+use super::unit::{count, survey};
 use super::{ExactError, MAX_ROWS};
 use crate::calibration::model::Basis;
 use crate::wrench::Axis;
@@ -27,95 +28,43 @@ use crate::wrench::Axis;
 /// Sums rows of readings and wrenches exactly, in memory that does not grow with the rows.
 #[derive(Clone, Debug)]
 pub struct Accumulator {
+    basis: Basis,
     layout: Arc<Layout>,
-    total: Moments,
+    /// Sums that have been put away.
+    closed: Option<Moments>,
     /// What is known of the channels from all rows, staged ones included.
     channels: Vec<Channel>,
-    /// What the choice of centre and limbs is made for: rows so far, and what other accumulators
-    /// have met. Has no influence on results.
-    expected: Vec<Channel>,
-    numbers: [Numbers; 6],
+    pub(super) expected: Expected,
     open: Option<OpenSums>,
     /// Rows not yet summed: columns of [`ROWS`] numbers.
     staged: usize,
     readings: Vec<f64>,
     wrench: Vec<f64>,
-    scratch: Scratch,
+    pub(super) scratch: Scratch,
 }
 
 impl Accumulator {
     /// No rows yet, of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
-        let total = Moments::new(basis, channels);
+        let layout = Arc::new(Layout::new(basis, channels));
+        Self::with_layout(basis, layout, Expected::nothing(channels))
+    }
+
+    /// No rows yet.
+    pub(super) fn with_layout(basis: Basis, layout: Arc<Layout>, expected: Expected) -> Self {
+        let channels = layout.channels();
         Self {
-            layout: total.layout.clone(),
-            channels: total.channels.clone(),
-            expected: total.channels.clone(),
-            total,
-            numbers: [Numbers::NONE; 6],
+            basis,
+            layout,
+            closed: None,
+            channels: vec![Channel::EMPTY; channels],
+            expected,
             open: None,
             staged: 0,
             readings: vec![0.0; channels * ROWS],
             wrench: vec![0.0; 6 * ROWS],
             scratch: Scratch::default(),
         }
-    }
-
-    /// An accumulator of no rows that begins with this one's choice of centre and limbs, so that
-    /// both can be merged cheaply.
-    pub fn fork(&self) -> Self {
-        let mut fork = Self {
-            layout: self.layout.clone(),
-            total: Moments::with_layout(self.total.basis, self.layout.clone()),
-            channels: Vec::new(),
-            expected: self.expected.clone(),
-            numbers: self.numbers,
-            open: None,
-            staged: 0,
-            readings: vec![0.0; self.readings.len()],
-            wrench: vec![0.0; self.wrench.len()],
-            scratch: Scratch::default(),
-        };
-        fork.channels.clone_from(&fork.total.channels);
-        // Readings with fractions are too rare to be taken care of here.
-        if self.expected.iter().any(|channel| channel.unit != Unit::COUNT) {
-            fork.expected.clone_from(&fork.channels);
-        } else if let Some(open) = &self.open {
-            fork.open = Some(OpenSums::new(open.choice.clone()));
-        }
-        fork
-    }
-
-    /// The choice of centre and limbs, by its address; `None` before the first rows.
-    pub(super) fn choice(&self) -> Option<*const ()> {
-        self.open.as_ref().map(|open| Arc::as_ptr(&open.choice).cast())
-    }
-
-    /// Makes later choices good for what `other` has met, too.
-    pub(super) fn expect_as(&mut self, other: &Self) {
-        for (own, other) in self.expected.iter_mut().zip(&other.expected) {
-            own.merge(other);
-        }
-        for (own, other) in self.numbers.iter_mut().zip(other.numbers) {
-            *own = own.and(other);
-        }
-    }
-
-    /// Makes later choices good for rows such as these.
-    pub(super) fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
-        for (expected, column) in self.expected.iter_mut().zip(readings) {
-            if let Ok(found) = survey(column.as_ref(), Unit::COUNT) {
-                expected.merge(&found);
-            }
-        }
-        for (numbers, column) in self.numbers.iter_mut().zip(wrench) {
-            *numbers = numbers.and(Numbers::of(column.as_ref()));
-        }
-    }
-
-    /// Works in memory that another accumulator has given back.
-    pub(super) fn take_scratch(&mut self, scratch: Scratch) {
-        self.scratch = scratch;
     }
 
     /// Adds the rows of `other`, which are other rows of the same channels and basis.
@@ -128,35 +77,39 @@ impl Accumulator {
     /// If basis or number of channels differ.
     pub fn merge(&mut self, mut other: Self) -> Result<(), ExactError> {
         self.sum_staged()?;
+        std::mem::swap(&mut self.scratch, &mut other.scratch);
         other.sum_staged()?;
-        if other.total.rows > 0 {
-            self.total.merge(&other.total)?;
+        std::mem::swap(&mut self.scratch, &mut other.scratch);
+        if let Some(closed) = other.closed.take() {
+            self.add_closed(closed)?;
         }
         for i in 0..self.channels.len() {
             if self.channels[i].unit != other.channels[i].unit {
-                self.close()?;
+                self.forsake_choice()?;
             }
             self.channels[i].merge(&other.channels[i]);
-            self.expected[i].merge(&other.expected[i]);
+            self.expected.channels[i].merge(&other.expected.channels[i]);
             if !self.channels[i].fits() {
                 return Err(ExactError::TooWide { channel: i });
             }
         }
-        for (own, other) in self.numbers.iter_mut().zip(other.numbers) {
-            *own = own.and(other);
-        }
+        self.expected.merge_numbers(&other.expected.numbers);
         let Some(open) = other.open.take_if(|open| open.rows > 0) else { return Ok(()) };
         let same_units = self.channels.iter().zip(&other.channels);
         if same_units.into_iter().any(|(a, b)| a.unit != b.unit) {
             return self.put_away(&open, &other.channels);
         }
         match &mut self.open {
-            None => self.open = Some(open),
+            None => {
+                self.expected.choice = Some(open.choice.clone());
+                self.open = Some(open);
+            }
             Some(own) if own.choice == open.choice && own.blocks + open.blocks <= MOST_BLOCKS => {
                 own.add(&open);
             }
             // The later choice has seen more, and is more likely to be that of the next rows.
             Some(own) => {
+                self.expected.choice = Some(open.choice.clone());
                 let own = std::mem::replace(own, open);
                 self.put_away(&own, &self.channels.clone())?;
             }
@@ -182,10 +135,8 @@ impl Accumulator {
         let rows = wrench[0].as_ref().len();
         assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
         self.survey(readings)?;
-        if self.open.is_none() {
-            for (numbers, column) in self.numbers.iter_mut().zip(wrench) {
-                *numbers = numbers.and(Numbers::of(column.as_ref()));
-            }
+        if self.expected.choice.is_none() {
+            self.expected.expect_wrench(wrench);
         }
         let mut start = 0;
         while start < rows {
@@ -208,15 +159,6 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Sums the rows that still wait for a full block, and gives working memory back.
-    ///
-    /// # Errors
-    /// [`ExactError`] if they cannot be summed exactly.
-    pub(super) fn settle(&mut self) -> Result<Scratch, ExactError> {
-        self.sum_staged()?;
-        Ok(std::mem::take(&mut self.scratch))
-    }
-
     /// The sums over all rows taken up.
     ///
     /// # Errors
@@ -224,7 +166,7 @@ impl Accumulator {
     pub fn finish(mut self) -> Result<Moments, ExactError> {
         self.sum_staged()?;
         self.close()?;
-        Ok(self.total)
+        Ok(self.closed.unwrap_or_else(|| Moments::with_layout(self.basis, self.layout)))
     }
 
     /// Sees to it that readings count as integers, and widens the known ranges by them.
@@ -236,10 +178,10 @@ impl Accumulator {
                 .map_err(|value| ExactError::NotAnInteger { channel: i, value })?;
             if found.unit != known.unit {
                 self.sum_staged()?;
-                self.close()?;
+                self.forsake_choice()?;
             }
             self.channels[i].merge(&found);
-            self.expected[i].merge(&found);
+            self.expected.channels[i].merge(&found);
             if !self.channels[i].fits() {
                 return Err(ExactError::TooWide { channel: i });
             }
@@ -247,20 +189,23 @@ impl Accumulator {
         Ok(())
     }
 
-    fn sum_staged(&mut self) -> Result<(), ExactError> {
+    /// Sums the rows that still wait for a full block.
+    pub(super) fn sum_staged(&mut self) -> Result<(), ExactError> {
         if self.staged == 0 {
             return Ok(());
         }
         for column in self.wrench.chunks_mut(ROWS) {
             column[self.staged..].fill(0.0);
         }
-        let covered = self.open.as_ref().is_some_and(|open| {
-            let choice = &open.choice;
-            open.blocks < MOST_BLOCKS
-                && distance(&self.channels, &choice.centre) <= choice.features.largest
-        });
-        if !covered {
-            self.reopen()?;
+        let is_full = self.open.as_ref().is_some_and(|open| open.blocks >= MOST_BLOCKS);
+        let covers = |choice: &&Arc<Choice>| {
+            distance(&self.channels, &choice.centre) <= choice.features.largest
+        };
+        match self.expected.choice.as_ref().filter(covers) {
+            Some(choice) if !is_full => {
+                self.open.get_or_insert_with(|| OpenSums::new(choice.clone()));
+            }
+            _ => self.reopen()?,
         }
         if !self.sum() {
             self.reopen()?;
@@ -291,17 +236,18 @@ impl Accumulator {
             if !staged.iter().all(|x| x.is_finite()) {
                 return Err(ExactError::NotFinite { axis });
             }
-            let numbers = &mut self.numbers[axis.index()];
+            let numbers = &mut self.expected.numbers[axis.index()];
             *numbers = numbers.and(Numbers::of(staged));
         }
-        let centre: Vec<i64> = self.expected.iter().map(Channel::middle).collect();
-        let features = FeatureLimbs::new(distance(&self.expected, &centre), &self.layout);
+        let expected = &self.expected.channels;
+        let centre: Vec<i64> = expected.iter().map(Channel::middle).collect();
+        let features = FeatureLimbs::new(distance(expected, &centre), &self.layout);
         let cross_width = features.cross_width().unwrap_or(SQUARE_WIDTH);
         // Narrow digits will do for both, as they are as few.
         let digits = |width: u32| -> Result<[Digits; 6], ExactError> {
             let mut digits = [Digits::NONE; 6];
             for axis in Axis::ALL {
-                let numbers = self.numbers[axis.index()];
+                let numbers = self.expected.numbers[axis.index()];
                 digits[axis.index()] = match numbers.grid(cross_width) {
                     Some(grid) => Digits::Grid(grid),
                     None => numbers
@@ -313,9 +259,16 @@ impl Accumulator {
             Ok(digits)
         };
         let (squares, cross) = (digits(SQUARE_WIDTH)?, digits(cross_width)?);
-        let choice = Choice::new(&self.layout, centre, features, squares, cross);
-        self.open = Some(OpenSums::new(Arc::new(choice)));
+        let choice = Arc::new(Choice::new(&self.layout, centre, features, squares, cross));
+        self.open = Some(OpenSums::new(choice.clone()));
+        self.expected.choice = Some(choice);
         Ok(())
+    }
+
+    /// Puts the open sums away before the unit of a channel changes: the choice is in its units.
+    fn forsake_choice(&mut self) -> Result<(), ExactError> {
+        self.expected.choice = None;
+        self.close()
     }
 
     fn close(&mut self) -> Result<(), ExactError> {
@@ -326,12 +279,20 @@ impl Accumulator {
     }
 
     fn put_away(&mut self, open: &OpenSums, channels: &[Channel]) -> Result<(), ExactError> {
-        if self.total.rows + open.rows > MAX_ROWS {
-            return Err(ExactError::TooManyRows);
-        }
-        let mut part = open.moments(&self.layout, self.total.basis);
+        let mut part = open.moments(&self.layout, self.basis);
         part.channels = channels.to_vec();
-        self.total.merge(&part)
+        self.add_closed(part)
+    }
+
+    fn add_closed(&mut self, part: Moments) -> Result<(), ExactError> {
+        match &mut self.closed {
+            None if part.rows > MAX_ROWS => Err(ExactError::TooManyRows),
+            None => {
+                self.closed = Some(part);
+                Ok(())
+            }
+            Some(closed) => closed.merge(&part),
+        }
     }
 }
 

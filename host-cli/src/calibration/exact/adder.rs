@@ -1,59 +1,113 @@
-//! Sums of blocks of rows on any thread, each begun with what the others have met.
+//! Accumulators on any thread, each of which learns from what the others have met.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::ExactError;
 use super::accumulator::Accumulator;
 use super::block_sums::Scratch;
+use super::expected::Expected;
+use super::layout::Layout;
+use super::moments::Moments;
 use crate::calibration::model::Basis;
 
-/// Sums blocks of rows, one [`Accumulator`] each, so that they can be merged cheaply.
+/// Adds rows to [`Accumulator`]s so that they can be merged cheaply.
 ///
-/// Merging is cheap between sums about the same centre in the same limbs. So each block begins
+/// Merging is cheap between sums about the same centre in the same limbs. So each accumulator begins
 /// with the latest choice of these, which saves work and has no influence on results.
 #[derive(Debug)]
 pub struct Adder {
-    latest: Mutex<Accumulator>,
+    basis: Basis,
+    layout: Arc<Layout>,
+    latest: Mutex<Expected>,
     /// Working memory that waits to be used again.
     scratches: Mutex<Vec<Scratch>>,
 }
 
 impl Adder {
-    /// Sums rows of `channels` channels.
+    /// For rows of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
-        let latest = Mutex::new(Accumulator::new(basis, channels));
-        Self { latest, scratches: Mutex::default() }
+        Self {
+            basis,
+            layout: Arc::new(Layout::new(basis, channels)),
+            latest: Mutex::new(Expected::nothing(channels)),
+            scratches: Mutex::default(),
+        }
     }
 
     /// Prepares for rows such as these. Those that cannot be summed exactly are of no account yet.
     pub fn expect<C: AsRef<[f64]>>(&self, readings: &[C], wrench: &[C]) {
-        lock(&self.latest).expect(readings, wrench);
+        let mut latest = lock(&self.latest);
+        latest.expect_readings(readings);
+        latest.expect_wrench(wrench);
     }
 
-    /// The sums over some rows, as in [`Accumulator::absorb`].
+    /// Sums over no rows.
+    pub fn begin(&self) -> Accumulator {
+        let latest = lock(&self.latest);
+        let expected = match latest.in_counts() {
+            true => latest.clone(),
+            false => Expected::nothing(self.layout.channels()),
+        };
+        Accumulator::with_layout(self.basis, self.layout.clone(), expected)
+    }
+
+    /// Adds rows to `sums`, as [`Accumulator::absorb`] does.
     ///
     /// # Errors
     /// [`ExactError`] if the rows cannot be summed exactly.
     ///
     /// # Panics
     /// If the numbers or lengths of columns are not as said there.
-    pub fn sum<C: AsRef<[f64]>>(
+    pub fn add<C: AsRef<[f64]>>(
         &self,
+        sums: &mut Accumulator,
         readings: &[C],
         wrench: &[C],
-    ) -> Result<Accumulator, ExactError> {
-        let mut sums = lock(&self.latest).fork();
-        let start = sums.choice();
-        sums.take_scratch(lock(&self.scratches).pop().unwrap_or_default());
+    ) -> Result<(), ExactError> {
+        sums.expected.learn(&lock(&self.latest));
+        let choice = |sums: &Accumulator| sums.expected.choice.as_ref().map(Arc::as_ptr);
+        let before = choice(sums);
+        self.lend_scratch(sums);
         sums.absorb(readings, wrench)?;
-        lock(&self.scratches).push(sums.settle()?);
-        if sums.choice() != start {
+        self.take_scratch_back(sums);
+        if choice(sums) != before {
+            let mut expected = sums.expected.clone();
             let mut latest = lock(&self.latest);
             // What another thread has met in the meantime counts too.
-            sums.expect_as(&latest);
-            *latest = sums.fork();
+            expected.learn(&latest);
+            *latest = expected;
         }
-        Ok(sums)
+        Ok(())
+    }
+
+    /// Adds the rows of `later`, as [`Accumulator::merge`] does.
+    ///
+    /// # Errors
+    /// [`ExactError`] if the rows of both cannot be summed exactly.
+    pub fn merge(&self, sums: &mut Accumulator, later: Accumulator) -> Result<(), ExactError> {
+        self.lend_scratch(sums);
+        sums.merge(later)?;
+        self.take_scratch_back(sums);
+        Ok(())
+    }
+
+    /// The sums over all rows of `sums`, as [`Accumulator::finish`] has them.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be exact.
+    pub fn finish(&self, mut sums: Accumulator) -> Result<Moments, ExactError> {
+        self.lend_scratch(&mut sums);
+        sums.sum_staged()?;
+        self.take_scratch_back(&mut sums);
+        sums.finish()
+    }
+
+    fn lend_scratch(&self, sums: &mut Accumulator) {
+        sums.scratch = lock(&self.scratches).pop().unwrap_or_default();
+    }
+
+    fn take_scratch_back(&self, sums: &mut Accumulator) {
+        lock(&self.scratches).push(std::mem::take(&mut sums.scratch));
     }
 }
 

@@ -12,6 +12,7 @@
 //! most `|n|·c·2⁻⁵²`; and `2^unit`, of which `x` and `c` are multiples, is at least `c·2⁻⁵³`.
 
 use num_bigint::BigInt;
+use num_traits::ToPrimitive;
 
 use super::kernel::ROWS;
 use super::limbs::{Limbs, Places, power_of_two};
@@ -113,8 +114,30 @@ impl Digits {
     pub(super) fn join(&self, sums: impl DoubleEndedIterator<Item = i128> + Clone) -> BigInt {
         match self {
             Self::Limbs(limbs) => join(sums, limbs.width),
-            Self::Grid(_) => self.join_joined(sums.map(BigInt::from)),
+            Self::Grid(grid) => {
+                let narrow = sums.clone().zip(grid.weights()).try_fold(0_i128, |all, (sum, w)| {
+                    all.checked_add(sum.checked_mul(i128::from(w))?)
+                });
+                narrow.map_or_else(|| self.join_joined(sums.map(BigInt::from)), BigInt::from)
+            }
         }
+    }
+
+    /// Digits, lowest first, that [`Digits::join`] to `sum`, where there are some for sums of as
+    /// many numbers as can be.
+    pub(super) fn split(&self, sum: BigInt) -> Vec<i128> {
+        let mut digits = Vec::with_capacity(self.count());
+        let mut rest = sum;
+        for _ in 1..self.count() {
+            let (higher, weight) = match self {
+                Self::Limbs(limbs) => (&rest >> limbs.width, BigInt::from(1) << limbs.width),
+                Self::Grid(grid) => (&rest / grid.weights()[1], grid.weights()[1].into()),
+            };
+            digits.push(rest - &higher * weight);
+            rest = higher;
+        }
+        digits.push(rest);
+        digits.iter().map(|digit| digit.to_i128().expect("as long as a sum of digits")).collect()
     }
 
     /// The same where the sums over digits have been joined before.
@@ -242,7 +265,9 @@ mod tests {
                 // In integers of the unit, which both sides are multiples of.
                 let unit = power_of_two(-digits.unit());
                 let sum = digits.join([low as i128, high as i128].into_iter());
-                prop_assert_eq!(sum, BigInt::from((value * unit) as i128));
+                prop_assert_eq!(&sum, &BigInt::from((value * unit) as i128));
+                let split = digits.split(&sum << 30);
+                prop_assert_eq!(digits.join(split.into_iter()), sum << 30);
             }
         }
     }

@@ -183,14 +183,18 @@ impl Layout {
         self.monomials.iter().map(move |m| m.exponent(channel))
     }
 
-    /// What [`shift`] does to move the origin of `channel` in all sums.
-    pub(super) fn steps(&self, channel: usize) -> &[Step] {
-        &self.steps[channel].0
+    /// Moves the origin of every channel by `by` in all sums, modulo 2¹²⁸.
+    pub(super) fn move_origin(&self, sums: &mut [i128], by: &[i64]) {
+        for ((steps, _), &by) in self.steps.iter().zip(by) {
+            shift(sums, steps, by);
+        }
     }
 
-    /// What [`shift`] does to move the origin of `channel` in the sums of one and the features.
-    pub(super) fn feature_steps(&self, channel: usize) -> &[Step] {
-        &self.steps[channel].1
+    /// The same in sums of one and the features with something else.
+    pub(super) fn move_origin_of_features(&self, sums: &mut [i128], by: &[i64]) {
+        for ((_, steps), &by) in self.steps.iter().zip(by) {
+            shift(sums, steps, by);
+        }
     }
 }
 
@@ -204,16 +208,16 @@ fn steps(monomials: &[Monomial], index: &Index, channel: usize) -> Vec<Step> {
     steps
 }
 
-/// Turns sums of products with powers of a reading `s` into those with powers of `s − shift`.
+/// Turns sums of products with powers of a reading `s` into those with powers of `s − by`.
 ///
-/// By repeated synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − shift)ⁿ⁻¹` into
-/// `sᵃ⁻ⁿ·(s − shift)ⁿ`, highest powers first. `take_away(value, from)` is `value − shift·from`.
-pub(super) fn shift<T: Clone>(values: &mut [T], steps: &[Step], take_away: impl Fn(&mut T, &T)) {
-    let highest = steps.first().map_or(0, |step| step.exponent);
+/// By repeated synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`,
+/// highest powers first.
+fn shift(values: &mut [i128], steps: &[Step], by: i64) {
+    let highest = if by == 0 { 0 } else { steps.first().map_or(0, |step| step.exponent) };
     for pass in 1..=highest {
         for step in steps.iter().take_while(|step| step.exponent >= pass) {
-            let from = values[step.from].clone();
-            take_away(&mut values[step.of], &from);
+            let from = values[step.from].wrapping_mul(i128::from(by));
+            values[step.of] = values[step.of].wrapping_sub(from);
         }
     }
 }
@@ -283,14 +287,12 @@ mod tests {
     #[test]
     fn shifting_the_origin_of_one_row_gives_the_products_of_the_shifted_readings() {
         let layout = Layout::new(Basis::Poly3, 3);
-        let values = |readings: [i64; 3]| -> Vec<i64> {
+        let values = |readings: [i128; 3]| -> Vec<i128> {
             let power = |m: &Monomial, i: usize| readings[i].pow(m.exponent(i) as u32);
             layout.monomials.iter().map(|m| (0..3).map(|i| power(m, i)).product()).collect()
         };
         let mut shifted = values([5, -3, 7]);
-        for (channel, by) in [(0, 2), (1, -4), (2, 11)] {
-            shift(&mut shifted, layout.steps(channel), |value, from| *value -= by * from);
-        }
+        layout.move_origin(&mut shifted, &[2, -4, 11]);
         assert_eq!(shifted, values([3, 1, -4]));
     }
 }

@@ -7,7 +7,8 @@ use num_bigint::BigInt;
 use num_traits::Zero;
 use serde::{Deserialize, Serialize};
 
-use super::layout::{Layout, shift};
+use super::layout::Layout;
+use super::planes::Planes;
 use super::unit::Unit;
 use super::{ExactError, MAX_ROWS};
 use crate::calibration::extent::{Extent, Range};
@@ -49,7 +50,7 @@ pub(super) struct Channel {
 }
 
 impl Channel {
-    const EMPTY: Self = Self { unit: Unit::COUNT, lowest: i64::MAX, highest: i64::MIN };
+    pub(super) const EMPTY: Self = Self { unit: Unit::COUNT, lowest: i64::MAX, highest: i64::MIN };
 }
 
 /// Integers times a power of two, in lowest terms: not all of them even, exponent 0 if all zero.
@@ -252,30 +253,22 @@ impl Moments {
         }
     }
 
-    /// The sums with the origin of each channel moved to `origin`.
-    pub(super) fn about(&self, origin: &[i64]) -> (Vec<i128>, [Vec<BigInt>; 6]) {
-        let mut readings = self.readings.clone();
-        let mut wrench = self.wrench.each_ref().map(|axis| axis.values.clone());
-        move_origin(&self.layout, &mut readings, &mut wrench, origin);
-        (readings, wrench)
-    }
-}
-
-/// Moves the origin of every channel by `by`.
-pub(super) fn move_origin(
-    layout: &Layout,
-    readings: &mut [i128],
-    wrench: &mut [Vec<BigInt>; 6],
-    by: &[i64],
-) {
-    for (channel, &by) in by.iter().enumerate().filter(|&(_, &by)| by != 0) {
-        let integer = i128::from(by);
-        shift(readings, layout.steps(channel), |value, from| {
-            *value = value.wrapping_sub(from.wrapping_mul(integer));
+    /// The sums of readings, and for each axis those with the wrench, with the origin of each channel
+    /// moved to `origin`.
+    pub(super) fn about(&self, origin: &[i64]) -> (Vec<i128>, [Planes; 6]) {
+        let wrench = self.wrench.each_ref().map(|axis| {
+            let mut planes = Planes::of(&axis.values);
+            planes.move_origin(&self.layout, origin);
+            planes
         });
-        for axis in &mut *wrench {
-            shift(axis, layout.feature_steps(channel), |value, from| *value -= from * by);
-        }
+        (self.readings_about(origin), wrench)
+    }
+
+    /// The sums of readings with the origin of each channel moved to `origin`.
+    pub(super) fn readings_about(&self, origin: &[i64]) -> Vec<i128> {
+        let mut readings = self.readings.clone();
+        self.layout.move_origin(&mut readings, origin);
+        readings
     }
 }
 

@@ -2,11 +2,9 @@
 
 use std::sync::Arc;
 
-use num_bigint::BigInt;
-
 use super::choice::Choice;
 use super::layout::Layout;
-use super::moments::{Moments, Scaled, move_origin};
+use super::moments::{Moments, Scaled};
 use crate::calibration::model::Basis;
 
 /// Blocks after which the pairs of sums could lose their exactness: `2^25·2^26 < 2^53`, and
@@ -52,10 +50,13 @@ impl OpenSums {
         let mut wrench = self.products_with_wrench(layout, &mut moments, &mut sums);
         self.add_squares(&mut moments, &mut wrench, &mut sums);
         let back: Vec<i64> = self.choice.centre.iter().map(|c| -c).collect();
-        move_origin(layout, &mut moments.readings, &mut wrench, &back);
+        layout.move_origin(&mut moments.readings, &back);
         let digits = self.choice.cross_digits();
-        for ((scaled, sums), digits) in moments.wrench.iter_mut().zip(wrench).zip(digits) {
-            *scaled = Scaled::new(digits.unit(), sums);
+        for ((scaled, mut planes), digits) in moments.wrench.iter_mut().zip(wrench).zip(digits) {
+            planes.iter_mut().for_each(|plane| layout.move_origin_of_features(plane, &back));
+            let sum = |place| digits.join(planes.iter().map(|plane: &Vec<i128>| plane[place]));
+            let sums = (0..=layout.features.len()).map(sum);
+            *scaled = Scaled::new(digits.unit(), sums.collect());
         }
         moments
     }
@@ -86,13 +87,14 @@ impl OpenSums {
         }
     }
 
-    /// Adds the sums of the features; returns those of each axis times the features.
+    /// Adds the sums of the features; returns those of each axis times the features, digit by digit,
+    /// with places for those of the axis alone.
     fn products_with_wrench(
         &self,
         layout: &Layout,
         moments: &mut Moments,
         sums: &mut impl Iterator<Item = i128>,
-    ) -> [Vec<BigInt>; 6] {
+    ) -> [Vec<Vec<i128>>; 6] {
         let choice = &*self.choice;
         let rights = &choice.rights;
         let mut add_ones = |sums: &mut dyn Iterator<Item = i128>| {
@@ -104,14 +106,13 @@ impl OpenSums {
             add_ones(sums);
         }
         let wrench = choice.cross_digits().map(|digits| {
-            let products = digits.count() * rights.len();
-            let products: Vec<i128> = (0..products).map(|_| next(sums)).collect();
-            let mut axis = vec![BigInt::ZERO; layout.features.len() + 1];
-            for (column, right) in rights.iter().enumerate() {
-                let of_digits = products.iter().skip(column).step_by(rights.len()).copied();
-                axis[1 + right.feature] += digits.join(of_digits) << right.shift;
+            let mut planes = vec![vec![0; layout.features.len() + 1]; digits.count()];
+            for plane in &mut planes {
+                for right in rights {
+                    plane[1 + right.feature] += next(sums) << right.shift;
+                }
             }
-            axis
+            planes
         });
         if choice.cross.is_none() {
             add_ones(sums);
@@ -123,7 +124,7 @@ impl OpenSums {
     fn add_squares(
         &self,
         moments: &mut Moments,
-        wrench: &mut [Vec<BigInt>; 6],
+        wrench: &mut [Vec<Vec<i128>>; 6],
         sums: &mut impl Iterator<Item = i128>,
     ) {
         let Choice { squares, .. } = &*self.choice;
@@ -146,7 +147,10 @@ impl OpenSums {
             let ones = squares[left].join(rows.iter().map(|row| row[column]));
             // The other sums of this axis may count in units of other digits.
             let up = squares[left].unit() - cross[left].unit();
-            wrench[left][0] = if up >= 0 { ones << up } else { ones >> -up };
+            let ones = if up >= 0 { ones << up } else { ones >> -up };
+            for (plane, digit) in wrench[left].iter_mut().zip(cross[left].split(ones)) {
+                plane[0] = digit;
+            }
         }
     }
 }

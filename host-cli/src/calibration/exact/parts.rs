@@ -89,7 +89,7 @@ impl<'a> Parts<'a> {
 impl Frame {
     fn new(total: &Moments, terms: Vec<Term>, centre: Vec<i64>) -> Self {
         let half = |exponent: i32| exponent.div_euclid(2) + 1;
-        let (readings, _) = total.about(&centre);
+        let readings = total.readings_about(&centre);
         let positions = total.positions(&terms);
         let columns = (0..terms.len()).map(|j| match readings[positions[j * terms.len() + j]] {
             0 => 0,
@@ -117,7 +117,7 @@ impl Frame {
         };
         let sum = |axis: usize, position: usize, column: i32| {
             let exponent = moments.wrench[axis].exponent - column - self.axes[axis];
-            round_scaled(&wrench[axis][position], exponent)
+            wrench[axis].rounded(position, exponent)
         };
         Part {
             rows: moments.rows(),

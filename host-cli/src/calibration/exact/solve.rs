@@ -197,6 +197,8 @@ impl<'a> Equations<'a> {
         centre: &[i64],
     ) -> Self {
         let (readings, wrench) = moments.about(centre);
+        let sums = 0..=moments.layout.features.len();
+        let wrench = wrench.map(|axis| sums.clone().map(|place| axis.value(place)).collect());
         let size = terms.len();
         let half = |exponent: i32| exponent.div_euclid(2) + 1;
         let columns = (0..size).map(|j| match readings[positions[j * size + j]] {

@@ -38,9 +38,15 @@ impl Symmetric {
     /// and column.
     pub(super) fn new(upper: impl Iterator<Item = i128>, exponents: &[i32]) -> Self {
         let size = exponents.len();
-        let pairs = (0..size).flat_map(|i| (i..size).map(move |j| exponents[i] + exponents[j]));
-        let scaled = |(sum, exponent): (i128, i32)| round(sum).scaled(power_of_two(-exponent));
-        Self { size, upper: upper.zip(pairs).map(scaled).collect() }
+        let mut scaled = vec![DoubleDouble::ZERO; size * (size + 1) / 2];
+        let (mut upper, mut rows) = (upper, &mut scaled[..]);
+        for (i, row) in exponents.iter().enumerate() {
+            let now = rows.split_off_mut(..size - i).expect("a triangle");
+            for ((element, column), sum) in now.iter_mut().zip(&exponents[i..]).zip(&mut upper) {
+                *element = round(sum).scaled(power_of_two(-row - column));
+            }
+        }
+        Self { size, upper: scaled }
     }
 
     /// Adds to an element of the diagonal.

@@ -67,17 +67,22 @@ impl Exact {
 impl Pass for Exact {
     type Partial = ExactPartial;
 
+    const ANY_ORDER: bool = true;
+
     fn empty(&self) -> ExactPartial {
-        ExactPartial(Ok(Accumulator::new(self.model.basis, self.model.channels)))
+        ExactPartial(Ok(self.adder.begin()))
     }
 
-    fn reduce(&self, block: &Block) -> Result<ExactPartial, FitError> {
-        Ok(ExactPartial(Ok(self.adder.sum(&block.readings, &block.wrench)?)))
+    fn absorb(&self, partial: &mut ExactPartial, block: &Block) -> Result<(), FitError> {
+        if let Ok(sums) = &mut partial.0 {
+            self.adder.add(sums, &block.readings, &block.wrench)?;
+        }
+        Ok(())
     }
 
     fn merge(&self, earlier: &mut ExactPartial, later: ExactPartial) {
         let merged = match (&mut earlier.0, later.0) {
-            (Ok(sums), Ok(later)) => sums.merge(later),
+            (Ok(sums), Ok(later)) => self.adder.merge(sums, later),
             (Ok(_), Err(error)) => Err(error),
             (Err(_), _) => return,
         };

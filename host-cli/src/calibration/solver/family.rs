@@ -1,6 +1,6 @@
 //! Every solver by its name, over blocks that can be passed over as often as it asks.
 
-use super::{Exact, Pass, Problem, Solution, SolverKind, solve_moments};
+use super::{Exact, Pass, Problem, Reducer, Solution, SolverKind, solve_moments};
 use crate::block::Block;
 use crate::calibration::FitError;
 use crate::calibration::extent::Extent;
@@ -32,11 +32,11 @@ impl Blocks for &[Block] {
     type Error = FitError;
 
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, FitError> {
-        let mut sum = pass.empty();
+        let (mut all, reducer) = (pass.empty(), Reducer::new(pass));
         for block in *self {
-            pass.merge(&mut sum, pass.reduce(block)?);
+            reducer.merge(&mut all, reducer.reduce(block)?);
         }
-        Ok(sum)
+        Ok(reducer.finish(all))
     }
 }
 
@@ -89,12 +89,15 @@ struct WithExtent<'a, P> {
 impl<P: Pass> Pass for WithExtent<'_, P> {
     type Partial = (Extent, P::Partial);
 
+    const ANY_ORDER: bool = P::ANY_ORDER;
+
     fn empty(&self) -> Self::Partial {
         (Extent::new(self.channels), self.pass.empty())
     }
 
-    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError> {
-        Ok((Extent::of_block(block, self.channels)?, self.pass.reduce(block)?))
+    fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError> {
+        partial.0.merge(&Extent::of_block(block, self.channels)?);
+        self.pass.absorb(&mut partial.1, block)
     }
 
     fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
@@ -179,12 +182,12 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
         self.reduction.empty()
     }
 
-    fn reduce(&self, block: &Block) -> Result<R::Partial, FitError> {
+    fn absorb(&self, partial: &mut R::Partial, block: &Block) -> Result<(), FitError> {
         let p = self.features.len();
         let stride = Chunk::rows_in_cache(self.shape.columns()).min(block.rows);
         let mut heads = vec![0.0; stride * self.shape.columns()];
         let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
-        let (mut partial, mut scratch) = (self.reduction.empty(), self.reduction.scratch());
+        let mut scratch = self.reduction.scratch();
         for start in (0..block.rows).step_by(stride.max(1)) {
             let rows = start..block.rows.min(start + stride);
             let readings = &block.readings;
@@ -199,9 +202,9 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
             }
             let tails = if wide { &tails[..] } else { &[] };
             let chunk = Chunk { rows: rows.len(), stride, heads: &heads, tails };
-            self.reduction.absorb(&mut partial, &chunk, &mut scratch);
+            self.reduction.absorb(partial, &chunk, &mut scratch);
         }
-        Ok(partial)
+        Ok(())
     }
 
     fn merge(&self, earlier: &mut R::Partial, later: R::Partial) {

@@ -6,6 +6,7 @@
 
 mod exact;
 mod family;
+mod reducer;
 
 use std::borrow::Cow;
 
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::exact::{Exact, ExactPartial, solve_moments};
 pub use self::family::{Blocks, fit, fit_by};
+pub use self::reducer::Reducer;
 use super::features::Features;
 use super::least_squares::LeastSquares;
 use super::scaling::Scaling;
@@ -26,17 +28,31 @@ pub trait Pass: Sync {
     /// What some rows leave behind.
     type Partial: Send;
 
+    /// Whether it is the same in whatever order and groups rows are added and merged.
+    const ANY_ORDER: bool = false;
+
     /// Of no rows.
     fn empty(&self) -> Self::Partial;
 
-    /// Of the rows of a block. May be called on any thread.
+    /// Adds the rows of a block. May be called on any thread.
     ///
     /// # Errors
-    /// [`FitError`] where the solver cannot work with these readings or wrenches.
-    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError>;
+    /// [`FitError`] where the solver cannot work with these readings or wrenches; what is left is
+    /// of no further use.
+    fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError>;
 
     /// Adds the rows of `later` to those of `earlier`.
     fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+
+    /// Of the rows of a block.
+    ///
+    /// # Errors
+    /// As [`Self::absorb`].
+    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError> {
+        let mut partial = self.empty();
+        self.absorb(&mut partial, block)?;
+        Ok(partial)
+    }
 }
 
 /// The solvers by name.

@@ -4,11 +4,15 @@
 //! figure. All sums are exact, so those of the groups add up to those of all rows, bit for bit, and
 //! so do those of the random folds.
 //!
+//! Since sums are exact, they do not depend on the order of the rows either: a block is added to
+//! whatever sums of its group no other thread is adding to.
+//!
 //! Memory: a group costs about 16 bytes for each distinct sum and some 50 for each sum with a wrench
 //! (under 150 kB for eight channels and poly3, 20 kB for the cubic model), and no more than
-//! `MOST_OPEN` groups have working sums besides. There may be [`MOST_GROUPS`] groups.
+//! `MOST_OPEN` have working sums besides. There may be [`MOST_GROUPS`] groups.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::ValidationError;
 use crate::block::Block;
@@ -18,17 +22,9 @@ use crate::calibration::model::Basis;
 /// The largest number of groups.
 pub const MOST_GROUPS: usize = 2000;
 
-/// Groups whose sums are still in working form; when there are more, all are put away.
+/// Sums in working form that may wait to be added to; when there are more, those that have waited
+/// longest are put away.
 const MOST_OPEN: usize = 64;
-
-/// How rows are summed.
-#[derive(Debug)]
-pub struct Grouping {
-    basis: Basis,
-    channels: usize,
-    random: RandomSplit,
-    adder: Adder,
-}
 
 /// How rows are dealt at random, for the naive figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,27 +38,30 @@ pub struct RandomSplit {
     pub seed: u64,
 }
 
-/// Sums over the rows of a block.
-#[derive(Debug)]
-pub struct BlockSums {
-    groups: Vec<(String, Accumulator)>,
-    random: Vec<Accumulator>,
-}
-
-/// Sums under way, over many blocks.
+/// Sums under way, which any thread may add to.
 #[derive(Debug)]
 pub struct GroupSums {
-    index: HashMap<String, usize>,
-    groups: Vec<Group>,
-    random: Vec<Accumulator>,
-    open: usize,
+    channels: usize,
+    random: RandomSplit,
+    adder: Adder,
+    sets: Mutex<Sets>,
 }
 
+/// The groups of a block, in the order of their first rows.
 #[derive(Debug)]
-struct Group {
-    label: String,
-    moments: Option<Moments>,
-    open: Option<Accumulator>,
+#[must_use]
+pub struct BlockGroups(Vec<usize>);
+
+/// The sets of rows that are summed: random folds, then groups as they turn up.
+#[derive(Debug)]
+struct Sets {
+    by_label: HashMap<String, usize>,
+    /// The groups in the order of their first rows, as far as that is known.
+    order: Vec<usize>,
+    /// What has been put away of each set.
+    closed: Vec<Option<Moments>>,
+    /// Sums of some set that no thread is adding to, the latest at the end.
+    idle: VecDeque<(usize, Accumulator)>,
 }
 
 /// Sums over all rows, apart by group.
@@ -75,122 +74,138 @@ pub struct GroupedMoments {
     total: Option<Moments>,
 }
 
-impl Grouping {
-    /// Sums for `basis` and the bases within it, by group and as `random` says.
-    pub fn new(basis: Basis, channels: usize, random: RandomSplit) -> Self {
-        Self { basis, channels, random, adder: Adder::new(basis, channels) }
-    }
-
-    /// Of no rows.
-    pub fn empty(&self) -> GroupSums {
-        let random = (0..self.random.held_out).map(|_| Accumulator::new(self.basis, self.channels));
-        GroupSums { index: HashMap::new(), groups: Vec::new(), random: random.collect(), open: 0 }
-    }
-
-    /// Sums the rows of a block, by its group labels, or all under `label`.
-    ///
-    /// # Errors
-    /// [`ValidationError::NotExact`] if they cannot be summed exactly.
-    pub fn reduce(&self, block: &Block, label: Option<&str>) -> Result<BlockSums, ValidationError> {
-        let columns: Vec<&[f64]> =
-            block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
-        let groups = match label {
-            Some(label) => vec![(label.to_owned(), self.sum(&columns)?)],
-            None => by_label(&block.groups)
-                .into_iter()
-                .map(|(label, rows)| Ok((label.to_owned(), self.sum_rows(&columns, &rows)?)))
-                .collect::<Result<_, ValidationError>>()?,
-        };
-        let random = deal(&columns, block.rows, &self.random);
-        let random = random.iter().map(|rows| self.sum_rows(&columns, std::slice::from_ref(rows)));
-        Ok(BlockSums { groups, random: random.collect::<Result<_, _>>()? })
-    }
-
-    /// Sums `rows`: runs of them, or lists.
-    fn sum_rows<R: Rows>(
-        &self,
-        columns: &[&[f64]],
-        rows: &[R],
-    ) -> Result<Accumulator, ValidationError> {
-        let gathered: Vec<Vec<f64>> = columns
-            .iter()
-            .map(|column| {
-                let mut gathered = Vec::new();
-                rows.iter().for_each(|rows| rows.gather(column, &mut gathered));
-                gathered
-            })
-            .collect();
-        self.sum(&gathered)
-    }
-
-    fn sum<C: AsRef<[f64]>>(&self, columns: &[C]) -> Result<Accumulator, ValidationError> {
-        let (readings, wrench) = columns.split_at(self.channels);
-        Ok(self.adder.sum(readings, wrench)?)
-    }
-}
-
 impl GroupSums {
-    /// Adds the rows of a block.
+    /// Of no rows: for `basis` and the bases within it, by group and as `random` says.
+    pub fn new(basis: Basis, channels: usize, random: RandomSplit) -> Self {
+        let sets = Sets {
+            by_label: HashMap::new(),
+            order: Vec::new(),
+            closed: vec![None; random.held_out],
+            idle: VecDeque::new(),
+        };
+        Self { channels, random, adder: Adder::new(basis, channels), sets: Mutex::new(sets) }
+    }
+
+    /// Adds the rows of a block, by its group labels, or all under `label`. What it returns is to be
+    /// handed to [`Self::note`].
     ///
     /// # Errors
     /// [`ValidationError::NotExact`] if they cannot be summed exactly with those before;
     /// [`ValidationError::TooManyGroups`].
-    pub fn merge(&mut self, block: BlockSums) -> Result<(), ValidationError> {
-        for (label, sums) in block.groups {
-            let at = match self.index.get(&label) {
-                Some(&at) => at,
-                None => {
-                    let at = self.groups.len();
-                    if at == MOST_GROUPS {
-                        return Err(ValidationError::TooManyGroups { limit: MOST_GROUPS });
-                    }
-                    self.index.insert(label.clone(), at);
-                    self.groups.push(Group { label, moments: None, open: None });
-                    at
-                }
-            };
-            match &mut self.groups[at].open {
-                Some(open) => open.merge(sums)?,
-                open => {
-                    *open = Some(sums);
-                    self.open += 1;
-                }
-            }
-            if self.open > MOST_OPEN {
-                self.groups.iter_mut().try_for_each(Group::put_away)?;
-                self.open = 0;
+    pub fn add(&self, block: &Block, label: Option<&str>) -> Result<BlockGroups, ValidationError> {
+        let columns: Vec<&[f64]> =
+            block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
+        let labels = match label {
+            Some(label) => vec![(label, (0..block.rows).collect())],
+            None => by_label(&block.groups),
+        };
+        let mut groups = Vec::with_capacity(labels.len());
+        for (label, rows) in labels {
+            let set = self.sets().of_group(label)?;
+            self.add_rows(set, &columns, &rows)?;
+            groups.push(set);
+        }
+        for (fold, rows) in deal(&columns, block.rows, &self.random).iter().enumerate() {
+            self.add_rows(fold, &columns, rows)?;
+        }
+        Ok(BlockGroups(groups))
+    }
+
+    /// Takes note of the groups of a block, after those of all blocks before it.
+    pub fn note(&self, BlockGroups(groups): BlockGroups) {
+        let order = &mut self.sets().order;
+        for set in groups {
+            if !order.contains(&set) {
+                order.push(set);
             }
         }
-        for (own, other) in self.random.iter_mut().zip(block.random) {
-            own.merge(other)?;
-        }
-        Ok(())
     }
 
     /// The sums over all rows.
     ///
     /// # Errors
     /// [`ValidationError::NotExact`] if they cannot be exact.
-    pub fn finish(mut self) -> Result<GroupedMoments, ValidationError> {
-        self.groups.iter_mut().try_for_each(Group::put_away)?;
-        let moments = |group: Group| Some((group.label, group.moments?));
-        let random = self.random.into_iter().map(Accumulator::finish);
-        let groups: Vec<_> = self.groups.into_iter().filter_map(moments).collect();
+    pub fn finish(self) -> Result<GroupedMoments, ValidationError> {
+        let Sets { by_label, order, mut closed, idle } =
+            self.sets.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let mut open: Vec<Option<Accumulator>> = closed.iter().map(|_| None).collect();
+        for (set, sums) in idle {
+            match &mut open[set] {
+                Some(open) => self.adder.merge(open, sums)?,
+                open => *open = Some(sums),
+            }
+        }
+        for (closed, open) in closed.iter_mut().zip(open) {
+            if let Some(open) = open {
+                add(closed, self.adder.finish(open)?)?;
+            }
+        }
+        let mut labels: HashMap<usize, String> =
+            by_label.into_iter().map(|(label, set)| (set, label)).collect();
+        let mut of_group = |set| Some((labels.remove(&set)?, closed.get_mut(set)?.take()?));
+        let groups: Vec<_> = order.into_iter().filter_map(&mut of_group).collect();
+        closed.truncate(self.random.held_out);
         let total = total(groups.iter().map(|(_, moments)| moments))?;
-        Ok(GroupedMoments { groups, random: random.collect::<Result<_, _>>()?, total })
+        Ok(GroupedMoments { groups, random: closed.into_iter().flatten().collect(), total })
+    }
+
+    /// Adds some rows of the columns to the sums of a set.
+    fn add_rows(
+        &self,
+        set: usize,
+        columns: &[&[f64]],
+        rows: &[usize],
+    ) -> Result<(), ValidationError> {
+        let gather = |column: &&[f64]| rows.iter().map(|&row| column[row]).collect();
+        let gathered: Vec<Vec<f64>> = columns.iter().map(gather).collect();
+        let idle = self.sets().take(set);
+        let mut sums = idle.unwrap_or_else(|| self.adder.begin());
+        let (readings, wrench) = gathered.split_at(self.channels);
+        self.adder.add(&mut sums, readings, wrench)?;
+        let Some((set, oldest)) = self.sets().give_back(set, sums) else { return Ok(()) };
+        let oldest = self.adder.finish(oldest)?;
+        add(&mut self.sets().closed[set], oldest)
+    }
+
+    fn sets(&self) -> MutexGuard<'_, Sets> {
+        // A poisoned lock means that a thread has panicked, and the panic will be passed on.
+        self.sets.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Group {
-    fn put_away(&mut self) -> Result<(), ValidationError> {
-        let Some(open) = self.open.take() else { return Ok(()) };
-        let sums = open.finish()?;
-        match &mut self.moments {
-            Some(moments) => moments.merge(&sums)?,
-            None => self.moments = Some(sums),
+impl Sets {
+    /// The set of the rows with this label.
+    fn of_group(&mut self, label: &str) -> Result<usize, ValidationError> {
+        if let Some(&set) = self.by_label.get(label) {
+            return Ok(set);
         }
-        Ok(())
+        if self.by_label.len() == MOST_GROUPS {
+            return Err(ValidationError::TooManyGroups { limit: MOST_GROUPS });
+        }
+        let set = self.closed.len();
+        self.by_label.insert(label.to_owned(), set);
+        self.closed.push(None);
+        Ok(set)
     }
+
+    fn take(&mut self, set: usize) -> Option<Accumulator> {
+        let place = self.idle.iter().rposition(|&(of, _)| of == set)?;
+        self.idle.remove(place).map(|(_, sums)| sums)
+    }
+
+    /// Has sums wait; if too many do, the one that has waited longest is to be put away.
+    fn give_back(&mut self, set: usize, sums: Accumulator) -> Option<(usize, Accumulator)> {
+        self.idle.push_back((set, sums));
+        (self.idle.len() > MOST_OPEN).then(|| self.idle.pop_front())?
+    }
+}
+
+fn add(closed: &mut Option<Moments>, sums: Moments) -> Result<(), ValidationError> {
+    match closed {
+        Some(closed) => closed.merge(&sums)?,
+        closed => *closed = Some(sums),
+    }
+    Ok(())
 }
 
 impl GroupedMoments {
@@ -213,34 +228,17 @@ pub(super) fn total<'a>(
     Ok(Some(total))
 }
 
-/// Some rows of a column.
-trait Rows {
-    fn gather(&self, column: &[f64], target: &mut Vec<f64>);
-}
-
-impl Rows for std::ops::Range<usize> {
-    fn gather(&self, column: &[f64], target: &mut Vec<f64>) {
-        target.extend_from_slice(&column[self.clone()]);
-    }
-}
-
-impl Rows for Vec<usize> {
-    fn gather(&self, column: &[f64], target: &mut Vec<f64>) {
-        target.extend(self.iter().map(|&row| column[row]));
-    }
-}
-
-/// The runs of every label, labels in the order of their first rows.
-fn by_label(runs: &[(String, usize)]) -> Vec<(&str, Vec<std::ops::Range<usize>>)> {
+/// The rows of every label, labels in the order of their first rows.
+fn by_label(runs: &[(String, usize)]) -> Vec<(&str, Vec<usize>)> {
     let mut index: HashMap<&str, usize> = HashMap::new();
-    let mut labels: Vec<(&str, Vec<std::ops::Range<usize>>)> = Vec::new();
+    let mut labels: Vec<(&str, Vec<usize>)> = Vec::new();
     let mut start = 0;
     for (label, rows) in runs {
         let at = *index.entry(label).or_insert(labels.len());
         if at == labels.len() {
             labels.push((label, Vec::new()));
         }
-        labels[at].1.push(start..start + rows);
+        labels[at].1.extend(start..start + rows);
         start += rows;
     }
     labels
@@ -278,7 +276,7 @@ mod tests {
     #[test]
     fn runs_of_one_label_are_put_together_in_the_order_of_first_rows() {
         let runs = [("b", 2), ("a", 1), ("b", 3), ("a", 4)].map(|(l, rows)| (l.to_owned(), rows));
-        assert_eq!(by_label(&runs), [("b", vec![0..2, 3..6]), ("a", vec![2..3, 6..10])]);
+        assert_eq!(by_label(&runs), [("b", vec![0, 1, 3, 4, 5]), ("a", vec![2, 6, 7, 8, 9])]);
     }
 
     #[test]
