@@ -12,7 +12,7 @@ use crate::block::Block;
 
 /// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing,
 /// with what they are parsed into.
-pub(super) const CHUNK_BYTES: usize = 1 << 17;
+pub(super) const CHUNK_BYTES: usize = 96 << 10;
 
 /// The first piece is that much smaller: it is worked on by one thread alone.
 const FIRST_CHUNK_SHARE: usize = 8;
