@@ -2,18 +2,35 @@
 
 use super::number::{parse_digits, parse_plain};
 
+/// How many bytes are looked at together.
+pub(super) const BLOCK: usize = 64;
+
 /// How a processor works on several bytes at once.
 pub(super) trait Lanes: Copy {
     /// Runs `task` with the instructions of this processor, so that the methods can be inlined.
     fn run<R>(self, task: impl FnOnce() -> R) -> R;
 
-    /// The same for what [`Lanes::find`] is used in.
-    fn run_find<R>(self, task: impl FnOnce() -> R) -> R {
-        self.run(task)
-    }
-
     /// For each of `wanted`, a bit for each byte that is one, the first in the lowest bit.
-    fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> [u64; 2];
+    fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2];
+
+    /// Writes down the places of the bits that are set, lowest first, counted from `base`; returns
+    /// how many there are. Places behind these may be written to as well.
+    #[inline(always)]
+    fn write_places(self, mut bits: u64, base: u32, places: &mut [u32; BLOCK]) -> usize {
+        /// More than there are, mostly. Writing too many takes less time than a loop whose length
+        /// cannot be foreseen.
+        const USUAL: usize = 16;
+        let count = bits.count_ones() as usize;
+        for place in &mut places[..USUAL] {
+            *place = base.wrapping_add(bits.trailing_zeros());
+            bits &= bits.wrapping_sub(1);
+        }
+        for place in &mut places[USUAL..count.max(USUAL)] {
+            *place = base + bits.trailing_zeros();
+            bits &= bits - 1;
+        }
+        count
+    }
 
     /// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).
     /// `None` leaves the field to [`super::number::parse_field`].
@@ -43,8 +60,8 @@ pub(super) trait Lanes: Copy {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fields<'a> {
     /// What precedes each field, and where each ends; both a slice and how far rows are apart in it.
-    pub(super) befores: (&'a [usize], usize),
-    pub(super) ends: (&'a [usize], usize),
+    pub(super) befores: (&'a [u32], usize),
+    pub(super) ends: (&'a [u32], usize),
 }
 
 impl<'a> Fields<'a> {
@@ -52,7 +69,8 @@ impl<'a> Fields<'a> {
     #[inline(always)]
     pub(super) fn place(self, row: usize) -> (usize, usize) {
         let (befores, ends) = (self.befores, self.ends);
-        (befores.0[row * befores.1].wrapping_add(1), ends.0[row * ends.1])
+        let start = befores.0[row * befores.1].wrapping_add(1);
+        (start as usize, ends.0[row * ends.1] as usize)
     }
 
     /// Where the fields of `N` rows start and end.
@@ -68,7 +86,7 @@ impl<'a> Fields<'a> {
     /// The same without the first so many rows.
     #[inline(always)]
     pub(super) fn after_rows(self, rows: usize) -> Fields<'a> {
-        let from = |(places, stride): (&'a [usize], usize)| (&places[rows * stride..], stride);
+        let from = |(places, stride): (&'a [u32], usize)| (&places[rows * stride..], stride);
         Fields { befores: from(self.befores), ends: from(self.ends) }
     }
 }
@@ -83,7 +101,7 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> [u64; 2] {
+    fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2] {
         const ONES: u64 = 0x0101_0101_0101_0101;
         let (words, _) = bytes.as_chunks::<8>();
         wanted.map(|byte| {

@@ -6,7 +6,7 @@ use std::arch::x86_64::{__m256d, __m256i, __m512i};
 
 use pulp::x86::V4;
 
-use super::lanes::{Fields, Lanes};
+use super::lanes::{BLOCK, Fields, Lanes};
 use super::lanes_x86::{CLOSE_UP, LAST, Wide};
 use super::number::EXACT_POWERS_OF_TEN;
 
@@ -30,15 +30,31 @@ impl Lanes for Widest {
         self.v4.vectorize(task)
     }
 
-    /// Without AVX-512, in which compilers count zeros in vectors: writing down the places of bits
-    /// then takes longer.
-    fn run_find<R>(self, task: impl FnOnce() -> R) -> R {
-        self.wide.run(task)
+    #[inline(always)]
+    fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2] {
+        let V4 { avx512f, avx512bw, .. } = self.v4;
+        let bytes: __m512i = pulp::cast(*bytes);
+        let [a, b] = wanted;
+        [
+            avx512bw._mm512_cmpeq_epi8_mask(bytes, avx512f._mm512_set1_epi8(a as i8)),
+            avx512bw._mm512_cmpeq_epi8_mask(bytes, avx512f._mm512_set1_epi8(b as i8)),
+        ]
     }
 
+    /// Sixteen at a time: compilers would count zeros in vectors otherwise, which takes longer.
     #[inline(always)]
-    fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> [u64; 2] {
-        self.wide.find(bytes, wanted)
+    fn write_places(self, bits: u64, base: u32, places: &mut [u32; BLOCK]) -> usize {
+        let V4 { avx512f, .. } = self.v4;
+        let mut count = 0;
+        for quarter in 0..4 {
+            let bits = (bits >> (16 * quarter)) as u16;
+            let first = avx512f._mm512_set1_epi32((base + 16 * quarter) as i32);
+            let all = avx512f._mm512_add_epi32(first, pulp::cast(FIRST_SIXTEEN));
+            let found: [u32; 16] = pulp::cast(avx512f._mm512_maskz_compress_epi32(bits, all));
+            places[count..count + 16].copy_from_slice(&found);
+            count += bits.count_ones() as usize;
+        }
+        count
     }
 
     #[inline(always)]
@@ -78,6 +94,8 @@ fn minus_signs(bytes: u32) -> u32 {
     let others = bytes ^ u32::from_le_bytes([b'-'; 4]);
     !(((others & LOW_BITS) + LOW_BITS) | others) & !LOW_BITS
 }
+
+const FIRST_SIXTEEN: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 /// The lowest and the highest of the bits of each lane.
 const FIRST_PLACES: u64 = 0x0001_0001_0001_0001;

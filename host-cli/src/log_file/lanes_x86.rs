@@ -5,7 +5,7 @@ use std::arch::x86_64::{__m128i, __m256i};
 
 use pulp::x86::V3;
 
-use super::lanes::{Lanes, Portable};
+use super::lanes::{BLOCK, Lanes, Portable};
 use super::number::{parse_digits, quotient};
 
 /// Processors with AVX2 and what came before it.
@@ -25,7 +25,7 @@ impl Lanes for Wide {
     }
 
     #[inline(always)]
-    fn find(self, bytes: &[u8; 64], wanted: [u8; 2]) -> [u64; 2] {
+    fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2] {
         let halves = pulp::cast(*bytes);
         [self.places_of(wanted[0], halves), self.places_of(wanted[1], halves)]
     }

@@ -29,6 +29,7 @@ mod lanes_x86;
 mod many;
 mod mapping;
 mod number;
+mod places;
 mod plan;
 mod rows;
 mod source;

@@ -11,6 +11,7 @@ use memchr::{memchr, memchr_iter};
 use super::error::{Field, RowProblem};
 use super::lanes::{Fields, Lanes, Portable};
 use super::number::{NumberError, parse_field};
+use super::places::Places;
 #[cfg(target_arch = "x86_64")]
 use super::{lanes_avx512::Widest, lanes_x86::Wide};
 
@@ -158,15 +159,16 @@ impl RowPlan {
         parsed: &mut Parsed,
     ) -> usize {
         loop {
-            lanes.run_find(
+            let columns = self.steps.len();
+            lanes.run(
                 #[inline(always)]
-                || places.find(lanes, lines, at, self),
+                || places.find(lanes, lines, at, self.separator, columns),
             );
-            let whole = places.whole_rows(lines, self.steps.len());
+            let whole = places.whole_rows(lines, columns);
             let right = self.parse_columns(lanes, lines, places, whole, parsed);
             parsed.rows += right;
             if right > 0 {
-                at = places.fields[right * self.steps.len()] + 1;
+                at = places.end_of(right, columns) + 1;
             }
             if right < whole || whole == 0 {
                 return at;
@@ -198,12 +200,7 @@ impl RowPlan {
                 values.resize(rows.end, 0.0);
             }
             let values = &mut values[rows];
-            let befores = (&places.fields[column..], count);
-            let ends = match column + 1 == count {
-                true => (&places.lines[..], 1),
-                false => (&places.fields[column + 1..], count),
-            };
-            let fields = Fields { befores, ends };
+            let fields = places.of_column(column, count);
             let wrong = lanes.run(
                 #[inline(always)]
                 || parse_column(lanes, lines, fields, values),
@@ -211,13 +208,10 @@ impl RowPlan {
             right = wrong.unwrap_or(right);
         }
         if let Some(group) = self.steps.iter().position(|step| *step == Step::Group) {
+            let fields = places.of_column(group, count);
             for row in 0..right {
-                let before = places.fields[row * count + group];
-                let end = match group + 1 == count {
-                    true => places.lines[row],
-                    false => places.fields[row * count + group + 1],
-                };
-                parsed.push_group(lines[before.wrapping_add(1)..end].trim_ascii());
+                let (start, end) = fields.place(row);
+                parsed.push_group(lines[start..end].trim_ascii());
             }
         }
         right
@@ -333,108 +327,6 @@ fn finish_row(
         Err((problem, _)) => return Err(RowError { offset, problem }),
     }
     Ok(())
-}
-
-/// How many fields are found before they are parsed: so few that both the text and the places stay
-/// in the first-level cache, and that little is done in vain where one of them is wrong.
-const FIELDS_AT_ONCE: usize = 512;
-
-/// Where fields and lines end. What is beyond the counts is left over from before.
-#[derive(Debug, Default)]
-struct Places {
-    /// What ends before the first field, then where each field ends, row by row.
-    fields: Vec<usize>,
-    /// Where each line ends.
-    lines: Vec<usize>,
-    field_count: usize,
-    line_count: usize,
-}
-
-impl Places {
-    /// Finds where some of the fields and lines from `lines[at]` on end: those of a row at least.
-    #[inline(always)]
-    fn find<L: Lanes>(&mut self, lanes: L, lines: &[u8], at: usize, plan: &RowPlan) {
-        let wanted = plan.steps.len().max(FIELDS_AT_ONCE);
-        // The last block of bytes may add as many more.
-        self.fields.resize(wanted + 1 + BLOCK, 0);
-        self.lines.resize(wanted + 1 + BLOCK, 0);
-        self.fields[0] = at.wrapping_sub(1);
-        (self.field_count, self.line_count) = (1, 0);
-        for base in (at..lines.len()).step_by(BLOCK) {
-            if self.field_count > wanted {
-                break;
-            }
-            let [separators, newlines] =
-                find_in_block(lanes, &lines[base..], [plan.separator, b'\n']);
-            let fields = &mut self.fields[self.field_count..];
-            self.field_count += write_many(separators | newlines, base, fields);
-            self.line_count += write_few(newlines, base, &mut self.lines[self.line_count..]);
-        }
-    }
-
-    /// How many rows have as many fields as there are `columns`, before the first that has not or
-    /// whose end has not been found. Leaves out the carriage returns at the ends of lines.
-    fn whole_rows(&mut self, lines: &[u8], columns: usize) -> usize {
-        let last_fields = self.fields[..self.field_count].iter().skip(columns).step_by(columns);
-        let mut rows = 0;
-        // Line ends are fields' ends, too: where they are the same as the last fields' all along,
-        // no other field ends there.
-        for (line, field) in self.lines[..self.line_count].iter_mut().zip(last_fields) {
-            if line != field {
-                break;
-            }
-            rows += 1;
-            if lines[..*line].last() == Some(&b'\r') {
-                *line -= 1;
-            }
-        }
-        rows
-    }
-}
-
-/// How many bytes are looked at together.
-const BLOCK: usize = 64;
-
-/// For each of `wanted` its places in the first [`BLOCK`] bytes of `rest`, as bits.
-#[inline(always)]
-fn find_in_block<L: Lanes>(lanes: L, rest: &[u8], wanted: [u8; 2]) -> [u64; 2] {
-    match rest.first_chunk::<BLOCK>() {
-        Some(bytes) => lanes.find(bytes, wanted),
-        None => {
-            let mut padded = [0; BLOCK];
-            padded[..rest.len()].copy_from_slice(rest);
-            lanes.find(&padded, wanted).map(|found| found & !(u64::MAX << rest.len()))
-        }
-    }
-}
-
-/// Writes down the places of the bits that are set; returns how many there are.
-#[inline(always)]
-fn write_many(mut bits: u64, base: usize, places: &mut [usize]) -> usize {
-    /// More than there are, mostly. Writing too many takes less time than a loop whose length
-    /// cannot be foreseen.
-    const USUAL: usize = 16;
-    let count = bits.count_ones() as usize;
-    let (usual, others) = places.split_at_mut(USUAL);
-    for place in usual {
-        *place = base + bits.trailing_zeros() as usize;
-        bits &= bits.wrapping_sub(1);
-    }
-    if count > USUAL {
-        write_few(bits, base, others);
-    }
-    count
-}
-
-/// The same, for bits that are rarely set.
-#[inline(always)]
-fn write_few(mut bits: u64, base: usize, places: &mut [usize]) -> usize {
-    let count = bits.count_ones() as usize;
-    for place in &mut places[..count] {
-        *place = base + bits.trailing_zeros() as usize;
-        bits &= bits.wrapping_sub(1);
-    }
-    count
 }
 
 /// Parses the fields of a column into `values`; returns which one is the first that is wrong.
