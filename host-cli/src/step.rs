@@ -32,6 +32,9 @@ impl Step {
     /// The largest step that all `values` are multiples of; `None` if there is none.
     pub(crate) fn of(values: &[f64]) -> Option<Self> {
         values.iter().try_fold(Self::NONE, |known, &value| {
+            if known.has_multiple(value) {
+                return Some(known);
+            }
             let mut over = known.over;
             while !is_decimal(value, over as f64) {
                 over = Some(10 * over).filter(|&over| over <= FINEST)?;
@@ -48,6 +51,13 @@ impl Step {
         let times = |step: Self| step.times.checked_mul(over / step.over);
         let times = gcd(times(self)?, times(other)?);
         (times <= EXACT).then_some(Self { times, over })
+    }
+
+    /// Whether a value is the double nearest to a multiple, so that it says nothing new. Multiples
+    /// of more than so many of the finest steps do not count, see [`is_decimal`].
+    fn has_multiple(self, value: f64) -> bool {
+        let count = nearest_integer(value * self.per_value()) * self.times as f64;
+        count.abs() < MOST && count / self.over as f64 == value
     }
 
     /// The step itself, as a double; `None` of zeros.
@@ -92,6 +102,14 @@ impl Words {
     }
 }
 
+/// Added to it, an integer stands in the lowest bits.
+const TO_LOWEST_BITS: f64 = 1.5 * (1_u64 << 52) as f64;
+
+/// An integer next to a number below 2⁵¹; of others, whatever.
+fn nearest_integer(value: f64) -> f64 {
+    (value + TO_LOWEST_BITS) - TO_LOWEST_BITS
+}
+
 /// Whether `value` is the double nearest to a multiple of `1/over`.
 fn is_decimal(value: f64, over: f64) -> bool {
     let count = (value * over).round();
@@ -118,8 +136,6 @@ impl NullaryFnOnce for Count<'_> {
 
     #[inline(always)]
     fn call(self) -> bool {
-        /// Added to it, an integer stands in the lowest bits.
-        const TO_LOWEST_BITS: f64 = 1.5 * (1_u64 << 52) as f64;
         let Self { words, per_value, values, out } = self;
         // Without a way out of the loop: it is all or nothing, and nearly always all.
         let mut all = true;

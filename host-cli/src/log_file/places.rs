@@ -4,7 +4,7 @@ use super::lanes::{BLOCK, Fields, Lanes};
 
 /// How many fields are found before they are parsed: so few that both the text and the places stay
 /// in the first-level cache, and that little is done in vain where one of them is wrong.
-const FIELDS_AT_ONCE: usize = 512;
+const FIELDS_AT_ONCE: usize = 1024;
 
 /// Where fields and lines end. What is beyond the counts is left over from before.
 #[derive(Debug, Default)]

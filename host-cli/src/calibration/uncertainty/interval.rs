@@ -41,8 +41,8 @@ impl Shape {
     pub fn of_errors(sizes: &PerAxis<Magnitudes>, unit: &PerAxis<f64>, rms: &PerAxis<f64>) -> Self {
         let quantiles = std::array::from_fn(|axis| {
             let ratio = if rms[axis] > 0.0 { unit[axis] / rms[axis] } else { 0.0 };
-            let quantile = |&level: &f64| ratio * sizes[axis].quantile(level);
-            LEVELS.iter().map(quantile).collect()
+            let quantiles = sizes[axis].quantiles(&LEVELS);
+            quantiles.into_iter().map(|quantile| ratio * quantile).collect()
         });
         Self { levels: LEVELS.to_vec(), quantiles }
     }
