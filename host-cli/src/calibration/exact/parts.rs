@@ -4,7 +4,8 @@
 use super::cholesky::Row;
 use super::moments::Moments;
 use super::open_sums::pair;
-use super::solve::{Fit, SolveError, contains, round_scaled};
+use super::rounding::round_scaled;
+use super::solve::{Fit, SolveError, contains};
 use crate::calibration::model::{Model, Term};
 use crate::double_double::DoubleDouble;
 use crate::wrench::PerAxis;

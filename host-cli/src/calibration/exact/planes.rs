@@ -9,7 +9,7 @@ use num_traits::ToPrimitive;
 use super::layout::Layout;
 use super::limbs::power_of_two;
 use super::moments::join;
-use super::solve::{round, round_scaled, shifted};
+use super::rounding::{round, round_scaled, shifted};
 use crate::double_double::DoubleDouble;
 
 const WIDTH: u32 = 72;

@@ -14,7 +14,7 @@ use pulp::{Arch, NullaryFnOnce};
 
 use super::cholesky::{LANES, Lanes, Row};
 use super::limbs::power_of_two;
-use super::solve::round;
+use super::rounding::round;
 use crate::double_double::DoubleDouble;
 
 /// A symmetric matrix.
