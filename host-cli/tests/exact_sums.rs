@@ -10,7 +10,7 @@ use shellcal::calibration::exact::{
 use shellcal::calibration::extent::Extent;
 use shellcal::calibration::model::{Basis, Model};
 use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{self, Exact, Pass, Problem, Solution, SolverKind};
+use shellcal::calibration::solver::{self, Exact, Pass, Problem, Reducer, Solution, SolverKind};
 use shellcal::wrench::Axis;
 
 type Columns = Vec<Vec<f64>>;
@@ -131,40 +131,55 @@ fn block(readings: &Columns, wrench: &Columns, rows: std::ops::Range<usize>) -> 
     Block { rows: rows.len(), readings: cut(readings), wrench: cut(wrench), ..Block::default() }
 }
 
-/// Through the solver trait, on `threads` threads that take a block each in turn.
-fn solve_on_threads(solver: &Exact, blocks: &[Block], threads: usize) -> Solution {
+/// Through the solver trait: a partial for each block, merged in order.
+fn solve_block_by_block(solver: &Exact, blocks: &[Block], extent: &Extent) -> Solution {
     let mut all = solver.empty();
-    let mut extent = Extent::new(8);
-    for chunk in blocks.chunks(threads) {
-        let partials: Vec<_> = std::thread::scope(|scope| {
-            let running: Vec<_> =
-                chunk.iter().map(|block| scope.spawn(|| solver.reduce(block).unwrap())).collect();
-            running.into_iter().map(|thread| thread.join().unwrap()).collect()
-        });
-        for (block, partial) in chunk.iter().zip(partials) {
-            solver.merge(&mut all, partial);
-            extent.merge(&Extent::of_block(block, 8).unwrap());
-        }
+    for block in blocks {
+        solver.merge(&mut all, solver.reduce(block).unwrap());
     }
-    solver.solve(all, &extent).unwrap()
+    solver.solve(all, extent).unwrap()
+}
+
+/// On `threads` threads at once, which add blocks to whatever partial is at hand.
+fn solve_on_threads(solver: &Exact, blocks: &[Block], extent: &Extent, threads: usize) -> Solution {
+    let reducer = Reducer::new(solver);
+    std::thread::scope(|scope| {
+        for first in 0..threads {
+            let reducer = &reducer;
+            scope.spawn(move || {
+                for block in blocks.iter().skip(first).step_by(threads) {
+                    assert!(reducer.reduce(block).unwrap().is_none(), "nothing to be merged");
+                }
+            });
+        }
+    });
+    solver.solve(reducer.finish(solver.empty()), extent).unwrap()
 }
 
 #[test]
 fn one_two_and_seven_threads_give_the_same_solution() {
-    let (readings, wrench) = rows(3, 9000, 8, 12);
+    let (mut readings, wrench) = rows(3, 9000, 8, 12);
+    // The range grows as rows come in, so that what was chosen for the first does not do.
+    for column in &mut readings {
+        column[..3000].iter_mut().for_each(|s| *s = (*s / 16.0).floor());
+        column[3000..6000].iter_mut().for_each(|s| *s = (*s / 4.0).floor());
+    }
+    let extent = Extent::of_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
     for basis in [Basis::Cubic, Basis::Quadratic] {
         let model = Model { basis, intercept: true, channels: 8 };
         let scaling = Scaling::identity(8);
-        let solver = Exact::new(&Problem { model, scaling, ridge: 0.0 }).unwrap();
-        let solutions = [(1, 9000), (2, 1000), (7, 333)].map(|(threads, rows)| {
-            let starts = (0..9000usize).step_by(rows);
-            let blocks: Vec<Block> = starts
-                .map(|start| block(&readings, &wrench, start..(start + rows).min(9000)))
-                .collect();
-            solve_on_threads(&solver, &blocks, threads)
-        });
-        assert_eq!(solutions[0], solutions[1]);
-        assert_eq!(solutions[0], solutions[2]);
+        let blocks_of = |rows: usize| -> Vec<Block> {
+            let starts = (0..9000).step_by(rows);
+            starts.map(|start| block(&readings, &wrench, start..(start + rows).min(9000))).collect()
+        };
+        let solver =
+            || Exact::new(&Problem { model, scaling: scaling.clone(), ridge: 0.0 }).unwrap();
+        let whole = solve_block_by_block(&solver(), &blocks_of(9000), &extent);
+        assert_eq!(solve_block_by_block(&solver(), &blocks_of(333), &extent), whole);
+        for (threads, rows) in [(1, 1000), (2, 1000), (7, 333), (7, 100)] {
+            let found = solve_on_threads(&solver(), &blocks_of(rows), &extent, threads);
+            assert_eq!(found, whole, "{threads} threads, {rows} rows at once");
+        }
     }
 }
 
