@@ -159,6 +159,20 @@ impl Accumulator {
         Ok(())
     }
 
+    /// Whether there are sums in working form, which take more memory than what they amount to.
+    pub fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// Hands over the sums over all rows but those that still wait for a full block, if there are any.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be exact.
+    pub fn settle(&mut self) -> Result<Option<Moments>, ExactError> {
+        self.close()?;
+        Ok(self.closed.take())
+    }
+
     /// The sums over all rows taken up.
     ///
     /// # Errors

@@ -8,8 +8,9 @@
 //! whatever sums of its group no other thread is adding to.
 //!
 //! Memory: a group costs about 16 bytes for each distinct sum and some 50 for each sum with a wrench
-//! (under 150 kB for eight channels and poly3, 20 kB for the cubic model), and no more than
-//! `MOST_OPEN` have working sums besides. There may be [`MOST_GROUPS`] groups.
+//! (under 150 kB for eight channels and poly3, 20 kB for the cubic model), on each thread that has
+//! met it up to 256 rows that wait to be summed together, and no more than `MOST_OPEN` have working
+//! sums besides. There may be [`MOST_GROUPS`] groups.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -22,8 +23,7 @@ use crate::calibration::model::Basis;
 /// The largest number of groups.
 pub const MOST_GROUPS: usize = 2000;
 
-/// Sums in working form that may wait to be added to; when there are more, those that have waited
-/// longest are put away.
+/// Sums in working form; when there are more, those that have been for longest are put away.
 const MOST_OPEN: usize = 64;
 
 /// How rows are dealt at random, for the naive figure.
@@ -58,10 +58,17 @@ struct Sets {
     by_label: HashMap<String, usize>,
     /// The groups in the order of their first rows, as far as that is known.
     order: Vec<usize>,
-    /// What has been put away of each set.
-    closed: Vec<Option<Moments>>,
-    /// Sums of some set that no thread is adding to, the latest at the end.
-    idle: VecDeque<(usize, Accumulator)>,
+    sets: Vec<Set>,
+    /// The sets that have sums in working form, once for each, in the order of these.
+    open: VecDeque<usize>,
+}
+
+#[derive(Debug, Default)]
+struct Set {
+    /// Sums that no thread is adding to.
+    idle: Vec<Accumulator>,
+    /// What has been put away.
+    closed: Option<Moments>,
 }
 
 /// Sums over all rows, apart by group.
@@ -80,8 +87,8 @@ impl GroupSums {
         let sets = Sets {
             by_label: HashMap::new(),
             order: Vec::new(),
-            closed: vec![None; random.held_out],
-            idle: VecDeque::new(),
+            sets: (0..random.held_out).map(|_| Set::default()).collect(),
+            open: VecDeque::new(),
         };
         Self { channels, random, adder: Adder::new(basis, channels), sets: Mutex::new(sets) }
     }
@@ -126,27 +133,24 @@ impl GroupSums {
     /// # Errors
     /// [`ValidationError::NotExact`] if they cannot be exact.
     pub fn finish(self) -> Result<GroupedMoments, ValidationError> {
-        let Sets { by_label, order, mut closed, idle } =
+        let Sets { by_label, order, sets, .. } =
             self.sets.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let mut open: Vec<Option<Accumulator>> = closed.iter().map(|_| None).collect();
-        for (set, sums) in idle {
-            match &mut open[set] {
-                Some(open) => self.adder.merge(open, sums)?,
-                open => *open = Some(sums),
+        let mut sums = Vec::with_capacity(sets.len());
+        for Set { idle, mut closed } in sets {
+            let mut idle = idle.into_iter();
+            if let Some(mut all) = idle.next() {
+                idle.try_for_each(|sums| self.adder.merge(&mut all, sums))?;
+                add(&mut closed, self.adder.finish(all)?)?;
             }
-        }
-        for (closed, open) in closed.iter_mut().zip(open) {
-            if let Some(open) = open {
-                add(closed, self.adder.finish(open)?)?;
-            }
+            sums.push(closed);
         }
         let mut labels: HashMap<usize, String> =
             by_label.into_iter().map(|(label, set)| (set, label)).collect();
-        let mut of_group = |set| Some((labels.remove(&set)?, closed.get_mut(set)?.take()?));
+        let mut of_group = |set| Some((labels.remove(&set)?, sums.get_mut(set)?.take()?));
         let groups: Vec<_> = order.into_iter().filter_map(&mut of_group).collect();
-        closed.truncate(self.random.held_out);
+        sums.truncate(self.random.held_out);
         let total = total(groups.iter().map(|(_, moments)| moments))?;
-        Ok(GroupedMoments { groups, random: closed.into_iter().flatten().collect(), total })
+        Ok(GroupedMoments { groups, random: sums.into_iter().flatten().collect(), total })
     }
 
     /// Adds some rows of the columns to the sums of a set.
@@ -158,13 +162,28 @@ impl GroupSums {
     ) -> Result<(), ValidationError> {
         let gather = |column: &&[f64]| rows.iter().map(|&row| column[row]).collect();
         let gathered: Vec<Vec<f64>> = columns.iter().map(gather).collect();
-        let idle = self.sets().take(set);
+        let idle = self.sets().sets[set].idle.pop();
         let mut sums = idle.unwrap_or_else(|| self.adder.begin());
+        let was_open = sums.is_open();
         let (readings, wrench) = gathered.split_at(self.channels);
         self.adder.add(&mut sums, readings, wrench)?;
-        let Some((set, oldest)) = self.sets().give_back(set, sums) else { return Ok(()) };
-        let oldest = self.adder.finish(oldest)?;
-        add(&mut self.sets().closed[set], oldest)
+        let overdue = {
+            let mut sets = self.sets();
+            if sums.is_open() && !was_open {
+                sets.open.push_back(set);
+            }
+            sets.sets[set].idle.push(sums);
+            sets.overdue()
+        };
+        if let Some((set, mut sums)) = overdue {
+            let settled = sums.settle()?;
+            let set = &mut self.sets().sets[set];
+            set.idle.push(sums);
+            if let Some(settled) = settled {
+                add(&mut set.closed, settled)?;
+            }
+        }
+        Ok(())
     }
 
     fn sets(&self) -> MutexGuard<'_, Sets> {
@@ -182,21 +201,27 @@ impl Sets {
         if self.by_label.len() == MOST_GROUPS {
             return Err(ValidationError::TooManyGroups { limit: MOST_GROUPS });
         }
-        let set = self.closed.len();
+        let set = self.sets.len();
         self.by_label.insert(label.to_owned(), set);
-        self.closed.push(None);
+        self.sets.push(Set::default());
         Ok(set)
     }
 
-    fn take(&mut self, set: usize) -> Option<Accumulator> {
-        let place = self.idle.iter().rposition(|&(of, _)| of == set)?;
-        self.idle.remove(place).map(|(_, sums)| sums)
-    }
-
-    /// Has sums wait; if too many do, the one that has waited longest is to be put away.
-    fn give_back(&mut self, set: usize, sums: Accumulator) -> Option<(usize, Accumulator)> {
-        self.idle.push_back((set, sums));
-        (self.idle.len() > MOST_OPEN).then(|| self.idle.pop_front())?
+    /// Sums that are to be put away, and their set, where too many are in working form.
+    fn overdue(&mut self) -> Option<(usize, Accumulator)> {
+        if self.open.len() <= MOST_OPEN {
+            return None;
+        }
+        let set = self.open.pop_front()?;
+        let idle = &mut self.sets[set].idle;
+        match idle.iter().position(Accumulator::is_open) {
+            Some(place) => Some((set, idle.swap_remove(place))),
+            None => {
+                // Another thread is adding to them.
+                self.open.push_back(set);
+                None
+            }
+        }
     }
 }
 
@@ -277,6 +302,59 @@ mod tests {
     fn runs_of_one_label_are_put_together_in_the_order_of_first_rows() {
         let runs = [("b", 2), ("a", 1), ("b", 3), ("a", 4)].map(|(l, rows)| (l.to_owned(), rows));
         assert_eq!(by_label(&runs), [("b", vec![0, 1, 3, 4, 5]), ("a", vec![2, 6, 7, 8, 9])]);
+    }
+
+    /// So many rows from `start` on, of two channels, each row of another group than the one before.
+    fn interleaved(start: usize, rows: usize, groups: usize) -> Block {
+        let number = |row: usize, column: u64| (mix(row as u64 ^ (column << 32)) >> 54) as f64;
+        let column = |column: u64| (start..start + rows).map(|row| number(row, column)).collect();
+        Block {
+            rows,
+            readings: (0..2).map(column).collect(),
+            wrench: (2..8).map(column).collect(),
+            groups: (start..start + rows).map(|row| ((row % groups).to_string(), 1)).collect(),
+            ..Block::default()
+        }
+    }
+
+    #[test]
+    fn more_groups_than_stay_open_are_summed_as_each_alone_on_any_thread() {
+        // 420 rows of each group: a full block and more, so that all are open at some time.
+        const GROUPS: usize = 2 * MOST_OPEN + 2;
+        const ROWS: usize = 420 * GROUPS;
+        let whole = interleaved(0, ROWS, GROUPS);
+        let sums = GroupSums::new(Basis::Quadratic, 2, RandomSplit::default());
+        let starts: Vec<usize> = (0..ROWS).step_by(3000).collect();
+        let add = |start: &usize| {
+            sums.add(&interleaved(*start, 3000.min(ROWS - start), GROUPS), None).unwrap()
+        };
+        let halves = std::thread::scope(|scope| {
+            let (even, odd): (Vec<_>, Vec<_>) =
+                starts.iter().partition(|start| **start % 2000 == 0);
+            let halves = [even, odd].map(|half| {
+                scope
+                    .spawn(|| half.into_iter().map(|start| (start, add(start))).collect::<Vec<_>>())
+            });
+            halves.map(|half| half.join().unwrap())
+        });
+        let mut blocks: Vec<_> = halves.into_iter().flatten().collect();
+        blocks.sort_by_key(|(start, _)| *start);
+        blocks.into_iter().for_each(|(_, groups)| sums.note(groups));
+        assert!(sums.sets().open.len() <= MOST_OPEN + 2, "one more for each thread");
+        let found = sums.finish().unwrap();
+        assert_eq!(found.groups.len(), GROUPS);
+        for (group, (label, moments)) in found.groups.iter().enumerate() {
+            assert_eq!(*label, group.to_string());
+            let pick = |column: &Vec<f64>| -> Vec<f64> {
+                column.iter().copied().skip(group).step_by(GROUPS).collect()
+            };
+            let mut alone = Accumulator::new(Basis::Quadratic, 2);
+            let [readings, wrench] =
+                [&whole.readings, &whole.wrench].map(|columns| columns.iter().map(pick).collect());
+            let (readings, wrench): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (readings, wrench);
+            alone.absorb(&readings, &wrench).unwrap();
+            assert_eq!(*moments, alone.finish().unwrap(), "group {group}");
+        }
     }
 
     #[test]
