@@ -165,7 +165,7 @@ fn one_two_and_seven_threads_give_the_same_solution() {
         column[3000..6000].iter_mut().for_each(|s| *s = (*s / 4.0).floor());
     }
     let extent = Extent::of_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
-    for basis in [Basis::Cubic, Basis::Quadratic] {
+    for basis in [Basis::Cubic, Basis::Quadratic, Basis::Poly3] {
         let model = Model { basis, intercept: true, channels: 8 };
         let scaling = Scaling::identity(8);
         let blocks_of = |rows: usize| -> Vec<Block> {
