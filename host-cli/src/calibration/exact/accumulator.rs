@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use pulp::Arch;
 
+use super::ExactError;
 use super::block_sums::{Scratch, SumBlock};
 use super::choice::Choice;
 use super::digits::{Digits, Numbers};
@@ -21,7 +22,6 @@ use super::limbs::{FeatureLimbs, SQUARE_WIDTH};
 use super::moments::{Channel, Moments};
 use super::open_sums::{MOST_BLOCKS, OpenSums};
 use super::unit::{count, survey};
-use super::{ExactError, MAX_ROWS};
 use crate::calibration::model::Basis;
 use crate::wrench::Axis;
 
@@ -81,7 +81,7 @@ impl Accumulator {
         other.sum_staged()?;
         std::mem::swap(&mut self.scratch, &mut other.scratch);
         if let Some(closed) = other.closed.take() {
-            self.add_closed(closed)?;
+            closed.add_to(&mut self.closed)?;
         }
         for i in 0..self.channels.len() {
             if self.channels[i].unit != other.channels[i].unit {
@@ -295,18 +295,7 @@ impl Accumulator {
     fn put_away(&mut self, open: &OpenSums, channels: &[Channel]) -> Result<(), ExactError> {
         let mut part = open.moments(&self.layout, self.basis);
         part.channels = channels.to_vec();
-        self.add_closed(part)
-    }
-
-    fn add_closed(&mut self, part: Moments) -> Result<(), ExactError> {
-        match &mut self.closed {
-            None if part.rows > MAX_ROWS => Err(ExactError::TooManyRows),
-            None => {
-                self.closed = Some(part);
-                Ok(())
-            }
-            Some(closed) => closed.merge(&part),
-        }
+        part.add_to(&mut self.closed)
     }
 }
 

@@ -51,21 +51,9 @@ impl<'a> Equations<'a> {
         let (readings, wrench) = moments.about(centre);
         let sums = 0..=moments.layout.features.len();
         let wrench = wrench.map(|axis| sums.clone().map(|place| axis.value(place)).collect());
-        let size = terms.len();
-        let half = |exponent: i32| exponent.div_euclid(2) + 1;
-        let columns = (0..size).map(|j| match readings[positions[j * size + j]] {
-            0 => 0,
-            square => half(square.ilog2() as i32),
-        });
-        let axes = std::array::from_fn(|a| {
-            let square = &moments.squares[pair(a, a)];
-            if square.values[0].is_zero() {
-                return 0;
-            }
-            half(square.exponent + square.values[0].bits() as i32 - 1)
-        });
+        let (columns, axes) = moments.norms(&readings, &positions, terms.len());
         Self {
-            columns: columns.collect(),
+            columns,
             axes,
             model: *model,
             reach: centre.iter().enumerate().map(|(i, &c)| moments.reach(i, c)).collect(),

@@ -201,6 +201,21 @@ impl Moments {
         Ok(())
     }
 
+    /// Adds these rows to those of `sums`, if there are any.
+    ///
+    /// # Errors
+    /// As [`Moments::merge`].
+    pub fn add_to(self, sums: &mut Option<Moments>) -> Result<(), ExactError> {
+        match sums {
+            None if self.rows > MAX_ROWS => Err(ExactError::TooManyRows),
+            None => {
+                *sums = Some(self);
+                Ok(())
+            }
+            Some(sums) => sums.merge(&self),
+        }
+    }
+
     /// The sums over the rows that are not among those of `part`, which are rows of these. The
     /// ranges of the channels stay those of all rows.
     pub(super) fn without(&self, part: &Moments) -> Moments {

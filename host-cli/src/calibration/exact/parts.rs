@@ -89,21 +89,10 @@ impl<'a> Parts<'a> {
 
 impl Frame {
     fn new(total: &Moments, terms: Vec<Term>, centre: Vec<i64>) -> Self {
-        let half = |exponent: i32| exponent.div_euclid(2) + 1;
         let readings = total.readings_about(&centre);
         let positions = total.positions(&terms);
-        let columns = (0..terms.len()).map(|j| match readings[positions[j * terms.len() + j]] {
-            0 => 0,
-            square => half(square.ilog2() as i32),
-        });
-        let axes = std::array::from_fn(|a| {
-            let square = &total.squares[pair(a, a)];
-            match square.values[0].bits() {
-                0 => 0,
-                bits => half(square.exponent + bits as i32 - 1),
-            }
-        });
-        Self { columns: columns.collect(), axes, positions, centre, terms }
+        let (columns, axes) = total.norms(&readings, &positions, terms.len());
+        Self { columns, axes, positions, centre, terms }
     }
 
     pub(super) fn part(&self, moments: &Moments) -> Part {

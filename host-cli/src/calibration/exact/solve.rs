@@ -151,6 +151,29 @@ impl Moments {
         positions
     }
 
+    /// Exponents of the powers of two just above the norms of `size` columns, whose products stand
+    /// among `readings` at those positions, and of the six axes; 0 where there are only zeros.
+    pub(super) fn norms(
+        &self,
+        readings: &[i128],
+        positions: &[usize],
+        size: usize,
+    ) -> (Vec<i32>, [i32; 6]) {
+        let half = |exponent: i32| exponent.div_euclid(2) + 1;
+        let columns = (0..size).map(|j| match readings[positions[j * size + j]] {
+            0 => 0,
+            square => half(square.ilog2() as i32),
+        });
+        let axes = std::array::from_fn(|axis| {
+            let square = &self.squares[pair(axis, axis)];
+            match square.values[0].bits() {
+                0 => 0,
+                bits => half(square.exponent + bits as i32 - 1),
+            }
+        });
+        (columns.collect(), axes)
+    }
+
     pub(super) fn rounded_mean(&self, channel: usize) -> i64 {
         let sum = self.readings[1 + self.layout.single(channel)];
         let rows = i128::from(self.rows);

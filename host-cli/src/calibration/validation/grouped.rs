@@ -140,7 +140,7 @@ impl GroupSums {
             let mut idle = idle.into_iter();
             if let Some(mut all) = idle.next() {
                 idle.try_for_each(|sums| self.adder.merge(&mut all, sums))?;
-                add(&mut closed, self.adder.finish(all)?)?;
+                self.adder.finish(all)?.add_to(&mut closed)?;
             }
             sums.push(closed);
         }
@@ -153,19 +153,31 @@ impl GroupSums {
         Ok(GroupedMoments { groups, random: sums.into_iter().flatten().collect(), total })
     }
 
-    /// Adds some rows of the columns to the sums of a set.
+    /// Adds some rows of the columns to the sums of a set, each row once.
     fn add_rows(
         &self,
         set: usize,
         columns: &[&[f64]],
         rows: &[usize],
     ) -> Result<(), ValidationError> {
+        if columns.iter().all(|column| column.len() == rows.len()) {
+            return self.add_columns(set, columns);
+        }
         let gather = |column: &&[f64]| rows.iter().map(|&row| column[row]).collect();
         let gathered: Vec<Vec<f64>> = columns.iter().map(gather).collect();
+        self.add_columns(set, &gathered)
+    }
+
+    /// Adds all rows of the columns to the sums of a set.
+    fn add_columns<C: AsRef<[f64]>>(
+        &self,
+        set: usize,
+        columns: &[C],
+    ) -> Result<(), ValidationError> {
         let idle = self.sets().sets[set].idle.pop();
         let mut sums = idle.unwrap_or_else(|| self.adder.begin());
         let was_open = sums.is_open();
-        let (readings, wrench) = gathered.split_at(self.channels);
+        let (readings, wrench) = columns.split_at(self.channels);
         self.adder.add(&mut sums, readings, wrench)?;
         let overdue = {
             let mut sets = self.sets();
@@ -180,7 +192,7 @@ impl GroupSums {
             let set = &mut self.sets().sets[set];
             set.idle.push(sums);
             if let Some(settled) = settled {
-                add(&mut set.closed, settled)?;
+                settled.add_to(&mut set.closed)?;
             }
         }
         Ok(())
@@ -223,14 +235,6 @@ impl Sets {
             }
         }
     }
-}
-
-fn add(closed: &mut Option<Moments>, sums: Moments) -> Result<(), ValidationError> {
-    match closed {
-        Some(closed) => closed.merge(&sums)?,
-        closed => *closed = Some(sums),
-    }
-    Ok(())
 }
 
 impl GroupedMoments {
