@@ -37,6 +37,7 @@
 #![forbid(unsafe_code)]
 
 mod arc;
+mod bracket;
 mod contact;
 mod error;
 mod force;
