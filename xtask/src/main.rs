@@ -8,6 +8,7 @@ mod firmware;
 mod flash;
 mod image;
 mod instructions;
+mod layers;
 mod measure;
 mod peers;
 mod scale;
@@ -33,6 +34,8 @@ struct Args {
 enum Task {
     /// Check and test everything: formatting, lints, tests, documentation
     Test(test::Args),
+    /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
+    Layers(layers::Args),
     /// Build the board's image and say what it takes; exit code 1 above its limits
     Firmware,
     /// Build the board's image and flash it, with probe-rs
@@ -57,6 +60,7 @@ enum Task {
 fn main() -> ExitCode {
     let done = match Args::parse().task {
         Task::Test(args) => test::run(&args),
+        Task::Layers(args) => layers::run(&args),
         Task::Firmware => firmware::check().map(drop),
         Task::Flash(args) => flash::run(&args),
         Task::Emulate(args) => emulate::run(&args),
