@@ -2,6 +2,8 @@
 
 mod apt;
 mod beams;
+mod compiler;
+mod cross;
 mod emulate;
 mod emulator;
 mod firmware;
@@ -10,8 +12,10 @@ mod image;
 mod instructions;
 mod layers;
 mod measure;
+mod need;
 mod peers;
 mod scale;
+mod setup;
 mod stack;
 mod steps;
 mod test;
@@ -32,8 +36,12 @@ struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Task {
+    /// Install what the test run needs, and say each command before it is run
+    Setup(setup::Args),
     /// Check and test everything: formatting, lints, tests, documentation
     Test(test::Args),
+    /// Check that the program compiles for Windows and for Linux on aarch64
+    Cross,
     /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
     Layers(layers::Args),
     /// Build the board's image and say what it takes; exit code 1 above its limits
@@ -59,6 +67,8 @@ enum Task {
 
 fn main() -> ExitCode {
     let done = match Args::parse().task {
+        Task::Setup(args) => setup::run(args),
+        Task::Cross => cross::check(),
         Task::Test(args) => test::run(&args),
         Task::Layers(args) => layers::run(&args),
         Task::Firmware => firmware::check().map(drop),
