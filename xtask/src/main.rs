@@ -11,6 +11,7 @@ mod flash;
 mod image;
 mod instructions;
 mod layers;
+mod licences;
 mod measure;
 mod need;
 mod peers;
@@ -42,6 +43,8 @@ enum Task {
     Test(test::Args),
     /// Check that the program compiles for Windows and for Linux on aarch64
     Cross,
+    /// Check licences, duplicates and sources of the dependencies against `deny.toml`
+    Licences,
     /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
     Layers(layers::Args),
     /// Build the board's image and say what it takes; exit code 1 above its limits
@@ -70,6 +73,7 @@ fn main() -> ExitCode {
         Task::Setup(args) => setup::run(args),
         Task::Cross => cross::check(),
         Task::Test(args) => test::run(&args),
+        Task::Licences => licences::check(),
         Task::Layers(args) => layers::run(&args),
         Task::Firmware => firmware::check().map(drop),
         Task::Flash(args) => flash::run(&args),
