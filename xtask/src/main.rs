@@ -8,6 +8,7 @@ mod emulate;
 mod emulator;
 mod firmware;
 mod flash;
+mod fuzz;
 mod image;
 mod instructions;
 mod layers;
@@ -43,6 +44,8 @@ enum Task {
     Test(test::Args),
     /// Check that the program compiles for Windows and for Linux on aarch64
     Cross,
+    /// Run every fuzz target for some time
+    Fuzz(fuzz::Args),
     /// Check licences, duplicates and sources of the dependencies against `deny.toml`
     Licences,
     /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
@@ -73,6 +76,7 @@ fn main() -> ExitCode {
         Task::Setup(args) => setup::run(args),
         Task::Cross => cross::check(),
         Task::Test(args) => test::run(&args),
+        Task::Fuzz(args) => fuzz::run(&args),
         Task::Licences => licences::check(),
         Task::Layers(args) => layers::run(&args),
         Task::Firmware => firmware::check().map(drop),

@@ -5,7 +5,7 @@ use system_tests::browser;
 
 use crate::measure::installed;
 use crate::need::{Need, Way};
-use crate::{cross, emulator, toolchain};
+use crate::{cross, emulator, fuzz, toolchain};
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct Args {
@@ -26,7 +26,8 @@ const LINTER: Need = Need {
     ways: &[Way::RustupComponent("clippy")],
 };
 
-const BROWSER: Need = Need {
+/// For the tests of the report.
+pub(crate) const BROWSER: Need = Need {
     what: "Chromium",
     is_met: || browser::find().is_some(),
     ways: &[Way::Packages(&["chromium"])],
@@ -35,12 +36,9 @@ const BROWSER: Need = Need {
 /// What every run needs.
 pub(crate) const TOOLS: [Need; 2] = [FORMATTER, LINTER];
 
-/// What the tests in a browser need.
-pub(crate) const REPORT: [Need; 1] = [BROWSER];
-
 pub(crate) fn run(args: Args) -> Result<()> {
-    let board = [toolchain::NEED, emulator::NEED];
-    let needs = [&TOOLS[..], &board, &REPORT, &cross::NEEDS].concat();
+    let others = [toolchain::NEED, emulator::NEED, BROWSER, fuzz::NEED];
+    let needs = [&TOOLS[..], &others, &cross::NEEDS].concat();
     let missing: Vec<Need> = needs
         .into_iter()
         .filter(|need| if args.no_install { !(need.is_met)() } else { need.meet().is_err() })

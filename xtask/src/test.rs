@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use system_tests::emulation::IMAGE;
 
 use crate::steps::{cargo, run as step};
-use crate::{cross, firmware, licences, setup};
+use crate::{cross, firmware, fuzz, licences, setup};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
@@ -18,7 +18,7 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["tests_only", "without_board", "without_browser"])]
     quick: bool,
 
-    /// Only the tests: no formatting, lints, licences, other systems or documentation
+    /// Only the tests: no formatting, lints, licences, other systems, fuzz targets or documentation
     #[arg(long)]
     tests_only: bool,
 
@@ -56,6 +56,7 @@ fn whole(args: &Args) -> Result<()> {
     if !args.tests_only {
         style()?;
         cross::check()?;
+        fuzz::check()?;
     }
     let image = if args.without_board {
         eprintln!("the emulated board's tests will be skipped");
@@ -87,15 +88,11 @@ fn style() -> Result<()> {
 
 /// Gets a Chromium where there is none; without one the report's tests say that they were skipped.
 fn set_up_browser(without: bool) {
-    for need in setup::REPORT {
-        let met = if without && !(need.is_met)() {
-            Err(need.to_string())
-        } else {
-            need.meet().map_err(|error| format!("{error:#}"))
-        };
-        if let Err(error) = met {
-            eprintln!("{error}: tests in a browser will be skipped");
-        }
+    let found = setup::BROWSER.is_met;
+    if without && !found() {
+        eprintln!("{}: tests in a browser will be skipped", setup::BROWSER);
+    } else if let Err(error) = setup::BROWSER.meet() {
+        eprintln!("{error:#}: tests in a browser will be skipped");
     }
 }
 

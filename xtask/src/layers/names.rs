@@ -97,11 +97,7 @@ impl Names {
                 TokenTree::Group(_) | TokenTree::Literal(_) => String::new(),
             };
             let is_name = matches!(token, TokenTree::Ident(_));
-            let continues = match before.as_str() {
-                "::" => is_name,
-                ":" => text == ":" && !path.is_empty(),
-                _ => text == ":" && !path.is_empty(),
-            };
+            let continues = if before == "::" { is_name } else { text == ":" && !path.is_empty() };
             if !continues {
                 self.used.extend((!path.is_empty()).then(|| std::mem::take(&mut path)));
             }
