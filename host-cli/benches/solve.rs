@@ -9,8 +9,8 @@ use faer::prelude::*;
 use faer::{Accum, Mat, Par};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use shellcal::calibration::exact::{Accumulator, Moments};
-use shellcal::calibration::model::{Basis, Model, Term};
+use calibration::exact::{Accumulator, Moments};
+use calibration::model::{Basis, Model, Term};
 
 const ROWS: usize = 77_522;
 const BASES: [Basis; 3] = [Basis::Cubic, Basis::Quadratic, Basis::Poly3];

@@ -10,8 +10,8 @@
 use std::io::Write;
 use std::path::Path;
 
-use shellcal::block::Block;
-use shellcal::log_file::{
+use shell_data::block::Block;
+use log_file::{
     ColumnRef, Format, Log, LogError, Mapping, MomentUnit, ReadOptions, ReadSummary, Wanted,
 };
 

@@ -22,7 +22,7 @@ use shared_proto::{
     Answer, Board, Boot, Calibration, Command, Decoder, Event, Framing, Identity, Packet, Refusal,
     ResetCause, Status, Stream, crc32,
 };
-use shellcal::log_file::LogError;
+use log_file::LogError;
 use system_tests::on_the_wire;
 use system_tests::program::start;
 

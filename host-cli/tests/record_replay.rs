@@ -13,7 +13,7 @@ use record_support::{
 };
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::wrench::PerAxis;
+use shell_data::wrench::PerAxis;
 use system_tests::on_the_wire;
 
 fn replay(dir: &Path, bytes: &[u8], arguments: &str) -> String {

@@ -6,8 +6,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::Value;
-use shellcal::checksum;
-use shellcal::log_file::{Format, Log, Mapping};
+use log_file::checksum;
+use log_file::{Format, Log, Mapping};
 
 fn shellcal(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_shellcal"))

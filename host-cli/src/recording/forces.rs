@@ -1,8 +1,8 @@
 //! Forces beside the readings, with a zero of their own.
 
 use super::reception::{Frame, Measured};
-use crate::calibration::Calibration;
-use crate::wrench::PerAxis;
+use calibration::Calibration;
+use shell_data::wrench::PerAxis;
 use shared_proto::CHANNELS;
 
 /// How forces are made of readings.

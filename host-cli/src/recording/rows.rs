@@ -14,7 +14,7 @@
 
 use super::forces::{Force, ForceOptions, Forces};
 use super::reception::{Content, Frame, Measured};
-use crate::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axis, PerAxis};
 use shared_proto::CHANNELS;
 
 /// A calibration that cannot be applied to what the board sends.

@@ -15,7 +15,7 @@
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use crate::calibration::uncertainty::student_quantile;
+use calibration::uncertainty::student_quantile;
 use crate::random::{Purpose, Stream};
 
 /// How often a sample is drawn again.

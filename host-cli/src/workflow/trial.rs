@@ -1,10 +1,10 @@
 //! A trial from its log: one pass, in which of most rows the time alone is parsed.
 
 use super::sampling::Sampling;
-use crate::block::Block;
-use crate::calibration::Calibration;
-use crate::log_file::{Log, LogError, ReadOptions, ReadSummary, Selection, Wanted};
-use crate::telemetry::Telemetry;
+use shell_data::block::Block;
+use calibration::Calibration;
+use log_file::{Log, LogError, ReadOptions, ReadSummary, Selection, Wanted};
+use shell_data::telemetry::Telemetry;
 use crate::trial::{
     Clock, LowPass, NoWindow, Profile, Proposal, Remark, Stretch, TareRule, TareSearch, Trace,
     TraceExtent, Trial, TrialError, TrialOptions, TrialResult, check_window, evaluate,

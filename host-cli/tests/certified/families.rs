@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use num_rational::BigRational;
-use shellcal::calibration::least_squares::{LeastSquaresError, Method};
+use calibration::least_squares::{LeastSquaresError, Method};
 
 use crate::exact;
 use crate::problem::{ALL_DIGITS, METHODS, Problem, digits, error, theory};

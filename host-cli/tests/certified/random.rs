@@ -2,7 +2,7 @@
 //! rank.
 
 use faer::Mat;
-use shellcal::calibration::least_squares::{LeastSquaresError, Method};
+use calibration::least_squares::{LeastSquaresError, Method};
 
 use crate::problem::{METHODS, Problem, error, theory};
 

@@ -2,8 +2,8 @@
 
 use faer::Mat;
 use num_rational::BigRational;
-use shellcal::calibration::least_squares::Method;
-use shellcal::double_double::DoubleDouble;
+use calibration::least_squares::Method;
+use calibration::double_double::DoubleDouble;
 
 use crate::exact;
 use crate::problem::{ALL_DIGITS, METHODS, Problem, digits};

@@ -8,7 +8,7 @@ use num_rational::BigRational;
 use num_traits::{One, Signed, ToPrimitive, Zero};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use shellcal::calibration::model::Model;
+use calibration::model::Model;
 
 /// Rows of a training set.
 #[derive(Clone)]

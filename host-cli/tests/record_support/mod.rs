@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use shared_proto::{Framing, Packet, Sample, Values};
-use shellcal::block::Block;
-use shellcal::log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use shell_data::block::Block;
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use system_tests::on_the_wire;
 
 /// Frame `index` of a board at 100 Hz: its readings tell which it is.

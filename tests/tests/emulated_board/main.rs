@@ -15,9 +15,9 @@ use std::path::Path;
 
 use bridge::{BaseStation, EmulatedBoard};
 use shared_proto::xbee::Mode;
-use shellcal::calibration::Calibration;
+use calibration::Calibration;
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::wrench::PerAxis;
+use shell_data::wrench::PerAxis;
 use system_tests::emulation::{Memory, PlayedFrame, image};
 use system_tests::program::{
     Recording, finish, interrupt, number, run, run_patiently, start, wait_for_rows,

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use serde::Serialize;
 use shellcal::alignment::{Aligned, ClockMap, LeftOut};
-use shellcal::log_file::{ColumnRef, Log, Mapping, ReadOptions};
+use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{Format, match_figure};
+use shellcal::figures::{Format, match_figure};
 use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, TrainingRows, align_logs, write_training,
 };

@@ -2,8 +2,8 @@
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use shellcal::calibration::Basis;
-use shellcal::calibration::solver::SolverKind;
+use calibration::Basis;
+use calibration::solver::SolverKind;
 
 /// A family of features.
 #[derive(Clone, Copy, Debug)]

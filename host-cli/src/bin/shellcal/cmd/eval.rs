@@ -4,13 +4,13 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use serde::Serialize;
-use shellcal::calibration::quality::AxisQuality;
+use calibration::quality::AxisQuality;
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::log_file::{Log, ReadOptions};
+use log_file::{Log, ReadOptions};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{FitPlot, Format, fit_figure};
+use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
-use shellcal::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axis, PerAxis};
 
 use super::Outcome;
 use super::mapping::MappingArgs;

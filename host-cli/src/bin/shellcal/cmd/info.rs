@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use shellcal::log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
-use shellcal::survey::{ColumnSurvey, Survey};
-use shellcal::wrench::Axis;
+use log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
+use shellcal::workflow::log_summary::{ColumnSurvey, Survey};
+use shell_data::wrench::Axis;
 
 use super::Outcome;
 use super::mapping::MappingArgs;

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use serde::Serialize;
-use shellcal::calibration::exact::Parts;
-use shellcal::calibration::quality::AxisQuality;
-use shellcal::calibration::solver::{SolverKind, solve_moments};
-use shellcal::calibration::uncertainty::Covariance;
-use shellcal::calibration::{Calibration, FitError};
+use calibration::exact::Parts;
+use calibration::quality::AxisQuality;
+use calibration::solver::{SolverKind, solve_moments};
+use calibration::uncertainty::Covariance;
+use calibration::{Calibration, FitError};
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
 use shellcal::output::AtomicFile;
-use shellcal::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axis, PerAxis};
 
 use super::quality::{significant, table_row};
 use super::{Outcome, origin};

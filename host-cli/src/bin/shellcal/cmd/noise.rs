@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::log_file::{Log, ReadOptions};
+use log_file::{Log, ReadOptions};
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
-use shellcal::wrench::Axis;
+use shell_data::wrench::Axis;
 
 use super::Outcome;
 use super::frames::{FrameArgs, note_rows, parse_window};

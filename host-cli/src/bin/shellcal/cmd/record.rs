@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use shared_proto::Framing;
-use shellcal::calibration::Calibration;
+use calibration::Calibration;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::link::{Journal, Progress, RecordOptions, Recorded, Sinks, Source, Uplink, record};
 use shellcal::recording::{ForceOptions, Losses, protocol_name};

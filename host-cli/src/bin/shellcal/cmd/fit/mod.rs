@@ -10,15 +10,15 @@ use std::time::Instant;
 
 use anyhow::Context;
 use clap::ValueEnum;
-use shellcal::calibration::solver::SolverKind;
-use shellcal::calibration::validation::ValidationError;
-use shellcal::calibration::validation::grouped::GroupedMoments;
+use calibration::solver::SolverKind;
+use calibration::validation::ValidationError;
+use calibration::validation::grouped::GroupedMoments;
 use shellcal::calibration_file::{
     CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
 };
-use shellcal::log_file::{Log, ReadOptions};
+use log_file::{Log, ReadOptions};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{Format, fit_figure};
+use shellcal::figures::{Format, fit_figure};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};

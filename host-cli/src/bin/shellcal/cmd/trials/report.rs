@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use shellcal::checksum;
+use log_file::checksum;
 use shellcal::output::AtomicFile;
 use shellcal::report::{Input, Report};
 use shellcal::trial::{LowPass, Profile, Rule, TareRule, TraceExtent, TrialOptions, TrialResult};

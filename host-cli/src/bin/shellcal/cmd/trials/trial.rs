@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use serde::Serialize;
-use shellcal::log_file::{Log, ReadOptions};
+use log_file::{Log, ReadOptions};
 use shellcal::output::{AtomicFile, write_atomically};
 use shellcal::trial::tables::{strides_table, trace_table};
 use shellcal::trial::{Remark, TraceExtent, Trial, TrialOptions, TrialResult};

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use shellcal::log_file::Log;
+use log_file::Log;
 use shellcal::output::write_atomically;
-use shellcal::plot::Format;
-use shellcal::plot::trial::window_figure;
+use shellcal::figures::Format;
+use shellcal::figures::trial::window_figure;
 use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, Trace, TraceExtent, propose_window};
 use shellcal::workflow::trial::{TrialLogError, evaluate_whole};
 
