@@ -1,13 +1,13 @@
 //! Fitting and converting at the paper's size: 77,522 rows of eight 12-bit readings.
 
+use calibration::model::{Basis, Model};
+use calibration::scaling::Scaling;
+use calibration::solver::{self, Problem, SolverKind};
+use calibration::{Calibration, quality};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use shellcal::block::Block;
-use shellcal::calibration::model::{Basis, Model};
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{self, Problem, SolverKind};
-use shellcal::calibration::{Calibration, quality};
-use shellcal::wrench::PerAxis;
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 
 fn main() {
     divan::main();

@@ -5,12 +5,12 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::uncertainty::{CoefficientCovariance, Covariance};
-use shellcal::calibration::{Basis, Calibration, Model};
-use shellcal::filter::{Butterworth, Filter, FilterError};
-use shellcal::log_file::{Log, Mapping, ReadOptions};
-use shellcal::plot::WrenchTrace;
+use calibration::scaling::Scaling;
+use calibration::uncertainty::{CoefficientCovariance, Covariance};
+use calibration::{Basis, Calibration, Model};
+use log_file::{Log, Mapping, ReadOptions};
+use shellcal::figures::WrenchTrace;
+use shellcal::forces::filter::{Butterworth, Filter, FilterError};
 use shellcal::workflow::ChannelMismatch;
 use shellcal::workflow::convert::{
     Columns, ConvertError, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
@@ -216,7 +216,7 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
     let path = directory.path().join("log.csv");
     std::fs::write(&path, "s1,s2,s3\n100,100,100\n100,4095,100\n300,100,0\n").unwrap();
     let mut calibration = linear(3);
-    let range = shellcal::calibration::extent::Range { min: 50.0, max: 200.0 };
+    let range = calibration::extent::Range { min: 50.0, max: 200.0 };
     calibration.valid_range = Some(vec![range; 3]);
     let columns = Columns {
         time: false,
@@ -273,7 +273,7 @@ fn the_trace_sees_every_frame() {
     let read = ReadOptions::default();
     let mut out = Vec::new();
     convert(&open(&path), &linear(3), &options, &read, &mut out, Some(&mut trace)).unwrap();
-    let figure = shellcal::plot::trace_figure("log", &trace);
+    let figure = shellcal::figures::trace_figure("log", &trace);
     assert!(figure.svg().contains(">Fz (N)<"));
 }
 

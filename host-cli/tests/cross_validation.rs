@@ -6,17 +6,17 @@
 use std::fs;
 use std::process::{Command, Output};
 
-use shellcal::block::Block;
-use shellcal::calibration::Calibration;
-use shellcal::calibration::exact::{Accumulator, Moments, Parts, SolveError};
-use shellcal::calibration::model::{Basis, Model};
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{self, Problem, SolverKind, solve_moments};
-use shellcal::calibration::validation::ValidationError;
-use shellcal::calibration::validation::cross_validation::cross_validate;
-use shellcal::calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
-use shellcal::calibration::validation::selection::{self, select};
-use shellcal::wrench::PerAxis;
+use calibration::Calibration;
+use calibration::exact::{Accumulator, Moments, Parts, SolveError};
+use calibration::model::{Basis, Model};
+use calibration::scaling::Scaling;
+use calibration::solver::{self, Problem, SolverKind, solve_moments};
+use calibration::validation::ValidationError;
+use calibration::validation::cross_validation::cross_validate;
+use calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
+use calibration::validation::selection::{self, select};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 use tempfile::TempDir;
 
 /// Numbers that look random, the same on every machine.

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
-use shellcal::sensor_model::{
+use shellcal::simulation::sensor_model::{
     Channel, Frame, Kind, ModelError, Parameters, Recording, Sample, SensorModel, Settings,
 };
 

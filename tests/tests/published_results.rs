@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use shellcal::log_file::{Log, Mapping, ReadOptions};
-use shellcal::sensor_model::{Kind, Recording, Settings};
-use shellcal::synthetic_log::Layout;
+use log_file::{Log, Mapping, ReadOptions};
+use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
+use shellcal::simulation::synthetic_log::Layout;
 use shellcal::workflow::fit::{FitOptions, fit};
 use shellcal::workflow::noise::{NoiseOptions, noise};
 use shellcal::workflow::selection::Rows;

@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::layout::Layout;
 use super::{CalibrationFile, Origin, Problem, SCHEMA_VERSION};
-use crate::calibration::extent::Range;
-use crate::calibration::model::{Model, Term};
-use crate::calibration::scaling::Scaling;
-use crate::calibration::uncertainty::{CoefficientCovariance, Covariance, Shape, Triangle};
-use crate::calibration::{Calibration, model};
-use crate::wrench::{Axis, PerAxis};
+use calibration::extent::Range;
+use calibration::model::{Model, Term};
+use calibration::scaling::Scaling;
+use calibration::uncertainty::{CoefficientCovariance, Covariance, Shape, Triangle};
+use calibration::{Calibration, model};
+use shell_data::wrench::{Axis, PerAxis};
 
 #[derive(Serialize, Deserialize)]
 struct Document {
@@ -152,9 +152,9 @@ fn is_power_of_two(value: f64) -> bool {
 mod tests {
     use super::super::{Diagnostics, Role, SolverRecord, Source};
     use super::*;
-    use crate::calibration::model::Basis;
-    use crate::calibration::quality::AxisQuality;
-    use crate::calibration::solver::SolverKind;
+    use calibration::model::Basis;
+    use calibration::quality::AxisQuality;
+    use calibration::solver::SolverKind;
 
     fn file() -> CalibrationFile {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };

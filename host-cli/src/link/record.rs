@@ -13,7 +13,7 @@ use crate::recording::{
     ForceOptions, Frame, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
     UnsuitableCalibration, protocol_name,
 };
-use crate::wrench::PerAxis;
+use shell_data::wrench::PerAxis;
 
 /// How long frames wait for those that overtook them before they are written. A kill loses as much,
 /// and what the recognition of the protocol holds at the start.

@@ -1,9 +1,9 @@
 //! Forces beside the readings, with a zero of their own.
 
 use super::reception::{Frame, Measured};
-use crate::calibration::Calibration;
-use crate::wrench::PerAxis;
+use calibration::Calibration;
 use shared_proto::CHANNELS;
+use shell_data::wrench::PerAxis;
 
 /// How forces are made of readings.
 #[derive(Clone, Debug)]

@@ -65,7 +65,7 @@ pub struct Input {
     pub path: String,
     /// Its size.
     pub bytes: u64,
-    /// As [`crate::checksum`] gives it.
+    /// As [`log_file::checksum`] gives it.
     pub checksum: String,
 }
 

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use serde::{Serialize, Serializer};
 
 use super::{MOST_TRACES, Report};
-use crate::plot::trial::{Passage, smoothed, stride_s};
+use crate::figures::trial::{Passage, smoothed, stride_s};
 use crate::trial::{Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
 
 #[derive(Serialize)]

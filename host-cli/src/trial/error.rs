@@ -80,7 +80,7 @@ pub enum TrialError {
     Nothing(String),
     /// The filter is impossible.
     #[error(transparent)]
-    Filter(#[from] crate::filter::FilterError),
+    Filter(#[from] crate::forces::filter::FilterError),
     /// A result is not a finite number.
     #[error("{what} is not finite: readings or telemetry are far outside what they can be")]
     NotFinite {

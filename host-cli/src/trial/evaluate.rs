@@ -22,9 +22,9 @@ use super::stretch::{Clock, Stretch};
 use super::subject::Trial;
 use super::tare::TareFrames;
 use super::uncertainty::half_widths;
-use crate::calibration::Calibration;
-use crate::telemetry::Telemetry;
-use crate::wrench::{Axis, PerAxis};
+use calibration::Calibration;
+use shell_data::telemetry::Telemetry;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// A trial with its overrides filled in.
 struct Terms {

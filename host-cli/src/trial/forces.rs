@@ -5,10 +5,10 @@ use super::grid::Grid;
 use super::options::{LowPass, Rule, TrialOptions};
 use super::stretch::{Clock, Stretch};
 use super::tare::TareFrames;
-use crate::calibration::Calibration;
-use crate::calibration::uncertainty::Tare;
-use crate::filter::{Butterworth, Filter};
-use crate::wrench::{Axis, PerAxis};
+use crate::forces::filter::{Butterworth, Filter};
+use calibration::Calibration;
+use calibration::uncertainty::Tare;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// How far a filter's answer may be from what it would be had it seen the whole log, as a share of
 /// the largest change of the signal: far below what a converter's step means.

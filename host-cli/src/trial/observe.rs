@@ -10,7 +10,7 @@ use super::profile::Profile;
 use super::remark::Remark;
 use super::stretch::{Clock, Stretch};
 use super::tare::TareFrames;
-use crate::calibration::Calibration;
+use calibration::Calibration;
 
 /// A stall is told when the leg stands still for this many strides.
 const STALL_STRIDES: f64 = 2.0;

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::wrench::PerAxis;
+use shell_data::wrench::PerAxis;
 
 /// How trials are evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

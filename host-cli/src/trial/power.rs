@@ -2,7 +2,7 @@
 
 use super::profile::Profile;
 use super::stretch::Stretch;
-use crate::telemetry::Telemetry;
+use shell_data::telemetry::Telemetry;
 
 /// The power of each motor at every row, W.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::phase::PhaseProfile;
 use super::remark::Remark;
 use super::statistics::{Difference, Interval, Statistics};
-use crate::wrench::PerAxis;
+use shell_data::wrench::PerAxis;
 
 /// The results of one trial. What the log or the calibration does not allow is `None`, and
 /// [`TrialResult::remarks`] say why.

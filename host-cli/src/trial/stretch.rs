@@ -1,6 +1,6 @@
 //! The part of a log that a trial is evaluated on.
 
-use crate::telemetry::Telemetry;
+use shell_data::telemetry::Telemetry;
 
 /// What the clock of a whole log says.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use super::remark::Remark;
 use super::results::{ConditionRow, StrideRow, Trace, TrialResult, TrialRow};
 use super::statistics::Interval;
 use crate::table::{Column, Table};
-use crate::wrench::Axis;
+use shell_data::wrench::Axis;
 
 /// One row a trial.
 pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> Table {

@@ -4,7 +4,7 @@
 //! window less those of the tare: `dᵀC`. Its error has four parts, which are added as variances:
 //!
 //! - that of the coefficients, `‖Tᵀd‖²` (or `S·‖Fᵀd‖²` where rows are taken as independent; see
-//!   [`crate::calibration::uncertainty`]);
+//!   [`calibration::uncertainty`]);
 //! - the noise of the tare's mean, from how its frames scatter, with what neighbours have in common
 //!   (Newey & West, Econometrica 55, 1987);
 //! - the noise of the window's mean, the same noise over its frames;
@@ -20,9 +20,9 @@ use super::forces::Forces;
 use super::integral::Span;
 use super::options::TrialOptions;
 use super::tare::TareFrames;
-use crate::calibration::Calibration;
-use crate::calibration::uncertainty::{CoefficientCovariance, Tare, student_quantile};
-use crate::wrench::{Axis, PerAxis};
+use calibration::Calibration;
+use calibration::uncertainty::{CoefficientCovariance, Tare, student_quantile};
+use shell_data::wrench::{Axis, PerAxis};
 
 /// The share of the truth that intervals are to hold.
 const LEVEL: f64 = 0.95;

@@ -5,20 +5,20 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::eval::{BlockErrors, Evaluation};
 use super::log_rows::{LogRows, store};
 use super::{WorkflowError, check_channels};
-use crate::block::Block;
-use crate::calibration::exact::{ExactError, Moments};
-use crate::calibration::extent::Extent;
-use crate::calibration::least_squares::Method;
-use crate::calibration::scaling::Scaling;
-use crate::calibration::solver::{self, Problem, Solution, SolverKind};
-use crate::calibration::uncertainty::{Covariance, Shape};
-use crate::calibration::validation::ValidationError;
-use crate::calibration::validation::excitation::WrenchSums;
-use crate::calibration::validation::grouped::GroupedMoments;
-use crate::calibration::{Basis, Calibration, FitError, Model};
-use crate::log_file::{Log, ReadOptions, Wanted};
-use crate::plot::FitPlot;
-use crate::wrench::PerAxis;
+use crate::figures::FitPlot;
+use calibration::exact::{ExactError, Moments};
+use calibration::extent::Extent;
+use calibration::least_squares::Method;
+use calibration::scaling::Scaling;
+use calibration::solver::{self, Problem, Solution, SolverKind};
+use calibration::uncertainty::{Covariance, Shape};
+use calibration::validation::ValidationError;
+use calibration::validation::excitation::WrenchSums;
+use calibration::validation::grouped::GroupedMoments;
+use calibration::{Basis, Calibration, FitError, Model};
+use log_file::{Log, ReadOptions, Wanted};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 
 /// What is to be fitted, and how.
 #[derive(Clone, Copy)]

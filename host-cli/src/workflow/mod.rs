@@ -9,6 +9,7 @@ pub mod figures;
 pub mod fit;
 mod kept_rows;
 mod log_rows;
+pub mod log_summary;
 pub mod moments;
 pub mod noise;
 pub mod sampling;
@@ -19,9 +20,9 @@ pub mod trial;
 
 use std::path::PathBuf;
 
-use crate::calibration::FitError;
-use crate::calibration::validation::ValidationError;
-use crate::log_file::{Log, LogError};
+use calibration::FitError;
+use calibration::validation::ValidationError;
+use log_file::{Log, LogError};
 
 /// Why a task over logs could not be done.
 #[derive(Debug, thiserror::Error)]

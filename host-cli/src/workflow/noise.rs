@@ -4,9 +4,9 @@
 
 use super::selection::{Rows, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
-use crate::calibration::Calibration;
-use crate::log_file::{Log, LogError, ReadOptions, Wanted};
-use crate::wrench::PerAxis;
+use calibration::Calibration;
+use log_file::{Log, LogError, ReadOptions, Wanted};
+use shell_data::wrench::PerAxis;
 
 /// Which part of a log is looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! Which rows of a log are used, and how results are laid out, for all jobs alike.
 
-use crate::block::Block;
-use crate::log_file::LogError;
-use crate::wrench::{Axis, PerAxis};
+use log_file::LogError;
+use shell_data::block::Block;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// Which rows of a log are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]

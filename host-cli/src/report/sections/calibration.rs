@@ -3,9 +3,9 @@
 use super::super::Report;
 use super::super::markup::{Cell, figure, table};
 use super::facts_table;
-use crate::calibration::quality::AxisQuality;
 use crate::calibration_file::CalibrationFile;
-use crate::wrench::{Axis, PerAxis};
+use calibration::quality::AxisQuality;
+use shell_data::wrench::{Axis, PerAxis};
 
 pub(super) fn calibration(report: &Report<'_>) -> String {
     let Some((path, file)) = report.calibration else { return String::new() };

@@ -204,7 +204,7 @@ fn judge(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+    use crate::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 
     /// Time and true drag of a trial at 100 Hz, with noise of a deterministic kind.
     fn trial(name: &str, seed: u64) -> (VirtualTrial, Vec<f64>, Vec<f64>) {

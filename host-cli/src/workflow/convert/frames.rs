@@ -1,10 +1,10 @@
 //! Some frames of a log, converted.
 
 use super::ConvertOptions;
-use crate::block::Block;
-use crate::calibration::Calibration;
-use crate::calibration::uncertainty::Tare;
-use crate::wrench::PerAxis;
+use calibration::Calibration;
+use calibration::uncertainty::Tare;
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 
 /// Consecutive frames, column by column. Columns that were not asked for are empty.
 #[derive(Debug, Default)]

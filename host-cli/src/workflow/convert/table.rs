@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::frames::Frames;
-use crate::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axis, PerAxis};
 
 /// What is written of every frame, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]

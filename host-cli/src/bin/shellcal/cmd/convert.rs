@@ -5,22 +5,22 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use calibration::Calibration;
+use calibration::uncertainty::HIGHEST_LEVEL;
+use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shellcal::calibration::Calibration;
-use shellcal::calibration::uncertainty::HIGHEST_LEVEL;
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::log_file::{Log, ReadOptions};
+use shellcal::figures::{Format, WrenchTrace, trace_figure};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{Format, WrenchTrace, trace_figure};
 use shellcal::workflow::convert::{
     Columns, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
 };
 use shellcal::workflow::selection::TimeWindow;
-use shellcal::wrench::{Axis, PerAxis};
 
-use super::Outcome;
 use super::frames::{FrameArgs, note_rows, parse_window};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

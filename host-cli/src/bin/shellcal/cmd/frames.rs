@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use shellcal::log_file::Log;
+use log_file::Log;
 use shellcal::workflow::selection::{Rows, TimeWindow};
 
 use crate::printer::Printer;

@@ -4,18 +4,19 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
+use calibration::exact::Parts;
+use calibration::quality::AxisQuality;
+use calibration::solver::{SolverKind, solve_moments};
+use calibration::uncertainty::Covariance;
+use calibration::{Calibration, FitError};
 use serde::Serialize;
-use shellcal::calibration::exact::Parts;
-use shellcal::calibration::quality::AxisQuality;
-use shellcal::calibration::solver::{SolverKind, solve_moments};
-use shellcal::calibration::uncertainty::Covariance;
-use shellcal::calibration::{Calibration, FitError};
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
 use shellcal::output::AtomicFile;
-use shellcal::wrench::{Axis, PerAxis};
 
+use super::origin;
 use super::quality::{significant, table_row};
-use super::{Outcome, origin};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

@@ -6,12 +6,12 @@ use std::path::PathBuf;
 use clap::{Subcommand, ValueEnum};
 use serde::Serialize;
 use shellcal::output::AtomicFile;
-use shellcal::sensor_model::{Kind, Recording, Settings};
-use shellcal::synthetic_log;
+use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
+use shellcal::simulation::synthetic_log;
 
 use super::synth_pair::PairArgs;
 use super::synth_trial::{TrialArgs, TrialsArgs};
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

@@ -1,9 +1,9 @@
 //! How held-out errors, the choice of a model and the coverage of the training loads are printed.
 
-use shellcal::calibration::validation::cross_validation::CrossValidation;
-use shellcal::calibration::validation::excitation::{Excitation, Gap};
-use shellcal::calibration::validation::selection::Selection;
-use shellcal::wrench::Axis;
+use calibration::validation::cross_validation::CrossValidation;
+use calibration::validation::excitation::{Excitation, Gap};
+use calibration::validation::selection::Selection;
+use shell_data::wrench::Axis;
 
 use super::quality::significant;
 use crate::printer::Printer;

@@ -2,13 +2,13 @@
 //! where any of it is asked for.
 
 use anyhow::Context;
-use shellcal::calibration::solver::SolverKind;
-use shellcal::calibration::validation::ValidationError;
-use shellcal::calibration::validation::cross_validation::{CrossValidation, cross_validate};
-use shellcal::calibration::validation::grouped::{GroupedMoments, RandomSplit};
-use shellcal::calibration::validation::selection::{self, Selection};
-use shellcal::calibration::{Basis, FitError, Model};
-use shellcal::log_file::{Log, ReadOptions};
+use calibration::solver::SolverKind;
+use calibration::validation::ValidationError;
+use calibration::validation::cross_validation::{CrossValidation, cross_validate};
+use calibration::validation::grouped::{GroupedMoments, RandomSplit};
+use calibration::validation::selection::{self, Selection};
+use calibration::{Basis, FitError, Model};
+use log_file::{Log, ReadOptions};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::moments::{self, GroupBy, SumOptions};
 

@@ -4,10 +4,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
-use shellcal::calibration::Model;
-use shellcal::calibration::validation::grouped::RandomSplit;
+use calibration::Model;
+use calibration::validation::grouped::RandomSplit;
+use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{PartialFit, Role, Source};
-use shellcal::log_file::{Log, ReadOptions};
 use shellcal::output::AtomicFile;
 use shellcal::workflow::moments::{self, GroupBy, SumOptions};
 

@@ -4,14 +4,15 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use shellcal::checksum;
+use log_file::checksum;
 use shellcal::output::AtomicFile;
 use shellcal::report::{Input, Report};
 use shellcal::trial::{LowPass, Profile, Rule, TareRule, TraceExtent, TrialOptions, TrialResult};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
-use crate::cmd::{Outcome, origin};
+use crate::cmd::origin;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -1,0 +1,178 @@
+//! Which readings a calibration has seen: rows, and the range of each channel.
+//!
+//! Found in the same pass as the fit, whatever the solver. It says where a calibration may be
+//! trusted, and names channels that never moved.
+
+use pulp::{Arch, NullaryFnOnce};
+use serde::{Deserialize, Serialize};
+
+use super::FitError;
+use shell_data::block::Block;
+use shell_data::wrench::Axis;
+
+/// The smallest and the largest reading of one channel, in counts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Range {
+    /// The smallest reading.
+    pub min: f64,
+    /// The largest reading.
+    pub max: f64,
+}
+
+/// Rows seen and the range of each channel over them. Merges in any order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extent {
+    /// Number of rows.
+    pub rows: u64,
+    /// One range per channel; of no rows, upside down.
+    pub ranges: Vec<Range>,
+}
+
+impl Range {
+    const NOTHING: Range = Range { min: f64::INFINITY, max: f64::NEG_INFINITY };
+
+    /// Whether `reading` lies within.
+    pub fn contains(&self, reading: f64) -> bool {
+        self.min <= reading && reading <= self.max
+    }
+
+    /// Whether there was only ever one value.
+    pub fn is_constant(&self) -> bool {
+        self.min == self.max
+    }
+
+    fn merge(&mut self, other: Range) {
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+    }
+}
+
+impl Extent {
+    /// No rows of `channels` channels.
+    pub fn new(channels: usize) -> Self {
+        Self { rows: 0, ranges: vec![Range::NOTHING; channels] }
+    }
+
+    /// The extent of one block.
+    ///
+    /// # Errors
+    /// [`FitError::NotFinite`] if a reading or a component of the wrench is infinite or not a
+    /// number; [`FitError::Channels`] if there are not `channels` channels.
+    pub fn of_block(block: &Block, channels: usize) -> Result<Self, FitError> {
+        if block.readings.len() != channels {
+            return Err(FitError::Channels { expected: channels, found: block.readings.len() });
+        }
+        let names = (1..=channels)
+            .map(|i| format!("s{i}"))
+            .chain(Axis::ALL.map(|axis| axis.name().to_owned()));
+        for (name, column) in names.zip(block.readings.iter().chain(&block.wrench)) {
+            if !Arch::new().dispatch(AllFinite(column)) {
+                let row = column.iter().position(|x| !x.is_finite()).unwrap_or(0);
+                return Err(FitError::NotFinite { column: name, row });
+            }
+        }
+        let ranges = block.readings.iter().map(|c| Arch::new().dispatch(RangeOf(c))).collect();
+        Ok(Self { rows: block.rows as u64, ranges })
+    }
+
+    /// Adds what `other` has seen.
+    pub fn merge(&mut self, other: &Extent) {
+        self.rows += other.rows;
+        for (range, &other) in self.ranges.iter_mut().zip(&other.ranges) {
+            range.merge(other);
+        }
+    }
+
+    /// The channels, from 0, that only ever had one value.
+    pub fn constant_channels(&self) -> Vec<usize> {
+        (0..self.ranges.len()).filter(|&i| self.ranges[i].is_constant()).collect()
+    }
+}
+
+/// Interleaved sums and extremes.
+const LANES: usize = 16;
+
+/// Whether all numbers of a column are finite, inlined whole into code for the widest vectors of the
+/// machine.
+struct AllFinite<'a>(&'a [f64]);
+
+impl NullaryFnOnce for AllFinite<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn call(self) -> bool {
+        // A product with zero is NaN for what is not finite; sums of zeros vectorise, early exits do
+        // not.
+        let mut zeros = [0.0; LANES];
+        let (chunks, rest) = self.0.as_chunks::<LANES>();
+        for chunk in chunks {
+            for (zero, x) in zeros.iter_mut().zip(chunk) {
+                *zero += x * 0.0;
+            }
+        }
+        zeros.iter().all(|&zero| zero == 0.0) && rest.iter().all(|x| x.is_finite())
+    }
+}
+
+/// The range of a column, likewise.
+struct RangeOf<'a>(&'a [f64]);
+
+impl NullaryFnOnce for RangeOf<'_> {
+    type Output = Range;
+
+    #[inline(always)]
+    fn call(self) -> Range {
+        let (mut min, mut max) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
+        let (chunks, rest) = self.0.as_chunks::<LANES>();
+        for chunk in chunks {
+            for i in 0..LANES {
+                min[i] = if chunk[i] < min[i] { chunk[i] } else { min[i] };
+                max[i] = if chunk[i] > max[i] { chunk[i] } else { max[i] };
+            }
+        }
+        Range {
+            min: min.iter().chain(rest).copied().fold(f64::INFINITY, f64::min),
+            max: max.iter().chain(rest).copied().fold(f64::NEG_INFINITY, f64::max),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn block(column: Vec<f64>) -> Block {
+        Block { rows: column.len(), readings: vec![column], ..Block::default() }
+    }
+
+    #[test]
+    fn ranges_of_blocks_merge_to_the_range_of_all() {
+        let all: Vec<f64> = (0..37).map(|i| f64::from(i * 29 % 37)).collect();
+        let whole = Extent::of_block(&block(all.clone()), 1).unwrap();
+        let mut merged = Extent::new(1);
+        for part in all.chunks(11) {
+            merged.merge(&Extent::of_block(&block(part.to_vec()), 1).unwrap());
+        }
+        assert_eq!(merged, whole);
+        assert_eq!(whole.ranges, [Range { min: 0.0, max: 36.0 }]);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_named_with_its_row() {
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            for row in [0, 8, 16] {
+                let mut column = vec![1.0; 17];
+                column[row] = bad;
+                let error = Extent::of_block(&block(column), 1).unwrap_err();
+                assert_eq!(error, FitError::NotFinite { column: "s1".into(), row });
+            }
+        }
+    }
+
+    #[test]
+    fn a_channel_that_never_moved_is_constant_and_one_without_rows_is_not() {
+        let extent = Extent::of_block(&block(vec![3.0, 3.0]), 1).unwrap();
+        assert_eq!(extent.constant_channels(), [0]);
+        assert!(Extent::new(1).constant_channels().is_empty());
+    }
+}

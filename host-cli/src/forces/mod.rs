@@ -1,0 +1,3 @@
+//! From readings to forces.
+
+pub mod filter;
