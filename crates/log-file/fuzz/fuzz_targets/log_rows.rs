@@ -5,7 +5,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use shellcal_fuzz::read_log;
+use log_file_fuzz::read_log;
 
 const HEADER: &[u8] = b"t_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,group\n";
 

@@ -3,8 +3,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use shellcal::log_file::Format;
-use shellcal_fuzz::read_log;
+use log_file::Format;
+use log_file_fuzz::read_log;
 
 fuzz_target!(|bytes: &[u8]| {
     let Some((&cut, bytes)) = bytes.split_first() else { return };
