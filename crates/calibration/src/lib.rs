@@ -8,6 +8,7 @@ pub mod double_double;
 mod error;
 pub mod exact;
 pub mod extent;
+mod factor;
 pub mod features;
 pub mod least_squares;
 pub mod magnitudes;

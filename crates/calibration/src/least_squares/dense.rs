@@ -2,7 +2,10 @@
 
 use faer::{Mat, MatRef};
 
-use super::{Chunk, LeastSquares, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape, solve};
+use super::method::Method;
+use super::rows::{Chunk, Reduction, Rows, Shape};
+use super::solve::solve;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// `X` and `Y` in memory.
 ///

@@ -4,7 +4,8 @@ use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
 
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Shape};
+use super::rows::{Chunk, Reduction, Shape};
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Forms the Gram matrix of `[X | Y]`.
 pub(super) struct FormGram {

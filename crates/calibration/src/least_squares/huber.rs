@@ -15,8 +15,9 @@
 use faer::Mat;
 
 use super::qr::Factor;
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Rows, Shape};
+use super::rows::{Chunk, Reduction, Rows, Shape};
 use crate::magnitudes::FineMagnitudes;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 use crate::vectors::{add_multiple, dot};
 
 /// Residuals are clipped beyond this many σ.

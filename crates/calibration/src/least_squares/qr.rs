@@ -1,6 +1,6 @@
 //! The pass that leaves the triangle of [`triangle`](crate::triangle).
 
-use super::{Chunk, Reduction, Shape};
+use super::rows::{Chunk, Reduction, Shape};
 use crate::triangle::{Triangle, Workspace};
 
 /// Householder QR over row blocks.

@@ -12,9 +12,10 @@ use faer::{Mat, MatRef};
 
 use super::kernels::{Wide, add_multiple, dot};
 use super::qr::Factor;
+use super::rows::{Chunk, Reduction, Rows, Shape};
 use super::wide_matrix::WideMatrix;
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Rows, Shape};
 use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Corrections made before giving up.
 const MOST_CORRECTIONS: usize = 12;

@@ -4,8 +4,8 @@ use std::ops::{Index, IndexMut};
 
 use faer::Mat;
 
-use super::{LeastSquares, LeastSquaresError};
 use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError};
 
 /// A matrix in double-double, column-major.
 #[derive(Clone, Debug)]

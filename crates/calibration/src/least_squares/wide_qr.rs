@@ -4,9 +4,10 @@
 use faer::Mat;
 
 use super::kernels::{Wide, add_multiple, dot};
+use super::rows::{Chunk, Reduction, Shape};
 use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Shape};
 use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Factors `[X | Y]` in double-double.
 pub(super) struct FactorWide {

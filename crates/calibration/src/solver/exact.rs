@@ -2,15 +2,16 @@
 
 use faer::Mat;
 
-use super::{Factor, Pass, Problem, Solution};
-use shell_data::block::Block;
-use crate::exact::{
-    Accumulator, Adder, ExactError, Moments, RankLoss as ExactLoss, SolveError,
-};
+use super::pass::Pass;
+use super::problem::Problem;
+use super::solution::Solution;
+use crate::exact::{Accumulator, Adder, ExactError, Moments, RankLoss as ExactLoss, SolveError};
 use crate::extent::Extent;
+use crate::factor::Factor;
 use crate::rank_loss::{Dependence, RankLoss};
 use crate::scaling::Scaling;
 use crate::{FitError, Model};
+use shell_data::block::Block;
 
 /// Exact moments of integer readings, see [`crate::exact`].
 ///

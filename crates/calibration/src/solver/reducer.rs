@@ -2,9 +2,9 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use super::Pass;
-use shell_data::block::Block;
+use super::pass::Pass;
 use crate::FitError;
+use shell_data::block::Block;
 
 /// Reduces blocks on any thread.
 ///

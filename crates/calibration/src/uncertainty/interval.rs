@@ -16,7 +16,6 @@
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use super::Covariance;
 use crate::magnitudes::Magnitudes;
 use shell_data::wrench::PerAxis;
 
@@ -48,7 +47,7 @@ impl Shape {
     }
 
     /// `q(level)` of an axis: between the levels it runs evenly with the normal quantile.
-    fn quantile(&self, axis: usize, level: f64) -> f64 {
+    pub(super) fn quantile(&self, axis: usize, level: f64) -> f64 {
         let z = normal_quantile(level);
         let (mut below, mut at) = ((0.0, 0.0), (0.0, 0.0));
         for (&level, &size) in self.levels.iter().zip(&self.quantiles[axis]) {
@@ -81,24 +80,8 @@ impl Shape {
     }
 }
 
-impl Covariance {
-    /// How many standard errors either way a prediction interval of `level` reaches, per axis.
-    ///
-    /// # Panics
-    /// If `level` is not above 0 and below 1.
-    pub fn interval_factors(&self, level: f64) -> PerAxis<f64> {
-        assert!(0.0 < level && level < 1.0, "a level between 0 and 1");
-        let z = normal_quantile(level);
-        let t = student_quantile(level, self.degrees_of_freedom as f64);
-        std::array::from_fn(|axis| match &self.shape {
-            None => t,
-            Some(shape) => shape.quantile(axis, level) * t / z,
-        })
-    }
-}
-
 /// The size that a share `level` of standard normal numbers stays below.
-fn normal_quantile(level: f64) -> f64 {
+pub(super) fn normal_quantile(level: f64) -> f64 {
     Normal::standard().inverse_cdf(0.5 + level / 2.0)
 }
 
@@ -110,7 +93,7 @@ pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::CoefficientCovariance;
+    use super::super::{CoefficientCovariance, Covariance};
     use super::*;
 
     #[test]
