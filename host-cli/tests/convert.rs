@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use calibration::scaling::Scaling;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::{Basis, Calibration, Model};
-use shellcal::forces::filter::{Butterworth, Filter, FilterError};
 use log_file::{Log, Mapping, ReadOptions};
 use shellcal::figures::WrenchTrace;
+use shellcal::forces::filter::{Butterworth, Filter, FilterError};
 use shellcal::workflow::ChannelMismatch;
 use shellcal::workflow::convert::{
     Columns, ConvertError, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,

@@ -12,8 +12,8 @@ use record_support::{
     stream, succeed,
 };
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
-use shellcal::calibration_file::CalibrationFile;
 use shell_data::wrench::PerAxis;
+use shellcal::calibration_file::CalibrationFile;
 use system_tests::on_the_wire;
 
 fn replay(dir: &Path, bytes: &[u8], arguments: &str) -> String {

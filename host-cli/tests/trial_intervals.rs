@@ -3,16 +3,16 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
-use shell_data::block::Block;
 use calibration::solver::solve_moments;
 use calibration::uncertainty::Covariance;
 use calibration::validation::grouped::{GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
+use shell_data::block::Block;
 use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
+use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 use shellcal::trial::{
     Clock, Profile, Rule, Stretch, TareRule, TareSearch, Trial, TrialOptions, evaluate,
 };
-use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 
 /// A cubic calibration of unit `seed` on a recording of `rows` rows, and the share of the loads'
 /// variance that it leaves unexplained.

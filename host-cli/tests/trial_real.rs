@@ -7,9 +7,9 @@ use std::f64::consts::{PI, TAU};
 use std::fs;
 use std::path::Path;
 
+use log_file::{Log, Mapping, ReadOptions};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::calibration_file::matrix::ImportOptions;
-use log_file::{Log, Mapping, ReadOptions};
 use shellcal::trial::{
     LowPass, Profile, Remark, Rule, TareRule, TraceExtent, Trial, TrialOptions, TrialResult,
     ValueTable,

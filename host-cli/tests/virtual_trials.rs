@@ -7,13 +7,13 @@ use std::io::Write;
 
 use calibration::{Basis, Calibration};
 use log_file::{Log, Mapping, ReadOptions};
+use shell_data::telemetry::Telemetry;
 use shellcal::simulation::sensor_model::{Parameters, SensorModel};
 use shellcal::simulation::synthetic_trial::TrialLayout;
-use shell_data::telemetry::Telemetry;
+use shellcal::simulation::virtual_robot::{Condition, Counter, Side, TrialSettings, VirtualTrial};
 use shellcal::trial::{
     Clock, Profile, Stretch, TareRule, Trial, TrialOptions, TrialResult, evaluate,
 };
-use shellcal::simulation::virtual_robot::{Condition, Counter, Side, TrialSettings, VirtualTrial};
 use shellcal::workflow::fit::{FitOptions, fit};
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{Instrument, evaluate_log, find_window};

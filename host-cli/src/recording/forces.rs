@@ -2,8 +2,8 @@
 
 use super::reception::{Frame, Measured};
 use calibration::Calibration;
-use shell_data::wrench::PerAxis;
 use shared_proto::CHANNELS;
+use shell_data::wrench::PerAxis;
 
 /// How forces are made of readings.
 #[derive(Clone, Debug)]

@@ -14,8 +14,8 @@
 
 use super::forces::{Force, ForceOptions, Forces};
 use super::reception::{Content, Frame, Measured};
-use shell_data::wrench::{Axis, PerAxis};
 use shared_proto::CHANNELS;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// A calibration that cannot be applied to what the board sends.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

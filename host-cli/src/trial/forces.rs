@@ -5,9 +5,9 @@ use super::grid::Grid;
 use super::options::{LowPass, Rule, TrialOptions};
 use super::stretch::{Clock, Stretch};
 use super::tare::TareFrames;
+use crate::forces::filter::{Butterworth, Filter};
 use calibration::Calibration;
 use calibration::uncertainty::Tare;
-use crate::forces::filter::{Butterworth, Filter};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// How far a filter's answer may be from what it would be had it seen the whole log, as a share of

@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use super::trial::{Evaluated, Instrument, TrialLogError, evaluate_log, find_window};
-use log_file::{Log, LogError, Mapping, ReadOptions};
 use crate::output::OutputError;
-use log_file::pipeline::{self, Pieces};
 use crate::trial::manifest::{Entry, Manifest, Moment, Place, Problem};
 use crate::trial::{
     ConditionRow, Per, PhaseProfile, Quantity, Remark, Sample, Trial, TrialError, TrialOptions,
     TrialResult,
 };
+use log_file::pipeline::{self, Pieces};
+use log_file::{Log, LogError, Mapping, ReadOptions};
 
 /// How a batch is run.
 #[derive(Clone, Copy)]

@@ -3,9 +3,9 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::output::{OutputError, write_atomically};
 use crate::figures::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
 use crate::figures::{Figure, Format};
+use crate::output::{OutputError, write_atomically};
 use crate::trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialRow};
 
 /// Strides that a telemetry figure shows where the window has many.

@@ -1,7 +1,7 @@
 //! Which rows of a log are used, and how results are laid out, for all jobs alike.
 
-use shell_data::block::Block;
 use log_file::LogError;
+use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Which rows of a log are used.

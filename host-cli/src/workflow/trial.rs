@@ -1,15 +1,15 @@
 //! A trial from its log: one pass, in which of most rows the time alone is parsed.
 
 use super::sampling::Sampling;
-use shell_data::block::Block;
-use calibration::Calibration;
-use log_file::{Log, LogError, ReadOptions, ReadSummary, Selection, Wanted};
-use shell_data::telemetry::Telemetry;
 use crate::trial::{
     Clock, LowPass, NoWindow, Profile, Proposal, Remark, Stretch, TareRule, TareSearch, Trace,
     TraceExtent, Trial, TrialError, TrialOptions, TrialResult, check_window, evaluate,
     propose_window, warm_up_s,
 };
+use calibration::Calibration;
+use log_file::{Log, LogError, ReadOptions, ReadSummary, Selection, Wanted};
+use shell_data::block::Block;
+use shell_data::telemetry::Telemetry;
 
 /// Rows are looked for this far around the window at least, s.
 const MARGIN_S: f64 = 1.0;

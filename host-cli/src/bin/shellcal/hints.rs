@@ -4,15 +4,15 @@ use std::error::Error;
 use std::io;
 
 use beam_channel::SetupError;
-use shared_proto::Refusal;
-use shellcal::alignment::AlignError;
 use calibration::FitError;
 use calibration::validation::ValidationError;
+use log_file::{LogError, RowProblem};
+use shared_proto::Refusal;
+use shellcal::alignment::AlignError;
 use shellcal::calibration_file::matrix::MatrixError;
 use shellcal::calibration_file::{CalibrationFileError, MergeError, Problem, SCHEMA_VERSION};
 use shellcal::forces::filter::FilterError;
 use shellcal::link::{LinkError, NotForBoard, RecordError};
-use log_file::{LogError, RowProblem};
 use shellcal::output::OutputError;
 use shellcal::recording::NoFrame;
 use shellcal::trial::TrialError;

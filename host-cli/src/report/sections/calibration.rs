@@ -3,8 +3,8 @@
 use super::super::Report;
 use super::super::markup::{Cell, figure, table};
 use super::facts_table;
-use calibration::quality::AxisQuality;
 use crate::calibration_file::CalibrationFile;
+use calibration::quality::AxisQuality;
 use shell_data::wrench::{Axis, PerAxis};
 
 pub(super) fn calibration(report: &Report<'_>) -> String {

@@ -1,9 +1,9 @@
 //! Some frames of a log, converted.
 
 use super::ConvertOptions;
-use shell_data::block::Block;
 use calibration::Calibration;
 use calibration::uncertainty::Tare;
+use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 /// Consecutive frames, column by column. Columns that were not asked for are empty.

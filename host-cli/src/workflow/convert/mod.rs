@@ -20,12 +20,12 @@ pub use table::Columns;
 use super::sampling::Rate;
 use super::selection::{Rows, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
-use calibration::Calibration;
-use crate::forces::filter::{Butterworth, Filter, FilterError};
-use log_file::{Log, LogError, ReadOptions, Wanted};
 use crate::figures::WrenchTrace;
-use shell_data::wrench::PerAxis;
+use crate::forces::filter::{Butterworth, Filter, FilterError};
+use calibration::Calibration;
 use frames::{Converter, Frames};
+use log_file::{Log, LogError, ReadOptions, Wanted};
+use shell_data::wrench::PerAxis;
 use survey::survey;
 use table::Table;
 

@@ -1,12 +1,12 @@
 //! What must be known of a log before its frames can be converted: the tare and the rate.
 
 use super::{ConvertError, ConvertOptions, TareWindow};
-use shell_data::block::Block;
+use crate::workflow::sampling::{Rate, Sampling};
+use crate::workflow::selection::{Stop, by_column};
 use calibration::Calibration;
 use calibration::uncertainty::Tare;
 use log_file::{Log, ReadOptions, Wanted};
-use crate::workflow::sampling::{Rate, Sampling};
-use crate::workflow::selection::{Stop, by_column};
+use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 /// What is known before the frames are converted.

@@ -3,18 +3,18 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use shell_data::block::Block;
 use calibration::Basis;
 use calibration::solver::SolverKind;
 use log_file::{Log, LogError, Wanted};
-use shellcal::output::AtomicFile;
+use shell_data::block::Block;
 use shellcal::figures::Format;
+use shellcal::output::AtomicFile;
 use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 
-use super::Outcome;
 use super::choices::{BasisArg, SolverArg};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -1,9 +1,9 @@
 //! Models, solvers and the like as values of options, by the names that the library gives them.
 
-use clap::ValueEnum;
-use clap::builder::PossibleValue;
 use calibration::Basis;
 use calibration::solver::SolverKind;
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
 
 /// A family of features.
 #[derive(Clone, Copy, Debug)]

@@ -5,22 +5,22 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use serde::Serialize;
 use calibration::Calibration;
 use calibration::uncertainty::HIGHEST_LEVEL;
-use shellcal::calibration_file::CalibrationFile;
 use log_file::{Log, ReadOptions};
-use shellcal::output::AtomicFile;
+use serde::Serialize;
+use shell_data::wrench::{Axis, PerAxis};
+use shellcal::calibration_file::CalibrationFile;
 use shellcal::figures::{Format, WrenchTrace, trace_figure};
+use shellcal::output::AtomicFile;
 use shellcal::workflow::convert::{
     Columns, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
 };
 use shellcal::workflow::selection::TimeWindow;
-use shell_data::wrench::{Axis, PerAxis};
 
-use super::Outcome;
 use super::frames::{FrameArgs, note_rows, parse_window};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

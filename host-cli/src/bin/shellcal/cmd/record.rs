@@ -6,15 +6,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::Context;
-use shared_proto::Framing;
 use calibration::Calibration;
+use shared_proto::Framing;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::link::{Journal, Progress, RecordOptions, Recorded, Sinks, Source, Uplink, record};
 use shellcal::recording::{ForceOptions, Losses, protocol_name};
 
-use super::Outcome;
 use super::convert::{DEFAULT_TARE, parse_count};
 use super::serial::{FramingArg, SerialArgs};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

@@ -9,16 +9,16 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
-use clap::ValueEnum;
 use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
 use calibration::validation::grouped::GroupedMoments;
+use clap::ValueEnum;
+use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{
     CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
 };
-use log_file::{Log, ReadOptions};
-use shellcal::output::AtomicFile;
 use shellcal::figures::{Format, fit_figure};
+use shellcal::output::AtomicFile;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
@@ -27,8 +27,9 @@ use self::choice::Choice;
 use self::report::report;
 use super::choices::{ModelChoice, SolverArg};
 use super::mapping::MappingArgs;
+use super::origin;
 use super::validation::{CvArg, parse_cv};
-use super::{Outcome, origin};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use anyhow::Context;
 use calibration::Model;
 use calibration::validation::grouped::RandomSplit;
-use shellcal::calibration_file::{PartialFit, Role, Source};
 use log_file::{Log, ReadOptions};
+use shellcal::calibration_file::{PartialFit, Role, Source};
 use shellcal::output::AtomicFile;
 use shellcal::workflow::moments::{self, GroupBy, SumOptions};
 

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use shellcal::calibration_file::CalibrationFile;
 use log_file::{Mapping, ReadOptions};
+use shellcal::calibration_file::CalibrationFile;
 use shellcal::trial::{LowPass, Profile, Rule, TareRule, TraceExtent, TrialOptions};
 use shellcal::workflow::selection::TimeWindow;
 use shellcal::workflow::trial::Instrument;

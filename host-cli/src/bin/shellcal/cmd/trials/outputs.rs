@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use shellcal::output::{OutputError, write_atomically};
 use shellcal::figures::Format;
+use shellcal::output::{OutputError, write_atomically};
 use shellcal::table::Table;
 use shellcal::trial::manifest::Place;
 use shellcal::trial::tables::{conditions_table, strides_table, trace_table, trials_table};

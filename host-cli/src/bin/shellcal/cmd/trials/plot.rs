@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use clap::Subcommand;
 use log_file::Log;
-use shellcal::output::{AtomicFile, write_atomically};
 use shellcal::figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
 use shellcal::figures::{Figure, Format};
+use shellcal::output::{AtomicFile, write_atomically};
 use shellcal::trial::{TraceExtent, Trial, TrialRow};
 use shellcal::workflow::figures::{passage, some_strides, title};
 use shellcal::workflow::selection::TimeWindow;
@@ -15,8 +15,8 @@ use shellcal::workflow::trial::{evaluate_log, find_window};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
-use crate::cmd::Outcome;
 use crate::cmd::frames::parse_window;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

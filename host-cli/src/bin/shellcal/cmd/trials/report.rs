@@ -11,7 +11,8 @@ use shellcal::trial::{LowPass, Profile, Rule, TareRule, TraceExtent, TrialOption
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
-use crate::cmd::{Outcome, origin};
+use crate::cmd::origin;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

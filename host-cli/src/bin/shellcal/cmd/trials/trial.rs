@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use serde::Serialize;
 use log_file::{Log, ReadOptions};
+use serde::Serialize;
 use shellcal::output::{AtomicFile, write_atomically};
 use shellcal::trial::tables::{strides_table, trace_table};
 use shellcal::trial::{Remark, TraceExtent, Trial, TrialOptions, TrialResult};
@@ -12,7 +12,7 @@ use shellcal::workflow::trial::{evaluate_log, find_window};
 
 use super::evaluation::EvaluationArgs;
 use super::show;
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -2,16 +2,16 @@
 
 use std::path::PathBuf;
 
-use serde::Serialize;
 use log_file::Log;
-use shellcal::output::write_atomically;
+use serde::Serialize;
 use shellcal::figures::Format;
 use shellcal::figures::trial::window_figure;
+use shellcal::output::write_atomically;
 use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, Trace, TraceExtent, propose_window};
 use shellcal::workflow::trial::{TrialLogError, evaluate_whole};
 
 use super::evaluation::EvaluationArgs;
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
