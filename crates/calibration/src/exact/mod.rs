@@ -20,6 +20,7 @@ mod sums;
 pub use self::error::{ExactError, MAX_ROWS};
 pub use self::moments::Moments;
 pub use self::solve::{
-    ByGroup, Fit, GroupsError, HeldOut, Part, Parts, RankLoss, Relation, SolveError,
+    Fit, GroupScatter, GroupScatterError, HeldOutErrors, PartMoments, PartitionedMoments, RankLoss,
+    Relation, SolveError,
 };
 pub use self::sums::{Accumulator, Adder};

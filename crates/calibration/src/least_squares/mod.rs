@@ -1,8 +1,8 @@
 //! Dense linear least squares, `min ‖X·C − Y‖`, by a family of methods over one stream of rows.
 //!
 //! Nothing here knows of readings and wrenches. Rows come in chunks `[X | Y]`, elements of `X` in
-//! double-double where a plain `f64` would round them ([`Chunk`]). A [`Reduction`] says what a pass
-//! over the rows leaves behind: a triangle, a Gram matrix, a gradient; memory does not grow with
+//! double-double where a plain `f64` would round them ([`RowChunk`]). A [`Reduction`] says what a pass
+//! over the rows computes: a triangle, a Gram matrix, a gradient; memory does not grow with
 //! the rows. [`Rows`] is whatever can be passed over, as often as the method needs:
 //!
 //! | method | passes | what is kept | relative error of the coefficients, about |
@@ -37,6 +37,6 @@ mod wide_qr;
 
 pub use self::dense::{Dense, solve_dense};
 pub use self::method::Method;
-pub use self::rows::{Chunk, Reduction, Rows, Shape};
+pub use self::rows::{Reduction, RowChunk, Rows, Shape};
 pub use self::solve::solve;
 pub use super::triangle::{LeastSquares, LeastSquaresError, Ridge};

@@ -1,11 +1,11 @@
-//! Rows in chunks, and what a pass over them leaves behind.
+//! Rows in chunks, and what a pass over them computes.
 
 use super::kernels;
 use crate::triangle::LeastSquaresError;
 
 /// Some rows of `[X | Y]`, column by column.
 #[derive(Clone, Copy, Debug)]
-pub struct Chunk<'a> {
+pub struct RowChunk<'a> {
     /// Number of rows.
     pub rows: usize,
     /// Distance between the beginnings of columns.
@@ -16,7 +16,7 @@ pub struct Chunk<'a> {
     pub tails: &'a [f64],
 }
 
-impl<'a> Chunk<'a> {
+impl<'a> RowChunk<'a> {
     /// Rows of a chunk of `columns` columns that stays in a core's own cache, and is long enough
     /// for the work per chunk not to count.
     pub fn rows_in_cache(columns: usize) -> usize {
@@ -43,23 +43,28 @@ impl<'a> Chunk<'a> {
     }
 }
 
-/// What a pass over the rows leaves behind.
+/// What a pass over the rows computes.
 pub trait Reduction: Sync {
-    /// That of some of the rows.
+    /// The result for some of the rows.
     type Partial: Send;
     /// Memory to be used again from chunk to chunk.
     type Scratch;
-    /// Whether [`Chunk::tails`] are looked at.
+    /// Whether [`RowChunk::tails`] are looked at.
     const WIDE: bool;
 
-    /// Of no rows.
+    /// The partial of zero rows, the identity of [`Self::merge`].
     fn empty(&self) -> Self::Partial;
 
     /// Memory for [`Reduction::absorb`].
     fn scratch(&self) -> Self::Scratch;
 
-    /// Adds a chunk of at most [`Chunk::rows_in_cache`] rows.
-    fn absorb(&self, partial: &mut Self::Partial, chunk: &Chunk<'_>, scratch: &mut Self::Scratch);
+    /// Adds a chunk of at most [`RowChunk::rows_in_cache`] rows.
+    fn absorb(
+        &self,
+        partial: &mut Self::Partial,
+        chunk: &RowChunk<'_>,
+        scratch: &mut Self::Scratch,
+    );
 
     /// Adds the rows of `later` to those of `earlier`.
     fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
@@ -76,7 +81,7 @@ pub trait Rows {
     /// Reduces all rows.
     ///
     /// # Errors
-    /// Where rows cannot be had.
+    /// If rows cannot be read.
     fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error>;
 }
 

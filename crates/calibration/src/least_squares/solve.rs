@@ -2,7 +2,7 @@
 
 use super::gram::FormGram;
 use super::method::Method;
-use super::qr::Factor;
+use super::qr::FormTriangle;
 use super::rows::Rows;
 use super::wide_gram::FormWideGram;
 use super::wide_qr::FactorWide;
@@ -23,13 +23,13 @@ pub fn solve<R: Rows>(
 ) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     Ok(match method {
-        Method::Tsqr => rows.pass(&Factor { shape })?.solve(ridge)?,
-        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&Factor { shape })?, ridge)?,
+        Method::Tsqr => rows.pass(&FormTriangle { shape })?.solve(ridge)?,
+        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&FormTriangle { shape })?, ridge)?,
         Method::Svd { truncate } => {
-            rank_revealing::svd(&rows.pass(&Factor { shape })?, ridge, truncate)?
+            rank_revealing::svd(&rows.pass(&FormTriangle { shape })?, ridge, truncate)?
         }
         Method::RidgeGcv => {
-            let triangle = rows.pass(&Factor { shape })?;
+            let triangle = rows.pass(&FormTriangle { shape })?;
             triangle.solve(Ridge { lambda: gcv::lambda(&triangle, ridge.free_column)?, ..ridge })?
         }
         Method::Gram => rows.pass(&FormGram { shape })?.solve(ridge)?,

@@ -5,13 +5,14 @@ use shell_data::block::Block;
 
 /// A pass over the rows of a log, block by block.
 pub trait Pass: Sync {
-    /// What some rows leave behind.
+    /// The result of reducing some of the rows.
     type Partial: Send;
 
-    /// Whether it is the same in whatever order and groups rows are added and merged.
+    /// Whether `merge` is commutative and associative, bit for bit: the partial does not depend on the
+    /// order and grouping of the rows.
     const ANY_ORDER: bool = false;
 
-    /// Of no rows.
+    /// The partial of zero rows, the identity of [`Self::merge`].
     fn empty(&self) -> Self::Partial;
 
     /// Adds the rows of a block. May be called on any thread.

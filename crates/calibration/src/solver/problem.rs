@@ -3,9 +3,9 @@
 use crate::model::Model;
 use crate::scaling::Scaling;
 
-/// What a solver is told beside the rows.
+/// The input of a solver besides the rows.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Problem {
+pub struct FitProblem {
     /// The features.
     pub model: Model,
     /// Centre and scale of the readings.

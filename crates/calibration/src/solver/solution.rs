@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use crate::factor::Factor;
+use crate::factor::InverseFactor;
 use crate::features::Features;
 use crate::least_squares::LeastSquares;
 use crate::model::Model;
@@ -19,7 +19,7 @@ pub struct Solution {
     /// `C`, features × 6, in N and N·m.
     pub coefficients: Mat<f64>,
     /// Upper triangular `F` with `F·Fᵀ = (XᵀX)⁻¹`, ridge included, features × features.
-    pub factor: Factor,
+    pub factor: InverseFactor,
     /// `(W − X·C)ᵀ(W − X·C)`, 6 × 6, in products of N and N·m.
     pub residual_products: Mat<f64>,
     /// Rows fitted.
@@ -36,7 +36,7 @@ impl Solution {
             model: features.model(),
             scaling: features.scaling().clone(),
             coefficients: solved.coefficients,
-            factor: Factor::Known(solved.factor),
+            factor: InverseFactor::Known(solved.factor),
             residual_products: solved.residual_products,
             rows: solved.rows,
             condition: solved.condition,

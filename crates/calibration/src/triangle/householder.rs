@@ -46,7 +46,7 @@ impl Triangle {
         self.rows += rows as u64;
     }
 
-    /// Adds what `later` has seen.
+    /// Adds the rows of `later`.
     ///
     /// # Panics
     /// If the two are of different shapes.

@@ -11,7 +11,7 @@
 //! stack is factored again; two triangles merge in the same way (Demmel, Grigori, Hoemmen, Langou,
 //! SIAM J. Sci. Comput. 34, 2012). `R·C = Z` solves `min ‖X·C − Y‖`, and `EᵀE` is the matrix of
 //! sums of squares and products of the residuals, at the relative accuracy of a QR factorisation.
-//! The factorisation does not depend on the scaling of columns; rank and condition are told of the
+//! The factorisation does not depend on the scaling of columns; rank and condition are those of the
 //! column-equilibrated `R`, whose columns have norm one.
 //!
 //! Omitted: pivoting, as a rank loss is an error and not something to be worked around.

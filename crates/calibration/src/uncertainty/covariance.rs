@@ -3,15 +3,15 @@
 use faer::Mat;
 use serde::{Deserialize, Serialize};
 
-use super::interval::{Shape, normal_quantile, student_quantile};
-use crate::exact::{GroupsError, Parts, SolveError};
+use super::interval::{ErrorShape, normal_quantile, student_quantile};
+use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
 use crate::model::Model;
 use crate::solver::Solution;
 use crate::validation::ValidationError;
 use crate::validation::grouped::GroupedMoments;
 use shell_data::wrench::PerAxis;
 
-/// How sure predictions are.
+/// The covariance that standard errors of predictions are computed from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Covariance {
     /// `S`, the covariance of the errors of a row, in products of N and N·m.
@@ -22,11 +22,11 @@ pub struct Covariance {
     pub coefficients: CoefficientCovariance,
     /// How the training errors are distributed, where that is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub shape: Option<Shape>,
+    pub shape: Option<ErrorShape>,
 }
 
 /// The columns of an upper triangular matrix, of lengths 1, 2, …, one per feature.
-pub type Triangle = Vec<Vec<f64>>;
+pub type TriangularColumns = Vec<Vec<f64>>;
 
 /// The covariance of the coefficients, in factors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,14 +35,14 @@ pub enum CoefficientCovariance {
     /// For errors that are independent from row to row.
     Rows {
         /// `F`, to be multiplied by `S[a][b]`.
-        factor: Triangle,
+        factor: TriangularColumns,
     },
     /// For errors that are alike within groups of rows.
     Groups {
         /// Their number.
         groups: u64,
         /// `T` of each axis.
-        factors: PerAxis<Triangle>,
+        factors: PerAxis<TriangularColumns>,
     },
 }
 
@@ -79,12 +79,19 @@ impl Covariance {
         let total = total.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
         let found =
-            Parts::new(total, model)?.by_group(&groups, ridge).map_err(|error| match error {
-                GroupsError::Solve(error) => ValidationError::Solve(error),
-                GroupsError::NearlyDependent => ValidationError::Solve(SolveError::NearlyDependent),
-                GroupsError::Alone(places) => ValidationError::Alone {
-                    groups: places.into_iter().map(|place| sums.groups[place].0.clone()).collect(),
-                },
+            PartitionedMoments::new(total, model)?.by_group(&groups, ridge).map_err(|error| {
+                match error {
+                    GroupScatterError::Solve(error) => ValidationError::Solve(error),
+                    GroupScatterError::NearlyDependent => {
+                        ValidationError::Solve(SolveError::NearlyDependent)
+                    }
+                    GroupScatterError::Alone(places) => ValidationError::Alone {
+                        groups: places
+                            .into_iter()
+                            .map(|place| sums.groups[place].0.clone())
+                            .collect(),
+                    },
+                }
             })?;
         let rows = total.rows() as f64;
         Ok(Self {
@@ -118,6 +125,6 @@ impl Covariance {
     }
 }
 
-fn columns(factor: &Mat<f64>) -> Triangle {
+fn columns(factor: &Mat<f64>) -> TriangularColumns {
     (0..factor.ncols()).map(|j| (0..=j).map(|i| factor[(i, j)]).collect()).collect()
 }

@@ -1,4 +1,4 @@
-//! How sure a converted sample is.
+//! Standard errors of converted samples.
 //!
 //! With residual covariance `S` over the axes and `F·Fᵀ = (XᵀX)⁻¹`, the covariance of the
 //! coefficients of axes `a` and `b` is `S[a][b]·F·Fᵀ`. A new sample with features `x` is off by its
@@ -14,7 +14,7 @@
 //! This holds for errors that are independent from row to row. Rows of one pose are not: they share
 //! place, creep and angle, and a hundred of them tell little more than ten. Where rows come in
 //! groups, each axis `a` has a covariance of its own, `T·Tᵀ`, from how the groups scatter (see
-//! [`ByGroup`](super::exact::ByGroup)), and
+//! [`GroupScatter`](super::exact::GroupScatter)), and
 //!
 //! ```text
 //! untared   se² = S[a][a] + ‖Tᵀx‖²
@@ -29,6 +29,6 @@ mod covariance;
 mod interval;
 mod prediction;
 
-pub use self::covariance::{CoefficientCovariance, Covariance, Triangle};
-pub use self::interval::{HIGHEST_LEVEL, Shape, student_quantile};
+pub use self::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
+pub use self::interval::{ErrorShape, HIGHEST_LEVEL, student_quantile};
 pub use self::prediction::Tare;

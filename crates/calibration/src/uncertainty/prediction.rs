@@ -2,9 +2,9 @@
 
 use pulp::{Arch, NullaryFnOnce};
 
-use super::covariance::{CoefficientCovariance, Covariance, Triangle};
+use super::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
 use crate::conversion::Calibration;
-use crate::features::{Features, LANES, Lanes};
+use crate::features::{Features, LANES, RowLanes};
 use shell_data::wrench::PerAxis;
 
 /// The unloaded state that later samples are measured from.
@@ -19,7 +19,7 @@ pub struct Tare {
 }
 
 impl Calibration {
-    /// The mean state of some frames; `None` of no frames.
+    /// The mean state of some frames; `None` for zero frames.
     ///
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.
@@ -77,7 +77,7 @@ struct Errors<'a> {
     readings: &'a [Vec<f64>],
     rows: usize,
     tare: Option<&'a Tare>,
-    lanes: Vec<Lanes>,
+    lanes: Vec<RowLanes>,
     errors: &'a mut PerAxis<Vec<f64>>,
 }
 
@@ -122,7 +122,7 @@ impl NullaryFnOnce for Errors<'_> {
 
 /// `‖factorᵀ·x‖²` of each lane.
 #[inline(always)]
-fn spread(factor: &Triangle, lanes: &[Lanes]) -> Lanes {
+fn spread(factor: &TriangularColumns, lanes: &[RowLanes]) -> RowLanes {
     let mut spread = [0.0; LANES];
     for column in factor {
         let mut product = [0.0; LANES];

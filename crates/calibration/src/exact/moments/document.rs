@@ -4,45 +4,45 @@ use num_bigint::BigInt;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::channel::Channel;
+use super::channel_range::ChannelRange;
 use super::product_sums::Moments;
-use super::scaled::Scaled;
+use super::scaled_integers::ScaledIntegers;
 use crate::exact::error::MAX_ROWS;
 use crate::model::Basis;
 
 /// How moments are written down: integers as decimal strings, since they exceed what readers of
 /// JSON take for numbers.
 #[derive(Serialize, Deserialize)]
-struct Stored {
+struct MomentsDocument {
     basis: Basis,
     rows: u64,
-    channels: Vec<Channel>,
+    channels: Vec<ChannelRange>,
     readings: Vec<String>,
-    wrench: Vec<StoredScaled>,
-    squares: Vec<StoredScaled>,
+    wrench: Vec<StoredIntegers>,
+    squares: Vec<StoredIntegers>,
 }
 
 #[derive(Serialize, Deserialize)]
-struct StoredScaled {
+struct StoredIntegers {
     exponent: i32,
     values: Vec<String>,
 }
 
 impl Serialize for Moments {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        Stored::from(self).serialize(serializer)
+        MomentsDocument::from(self).serialize(serializer)
     }
 }
 
 impl<'de> Deserialize<'de> for Moments {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Stored::deserialize(deserializer)?.try_into().map_err(D::Error::custom)
+        MomentsDocument::deserialize(deserializer)?.try_into().map_err(D::Error::custom)
     }
 }
 
-impl From<&Moments> for Stored {
+impl From<&Moments> for MomentsDocument {
     fn from(moments: &Moments) -> Self {
-        let stored = |scaled: &Scaled| StoredScaled {
+        let stored = |scaled: &ScaledIntegers| StoredIntegers {
             exponent: scaled.exponent,
             values: scaled.values.iter().map(BigInt::to_string).collect(),
         };
@@ -57,15 +57,15 @@ impl From<&Moments> for Stored {
     }
 }
 
-impl TryFrom<Stored> for Moments {
+impl TryFrom<MomentsDocument> for Moments {
     type Error = String;
 
-    fn try_from(stored: Stored) -> Result<Self, String> {
+    fn try_from(stored: MomentsDocument) -> Result<Self, String> {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
         let mut moments = Moments::new(stored.basis, stored.channels.len());
-        let sane = |c: &Channel| c.fits() && c.unit.is_sane();
+        let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();
         if !stored.channels.iter().all(sane) || stored.rows > MAX_ROWS {
             return Err("ranges or rows beyond what can be summed exactly".to_owned());
         }
@@ -92,7 +92,7 @@ impl TryFrom<Stored> for Moments {
             if !(-4000..=4000).contains(&stored.exponent) {
                 return Err(format!("exponent `{}` is out of range", stored.exponent));
             }
-            *sums = Scaled::new(stored.exponent, std::mem::take(&mut sums.values));
+            *sums = ScaledIntegers::new(stored.exponent, std::mem::take(&mut sums.values));
         }
         moments.rows = stored.rows;
         moments.channels = stored.channels;

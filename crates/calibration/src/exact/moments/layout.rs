@@ -99,7 +99,7 @@ pub(crate) struct Group {
 
 /// `value[of] −= shift·value[from]`, part of moving the origin of one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Step {
+pub(crate) struct ShiftStep {
     of: usize,
     from: usize,
     exponent: usize,
@@ -108,7 +108,7 @@ pub(crate) struct Step {
 /// Sums of monomials, in a fixed order: one (the number of rows), the features, then the products
 /// of each group, left by left.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Layout {
+pub(crate) struct MomentLayout {
     /// The features without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
     /// How each feature comes from earlier ones: a channel alone or an earlier feature times a
@@ -121,10 +121,10 @@ pub(crate) struct Layout {
     monomials: Vec<Monomial>,
     index: Index,
     /// For each channel the steps for all sums, and for those of one and the features.
-    steps: Vec<(Vec<Step>, Vec<Step>)>,
+    steps: Vec<(Vec<ShiftStep>, Vec<ShiftStep>)>,
 }
 
-impl Layout {
+impl MomentLayout {
     /// The layout for a basis over `channels` channels.
     pub(crate) fn new(basis: Basis, channels: usize) -> Self {
         let model = Model { basis, intercept: false, channels };
@@ -203,12 +203,12 @@ pub(crate) const fn pair(left: usize, right: usize) -> usize {
     left * (13 - left) / 2 + right - left
 }
 
-fn steps(monomials: &[Monomial], index: &Index, channel: usize) -> Vec<Step> {
+fn steps(monomials: &[Monomial], index: &Index, channel: usize) -> Vec<ShiftStep> {
     let step = |(of, m): (usize, &Monomial)| {
         let exponent = m.exponent(channel);
-        (exponent > 0).then(|| Step { of, from: index[&m.without(channel)], exponent })
+        (exponent > 0).then(|| ShiftStep { of, from: index[&m.without(channel)], exponent })
     };
-    let mut steps: Vec<Step> = monomials.iter().enumerate().filter_map(step).collect();
+    let mut steps: Vec<ShiftStep> = monomials.iter().enumerate().filter_map(step).collect();
     steps.sort_by_key(|step| std::cmp::Reverse(step.exponent));
     steps
 }
@@ -217,7 +217,7 @@ fn steps(monomials: &[Monomial], index: &Index, channel: usize) -> Vec<Step> {
 ///
 /// By repeated synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`,
 /// highest powers first.
-fn shift(values: &mut [i128], steps: &[Step], by: i64) {
+fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
     let highest = if by == 0 { 0 } else { steps.first().map_or(0, |step| step.exponent) };
     for pass in 1..=highest {
         for step in steps.iter().take_while(|step| step.exponent >= pass) {
@@ -269,7 +269,7 @@ mod tests {
     fn every_product_of_two_features_has_a_place_and_no_place_is_idle() {
         for basis in Basis::ALL {
             for channels in 1..=8 {
-                let layout = Layout::new(basis, channels);
+                let layout = MomentLayout::new(basis, channels);
                 let mut used = vec![false; layout.sums()];
                 let terms = Model { basis, intercept: true, channels }.terms();
                 for &a in &terms {
@@ -285,13 +285,13 @@ mod tests {
     #[test]
     fn eight_channels_need_as_many_sums_as_there_are_monomials() {
         // C(8 + 2d, 8) monomials of degree up to 2d; for powers 28 pairs × 9 + 8 × 6 + 1.
-        let sums = Basis::ALL.map(|basis| Layout::new(basis, 8).sums());
+        let sums = Basis::ALL.map(|basis| MomentLayout::new(basis, 8).sums());
         assert_eq!(sums, [45, 301, 495, 3003]);
     }
 
     #[test]
     fn shifting_the_origin_of_one_row_gives_the_products_of_the_shifted_readings() {
-        let layout = Layout::new(Basis::Poly3, 3);
+        let layout = MomentLayout::new(Basis::Poly3, 3);
         let values = |readings: [i128; 3]| -> Vec<i128> {
             let power = |m: &Monomial, i: usize| readings[i].pow(m.exponent(i) as u32);
             layout.monomials.iter().map(|m| (0..3).map(|i| power(m, i)).product()).collect()

@@ -5,14 +5,14 @@ use std::sync::Arc;
 
 use num_bigint::BigInt;
 
-use super::channel::Channel;
-use super::layout::Layout;
-use super::planes::Planes;
-use super::scaled::Scaled;
-use super::unit::Unit;
+use super::channel_range::ChannelRange;
+use super::digit_planes::DigitPlanes;
+use super::layout::MomentLayout;
+use super::reading_unit::ReadingUnit;
+use super::scaled_integers::ScaledIntegers;
 use crate::exact::error::{ExactError, MAX_ROWS};
-use crate::extent::{Extent, Range};
 use crate::model::Basis;
+use crate::reading_ranges::{ReadingRange, ReadingRanges};
 
 /// Exact sums over rows of products of readings and wrench: all that a least-squares fit of a
 /// basis, or of a smaller one within it, needs to know about the rows.
@@ -25,32 +25,32 @@ use crate::model::Basis;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moments {
     pub(crate) basis: Basis,
-    pub(crate) layout: Arc<Layout>,
+    pub(crate) layout: Arc<MomentLayout>,
     pub(crate) rows: u64,
     /// One per channel.
-    pub(crate) channels: Vec<Channel>,
+    pub(crate) channels: Vec<ChannelRange>,
     /// Sums of monomials of the scaled readings, in the order of the layout.
     pub(crate) readings: Vec<i128>,
     /// For each axis, sums of the wrench times one and times each feature.
-    pub(crate) wrench: [Scaled; 6],
+    pub(crate) wrench: [ScaledIntegers; 6],
     /// Sums of products of two axes: Fx·Fx, Fx·Fy, …, Mz·Mz.
-    pub(crate) squares: Vec<Scaled>,
+    pub(crate) squares: Vec<ScaledIntegers>,
 }
 
 impl Moments {
     /// The sums over no rows.
     pub fn new(basis: Basis, channels: usize) -> Self {
-        Self::with_layout(basis, Arc::new(Layout::new(basis, channels)))
+        Self::with_layout(basis, Arc::new(MomentLayout::new(basis, channels)))
     }
 
-    pub(crate) fn with_layout(basis: Basis, layout: Arc<Layout>) -> Self {
+    pub(crate) fn with_layout(basis: Basis, layout: Arc<MomentLayout>) -> Self {
         Self {
             basis,
             rows: 0,
-            channels: vec![Channel::EMPTY; layout.channels()],
+            channels: vec![ChannelRange::EMPTY; layout.channels()],
             readings: vec![0; layout.sums()],
-            wrench: std::array::from_fn(|_| Scaled::zero(layout.features.len() + 1)),
-            squares: vec![Scaled::zero(1); 21],
+            wrench: std::array::from_fn(|_| ScaledIntegers::zero(layout.features.len() + 1)),
+            squares: vec![ScaledIntegers::zero(1); 21],
             layout,
         }
     }
@@ -71,20 +71,20 @@ impl Moments {
     }
 
     /// Rows and the range of each channel, as far as the sums tell.
-    pub fn extent(&self) -> Extent {
-        let mut extent = Extent::new(self.channels.len());
-        extent.rows = self.rows;
-        for (i, range) in extent.ranges.iter_mut().enumerate() {
+    pub fn reading_ranges(&self) -> ReadingRanges {
+        let mut ranges = ReadingRanges::new(self.channels.len());
+        ranges.rows = self.rows;
+        for (i, range) in ranges.channels.iter_mut().enumerate() {
             if let Some((min, max)) = self.range(i) {
-                *range = Range { min, max };
+                *range = ReadingRange { min, max };
             }
         }
-        extent
+        ranges
     }
 
-    /// Smallest and largest reading of each channel; `None` of no rows.
+    /// Smallest and largest reading of each channel; `None` for zero rows.
     pub fn range(&self, channel: usize) -> Option<(f64, f64)> {
-        let Channel { unit, lowest, highest } = *self.channels.get(channel)?;
+        let ChannelRange { unit, lowest, highest } = *self.channels.get(channel)?;
         let per_count = f64::from(unit.per_count());
         (lowest <= highest).then(|| (lowest as f64 / per_count, highest as f64 / per_count))
     }
@@ -103,7 +103,7 @@ impl Moments {
             return Err(ExactError::TooManyRows);
         }
         let channels = self.channels.iter().zip(&other.channels);
-        let units: Vec<Unit> = channels.map(|(a, b)| a.unit.and(b.unit)).collect();
+        let units: Vec<ReadingUnit> = channels.map(|(a, b)| a.unit.and(b.unit)).collect();
         let mut merged = self.channels.clone();
         for (channel, other) in merged.iter_mut().zip(&other.channels) {
             channel.merge(other);
@@ -160,7 +160,7 @@ impl Moments {
         let sums = rest.wrench.iter_mut().chain(&mut rest.squares);
         for (sum, part) in sums.zip(part.wrench.iter().chain(&part.squares)) {
             let values = part.values.iter().map(|value| -value).collect();
-            sum.add(&Scaled { exponent: part.exponent, values });
+            sum.add(&ScaledIntegers { exponent: part.exponent, values });
         }
         rest
     }
@@ -171,14 +171,14 @@ impl Moments {
         if same {
             return Cow::Borrowed(self);
         }
-        let units: Vec<Unit> = whole.channels.iter().map(|channel| channel.unit).collect();
+        let units: Vec<ReadingUnit> = whole.channels.iter().map(|channel| channel.unit).collect();
         let mut rescaled = self.clone();
         rescaled.rescale(&units);
         Cow::Owned(rescaled)
     }
 
     /// Counts the readings in finer units.
-    pub(crate) fn rescale(&mut self, units: &[Unit]) {
+    pub(crate) fn rescale(&mut self, units: &[ReadingUnit]) {
         for (i, &unit) in units.iter().enumerate() {
             let by = self.channels[i].unit.ratio(unit);
             if by == 1 {
@@ -202,9 +202,9 @@ impl Moments {
 
     /// The sums of readings, and for each axis those with the wrench, with the origin of each channel
     /// moved to `origin`.
-    pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, [Planes; 6]) {
+    pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, [DigitPlanes; 6]) {
         let wrench = self.wrench.each_ref().map(|axis| {
-            let mut planes = Planes::of(&axis.values);
+            let mut planes = DigitPlanes::of(&axis.values);
             planes.move_origin(&self.layout, origin);
             planes
         });

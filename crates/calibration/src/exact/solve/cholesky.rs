@@ -8,23 +8,23 @@ use crate::double_double::DoubleDouble;
 pub(crate) const LANES: usize = 8;
 
 /// One row of right-hand sides or solutions.
-pub(crate) type Row = [DoubleDouble; LANES];
+pub(crate) type AxisRow = [DoubleDouble; LANES];
 
 /// A row with its heads and tails apart, each a vector: what loops work on.
 #[derive(Clone, Copy)]
-pub(crate) struct Lanes {
+pub(crate) struct ElementLanes {
     heads: [f64; LANES],
     tails: [f64; LANES],
 }
 
-impl Lanes {
+impl ElementLanes {
     #[inline(always)]
-    pub(crate) fn of(row: &Row) -> Self {
+    pub(crate) fn of(row: &AxisRow) -> Self {
         Self { heads: row.map(DoubleDouble::to_f64), tails: row.map(DoubleDouble::tail) }
     }
 
     #[inline(always)]
-    pub(crate) fn row(&self) -> Row {
+    pub(crate) fn row(&self) -> AxisRow {
         std::array::from_fn(|lane| self.get(lane))
     }
 
@@ -35,7 +35,7 @@ impl Lanes {
 
     /// `self −= factor·other`.
     #[inline(always)]
-    pub(crate) fn take_away(&mut self, factor: DoubleDouble, other: &Lanes) {
+    pub(crate) fn take_away(&mut self, factor: DoubleDouble, other: &ElementLanes) {
         let factor = -factor;
         for lane in 0..LANES {
             let sum = self.get(lane) + factor * other.get(lane);
@@ -80,7 +80,7 @@ impl Bordered {
     /// # Errors
     /// The column at which the matrix turned out not to be positive definite.
     pub(crate) fn factor(&mut self) -> Result<(), usize> {
-        Arch::new().dispatch(Factor(self))
+        Arch::new().dispatch(CholeskyFactor(self))
     }
 
     #[inline(always)]
@@ -122,21 +122,21 @@ impl Bordered {
     }
 
     /// `x` with `R·x = y`, in place.
-    pub(crate) fn solve_upper(&self, y: &mut [Row]) {
+    pub(crate) fn solve_upper(&self, y: &mut [AxisRow]) {
         Arch::new().dispatch(SolveUpper(self, y));
     }
 
     /// `y` with `Rᵀ·y = b`, in place.
-    pub(crate) fn solve_lower(&self, b: &mut [Row]) {
+    pub(crate) fn solve_lower(&self, b: &mut [AxisRow]) {
         Arch::new().dispatch(SolveLower(self, b));
     }
 }
 
 // What follows is inlined whole into code for the widest vectors of the machine; closures are not.
 
-struct Factor<'a>(&'a mut Bordered);
+struct CholeskyFactor<'a>(&'a mut Bordered);
 
-impl NullaryFnOnce for Factor<'_> {
+impl NullaryFnOnce for CholeskyFactor<'_> {
     type Output = Result<(), usize>;
 
     #[inline(always)]
@@ -145,7 +145,7 @@ impl NullaryFnOnce for Factor<'_> {
     }
 }
 
-struct SolveUpper<'a>(&'a Bordered, &'a mut [Row]);
+struct SolveUpper<'a>(&'a Bordered, &'a mut [AxisRow]);
 
 impl NullaryFnOnce for SolveUpper<'_> {
     type Output = ();
@@ -164,7 +164,7 @@ impl NullaryFnOnce for SolveUpper<'_> {
     }
 }
 
-struct SolveLower<'a>(&'a Bordered, &'a mut [Row]);
+struct SolveLower<'a>(&'a Bordered, &'a mut [AxisRow]);
 
 impl NullaryFnOnce for SolveLower<'_> {
     type Output = ();
@@ -184,7 +184,7 @@ impl NullaryFnOnce for SolveLower<'_> {
 
 /// `row −= factor·other`.
 #[inline(always)]
-fn take_away(row: &mut Row, factor: DoubleDouble, other: &Row) {
+fn take_away(row: &mut AxisRow, factor: DoubleDouble, other: &AxisRow) {
     let factor = -factor;
     for (x, &other) in row.iter_mut().zip(other) {
         *x += factor * other;
@@ -192,7 +192,7 @@ fn take_away(row: &mut Row, factor: DoubleDouble, other: &Row) {
 }
 
 #[inline(always)]
-fn divide(row: &Row, divisor: DoubleDouble) -> Row {
+fn divide(row: &AxisRow, divisor: DoubleDouble) -> AxisRow {
     let inverse = DoubleDouble::ONE / divisor;
     let mut quotient = *row;
     for x in &mut quotient {
@@ -218,7 +218,7 @@ mod tests {
             matrix.set(i, size, (0..size).map(|j| entry(i, j)).sum());
         }
         matrix.factor().unwrap();
-        let mut x: Vec<Row> = (0..size).map(|k| [matrix.get(k, size); LANES]).collect();
+        let mut x: Vec<AxisRow> = (0..size).map(|k| [matrix.get(k, size); LANES]).collect();
         matrix.solve_upper(&mut x);
         for row in x {
             assert!((row[0].to_f64() - 1.0).abs() < 1e-13, "{row:?}");

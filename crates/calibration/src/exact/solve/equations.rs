@@ -4,8 +4,8 @@ use faer::Mat;
 use num_bigint::BigInt;
 use num_traits::Zero;
 
-use super::cholesky::{Bordered, LANES, Row};
-use super::fit::{Counted, Factor, Fit, SolveError};
+use super::cholesky::{AxisRow, Bordered, LANES};
+use super::fit::{CholeskyFactor, CountedFeatures, Fit, SolveError};
 use super::multipliers::Multipliers;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
@@ -95,9 +95,9 @@ impl<'a> Equations<'a> {
                 bordered.set(size + a, size + b, round_scaled(&square.values[0], exponent));
             }
         }
-        let products: Vec<Row> = (0..size + 6).map(|a| border(&bordered, a)).collect();
+        let products: Vec<AxisRow> = (0..size + 6).map(|a| border(&bordered, a)).collect();
         bordered.factor().map_err(|_| SolveError::NearlyDependent)?;
-        let mut coefficients: Vec<Row> = (0..size).map(|a| border(&bordered, a)).collect();
+        let mut coefficients: Vec<AxisRow> = (0..size).map(|a| border(&bordered, a)).collect();
         bordered.solve_upper(&mut coefficients);
         let condition = condition(&bordered);
         if !condition.is_finite() {
@@ -129,7 +129,7 @@ impl<'a> Equations<'a> {
         &self,
         cholesky: &Bordered,
         penalties: &[DoubleDouble],
-        coefficients: &mut [Row],
+        coefficients: &mut [AxisRow],
     ) -> Result<(), SolveError> {
         /// Each round gains what the first solution had in digits.
         const ROUNDS: usize = 8;
@@ -160,7 +160,7 @@ impl<'a> Equations<'a> {
     }
 
     /// `b − (A + penalties)·c`, rounded once.
-    fn residual(&self, penalties: &[DoubleDouble], coefficients: &[Row]) -> Vec<Row> {
+    fn residual(&self, penalties: &[DoubleDouble], coefficients: &[AxisRow]) -> Vec<AxisRow> {
         let size = self.terms.len();
         let (units, integers) = self.integers(coefficients);
         let multipliers = Multipliers::new(&integers);
@@ -181,7 +181,7 @@ impl<'a> Equations<'a> {
 
     /// For each axis the coefficients of unscaled columns as integers, and the exponent of the power
     /// of two that they count.
-    fn integers(&self, coefficients: &[Row]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
+    fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
         let mut units = [0; 6];
         let integers = std::array::from_fn(|axis| {
             let parts: Vec<[(BigInt, i32); 2]> = (coefficients.iter().zip(&self.columns))
@@ -207,8 +207,8 @@ impl<'a> Equations<'a> {
     fn fit(
         self,
         cholesky: Bordered,
-        coefficients: &[Row],
-        residuals: &[Row],
+        coefficients: &[AxisRow],
+        residuals: &[AxisRow],
         condition: f64,
         rank: usize,
     ) -> Result<Fit, SolveError> {
@@ -227,7 +227,7 @@ impl<'a> Equations<'a> {
         let stretch: Vec<DoubleDouble> = (self.terms.iter())
             .map(|term| term.factors().iter().map(stretch).fold(DoubleDouble::ONE, |a, b| a * b))
             .collect();
-        let scaled = |(row, (&exponent, &stretch)): (&Row, (&i32, &DoubleDouble))| {
+        let scaled = |(row, (&exponent, &stretch)): (&AxisRow, (&i32, &DoubleDouble))| {
             std::array::from_fn(|axis| shifted(row[axis], exponent + self.axes[axis]) / stretch)
         };
         let coefficients: Vec<PerAxis<DoubleDouble>> =
@@ -260,13 +260,13 @@ impl<'a> Equations<'a> {
             total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
             condition,
             rank,
-            factor: Factor { cholesky, exponents },
-            counted: Counted { centre: self.centre, reach: self.reach, stretch },
+            factor: CholeskyFactor { cholesky, exponents },
+            counted: CountedFeatures { centre: self.centre, reach: self.reach, stretch },
         })
     }
 }
 
-fn border(bordered: &Bordered, row: usize) -> Row {
+fn border(bordered: &Bordered, row: usize) -> AxisRow {
     let first = bordered.size;
     std::array::from_fn(
         |axis| {
@@ -276,7 +276,11 @@ fn border(bordered: &Bordered, row: usize) -> Row {
 }
 
 /// `WᵀW − CᵀB − CᵀPC`, which are the residuals of `(A + P)·C = B`.
-fn penalised_residuals(products: &[Row], c: &[Row], penalties: &[DoubleDouble]) -> Vec<Row> {
+fn penalised_residuals(
+    products: &[AxisRow],
+    c: &[AxisRow],
+    penalties: &[DoubleDouble],
+) -> Vec<AxisRow> {
     let size = c.len();
     (0..6)
         .map(|a| {

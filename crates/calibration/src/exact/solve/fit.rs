@@ -1,4 +1,4 @@
-//! What a fit to exact sums leaves behind.
+//! The result of a fit to exact sums.
 
 use faer::Mat;
 
@@ -32,8 +32,8 @@ pub struct Fit {
     pub condition: f64,
     /// Independent features: all, unless a ridge stands in for the others.
     pub rank: usize,
-    pub(crate) factor: Factor,
-    pub(crate) counted: Counted,
+    pub(crate) factor: CholeskyFactor,
+    pub(crate) counted: CountedFeatures,
 }
 
 /// Why the sums give no coefficients.
@@ -72,7 +72,7 @@ pub enum SolveError {
 
 /// The Cholesky factor of scaled features.
 #[derive(Clone, Debug)]
-pub(crate) struct Factor {
+pub(crate) struct CholeskyFactor {
     pub(crate) cholesky: Bordered,
     /// `2^exponent` times a column of it is that of the centred and scaled feature.
     pub(crate) exponents: Vec<i32>,
@@ -80,7 +80,7 @@ pub(crate) struct Factor {
 
 /// The features of readings that are counted in the units of the sums.
 #[derive(Clone, Debug)]
-pub(crate) struct Counted {
+pub(crate) struct CountedFeatures {
     /// What is subtracted.
     pub(crate) centre: Vec<i64>,
     /// The power of two that the rest is divided by.
@@ -102,7 +102,7 @@ impl Fit {
     /// Upper triangular `R` with `RᵀR = XᵀX`, ridge included: columns are features of centred and
     /// scaled readings. In `f64`, which is enough for standard errors.
     pub fn triangle(&self) -> Mat<f64> {
-        let Factor { cholesky, exponents } = &self.factor;
+        let CholeskyFactor { cholesky, exponents } = &self.factor;
         Mat::from_fn(cholesky.size, cholesky.size, |i, j| match i <= j {
             true => (shifted(cholesky.get(i, j), -exponents[j]) * self.counted.stretch[j]).to_f64(),
             false => 0.0,

@@ -16,9 +16,9 @@
 
 use pulp::{Arch, NullaryFnOnce};
 
-use super::cholesky::{Bordered, LANES, Lanes, Row};
+use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
 use super::fit::{Fit, SolveError};
-use super::parts::{Frame, Part, Parts, counted_coefficients};
+use super::partition::{EquationScales, PartMoments, PartitionedMoments, counted_coefficients};
 use super::symmetric::Symmetric;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::product_sums::Moments;
@@ -34,7 +34,7 @@ const SMALLEST_PIVOT: f64 = 1.0 / (1u64 << 58) as f64;
 
 /// Errors on rows that were not fitted, on one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct HeldOut {
+pub struct HeldOutErrors {
     /// Rows.
     pub rows: u64,
     /// Sum of errors, predicted less measured, N or N·m.
@@ -43,26 +43,26 @@ pub struct HeldOut {
     pub squares: f64,
 }
 
-impl HeldOut {
+impl HeldOutErrors {
     /// Adds the rows of `other`.
-    pub fn merge(&mut self, other: &HeldOut) {
+    pub fn merge(&mut self, other: &HeldOutErrors) {
         self.rows += other.rows;
         self.sum += other.sum;
         self.squares += other.squares;
     }
 
-    /// Root mean square of the errors; NaN of no rows.
+    /// Root mean square of the errors; NaN for zero rows.
     pub fn rms(&self) -> f64 {
         (self.squares / self.rows as f64).sqrt()
     }
 
-    /// Mean of the errors; NaN of no rows.
+    /// Mean of the errors; NaN for zero rows.
     pub fn bias(&self) -> f64 {
         self.sum / self.rows as f64
     }
 }
 
-impl Parts<'_> {
+impl PartitionedMoments<'_> {
     /// Fits all rows but those of `moments`, whose sums are `part`, and returns the errors on
     /// those. `ridge` is as in [`Moments::solve`], about the mean of all rows.
     ///
@@ -71,25 +71,29 @@ impl Parts<'_> {
     pub fn held_out(
         &self,
         moments: &Moments,
-        part: &Part,
+        part: &PartMoments,
         ridge: f64,
-    ) -> Result<PerAxis<HeldOut>, SolveError> {
+    ) -> Result<PerAxis<HeldOutErrors>, SolveError> {
         if !(ridge >= 0.0 && ridge.is_finite()) {
             return Err(SolveError::Ridge(ridge));
         }
-        let size = self.frame.terms.len();
+        let size = self.scales.terms.len();
         let rows = self.all.rows - part.rows;
         if rows < size as u64 && ridge == 0.0 || rows == 0 {
             return Err(SolveError::TooFewRows { rows, coefficients: size });
         }
-        match self.frame.solve(&self.all, part, ridge) {
-            Some(coefficients) => Ok(self.frame.errors(part, &coefficients)),
+        match self.scales.solve(&self.all, part, ridge) {
+            Some(coefficients) => Ok(self.scales.errors(part, &coefficients)),
             None => self.held_out_slowly(moments, ridge),
         }
     }
 
     /// As [`Self::held_out`], with the certain rank and the refinement of [`Moments::solve`].
-    fn held_out_slowly(&self, part: &Moments, ridge: f64) -> Result<PerAxis<HeldOut>, SolveError> {
+    fn held_out_slowly(
+        &self,
+        part: &Moments,
+        ridge: f64,
+    ) -> Result<PerAxis<HeldOutErrors>, SolveError> {
         let fit = self.total.without(part).solve(&self.model, ridge)?;
         Ok(self.errors_of(&fit, part))
     }
@@ -113,16 +117,16 @@ impl Parts<'_> {
     }
 
     /// The errors on a part of a fit that has an origin and units of its own.
-    fn errors_of(&self, fit: &Fit, part: &Moments) -> PerAxis<HeldOut> {
-        let frame = self.frame_of(fit);
+    fn errors_of(&self, fit: &Fit, part: &Moments) -> PerAxis<HeldOutErrors> {
+        let scales = self.scales_of(fit);
         let coefficients = counted_coefficients(fit);
-        frame.errors(&frame.part(&part.in_units_of(self.total)), &coefficients)
+        scales.errors(&scales.part(&part.in_units_of(self.total)), &coefficients)
     }
 }
 
-impl Frame {
-    /// Scaled coefficients without the part; `None` if they are not sure to ten digits.
-    fn solve(&self, all: &Part, part: &Part, ridge: f64) -> Option<Vec<Row>> {
+impl EquationScales {
+    /// ScaledIntegers coefficients without the part; `None` if they are not sure to ten digits.
+    fn solve(&self, all: &PartMoments, part: &PartMoments, ridge: f64) -> Option<Vec<AxisRow>> {
         let rest = all.gram.iter().zip(&part.gram).map(|(all, part)| all.wrapping_sub(*part));
         let mut gram = Symmetric::new(rest, &self.columns);
         for (a, term) in self.terms.iter().enumerate() {
@@ -134,19 +138,19 @@ impl Frame {
                 *square += penalised * DoubleDouble::from(ridge);
             }
         }
-        let right: Vec<Row> = (all.right.iter().zip(&part.right))
+        let right: Vec<AxisRow> = (all.right.iter().zip(&part.right))
             .map(|(all, part)| std::array::from_fn(|lane| all[lane] - part[lane]))
             .collect();
         gram.solve(&right).or_else(|| solve_wide(&gram, &right))
     }
 
     /// The errors of scaled coefficients on a part.
-    fn errors(&self, part: &Part, coefficients: &[Row]) -> PerAxis<HeldOut> {
+    fn errors(&self, part: &PartMoments, coefficients: &[AxisRow]) -> PerAxis<HeldOutErrors> {
         let (sums, squares) =
             Arch::new().dispatch(Errors { columns: &self.columns, part, coefficients });
         std::array::from_fn(|axis| {
             let unit = power_of_two(self.axes[axis]);
-            HeldOut {
+            HeldOutErrors {
                 rows: part.rows,
                 sum: sums[axis].to_f64() * unit,
                 // Where nothing is left, rounding may leave less than nothing.
@@ -157,7 +161,7 @@ impl Frame {
 }
 
 /// The solution by a factor in double-double; `None` if it is not sure to ten digits.
-fn solve_wide(gram: &Symmetric, right: &[Row]) -> Option<Vec<Row>> {
+fn solve_wide(gram: &Symmetric, right: &[AxisRow]) -> Option<Vec<AxisRow>> {
     let size = right.len();
     let mut bordered = Bordered::zero(size, 6);
     for (a, right) in right.iter().enumerate() {
@@ -170,7 +174,7 @@ fn solve_wide(gram: &Symmetric, right: &[Row]) -> Option<Vec<Row>> {
         root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
     };
     let sure = (0..size).all(is_sure);
-    let mut coefficients: Vec<Row> = (0..size)
+    let mut coefficients: Vec<AxisRow> = (0..size)
         .map(|a| {
             std::array::from_fn(|axis| match axis {
                 0..6 => bordered.get(a, size + axis),
@@ -186,25 +190,25 @@ fn solve_wide(gram: &Symmetric, right: &[Row]) -> Option<Vec<Row>> {
 /// Sums of errors and of their squares, scaled.
 struct Errors<'a> {
     columns: &'a [i32],
-    part: &'a Part,
-    coefficients: &'a [Row],
+    part: &'a PartMoments,
+    coefficients: &'a [AxisRow],
 }
 
 impl NullaryFnOnce for Errors<'_> {
-    type Output = (Row, Row);
+    type Output = (AxisRow, AxisRow);
 
     #[inline(always)]
-    fn call(self) -> (Row, Row) {
+    fn call(self) -> (AxisRow, AxisRow) {
         let Self { columns, part, coefficients } = self;
-        let mut sums = Lanes::of(&part.wrench.map(|sum| -sum));
+        let mut sums = ElementLanes::of(&part.wrench.map(|sum| -sum));
         let mut squares = part.squares;
-        let lanes: Vec<Lanes> = coefficients.iter().map(Lanes::of).collect();
+        let lanes: Vec<ElementLanes> = coefficients.iter().map(ElementLanes::of).collect();
         let mut gram = &part.gram[..];
         for (a, c) in coefficients.iter().enumerate() {
             let (row, rest) = gram.split_at(columns.len() - a);
             gram = rest;
             // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of what the terms of `a` take away.
-            let mut half = Lanes::of(&part.right[a]);
+            let mut half = ElementLanes::of(&part.right[a]);
             for (b, &element) in (a..).zip(row) {
                 let up = if a == b { 1 } else { 0 };
                 let element = round(element).scaled(power_of_two(-columns[a] - columns[b] - up));

@@ -5,7 +5,7 @@
 
 use num_bigint::{BigInt, Sign};
 
-use crate::exact::moments::scaled::join;
+use crate::exact::moments::scaled_integers::join;
 use shell_data::wrench::PerAxis;
 
 const WIDTH: u32 = 32;
@@ -14,7 +14,7 @@ const WIDTH: u32 = 32;
 pub(crate) struct Multipliers {
     /// How many digits those of each axis have.
     counts: PerAxis<usize>,
-    /// Row by row, axis by axis the digits with their sign, lowest first.
+    /// AxisRow by row, axis by axis the digits with their sign, lowest first.
     digits: Vec<i64>,
 }
 

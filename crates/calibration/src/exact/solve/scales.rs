@@ -64,7 +64,7 @@ pub(crate) fn contains(moments: &Moments, terms: &[Term]) -> bool {
 }
 
 impl Moments {
-    /// The variance of an axis over all rows, in N² or (N·m)²; NaN of no rows.
+    /// The variance of an axis over all rows, in N² or (N·m)²; NaN for zero rows.
     pub fn variance(&self, axis: Axis) -> f64 {
         self.total_square(axis.index()) / self.rows as f64
     }

@@ -12,7 +12,7 @@ use faer::linalg::triangular_solve::{
 use faer::{Mat, Par, Side};
 use pulp::{Arch, NullaryFnOnce};
 
-use super::cholesky::{LANES, Lanes, Row};
+use super::cholesky::{AxisRow, ElementLanes, LANES};
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
@@ -65,12 +65,12 @@ impl Symmetric {
     }
 
     /// `b − A·x`.
-    pub(crate) fn residual(&self, b: &[Row], x: &[Row]) -> Vec<Row> {
+    pub(crate) fn residual(&self, b: &[AxisRow], x: &[AxisRow]) -> Vec<AxisRow> {
         Arch::new().dispatch(Residual { matrix: self, b, x })
     }
 
-    /// `x` with `A·x = b`, to about 20 digits; `None` where that cannot be had this way.
-    pub(crate) fn solve(&self, b: &[Row]) -> Option<Vec<Row>> {
+    /// `x` with `A·x = b`, to about 20 digits; `None` if that cannot be computed this way.
+    pub(crate) fn solve(&self, b: &[AxisRow]) -> Option<Vec<AxisRow>> {
         let matrix = self.rounded();
         let cholesky = matrix.llt(Side::Lower).ok()?;
         let lower = cholesky.L();
@@ -112,18 +112,18 @@ impl Symmetric {
 
 struct Residual<'a> {
     matrix: &'a Symmetric,
-    b: &'a [Row],
-    x: &'a [Row],
+    b: &'a [AxisRow],
+    x: &'a [AxisRow],
 }
 
 impl NullaryFnOnce for Residual<'_> {
-    type Output = Vec<Row>;
+    type Output = Vec<AxisRow>;
 
     #[inline(always)]
-    fn call(self) -> Vec<Row> {
+    fn call(self) -> Vec<AxisRow> {
         let Self { matrix, b, x } = self;
-        let x: Vec<Lanes> = x.iter().map(Lanes::of).collect();
-        let mut residual: Vec<Lanes> = b.iter().map(Lanes::of).collect();
+        let x: Vec<ElementLanes> = x.iter().map(ElementLanes::of).collect();
+        let mut residual: Vec<ElementLanes> = b.iter().map(ElementLanes::of).collect();
         let mut upper = &matrix.upper[..];
         for i in 0..matrix.size {
             let (row, rest) = upper.split_at(matrix.size - i);
@@ -136,7 +136,7 @@ impl NullaryFnOnce for Residual<'_> {
             }
             residual[i] = own;
         }
-        residual.iter().map(Lanes::row).collect()
+        residual.iter().map(ElementLanes::row).collect()
     }
 }
 
@@ -159,7 +159,7 @@ mod tests {
         Symmetric::new(upper, &vec![0; size])
     }
 
-    fn row_sums(matrix: &Symmetric) -> Vec<Row> {
+    fn row_sums(matrix: &Symmetric) -> Vec<AxisRow> {
         let sum = |i| (0..matrix.size).map(|j| matrix.get(i, j)).sum();
         (0..matrix.size).map(|i| [sum(i); LANES]).collect()
     }

@@ -3,8 +3,8 @@
 //! Rows are worked on [`ROWS`] at a time, in integers about a centre near the middle of each
 //! channel's range, which makes them small. Each sum over such a block is exact (see
 //! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
-//! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches turn up that the choice of
-//! centre, limbs and digits does not cover, the sums so far are put into [`Moments`] and a new choice is
+//! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches occur that the plan of
+//! centre, limbs and digits does not cover, the sums so far are put into [`Moments`] and a new plan is
 //! made.
 
 use std::sync::Arc;
@@ -12,18 +12,18 @@ use std::sync::Arc;
 use pulp::Arch;
 
 use super::block_sums::{Scratch, SumBlock};
-use super::choice::Choice;
 use super::digits::{Digits, Numbers};
-use super::expected::Expected;
+use super::expected_rows::ExpectedRows;
 use super::kernel::ROWS;
 use super::limbs::{FeatureLimbs, SQUARE_WIDTH};
 use super::open_sums::{MOST_BLOCKS, OpenSums};
+use super::plan::SummationPlan;
 use crate::exact::error::ExactError;
-use crate::exact::moments::channel::Channel;
-use crate::exact::moments::channel::survey;
-use crate::exact::moments::layout::Layout;
+use crate::exact::moments::channel_range::ChannelRange;
+use crate::exact::moments::channel_range::scan_column;
+use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::product_sums::Moments;
-use crate::exact::moments::unit::count;
+use crate::exact::moments::reading_unit::count;
 use crate::model::Basis;
 use shell_data::wrench::Axis;
 
@@ -31,12 +31,12 @@ use shell_data::wrench::Axis;
 #[derive(Clone, Debug)]
 pub struct Accumulator {
     basis: Basis,
-    layout: Arc<Layout>,
-    /// Sums that have been put away.
+    layout: Arc<MomentLayout>,
+    /// Sums that are closed: in their final form.
     closed: Option<Moments>,
-    /// What is known of the channels from all rows, staged ones included.
-    channels: Vec<Channel>,
-    pub(crate) expected: Expected,
+    /// Units and ranges of the channels over all rows, staged ones included.
+    channels: Vec<ChannelRange>,
+    pub(crate) expected: ExpectedRows,
     open: Option<OpenSums>,
     /// Rows not yet summed: columns of [`ROWS`] numbers.
     staged: usize,
@@ -48,18 +48,28 @@ pub struct Accumulator {
 impl Accumulator {
     /// No rows yet, of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
-        let layout = Arc::new(Layout::new(basis, channels));
-        Self::with_layout(basis, layout, Expected::nothing(channels))
+        let layout = Arc::new(MomentLayout::new(basis, channels));
+        Self::with_layout(basis, layout, ExpectedRows::nothing(channels))
+    }
+
+    /// Prepares for rows such as these, which saves work later and has no influence on results.
+    pub fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
+        let mut expected = self.expected.clone();
+        expected.expect_readings(readings);
+        expected.expect_wrench(wrench);
+        if expected.in_counts() {
+            self.expected = expected;
+        }
     }
 
     /// No rows yet.
-    pub(crate) fn with_layout(basis: Basis, layout: Arc<Layout>, expected: Expected) -> Self {
+    fn with_layout(basis: Basis, layout: Arc<MomentLayout>, expected: ExpectedRows) -> Self {
         let channels = layout.channels();
         Self {
             basis,
             layout,
             closed: None,
-            channels: vec![Channel::EMPTY; channels],
+            channels: vec![ChannelRange::EMPTY; channels],
             expected,
             open: None,
             staged: 0,
@@ -72,8 +82,8 @@ impl Accumulator {
     /// Adds the rows of `other`, which are other rows of the same channels and basis.
     ///
     /// # Errors
-    /// [`ExactError`] if the rows of both cannot be summed exactly; the accumulator is then of no
-    /// further use.
+    /// [`ExactError`] if the rows of both cannot be summed exactly; the accumulator must then not
+    /// be used any more.
     ///
     /// # Panics
     /// If basis or number of channels differ.
@@ -87,7 +97,7 @@ impl Accumulator {
         }
         for i in 0..self.channels.len() {
             if self.channels[i].unit != other.channels[i].unit {
-                self.forsake_choice()?;
+                self.discard_plan()?;
             }
             self.channels[i].merge(&other.channels[i]);
             self.expected.channels[i].merge(&other.expected.channels[i]);
@@ -99,35 +109,35 @@ impl Accumulator {
         let Some(open) = other.open.take_if(|open| open.rows > 0) else { return Ok(()) };
         let same_units = self.channels.iter().zip(&other.channels);
         if same_units.into_iter().any(|(a, b)| a.unit != b.unit) {
-            return self.put_away(&open, &other.channels);
+            return self.close_into_moments(&open, &other.channels);
         }
         match &mut self.open {
             None => {
-                self.expected.choice = Some(open.choice.clone());
+                self.expected.plan = Some(open.plan.clone());
                 self.open = Some(open);
             }
-            Some(own) if own.choice == open.choice && own.blocks + open.blocks <= MOST_BLOCKS => {
+            Some(own) if own.plan == open.plan && own.blocks + open.blocks <= MOST_BLOCKS => {
                 own.add(&open);
             }
-            // The later choice has seen more, and is more likely to be that of the next rows.
+            // The later plan has seen more, and is more likely to be that of the next rows.
             Some(own) => {
-                self.expected.choice = Some(open.choice.clone());
+                self.expected.plan = Some(open.plan.clone());
                 let own = std::mem::replace(own, open);
-                self.put_away(&own, &self.channels.clone())?;
+                self.close_into_moments(&own, &self.channels.clone())?;
             }
         }
         Ok(())
     }
 
-    /// Takes up rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six
+    /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six
     /// columns; all of the same length.
     ///
     /// # Errors
-    /// [`ExactError`] if the rows cannot be summed exactly. Rows before them may have been taken
-    /// up; the accumulator is of no further use.
+    /// [`ExactError`] if the rows cannot be summed exactly. Rows before them may have been
+    /// added; the accumulator must not be used any more.
     ///
     /// # Panics
-    /// If the numbers or lengths of columns are not as said.
+    /// If the numbers or lengths of columns are not as described.
     pub fn absorb<C: AsRef<[f64]>>(
         &mut self,
         readings: &[C],
@@ -136,8 +146,8 @@ impl Accumulator {
         assert_eq!((readings.len(), wrench.len()), (self.channels.len(), 6), "columns");
         let rows = wrench[0].as_ref().len();
         assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
-        self.survey(readings)?;
-        if self.expected.choice.is_none() {
+        self.widen_ranges(readings)?;
+        if self.expected.plan.is_none() {
             self.expected.expect_wrench(wrench);
         }
         let mut start = 0;
@@ -175,7 +185,7 @@ impl Accumulator {
         Ok(self.closed.take())
     }
 
-    /// The sums over all rows taken up.
+    /// The sums over all rows that were added.
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
@@ -185,16 +195,16 @@ impl Accumulator {
         Ok(self.closed.unwrap_or_else(|| Moments::with_layout(self.basis, self.layout)))
     }
 
-    /// Sees to it that readings count as integers, and widens the known ranges by them.
-    fn survey<C: AsRef<[f64]>>(&mut self, readings: &[C]) -> Result<(), ExactError> {
+    /// Checks that readings are integers in some unit, and widens the known ranges by them.
+    fn widen_ranges<C: AsRef<[f64]>>(&mut self, readings: &[C]) -> Result<(), ExactError> {
         for (i, column) in readings.iter().enumerate() {
             let column = column.as_ref();
             let known = self.channels[i];
-            let found = survey(column, known.unit)
+            let found = scan_column(column, known.unit)
                 .map_err(|value| ExactError::NotAnInteger { channel: i, value })?;
             if found.unit != known.unit {
                 self.sum_staged()?;
-                self.forsake_choice()?;
+                self.discard_plan()?;
             }
             self.channels[i].merge(&found);
             self.expected.channels[i].merge(&found);
@@ -214,12 +224,12 @@ impl Accumulator {
             column[self.staged..].fill(0.0);
         }
         let is_full = self.open.as_ref().is_some_and(|open| open.blocks >= MOST_BLOCKS);
-        let covers = |choice: &&Arc<Choice>| {
-            distance(&self.channels, &choice.centre) <= choice.features.largest
+        let covers = |plan: &&Arc<SummationPlan>| {
+            distance(&self.channels, &plan.centre) <= plan.features.largest
         };
-        match self.expected.choice.as_ref().filter(covers) {
-            Some(choice) if !is_full => {
-                self.open.get_or_insert_with(|| OpenSums::new(choice.clone()));
+        match self.expected.plan.as_ref().filter(covers) {
+            Some(plan) if !is_full => {
+                self.open.get_or_insert_with(|| OpenSums::new(plan.clone()));
             }
             _ => self.reopen()?,
         }
@@ -256,7 +266,7 @@ impl Accumulator {
             *numbers = numbers.and(Numbers::of(staged));
         }
         let expected = &self.expected.channels;
-        let centre: Vec<i64> = expected.iter().map(Channel::middle).collect();
+        let centre: Vec<i64> = expected.iter().map(ChannelRange::middle).collect();
         let features = FeatureLimbs::new(distance(expected, &centre), &self.layout);
         let cross_width = features.cross_width().unwrap_or(SQUARE_WIDTH);
         // Narrow digits will do for both, as they are as few.
@@ -275,26 +285,30 @@ impl Accumulator {
             Ok(digits)
         };
         let (squares, cross) = (digits(SQUARE_WIDTH)?, digits(cross_width)?);
-        let choice = Arc::new(Choice::new(&self.layout, centre, features, squares, cross));
-        self.open = Some(OpenSums::new(choice.clone()));
-        self.expected.choice = Some(choice);
+        let plan = Arc::new(SummationPlan::new(&self.layout, centre, features, squares, cross));
+        self.open = Some(OpenSums::new(plan.clone()));
+        self.expected.plan = Some(plan);
         Ok(())
     }
 
-    /// Puts the open sums away before the unit of a channel changes: the choice is in its units.
-    fn forsake_choice(&mut self) -> Result<(), ExactError> {
-        self.expected.choice = None;
+    /// Puts the open sums away before the unit of a channel changes: the plan is in its units.
+    fn discard_plan(&mut self) -> Result<(), ExactError> {
+        self.expected.plan = None;
         self.close()
     }
 
     fn close(&mut self) -> Result<(), ExactError> {
         match self.open.take() {
-            Some(open) if open.rows > 0 => self.put_away(&open, &self.channels.clone()),
+            Some(open) if open.rows > 0 => self.close_into_moments(&open, &self.channels.clone()),
             _ => Ok(()),
         }
     }
 
-    fn put_away(&mut self, open: &OpenSums, channels: &[Channel]) -> Result<(), ExactError> {
+    fn close_into_moments(
+        &mut self,
+        open: &OpenSums,
+        channels: &[ChannelRange],
+    ) -> Result<(), ExactError> {
         let mut part = open.moments(&self.layout, self.basis);
         part.channels = channels.to_vec();
         part.add_to(&mut self.closed)
@@ -302,8 +316,8 @@ impl Accumulator {
 }
 
 /// The largest distance between a reading and its centre.
-fn distance(channels: &[Channel], centre: &[i64]) -> u32 {
-    let of = |(channel, &centre): (&Channel, &i64)| {
+fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
+    let of = |(channel, &centre): (&ChannelRange, &i64)| {
         (channel.highest.saturating_sub(centre)).max(centre.saturating_sub(channel.lowest))
     };
     let largest = channels.iter().zip(centre).map(of).max().unwrap_or(0);

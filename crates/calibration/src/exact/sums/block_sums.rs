@@ -2,11 +2,11 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::choice::{Choice, Part};
 use super::kernel::{ROWS, products};
 use super::limbs::Limbs;
 use super::open_sums::OpenSums;
-use crate::exact::moments::layout::Layout;
+use super::plan::{LimbColumn, SummationPlan};
+use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::rounding::power_of_two;
 
 /// Working memory.
@@ -18,15 +18,15 @@ pub(crate) struct Scratch {
 }
 
 impl Scratch {
-    fn resize(&mut self, choice: &Choice) {
-        let squares = choice.square_operands();
-        let groups = choice.groups.iter().map(|(_, operands)| operands);
+    fn resize(&mut self, plan: &SummationPlan) {
+        let squares = plan.square_operands();
+        let groups = plan.groups.iter().map(|(_, operands)| operands);
         let products = groups.chain(&squares);
         let products = products.map(|operands| operands.left.len() * operands.right.len());
-        let cross = choice.cross_columns().len() * choice.rights.len();
-        let lefts = choice.groups.iter().map(|(lefts, _)| lefts.len()).max().unwrap_or(0);
-        self.features.resize((choice.rights.len() + lefts) * ROWS, 0.0);
-        self.wrench.resize(choice.wrench_columns() * ROWS, 0.0);
+        let cross = plan.cross_columns().len() * plan.rights.len();
+        let lefts = plan.groups.iter().map(|(lefts, _)| lefts.len()).max().unwrap_or(0);
+        self.features.resize((plan.rights.len() + lefts) * ROWS, 0.0);
+        self.wrench.resize(plan.wrench_columns() * ROWS, 0.0);
         self.sums.resize(products.max().unwrap_or(0).max(cross), 0.0);
     }
 }
@@ -34,7 +34,7 @@ impl Scratch {
 /// Adds the first `rows` rows of a block to open sums, unless the digits do not cover the wrench:
 /// says whether.
 pub(crate) struct SumBlock<'a> {
-    pub(crate) layout: &'a Layout,
+    pub(crate) layout: &'a MomentLayout,
     pub(crate) open: &'a mut OpenSums,
     pub(crate) rows: usize,
     /// Columns of [`ROWS`] integers, one per channel.
@@ -50,28 +50,28 @@ impl WithSimd for SumBlock<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> bool {
         let Self { layout, open, rows, readings, wrench: axes, scratch } = self;
-        let choice = &*open.choice;
-        scratch.resize(choice);
+        let plan = &*open.plan;
+        scratch.resize(plan);
         let Scratch { features, wrench, sums } = scratch;
-        if !cut_wrench(choice, axes, wrench) {
+        if !cut_wrench(plan, axes, wrench) {
             return false;
         }
-        let ones = choice.square_columns();
+        let ones = plan.square_columns();
         let column = &mut wrench[ones * ROWS..][..ROWS];
         column[..rows].fill(1.0);
         column[rows..].fill(0.0);
-        fill(layout, choice, rows, readings, features);
-        cut_rights(choice, features);
+        fill(layout, plan, rows, readings, features);
+        cut_rights(plan, features);
 
         let mut target = Target { simd, sums, high: &mut open.high, low: &mut open.low };
-        for (lefts, group) in &choice.groups {
-            cut_lefts(choice, lefts, features);
+        for (lefts, group) in &plan.groups {
+            cut_lefts(plan, lefts, features);
             let right = &features[group.right.start * ROWS..group.right.end * ROWS];
             target.add_products(features, group.left.iter().copied(), right);
         }
-        let rights = &features[..choice.rights.len() * ROWS];
-        target.add_products(wrench, choice.cross_columns(), rights);
-        for axis in choice.square_operands() {
+        let rights = &features[..plan.rights.len() * ROWS];
+        target.add_products(wrench, plan.cross_columns(), rights);
+        for axis in plan.square_operands() {
             let right = &wrench[axis.right.start * ROWS..axis.right.end * ROWS];
             target.add_products(wrench, axis.left.iter().copied(), right);
         }
@@ -83,11 +83,10 @@ impl WithSimd for SumBlock<'_> {
 
 /// Cuts the wrench into its digits; says whether they add up to it.
 #[inline(always)]
-fn cut_wrench(choice: &Choice, axes: &[f64], wrench: &mut [f64]) -> bool {
-    let (squares, rest) = wrench.split_at_mut(choice.square_columns() * ROWS);
+fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
+    let (squares, rest) = wrench.split_at_mut(plan.square_columns() * ROWS);
     let cross = &mut rest[ROWS..];
-    for (digits, mut columns) in [(Some(&choice.squares), squares), (choice.cross.as_ref(), cross)]
-    {
+    for (digits, mut columns) in [(Some(&plan.squares), squares), (plan.cross.as_ref(), cross)] {
         for (digits, axis) in digits.into_iter().flatten().zip(axes.chunks_exact(ROWS)) {
             let now;
             (now, columns) = columns.split_at_mut(digits.count() * ROWS);
@@ -102,21 +101,27 @@ fn cut_wrench(choice: &Choice, axes: &[f64], wrench: &mut [f64]) -> bool {
 /// The features of readings about their centres, each where its right operands begin; zero for
 /// rows that are not there.
 #[inline(always)]
-fn fill(layout: &Layout, choice: &Choice, rows: usize, readings: &[f64], features: &mut [f64]) {
+fn fill(
+    layout: &MomentLayout,
+    plan: &SummationPlan,
+    rows: usize,
+    readings: &[f64],
+    features: &mut [f64],
+) {
     for (f, &(factor, channel)) in layout.recipe.iter().enumerate() {
-        let (before, now) = features.split_at_mut(choice.firsts[f] * ROWS);
+        let (before, now) = features.split_at_mut(plan.firsts[f] * ROWS);
         let now = &mut now[..ROWS];
         match factor {
             None => {
-                let centre = choice.centre[channel] as f64;
+                let centre = plan.centre[channel] as f64;
                 for (x, s) in now.iter_mut().zip(&readings[channel * ROWS..][..ROWS]) {
                     *x = s - centre;
                 }
                 now[rows..].fill(0.0);
             }
             Some(factor) => {
-                let single = &before[choice.firsts[layout.single(channel)] * ROWS..][..ROWS];
-                let factor = &before[choice.firsts[factor] * ROWS..][..ROWS];
+                let single = &before[plan.firsts[layout.single(channel)] * ROWS..][..ROWS];
+                let factor = &before[plan.firsts[factor] * ROWS..][..ROWS];
                 for ((x, a), b) in now.iter_mut().zip(factor).zip(single) {
                     *x = a * b;
                 }
@@ -127,23 +132,23 @@ fn fill(layout: &Layout, choice: &Choice, rows: usize, readings: &[f64], feature
 
 /// Cuts the features that are more than one right operand.
 #[inline(always)]
-fn cut_rights(choice: &Choice, features: &mut [f64]) {
-    for columns in choice.firsts.windows(2).filter(|columns| columns[1] - columns[0] > 1) {
+fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
+    for columns in plan.firsts.windows(2).filter(|columns| columns[1] - columns[0] > 1) {
         let parts = &mut features[columns[0] * ROWS..columns[1] * ROWS];
         let whole: [f64; ROWS] = *parts.first_chunk().expect("a column at least");
-        Limbs::of_integers(choice.features.right.width, columns[1] - columns[0]).cut(&whole, parts);
+        Limbs::of_integers(plan.features.right.width, columns[1] - columns[0]).cut(&whole, parts);
     }
 }
 
 /// Cuts the features that are other operands on the left of a group. They are whole on the right.
 #[inline(always)]
-fn cut_lefts(choice: &Choice, lefts: &[Part], features: &mut [f64]) {
-    let (rights, mut columns) = features.split_at_mut(choice.rights.len() * ROWS);
+fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
+    let (rights, mut columns) = features.split_at_mut(plan.rights.len() * ROWS);
     for parts in lefts.chunk_by(|a, b| a.feature == b.feature) {
         let now;
         (now, columns) = columns.split_at_mut(parts.len() * ROWS);
-        let whole = &rights[choice.firsts[parts[0].feature] * ROWS..][..ROWS];
-        Limbs::of_integers(choice.features.left.width, parts.len()).cut(whole, now);
+        let whole = &rights[plan.firsts[parts[0].feature] * ROWS..][..ROWS];
+        Limbs::of_integers(plan.features.left.width, parts.len()).cut(whole, now);
     }
 }
 

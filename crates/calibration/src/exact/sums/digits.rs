@@ -16,16 +16,16 @@ use num_traits::ToPrimitive;
 
 use super::kernel::ROWS;
 use super::limbs::{Limbs, Places};
+use crate::decimal_step::DecimalStep;
 use crate::exact::moments::rounding::power_of_two;
-use crate::exact::moments::scaled::join;
-use crate::step::Step;
+use crate::exact::moments::scaled_integers::join;
 
 /// What is known of the numbers of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Numbers {
     places: Places,
     /// What they are multiples of, if anything.
-    step: Option<Step>,
+    step: Option<DecimalStep>,
     /// The largest magnitude.
     largest: f64,
 }
@@ -33,11 +33,11 @@ pub(crate) struct Numbers {
 impl Numbers {
     /// No numbers, or zeros only.
     pub(crate) const NONE: Self =
-        Self { places: Places::NONE, step: Some(Step::NONE), largest: 0.0 };
+        Self { places: Places::NONE, step: Some(DecimalStep::NONE), largest: 0.0 };
 
     pub(crate) fn of(values: &[f64]) -> Self {
         let largest = values.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
-        Self { places: Places::of(values), step: Step::of(values), largest }
+        Self { places: Places::of(values), step: DecimalStep::of(values), largest }
     }
 
     /// What is known of both.
@@ -229,7 +229,7 @@ mod tests {
             parts in prop::collection::vec((-30_000_000..30_000_000_i64, 0..=9), 1..6),
             width in 8_u32..24,
         ) {
-            // Decimals of any sizes, known in parts as they turn up.
+            // Decimals of any size, in parts.
             let parse = |&(m, decimals): &(i64, i32)| format!("{m}e-{decimals}").parse().unwrap();
             let values: Vec<f64> = parts.iter().map(parse).collect();
             let known = values.iter().fold(Numbers::NONE, |known, &x| known.and(Numbers::of(&[x])));

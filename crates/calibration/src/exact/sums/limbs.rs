@@ -12,7 +12,7 @@
 //! as narrow as the right ones, whole features, demand; or to cut both sides and the wrench alike.
 
 use super::kernel::ROWS;
-use crate::exact::moments::layout::Layout;
+use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::rounding::power_of_two;
 
 /// Bits of an exact sum, less those that a block of rows takes.
@@ -45,7 +45,7 @@ pub(crate) struct FeatureLimbs {
 impl FeatureLimbs {
     /// The cheapest way for distances up to `distance`, with room for a quarter more where that
     /// costs nothing.
-    pub(crate) fn new(distance: u32, layout: &Layout) -> Self {
+    pub(crate) fn new(distance: u32, layout: &MomentLayout) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
             let degree = layout.features.last().map_or(1, |term| term.factors().len() as u32);
@@ -93,7 +93,7 @@ impl FeatureLimbs {
     }
 
     /// About how many steps of work there are for a row: products and what it takes to cut.
-    fn cost(&self, layout: &Layout) -> usize {
+    fn cost(&self, layout: &MomentLayout) -> usize {
         /// To cut off a limb and store it.
         const CUT: usize = 4;
         /// What the wrench usually has: the bits of an `f64` and a range of 2⁹.
@@ -254,7 +254,7 @@ mod tests {
     #[test]
     fn sums_of_a_block_never_exceed_what_is_exact() {
         for basis in Basis::ALL {
-            let layout = Layout::new(basis, 2);
+            let layout = MomentLayout::new(basis, 2);
             for distance in 1..=MAX_DISTANCE {
                 let limbs = FeatureLimbs::new(distance, &layout);
                 assert!(limbs.largest >= distance && limbs.largest <= MAX_DISTANCE);

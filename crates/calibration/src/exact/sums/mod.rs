@@ -3,12 +3,12 @@
 pub(crate) mod accumulator;
 pub(crate) mod adder;
 mod block_sums;
-mod choice;
 mod digits;
-mod expected;
+mod expected_rows;
 mod kernel;
 mod limbs;
 mod open_sums;
+mod plan;
 
 pub use self::accumulator::Accumulator;
 pub use self::adder::Adder;

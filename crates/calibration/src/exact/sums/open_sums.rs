@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use super::choice::Choice;
-use crate::exact::moments::layout::{Layout, pair};
+use super::plan::SummationPlan;
+use crate::exact::moments::layout::{MomentLayout, pair};
 use crate::exact::moments::product_sums::Moments;
-use crate::exact::moments::scaled::Scaled;
+use crate::exact::moments::scaled_integers::ScaledIntegers;
 use crate::model::Basis;
 
 /// Blocks after which the pairs of sums could lose their exactness: `2^25·2^26 < 2^53`, and
@@ -15,7 +15,7 @@ pub(crate) const MOST_BLOCKS: u64 = 1 << 26;
 /// Sums under way: for each product of columns a pair of numbers.
 #[derive(Clone, Debug)]
 pub(crate) struct OpenSums {
-    pub(crate) choice: Arc<Choice>,
+    pub(crate) plan: Arc<SummationPlan>,
     pub(crate) rows: u64,
     pub(crate) blocks: u64,
     /// The multiples of 2²⁶ of the sums: those of the groups, then of the digits of the wrench
@@ -26,12 +26,12 @@ pub(crate) struct OpenSums {
 }
 
 impl OpenSums {
-    pub(crate) fn new(choice: Arc<Choice>) -> Self {
-        let sums = choice.sums();
-        Self { choice, rows: 0, blocks: 0, high: vec![0.0; sums], low: vec![0.0; sums] }
+    pub(crate) fn new(plan: Arc<SummationPlan>) -> Self {
+        let sums = plan.sums();
+        Self { plan, rows: 0, blocks: 0, high: vec![0.0; sums], low: vec![0.0; sums] }
     }
 
-    /// Adds sums of the same choice.
+    /// Adds sums of the same plan.
     pub(crate) fn add(&mut self, other: &Self) {
         self.rows += other.rows;
         self.blocks += other.blocks;
@@ -41,7 +41,7 @@ impl OpenSums {
     }
 
     /// The sums about the origin of the readings.
-    pub(crate) fn moments(&self, layout: &Arc<Layout>, basis: Basis) -> Moments {
+    pub(crate) fn moments(&self, layout: &Arc<MomentLayout>, basis: Basis) -> Moments {
         let mut moments = Moments::with_layout(basis, layout.clone());
         moments.rows = self.rows;
         moments.readings[0] = i128::from(self.rows);
@@ -50,34 +50,34 @@ impl OpenSums {
         self.add_products_of_features(layout, &mut moments, &mut sums);
         let mut wrench = self.products_with_wrench(layout, &mut moments, &mut sums);
         self.add_squares(&mut moments, &mut wrench, &mut sums);
-        let back: Vec<i64> = self.choice.centre.iter().map(|c| -c).collect();
+        let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
         layout.move_origin(&mut moments.readings, &back);
-        let digits = self.choice.cross_digits();
+        let digits = self.plan.cross_digits();
         for ((scaled, mut planes), digits) in moments.wrench.iter_mut().zip(wrench).zip(digits) {
             planes.iter_mut().for_each(|plane| layout.move_origin_of_features(plane, &back));
             let sum = |place| digits.join(planes.iter().map(|plane: &Vec<i128>| plane[place]));
             let sums = (0..=layout.features.len()).map(sum);
-            *scaled = Scaled::new(digits.unit(), sums.collect());
+            *scaled = ScaledIntegers::new(digits.unit(), sums.collect());
         }
         moments
     }
 
     fn add_products_of_features(
         &self,
-        layout: &Layout,
+        layout: &MomentLayout,
         moments: &mut Moments,
         sums: &mut impl Iterator<Item = i128>,
     ) {
-        let choice = &*self.choice;
+        let plan = &*self.plan;
         let mut first = 1 + layout.features.len();
-        for (group, (lefts, operands)) in layout.groups.iter().zip(&choice.groups) {
-            let part = |column: usize| match column.checked_sub(choice.rights.len()) {
+        for (group, (lefts, operands)) in layout.groups.iter().zip(&plan.groups) {
+            let part = |column: usize| match column.checked_sub(plan.rights.len()) {
                 Some(left) => lefts[left],
-                None => choice.rights[column],
+                None => plan.rights[column],
             };
             for lefts in operands.left.chunk_by(|&a, &b| part(a).feature == part(b).feature) {
                 for &left in lefts {
-                    for right in &choice.rights[operands.right.clone()] {
+                    for right in &plan.rights[operands.right.clone()] {
                         let sum = &mut moments.readings[first + right.feature - group.right.start];
                         let shift = part(left).shift + right.shift;
                         *sum = sum.wrapping_add(next(sums) << shift);
@@ -92,21 +92,21 @@ impl OpenSums {
     /// with places for those of the axis alone.
     fn products_with_wrench(
         &self,
-        layout: &Layout,
+        layout: &MomentLayout,
         moments: &mut Moments,
         sums: &mut impl Iterator<Item = i128>,
     ) -> [Vec<Vec<i128>>; 6] {
-        let choice = &*self.choice;
-        let rights = &choice.rights;
+        let plan = &*self.plan;
+        let rights = &plan.rights;
         let mut add_ones = |sums: &mut dyn Iterator<Item = i128>| {
             for right in rights {
                 moments.readings[1 + right.feature] += next(sums) << right.shift;
             }
         };
-        if choice.cross.is_some() {
+        if plan.cross.is_some() {
             add_ones(sums);
         }
-        let wrench = choice.cross_digits().map(|digits| {
+        let wrench = plan.cross_digits().map(|digits| {
             let mut planes = vec![vec![0; layout.features.len() + 1]; digits.count()];
             for plane in &mut planes {
                 for right in rights {
@@ -115,7 +115,7 @@ impl OpenSums {
             }
             planes
         });
-        if choice.cross.is_none() {
+        if plan.cross.is_none() {
             add_ones(sums);
         }
         wrench
@@ -128,9 +128,9 @@ impl OpenSums {
         wrench: &mut [Vec<Vec<i128>>; 6],
         sums: &mut impl Iterator<Item = i128>,
     ) {
-        let Choice { squares, .. } = &*self.choice;
-        let cross = self.choice.cross_digits();
-        for (left, operands) in self.choice.square_operands().iter().enumerate() {
+        let SummationPlan { squares, .. } = &*self.plan;
+        let cross = self.plan.cross_digits();
+        for (left, operands) in self.plan.square_operands().iter().enumerate() {
             // Sums by digit on the left, then by axis and digit on the right, then one.
             let rows: Vec<Vec<i128>> = (0..squares[left].count())
                 .map(|_| operands.right.clone().map(|_| next(sums)).collect())
@@ -142,7 +142,7 @@ impl OpenSums {
                     .map(|column| squares[left].join(rows.iter().map(|row| row[column])));
                 let sum = squares[right].join_joined(of_digits);
                 let exponent = squares[left].unit() + squares[right].unit();
-                moments.squares[pair(left, right)] = Scaled::new(exponent, vec![sum]);
+                moments.squares[pair(left, right)] = ScaledIntegers::new(exponent, vec![sum]);
                 column += count;
             }
             let ones = squares[left].join(rows.iter().map(|row| row[column]));
@@ -156,7 +156,7 @@ impl OpenSums {
     }
 }
 
-/// The next of as many sums as the choice says.
+/// The next of as many sums as the plan says.
 fn next<I: Iterator<Item = i128> + ?Sized>(sums: &mut I) -> i128 {
     sums.next().expect("one sum for every product")
 }
