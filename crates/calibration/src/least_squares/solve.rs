@@ -14,8 +14,8 @@ use crate::triangle::{LeastSquares, Ridge};
 /// With [`Method::RidgeGcv`], `ridge` says only which column is free of it.
 ///
 /// # Errors
-/// [`LeastSquaresError`] if the rows do not determine the coefficients, or not for this method;
-/// whatever `rows` can fail with.
+/// [`LeastSquaresError`](crate::triangle::LeastSquaresError) if the rows do not determine the
+/// coefficients, or not for this method; the errors of `rows`.
 pub fn solve<R: Rows>(
     rows: &mut R,
     method: Method,

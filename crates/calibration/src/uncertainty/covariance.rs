@@ -65,7 +65,7 @@ impl Covariance {
     }
 
     /// The covariance of the fit of `model` to all rows of `sums`, errors being alike within its
-    /// groups. `ridge` is as in [`Moments::solve`](super::exact::Moments::solve).
+    /// groups. `ridge` is as in [`Moments::solve`](crate::exact::Moments::solve).
     ///
     /// # Errors
     /// [`ValidationError`] if there are too few groups, or without one of them the model cannot be
