@@ -70,40 +70,49 @@ pub(crate) fn recognise(
     mapping: &Mapping,
 ) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
     let mut meanings: Vec<Meaning> = names.iter().map(|name| meaning_of(name, format)).collect();
-    let find = |reference: &ColumnRef| position(&names, reference);
-    let forget = |meanings: &mut Vec<Meaning>, like: fn(&Meaning) -> bool| {
-        meanings.iter_mut().filter(|m| like(m)).for_each(|m| *m = Meaning::Other);
-    };
-    let find_all = |references: &[ColumnRef]| -> Result<Vec<usize>, ColumnsError> {
-        let found: Vec<_> = references.iter().map(|r| (r, find(r))).collect();
-        let missing: Vec<_> =
-            found.iter().filter(|(_, at)| at.is_none()).map(|(r, _)| r.to_string()).collect();
-        match missing.is_empty() {
-            true => Ok(found.into_iter().filter_map(|(_, at)| at).collect()),
-            false => Err(ColumnsError::Missing(missing)),
+    apply_mapping(&names, format, mapping, &mut meanings)?;
+    for meaning in &mut meanings {
+        match meaning {
+            Meaning::Time(unit) => *unit = mapping.time_unit.unwrap_or(*unit),
+            Meaning::Moment(_, unit) => *unit = mapping.moment_unit.unwrap_or(*unit),
+            _ => {}
         }
-    };
+    }
+    let roles = roles(&names, &mut meanings)?;
+    let columns = names.into_iter().zip(meanings);
+    Ok((columns.map(|(name, meaning)| Column { name, meaning }).collect(), roles))
+}
 
-    // What the user names replaces what was recognised, and is never taken for something else.
-    let sensors = mapping.sensors.as_deref().map(find_all).transpose()?;
-    let wrench = mapping.wrench.as_ref().map(|six| find_all(six)).transpose()?;
-    let time = mapping.time.as_ref().map(|one| find_all(std::slice::from_ref(one))).transpose()?;
-    let group =
-        mapping.group.as_ref().map(|one| find_all(std::slice::from_ref(one))).transpose()?;
-    if sensors.is_some() {
-        forget(&mut meanings, |m| matches!(m, Meaning::Sensor(_)));
-    }
-    if wrench.is_some() {
-        forget(&mut meanings, |m| matches!(m, Meaning::Force(..) | Meaning::Moment(..)));
-    }
-    if time.is_some() {
-        forget(&mut meanings, |m| matches!(m, Meaning::Time(_)));
-    }
-    if group.is_some() {
-        forget(&mut meanings, |m| *m == Meaning::Group);
-    }
+/// Replaces meanings that were recognised by those that the user specifies.
+fn apply_mapping(
+    names: &[String],
+    format: Format,
+    mapping: &Mapping,
+    meanings: &mut [Meaning],
+) -> Result<(), ColumnsError> {
+    let find = |references: Option<&[ColumnRef]>| {
+        references.map(|references| positions(names, references)).transpose()
+    };
+    let sensors = find(mapping.sensors.as_deref())?;
+    let wrench = find(mapping.wrench.as_ref().map(|six| &six[..]))?;
+    let time = find(mapping.time.as_ref().map(std::slice::from_ref))?;
+    let group = find(mapping.group.as_ref().map(std::slice::from_ref))?;
+    let is_replaced = |meaning: &Meaning| match meaning {
+        Meaning::Sensor(_) => sensors.is_some(),
+        Meaning::Force(..) | Meaning::Moment(..) => wrench.is_some(),
+        Meaning::Time(_) => time.is_some(),
+        Meaning::Group => group.is_some(),
+        Meaning::Telemetry(_) | Meaning::Other => false,
+    };
+    meanings.iter_mut().filter(|m| is_replaced(m)).for_each(|m| *m = Meaning::Other);
+
+    let mapped = |positions: Option<Vec<usize>>| positions.into_iter().flatten();
+    let sensors = mapped(sensors).enumerate().map(|(channel, at)| (at, Meaning::Sensor(channel)));
+    let wrench = mapped(wrench).zip(Axis::ALL).map(|(at, axis)| (at, wrench_meaning(axis, false)));
+    let time = mapped(time).map(|at| (at, Meaning::Time(default_time_unit(format))));
+    let group = mapped(group).map(|at| (at, Meaning::Group));
     let mut is_mapped = vec![false; names.len()];
-    let mut assign = |at: usize, meaning: Meaning| {
+    for (at, meaning) in sensors.chain(wrench).chain(time).chain(group) {
         if std::mem::replace(&mut is_mapped[at], true) {
             let meaning = format!("mapped to {} and to something else", describe(meaning));
             return Err(ColumnsError::Duplicate { meaning, columns: [at, at] });
@@ -115,30 +124,19 @@ pub(crate) fn recognise(
             (Meaning::Moment(axis, _), Meaning::Moment(_, unit)) => Meaning::Moment(axis, unit),
             _ => meaning,
         };
-        Ok(())
-    };
-    for (channel, at) in sensors.into_iter().flatten().enumerate() {
-        assign(at, Meaning::Sensor(channel))?;
     }
-    for (axis, at) in Axis::ALL.into_iter().zip(wrench.into_iter().flatten()) {
-        assign(at, wrench_meaning(axis, false))?;
+    Ok(())
+}
+
+/// The positions of the columns that a user refers to.
+fn positions(names: &[String], references: &[ColumnRef]) -> Result<Vec<usize>, ColumnsError> {
+    let found: Vec<_> = references.iter().map(|r| (r, position(names, r))).collect();
+    let missing: Vec<_> =
+        found.iter().filter(|(_, at)| at.is_none()).map(|(r, _)| r.to_string()).collect();
+    match missing.is_empty() {
+        true => Ok(found.into_iter().filter_map(|(_, at)| at).collect()),
+        false => Err(ColumnsError::Missing(missing)),
     }
-    for at in time.into_iter().flatten() {
-        assign(at, Meaning::Time(default_time_unit(format)))?;
-    }
-    for at in group.into_iter().flatten() {
-        assign(at, Meaning::Group)?;
-    }
-    for meaning in &mut meanings {
-        match meaning {
-            Meaning::Time(unit) => *unit = mapping.time_unit.unwrap_or(*unit),
-            Meaning::Moment(_, unit) => *unit = mapping.moment_unit.unwrap_or(*unit),
-            _ => {}
-        }
-    }
-    let roles = roles(&names, &mut meanings)?;
-    let columns = names.into_iter().zip(meanings);
-    Ok((columns.map(|(name, meaning)| Column { name, meaning }).collect(), roles))
 }
 
 /// Where the column is that a user points to. A name is taken exactly, or else without regard to

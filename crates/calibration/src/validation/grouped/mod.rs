@@ -22,7 +22,4 @@ pub use self::moments::GroupedMoments;
 pub(super) use self::moments::total;
 pub use self::random_split::RandomSplit;
 pub use self::sums::GroupSums;
-pub use self::worker::{BlockGroups, GroupWorker};
-
-/// The largest number of groups.
-pub const MAX_GROUPS: usize = 2000;
+pub use self::worker::{BlockGroups, GroupWorker, MAX_GROUPS};

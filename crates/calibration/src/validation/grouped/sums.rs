@@ -3,10 +3,9 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::MAX_GROUPS;
 use super::moments::{GroupedMoments, total};
 use super::random_split::RandomSplit;
-use super::worker::{BlockGroups, GroupWorker, RowSet};
+use super::worker::{BlockGroups, GroupWorker, MAX_GROUPS, RowSet};
 use crate::exact::Moments;
 use crate::model::Basis;
 use crate::validation::ValidationError;

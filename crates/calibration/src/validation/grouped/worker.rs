@@ -3,12 +3,14 @@
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
-use super::MAX_GROUPS;
 use super::random_split::{RandomSplit, deal};
 use crate::exact::{Accumulator, Adder, Moments};
 use crate::model::Basis;
 use crate::validation::ValidationError;
 use shell_data::block::Block;
+
+/// The largest number of groups.
+pub const MAX_GROUPS: usize = 2000;
 
 /// The largest number of groups with sums in working form; when there are more, those that have
 /// been for longest are handed over.
