@@ -216,7 +216,7 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
     let path = directory.path().join("log.csv");
     std::fs::write(&path, "s1,s2,s3\n100,100,100\n100,4095,100\n300,100,0\n").unwrap();
     let mut calibration = linear(3);
-    let range = calibration::extent::Range { min: 50.0, max: 200.0 };
+    let range = calibration::reading_ranges::ReadingRange { min: 50.0, max: 200.0 };
     calibration.valid_range = Some(vec![range; 3]);
     let columns = Columns {
         time: false,

@@ -167,12 +167,13 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
             }
             block.groups.push((pose.to_string(), 40));
         }
-        let sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
-        sums.note(sums.add(&block, None).unwrap());
-        let sums = sums.finish().unwrap();
+        let mut sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
+        let mut worker = sums.worker();
+        sums.add(worker.add(&block, None).unwrap()).unwrap();
+        let sums = sums.finish([worker]).unwrap();
         let total = sums.total().unwrap();
-        let solution = solve_moments(total, &model, 0.0, &total.extent()).unwrap();
-        let calibration = Calibration::of_solution(&solution, &total.extent());
+        let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
+        let calibration = Calibration::of_solution(&solution, &total.reading_ranges());
         let at = [1700.0, 2100.0];
         let x: Vec<f64> = (0..2)
             .map(|c| (at[c] - calibration.scaling().centre[c]) / calibration.scaling().scale[c])

@@ -3,7 +3,7 @@
 use calibration::model::{Basis, Model};
 use calibration::rank_loss::Dependence;
 use calibration::scaling::Scaling;
-use calibration::solver::{self, Problem, Solution, SolverKind};
+use calibration::solver::{self, FitProblem, Solution, SolverKind};
 use calibration::{Calibration, FitError, raw_units};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
@@ -30,16 +30,16 @@ fn block(rows: usize) -> Block {
     Block { rows, readings, wrench, ..Block::default() }
 }
 
-fn problem(basis: Basis, intercept: bool, block: &Block) -> Problem {
+fn problem(basis: Basis, intercept: bool, block: &Block) -> FitProblem {
     let model = Model { basis, intercept, channels: block.readings.len() };
     let scaling = Scaling::of_sample(&block.readings, intercept);
-    Problem { model, scaling, ridge: 0.0 }
+    FitProblem { model, scaling, ridge: 0.0 }
 }
 
-fn fit(problem: &Problem, block: &Block) -> Result<(Solution, Calibration), FitError> {
+fn fit(problem: &FitProblem, block: &Block) -> Result<(Solution, Calibration), FitError> {
     let mut blocks = std::slice::from_ref(block);
-    let (solution, extent) = solver::fit(SolverKind::Tsqr, problem.clone(), &mut blocks)?;
-    let calibration = Calibration::of_solution(&solution, &extent);
+    let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem.clone(), &mut blocks)?;
+    let calibration = Calibration::of_solution(&solution, &ranges);
     Ok((solution, calibration))
 }
 

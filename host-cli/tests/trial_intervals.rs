@@ -43,13 +43,14 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
             _ => block.groups.push((label, 1)),
         }
     }
-    let sums = GroupSums::new(Basis::Cubic, 8, RandomSplit::default());
-    sums.note(sums.add(&block, None).unwrap());
-    let sums = sums.finish().unwrap();
+    let mut sums = GroupSums::new(Basis::Cubic, 8, RandomSplit::default());
+    let mut worker = sums.worker();
+    sums.add(worker.add(&block, None).unwrap()).unwrap();
+    let sums = sums.finish([worker]).unwrap();
     let total = sums.total().unwrap();
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 8 };
-    let solution = solve_moments(total, &model, 0.0, &total.extent()).unwrap();
-    let mut calibration = Calibration::of_solution(&solution, &total.extent());
+    let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
+    let mut calibration = Calibration::of_solution(&solution, &total.reading_ranges());
     let covariance = Covariance::of_groups(&sums, &model, 0.0).unwrap();
     let unexplained = std::array::from_fn(|axis| {
         let values = &block.wrench[axis];

@@ -2,9 +2,9 @@
 
 use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
-use super::extent::{Extent, Range};
-use super::features::{Features, LANES, Lanes};
+use super::features::{Features, LANES, RowLanes};
 use super::model::Model;
+use super::reading_ranges::{ReadingRange, ReadingRanges};
 use super::scaling::Scaling;
 use super::solver::Solution;
 use super::uncertainty::Covariance;
@@ -15,10 +15,10 @@ use shell_data::wrench::PerAxis;
 pub struct Calibration {
     features: Features,
     coefficients: Vec<PerAxis<f64>>,
-    /// How sure the coefficients are, where that is known.
+    /// The covariance of errors and coefficients, where it is known.
     pub covariance: Option<Covariance>,
     /// The range of each channel in the training data, where that is known.
-    pub valid_range: Option<Vec<Range>>,
+    pub valid_range: Option<Vec<ReadingRange>>,
 }
 
 impl Calibration {
@@ -34,13 +34,13 @@ impl Calibration {
         Self { features, coefficients, covariance: None, valid_range: None }
     }
 
-    /// The calibration that a solver has found, valid over the extent of its training data, without
+    /// The calibration that a solver has found, valid over the ranges of its training data, without
     /// a covariance.
-    pub fn of_solution(solution: &Solution, extent: &Extent) -> Self {
+    pub fn of_solution(solution: &Solution, ranges: &ReadingRanges) -> Self {
         let c = &solution.coefficients;
         let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)])).collect();
         Self {
-            valid_range: Some(extent.ranges.clone()),
+            valid_range: Some(ranges.channels.clone()),
             ..Self::new(solution.model, solution.scaling.clone(), rows)
         }
     }
@@ -127,7 +127,7 @@ struct Convert<'a> {
     calibration: &'a Calibration,
     readings: &'a [Vec<f64>],
     rows: usize,
-    features: Vec<Lanes>,
+    features: Vec<RowLanes>,
     wrench: &'a mut PerAxis<Vec<f64>>,
 }
 
@@ -170,7 +170,7 @@ impl WithSimd for Convert<'_> {
 /// vectors of the machine.
 struct LeavesRange<'a> {
     column: &'a [f64],
-    range: Range,
+    range: ReadingRange,
 }
 
 impl NullaryFnOnce for LeavesRange<'_> {
@@ -231,7 +231,7 @@ mod tests {
         assert_eq!(calibration.out_of_range(&readings), [0, 0, 0]);
         assert_eq!(calibration.rows_out_of_range(&readings), 0);
         calibration.valid_range =
-            Some(vec![Range { min: 0.0, max: 10.0 }, Range { min: 1.0, max: 3.0 }]);
+            Some(vec![ReadingRange { min: 0.0, max: 10.0 }, ReadingRange { min: 1.0, max: 3.0 }]);
         assert_eq!(calibration.out_of_range(&readings), [0, 0b10, 0b11]);
         assert_eq!(calibration.rows_out_of_range(&readings), 2);
     }

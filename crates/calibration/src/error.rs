@@ -1,10 +1,10 @@
 //! Why a calibration cannot be fitted.
 
 use super::exact::ExactError;
-use super::extent::Extent;
 use super::features::Features;
 use super::least_squares::LeastSquaresError;
 use super::rank_loss::RankLoss;
+use super::reading_ranges::ReadingRanges;
 
 /// Why a calibration cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -72,24 +72,24 @@ pub enum FitError {
 }
 
 impl FitError {
-    /// What it means for a calibration that its features do not determine the coefficients.
+    /// An error of the least-squares solver in terms of channels and features.
     pub(super) fn of_least_squares(
         error: LeastSquaresError,
         features: &Features,
-        extent: &Extent,
+        ranges: &ReadingRanges,
     ) -> Self {
         match error {
             LeastSquaresError::TooFewRows { rows, columns } => {
                 FitError::TooFewRows { rows, coefficients: columns }
             }
             LeastSquaresError::RankDeficient { .. }
-                if extent.constant_channels().len() == extent.ranges.len() =>
+                if ranges.constant_channels().len() == ranges.channels.len() =>
             {
-                FitError::IdenticalRows { rows: extent.rows }
+                FitError::IdenticalRows { rows: ranges.rows }
             }
             LeastSquaresError::RankDeficient { null_space, triangle, .. } => {
                 let (r, null_space) = (triangle.as_ref().as_ref(), null_space.as_ref());
-                FitError::RankDeficient(RankLoss::explain(features, extent, r, null_space))
+                FitError::RankDeficient(RankLoss::explain(features, ranges, r, null_space))
             }
             LeastSquaresError::IllConditioned { limit } => FitError::IllConditioned { limit },
             LeastSquaresError::NotConverged { passes } => FitError::NotConverged { passes },

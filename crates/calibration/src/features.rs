@@ -22,7 +22,7 @@ pub struct Features {
 pub(super) const LANES: usize = 16;
 
 /// One feature of that many rows.
-pub(super) type Lanes = [f64; LANES];
+pub(super) type RowLanes = [f64; LANES];
 
 /// How one feature is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,7 +90,7 @@ impl Features {
     /// The features of the [`LANES`] rows from `start`, of which the last may be missing: those repeat
     /// the last row there is.
     #[inline(always)]
-    pub(super) fn lanes(&self, readings: &[Vec<f64>], start: usize, features: &mut [Lanes]) {
+    pub(super) fn lanes(&self, readings: &[Vec<f64>], start: usize, features: &mut [RowLanes]) {
         for (j, recipe) in self.recipe.iter().enumerate() {
             let (before, feature) = features.split_at_mut(j);
             let feature = &mut feature[0];
@@ -159,7 +159,7 @@ impl NullaryFnOnce for Fill<'_> {
 }
 
 #[inline(always)]
-fn load(column: &[f64]) -> Lanes {
+fn load(column: &[f64]) -> RowLanes {
     match column.first_chunk() {
         Some(lanes) => *lanes,
         None => std::array::from_fn(|i| column[i.min(column.len() - 1)]),

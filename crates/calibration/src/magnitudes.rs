@@ -33,7 +33,7 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
     const END: u64 = (1023 + TOP) << BITS;
     const BINS: usize = (OCTAVES << BITS) as usize;
 
-    /// Of no numbers.
+    /// Zero numbers.
     pub fn new() -> Self {
         Self { counts: vec![0; Self::BINS] }
     }
@@ -51,7 +51,7 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
         self.counts.iter_mut().zip(&other.counts).for_each(|(sum, n)| *sum += n);
     }
 
-    /// The number that a share of all are not above; zero in the lowest bin and of no numbers.
+    /// The number that a share of all are not above; zero in the lowest bin and for zero numbers.
     pub fn quantile(&self, share: f64) -> f64 {
         self.quantiles(&[share])[0]
     }

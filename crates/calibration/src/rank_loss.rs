@@ -1,4 +1,4 @@
-//! Which channels are to blame when the features are not independent.
+//! Which channels cause a loss of rank.
 //!
 //! Worked out from the triangle of the QR factorisation alone: its columns have the same lengths
 //! and angles as the columns of features, so channels can be compared without the rows.
@@ -9,9 +9,9 @@ use faer::prelude::*;
 use faer::{Col, ColRef, Mat, MatRef};
 
 use super::exact::Relation;
-use super::extent::Extent;
 use super::features::{Features, Recipe};
 use super::model::Term;
+use super::reading_ranges::ReadingRanges;
 
 /// A relation that holds in every row of the training data, to rounding.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,14 +65,14 @@ impl RankLoss {
     /// which its columns, scaled to norm one, cancel.
     pub fn explain(
         features: &Features,
-        extent: &Extent,
+        ranges: &ReadingRanges,
         r: MatRef<'_, f64>,
         null_space: MatRef<'_, f64>,
     ) -> Self {
-        let constant = extent.constant_channels();
+        let constant = ranges.constant_channels();
         let mut dependences: Vec<Dependence> = constant
             .iter()
-            .map(|&channel| Dependence::Constant { channel, value: extent.ranges[channel].min })
+            .map(|&channel| Dependence::Constant { channel, value: ranges.channels[channel].min })
             .collect();
         let moving: Vec<usize> =
             (0..features.model().channels).filter(|i| !constant.contains(i)).collect();

@@ -1,4 +1,4 @@
-//! Checksums of files, to tell which were used and whether they are still what they were.
+//! Checksums that identify the files a result was computed from.
 //!
 //! XXH3 of 128 bits, `xxh128:` and what `xxh128sum` prints: it costs a tenth of what a
 //! cryptographic hash does, which would be a twentieth of a whole fit. Files are not mistaken for

@@ -1,4 +1,4 @@
-//! What can be wrong with a log, and where.
+//! Errors in logs, with their position.
 
 use std::fmt;
 use std::io;
@@ -13,7 +13,7 @@ pub enum LogError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
     /// The file is gzip, but damaged or cut short.
@@ -21,7 +21,7 @@ pub enum LogError {
     Gzip {
         /// The file.
         path: PathBuf,
-        /// What the decoder said.
+        /// The error of the decoder.
         source: io::Error,
     },
     /// The file has no bytes, or blank lines only.
@@ -76,7 +76,7 @@ pub enum LogError {
         /// How many columns it has.
         found: usize,
     },
-    /// A format was asked for that the number of columns contradicts.
+    /// The requested format has another number of columns.
     #[error(
         "`{}`, line {line}: {format} has {expected} columns, found {found}",
         path.display()
@@ -86,8 +86,8 @@ pub enum LogError {
         path: PathBuf,
         /// The first row.
         line: u64,
-        /// What was asked for.
-        format: super::Format,
+        /// The requested format.
+        format: crate::format::mapping::Format,
         /// How many columns that has.
         expected: usize,
         /// How many columns there are.
@@ -106,9 +106,9 @@ pub enum LogError {
         path: PathBuf,
         /// The line that names the columns.
         line: u64,
-        /// What was looked for.
+        /// The missing columns.
         missing: Vec<String>,
-        /// What is there instead.
+        /// The columns of the log.
         found: Vec<String>,
     },
     /// Two columns are taken for the same thing.
@@ -121,7 +121,7 @@ pub enum LogError {
         path: PathBuf,
         /// The line that names the columns.
         line: u64,
-        /// What both are taken for.
+        /// The meaning of both.
         meaning: String,
         /// Their places, from 0.
         columns: [usize; 2],
@@ -149,7 +149,7 @@ pub enum RowProblem {
     NotANumber {
         /// Which.
         field: Field,
-        /// What it holds.
+        /// Its content.
         found: String,
     },
     /// A field is NaN or infinite, or a number too large for a double.
@@ -157,7 +157,7 @@ pub enum RowProblem {
     NotFinite {
         /// Which.
         field: Field,
-        /// What it holds.
+        /// Its content.
         found: String,
     },
     /// A field is empty.
@@ -184,7 +184,7 @@ pub enum RowProblem {
     Payload {
         /// How many bytes a scan has.
         expected: usize,
-        /// What there is.
+        /// The payload.
         found: String,
     },
 }

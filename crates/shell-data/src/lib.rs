@@ -2,6 +2,7 @@
 //!
 //! - [`wrench`]: the six axes, their order, names and units;
 //! - [`block`]: a run of consecutive log rows, column by column;
+//! - [`statistics`]: mean and variance, block by block;
 //! - [`telemetry`]: the columns of a robot's telemetry.
 //!
 //! SI units throughout (s, N, N·m). Frame: x forward, y left, z up.
@@ -22,6 +23,7 @@
 #![forbid(unsafe_code)]
 
 pub mod block;
+pub mod statistics;
 pub mod telemetry;
 pub mod wrench;
 

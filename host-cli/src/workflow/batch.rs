@@ -107,7 +107,7 @@ pub fn run(
     let mut done = 0;
     let mut numbers = Numbers { next: 0, count: rows.len() };
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
-    let work = |number: &mut usize| -> Option<Result<BatchTrial, (usize, RowError)>> {
+    let work = |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, (usize, RowError)>> {
         let number = *number;
         let evaluated = match &rows[number] {
             Ok(entry) if entry.exclude => return None,
@@ -135,7 +135,8 @@ pub fn run(
         Ok::<_, std::convert::Infallible>(())
     };
     let never = |never: std::convert::Infallible| match never {};
-    let Ok(()) = pipeline::run(&mut numbers, options.read.thread_count(), work, never, fold);
+    let threads = options.read.thread_count();
+    let Ok(_) = pipeline::run(&mut numbers, threads, || (), work, never, fold);
     batch
 }
 

@@ -5,7 +5,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use memmap2::MmapMut;
 
-use calibration::step::{Step, Words};
+use calibration::decimal_step::{DecimalStep, WordEncoding};
 use shell_data::block::Block;
 
 /// Memory for rows: one mapping, of huge pages where there will be rows enough for some. To have
@@ -66,20 +66,20 @@ pub(super) struct KeptBlock<'a> {
 #[derive(Clone, Copy, Debug)]
 enum Column {
     /// As multiples of a step.
-    Words(Words),
+    Words(WordEncoding),
     /// As they are.
     Other,
 }
 
 /// What the numbers of each column are multiples of: in the first block, and then mostly in all.
-pub(super) type Steps = OnceLock<Vec<Option<Step>>>;
+pub(super) type Steps = OnceLock<Vec<Option<DecimalStep>>>;
 
 impl<'a> KeptBlock<'a> {
     /// Of the rows of `block`, all of whose readings and wrench there are; `None` if there is no
     /// room for them.
     pub(super) fn new(block: &Block, steps: &Steps, room: &Room<'a>) -> Option<Self> {
         let columns = || block.readings.iter().chain(&block.wrench);
-        let steps = steps.get_or_init(|| columns().map(|column| Step::of(column)).collect());
+        let steps = steps.get_or_init(|| columns().map(|column| DecimalStep::of(column)).collect());
         let words = room.take(steps.len() * block.rows)?;
         let (mut kept, mut others, mut used) = (Vec::with_capacity(steps.len()), Vec::new(), 0);
         for (column, step) in columns().zip(steps) {

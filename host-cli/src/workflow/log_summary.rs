@@ -4,10 +4,11 @@
 //! the readings mean.
 
 use shell_data::block::Block;
+use shell_data::statistics::RunningVariance;
 
-/// A log as it was surveyed so far.
+/// A log as it was summarised so far.
 #[derive(Clone, Debug, Default)]
-pub struct Survey {
+pub struct LogSummary {
     /// Rows.
     pub rows: u64,
     /// Rows whose readings equal those of the row before.
@@ -15,12 +16,12 @@ pub struct Survey {
     /// Timing, if the log has time.
     pub timing: Timing,
     /// The readings of each channel, in counts.
-    pub readings: Vec<ColumnSurvey>,
+    pub readings: Vec<ColumnSummary>,
     /// The axes of the wrench, in N and N·m.
-    pub wrench: Vec<ColumnSurvey>,
+    pub wrench: Vec<ColumnSummary>,
 }
 
-impl Survey {
+impl LogSummary {
     /// Adds the next rows of the log.
     pub fn add(&mut self, block: &Block) {
         if !block.readings.is_empty() {
@@ -28,11 +29,11 @@ impl Survey {
             self.repeated_rows += repeated as u64;
         }
         self.timing.add(&block.time_s, self.rows);
-        for (surveys, columns) in
+        for (summaries, columns) in
             [(&mut self.readings, &block.readings), (&mut self.wrench, &block.wrench)]
         {
-            surveys.resize_with(columns.len(), ColumnSurvey::default);
-            surveys.iter_mut().zip(columns).for_each(|(survey, column)| survey.add(column));
+            summaries.resize_with(columns.len(), ColumnSummary::default);
+            summaries.iter_mut().zip(columns).for_each(|(summary, column)| summary.add(column));
         }
         self.rows += block.rows as u64;
     }
@@ -47,11 +48,9 @@ impl Survey {
 
 /// One column of a log.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ColumnSurvey {
+pub struct ColumnSummary {
     /// How many values.
     pub rows: u64,
-    /// The mean.
-    pub mean: f64,
     /// The least value.
     pub min: f64,
     /// The greatest value.
@@ -67,14 +66,13 @@ pub struct ColumnSurvey {
     /// How often 65535 occurs, the full scale of 16 bits.
     pub rows_at_16_bits: u64,
     below_max: f64,
-    squares: f64,
+    variance: RunningVariance,
 }
 
-impl Default for ColumnSurvey {
+impl Default for ColumnSummary {
     fn default() -> Self {
         Self {
             rows: 0,
-            mean: 0.0,
             min: f64::INFINITY,
             max: f64::NEG_INFINITY,
             rows_at_max: 0,
@@ -83,12 +81,12 @@ impl Default for ColumnSurvey {
             rows_at_12_bits: 0,
             rows_at_16_bits: 0,
             below_max: f64::NEG_INFINITY,
-            squares: 0.0,
+            variance: RunningVariance::default(),
         }
     }
 }
 
-impl ColumnSurvey {
+impl ColumnSummary {
     fn add(&mut self, values: &[f64]) {
         if values.is_empty() {
             return;
@@ -109,22 +107,20 @@ impl ColumnSurvey {
                 self.rows_below_max += 1;
             }
         }
-        // Mean and sum of squares of this part, joined with those of the parts before (Chan,
-        // Golub, LeVeque, "Algorithms for computing the sample variance", 1983).
-        let (before, part) = (self.rows as f64, values.len() as f64);
-        let mean = values.iter().sum::<f64>() / part;
-        let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
-        let step = mean - self.mean;
-        self.mean += step * part / (before + part);
-        self.squares += squares + step * step * before * part / (before + part);
+        self.variance.merge(&RunningVariance::of(values));
         self.rows += values.len() as u64;
+    }
+
+    /// The mean, 0 without values.
+    pub fn mean(&self) -> f64 {
+        self.variance.mean
     }
 
     /// The standard deviation (n − 1 in the denominator), 0 for a single value.
     pub fn sd(&self) -> f64 {
         match self.rows {
             0 | 1 => 0.0,
-            rows => (self.squares / (rows - 1) as f64).sqrt(),
+            rows => (self.variance.squares / (rows - 1) as f64).sqrt(),
         }
     }
 
@@ -307,10 +303,10 @@ mod tests {
         timing
     }
 
-    fn column(values: &[f64]) -> ColumnSurvey {
-        let mut survey = ColumnSurvey::default();
-        survey.add(values);
-        survey
+    fn column(values: &[f64]) -> ColumnSummary {
+        let mut summary = ColumnSummary::default();
+        summary.add(values);
+        summary
     }
 
     #[test]
@@ -347,13 +343,13 @@ mod tests {
     #[test]
     fn a_column_in_parts_is_as_the_column_as_a_whole() {
         let values: Vec<f64> = (0..1000).map(|i| f64::from(i * 7919 % 1000) + 1e6).collect();
-        let mut parts = ColumnSurvey::default();
+        let mut parts = ColumnSummary::default();
         for part in values.chunks(7) {
             parts.add(part);
         }
         // The exact figures of 0 … 999: mean 499.5, variance n(n + 1)/12.
         let sd = (1000.0 * 1001.0 / 12.0_f64).sqrt();
-        assert!((parts.mean - 1_000_499.5).abs() < 1e-9);
+        assert!((parts.mean() - 1_000_499.5).abs() < 1e-9);
         // Rounding: a thousand additions to a sum that is right to 1e-16 of itself.
         assert!((parts.sd() - sd).abs() < 1e-12 * sd);
         assert_eq!((parts.min, parts.max), (1e6, 1e6 + 999.0));

@@ -2,7 +2,10 @@
 
 use faer::{Mat, MatRef};
 
-use super::{Chunk, LeastSquares, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape, solve};
+use super::method::Method;
+use super::rows::{Reduction, RowChunk, Rows, Shape};
+use super::solve::solve;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// `X` and `Y` in memory.
 ///
@@ -62,7 +65,7 @@ impl Rows for Dense<'_> {
 
     fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, LeastSquaresError> {
         let (p, columns) = (self.x.ncols(), self.shape().columns());
-        let stride = Chunk::rows_in_cache(columns);
+        let stride = RowChunk::rows_in_cache(columns);
         let mut heads = vec![0.0; stride * columns];
         let mut tails = vec![0.0; if R::WIDE && self.tails.is_some() { stride * p } else { 0 }];
         let (mut partial, mut scratch) = (reduction.empty(), reduction.scratch());
@@ -82,7 +85,7 @@ impl Rows for Dense<'_> {
                     scaled(column, from.col(j), self.units[j]);
                 }
             }
-            let chunk = Chunk { rows, stride, heads: &heads, tails: &tails };
+            let chunk = RowChunk { rows, stride, heads: &heads, tails: &tails };
             reduction.absorb(&mut partial, &chunk, &mut scratch);
         }
         Ok(partial)

@@ -15,7 +15,7 @@
 
 use faer::Mat;
 
-use super::LeastSquaresError;
+use crate::triangle::LeastSquaresError;
 use crate::triangle::Triangle;
 
 /// Points per factor of ten of the first search.
@@ -56,7 +56,7 @@ struct Criterion {
 
 impl Criterion {
     fn new(triangle: &Triangle, free_column: Option<usize>) -> Result<Self, LeastSquaresError> {
-        let (r, z) = triangle.damped_parts(super::Ridge::NONE);
+        let (r, z) = triangle.damped_parts(crate::triangle::Ridge::NONE);
         let (p, q) = z.shape();
         let free = usize::from(free_column.is_some());
         if triangle.rows() <= (free + 1) as u64 {
@@ -69,7 +69,7 @@ impl Criterion {
         let order: Vec<usize> =
             free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
         let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);
-        let (turned, z) = Triangle::of_rows(&moved, &z).damped_parts(super::Ridge::NONE);
+        let (turned, z) = Triangle::of_rows(&moved, &z).damped_parts(crate::triangle::Ridge::NONE);
         let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
         let norms: Vec<f64> = order.iter().map(|&j| unit(r.col(j).norm_l2())).collect();
         let m = p - free;

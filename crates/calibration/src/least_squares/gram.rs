@@ -4,7 +4,8 @@ use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
 
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Shape};
+use super::rows::{Reduction, RowChunk, Shape};
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Forms the Gram matrix of `[X | Y]`.
 pub(super) struct FormGram {
@@ -33,7 +34,7 @@ impl Reduction for FormGram {
 
     fn scratch(&self) {}
 
-    fn absorb(&self, gram: &mut Gram, chunk: &Chunk<'_>, (): &mut ()) {
+    fn absorb(&self, gram: &mut Gram, chunk: &RowChunk<'_>, (): &mut ()) {
         let columns = self.shape.columns();
         let rows = MatRef::from_column_major_slice_with_stride(
             chunk.heads,
@@ -86,7 +87,7 @@ impl Gram {
         let norms: Vec<f64> = norms.iter().map(|&n| if n > 0.0 { n } else { 1.0 }).collect();
         let mut scaled =
             Mat::from_fn(p, p, |i, j| self.products[(i.max(j), i.min(j))] / norms[i] / norms[j]);
-        let chunk_rows = Chunk::rows_in_cache(self.shape.columns()) as u64;
+        let chunk_rows = RowChunk::rows_in_cache(self.shape.columns()) as u64;
         let roundings = chunk_rows.min(self.rows) + self.additions + p as u64;
         let bound = p as f64 * roundings as f64 * f64::EPSILON / 2.0;
         let not_finite = |_| LeastSquaresError::NotFinite;

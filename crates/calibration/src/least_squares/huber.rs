@@ -14,9 +14,10 @@
 
 use faer::Mat;
 
-use super::qr::Factor;
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Rows, Shape};
+use super::qr::FormTriangle;
+use super::rows::{Reduction, RowChunk, Rows, Shape};
 use crate::magnitudes::FineMagnitudes;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 use crate::vectors::{add_multiple, dot};
 
 /// Residuals are clipped beyond this many σ.
@@ -81,7 +82,7 @@ impl Reduction for FormClipped {
         Vec::new()
     }
 
-    fn absorb(&self, sums: &mut Clipped, chunk: &Chunk<'_>, residuals: &mut Vec<f64>) {
+    fn absorb(&self, sums: &mut Clipped, chunk: &RowChunk<'_>, residuals: &mut Vec<f64>) {
         let Shape { features: p, outputs: q } = self.shape;
         let rows = chunk.rows;
         residuals.clear();
@@ -122,7 +123,7 @@ impl Reduction for FormClipped {
 pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
-    let triangle = rows.pass(&Factor { shape })?;
+    let triangle = rows.pass(&FormTriangle { shape })?;
     let mut solved = triangle.solve(ridge)?;
     let n = solved.rows as f64;
     let norms: Vec<f64> = triangle.r().col_iter().map(|column| column.norm_l2()).collect();

@@ -1,14 +1,14 @@
 //! The pass that leaves the triangle of [`triangle`](crate::triangle).
 
-use super::{Chunk, Reduction, Shape};
+use super::rows::{Reduction, RowChunk, Shape};
 use crate::triangle::{Triangle, Workspace};
 
 /// Householder QR over row blocks.
-pub(super) struct Factor {
+pub(super) struct FormTriangle {
     pub(super) shape: Shape,
 }
 
-impl Reduction for Factor {
+impl Reduction for FormTriangle {
     type Partial = Triangle;
     type Scratch = Workspace;
     const WIDE: bool = false;
@@ -21,7 +21,7 @@ impl Reduction for Factor {
         Workspace::new(self.shape.features, self.shape.outputs)
     }
 
-    fn absorb(&self, partial: &mut Triangle, chunk: &Chunk<'_>, scratch: &mut Workspace) {
+    fn absorb(&self, partial: &mut Triangle, chunk: &RowChunk<'_>, scratch: &mut Workspace) {
         let step = scratch.rows();
         for start in (0..chunk.rows).step_by(step) {
             let rows = step.min(chunk.rows - start);

@@ -8,8 +8,8 @@ use faer::linalg::triangular_solve;
 use faer::prelude::*;
 use faer::{Mat, Par};
 
-use super::{LeastSquares, LeastSquaresError, Ridge};
 use crate::triangle::Triangle;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Solves by QR with column pivoting of the equilibrated triangle.
 ///

@@ -11,10 +11,11 @@
 use faer::{Mat, MatRef};
 
 use super::kernels::{Wide, add_multiple, dot};
-use super::qr::Factor;
+use super::qr::FormTriangle;
+use super::rows::{Reduction, RowChunk, Rows, Shape};
 use super::wide_matrix::WideMatrix;
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Rows, Shape};
 use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Corrections made before giving up.
 const MOST_CORRECTIONS: usize = 12;
@@ -51,7 +52,7 @@ impl Reduction for FormGradient {
         Residuals { heads: Vec::new(), tails: Vec::new() }
     }
 
-    fn absorb(&self, sums: &mut Gradient, chunk: &Chunk<'_>, scratch: &mut Residuals) {
+    fn absorb(&self, sums: &mut Gradient, chunk: &RowChunk<'_>, scratch: &mut Residuals) {
         let Shape { features: p, outputs: q } = self.shape;
         let rows = chunk.rows;
         let Residuals { heads, tails } = scratch;
@@ -92,7 +93,7 @@ impl Reduction for FormGradient {
 pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
-    let triangle = rows.pass(&Factor { shape })?;
+    let triangle = rows.pass(&FormTriangle { shape })?;
     let mut solved = triangle.solve_roughly(ridge)?;
     let norms: Vec<f64> = triangle.r().col_iter().map(|column| column.norm_l2()).collect();
     let penalty = |j: usize| {

@@ -3,9 +3,10 @@
 use faer::Mat;
 
 use super::kernels::{LANES, dot};
+use super::rows::{Reduction, RowChunk, Shape};
 use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Shape};
 use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Forms the Gram matrix of `[X | Y]` in double-double.
 pub(super) struct FormWideGram {
@@ -35,7 +36,7 @@ impl Reduction for FormWideGram {
 
     fn scratch(&self) {}
 
-    fn absorb(&self, gram: &mut WideGram, chunk: &Chunk<'_>, (): &mut ()) {
+    fn absorb(&self, gram: &mut WideGram, chunk: &RowChunk<'_>, (): &mut ()) {
         let mut products = gram.products.iter_mut();
         for j in 0..self.shape.columns() {
             for (i, product) in (0..=j).zip(&mut products) {
@@ -64,7 +65,7 @@ impl WideGram {
     /// Relative error of an element, of columns scaled to norm one: Dot2 within a chunk (n²·2⁻¹⁰⁶
     /// for n terms to a lane), sums of double-doubles over chunks and in Cholesky's factorisation.
     fn rounding(&self) -> f64 {
-        let chunk_rows = Chunk::rows_in_cache(self.shape.columns()) as u64;
+        let chunk_rows = RowChunk::rows_in_cache(self.shape.columns()) as u64;
         let terms = chunk_rows.min(self.rows).div_ceil(LANES as u64) as f64 + 1.0;
         let sums = self.additions as f64 + self.shape.features as f64 + LANES as f64;
         (terms * terms + 4.0 * sums) * (f64::EPSILON / 2.0).powi(2)
@@ -72,7 +73,7 @@ impl WideGram {
 
     /// Solves by Cholesky's factorisation.
     ///
-    /// A loss of rank is not told from a condition number above the limit: the smallest gap between
+    /// A loss of rank is not distinguished from a condition number above the limit: the smallest gap between
     /// columns of `f64`, squared, is below the rounding of these sums.
     ///
     /// # Errors

@@ -4,8 +4,8 @@ use std::ops::{Index, IndexMut};
 
 use faer::Mat;
 
-use super::{LeastSquares, LeastSquaresError};
 use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError};
 
 /// A matrix in double-double, column-major.
 #[derive(Clone, Debug)]
@@ -160,7 +160,7 @@ impl WideTriangle {
     ///
     /// `resolution` is how large a singular value of `R`, columns scaled to norm one, rounding may
     /// have made out of zero. Singular values are those of the inverse, which `f64` gives to full
-    /// relative accuracy, so that a condition number of 10²⁰ is told as such.
+    /// relative accuracy, so that a condition number of 10²⁰ is reported as such.
     pub(super) fn solve(&self, resolution: f64) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.r.columns, self.z.columns);
         if !self.r.is_finite() || !self.z.is_finite() {

@@ -4,9 +4,10 @@
 use faer::Mat;
 
 use super::kernels::{Wide, add_multiple, dot};
+use super::rows::{Reduction, RowChunk, Shape};
 use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
-use super::{Chunk, LeastSquares, LeastSquaresError, Reduction, Ridge, Shape};
 use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Factors `[X | Y]` in double-double.
 pub(super) struct FactorWide {
@@ -43,7 +44,7 @@ impl Reduction for FactorWide {
         Columns::default()
     }
 
-    fn absorb(&self, partial: &mut Factored, chunk: &Chunk<'_>, scratch: &mut Columns) {
+    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>, scratch: &mut Columns) {
         scratch.rows = chunk.rows;
         scratch.heads.clear();
         scratch.tails.clear();

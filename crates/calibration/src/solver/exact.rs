@@ -2,10 +2,13 @@
 
 use faer::Mat;
 
-use super::{Factor, Pass, Problem, Solution};
-use crate::exact::{Accumulator, Adder, ExactError, Moments, RankLoss as ExactLoss, SolveError};
-use crate::extent::Extent;
+use super::pass::Pass;
+use super::problem::FitProblem;
+use super::solution::Solution;
+use crate::exact::{Accumulator, ExactError, Moments, RankLoss as ExactLoss, SolveError};
+use crate::factor::InverseFactor;
 use crate::rank_loss::{Dependence, RankLoss};
+use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
 use crate::{FitError, Model};
 use shell_data::block::Block;
@@ -18,7 +21,8 @@ use shell_data::block::Block;
 pub struct Exact {
     model: Model,
     ridge: f64,
-    adder: Adder,
+    /// Sums over zero rows.
+    empty: Accumulator,
 }
 
 /// The sums over some rows, or why there are none.
@@ -40,25 +44,29 @@ impl Exact {
     ///
     /// # Errors
     /// [`FitError::Ridge`] if the ridge parameter is negative or not finite.
-    pub fn new(problem: &Problem) -> Result<Self, FitError> {
-        let Problem { model, ridge, .. } = *problem;
+    pub fn new(problem: &FitProblem) -> Result<Self, FitError> {
+        let FitProblem { model, ridge, .. } = *problem;
         if !(ridge >= 0.0 && ridge.is_finite()) {
             return Err(FitError::Ridge(ridge));
         }
-        Ok(Self { model, ridge, adder: Adder::new(model.basis, model.channels) })
+        Ok(Self { model, ridge, empty: Accumulator::new(model.basis, model.channels) })
     }
 
-    /// The coefficients that fit the rows of `partial` best. `extent` is that of the same rows.
+    /// The coefficients that fit the rows of `partial` best. `ranges` is that of the same rows.
     ///
     /// # Errors
     /// [`FitError`] if the rows do not determine the coefficients.
-    pub fn solve(&self, partial: ExactPartial, extent: &Extent) -> Result<Solution, FitError> {
-        solve_moments(&partial.finish()?, &self.model, self.ridge, extent)
+    pub fn solve(
+        &self,
+        partial: ExactPartial,
+        ranges: &ReadingRanges,
+    ) -> Result<Solution, FitError> {
+        solve_moments(&partial.finish()?, &self.model, self.ridge, ranges)
     }
 
     /// Prepares for rows such as those of `sample`, which saves work later.
-    pub fn expect(&self, sample: &Block) {
-        self.adder.expect(&sample.readings, &sample.wrench);
+    pub fn expect(&mut self, sample: &Block) {
+        self.empty.expect(&sample.readings, &sample.wrench);
     }
 }
 
@@ -68,19 +76,19 @@ impl Pass for Exact {
     const ANY_ORDER: bool = true;
 
     fn empty(&self) -> ExactPartial {
-        ExactPartial(Ok(self.adder.begin()))
+        ExactPartial(Ok(self.empty.clone()))
     }
 
     fn absorb(&self, partial: &mut ExactPartial, block: &Block) -> Result<(), FitError> {
         if let Ok(sums) = &mut partial.0 {
-            self.adder.add(sums, &block.readings, &block.wrench)?;
+            sums.absorb(&block.readings, &block.wrench)?;
         }
         Ok(())
     }
 
     fn merge(&self, earlier: &mut ExactPartial, later: ExactPartial) {
         let merged = match (&mut earlier.0, later.0) {
-            (Ok(sums), Ok(later)) => self.adder.merge(sums, later),
+            (Ok(sums), Ok(later)) => sums.merge(later),
             (Ok(_), Err(error)) => Err(error),
             (Err(_), _) => return,
         };
@@ -90,8 +98,8 @@ impl Pass for Exact {
     }
 }
 
-/// The coefficients of `model` that fit the rows of `moments` best. `extent` is that of the same
-/// rows; `ridge` as in [`Problem::ridge`].
+/// The coefficients of `model` that fit the rows of `moments` best. `ranges` is that of the same
+/// rows; `ridge` as in [`FitProblem::ridge`].
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients.
@@ -99,28 +107,30 @@ pub fn solve_moments(
     moments: &Moments,
     model: &Model,
     ridge: f64,
-    extent: &Extent,
+    ranges: &ReadingRanges,
 ) -> Result<Solution, FitError> {
     let fit = moments.solve(model, ridge).map_err(|error| match error {
         SolveError::TooFewRows { rows, coefficients } => {
             FitError::TooFewRows { rows, coefficients }
         }
-        SolveError::RankDeficient(_) if extent.constant_channels().len() == extent.ranges.len() => {
-            FitError::IdenticalRows { rows: extent.rows }
+        SolveError::RankDeficient(_)
+            if ranges.constant_channels().len() == ranges.channels.len() =>
+        {
+            FitError::IdenticalRows { rows: ranges.rows }
         }
-        SolveError::RankDeficient(loss) => FitError::RankDeficient(explain(loss, extent)),
+        SolveError::RankDeficient(loss) => FitError::RankDeficient(explain(loss, ranges)),
         SolveError::NearlyDependent => FitError::NearlyDependent,
         SolveError::Overflow => FitError::Overflow,
         SolveError::Ridge(ridge) => FitError::Ridge(ridge),
         SolveError::OtherFeatures { .. } => {
-            FitError::Channels { expected: model.channels, found: extent.ranges.len() }
+            FitError::Channels { expected: model.channels, found: ranges.channels.len() }
         }
     })?;
     let coefficients = &fit.coefficients;
     Ok(Solution {
         model: fit.model,
         coefficients: Mat::from_fn(coefficients.len(), 6, |i, j| coefficients[i][j].to_f64()),
-        factor: Factor::Inverse(fit.triangle()),
+        factor: InverseFactor::Inverse(fit.triangle()),
         residual_products: Mat::from_fn(6, 6, |i, j| fit.residual_products[i][j]),
         rows: fit.rows,
         condition: fit.condition,
@@ -129,12 +139,12 @@ pub fn solve_moments(
     })
 }
 
-/// Names the channels that are to blame: constant ones first, then what does not follow from them.
-fn explain(loss: ExactLoss, extent: &Extent) -> RankLoss {
-    let constant = extent.constant_channels();
+/// Names the channels that cause the loss of rank: constant ones first, then other relations.
+fn explain(loss: ExactLoss, ranges: &ReadingRanges) -> RankLoss {
+    let constant = ranges.constant_channels();
     let mut dependences: Vec<Dependence> = constant
         .iter()
-        .map(|&channel| Dependence::Constant { channel, value: extent.ranges[channel].min })
+        .map(|&channel| Dependence::Constant { channel, value: ranges.channels[channel].min })
         .collect();
     let moves = |channel: &u8| !constant.contains(&usize::from(*channel));
     let others = loss.relations.into_iter().filter(|r| r.feature.factors().iter().all(moves));

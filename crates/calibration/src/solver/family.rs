@@ -1,10 +1,17 @@
 //! Every solver by its name, over blocks that can be passed over as often as it asks.
 
-use super::{Exact, Pass, Problem, Reducer, Solution, SolverKind, solve_moments};
+use super::exact::{Exact, solve_moments};
+use super::kind::SolverKind;
+use super::pass::Pass;
+use super::pass_worker::PassWorker;
+use super::problem::FitProblem;
+use super::solution::Solution;
 use crate::FitError;
-use crate::extent::Extent;
 use crate::features::Features;
-use crate::least_squares::{self, Chunk, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape};
+use crate::least_squares::{
+    self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape,
+};
+use crate::reading_ranges::ReadingRanges;
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
 
@@ -13,14 +20,14 @@ pub trait Blocks {
     /// What can go wrong on the way.
     type Error: From<FitError>;
 
-    /// Reduces every block and merges what they leave behind, in order.
+    /// Reduces every block and merges the partials, in the order of the blocks.
     ///
     /// # Errors
-    /// Where rows cannot be had, or the pass cannot work with them.
+    /// If rows cannot be read, or the pass rejects them.
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, Self::Error>;
 
-    /// Some rows from all over, if they can be had without a pass: what a solver learns from them
-    /// may save it work, but has no influence on results.
+    /// A sample of the rows, if there is one without a pass. It may save a solver work and has no
+    /// influence on results.
     fn sample(&self) -> Option<Block> {
         None
     }
@@ -30,25 +37,28 @@ impl Blocks for &[Block] {
     type Error = FitError;
 
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, FitError> {
-        let (mut all, reducer) = (pass.empty(), Reducer::new(pass));
+        let (mut all, mut worker) = (pass.empty(), PassWorker::new(pass));
         for block in *self {
-            reducer.merge(&mut all, reducer.reduce(block)?);
+            if let Some(partial) = worker.reduce(block)? {
+                pass.merge(&mut all, partial);
+            }
         }
-        Ok(reducer.finish(all))
+        PassWorker::merge([worker], &mut all);
+        Ok(all)
     }
 }
 
-/// Fits the calibration that `problem` asks for by the solver of that name, and tells the extent
-/// of the rows that it was fitted to.
+/// Fits the calibration of `problem` by the solver of that name. Also returns the ranges of the
+/// readings that it was fitted to.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients, or not for this solver; whatever
 /// `blocks` can fail with.
 pub fn fit<B: Blocks>(
     kind: SolverKind,
-    problem: Problem,
+    problem: FitProblem,
     blocks: &mut B,
-) -> Result<(Solution, Extent), B::Error> {
+) -> Result<(Solution, ReadingRanges), B::Error> {
     let method = match kind {
         SolverKind::Exact => return fit_exactly(&problem, blocks),
         SolverKind::Tsqr => Method::Tsqr,
@@ -64,37 +74,37 @@ pub fn fit<B: Blocks>(
     fit_by(method, problem, blocks)
 }
 
-/// The exact solver, which needs one pass and whose sums know the extent.
+/// The exact solver, which needs one pass and whose sums know the ranges.
 fn fit_exactly<B: Blocks>(
-    problem: &Problem,
+    problem: &FitProblem,
     blocks: &mut B,
-) -> Result<(Solution, Extent), B::Error> {
-    let exact = Exact::new(problem)?;
+) -> Result<(Solution, ReadingRanges), B::Error> {
+    let mut exact = Exact::new(problem)?;
     if let Some(sample) = blocks.sample() {
         exact.expect(&sample);
     }
     let moments = blocks.pass(&exact)?.finish()?;
-    let extent = moments.extent();
-    Ok((solve_moments(&moments, &problem.model, problem.ridge, &extent)?, extent))
+    let ranges = moments.reading_ranges();
+    Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges))
 }
 
-/// A pass that finds the extent of the rows as it goes.
-struct WithExtent<'a, P> {
+/// A pass that finds the ranges of the rows as it goes.
+struct WithRanges<'a, P> {
     channels: usize,
     pass: &'a P,
 }
 
-impl<P: Pass> Pass for WithExtent<'_, P> {
-    type Partial = (Extent, P::Partial);
+impl<P: Pass> Pass for WithRanges<'_, P> {
+    type Partial = (ReadingRanges, P::Partial);
 
     const ANY_ORDER: bool = P::ANY_ORDER;
 
     fn empty(&self) -> Self::Partial {
-        (Extent::new(self.channels), self.pass.empty())
+        (ReadingRanges::new(self.channels), self.pass.empty())
     }
 
     fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError> {
-        partial.0.merge(&Extent::of_block(block, self.channels)?);
+        partial.0.merge(&ReadingRanges::of_block(block, self.channels)?);
         self.pass.absorb(&mut partial.1, block)
     }
 
@@ -110,22 +120,22 @@ impl<P: Pass> Pass for WithExtent<'_, P> {
 /// As [`fit`].
 pub fn fit_by<B: Blocks>(
     method: Method,
-    problem: Problem,
+    problem: FitProblem,
     blocks: &mut B,
-) -> Result<(Solution, Extent), B::Error> {
-    let Problem { model, scaling, ridge: lambda } = problem;
+) -> Result<(Solution, ReadingRanges), B::Error> {
+    let FitProblem { model, scaling, ridge: lambda } = problem;
     if !(lambda >= 0.0 && lambda.is_finite()) {
         return Err(FitError::Ridge(lambda).into());
     }
     let features = Features::new(model, scaling);
     let free_column = model.intercept.then(|| features.len() - 1);
-    let mut rows = FeatureRows { blocks, features: &features, extent: None };
+    let mut rows = FeatureRows { blocks, features: &features, ranges: None };
     let solved = least_squares::solve(&mut rows, method, Ridge { lambda, free_column });
-    let extent = rows.extent.unwrap_or_else(|| Extent::new(model.channels));
+    let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.channels));
     match solved {
-        Ok(solved) => Ok((Solution::new(&features, solved), extent)),
+        Ok(solved) => Ok((Solution::new(&features, solved), ranges)),
         Err(Stopped::Solving(error)) => {
-            Err(FitError::of_least_squares(error, &features, &extent).into())
+            Err(FitError::of_least_squares(error, &features, &ranges).into())
         }
         Err(Stopped::Reading(error)) => Err(error),
     }
@@ -136,7 +146,7 @@ struct FeatureRows<'a, B> {
     blocks: &'a mut B,
     features: &'a Features,
     /// That of all rows, once they have been passed over.
-    extent: Option<Extent>,
+    ranges: Option<ReadingRanges>,
 }
 
 enum Stopped<E> {
@@ -159,9 +169,9 @@ impl<B: Blocks> Rows for FeatureRows<'_, B> {
 
     fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
         let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
-        let pass = WithExtent { channels: self.features.model().channels, pass: &pass };
-        let (extent, partial) = self.blocks.pass(&pass).map_err(Stopped::Reading)?;
-        self.extent.get_or_insert(extent);
+        let pass = WithRanges { channels: self.features.model().channels, pass: &pass };
+        let (ranges, partial) = self.blocks.pass(&pass).map_err(Stopped::Reading)?;
+        self.ranges.get_or_insert(ranges);
         Ok(partial)
     }
 }
@@ -182,7 +192,7 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
 
     fn absorb(&self, partial: &mut R::Partial, block: &Block) -> Result<(), FitError> {
         let p = self.features.len();
-        let stride = Chunk::rows_in_cache(self.shape.columns()).min(block.rows);
+        let stride = RowChunk::rows_in_cache(self.shape.columns()).min(block.rows);
         let mut heads = vec![0.0; stride * self.shape.columns()];
         let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
         let mut scratch = self.reduction.scratch();
@@ -199,7 +209,7 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
                 column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
             }
             let tails = if wide { &tails[..] } else { &[] };
-            let chunk = Chunk { rows: rows.len(), stride, heads: &heads, tails };
+            let chunk = RowChunk { rows: rows.len(), stride, heads: &heads, tails };
             self.reduction.absorb(partial, &chunk, &mut scratch);
         }
         Ok(())

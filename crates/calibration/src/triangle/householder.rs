@@ -8,7 +8,7 @@ use faer::linalg::matmul::matmul;
 use faer::prelude::*;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, Par};
 
-use super::Triangle;
+use super::r_factor::Triangle;
 use crate::vectors::{add_multiple, dot};
 
 /// Bytes of a row block: each reflector goes over it, so it should stay in the cache next to a core.
@@ -46,7 +46,7 @@ impl Triangle {
         self.rows += rows as u64;
     }
 
-    /// Adds what `later` has seen.
+    /// Adds the rows of `later`.
     ///
     /// # Panics
     /// If the two are of different shapes.

@@ -16,7 +16,6 @@
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use super::Covariance;
 use crate::magnitudes::Magnitudes;
 use shell_data::wrench::PerAxis;
 
@@ -28,14 +27,14 @@ pub const HIGHEST_LEVEL: f64 = 0.999;
 
 /// How large errors are compared with their root mean square.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Shape {
+pub struct ErrorShape {
     /// Shares of the errors, ascending, above 0 and below 1.
     pub levels: Vec<f64>,
     /// For each axis and level the size that this share stays below.
     pub quantiles: PerAxis<Vec<f64>>,
 }
 
-impl Shape {
+impl ErrorShape {
     /// Of errors whose sizes were counted in units of `unit[axis]`; `rms` is their root mean square,
     /// N and N·m.
     pub fn of_errors(sizes: &PerAxis<Magnitudes>, unit: &PerAxis<f64>, rms: &PerAxis<f64>) -> Self {
@@ -48,7 +47,7 @@ impl Shape {
     }
 
     /// `q(level)` of an axis: between the levels it runs evenly with the normal quantile.
-    fn quantile(&self, axis: usize, level: f64) -> f64 {
+    pub(super) fn quantile(&self, axis: usize, level: f64) -> f64 {
         let z = normal_quantile(level);
         let (mut below, mut at) = ((0.0, 0.0), (0.0, 0.0));
         for (&level, &size) in self.levels.iter().zip(&self.quantiles[axis]) {
@@ -63,7 +62,7 @@ impl Shape {
         below.1 + (at.1 - below.1) * (z - below.0) / (at.0 - below.0)
     }
 
-    /// Whether the parts fit together.
+    /// Checks that levels and quantiles are consistent.
     pub fn check(&self) -> Result<(), &'static str> {
         let mut levels = std::iter::once(&0.0).chain(&self.levels);
         let mut next = self.levels.iter();
@@ -81,24 +80,8 @@ impl Shape {
     }
 }
 
-impl Covariance {
-    /// How many standard errors either way a prediction interval of `level` reaches, per axis.
-    ///
-    /// # Panics
-    /// If `level` is not above 0 and below 1.
-    pub fn interval_factors(&self, level: f64) -> PerAxis<f64> {
-        assert!(0.0 < level && level < 1.0, "a level between 0 and 1");
-        let z = normal_quantile(level);
-        let t = student_quantile(level, self.degrees_of_freedom as f64);
-        std::array::from_fn(|axis| match &self.shape {
-            None => t,
-            Some(shape) => shape.quantile(axis, level) * t / z,
-        })
-    }
-}
-
 /// The size that a share `level` of standard normal numbers stays below.
-fn normal_quantile(level: f64) -> f64 {
+pub(super) fn normal_quantile(level: f64) -> f64 {
     Normal::standard().inverse_cdf(0.5 + level / 2.0)
 }
 
@@ -110,7 +93,7 @@ pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::CoefficientCovariance;
+    use super::super::{CoefficientCovariance, Covariance};
     use super::*;
 
     #[test]
@@ -124,7 +107,7 @@ mod tests {
         }
     }
 
-    fn covariance(shape: Option<Shape>) -> Covariance {
+    fn covariance(shape: Option<ErrorShape>) -> Covariance {
         Covariance {
             residual: PerAxis::default(),
             degrees_of_freedom: 10,
@@ -140,7 +123,7 @@ mod tests {
             let z = normal_quantile((f64::from(i) + 0.5) / 1e5);
             sizes.iter_mut().for_each(|sizes| sizes.add(z));
         }
-        let normal = Shape::of_errors(&sizes, &[0.3; 6], &[0.3; 6]);
+        let normal = ErrorShape::of_errors(&sizes, &[0.3; 6], &[0.3; 6]);
         for level in [0.05, 0.3, 0.683, 0.93, 0.95, 0.999] {
             let plain = covariance(None).interval_factors(level)[0];
             let shaped = covariance(Some(normal.clone())).interval_factors(level)[5];
@@ -152,17 +135,17 @@ mod tests {
 
     #[test]
     fn an_axis_without_errors_has_intervals_without_width() {
-        let shape = Shape::of_errors(&PerAxis::default(), &[1.0; 6], &[0.0; 6]);
+        let shape = ErrorShape::of_errors(&PerAxis::default(), &[1.0; 6], &[0.0; 6]);
         assert_eq!(covariance(Some(shape)).interval_factors(0.95), [0.0; 6]);
     }
 
     #[test]
     fn shapes_that_do_not_fit_together_are_told() {
-        let shape = Shape { levels: vec![0.5, 0.9], quantiles: Default::default() };
+        let shape = ErrorShape { levels: vec![0.5, 0.9], quantiles: Default::default() };
         assert!(shape.check().unwrap_err().contains("quantiles"));
-        let shape = Shape { levels: vec![0.9, 0.5], quantiles: PerAxis::default() };
+        let shape = ErrorShape { levels: vec![0.9, 0.5], quantiles: PerAxis::default() };
         assert!(shape.check().unwrap_err().contains("levels"));
         let quantiles = std::array::from_fn(|_| vec![1.0, 2.0]);
-        assert_eq!(Shape { levels: vec![0.5, 0.9], quantiles }.check(), Ok(()));
+        assert_eq!(ErrorShape { levels: vec![0.5, 0.9], quantiles }.check(), Ok(()));
     }
 }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ValidationError;
 use super::grouped::{GroupedMoments, total};
-use crate::exact::{HeldOut, Moments, Parts, SolveError};
+use crate::exact::{HeldOutErrors, Moments, PartitionedMoments, SolveError};
 use crate::model::Model;
 use shell_data::wrench::PerAxis;
 
@@ -34,7 +34,7 @@ pub struct CrossValidation {
     pub undetermined: Vec<String>,
     /// Errors on groups that were not trained on.
     pub grouped: PerAxis<HeldOutQuality>,
-    /// Parts of the rows that were drawn at random and held out in turn; 0 if there were none.
+    /// PartitionedMoments of the rows that were drawn at random and held out in turn; 0 if there were none.
     pub random_folds: usize,
     /// Errors on rows that were held out at random; `None` if that was not asked for, or not
     /// possible.
@@ -74,12 +74,12 @@ pub fn cross_validate(
 ) -> Result<CrossValidation, ValidationError> {
     let whole = sums.total().filter(|_| sums.groups.len() > 1);
     let whole = whole.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
-    let parts = Parts::new(whole, model)?;
+    let parts = PartitionedMoments::new(whole, model)?;
     let folds = match folds {
         Some(folds) => fold_groups(sums, folds)?,
         None => (0..sums.groups.len()).map(|group| vec![group]).collect(),
     };
-    let mut grouped = PerAxis::<HeldOut>::default();
+    let mut grouped = PerAxis::<HeldOutErrors>::default();
     let (mut undetermined, mut reason) = (Vec::new(), None);
     for fold in &folds {
         match errors_on(&parts, &sums.groups, fold, ridge)? {
@@ -104,17 +104,17 @@ pub fn cross_validate(
     })
 }
 
-fn quality(errors: HeldOut) -> HeldOutQuality {
+fn quality(errors: HeldOutErrors) -> HeldOutQuality {
     HeldOutQuality { rms: errors.rms(), bias: errors.bias() }
 }
 
 /// The errors on a fold of groups of a fit to all others; the inner error where that cannot be.
 pub(super) fn errors_on(
-    parts: &Parts<'_>,
+    parts: &PartitionedMoments<'_>,
     groups: &[(String, Moments)],
     fold: &[usize],
     ridge: f64,
-) -> Result<Result<PerAxis<HeldOut>, SolveError>, ValidationError> {
+) -> Result<Result<PerAxis<HeldOutErrors>, SolveError>, ValidationError> {
     if let [group] = fold {
         let moments = &groups[*group].1;
         return Ok(parts.held_out(moments, &parts.part(moments), ridge));
@@ -127,18 +127,18 @@ pub(super) fn errors_on(
 
 /// `None` if there are no folds, or any of them cannot be left out.
 fn random_errors(
-    parts: &Parts<'_>,
+    parts: &PartitionedMoments<'_>,
     random: &[Moments],
     ridge: f64,
 ) -> Option<PerAxis<HeldOutQuality>> {
-    let mut all = PerAxis::<HeldOut>::default();
+    let mut all = PerAxis::<HeldOutErrors>::default();
     for moments in random.iter().filter(|moments| moments.rows() > 0) {
         merge(&mut all, &parts.held_out(moments, &parts.part(moments), ridge).ok()?);
     }
     (all[0].rows > 0).then(|| all.map(quality))
 }
 
-fn merge(all: &mut PerAxis<HeldOut>, errors: &PerAxis<HeldOut>) {
+fn merge(all: &mut PerAxis<HeldOutErrors>, errors: &PerAxis<HeldOutErrors>) {
     all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
 }
 

@@ -10,6 +10,7 @@ use faer::{Mat, Side};
 use pulp::{Arch, NullaryFnOnce};
 use serde::{Deserialize, Serialize};
 
+use shell_data::statistics::MergeWeights;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The share of an axis's sum of squares below which a sign counts as hardly loaded.
@@ -121,20 +122,19 @@ impl WrenchSums {
             *self = *other;
             return;
         }
-        // Chan, Golub and LeVeque (Amer. Statist. 37, 1983).
-        let (n, m) = (self.rows as f64, other.rows as f64);
+        let weights = MergeWeights::new(self.rows, other.rows);
         let step: PerAxis<f64> = std::array::from_fn(|a| other.mean[a] - self.mean[a]);
         for a in 0..6 {
             for b in a..6 {
-                self.products[a][b] += other.products[a][b] + step[a] * step[b] * (n * m / (n + m));
+                self.products[a][b] += other.products[a][b] + step[a] * step[b] * weights.product;
             }
-            self.mean[a] += step[a] * (m / (n + m));
+            self.mean[a] += step[a] * weights.mean;
             self.axes[a].merge(&other.axes[a]);
         }
         self.rows += other.rows;
     }
 
-    /// The figures; `None` of no rows.
+    /// The figures; `None` for zero rows.
     pub fn excitation(&self) -> Option<Excitation> {
         if self.rows == 0 {
             return None;

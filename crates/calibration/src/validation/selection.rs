@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::ValidationError;
 use super::cross_validation::{errors_on, fold_groups};
 use super::grouped::GroupedMoments;
-use crate::exact::{HeldOut, Parts};
+use crate::exact::{HeldOutErrors, PartitionedMoments};
 use crate::model::{Basis, Model};
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -77,7 +77,7 @@ pub fn select(
     let mut candidates = Vec::new();
     for basis in Basis::ALL {
         let model = Model { basis, intercept, channels: whole.channels() };
-        let Ok(parts) = Parts::new(whole, &model) else { continue };
+        let Ok(parts) = PartitionedMoments::new(whole, &model) else { continue };
         for &ridge in ridges {
             let errors = folds.iter().map(|fold| errors_on(&parts, &sums.groups, fold, ridge));
             let errors: Vec<_> = errors.collect::<Result<_, _>>()?;
@@ -101,13 +101,13 @@ pub fn select(
     Ok(Selection { folds: folds.len(), candidates, best, chosen })
 }
 
-fn summarise(folds: &[PerAxis<HeldOut>], variances: &PerAxis<f64>) -> CandidateErrors {
+fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> CandidateErrors {
     let varying: Vec<usize> = (0..6).filter(|&axis| variances[axis] > 0.0).collect();
-    let mut all = PerAxis::<HeldOut>::default();
+    let mut all = PerAxis::<HeldOutErrors>::default();
     for errors in folds {
         all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
     }
-    let score = |errors: &PerAxis<HeldOut>| {
+    let score = |errors: &PerAxis<HeldOutErrors>| {
         let relative = |&axis: &usize| errors[axis].rms().powi(2) / variances[axis];
         varying.iter().map(relative).sum::<f64>() / varying.len().max(1) as f64
     };

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
-use calibration::exact::Parts;
+use calibration::exact::PartitionedMoments;
 use calibration::quality::AxisQuality;
 use calibration::solver::{SolverKind, solve_moments};
 use calibration::uncertainty::Covariance;
@@ -97,13 +97,14 @@ impl MergeArgs {
 
     fn calibration_file(&self, merged: PartialFit) -> anyhow::Result<CalibrationFile> {
         let (model, moments) = (merged.model, &merged.moments);
-        let extent = moments.extent();
-        let solution = solve_moments(moments, &model, self.ridge, &extent)?;
-        let mut calibration = Calibration::of_solution(&solution, &extent);
+        let ranges = moments.reading_ranges();
+        let solution = solve_moments(moments, &model, self.ridge, &ranges)?;
+        let mut calibration = Calibration::of_solution(&solution, &ranges);
         if !self.no_covariance {
             calibration.covariance = Covariance::of_rows(&solution);
         }
-        let train = Parts::new(moments, &model).and_then(|parts| parts.in_sample(self.ridge));
+        let train =
+            PartitionedMoments::new(moments, &model).and_then(|parts| parts.in_sample(self.ridge));
         Ok(CalibrationFile {
             calibration,
             origin: Origin {
