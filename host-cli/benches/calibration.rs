@@ -1,12 +1,12 @@
 //! Fitting and converting at the paper's size: 77,522 rows of eight 12-bit readings.
 
-use divan::counter::ItemsCount;
-use divan::{Bencher, black_box};
-use shell_data::block::Block;
 use calibration::model::{Basis, Model};
 use calibration::scaling::Scaling;
 use calibration::solver::{self, Problem, SolverKind};
 use calibration::{Calibration, quality};
+use divan::counter::ItemsCount;
+use divan::{Bencher, black_box};
+use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 fn main() {

@@ -6,7 +6,6 @@
 use std::fs;
 use std::process::{Command, Output};
 
-use shell_data::block::Block;
 use calibration::Calibration;
 use calibration::exact::{Accumulator, Moments, Parts, SolveError};
 use calibration::model::{Basis, Model};
@@ -16,6 +15,7 @@ use calibration::validation::ValidationError;
 use calibration::validation::cross_validation::cross_validate;
 use calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, select};
+use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 use tempfile::TempDir;
 

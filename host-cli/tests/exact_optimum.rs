@@ -6,13 +6,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
-use num_bigint::BigInt;
-use num_rational::BigRational;
-use shell_data::block::Block;
 use calibration::Calibration;
 use calibration::model::{Basis, Model};
 use calibration::scaling::Scaling;
 use calibration::solver::{self, Problem, SolverKind};
+use num_bigint::BigInt;
+use num_rational::BigRational;
+use shell_data::block::Block;
 
 /// The rows of the lab's training recording: time, eight readings, six components of the wrench.
 fn recording() -> Option<Block> {

@@ -2,15 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
-use proptest::prelude::*;
-use shell_data::block::Block;
-use calibration::exact::{
-    Accumulator, ExactError, Fit, MAX_ROWS, Moments, RankLoss, SolveError,
-};
+use calibration::exact::{Accumulator, ExactError, Fit, MAX_ROWS, Moments, RankLoss, SolveError};
 use calibration::extent::Extent;
 use calibration::model::{Basis, Model};
 use calibration::scaling::Scaling;
 use calibration::solver::{self, Exact, Pass, Problem, Reducer, Solution, SolverKind};
+use proptest::prelude::*;
+use shell_data::block::Block;
 use shell_data::wrench::Axis;
 
 type Columns = Vec<Vec<f64>>;
@@ -58,7 +56,8 @@ fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<Fit, SolveE
 }
 
 fn bits(fit: &Fit) -> Vec<[(u64, u64); 6]> {
-    let of = |c: calibration::double_double::DoubleDouble| (c.to_f64().to_bits(), c.tail().to_bits());
+    let of =
+        |c: calibration::double_double::DoubleDouble| (c.to_f64().to_bits(), c.tail().to_bits());
     fit.coefficients.iter().map(|row| row.map(of)).collect()
 }
 

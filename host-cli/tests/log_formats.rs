@@ -10,10 +10,10 @@
 use std::io::Write;
 use std::path::Path;
 
-use shell_data::block::Block;
 use log_file::{
     ColumnRef, Format, Log, LogError, Mapping, MomentUnit, ReadOptions, ReadSummary, Wanted,
 };
+use shell_data::block::Block;
 
 /// A file that goes away with the test.
 fn file(bytes: &[u8]) -> tempfile::NamedTempFile {

@@ -7,17 +7,17 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use shell_data::block::Block;
 use calibration::solver::solve_moments;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::grouped::{GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
 use log_file::{Log, Mapping, ReadOptions};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 use shellcal::simulation::sensor_model::{Kind, Recording, Sample, Settings};
 use shellcal::simulation::synthetic_log::Layout;
 use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
 use shellcal::workflow::moments::{GroupBy, SumOptions, sum};
-use shell_data::wrench::PerAxis;
 
 /// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014): the same on every machine.
 struct Random(u64);

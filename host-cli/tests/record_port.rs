@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use log_file::LogError;
 use record_support::{
     assert_rows_are, calibration, column, frame, read_log, refused, run, shellcal, succeed,
 };
@@ -22,7 +23,6 @@ use shared_proto::{
     Answer, Board, Boot, Calibration, Command, Decoder, Event, Framing, Identity, Packet, Refusal,
     ResetCause, Status, Stream, crc32,
 };
-use log_file::LogError;
 use system_tests::on_the_wire;
 use system_tests::program::start;
 

@@ -12,8 +12,8 @@ use record_support::{
     stream, succeed,
 };
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
-use shellcal::calibration_file::CalibrationFile;
 use shell_data::wrench::PerAxis;
+use shellcal::calibration_file::CalibrationFile;
 use system_tests::on_the_wire;
 
 fn replay(dir: &Path, bytes: &[u8], arguments: &str) -> String {
@@ -179,7 +179,7 @@ fn forces_are_tared_on_the_first_frames_which_say_that_they_are_not() {
     let dir = tempfile::tempdir().unwrap();
     let path = calibration(dir.path());
     let calibration = CalibrationFile::read(&path).unwrap().calibration;
-    replay(dir.path(), &stream(0..40), "--calibration cal.json --tare 10");
+    replay(dir.path(), &stream(0..40), "--calibration cal.json --tare 10 --no-lowpass");
     let log = read_log(&dir.path().join("log.csv")).unwrap();
     let columns: Vec<Vec<f64>> =
         (0..8).map(|c| (0..40).map(|index| readings(index)[c]).collect()).collect();

@@ -1,11 +1,11 @@
 //! Identities that hold for the least-squares fit of a log, whatever the numbers.
 
-use shell_data::block::Block;
 use calibration::model::{Basis, Model};
 use calibration::rank_loss::Dependence;
 use calibration::scaling::Scaling;
 use calibration::solver::{self, Problem, Solution, SolverKind};
 use calibration::{Calibration, FitError, raw_units};
+use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 /// Integer readings and a wrench with noise that look random, the same on every machine.

@@ -5,9 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use serde_json::Value;
 use log_file::checksum;
 use log_file::{Format, Log, Mapping};
+use serde_json::Value;
 
 fn shellcal(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_shellcal"))

@@ -15,7 +15,9 @@ pub enum ForceError {
         found: usize,
     },
     /// No frame between the times of the tare.
-    #[error("no frame between `{start_s}` and `{end_s}` s to tare on: frames run from `{first_s}` to `{last_s}` s")]
+    #[error(
+        "no frame between `{start_s}` and `{end_s}` s to tare on: frames run from `{first_s}` to `{last_s}` s"
+    )]
     TareTime {
         /// Start of the tare, s.
         start_s: f64,

@@ -37,6 +37,12 @@ pub struct ForceStream {
 }
 
 impl ForcePipeline {
+    /// The calibration's own zero, unfiltered: what [`ForceOptions::RAW`](super::ForceOptions::RAW)
+    /// gives on any log.
+    pub fn raw() -> Self {
+        Self { rule: RowRule::Time, tare: None, tare_result: None, low_pass: None, filter: None }
+    }
+
     /// What is subtracted.
     pub fn tare(&self) -> Option<&Tare> {
         self.tare.as_ref()

@@ -95,7 +95,8 @@ impl PipelineSetup {
         let needed = plan.needed(clock.slot(from_s), clock.slot(to_s));
         // Half a slot is rounded away, and a time of its own rounds as well.
         let slack = 1.0 / clock.rate_hz;
-        let low = if needed.start == 0 { f64::NEG_INFINITY } else { clock.time_s(needed.start) - slack };
+        let low =
+            if needed.start == 0 { f64::NEG_INFINITY } else { clock.time_s(needed.start) - slack };
         Ok((low, clock.time_s(needed.end) + slack))
     }
 

@@ -146,12 +146,7 @@ impl Segment {
 }
 
 impl ZeroPhase {
-    fn push(
-        &mut self,
-        slot: u64,
-        value: f64,
-        answers: &mut Vec<f64>,
-    ) -> Result<(), FilterError> {
+    fn push(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) -> Result<(), FilterError> {
         let paused = |segment: &Segment| slot - (segment.end() - 1) > self.plan.memory;
         if self.segment.as_ref().is_some_and(paused) {
             self.close(false, answers)?;
@@ -214,7 +209,8 @@ impl BlockPlan {
     ) -> Result<(), FilterError> {
         let span = self.span(block);
         let (start, end) = (span.start.max(segment.base), span.end.min(segment.end()));
-        let mut even = segment.even[(start - segment.base) as usize..][..(end - start) as usize].to_vec();
+        let mut even =
+            segment.even[(start - segment.base) as usize..][..(end - start) as usize].to_vec();
         self.design.zero_phase(&mut even)?;
         let block_end = (block + 1) * self.length();
         let count = segment.waiting.partition_point(|&slot| slot < block_end);
@@ -248,7 +244,9 @@ impl Causal {
         let paused = |running: &Running| slot - running.slot > plan.memory;
         let mut running = match self.segment.take() {
             Some(running) if !paused(&running) => running,
-            _ => Running { start: slot, filter: plan.started(slot, value), next: None, slot, value },
+            _ => {
+                Running { start: slot, filter: plan.started(slot, value), next: None, slot, value }
+            }
         };
         while running.slot < slot {
             running.step(plan);
@@ -297,10 +295,13 @@ mod tests {
 
     /// Slots with some missing and some doubled, and a signal.
     fn rows(count: u64) -> (Vec<u64>, Vec<f64>) {
-        let slots: Vec<u64> =
-            (0..count).filter(|i| i % 7 != 3).map(|i| if i % 11 == 4 { i - 1 } else { i }).collect();
+        let slots: Vec<u64> = (0..count)
+            .filter(|i| i % 7 != 3)
+            .map(|i| if i % 11 == 4 { i - 1 } else { i })
+            .collect();
         let signal = slots.iter().enumerate();
-        let signal = signal.map(|(i, slot)| ((i * i * 37) % 101) as f64 - (*slot as f64 / 300.0).sin());
+        let signal =
+            signal.map(|(i, slot)| ((i * i * 37) % 101) as f64 - (*slot as f64 / 300.0).sin());
         (slots.clone(), signal.collect())
     }
 
@@ -369,7 +370,9 @@ mod tests {
             let plan = plan(zero_phase);
             let whole = answers(plan.clone(), &slots, &values, slots.len());
             assert_eq!(answers(plan.clone(), &slots, &values, 1), whole);
-            for (first, last) in [(0, 50), (3000, 5000), (4990, 9500), (9010, 12_000), (14_250, 15_000)] {
+            for (first, last) in
+                [(0, 50), (3000, 5000), (4990, 9500), (9010, 12_000), (14_250, 15_000)]
+            {
                 let needed = plan.needed(first, last);
                 let rows = slots.partition_point(|s| *s < needed.start)
                     ..slots.partition_point(|s| *s < needed.end);

@@ -19,7 +19,7 @@ mod reception;
 mod recognition;
 mod rows;
 
-pub use forces::ForceOptions;
+pub use forces::LiveForces;
 pub use reception::{Content, Frame, Losses, Measured, Reception};
 pub use recognition::{NoFrame, Recognised, Recognition};
 pub use rows::{RowWriter, UnsuitableCalibration};

@@ -1,7 +1,7 @@
 //! Rows of the sensor model in memory, as a log reader would hand them over.
 
-use shell_data::block::Block;
 use crate::simulation::sensor_model::{Kind, Recording, Settings};
+use shell_data::block::Block;
 use shell_data::wrench::Axis;
 
 /// About what the log reader hands over at once.

@@ -1,6 +1,6 @@
 //! Tables of values by condition, such as are published: one row a stride or a trial.
 
-use super::manifest::{Place, Problem, suggest};
+use super::manifest::{ManifestProblem, Place, suggest};
 use super::statistics::{Difference, Sample, Statistics};
 
 /// Values by condition.
@@ -37,15 +37,17 @@ impl ValueTable {
     /// is one, are strides of one trial, and resemble each other.
     ///
     /// # Errors
-    /// [`Problem`] if there is no such column, no column of numbers or no row, or a field is missing.
+    /// [`ManifestProblem`] if there is no such column, no column of numbers or no row, or a field is missing.
     pub fn parse(
         text: &str,
         by: Option<&str>,
         trial: Option<&str>,
         of: Option<&[String]>,
-    ) -> Result<Self, Problem> {
-        let at =
-            |line: usize, message: String| Problem { place: Place { line, column: 1 }, message };
+    ) -> Result<Self, ManifestProblem> {
+        let at = |line: usize, message: String| ManifestProblem {
+            place: Place { line, column: 1 },
+            message,
+        };
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let mut reader = csv::ReaderBuilder::new();
         let mut reader =

@@ -15,12 +15,12 @@ use std::time::Instant;
 use faer::Mat;
 use serde::Serialize;
 
-use shell_data::block::Block;
+use crate::figures::{Axis, Chart, Figure, Mark, Series, Spacing};
 use calibration::features::Features;
 use calibration::scaling::Scaling;
 use calibration::solver::{self, Problem, Solution, SolverKind};
 use calibration::{Basis, FitError, Model};
-use crate::figures::{Axis, Chart, Figure, Mark, Series, Spacing};
+use shell_data::block::Block;
 
 /// What an `f64` cannot show: errors below this count as this.
 pub const SMALLEST_ERROR: f64 = f64::EPSILON / 2.0;

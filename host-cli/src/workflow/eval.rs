@@ -1,12 +1,12 @@
 //! How well a calibration predicts the wrench that a log has measured.
 
 use super::WorkflowError;
-use shell_data::block::Block;
+use crate::figures::FitPlot;
 use calibration::Calibration;
 use calibration::magnitudes::Magnitudes;
 use calibration::quality::{self, AxisErrors, AxisQuality};
 use log_file::{Log, ReadOptions, ReadSummary, Wanted};
-use crate::figures::FitPlot;
+use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 /// Which rows are used, and what is kept of them.

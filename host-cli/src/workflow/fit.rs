@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::eval::{BlockErrors, Evaluation};
 use super::log_rows::{LogRows, store};
 use super::{WorkflowError, check_channels};
-use shell_data::block::Block;
+use crate::figures::FitPlot;
 use calibration::exact::{ExactError, Moments};
 use calibration::extent::Extent;
 use calibration::least_squares::Method;
@@ -17,7 +17,7 @@ use calibration::validation::excitation::WrenchSums;
 use calibration::validation::grouped::GroupedMoments;
 use calibration::{Basis, Calibration, FitError, Model};
 use log_file::{Log, ReadOptions, Wanted};
-use crate::figures::FitPlot;
+use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 /// What is to be fitted, and how.

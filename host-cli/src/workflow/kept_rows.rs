@@ -5,8 +5,8 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use memmap2::MmapMut;
 
-use shell_data::block::Block;
 use calibration::step::{Step, Words};
+use shell_data::block::Block;
 
 /// Memory for rows: one mapping, of huge pages where there will be rows enough for some. To have
 /// small pages one by one would take longer than to write to them.

@@ -8,11 +8,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::WorkflowError;
 use super::kept_rows::{KeptBlock, Room, Steps, Store};
-use shell_data::block::Block;
 use calibration::FitError;
 use calibration::solver::{Blocks, Pass, Reducer};
-use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
 use log_file::pipeline::{self, Pieces};
+use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
+use shell_data::block::Block;
 
 /// The bytes that kept rows may take as small integers, and again as other numbers: some 100,000 rows
 /// of eight channels, or 300,000 where the wrench is that of a digital sensor.

@@ -1,15 +1,13 @@
 //! From logs to exact sums, group by group, in one pass and without fitting anything.
 
 use super::{WorkflowError, check_channels};
-use shell_data::block::Block;
 use calibration::FitError;
 use calibration::extent::Extent;
 use calibration::model::Basis;
 use calibration::validation::ValidationError;
-use calibration::validation::grouped::{
-    BlockGroups, GroupSums, GroupedMoments, RandomSplit,
-};
+use calibration::validation::grouped::{BlockGroups, GroupSums, GroupedMoments, RandomSplit};
 use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
+use shell_data::block::Block;
 
 /// What a group is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

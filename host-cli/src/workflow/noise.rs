@@ -1,9 +1,11 @@
 //! How much the readings and the wrench of an unloaded sensor scatter.
 //!
-//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove.
+//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
+//! forces are those of the [pipeline](crate::forces) without a low-pass, which would hide the noise.
 
 use super::selection::{Rows, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
+use crate::forces::ForcePipeline;
 use calibration::Calibration;
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::wrench::PerAxis;
@@ -82,6 +84,7 @@ pub fn noise(
     let wanted = Wanted { readings: true, time: options.window.is_some(), ..Wanted::default() };
     log.require(&wanted)?;
     check_channels(log, calibration.model().channels)?;
+    let pipeline = ForcePipeline::raw();
     let mut axes = PerAxis::<Moments>::default();
     let mut channels = vec![Moments::default(); log.channels()];
     let summary = log.read(
@@ -93,8 +96,7 @@ pub fn noise(
                 let keep: Vec<_> = block.time_s.iter().map(|&t| window.contains(t)).collect();
                 block.retain_rows(&keep);
             }
-            let mut wrench = PerAxis::default();
-            calibration.wrench(&block.readings, &mut wrench);
+            let wrench = pipeline.wrench(calibration, &block.readings);
             let channels: Vec<_> = block.readings.iter().map(|c| Moments::of(c)).collect();
             (wrench.map(|column| Moments::of(&column)), channels)
         },

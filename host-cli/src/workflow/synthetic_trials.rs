@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use crate::output::{AtomicFile, OutputError, write_atomically};
 use crate::simulation::sensor_model::ModelError;
 use crate::simulation::synthetic_log::{write_frame, write_frame_header};
-use crate::simulation::synthetic_trial::{TrialLayout, write_telemetry_header, write_telemetry_row};
+use crate::simulation::synthetic_trial::{
+    TrialLayout, write_telemetry_header, write_telemetry_row,
+};
 use crate::simulation::virtual_robot::{Condition, TrialError, TrialSettings, Truth, VirtualTrial};
 
 /// A trial that could not be made.

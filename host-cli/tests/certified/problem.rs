@@ -1,10 +1,10 @@
 //! A problem, its exact answer, and how many digits of it a method gets.
 
-use faer::Mat;
-use num_rational::BigRational;
 use calibration::least_squares::{
     Dense, LeastSquares, LeastSquaresError, Method, Ridge, solve_dense,
 };
+use faer::Mat;
+use num_rational::BigRational;
 
 use crate::exact;
 

@@ -3,7 +3,7 @@
 use super::super::Report;
 use super::super::markup::{Cell, figure, table};
 use super::super::numbers::{BoxPlot, Numbers, PhasePlot};
-use super::{capital, plot_figure, range, short};
+use super::parts::{capital, plot_figure, range, short};
 use crate::trial::{Interval, Per, Quantity};
 
 pub(super) fn conditions(report: &Report<'_>, numbers: &Numbers) -> String {

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::super::markup::{Cell, escape, figure, table};
 use super::super::numbers::Numbers;
 use super::super::{MOST_TRACES, Report};
-use super::{interval, plot_figure};
+use super::parts::{interval, plot_figure};
 use crate::trial::{StrideRow, TrialResult};
 
 pub(super) fn trials(report: &Report<'_>, numbers: &Numbers) -> String {

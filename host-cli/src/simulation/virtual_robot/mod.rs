@@ -35,9 +35,9 @@ pub use truth::{StrideTruth, Truth};
 
 use crate::random::{Purpose, Stream};
 use crate::simulation::sensor_model::{Frame, ModelError, Parameters, SensorModel};
-use shell_data::wrench::PerAxis;
 use channel::Contact;
 use drive::Drive;
+use shell_data::wrench::PerAxis;
 
 /// Rows of the telemetry come this often, s: 1 kHz, as in the real log.
 const ROW_S: f64 = 1001e-6;

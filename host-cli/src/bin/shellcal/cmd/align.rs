@@ -4,11 +4,11 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
+use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use serde::Serialize;
 use shellcal::alignment::{Aligned, ClockMap, LeftOut};
-use log_file::{ColumnRef, Log, Mapping, ReadOptions};
-use shellcal::output::AtomicFile;
 use shellcal::figures::{Format, match_figure};
+use shellcal::output::AtomicFile;
 use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, TrainingRows, align_logs, write_training,
 };

@@ -3,12 +3,12 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use shell_data::block::Block;
 use calibration::Basis;
 use calibration::solver::SolverKind;
 use log_file::{Log, LogError, Wanted};
-use shellcal::output::AtomicFile;
+use shell_data::block::Block;
 use shellcal::figures::Format;
+use shellcal::output::AtomicFile;
 use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 

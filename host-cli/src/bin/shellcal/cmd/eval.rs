@@ -3,14 +3,14 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use serde::Serialize;
 use calibration::quality::AxisQuality;
-use shellcal::calibration_file::CalibrationFile;
 use log_file::{Log, ReadOptions};
-use shellcal::output::AtomicFile;
-use shellcal::figures::{FitPlot, Format, fit_figure};
-use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
+use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::figures::{FitPlot, Format, fit_figure};
+use shellcal::output::AtomicFile;
+use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
 
 use super::Outcome;
 use super::mapping::MappingArgs;

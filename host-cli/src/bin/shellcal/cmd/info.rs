@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use serde::Serialize;
 use log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
-use shellcal::workflow::log_summary::{ColumnSurvey, Survey};
+use serde::Serialize;
 use shell_data::wrench::Axis;
+use shellcal::workflow::log_summary::{ColumnSurvey, Survey};
 
 use super::Outcome;
 use super::mapping::MappingArgs;

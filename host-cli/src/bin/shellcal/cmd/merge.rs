@@ -4,15 +4,15 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
-use serde::Serialize;
 use calibration::exact::Parts;
 use calibration::quality::AxisQuality;
 use calibration::solver::{SolverKind, solve_moments};
 use calibration::uncertainty::Covariance;
 use calibration::{Calibration, FitError};
+use serde::Serialize;
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
 use shellcal::output::AtomicFile;
-use shell_data::wrench::{Axis, PerAxis};
 
 use super::quality::{significant, table_row};
 use super::{Outcome, origin};

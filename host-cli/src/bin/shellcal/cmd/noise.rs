@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use serde::Serialize;
-use shellcal::calibration_file::CalibrationFile;
 use log_file::{Log, ReadOptions};
+use serde::Serialize;
+use shell_data::wrench::Axis;
+use shellcal::calibration_file::CalibrationFile;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
-use shell_data::wrench::Axis;
 
 use super::Outcome;
 use super::frames::{FrameArgs, note_rows, parse_window};

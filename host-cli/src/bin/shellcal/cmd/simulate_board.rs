@@ -7,12 +7,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use serde_json::json;
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use serde_json::json;
+use shell_data::wrench::PerAxis;
 use shellcal::simulation::radio::{Books, Faults};
 use shellcal::simulation::sensor_model::LoadTable;
 use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
-use shell_data::wrench::PerAxis;
 
 use super::Outcome;
 use crate::printer::Printer;

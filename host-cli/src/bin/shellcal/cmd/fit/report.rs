@@ -1,14 +1,14 @@
 //! What `shellcal fit` prints.
 
-use serde::Serialize;
 use calibration::quality::AxisQuality;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::Selection;
+use serde::Serialize;
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::{CalibrationFile, SolverRecord};
 use shellcal::workflow::fit::Fit;
-use shell_data::wrench::{Axis, PerAxis};
 
 use super::super::quality::{significant, table_row};
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};

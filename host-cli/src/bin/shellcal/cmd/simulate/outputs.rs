@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use beam_channel::Model;
-use shellcal::output::AtomicFile;
 use shellcal::figures::{Format, channel_figure};
+use shellcal::output::AtomicFile;
 use shellcal::workflow::simulate::{Course, Passage, beam_rows, curve, read_trace};
 
 use super::args::SweepArgs;
