@@ -42,5 +42,5 @@ pub use clock::{CLOCK_ROWS, Clock, ClockSearch, Grid};
 pub use error::ForceError;
 pub use options::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 pub use pipeline::{AppliedLowPass, ForcePipeline, ForceStream};
-pub use setup::{FirstRows, PipelineSetup};
-pub use tare::{TareFrames, TareResult, TareSearch};
+pub use setup::PipelineSetup;
+pub use tare::{FirstRows, TareFrames, TareResult};

@@ -6,21 +6,8 @@ use super::clock::ClockSearch;
 use super::filter::Butterworth;
 use super::pipeline::{AppliedLowPass, ForcePipeline};
 use super::signal::BlockPlan;
-use super::tare::{Found, Rows, TareSearch};
+use super::tare::{FirstRows, Found, TareSearch};
 use super::{ForceError, ForceOptions, RowRule, TareFrames, TareRule};
-
-/// Some rows of a log, in order.
-#[derive(Clone, Copy, Debug)]
-pub struct FirstRows<'a> {
-    /// Time of each row, s; empty if the log has no time.
-    pub times_s: &'a [f64],
-    /// Readings, counts, one column a channel.
-    pub readings: &'a [Vec<f64>],
-    /// Whether each row is a new frame.
-    pub fresh: &'a [bool],
-    /// Position of the right leg at each row, counts, if known.
-    pub leg: Option<&'a [f64]>,
-}
 
 /// The search for tare and clock.
 #[derive(Clone, Debug)]
@@ -59,8 +46,7 @@ impl PipelineSetup {
 
     /// Takes the next rows [that may hold frames of the tare](Self::wants_frames), for the tare alone.
     pub fn look_at_frames(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
-        let FirstRows { times_s, readings, fresh, leg } = rows;
-        self.tare.look_at(calibration, Rows { times_s, readings, fresh, leg });
+        self.tare.look_at(calibration, rows);
     }
 
     /// Whether rows that end at `last_s` may hold frames of the tare.

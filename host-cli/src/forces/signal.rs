@@ -268,10 +268,10 @@ impl Running {
             next.process(&mut [value]);
         }
         self.slot += 1;
-        if plan.block(self.slot) == after {
-            if let Some(next) = self.next.take() {
-                self.filter = next;
-            }
+        if plan.block(self.slot) == after
+            && let Some(next) = self.next.take()
+        {
+            self.filter = next;
         }
     }
 }

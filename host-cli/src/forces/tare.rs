@@ -11,7 +11,7 @@ const CHUNK: usize = 4096;
 
 /// The tare, as far as the log has been read.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TareSearch {
+pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
     is_done: bool,
@@ -50,14 +50,17 @@ pub struct TareResult {
     pub wrench: PerAxis<f64>,
 }
 
-/// Some rows of a log.
+/// Some rows of a log, in order.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rows<'a> {
-    /// Empty if the log has no time.
-    pub(super) times_s: &'a [f64],
-    pub(super) readings: &'a [Vec<f64>],
-    pub(super) fresh: &'a [bool],
-    pub(super) leg: Option<&'a [f64]>,
+pub struct FirstRows<'a> {
+    /// Time of each row, s; empty if the log has no time.
+    pub times_s: &'a [f64],
+    /// Readings, counts, one column a channel.
+    pub readings: &'a [Vec<f64>],
+    /// Whether each row is a new frame.
+    pub fresh: &'a [bool],
+    /// Position of the right leg at each row, counts, if known.
+    pub leg: Option<&'a [f64]>,
 }
 
 impl TareSearch {
@@ -90,7 +93,7 @@ impl TareSearch {
     }
 
     /// Looks at the next rows, in order.
-    pub(super) fn look_at(&mut self, calibration: &Calibration, rows: Rows<'_>) {
+    pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         for row in 0..rows.fresh.len() {
             let time = rows.times_s.get(row).copied();
             if let (Some(time), false) = (time, self.is_done) {
@@ -113,7 +116,7 @@ impl TareSearch {
         }
     }
 
-    fn take(&mut self, calibration: &Calibration, rows: Rows<'_>, row: usize) {
+    fn take(&mut self, calibration: &Calibration, rows: FirstRows<'_>, row: usize) {
         let time = rows.times_s.get(row).copied();
         push_row(&mut self.chunk, rows.readings, row);
         if let Some(frames) = &mut self.frames {
@@ -232,7 +235,7 @@ mod tests {
         for start in (0..12).step_by(5) {
             let end = (start + 5).min(12);
             if search.wants(times[end - 1]) {
-                let rows = Rows {
+                let rows = FirstRows {
                     times_s: &times[start..end],
                     readings: &[readings[start..end].to_vec()],
                     fresh: &fresh[start..end],
@@ -276,7 +279,7 @@ mod tests {
             let mut search = TareSearch::new(TareRule::First(9000), RowRule::Time, false);
             for (readings, fresh) in readings.chunks(piece).zip(fresh.chunks(piece)) {
                 let readings = [readings.to_vec()];
-                let rows = Rows { times_s: &[], readings: &readings, fresh, leg: None };
+                let rows = FirstRows { times_s: &[], readings: &readings, fresh, leg: None };
                 search.look_at(&identity(), rows);
             }
             search.finish(&identity()).unwrap().tare.unwrap()

@@ -10,7 +10,7 @@ use super::source::Input;
 use super::{Journal, LinkError, Source, Uplink};
 use crate::output::OutputError;
 use crate::recording::{
-    Frame, LiveForces, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
+    BoardFrame, LiveForces, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
     UnsuitableCalibration, protocol_name,
 };
 use shell_data::wrench::PerAxis;
@@ -190,7 +190,7 @@ struct Session<'a> {
     raw: Option<Journal>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
-    batch: Vec<Frame>,
+    batch: Vec<BoardFrame>,
     frames: u64,
     bytes: u64,
     other_content: u64,

@@ -1,6 +1,6 @@
-//! Forces beside the readings, by the [force pipeline](crate::forces), as frames come.
+//! RunningForces beside the readings, by the [force pipeline](crate::forces), as frames come.
 
-use super::reception::{Frame, Measured};
+use super::reception::{BoardFrame, Measured};
 use crate::forces::{
     FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup,
 };
@@ -17,9 +17,9 @@ pub struct LiveForces {
     pub options: ForceOptions,
 }
 
-/// Forces of frames as they come.
+/// RunningForces of frames as they come.
 #[derive(Clone, Debug)]
-pub(super) struct Forces {
+pub(super) struct RunningForces {
     calibration: Calibration,
     options: ForceOptions,
     stage: Stage,
@@ -53,7 +53,7 @@ pub(super) struct Force {
     pub(super) unfiltered: bool,
 }
 
-impl Forces {
+impl RunningForces {
     pub(super) fn new(live: LiveForces) -> Self {
         let options = live.options.causal();
         let setup = Box::new(PipelineSetup::new(options));
@@ -62,11 +62,11 @@ impl Forces {
         Self { calibration: live.calibration, options, stage, newest: None }
     }
 
-    /// Forces of frames that hold readings.
+    /// RunningForces of frames that hold readings.
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
-    pub(super) fn of(&mut self, frames: &[Frame]) -> Result<Vec<Force>, ForceError> {
+    pub(super) fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
         let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
         let readings = columns(frames);
         let out_of_range = self.calibration.out_of_range(&readings);
@@ -123,9 +123,9 @@ impl Forces {
 }
 
 /// The readings of frames, column by column.
-fn columns(frames: &[Frame]) -> Vec<Vec<f64>> {
+fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
     let column = |channel: usize| {
-        let reading = |frame: &Frame| match &frame.measured {
+        let reading = |frame: &BoardFrame| match &frame.measured {
             Measured::Readings(readings) => readings[channel],
             Measured::Wrench(_) => f64::NAN,
         };

@@ -22,7 +22,7 @@ const PLOTLY_LICENCE: &str = include_str!("../../assets/report/plotly-LICENSE.tx
 impl Report<'_> {
     /// The report as the content of an HTML file.
     pub fn html(&self) -> String {
-        let numbers = numbers::Numbers::of(self);
+        let numbers = numbers::ReportNumbers::of(self);
         let data = script_json(&numbers);
         let title = escape(self.title);
         let body = sections::body(self, &numbers);

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::diagnostic::Diagnostic;
-use super::forces::Forces;
+use super::forces::TrialForces;
 use super::input::TrialInput;
 use super::leg::{STILL_RAD, Strides, unwrap};
 use super::profile::Profile;
@@ -71,7 +71,7 @@ fn turned_rad(tare: &TareFrames, rad_per_count: f64) -> f64 {
 /// Readings that cannot be trusted.
 pub(super) fn diagnose_frames(
     input: &TrialInput<'_>,
-    forces: Option<&Forces>,
+    forces: Option<&TrialForces>,
     window: Range<usize>,
     diagnostics: &mut Vec<Diagnostic>,
 ) {

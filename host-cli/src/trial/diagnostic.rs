@@ -11,13 +11,13 @@ use crate::forces::RowRule;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// How the log was taken.
+    /// How the log was recorded.
     Note,
     /// The results may be worse than they look.
     Warning,
 }
 
-/// Something about a trial.
+/// Something that a reader of a trial's results should know.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Diagnostic {
@@ -102,7 +102,7 @@ pub enum Diagnostic {
     },
     /// The window was found in the forces.
     FoundWindow {
-        /// Share of the slow variation of the drag that a stay in a channel explains, 0 to 1.
+        /// Share of the slow variation of the drag that one passage through a channel explains, 0 to 1.
         confidence: f64,
         /// Standard error of entry and exit, s.
         se_s: (f64, f64),

@@ -8,7 +8,7 @@ use shell_data::wrench::{Axis, PerAxis};
 
 /// The forces of the rows of a trial.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Forces {
+pub(super) struct TrialForces {
     /// Tared and filtered, one value a row, N and N·m; axes that were not asked for are empty.
     pub(super) wrench: PerAxis<Vec<f64>>,
     /// The number of the frame that each row shows.
@@ -17,7 +17,7 @@ pub(super) struct Forces {
     pub(super) frames: Vec<Vec<f64>>,
 }
 
-impl Forces {
+impl TrialForces {
     /// The forces along `axes`.
     pub(super) fn new(
         rows: &TrialRows,

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::diagnose::{diagnose_frames, diagnose_legs, diagnose_rows, diagnose_tare};
 use super::diagnostic::Diagnostic;
 use super::error::TrialError;
-use super::forces::Forces;
+use super::forces::TrialForces;
 use super::input::TrialInput;
 use super::leg::{Strides, unwrap};
 use super::options::TraceExtent;
@@ -17,7 +17,7 @@ use shell_data::wrench::{Axis, PerAxis};
 
 /// What can be computed of the rows of a trial.
 pub(super) struct Signals {
-    pub(super) forces: Option<Forces>,
+    pub(super) forces: Option<TrialForces>,
     pub(super) power: Option<Power>,
     /// Power of both motors, W.
     pub(super) total_w: Option<Vec<f64>>,
@@ -85,7 +85,7 @@ impl Signals {
 fn find_forces(
     input: &TrialInput<'_>,
     diagnostics: &mut Vec<Diagnostic>,
-) -> Result<Option<Forces>, TrialError> {
+) -> Result<Option<TrialForces>, TrialError> {
     let found = input.rows.readings.len();
     let Some(calibration) = input.instrument.calibration else {
         diagnostics.push(Diagnostic::NoCalibration);
@@ -107,7 +107,7 @@ fn find_forces(
         TraceExtent::Nothing => &[Axis::Fx, Axis::Fz],
         TraceExtent::Window | TraceExtent::Log => &Axis::ALL,
     };
-    Forces::new(input.rows, calibration, pipeline, axes).map(Some)
+    TrialForces::new(input.rows, calibration, pipeline, axes).map(Some)
 }
 
 fn find_power(

@@ -33,8 +33,8 @@ impl Trace {
         self.with_rows(&rows)
     }
 
-    /// The rows that bring a new frame, with the power of each motor as its mean since the one before:
-    /// what there is to see of it. Without sensors rows `period_s` apart.
+    /// The rows that bring a new frame, with the power of each motor as its mean since the frame before;
+    /// without sensors, rows `period_s` apart.
     pub fn thinned(&self, period_s: f64) -> Self {
         let mut last_s = f64::NEG_INFINITY;
         let is_shown = |&row: &usize| {

@@ -16,7 +16,7 @@
 //!
 //! The interval is that of Student's t with the degrees of freedom of Welch and Satterthwaite.
 
-use super::forces::Forces;
+use super::forces::TrialForces;
 use super::integral::Span;
 use crate::forces::TareFrames;
 use calibration::Calibration;
@@ -37,7 +37,7 @@ struct Part {
 pub(super) struct MeanForce<'a> {
     pub(super) calibration: &'a Calibration,
     pub(super) tare: Option<(&'a TareFrames, &'a Tare)>,
-    pub(super) forces: &'a Forces,
+    pub(super) forces: &'a TrialForces,
     /// What the mean is over.
     pub(super) span: &'a Span,
     /// 1 − R² of the training loads, where it is known.

@@ -105,7 +105,7 @@ pub fn run(
     }
     let mut batch = Batch::default();
     let mut done = 0;
-    let mut numbers = Numbers { next: 0, count: rows.len() };
+    let mut numbers = RowNumbers { next: 0, count: rows.len() };
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
     let work = |number: &mut usize| -> Option<Result<BatchTrial, (usize, RowError)>> {
         let number = *number;
@@ -140,12 +140,12 @@ pub fn run(
 }
 
 /// The numbers of the rows.
-struct Numbers {
+struct RowNumbers {
     next: usize,
     count: usize,
 }
 
-impl Pieces for Numbers {
+impl Pieces for RowNumbers {
     type Piece = usize;
     type Error = std::convert::Infallible;
 

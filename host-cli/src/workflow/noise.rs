@@ -50,7 +50,7 @@ pub struct Scatter {
     pub peak_to_peak: f64,
 }
 
-/// A log whose noise cannot be told.
+/// A log whose noise cannot be measured.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoiseError {
@@ -85,8 +85,8 @@ pub fn noise(
     log.require(&wanted)?;
     check_channels(log, calibration.model().channels)?;
     let pipeline = ForcePipeline::raw();
-    let mut axes = PerAxis::<Moments>::default();
-    let mut channels = vec![Moments::default(); log.channels()];
+    let mut axes = PerAxis::<RunningMoments>::default();
+    let mut channels = vec![RunningMoments::default(); log.channels()];
     let summary = log.read(
         &wanted,
         read,
@@ -97,8 +97,8 @@ pub fn noise(
                 block.retain_rows(&keep);
             }
             let wrench = pipeline.wrench(calibration, &block.readings);
-            let channels: Vec<_> = block.readings.iter().map(|c| Moments::of(c)).collect();
-            (wrench.map(|column| Moments::of(&column)), channels)
+            let channels: Vec<_> = block.readings.iter().map(|c| RunningMoments::of(c)).collect();
+            (wrench.map(|column| RunningMoments::of(&column)), channels)
         },
         |(block_axes, block_channels)| {
             axes.iter_mut().zip(&block_axes).for_each(|(all, block)| all.merge(block));
@@ -117,14 +117,14 @@ pub fn noise(
         frames,
         rows_used: options.rows,
         axes: axes.map(|moments| moments.scatter()),
-        channels: channels.iter().map(Moments::scatter).collect(),
+        channels: channels.iter().map(RunningMoments::scatter).collect(),
     })
 }
 
 /// Count, mean, sum of squared distances from it, and extremes. Merged after Chan, Golub and LeVeque
 /// ("Updating Formulae and a Pairwise Algorithm for Computing Sample Variances", 1979).
 #[derive(Clone, Copy, Debug)]
-struct Moments {
+struct RunningMoments {
     count: u64,
     mean: f64,
     squares: f64,
@@ -132,13 +132,13 @@ struct Moments {
     max: f64,
 }
 
-impl Default for Moments {
+impl Default for RunningMoments {
     fn default() -> Self {
         Self { count: 0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: f64::NEG_INFINITY }
     }
 }
 
-impl Moments {
+impl RunningMoments {
     fn of(values: &[f64]) -> Self {
         if values.is_empty() {
             return Self::default();
@@ -187,7 +187,7 @@ mod tests {
     #[test]
     fn scatter_of_known_numbers() {
         let Scatter { mean, rms, peak_to_peak } =
-            Moments::of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).scatter();
+            RunningMoments::of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).scatter();
         assert_eq!((mean, rms, peak_to_peak), (5.0, 2.0, 7.0));
     }
 
@@ -197,9 +197,9 @@ mod tests {
             values in prop::collection::vec(-1e3..1e3_f64, 2..80), at in 0usize..80,
         ) {
             let (a, b) = values.split_at(at.min(values.len()));
-            let mut merged = Moments::of(a);
-            merged.merge(&Moments::of(b));
-            let (merged, whole) = (merged.scatter(), Moments::of(&values).scatter());
+            let mut merged = RunningMoments::of(a);
+            merged.merge(&RunningMoments::of(b));
+            let (merged, whole) = (merged.scatter(), RunningMoments::of(&values).scatter());
             // 80 sums of 1e3 each round by less than 80 · 80 · 1e3 · 1e-16.
             prop_assert!((merged.mean - whole.mean).abs() < 1e-9);
             prop_assert!((merged.rms - whole.rms).abs() < 1e-9);

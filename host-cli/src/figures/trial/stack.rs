@@ -17,7 +17,7 @@ const GAP: f64 = 12.0;
 /// Room for a legend above a panel.
 const LEGEND: f64 = 20.0;
 
-struct Row<'a> {
+struct StackRow<'a> {
     axis: (&'a str, &'a str),
     lines: Vec<(Line, Pen)>,
     keys: Vec<Key<'a>>,
@@ -36,15 +36,15 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
     for (axis, name) in ["Fx", "Fy", "Fz"].into_iter().enumerate() {
         if let Some(force) = part(&trace.wrench[axis]).filter(|force| !force.is_empty()) {
             let lines = vec![(line(time_s, force), SOLID)];
-            panels.push(Row { axis: (name, "N"), lines, keys: vec![] });
+            panels.push(StackRow { axis: (name, "N"), lines, keys: vec![] });
         }
     }
     let sides = [
         (&trace.right_leg_rad, &trace.right_power_w, SOLID, "right"),
         (&trace.left_leg_rad, &trace.left_power_w, DASHED, "left"),
     ];
-    let mut legs = Row { axis: ("leg angle", "rad"), lines: vec![], keys: vec![] };
-    let mut power = Row { axis: ("power", "W"), lines: vec![], keys: vec![] };
+    let mut legs = StackRow { axis: ("leg angle", "rad"), lines: vec![], keys: vec![] };
+    let mut power = StackRow { axis: ("power", "W"), lines: vec![], keys: vec![] };
     for (angle, watts, pen, side) in sides {
         if let Some(angle) = part(angle).filter(|angle| !angle.is_empty()) {
             legs.lines.extend(turns(time_s, &angle).into_iter().map(|turn| (turn, pen)));

@@ -2,11 +2,11 @@
 
 use super::super::Report;
 use super::super::markup::{Cell, figure, table};
-use super::super::numbers::{BoxPlot, Numbers, PhasePlot};
+use super::super::numbers::{BoxPlot, PhasePlot, ReportNumbers};
 use super::parts::{capital, plot_figure, range, short};
 use crate::trial::{Interval, Per, Quantity};
 
-pub(super) fn conditions(report: &Report<'_>, numbers: &Numbers) -> String {
+pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     let mut html = String::new();
     html.push_str("<div class=\"plots\">\n");
     for (at, plot) in numbers.boxes.iter().enumerate() {
@@ -78,7 +78,7 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &Numbers) -> String {
     html
 }
 
-pub(super) fn phase(numbers: &Numbers) -> String {
+pub(super) fn phase(numbers: &ReportNumbers) -> String {
     if numbers.phases.is_empty() {
         return String::new();
     }

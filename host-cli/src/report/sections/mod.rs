@@ -14,11 +14,11 @@ use trials::trials;
 
 use super::Report;
 use super::markup::{Cell, escape, table};
-use super::numbers::Numbers;
+use super::numbers::ReportNumbers;
 use crate::trial::Severity;
 
 /// All of it.
-pub(super) fn body(report: &Report<'_>, numbers: &Numbers) -> String {
+pub(super) fn body(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     let mut html = String::new();
     let count = report.trials.len();
     let _ = write!(

@@ -3,12 +3,12 @@
 use std::fmt::Write;
 
 use super::super::markup::{Cell, escape, figure, table};
-use super::super::numbers::Numbers;
+use super::super::numbers::ReportNumbers;
 use super::super::{MOST_TRACES, Report};
 use super::parts::{interval, plot_figure};
 use crate::trial::{StrideRow, TrialResult};
 
-pub(super) fn trials(report: &Report<'_>, numbers: &Numbers) -> String {
+pub(super) fn trials(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     if report.trials.is_empty() {
         return String::new();
     }

@@ -30,7 +30,7 @@ pub struct Entry {
     pub mass_kg: Option<Placed<f64>>,
     /// Length of the channel, m.
     pub channel_length_m: Option<Placed<f64>>,
-    /// What there is to say.
+    /// Notes.
     pub notes: Option<String>,
     /// Whether it is left out.
     pub exclude: bool,

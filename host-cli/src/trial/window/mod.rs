@@ -71,7 +71,7 @@ impl Proposal {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoWindow {
-    /// Nothing to tell an onset from.
+    /// Too few rows to find an onset in.
     #[error("{rows} rows of force over {duration_s:.3} s are too few to find a window in")]
     TooShort {
         /// Rows with a force.
@@ -79,7 +79,7 @@ pub enum NoWindow {
         /// Time that they cover, s.
         duration_s: f64,
     },
-    /// What there is, is no drag, or not more than chance makes.
+    /// There is no drag, or no more than chance makes.
     #[error(
         "no sustained drag: the best stretch, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
@@ -94,7 +94,7 @@ pub enum NoWindow {
         /// The standard error of that, N.
         drag_se_n: f64,
     },
-    /// Drag, but not one plateau.
+    /// There is drag, but not one plateau of it.
     #[error(
         "onset and end of the drag are not clear: {t_enter_s:.2} s to {t_exit_s:.2} s explains \
          {:.0} % of its variation", 100.0 * confidence
@@ -107,8 +107,8 @@ pub enum NoWindow {
         /// Share of the variation that it explains.
         confidence: f64,
     },
-    /// The log starts or ends amid the drag.
-    #[error("the log {} amid the drag: it holds no whole window", if *at_start { "starts" } else { "ends" })]
+    /// The log starts or ends within the drag.
+    #[error("the log {} within the drag: it holds no whole window", if *at_start { "starts" } else { "ends" })]
     Cut {
         /// Whether it is the start.
         at_start: bool,
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_that_ends_amid_the_drag_holds_no_window() {
+    fn a_log_that_ends_within_the_drag_holds_no_window() {
         let plateau = DragPlateau { enter: 3.0, exit: 30.0, ramp: 0.03 };
         let time_s: Vec<f64> = (0..10_000).map(|i| 1e-3 * f64::from(i)).collect();
         let drag_n: Vec<f64> = time_s.iter().map(|&t| 0.3 * plateau.share(t)).collect();

@@ -13,7 +13,7 @@ pub(super) struct DragPlateau {
 }
 
 impl DragPlateau {
-    /// 0 outside, 1 amid.
+    /// 0 outside, 1 on the level part.
     pub(super) fn share(&self, time_s: f64) -> f64 {
         let length_s = self.exit - self.enter;
         let rising = (time_s - self.enter) / (self.ramp * length_s);

@@ -24,9 +24,9 @@ pub enum ConvertError {
     TareFrames {
         /// The log.
         path: String,
-        /// Frames asked for.
+        /// ConvertedFrames asked for.
         wanted: usize,
-        /// Frames in the log.
+        /// ConvertedFrames in the log.
         found: usize,
     },
     /// No frame within the tare window.
@@ -44,7 +44,7 @@ pub enum ConvertError {
         /// Time of the last frame read.
         last: f64,
     },
-    /// The rate is needed and cannot be told from the log.
+    /// The rate is needed, and the log does not give it.
     #[error("`{path}` does not tell the sampling rate, which a low-pass needs: {reason}")]
     NoRate {
         /// The log.

@@ -9,7 +9,7 @@ use shell_data::wrench::PerAxis;
 
 /// Consecutive frames, column by column. Columns that were not asked for are empty.
 #[derive(Debug, Default)]
-pub(super) struct Frames {
+pub(super) struct ConvertedFrames {
     pub(super) time_s: Vec<f64>,
     pub(super) wrench: PerAxis<Vec<f64>>,
     pub(super) standard_errors: PerAxis<Vec<f64>>,
@@ -30,7 +30,7 @@ pub(super) struct ConvertedRows {
     /// Whether a row is written.
     pub(super) written: Vec<bool>,
     /// What is written; without wrenches if those are to be filtered.
-    pub(super) frames: Frames,
+    pub(super) frames: ConvertedFrames,
 }
 
 /// What turns readings into frames.
@@ -40,7 +40,7 @@ pub(super) struct Converter<'a> {
     pub(super) options: &'a ConvertOptions,
 }
 
-impl Frames {
+impl ConvertedFrames {
     /// Number of frames.
     pub(super) fn len(&self) -> usize {
         self.out_of_range.len()
@@ -76,7 +76,7 @@ impl Converter<'_> {
         if self.pipeline.low_pass().is_none() {
             self.options.rows.select(block);
             let wrench = self.pipeline.wrench(self.calibration, &block.readings);
-            let frames = Frames { wrench, ..self.frames(block) };
+            let frames = ConvertedFrames { wrench, ..self.frames(block) };
             return ConvertedRows { frames, ..ConvertedRows::default() };
         }
         // The filter sees every row, and each frame is converted once.
@@ -104,9 +104,12 @@ impl Converter<'_> {
     }
 
     /// All but the wrenches.
-    fn frames(&self, block: &mut Block) -> Frames {
+    fn frames(&self, block: &mut Block) -> ConvertedFrames {
         let Self { calibration, pipeline, options } = self;
-        let mut frames = Frames { time_s: std::mem::take(&mut block.time_s), ..Frames::default() };
+        let mut frames = ConvertedFrames {
+            time_s: std::mem::take(&mut block.time_s),
+            ..ConvertedFrames::default()
+        };
         if options.columns.need_errors() {
             let errors = &mut frames.standard_errors;
             let known = calibration.standard_errors(&block.readings, pipeline.tare(), errors);

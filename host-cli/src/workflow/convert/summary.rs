@@ -1,6 +1,6 @@
 //! What a conversion has done.
 
-use super::frames::Frames;
+use super::frames::ConvertedFrames;
 use crate::forces::{AppliedLowPass, TareResult};
 use crate::workflow::sampling::Rate;
 use crate::workflow::selection::{Rows, by_column};
@@ -15,7 +15,7 @@ pub struct ConvertSummary {
     pub repeated_rows: u64,
     /// Rows that were wrong and left out.
     pub skipped_rows: u64,
-    /// Frames written.
+    /// ConvertedFrames written.
     pub frames: u64,
     /// Which rows these were.
     pub rows_used: Rows,
@@ -25,9 +25,9 @@ pub struct ConvertSummary {
     pub low_pass: Option<AppliedLowPass>,
     /// How the frames written follow one another, where they were filtered.
     pub sampling: Option<Rate>,
-    /// Frames with a reading outside the range of the training data.
+    /// ConvertedFrames with a reading outside the range of the training data.
     pub out_of_range_frames: u64,
-    /// Frames with a saturated reading.
+    /// ConvertedFrames with a saturated reading.
     pub saturated_frames: u64,
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
@@ -56,7 +56,7 @@ pub(super) struct Totals {
 
 impl Totals {
     /// Adds some frames; the number of the first whose wrench is not finite is an error.
-    pub(super) fn add(&mut self, frames: &Frames) -> Result<(), u64> {
+    pub(super) fn add(&mut self, frames: &ConvertedFrames) -> Result<(), u64> {
         for (total, column) in self.axes.iter_mut().zip(&frames.wrench) {
             let (mut min, mut sum, mut max) = total.unwrap_or((f64::INFINITY, 0.0, -f64::INFINITY));
             for &value in column {

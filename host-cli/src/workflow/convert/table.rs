@@ -1,7 +1,7 @@
-//! Frames as CSV text.
+//! ConvertedFrames as CSV text.
 
 use super::columns::Columns;
-use super::frames::Frames;
+use super::frames::ConvertedFrames;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The writer of a table.
@@ -57,7 +57,7 @@ impl Table {
     }
 
     /// Writes every number with the fewest digits that read back as the same number.
-    pub(super) fn rows(&self, frames: &Frames, text: &mut Vec<u8>) {
+    pub(super) fn rows(&self, frames: &ConvertedFrames, text: &mut Vec<u8>) {
         let Columns { time, standard_errors, interval, flags, .. } = self.columns;
         let wrench = |axis: &Axis| &*frames.wrench[axis.index()];
         let error = |axis: &Axis| &*frames.standard_errors[axis.index()];
@@ -116,8 +116,8 @@ fn write_flags(out_of_range: u64, saturated: u64, text: &mut Vec<u8>) {
 mod tests {
     use super::*;
 
-    fn frames() -> Frames {
-        Frames {
+    fn frames() -> ConvertedFrames {
+        ConvertedFrames {
             time_s: vec![0.001302, 1425168310.852012],
             wrench: std::array::from_fn(|axis| vec![axis as f64 / 10.0, -1.0 / 3.0]),
             standard_errors: std::array::from_fn(|_| vec![0.5, 1e-20]),

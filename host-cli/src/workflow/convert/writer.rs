@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use super::error::ConvertError;
-use super::frames::{ConvertedRows, Frames};
+use super::frames::{ConvertedFrames, ConvertedRows};
 use super::summary::Totals;
 use super::table::Table;
 use crate::figures::WrenchTrace;
@@ -22,8 +22,8 @@ pub(super) struct Writer<'a> {
     out: &'a mut dyn Write,
     trace: Option<&'a mut WrenchTrace>,
     stream: ForceStream,
-    /// Frames whose forces are not known yet.
-    waiting: Frames,
+    /// ConvertedFrames whose forces are not known yet.
+    waiting: ConvertedFrames,
     /// Of every row whose force is not known yet, whether it is written.
     waiting_rows: Vec<bool>,
     sampling: Option<Sampling>,
@@ -45,7 +45,7 @@ impl<'a> Writer<'a> {
             out,
             trace,
             stream: pipeline.stream(&Axis::ALL),
-            waiting: Frames::default(),
+            waiting: ConvertedFrames::default(),
             waiting_rows: Vec::new(),
             sampling: pipeline.low_pass().map(|_| Sampling::new()),
             latest_s: f64::NEG_INFINITY,
@@ -60,7 +60,11 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes frames, as `text`.
-    pub(super) fn write(&mut self, frames: &Frames, text: &[u8]) -> Result<(), ConvertError> {
+    pub(super) fn write(
+        &mut self,
+        frames: &ConvertedFrames,
+        text: &[u8],
+    ) -> Result<(), ConvertError> {
         let path = || self.path.display().to_string();
         let added = self.totals.add(frames);
         added.map_err(|frame| ConvertError::NotFinite { path: path(), frame })?;

@@ -44,7 +44,7 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "S", value_parser = parse_duration)]
     duration: Option<Duration>,
 
-    /// How the bytes are framed; recognised unless told
+    /// How the bytes are framed; recognised unless given
     #[arg(long, value_name = "FRAMING", value_enum)]
     framing: Option<FramingArg>,
 
@@ -158,7 +158,9 @@ fn describe(progress: &Progress) -> String {
         return format!("{time}  port is gone, waiting for it; {frames} frames so far");
     }
     match progress.protocol {
-        None if bytes == 0 => format!("{time}  nothing arrives; a board streams when told to"),
+        None if bytes == 0 => {
+            format!("{time}  nothing arrives; a board streams once it is started")
+        }
         None => format!("{time}  {bytes} bytes, no frame so far"),
         Some(protocol) => {
             let losses = list_losses(losses);
@@ -188,8 +190,8 @@ fn list_losses(losses: &Losses) -> String {
         (losses.skipped_bytes, "bytes skipped"),
         (losses.restarts, "restarts"),
     ];
-    let told = counts.iter().filter(|(count, _)| *count > 0);
-    told.map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>().join(", ")
+    let lost = counts.iter().filter(|(count, _)| *count > 0);
+    lost.map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>().join(", ")
 }
 
 fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {

@@ -43,7 +43,7 @@ pub(crate) struct BatchArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 
-    /// Stay, and evaluate anew what changes: manifest, logs, calibration or profile
+    /// Keep running, and evaluate again what changes: manifest, logs, calibration or profile
     #[arg(long)]
     watch: bool,
 

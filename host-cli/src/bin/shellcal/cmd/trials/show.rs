@@ -9,7 +9,7 @@ use shellcal::trial::{
 
 use crate::printer::Printer;
 
-/// What there is not.
+/// A value that is missing.
 const NOTHING: &str = "–";
 
 /// One row a trial.

@@ -19,7 +19,7 @@ Examples:
   shellcal window run3.txt --calibration calibration.json --plot window.svg
   shellcal window *.txt --calibration calibration.json --json
 
-The confidence is the share of the slow variation of the drag that one stay in a channel explains. Look
+The confidence is the share of the slow variation of the drag that one passage through a channel explains. Look
 at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit code is 1.";
 
 #[derive(Debug, clap::Args)]
