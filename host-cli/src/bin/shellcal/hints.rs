@@ -216,7 +216,7 @@ fn after_recording(error: &RecordError) -> Option<&'static str> {
         }
         RecordError::NoFrame { problem: NoFrame::OtherVersion { .. }, .. } => VERSIONS,
         RecordError::Silence { .. } | RecordError::NotStreaming { .. } => {
-            "a board streams when told to: `--start`, or `shellcal board PORT start`"
+            "a board streams once it is started: `--start`, or `shellcal board PORT start`"
         }
         _ => return None,
     })

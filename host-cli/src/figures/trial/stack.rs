@@ -32,6 +32,59 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
     let time_s = &trace.t_s[rows.clone()];
     let part =
         |column: &'_ [f64]| -> Option<Vec<f64>> { column.get(rows.clone()).map(<[f64]>::to_vec) };
+    let panels = stack_rows(trace, time_s, part);
+    if panels.is_empty() || time_s.is_empty() {
+        return empty_figure(title, "nothing to draw: neither forces nor telemetry");
+    }
+
+    let mut bottom = TOP - GAP;
+    let mut tops = Vec::new();
+    for (i, row) in panels.iter().enumerate() {
+        let legend = if i == 0 || row.keys.is_empty() { 0.0 } else { LEGEND };
+        tops.push(bottom + GAP + legend);
+        bottom += GAP + legend + HEIGHT;
+    }
+    let mut canvas = Canvas::new(WIDTH, bottom + BOTTOM_MARGIN + 4.0);
+    draw_title(&mut canvas, title);
+    let time = Axis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]);
+    for (i, (row, &top)) in panels.iter().zip(&tops).enumerate() {
+        let area = wide_area(top, HEIGHT);
+        let panel = Panel { area, x: time.clone(), y: row.y_axis() };
+        passage.draw(&mut canvas, &panel);
+        panel.draw_grid(&mut canvas);
+        let lines: Vec<_> = row.lines.iter().rev().map(|(line, pen)| (line, *pen)).collect();
+        draw_lines(&mut canvas, &panel, &lines);
+        canvas.frame(area, super::super::palette::INK);
+        panel.draw_y_labels(&mut canvas);
+        if i + 1 == panels.len() {
+            panel.draw_x_labels(&mut canvas);
+        }
+        // The first panel's row also says what the shading is.
+        let shading = if i == 0 { passage.keys(panel.x.range) } else { vec![] };
+        draw_legend(&mut canvas, area, row.keys.iter().chain(&shading));
+    }
+    Figure::new(canvas.finish())
+}
+
+impl StackRow<'_> {
+    /// A whole turn for angles; else what the lines cover, with zero.
+    fn y_axis(&self) -> Axis {
+        let (name, unit) = self.axis;
+        let (low, high) = range_with_zero(self.lines.iter().map(|(line, _)| line));
+        match unit == "rad" {
+            true => Axis::new(name, unit, Spacing::Linear, 0.0, TAU),
+            false => Axis::new(name, unit, Spacing::Linear, low, high).padded(0.06),
+        }
+    }
+}
+
+/// One row for each force, for the legs and for the power, as far as the trace has them; `part` cuts a
+/// column to `time_s`.
+fn stack_rows<'a>(
+    trace: &Trace,
+    time_s: &[f64],
+    part: impl Fn(&[f64]) -> Option<Vec<f64>>,
+) -> Vec<StackRow<'a>> {
     let mut panels = Vec::new();
     for (axis, name) in ["Fx", "Fy", "Fz"].into_iter().enumerate() {
         if let Some(force) = part(&trace.wrench[axis]).filter(|force| !force.is_empty()) {
@@ -56,43 +109,7 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
         }
     }
     panels.extend([legs, power].into_iter().filter(|row| !row.lines.is_empty()));
-    if panels.is_empty() || time_s.is_empty() {
-        return empty_figure(title, "nothing to draw: neither forces nor telemetry");
-    }
-
-    let mut bottom = TOP - GAP;
-    let mut tops = Vec::new();
-    for (i, row) in panels.iter().enumerate() {
-        let legend = if i == 0 || row.keys.is_empty() { 0.0 } else { LEGEND };
-        tops.push(bottom + GAP + legend);
-        bottom += GAP + legend + HEIGHT;
-    }
-    let mut canvas = Canvas::new(WIDTH, bottom + BOTTOM_MARGIN + 4.0);
-    draw_title(&mut canvas, title);
-    for (i, (row, &top)) in panels.iter().zip(&tops).enumerate() {
-        let is_angle = row.axis.1 == "rad";
-        let (low, high) = range_with_zero(row.lines.iter().map(|(line, _)| line));
-        let y = match is_angle {
-            true => Axis::new(row.axis.0, row.axis.1, Spacing::Linear, 0.0, TAU),
-            false => Axis::new(row.axis.0, row.axis.1, Spacing::Linear, low, high).padded(0.06),
-        };
-        let area = wide_area(top, HEIGHT);
-        let panel =
-            Panel { area, x: Axis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]), y };
-        passage.draw(&mut canvas, &panel);
-        panel.draw_grid(&mut canvas);
-        let lines: Vec<_> = row.lines.iter().rev().map(|(line, pen)| (line, *pen)).collect();
-        draw_lines(&mut canvas, &panel, &lines);
-        canvas.frame(area, super::super::palette::INK);
-        panel.draw_y_labels(&mut canvas);
-        if i + 1 == panels.len() {
-            panel.draw_x_labels(&mut canvas);
-        }
-        // The first panel's row also says what the shading is.
-        let shading = if i == 0 { passage.keys(panel.x.range) } else { vec![] };
-        draw_legend(&mut canvas, area, row.keys.iter().chain(&shading));
-    }
-    Figure::new(canvas.finish())
+    panels
 }
 
 /// Angles within a turn, one line for each, so that none leads back from its end to its start.
