@@ -74,6 +74,7 @@ impl<'a> Fields<'a> {
     }
 
     /// Where the fields of `N` rows start and end.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(super) fn some<const N: usize>(self, row: usize) -> [(usize, usize); N] {
         let mut places = [(0, 0); N];

@@ -47,13 +47,13 @@ pub use error::{Field, LogError, RowProblem};
 pub use many::read_all;
 pub use mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
 
-use shell_data::block::Block;
-use shell_data::telemetry::Telemetry;
-use shell_data::wrench::Axis;
 use chunk::{CHUNK_BYTES, ChunkError, Chunker, LINE_LIMIT, Room};
 use head::{HEAD_BYTES, Layout};
 use plan::Plan;
 use rows::RowError;
+use shell_data::block::Block;
+use shell_data::telemetry::Telemetry;
+use shell_data::wrench::Axis;
 use source::Source;
 
 /// A log whose layout is known.

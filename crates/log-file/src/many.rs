@@ -8,8 +8,8 @@ use super::plan::Plan;
 use super::rows::RowError;
 use super::source::Stream;
 use super::{Log, LogError, ReadOptions, ReadSummary, Wanted};
-use shell_data::block::Block;
 use crate::pipeline::{self, Pieces};
+use shell_data::block::Block;
 
 /// Streams all of `logs` once, as [`Log::read`] does with one: `map` and `fold` are told which log
 /// a block is from. Returns what each log was.

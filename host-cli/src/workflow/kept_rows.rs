@@ -16,10 +16,8 @@ impl Store {
     /// Room for so many bytes of rows, about `expected` of which will be used.
     pub(super) fn new(bytes: usize, expected: u64) -> Self {
         let map = MmapMut::map_anon(bytes).ok();
-        #[cfg(target_os = "linux")]
         if let Some(map) = map.as_ref().filter(|_| expected >= HUGE_PAGE) {
-            // Without them it takes longer, and that is all.
-            let _ = map.advise(memmap2::Advice::HugePage);
+            take_huge_pages(map);
         }
         Self(map)
     }
@@ -30,6 +28,15 @@ impl Store {
         Room(Mutex::new(bytemuck::cast_slice_mut(bytes)))
     }
 }
+
+#[cfg(target_os = "linux")]
+fn take_huge_pages(map: &MmapMut) {
+    // Without them it takes longer, and that is all.
+    let _ = map.advise(memmap2::Advice::HugePage);
+}
+
+#[cfg(not(target_os = "linux"))]
+fn take_huge_pages(_: &MmapMut) {}
 
 /// The size of a huge page.
 const HUGE_PAGE: u64 = 2 << 20;

@@ -14,10 +14,10 @@ use std::fs;
 use std::path::Path;
 
 use bridge::{BaseStation, EmulatedBoard};
-use shared_proto::xbee::Mode;
 use calibration::Calibration;
-use shellcal::calibration_file::CalibrationFile;
+use shared_proto::xbee::Mode;
 use shell_data::wrench::PerAxis;
+use shellcal::calibration_file::CalibrationFile;
 use system_tests::emulation::{Memory, PlayedFrame, image};
 use system_tests::program::{
     Recording, finish, interrupt, number, run, run_patiently, start, wait_for_rows,

@@ -11,8 +11,8 @@ use super::multipliers::Multipliers;
 use super::open_sums::pair;
 use super::rounding::{integer, round, round_scaled, shifted};
 use super::solve::{Counted, Factor, Fit, SolveError};
-use crate::model::{Model, Term};
 use crate::double_double::DoubleDouble;
+use crate::model::{Model, Term};
 use shell_data::wrench::PerAxis;
 
 /// Condition numbers from which the error of Cholesky, κ²·2⁻¹⁰⁴, may show in the last place of a

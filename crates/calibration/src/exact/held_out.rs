@@ -23,9 +23,9 @@ use super::parts::{Frame, Part, Parts, counted_coefficients};
 use super::rounding::round;
 use super::solve::{Fit, SolveError};
 use super::symmetric::Symmetric;
+use crate::double_double::DoubleDouble;
 use crate::model::Term;
 use crate::quality::AxisQuality;
-use crate::double_double::DoubleDouble;
 use shell_data::wrench::PerAxis;
 
 /// Pivots of Cholesky, relative to the diagonal, above which its coefficients have more than ten

@@ -6,8 +6,8 @@ use super::moments::Moments;
 use super::open_sums::pair;
 use super::rounding::round_scaled;
 use super::solve::{Fit, SolveError, contains};
-use crate::model::{Model, Term};
 use crate::double_double::DoubleDouble;
+use crate::model::{Model, Term};
 use shell_data::wrench::PerAxis;
 
 /// Sums over all rows, ready to fit without parts of them.

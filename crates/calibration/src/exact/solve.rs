@@ -18,8 +18,8 @@ use super::moments::Moments;
 use super::open_sums::pair;
 use super::rank::{RankLoss, rank_loss};
 use super::rounding::{round_scaled, shifted};
-use crate::model::{Model, Term};
 use crate::double_double::DoubleDouble;
+use crate::model::{Model, Term};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Coefficients, and what the sums say about them. Features are in the order of [`Model::terms`],

@@ -3,14 +3,12 @@
 use faer::Mat;
 
 use super::{Factor, Pass, Problem, Solution};
-use shell_data::block::Block;
-use crate::exact::{
-    Accumulator, Adder, ExactError, Moments, RankLoss as ExactLoss, SolveError,
-};
+use crate::exact::{Accumulator, Adder, ExactError, Moments, RankLoss as ExactLoss, SolveError};
 use crate::extent::Extent;
 use crate::rank_loss::{Dependence, RankLoss};
 use crate::scaling::Scaling;
 use crate::{FitError, Model};
+use shell_data::block::Block;
 
 /// Exact moments of integer readings, see [`crate::exact`].
 ///

@@ -1,13 +1,11 @@
 //! Every solver by its name, over blocks that can be passed over as often as it asks.
 
 use super::{Exact, Pass, Problem, Reducer, Solution, SolverKind, solve_moments};
-use shell_data::block::Block;
 use crate::FitError;
 use crate::extent::Extent;
 use crate::features::Features;
-use crate::least_squares::{
-    self, Chunk, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape,
-};
+use crate::least_squares::{self, Chunk, LeastSquaresError, Method, Reduction, Ridge, Rows, Shape};
+use shell_data::block::Block;
 use shell_data::wrench::Axis;
 
 /// Blocks of rows that can be passed over any number of times, always in the same order.

@@ -3,8 +3,8 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::Pass;
-use shell_data::block::Block;
 use crate::FitError;
+use shell_data::block::Block;
 
 /// Reduces blocks on any thread.
 ///

@@ -16,9 +16,9 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::ValidationError;
-use shell_data::block::Block;
 use crate::exact::{Accumulator, Adder, Moments};
 use crate::model::Basis;
+use shell_data::block::Block;
 
 /// The largest number of groups.
 pub const MOST_GROUPS: usize = 2000;

@@ -13,11 +13,11 @@ use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, TrainingRows, align_logs, write_training,
 };
 
-use super::Outcome;
 use super::convert::is_same_file;
 use super::frames::{FrameArgs, note_rows};
 use super::mapping::{FormatArg, MappingArgs, TimeUnitArg, parse_column};
 use crate::hints;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

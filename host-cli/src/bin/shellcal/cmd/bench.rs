@@ -12,9 +12,9 @@ use shellcal::output::AtomicFile;
 use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 
-use super::Outcome;
 use super::choices::{BasisArg, SolverArg};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

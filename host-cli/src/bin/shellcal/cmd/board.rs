@@ -11,8 +11,8 @@ use shared_proto::{Command, Identity, Status, Stream};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::link::{Client, Uplink, for_board};
 
-use super::Outcome;
 use super::serial::{FramingArg, SerialArgs};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

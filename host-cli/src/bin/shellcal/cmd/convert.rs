@@ -16,9 +16,9 @@ use shellcal::forces::{AppliedLowPass, RowRule};
 use shellcal::output::AtomicFile;
 use shellcal::workflow::convert::{Columns, Conversion, ConvertOptions, ConvertSummary, convert};
 
-use super::Outcome;
 use super::frames::{ForceArgs, FrameArgs, note_rows};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -12,9 +12,9 @@ use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::AtomicFile;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
 
-use super::Outcome;
 use super::mapping::MappingArgs;
 use super::quality::{significant, table_row};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

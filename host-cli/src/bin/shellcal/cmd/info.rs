@@ -7,8 +7,8 @@ use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::log_summary::{ColumnSurvey, Survey};
 
-use super::Outcome;
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

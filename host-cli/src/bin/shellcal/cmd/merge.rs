@@ -14,8 +14,9 @@ use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
 use shellcal::output::AtomicFile;
 
+use super::origin;
 use super::quality::{significant, table_row};
-use super::{Outcome, origin};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

@@ -9,9 +9,9 @@ use shellcal::calibration_file::CalibrationFile;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
 
-use super::Outcome;
 use super::frames::{FrameArgs, note_rows, parse_window};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

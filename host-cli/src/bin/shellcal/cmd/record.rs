@@ -13,9 +13,9 @@ use shellcal::forces::{ForceOptions, LowPass, TareRule};
 use shellcal::link::{Journal, Progress, RecordOptions, Recorded, Sinks, Source, Uplink, record};
 use shellcal::recording::{LiveForces, Losses, protocol_name};
 
-use super::Outcome;
 use super::frames::{describe_forces, parse_count};
 use super::serial::{FramingArg, SerialArgs};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

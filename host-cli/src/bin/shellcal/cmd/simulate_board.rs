@@ -14,7 +14,7 @@ use shellcal::simulation::radio::{Books, Faults};
 use shellcal::simulation::sensor_model::LoadTable;
 use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// A simulated board

@@ -11,7 +11,7 @@ use shellcal::simulation::synthetic_log;
 
 use super::synth_pair::PairArgs;
 use super::synth_trial::{TrialArgs, TrialsArgs};
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

@@ -10,7 +10,7 @@ use shellcal::simulation::synthetic_log::{
     write_frame, write_frame_header, write_wrench_header, write_wrench_row,
 };
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// One session recorded on two clocks, with known offset and skew

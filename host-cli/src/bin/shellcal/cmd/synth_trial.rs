@@ -11,7 +11,7 @@ use shellcal::simulation::synthetic_trial::TrialLayout;
 use shellcal::simulation::virtual_robot::{Condition, Counter, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const TRIAL_EXAMPLES: &str = "\

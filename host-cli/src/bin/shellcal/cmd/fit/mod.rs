@@ -27,8 +27,9 @@ use shellcal::workflow::model_choice::{HeldOut, ModelChoice};
 use self::report::report;
 use super::choices::{ModelArg, SolverArg};
 use super::mapping::MappingArgs;
+use super::origin;
 use super::validation::parse_cv;
-use super::{Outcome, origin};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

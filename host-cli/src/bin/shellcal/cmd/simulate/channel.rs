@@ -4,7 +4,7 @@ use beam_channel::Model;
 use serde::Serialize;
 use shellcal::workflow::simulate::{BeamRow, MonteCarlo, Summary, SweepRow, beam_rows};
 
-use super::report::cm;
+use super::format::cm;
 use crate::printer::Printer;
 
 /// One channel.

@@ -7,9 +7,9 @@ use shellcal::workflow::simulate::{
 };
 
 use super::args::{SimulateArgs, of_deflection, of_width};
+use super::format::{cm, or_dash};
 use super::model;
 use super::quantity::length;
-use super::report::{cm, or_dash};
 use crate::printer::Printer;
 
 /// One condition, measured and simulated.

@@ -10,7 +10,7 @@ use shellcal::output::AtomicFile;
 use shellcal::workflow::simulate::{Course, Passage, beam_rows, curve, read_trace};
 
 use super::args::SweepArgs;
-use super::report::cm;
+use super::format::cm;
 use crate::printer::Printer;
 
 /// What is written.

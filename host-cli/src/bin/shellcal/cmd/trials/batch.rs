@@ -11,7 +11,7 @@ use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
 use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::OutputArgs;
 use super::{manifest, show, watch};
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

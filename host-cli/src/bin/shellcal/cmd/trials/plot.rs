@@ -15,8 +15,8 @@ use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
-use crate::cmd::Outcome;
 use crate::cmd::frames::parse_window;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

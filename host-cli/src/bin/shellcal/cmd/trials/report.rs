@@ -12,7 +12,8 @@ use shellcal::workflow::report;
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
-use crate::cmd::{Outcome, origin};
+use crate::cmd::origin;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -11,7 +11,7 @@ use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 
 use super::evaluation::EvaluationArgs;
 use super::show;
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -11,7 +11,7 @@ use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOpt
 use shellcal::workflow::trial::{TrialJob, WindowSearch, search_window};
 
 use super::evaluation::EvaluationArgs;
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
