@@ -2,11 +2,11 @@
 //!
 //! Three layers, arrows pointing inward only:
 //!
-//! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
-//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`table`], [`telemetry`],
-//!   [`trial`], [`plot`], [`report`]: slices and matrices in, values out; no files, no clocks, no printing;
-//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
-//!   [`output`]: the world to core types and back, and [`workflow`], which joins them to the core;
+//! - *pure core*: the crates [`shell_data`] and [`calibration`], and [`alignment`], [`figures`],
+//!   [`forces`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices and matrices
+//!   in, values out; no files, no clocks, no printing;
+//! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`link`], [`output`]: the world to
+//!   core types and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
 //! From a training log to the wrench of a frame:

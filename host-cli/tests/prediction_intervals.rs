@@ -15,7 +15,7 @@ use log_file::{Log, Mapping, ReadOptions};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 use shellcal::simulation::sensor_model::{Kind, Recording, Sample, Settings};
-use shellcal::simulation::synthetic_log::Layout;
+use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
 use shellcal::workflow::moments::{GroupBy, SumOptions, sum};
 
@@ -71,9 +71,9 @@ fn session(seed: u64, poses: usize) -> (Vec<Sample>, Vec<Sample>) {
 fn log(folder: &Path, samples: &[Sample]) -> PathBuf {
     let path = folder.join("train.csv");
     let mut out = BufWriter::new(File::create(&path).unwrap());
-    Layout::Shellcal.write_header(&mut out, Kind::Training).unwrap();
+    SyntheticLayout::Shellcal.write_header(&mut out, Kind::Training).unwrap();
     for sample in samples {
-        Layout::Shellcal.write_row(&mut out, Kind::Training, sample).unwrap();
+        SyntheticLayout::Shellcal.write_row(&mut out, Kind::Training, sample).unwrap();
     }
     out.flush().unwrap();
     path

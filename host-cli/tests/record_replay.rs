@@ -179,7 +179,7 @@ fn forces_are_tared_on_the_first_frames_which_say_that_they_are_not() {
     let dir = tempfile::tempdir().unwrap();
     let path = calibration(dir.path());
     let calibration = CalibrationFile::read(&path).unwrap().calibration;
-    replay(dir.path(), &stream(0..40), "--calibration cal.json --tare 10");
+    replay(dir.path(), &stream(0..40), "--calibration cal.json --tare 10 --no-lowpass");
     let log = read_log(&dir.path().join("log.csv")).unwrap();
     let columns: Vec<Vec<f64>> =
         (0..8).map(|c| (0..40).map(|index| readings(index)[c]).collect()).collect();

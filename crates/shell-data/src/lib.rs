@@ -29,4 +29,4 @@ pub mod wrench;
 
 pub use block::Block;
 pub use telemetry::Telemetry;
-pub use wrench::{Axis, PerAxis};
+pub use wrench::{Axis, MomentUnit, PerAxis};

@@ -66,6 +66,15 @@ impl Axis {
 /// One value per axis, in the order of [`Axis::ALL`].
 pub type PerAxis<T> = [T; 6];
 
+/// The unit of moment columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MomentUnit {
+    /// N·m
+    NewtonMetre,
+    /// mN·m, which is also N·mm
+    MillinewtonMetre,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use calibration::model::{Basis, MAX_CHANNELS, Model, Term};
 use calibration::scaling::Scaling;
 use calibration::{Calibration, raw_units};
-use log_file::MomentUnit;
+use shell_data::wrench::MomentUnit;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// What a matrix file does not say itself.

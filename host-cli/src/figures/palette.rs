@@ -1,4 +1,4 @@
-//! Colours that are told apart by everyone and in grey print.
+//! Colours that everyone can distinguish, also in grey print.
 
 /// Lines and points, in the order of use: the palette of Okabe and Ito ("Color Universal Design",
 /// 2008), without its yellow, which is too pale on white.

@@ -10,7 +10,7 @@ use super::source::Input;
 use super::{Journal, LinkError, Source, Uplink};
 use crate::output::OutputError;
 use crate::recording::{
-    ForceOptions, Frame, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
+    BoardFrame, LiveForces, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
     UnsuitableCalibration, protocol_name,
 };
 use shell_data::wrench::PerAxis;
@@ -28,7 +28,7 @@ pub struct RecordOptions {
     /// The protocol, if it is not to be recognised.
     pub protocol: Option<Protocol>,
     /// For forces beside the readings.
-    pub forces: Option<ForceOptions>,
+    pub forces: Option<LiveForces>,
     /// When to end.
     pub duration: Option<Duration>,
     /// Tells the board to start streaming, and to stop at the end.
@@ -126,6 +126,9 @@ pub enum RecordError {
     /// The calibration.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
+    /// The low-pass of the forces.
+    #[error(transparent)]
+    Forces(#[from] crate::forces::ForceError),
 }
 
 /// Records until the source ends, the time is over or `stop` is set; `observe` is told about twice
@@ -187,7 +190,7 @@ struct Session<'a> {
     raw: Option<Journal>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
-    batch: Vec<Frame>,
+    batch: Vec<BoardFrame>,
     frames: u64,
     bytes: u64,
     other_content: u64,
@@ -311,7 +314,7 @@ impl Session<'_> {
             self.rows = Some(rows);
         }
         if let Some(rows) = &mut self.rows {
-            rows.write(&mut self.batch, log.pending());
+            rows.write(&mut self.batch, log.pending())?;
             self.other_content = rows.other_content;
         }
         log.flush()?;

@@ -7,7 +7,7 @@ use shell_data::wrench::Axis;
 /// About what the log reader hands over at once.
 const BLOCK_ROWS: usize = 6_000;
 
-/// The first `rows` rows of what `shellcal synth train` makes when it is told nothing.
+/// The first `rows` rows that `shellcal synth train` makes by default.
 ///
 /// # Panics
 /// Never: these settings are valid.

@@ -5,12 +5,12 @@
 
 use std::io::{self, Write};
 
-use crate::simulation::sensor_model::{Frame, Kind, Sample};
+use crate::simulation::sensor_model::{Kind, Sample, SimulatedFrame};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Which columns a log has, in which order and under which names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Layout {
+pub enum SyntheticLayout {
     /// `t_s,s1..s8,fx_n..mz_nm`, then `group` (the pose) where there is a load.
     Shellcal,
     /// `Timestamp,Fx,Fy,Fz,Mx,My,Mz,s0..s7`, in N and N·m.
@@ -19,14 +19,14 @@ pub enum Layout {
     Training,
 }
 
-impl Layout {
+impl SyntheticLayout {
     /// Writes the line that names the columns, if the layout has one.
     ///
     /// # Errors
     /// Whatever `out` says.
     pub fn write_header(self, out: &mut impl Write, kind: Kind) -> io::Result<()> {
         match self {
-            Layout::Shellcal => {
+            SyntheticLayout::Shellcal => {
                 write!(out, "t_s")?;
                 for channel in 1..=8 {
                     write!(out, ",s{channel}")?;
@@ -36,7 +36,7 @@ impl Layout {
                 }
                 writeln!(out, "{}", if kind == Kind::Zero { "" } else { ",group" })
             }
-            Layout::Peer => {
+            SyntheticLayout::Peer => {
                 write!(out, "Timestamp")?;
                 for axis in Axis::ALL {
                     write!(out, ",{}", axis.name())?;
@@ -46,7 +46,7 @@ impl Layout {
                 }
                 writeln!(out)
             }
-            Layout::Training => Ok(()),
+            SyntheticLayout::Training => Ok(()),
         }
     }
 
@@ -57,18 +57,18 @@ impl Layout {
     pub fn write_row(self, out: &mut impl Write, kind: Kind, sample: &Sample) -> io::Result<()> {
         write!(out, "{:.6}", sample.time_s)?;
         match self {
-            Layout::Shellcal => {
+            SyntheticLayout::Shellcal => {
                 write_readings(out, &sample.frame)?;
                 write_wrench(out, &sample.wrench)?;
                 if kind != Kind::Zero {
                     write!(out, ",{}", sample.pose)?;
                 }
             }
-            Layout::Peer => {
+            SyntheticLayout::Peer => {
                 write_wrench(out, &sample.wrench)?;
                 write_readings(out, &sample.frame)?;
             }
-            Layout::Training => {
+            SyntheticLayout::Training => {
                 write_readings(out, &sample.frame)?;
                 write_wrench(out, &sample.wrench)?;
             }
@@ -115,13 +115,13 @@ pub fn write_frame_header(out: &mut impl Write) -> io::Result<()> {
 ///
 /// # Errors
 /// Whatever `out` says.
-pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &Frame) -> io::Result<()> {
+pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &SimulatedFrame) -> io::Result<()> {
     write!(out, "{time_s:.6}")?;
     write_readings(out, frame)?;
     writeln!(out)
 }
 
-fn write_readings(out: &mut impl Write, frame: &Frame) -> io::Result<()> {
+fn write_readings(out: &mut impl Write, frame: &SimulatedFrame) -> io::Result<()> {
     frame.readings.iter().try_for_each(|reading| write!(out, ",{reading}"))
 }
 

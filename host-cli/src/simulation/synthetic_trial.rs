@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use crate::simulation::virtual_robot::{COLUMNS, Row, TELEMETRY_COLUMNS, TrialSettings};
+use crate::simulation::virtual_robot::{COLUMNS, TELEMETRY_COLUMNS, TelemetryRow, TrialSettings};
 
 /// Which columns a trial's log has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +37,11 @@ pub fn write_telemetry_header(
 ///
 /// # Errors
 /// Whatever `out` says.
-pub fn write_telemetry_row(out: &mut impl Write, row: &Row, sensors: bool) -> io::Result<()> {
+pub fn write_telemetry_row(
+    out: &mut impl Write,
+    row: &TelemetryRow,
+    sensors: bool,
+) -> io::Result<()> {
     for (at, value) in shown(row, sensors).iter().enumerate() {
         let separator = if at == 0 { "" } else { "," };
         write!(out, "{separator}{value}")?;

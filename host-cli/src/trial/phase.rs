@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::results::Trace;
+use super::trace::Trace;
 use shell_data::wrench::Axis;
 
 /// Stretches that a stride is averaged in.

@@ -51,7 +51,7 @@ impl Evaluation {
         self.checksum.clone_from(&other.checksum);
     }
 
-    /// The figures of every axis; `None` of no rows.
+    /// The quality of every axis; `None` without rows.
     pub fn quality(&self) -> Option<PerAxis<AxisQuality>> {
         let [fx, fy, fz, mx, my, mz] = self.errors.map(|errors| errors.quality());
         Some([fx?, fy?, fz?, mx?, my?, mz?])

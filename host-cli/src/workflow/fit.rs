@@ -48,7 +48,7 @@ pub struct FitOptions<'a> {
 }
 
 impl Default for FitOptions<'_> {
-    /// What `shellcal fit` does when it is told nothing.
+    /// The defaults of `shellcal fit`.
     fn default() -> Self {
         Self {
             basis: Basis::Cubic,
@@ -109,7 +109,7 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
 /// often by solvers that iterate. Some 100,000 rows are kept between the passes, those of the test
-/// logs among them; longer logs are read anew, so that memory does not grow with them.
+/// logs among them; longer logs are read again, so that memory does not grow with them.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the

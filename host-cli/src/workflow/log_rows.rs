@@ -1,7 +1,7 @@
 //! The rows of training and test logs, to be passed over as often as a fit asks.
 //!
 //! Parsing is the dearest part of a fit, so the rows of short logs are kept from the first pass on.
-//! Longer logs are read anew on every pass: memory does not grow with them.
+//! Longer logs are read again on every pass: memory does not grow with them.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};

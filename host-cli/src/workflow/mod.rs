@@ -10,8 +10,10 @@ pub mod fit;
 mod kept_rows;
 mod log_rows;
 pub mod log_summary;
+pub mod model_choice;
 pub mod moments;
 pub mod noise;
+pub mod report;
 pub mod sampling;
 pub mod selection;
 pub mod simulate;
@@ -40,6 +42,11 @@ pub enum WorkflowError {
     /// A calibration cannot be validated on these rows.
     #[error(transparent)]
     Validation(ValidationError),
+    /// The logs have no groups, and are a single file.
+    #[error(
+        "there is nothing to hold out: give several logs, or logs with a group column (`--group`)"
+    )]
+    NoGroups,
     /// There was nothing to work on.
     #[error("no logs were given")]
     NoLogs,

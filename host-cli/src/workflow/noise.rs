@@ -1,9 +1,11 @@
 //! How much the readings and the wrench of an unloaded sensor scatter.
 //!
-//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove.
+//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
+//! forces are those of the [pipeline](crate::forces) without a low-pass, which would hide the noise.
 
 use super::selection::{Rows, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
+use crate::forces::ForcePipeline;
 use calibration::Calibration;
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
@@ -49,7 +51,7 @@ pub struct Scatter {
     pub peak_to_peak: f64,
 }
 
-/// A log whose noise cannot be told.
+/// A log whose noise cannot be measured.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoiseError {
@@ -83,6 +85,7 @@ pub fn noise(
     let wanted = Wanted { readings: true, time: options.window.is_some(), ..Wanted::default() };
     log.require(&wanted)?;
     check_channels(log, calibration.model().channels)?;
+    let pipeline = ForcePipeline::raw();
     let mut axes = PerAxis::<ColumnStatistics>::default();
     let mut channels = vec![ColumnStatistics::default(); log.channels()];
     let summary = log.read(
@@ -94,8 +97,7 @@ pub fn noise(
                 let keep: Vec<_> = block.time_s.iter().map(|&t| window.contains(t)).collect();
                 block.retain_rows(&keep);
             }
-            let mut wrench = PerAxis::default();
-            calibration.wrench(&block.readings, &mut wrench);
+            let wrench = pipeline.wrench(calibration, &block.readings);
             let channels: Vec<_> = block.readings.iter().map(|c| ColumnStatistics::of(c)).collect();
             (wrench.map(|column| ColumnStatistics::of(&column)), channels)
         },

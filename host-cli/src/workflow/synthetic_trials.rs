@@ -9,7 +9,9 @@ use crate::simulation::synthetic_log::{write_frame, write_frame_header};
 use crate::simulation::synthetic_trial::{
     TrialLayout, write_telemetry_header, write_telemetry_row,
 };
-use crate::simulation::virtual_robot::{Condition, TrialError, TrialSettings, Truth, VirtualTrial};
+use crate::simulation::virtual_robot::{
+    Condition, TrialSettings, TrialSettingsError, Truth, VirtualTrial,
+};
 
 /// A trial that could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -17,7 +19,7 @@ use crate::simulation::virtual_robot::{Condition, TrialError, TrialSettings, Tru
 pub enum SyntheticTrialError {
     /// The settings make no trial.
     #[error(transparent)]
-    Settings(#[from] TrialError),
+    Settings(#[from] TrialSettingsError),
     /// The sensor cannot be modelled.
     #[error(transparent)]
     Sensor(#[from] ModelError),

@@ -1,5 +1,6 @@
 //! What the user specifies about a log that cannot be recognised.
 
+pub use shell_data::MomentUnit;
 use std::fmt;
 
 /// The kinds of log that can be read.
@@ -69,15 +70,6 @@ impl TimeUnit {
             TimeUnit::Nanosecond => "ns",
         }
     }
-}
-
-/// The unit of moment columns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MomentUnit {
-    /// N·m
-    NewtonMetre,
-    /// mN·m, which is also N·mm
-    MillinewtonMetre,
 }
 
 /// A column as a user points to it.

@@ -17,7 +17,7 @@ const GAP: f64 = 12.0;
 /// Room for a legend above a panel.
 const LEGEND: f64 = 20.0;
 
-struct Row<'a> {
+struct StackRow<'a> {
     axis: (&'a str, &'a str),
     lines: Vec<(Line, Pen)>,
     keys: Vec<Key<'a>>,
@@ -32,30 +32,7 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
     let time_s = &trace.t_s[rows.clone()];
     let part =
         |column: &'_ [f64]| -> Option<Vec<f64>> { column.get(rows.clone()).map(<[f64]>::to_vec) };
-    let mut panels = Vec::new();
-    for (axis, name) in ["Fx", "Fy", "Fz"].into_iter().enumerate() {
-        if let Some(force) = part(&trace.wrench[axis]).filter(|force| !force.is_empty()) {
-            let lines = vec![(line(time_s, force), SOLID)];
-            panels.push(Row { axis: (name, "N"), lines, keys: vec![] });
-        }
-    }
-    let sides = [
-        (&trace.right_leg_rad, &trace.right_power_w, SOLID, "right"),
-        (&trace.left_leg_rad, &trace.left_power_w, DASHED, "left"),
-    ];
-    let mut legs = Row { axis: ("leg angle", "rad"), lines: vec![], keys: vec![] };
-    let mut power = Row { axis: ("power", "W"), lines: vec![], keys: vec![] };
-    for (angle, watts, pen, side) in sides {
-        if let Some(angle) = part(angle).filter(|angle| !angle.is_empty()) {
-            legs.lines.extend(turns(time_s, &angle).into_iter().map(|turn| (turn, pen)));
-            legs.keys.push(Key::Line(side, pen));
-        }
-        if let Some(watts) = part(watts).filter(|watts| !watts.is_empty()) {
-            power.lines.push((line(time_s, watts), pen));
-            power.keys.push(Key::Line(side, pen));
-        }
-    }
-    panels.extend([legs, power].into_iter().filter(|row| !row.lines.is_empty()));
+    let panels = stack_rows(trace, time_s, part);
     if panels.is_empty() || time_s.is_empty() {
         return empty_figure(title, "nothing to draw: neither forces nor telemetry");
     }
@@ -69,16 +46,10 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
     }
     let mut canvas = Canvas::new(WIDTH, bottom + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
+    let time = Axis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]);
     for (i, (row, &top)) in panels.iter().zip(&tops).enumerate() {
-        let is_angle = row.axis.1 == "rad";
-        let (low, high) = range_with_zero(row.lines.iter().map(|(line, _)| line));
-        let y = match is_angle {
-            true => Axis::new(row.axis.0, row.axis.1, Spacing::Linear, 0.0, TAU),
-            false => Axis::new(row.axis.0, row.axis.1, Spacing::Linear, low, high).padded(0.06),
-        };
         let area = wide_area(top, HEIGHT);
-        let panel =
-            Panel { area, x: Axis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]), y };
+        let panel = Panel { area, x: time.clone(), y: row.y_axis() };
         passage.draw(&mut canvas, &panel);
         panel.draw_grid(&mut canvas);
         let lines: Vec<_> = row.lines.iter().rev().map(|(line, pen)| (line, *pen)).collect();
@@ -93,6 +64,52 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
         draw_legend(&mut canvas, area, row.keys.iter().chain(&shading));
     }
     Figure::new(canvas.finish())
+}
+
+impl StackRow<'_> {
+    /// A whole turn for angles; else what the lines cover, with zero.
+    fn y_axis(&self) -> Axis {
+        let (name, unit) = self.axis;
+        let (low, high) = range_with_zero(self.lines.iter().map(|(line, _)| line));
+        match unit == "rad" {
+            true => Axis::new(name, unit, Spacing::Linear, 0.0, TAU),
+            false => Axis::new(name, unit, Spacing::Linear, low, high).padded(0.06),
+        }
+    }
+}
+
+/// One row for each force, for the legs and for the power, as far as the trace has them; `part` cuts a
+/// column to `time_s`.
+fn stack_rows<'a>(
+    trace: &Trace,
+    time_s: &[f64],
+    part: impl Fn(&[f64]) -> Option<Vec<f64>>,
+) -> Vec<StackRow<'a>> {
+    let mut panels = Vec::new();
+    for (axis, name) in ["Fx", "Fy", "Fz"].into_iter().enumerate() {
+        if let Some(force) = part(&trace.wrench[axis]).filter(|force| !force.is_empty()) {
+            let lines = vec![(line(time_s, force), SOLID)];
+            panels.push(StackRow { axis: (name, "N"), lines, keys: vec![] });
+        }
+    }
+    let sides = [
+        (&trace.right_leg_rad, &trace.right_power_w, SOLID, "right"),
+        (&trace.left_leg_rad, &trace.left_power_w, DASHED, "left"),
+    ];
+    let mut legs = StackRow { axis: ("leg angle", "rad"), lines: vec![], keys: vec![] };
+    let mut power = StackRow { axis: ("power", "W"), lines: vec![], keys: vec![] };
+    for (angle, watts, pen, side) in sides {
+        if let Some(angle) = part(angle).filter(|angle| !angle.is_empty()) {
+            legs.lines.extend(turns(time_s, &angle).into_iter().map(|turn| (turn, pen)));
+            legs.keys.push(Key::Line(side, pen));
+        }
+        if let Some(watts) = part(watts).filter(|watts| !watts.is_empty()) {
+            power.lines.push((line(time_s, watts), pen));
+            power.keys.push(Key::Line(side, pen));
+        }
+    }
+    panels.extend([legs, power].into_iter().filter(|row| !row.lines.is_empty()));
+    panels
 }
 
 /// Angles within a turn, one line for each, so that none leads back from its end to its start.

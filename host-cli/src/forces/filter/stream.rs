@@ -33,6 +33,15 @@ impl Filter {
         }
     }
 
+    /// The answer to one more sample, which is not taken in: the state stays as it is.
+    pub fn peek(&self, sample: f64) -> f64 {
+        self.sections.iter().fold(sample, |sample, (section, state)| {
+            let (mut state, mut sample) = (*state, [sample]);
+            state.process(section, &mut sample);
+            sample[0]
+        })
+    }
+
     /// Replaces the next samples of the signal by the filter's answer to them.
     ///
     /// The answer does not depend on how the signal is cut into pieces. A sample that is not finite
@@ -43,15 +52,19 @@ impl Filter {
     /// of VA Filter Design" (2018), §3.10 and §4.
     pub fn process(&mut self, samples: &mut [f64]) {
         for (section, state) in &mut self.sections {
-            match *section {
-                Section::Real { g } => state.real(g, samples),
-                Section::Pair { g, k } => state.pair(g, k, samples),
-            }
+            state.process(section, samples);
         }
     }
 }
 
 impl State {
+    fn process(&mut self, section: &Section, samples: &mut [f64]) {
+        match *section {
+            Section::Real { g } => self.real(g, samples),
+            Section::Pair { g, k } => self.pair(g, k, samples),
+        }
+    }
+
     fn real(&mut self, g: f64, samples: &mut [f64]) {
         let share = g / (1.0 + g);
         let mut low = self.low;
@@ -205,6 +218,17 @@ mod tests {
             let mut signal = vec![1.0 / 3.0; 10_000];
             filter.process(&mut signal);
             assert!(signal.iter().all(|&sample| sample == 1.0 / 3.0));
+        }
+    }
+
+    #[test]
+    fn a_peek_is_the_next_answer_and_changes_nothing() {
+        let mut filter = Filter::new(&Butterworth::low_pass(5, 30.0, 1000.0).unwrap());
+        for sample in test_signal() {
+            let (peeked, again) = (filter.peek(sample), filter.peek(sample));
+            let mut answer = [sample];
+            filter.process(&mut answer);
+            assert_eq!([peeked, again], [answer[0]; 2]);
         }
     }
 

@@ -3,6 +3,11 @@
 use super::{Butterworth, Filter, FilterError};
 
 impl Butterworth {
+    /// How far a signal is continued at either end: it must be longer than that.
+    pub(in crate::forces) fn zero_phase_reach(&self) -> usize {
+        3 * (self.order() + 1)
+    }
+
     /// Filters a whole signal forward, then backward: no delay, and the attenuation of the filter
     /// twice (−6.02 dB at the cutoff).
     ///
@@ -13,7 +18,7 @@ impl Butterworth {
     /// # Errors
     /// [`FilterError::TooFewSamples`] unless the signal is longer than that continuation.
     pub fn zero_phase(&self, samples: &mut [f64]) -> Result<(), FilterError> {
-        let reach = 3 * (self.order() + 1);
+        let reach = self.zero_phase_reach();
         if samples.len() <= reach {
             return Err(FilterError::TooFewSamples { samples: samples.len(), needed: reach + 1 });
         }

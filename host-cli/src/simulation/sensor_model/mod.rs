@@ -6,7 +6,7 @@
 //!          hysteresis                 reflectors                ambient
 //! ```
 //!
-//! [`SensorModel`] takes a time and a wrench and gives a [`Frame`], one after another, with no
+//! [`SensorModel`] takes a time and a wrench and gives a [`SimulatedFrame`], one after another, with no
 //! memory but that of the springs; [`LoadScript`] says which wrench, [`ReferenceSensor`] what a
 //! reference sensor makes of it, and [`Recording`] puts them together row by row.
 //!
@@ -45,7 +45,7 @@ use shell_data::wrench::PerAxis;
 
 /// Eight readings at one time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Frame {
+pub struct SimulatedFrame {
     /// In counts, ambient subtracted.
     pub readings: [u16; 8],
     /// Bit i is set where reading i has met an end of the converter's range.
@@ -145,11 +145,11 @@ impl SensorModel {
     ///
     /// A load that is not finite, or above [`LIMIT`], tears the plate off: for that frame all
     /// channels are saturated at zero.
-    pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> Frame {
+    pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> SimulatedFrame {
         if !is_bearable(time_s, wrench) {
-            return Frame { readings: [0; 8], saturated: 0xFF };
+            return SimulatedFrame { readings: [0; 8], saturated: 0xFF };
         }
-        let mut frame = Frame { readings: [0; 8], saturated: 0 };
+        let mut frame = SimulatedFrame { readings: [0; 8], saturated: 0 };
         for (i, Exposure { light, dark }) in self.expose(time_s, wrench).into_iter().enumerate() {
             let count = self.convert(light, dark);
             frame.readings[i] = count as u16;

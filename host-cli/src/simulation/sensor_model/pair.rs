@@ -7,7 +7,7 @@
 //!
 //! The load is a function of reference time. The board's clock shows 0 at its first frame.
 
-use super::{Frame, LoadScript, ModelError, Parameters, ReferenceSensor, SensorModel};
+use super::{LoadScript, ModelError, Parameters, ReferenceSensor, SensorModel, SimulatedFrame};
 use crate::random::{Purpose, Stream};
 use shell_data::wrench::PerAxis;
 
@@ -106,7 +106,7 @@ impl Pair {
     ///
     /// # Errors
     /// [`ModelError`] if the instrument cannot be modelled.
-    pub fn board(&self) -> Result<impl Iterator<Item = (f64, Frame)>, ModelError> {
+    pub fn board(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, ModelError> {
         let PairSettings { seed, duration_s, board_rate_hz, offset_s, skew, loss, .. } =
             self.settings;
         let mut sensor = SensorModel::new(&self.unit, seed)?;

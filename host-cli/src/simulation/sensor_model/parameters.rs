@@ -78,7 +78,7 @@ pub struct Spread {
 /// The sensor model's numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameters {
-    /// The springs that carry the reflector plate; the frame's origin is amid them.
+    /// The springs that carry the reflector plate; the frame's origin is at their centre.
     pub springs: [Spring; 4],
     /// Their creep.
     pub creep: Creep,

@@ -2,7 +2,7 @@
 
 use shell_data::wrench::PerAxis;
 
-use super::{Frame, LoadScript, ModelError, Parameters, ReferenceSensor, SensorModel};
+use super::{LoadScript, ModelError, Parameters, ReferenceSensor, SensorModel, SimulatedFrame};
 
 /// What is done to the shell during a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +58,7 @@ pub struct Sample {
     /// Time, s.
     pub time_s: f64,
     /// The instrument's frame.
-    pub frame: Frame,
+    pub frame: SimulatedFrame,
     /// The reference sensor's reading, N and N·m.
     pub wrench: PerAxis<f64>,
     /// Number of the pose.

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! [`VirtualTrial`] is one trial, a function of its settings and seeds to the last bit. Rows come at
-//! 1 kHz of the robot's clock, as integers in the columns of the lab's telemetry ([`Row`]); readings
+//! 1 kHz of the robot's clock, as integers in the columns of the lab's telemetry ([`TelemetryRow`]); readings
 //! are fresh at 100 Hz and stand in between.
 //!
 //! The robot stands, starts, gets into the channel and out of it. The window of the trial is from
@@ -30,11 +30,11 @@ mod truth;
 pub use channel::Condition;
 pub use constants::Constants;
 pub use gait::{Gait, Side};
-pub use telemetry::{COLUMNS, Row, TELEMETRY_COLUMNS};
+pub use telemetry::{COLUMNS, TELEMETRY_COLUMNS, TelemetryRow};
 pub use truth::{StrideTruth, Truth};
 
 use crate::random::{Purpose, Stream};
-use crate::simulation::sensor_model::{Frame, ModelError, Parameters, SensorModel};
+use crate::simulation::sensor_model::{ModelError, Parameters, SensorModel, SimulatedFrame};
 use channel::Contact;
 use drive::Drive;
 use shell_data::wrench::PerAxis;
@@ -119,7 +119,7 @@ pub enum Counter {
 /// Settings that make no trial.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum TrialError {
+pub enum TrialSettingsError {
     /// Too slow to get through, or too fast for the telemetry.
     #[error("{stride_hz} strides per second, where 0.2 to 50 can be made")]
     StrideFrequency {
@@ -175,8 +175,8 @@ impl VirtualTrial {
     /// Sets a trial up.
     ///
     /// # Errors
-    /// [`TrialError`] if the settings make none.
-    pub fn new(settings: TrialSettings) -> Result<Self, TrialError> {
+    /// [`TrialSettingsError`] if the settings make none.
+    pub fn new(settings: TrialSettings) -> Result<Self, TrialSettingsError> {
         check(&settings)?;
         let constants = Constants::VELOCIROACH;
         let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
@@ -250,7 +250,7 @@ impl VirtualTrial {
     ///
     /// # Errors
     /// [`ModelError`] if the sensor cannot be modelled.
-    pub fn frames(&self) -> Result<impl Iterator<Item = (f64, Frame)>, ModelError> {
+    pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, ModelError> {
         let mut unit = Parameters::nominal().unit(self.settings.unit_seed);
         unit.scale_noise(self.settings.noise_scale);
         if self.settings.elastic {
@@ -266,16 +266,16 @@ impl VirtualTrial {
     }
 }
 
-fn check(settings: &TrialSettings) -> Result<(), TrialError> {
+fn check(settings: &TrialSettings) -> Result<(), TrialSettingsError> {
     let TrialSettings { condition, stride_hz, lead_in_s, noise_scale, missing, .. } = *settings;
     if !(0.2..=50.0).contains(&stride_hz) {
-        return Err(TrialError::StrideFrequency { stride_hz });
+        return Err(TrialSettingsError::StrideFrequency { stride_hz });
     }
     if !(0.0..=3600.0).contains(&lead_in_s) {
-        return Err(TrialError::LeadIn { lead_in_s });
+        return Err(TrialSettingsError::LeadIn { lead_in_s });
     }
     if !(0.0..=1000.0).contains(&settings.encoder_noise) {
-        return Err(TrialError::EncoderNoise { counts: settings.encoder_noise });
+        return Err(TrialSettingsError::EncoderNoise { counts: settings.encoder_noise });
     }
     if !(noise_scale.is_finite() && noise_scale >= 0.0) {
         return Err(ModelError::NoiseScale { factor: noise_scale }.into());
@@ -286,7 +286,7 @@ fn check(settings: &TrialSettings) -> Result<(), TrialError> {
     let Condition { drag_n, lift_n, specific_resistance, .. } = condition;
     let forces_fit = drag_n.abs() <= 10.0 && lift_n.abs() <= 10.0;
     if !(forces_fit && (1.0..=1000.0).contains(&specific_resistance)) {
-        return Err(TrialError::Condition { drag_n, lift_n, specific_resistance });
+        return Err(TrialSettingsError::Condition { drag_n, lift_n, specific_resistance });
     }
     Ok(())
 }

@@ -38,7 +38,7 @@ pub const COLUMNS: [&str; 24] = [
 pub const TELEMETRY_COLUMNS: usize = 16;
 
 /// One row of telemetry, in the order of [`COLUMNS`].
-pub type Row = [i64; COLUMNS.len()];
+pub type TelemetryRow = [i64; COLUMNS.len()];
 
 /// The encoders have 14 bits; their counts are shown as sixteen.
 const ENCODER_STEP: f64 = 4.0;
@@ -55,7 +55,7 @@ impl VirtualTrial {
     ///
     /// # Errors
     /// [`ModelError`] if the sensor cannot be modelled.
-    pub fn rows(&self) -> Result<impl Iterator<Item = Row>, ModelError> {
+    pub fn rows(&self) -> Result<impl Iterator<Item = TelemetryRow>, ModelError> {
         let seed = self.settings.seed;
         let mut noise = Stream::new(seed, Purpose::Telemetry, 0);
         let mut losses = Stream::new(seed, Purpose::Losses, 0);
@@ -75,7 +75,13 @@ impl VirtualTrial {
         }))
     }
 
-    fn write_telemetry(&self, row: usize, time_s: f64, noise: &mut Stream, values: &mut Row) {
+    fn write_telemetry(
+        &self,
+        row: usize,
+        time_s: f64,
+        noise: &mut Stream,
+        values: &mut TelemetryRow,
+    ) {
         let scale = self.settings.noise_scale;
         let (gait, drive) = (&self.gait, &self.drive);
         let counts = |value: f64| value.round() as i64;

@@ -4,23 +4,23 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use super::options::Rule;
 use super::window::Proposal;
+use crate::forces::RowRule;
 
-/// How much a remark matters.
+/// How much a diagnostic matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// How the log was taken.
+    /// How the log was recorded.
     Note,
     /// The results may be worse than they look.
     Warning,
 }
 
-/// Something about a trial.
+/// Something that a reader of a trial's results should know.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum Remark {
+pub enum Diagnostic {
     /// Rows that repeat the frame before: telemetry runs faster than the sensor.
     RepeatedRows {
         /// Rows within the window.
@@ -35,7 +35,7 @@ pub enum Remark {
         /// How many there would be.
         expected: u64,
         /// What a row stands for.
-        rule: Rule,
+        rule: RowRule,
     },
     /// Without sensors: no forces, no drag energy.
     NoSensors,
@@ -90,6 +90,11 @@ pub enum Remark {
     },
     /// The calibration carries no covariance: no intervals.
     NoIntervals,
+    /// The rate of the log is too low for the usual low-pass: forces are not filtered.
+    Unfiltered {
+        /// The cutoff, Hz.
+        cutoff_hz: f64,
+    },
     /// Rows that could not be read and were left out.
     SkippedRows {
         /// How many in the log.
@@ -97,7 +102,7 @@ pub enum Remark {
     },
     /// The window was found in the forces.
     FoundWindow {
-        /// Share of the slow variation of the drag that a stay in a channel explains, 0 to 1.
+        /// Share of the slow variation of the drag that one passage through a channel explains, 0 to 1.
         confidence: f64,
         /// Standard error of entry and exit, s.
         se_s: (f64, f64),
@@ -108,7 +113,7 @@ pub enum Remark {
     Manifest(String),
 }
 
-impl Remark {
+impl Diagnostic {
     /// That the window is `proposal`.
     pub fn found_window(proposal: &Proposal) -> Self {
         Self::FoundWindow {
@@ -147,6 +152,7 @@ impl Remark {
             Self::MovingTare { .. } => "moving_tare",
             Self::LateTare { .. } => "late_tare",
             Self::NoIntervals => "no_intervals",
+            Self::Unfiltered { .. } => "unfiltered",
             Self::SkippedRows { .. } => "skipped_rows",
             Self::FoundWindow { .. } => "found_window",
             Self::Manifest(_) => "manifest",
@@ -154,7 +160,7 @@ impl Remark {
     }
 }
 
-impl fmt::Display for Remark {
+impl fmt::Display for Diagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         const NO_FORCES: &str = "forces and drag energy are left out";
         const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
@@ -167,8 +173,8 @@ impl fmt::Display for Remark {
                 f,
                 "about {missing} of {expected} rows are missing; {}",
                 match rule {
-                    Rule::Time => "all is computed by time, not by row",
-                    Rule::Rows => "by row, the filter takes no notice of that",
+                    RowRule::Time => "all is computed by time, not by row",
+                    RowRule::Rows => "by row, the filter takes no notice of that",
                 }
             ),
             Self::NoSensors => write!(f, "the log has no sensor columns: {NO_FORCES}"),
@@ -201,6 +207,10 @@ impl fmt::Display for Remark {
             Self::NoIntervals => {
                 write!(f, "the calibration carries no covariance: intervals are left out")
             }
+            Self::Unfiltered { cutoff_hz } => write!(
+                f,
+                "the log's rate is too low for a low-pass of {cutoff_hz} Hz: forces are not filtered"
+            ),
             Self::SkippedRows { rows } => write!(f, "{rows} bad rows are left out"),
             Self::FoundWindow { confidence, se_s: (enter, exit), .. } => write!(
                 f,
@@ -213,15 +223,15 @@ impl fmt::Display for Remark {
     }
 }
 
-impl Serialize for Remark {
+impl Serialize for Diagnostic {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         #[derive(Serialize)]
-        struct Told<'a> {
+        struct Document<'a> {
             severity: Severity,
             code: &'a str,
             text: String,
         }
-        Told { severity: self.severity(), code: self.code(), text: self.to_string() }
+        Document { severity: self.severity(), code: self.code(), text: self.to_string() }
             .serialize(serializer)
     }
 }
