@@ -5,7 +5,7 @@
 //! only while its own channel is converted: neighbours do not see it, and it stays cool.
 
 use crate::board::{Clock, FrontEnd};
-use crate::session::Settings;
+use crate::settings::Settings;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB};
 
 /// Most conversions for one value.

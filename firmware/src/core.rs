@@ -2,8 +2,10 @@
 
 use crate::acquisition::Frame;
 use crate::board::Storage;
+use crate::limits::Limits;
 use crate::outbox::Outbox;
-use crate::session::{Limits, Session, Settings};
+use crate::session::Session;
+use crate::settings::Settings;
 use shared_proto::{
     Answer, Boot, Command, Frame as WireFrame, Identity, Refusal, ResetCause, Status, Stream,
     Values,

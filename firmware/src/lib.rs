@@ -21,18 +21,22 @@
 pub mod acquisition;
 pub mod board;
 mod core;
+mod limits;
 mod link;
 mod outbox;
 mod run;
 mod schedule;
 mod session;
+mod settings;
+mod slots;
 mod upload;
 mod wrench;
 
 pub use board::{Clock, FrontEnd, Storage, StorageError, Watchdog};
 pub use link::Link;
 pub use run::{Parts, run};
-pub use session::Settings;
+pub use settings::Settings;
+pub use slots::Slots;
 pub use upload::{RECORD, Record};
 pub use wrench::Converter;
 

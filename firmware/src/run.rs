@@ -3,8 +3,8 @@
 use crate::acquisition::acquire;
 use crate::board::{Clock, FrontEnd, Storage, Watchdog};
 use crate::core::Core;
+use crate::limits::Limits;
 use crate::link::Link;
-use crate::session::Limits;
 use core::cell::RefCell;
 use embassy_futures::join::join3;
 use embassy_futures::select::select;

@@ -1,6 +1,6 @@
 //! Eight emitters and ADC1 by DMA.
 
-use crate::start::Irqs;
+use crate::interrupts::Irqs;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{Adc, AnyAdcChannel, SampleTime};
 use embassy_stm32::gpio::Output;

@@ -9,7 +9,11 @@
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
+mod ecc;
+#[cfg(target_os = "none")]
 mod front_end;
+#[cfg(target_os = "none")]
+mod interrupts;
 #[cfg(target_os = "none")]
 mod last_words;
 #[cfg(target_os = "none")]

@@ -1,8 +1,9 @@
 //! From the reset to the running firmware.
 
 use crate::front_end::Photointerrupters;
+use crate::interrupts::Irqs;
 use crate::last_words;
-use crate::storage::Page;
+use crate::storage::Area;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_stm32::adc::{Adc, AdcChannel};
@@ -10,9 +11,9 @@ use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Peri, bind_interrupts, dma, peripherals, rcc, uid};
+use embassy_stm32::{Peri, peripherals, rcc, uid};
 use embassy_time::{Instant, Timer};
-use firmware::{Clock, Link, Parts, VERSION, Watchdog};
+use firmware::{Clock, Link, Parts, Slots, VERSION, Watchdog};
 use shared_proto::{Board, Identity, ResetCause};
 use static_cell::ConstStaticCell;
 
@@ -20,11 +21,6 @@ use static_cell::ConstStaticCell;
 const BAUD: u32 = 57_600;
 
 const WATCHDOG_US: u32 = 1_000_000;
-
-bind_interrupts!(pub(crate) struct Irqs {
-    USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
-    DMA1_CHANNEL1 => dma::InterruptHandler<peripherals::DMA1_CH1>;
-});
 
 /// 80 MHz from the internal 16 MHz oscillator: the board has no crystal.
 fn clocks() -> embassy_stm32::Config {
@@ -148,7 +144,7 @@ async fn main(_spawner: Spawner) {
         clock: EmbassyClock,
         receiver,
         sender,
-        storage: Page(Flash::new_blocking(p.FLASH)),
+        storage: Slots::new(Area::new(Flash::new_blocking(p.FLASH))),
         watchdog: Independent(watchdog),
         link: Link::Transparent,
         identity: Identity {
