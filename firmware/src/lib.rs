@@ -21,6 +21,7 @@
 pub mod acquisition;
 pub mod board;
 mod core;
+mod last_words;
 mod limits;
 mod link;
 mod outbox;
@@ -33,6 +34,7 @@ mod upload;
 mod wrench;
 
 pub use board::{Clock, FrontEnd, Storage, StorageError, Watchdog};
+pub use last_words::LastWords;
 pub use link::Link;
 pub use run::{Parts, run};
 pub use settings::Settings;

@@ -85,7 +85,7 @@ impl Session {
         storage: &mut S,
     ) -> Result<(), Refusal> {
         match *command {
-            Command::Identify | Command::Status => Ok(()),
+            Command::Identify | Command::Status | Command::LastWords { .. } => Ok(()),
             Command::Start => self.start(now_us),
             Command::Stop => {
                 self.schedule = None;
@@ -103,9 +103,8 @@ impl Session {
             Command::SetStream(Stream::Wrench) if !self.is_calibrated() => {
                 Err(Refusal::NoCalibration)
             }
-            Command::SetStream(stream) => {
-                self.settings.stream = stream;
-                Ok(())
+            Command::SetStream(stream @ (Stream::Raw | Stream::Wrench)) => {
+                self.change(Settings { stream, ..self.settings }, now_us)
             }
             Command::BeginCalibration { size, crc32 } => {
                 self.upload = Some(Upload::begin(size, crc32)?);
@@ -168,6 +167,8 @@ mod tests {
 
     use super::*;
     use crate::board::StorageError;
+    use crate::limits::Line;
+    use crate::link::Link;
     use crate::slots::{FakeFlash, Outcome, Slots};
     use crate::upload::Record;
     use shared_proto::{AXES, CHANNELS, FEATURES, MAX_PIECE, Piece};
@@ -194,7 +195,12 @@ mod tests {
         }
     }
 
-    const LIMITS: Limits = Limits { min_period_us: 1_000, conversion_ns: 1_500, tolerance_us: 100 };
+    const LIMITS: Limits = Limits {
+        min_period_us: 1_000,
+        conversion_ns: 1_500,
+        tolerance_us: 100,
+        line: Line { bytes_per_s: None, link: Link::Transparent },
+    };
 
     fn erased() -> Memory {
         Memory { record: [0xFF; RECORD], works: true, stored: 0 }
@@ -247,15 +253,18 @@ mod tests {
     #[test]
     fn settings_outside_their_range_are_refused_and_nothing_changes() {
         let mut bench = Bench::new();
+        // 8 · (2 · (settling + 16 · 1.5 µs) + 30 µs)
+        let too_short = |shortest_us| Refusal::PeriodTooShort { shortest_us };
         let refused = [
             (Command::SetPeriod { period_us: 0 }, Refusal::OutOfRange),
             (Command::SetPeriod { period_us: 999 }, Refusal::OutOfRange),
             (Command::SetPeriod { period_us: 10_000_001 }, Refusal::OutOfRange),
-            (Command::SetPeriod { period_us: 1_000 }, Refusal::PeriodTooShort),
+            (Command::SetPeriod { period_us: 1_000 }, too_short(3_824)),
             (Command::SetOversampling { conversions: 0 }, Refusal::OutOfRange),
             (Command::SetOversampling { conversions: 65 }, Refusal::OutOfRange),
             (Command::SetSettling { settling_us: 10_001 }, Refusal::OutOfRange),
-            (Command::SetSettling { settling_us: 1_000 }, Refusal::PeriodTooShort),
+            (Command::SetSettling { settling_us: 1_000 }, too_short(16_624)),
+            (Command::SetStream(Stream::Other(7)), Refusal::UnknownCommand),
             (Command::Unknown { code: 77 }, Refusal::UnknownCommand),
         ];
         for (command, refusal) in refused {
@@ -338,7 +347,7 @@ mod tests {
         bench.run_all(&commands[..3]).unwrap();
         assert_eq!(bench.run(&commands[4]), Err(Refusal::WrongOffset));
         assert_eq!(bench.run(&Command::CommitCalibration), Err(Refusal::WrongSize));
-        let data = Piece::copy_of(&[0; 40]).unwrap();
+        let data = Piece::copy_of(&[0; MAX_PIECE]).unwrap();
         bench.run_all(&commands[3..commands.len() - 1]).unwrap();
         let beyond = Command::CalibrationPiece { offset: 640, data };
         assert_eq!(bench.run(&beyond), Err(Refusal::WrongSize));

@@ -131,7 +131,7 @@ impl fmt::Display for Report {
 /// Streams in one mode, with a short run and a long one.
 fn stream(image: &Path, mode: Stream) -> Result<Streaming> {
     let commands: &[Command] = match mode {
-        Stream::Raw => &[Command::Start],
+        Stream::Raw | Stream::Other(_) => &[Command::Start],
         Stream::Wrench => &[Command::SetStream(Stream::Wrench), Command::Start],
     };
     let run = |frames: u32| {

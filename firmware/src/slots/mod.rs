@@ -41,7 +41,7 @@ impl<F: NorFlash> Slots<F> {
     /// Slots in a memory of at least two sectors.
     pub const fn new(flash: F) -> Self {
         const { assert!(SLOT <= F::ERASE_SIZE, "a slot is erased without the other") };
-        const { assert!(SLOT % F::WRITE_SIZE == 0, "a slot is written in whole words") };
+        const { assert!(SLOT.is_multiple_of(F::WRITE_SIZE), "a slot is written in whole words") };
         Self { flash }
     }
 
