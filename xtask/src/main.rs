@@ -9,6 +9,7 @@ mod flash;
 mod image;
 mod instructions;
 mod measure;
+mod model;
 mod peers;
 mod scale;
 mod stack;

@@ -7,7 +7,7 @@ use system_tests::browser;
 use system_tests::emulation::IMAGE;
 
 use crate::steps::{cargo, run as step};
-use crate::{apt, firmware};
+use crate::{apt, firmware, model};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
@@ -50,6 +50,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     set_up_browser(args.without_browser);
     let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
     tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
+    tests.envs(model::environment(!args.without_board));
     step("tests", &mut tests)?;
     if !args.tests_only {
         let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
