@@ -6,9 +6,12 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 #![expect(unreachable_pub, reason = "modules of a test have no outside")]
 
+#[path = "../emulated_board/bridge.rs"]
+mod bridge;
 mod host;
 mod measures;
 mod power;
+mod program;
 mod wires;
 
 use libtest_mimic::{Arguments, Failed, Trial};
@@ -17,7 +20,7 @@ use system_tests::flashed::Model;
 /// A test of the flashed image.
 type Test = fn(&Model);
 
-const TESTS: [(&str, Test); 11] = [
+const TESTS: [(&str, Test); 12] = [
     (
         "the_image_says_what_it_is_and_answers_under_its_serial_number",
         wires::the_image_says_what_it_is_and_answers_under_its_serial_number,
@@ -49,6 +52,10 @@ const TESTS: [(&str, Test); 11] = [
     (
         "a_frame_takes_less_than_a_twentieth_of_the_core",
         measures::a_frame_takes_less_than_a_twentieth_of_the_core,
+    ),
+    (
+        "shellcal_sets_the_board_up_and_records_it_whole",
+        program::shellcal_sets_the_board_up_and_records_it_whole,
     ),
 ];
 

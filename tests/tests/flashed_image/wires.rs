@@ -16,12 +16,12 @@ pub fn the_image_says_what_it_is_and_answers_under_its_serial_number(model: &Mod
 }
 
 /// The readings of a script, as the firmware is to measure them.
-fn code(frame: usize, channel: usize) -> (u16, u16) {
+pub fn code(frame: usize, channel: usize) -> (u16, u16) {
     let dark = (frame * 7 + channel * 31) % 300;
     (dark as u16, (dark + 500 + (frame * 13 + channel * 401) % 3_000) as u16)
 }
 
-fn expected(frame: usize) -> [u16; 8] {
+pub fn expected(frame: usize) -> [u16; 8] {
     std::array::from_fn(|channel| {
         let (dark, lit) = code(frame, channel);
         16 * (lit - dark)
@@ -91,7 +91,7 @@ pub fn the_books_balance_over_two_thousand_frames_behind_a_bad_line(model: &Mode
     let mut random = Random(18);
     while host.last.time_s < 21.0 {
         // One byte in some hundred is changed on its way; now and then the line is held up.
-        let held_up = random.next() % 40 == 0;
+        let held_up = random.next().is_multiple_of(40);
         if held_up {
             host.board.set_cts("high");
             host.run(0.3);
@@ -99,7 +99,7 @@ pub fn the_books_balance_over_two_thousand_frames_behind_a_bad_line(model: &Mode
         }
         host.run_behind(0.1, |bytes| {
             for byte in bytes {
-                if random.next() % 300 == 0 {
+                if random.next().is_multiple_of(300) {
                     *byte ^= 1 << (random.next() % 8);
                 }
             }
@@ -129,7 +129,7 @@ pub fn five_hundred_random_strings_do_no_harm(model: &Model) {
         let len = random.next() % 60;
         // One byte in eight is a delimiter, so that many strings end within themselves.
         let bytes = (0..len).map(|_| match random.next() {
-            bits if bits % 8 == 0 => 0,
+            bits if bits.is_multiple_of(8) => 0,
             bits => (bits >> 8) as u8,
         });
         let bytes: Vec<u8> = bytes.collect();
