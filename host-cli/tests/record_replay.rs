@@ -256,8 +256,8 @@ fn a_board_of_another_version_is_told_as_such() {
     let dir = tempfile::tempdir().unwrap();
     let mut bytes = Vec::new();
     for number in 1..100_u8 {
-        // Version 2, kind 4, no zeros, so COBS is a length in front; the mask is 0x80.
-        let plain = [&[0x24, number, 1][..], &[7; 22]].concat();
+        // Version 3, kind 4, no zeros, so COBS is a length in front; the mask is 0x80.
+        let plain = [&[0x34, number, 1][..], &[7; 22]].concat();
         let crc = crc16(&plain).to_le_bytes();
         let masked = plain.iter().chain(&crc).map(|byte| byte ^ 0x80);
         let packet: Vec<u8> = std::iter::once(0x80).chain(masked).collect();
@@ -271,7 +271,7 @@ fn a_board_of_another_version_is_told_as_such() {
     fs::write(dir.path().join("raw"), bytes).unwrap();
     let error = refused(dir.path(), "record --replay raw -o log.csv");
     assert!(
-        error.contains("speaks version `2` of the protocol, this program version `1`"),
+        error.contains("speaks version `3` of the protocol, this program version `2`"),
         "{error}"
     );
 }

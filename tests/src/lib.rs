@@ -3,6 +3,7 @@
 
 pub mod browser;
 pub mod emulation;
+pub mod flashed;
 pub mod program;
 
 use std::path::PathBuf;

@@ -14,6 +14,7 @@ mod instructions;
 mod layers;
 mod licences;
 mod measure;
+mod model;
 mod need;
 mod peers;
 mod scale;

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use system_tests::emulation::IMAGE;
 
 use crate::steps::{cargo, run as step};
-use crate::{cross, firmware, fuzz, licences, setup};
+use crate::{cross, firmware, fuzz, licences, model, setup};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
@@ -67,6 +67,7 @@ fn whole(args: &Args) -> Result<()> {
     set_up_browser(args.without_browser);
     let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
     tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
+    tests.envs(model::environment(!args.without_board));
     step("tests", &mut tests)?;
     if !args.tests_only {
         let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];

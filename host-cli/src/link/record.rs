@@ -161,7 +161,7 @@ pub fn record(
     if let Some(uplink) = &options.start {
         // Nobody waits for the answer, so once more in case the first is lost.
         for number in 0..2 {
-            source.send(&uplink.encode(number, Command::Stop));
+            source.send(&uplink.encode(number, None, Command::Stop));
         }
     }
     // Whatever has happened: what has arrived is kept.
@@ -245,7 +245,7 @@ impl Session<'_> {
 
     fn start_board(&self, source: &mut Source) {
         if let Some(uplink) = &self.options.start {
-            source.send(&uplink.encode(0, Command::Start));
+            source.send(&uplink.encode(0, None, Command::Start));
         }
     }
 

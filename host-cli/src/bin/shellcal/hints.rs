@@ -193,10 +193,14 @@ fn after_link(error: &LinkError) -> Option<&'static str> {
         LinkError::Refused { refusal: Refusal::NoCalibration, .. } => {
             "upload one: `shellcal board PORT upload CAL`"
         }
-        LinkError::Refused { refusal: Refusal::PeriodTooShort, .. } => {
+        LinkError::Refused { refusal: Refusal::PeriodTooShort { .. }, .. } => {
             "choose a lower rate, or fewer conversions and less settling: `shellcal board PORT \
              sampling`"
         }
+        LinkError::Refused { refusal: Refusal::LineTooSlow { .. }, .. } => {
+            "choose a lower rate, or stream readings in place of wrenches"
+        }
+        LinkError::SeveralBoards { .. } => "name one of them with `--board SERIAL`",
         LinkError::NotKept { .. } => "upload it again",
         _ => return None,
     })

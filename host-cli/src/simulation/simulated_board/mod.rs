@@ -22,7 +22,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 
 use embassy_executor::{Executor, Spawner};
-use firmware::{Link, Parts, RECORD, Record, Storage, StorageError, VERSION, Watchdog};
+use firmware::{LastWords, Link, Parts, RECORD, Record, Storage, StorageError, VERSION, Watchdog};
 use shared_proto::{Board, Identity, ResetCause};
 
 use crate::simulation::radio::{BadFault, Books, Faults, Radio};
@@ -132,6 +132,8 @@ async fn board(front_end: Instrument, clock: PacedClock, receiver: Receiver, sen
             min_period_us: 1_000,
         },
         reset_cause: ResetCause::Power,
+        last_words: LastWords::new(),
+        line_bytes_per_s: None,
     })
     .await;
 }
