@@ -8,7 +8,7 @@
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use crate::storage;
+use crate::pages;
 use embassy_stm32::pac;
 use embassy_stm32::pac::flash::regs::Eccr;
 
@@ -31,7 +31,7 @@ pub(crate) fn has_failed() -> bool {
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let eccr = pac::FLASH.eccr().read();
-    let is_ours = storage::place().contains(&eccr.addr_ecc()) && !eccr.sysf_ecc();
+    let is_ours = pages::place().contains(&eccr.addr_ecc()) && !eccr.sysf_ecc();
     if eccr.eccd() && is_ours {
         let mut clear = Eccr::default();
         clear.set_eccd(true); // cleared by writing a one

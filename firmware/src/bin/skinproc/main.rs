@@ -19,6 +19,8 @@ mod interrupts;
 #[cfg(target_os = "none")]
 mod last_words;
 #[cfg(target_os = "none")]
+mod pages;
+#[cfg(target_os = "none")]
 mod start;
 #[cfg(target_os = "none")]
 mod storage;

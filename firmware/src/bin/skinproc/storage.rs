@@ -1,32 +1,16 @@
-//! The pages of the flash that hold the calibration.
-#![expect(unsafe_code, reason = "the linker's symbols are declared")]
+//! The calibration's pages of the flash as a memory that slots are kept in.
 
 use core::ops::Range;
 
-use crate::ecc;
+use crate::{ecc, pages};
 use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::pac;
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// The first byte of the flash in the core's memory (RM0394, table "Flash module organization").
-const FLASH: usize = 0x0800_0000;
-
-/// Bytes in a page, the least that can be erased (same table).
+/// Bytes in a page, the least that can be erased (RM0394, table "Flash module organization").
 const PAGE: usize = 2 * 1024;
-
-// SAFETY: both are defined by memory/skinproc.x. They have addresses only, which are taken below.
-unsafe extern "C" {
-    safe static __calibration_start: u8;
-    safe static __calibration_end: u8;
-}
-
-/// Where the pages are, in bytes from the start of the flash.
-pub(crate) fn place() -> Range<u32> {
-    let offset = |symbol: *const u8| symbol.addr().wrapping_sub(FLASH) as u32;
-    offset(&raw const __calibration_start)..offset(&raw const __calibration_end)
-}
 
 /// The calibration's pages as a memory of their own, in which nothing else can be reached.
 ///
@@ -39,7 +23,7 @@ pub(crate) struct Area {
 
 impl Area {
     pub(crate) fn new(flash: Flash<'static, Blocking>) -> Self {
-        Self { flash, place: place() }
+        Self { flash, place: pages::place() }
     }
 
     /// The place of `len` bytes in the flash.
