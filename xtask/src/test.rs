@@ -6,19 +6,20 @@ use anyhow::{Context, Result};
 use system_tests::emulation::IMAGE;
 
 use crate::steps::{cargo, run as step};
-use crate::{cross, firmware, fuzz, licences, model, setup};
+use crate::{cross, firmware, fuzz, layers, licences, model, setup};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Only what takes no longer than two minutes where all is built: formatting, lints, licences, unit
-    /// and command tests
+    /// Only what takes no longer than two minutes where all is built: formatting, lints, layers,
+    /// licences, unit and command tests
     #[arg(long, conflicts_with_all = ["tests_only", "without_board", "without_browser"])]
     quick: bool,
 
-    /// Only the tests: no formatting, lints, licences, other systems, fuzz targets or documentation
+    /// Only the tests: no formatting, lints, layers, licences, other systems, fuzz targets or
+    /// documentation
     #[arg(long)]
     tests_only: bool,
 
@@ -84,6 +85,8 @@ fn style() -> Result<()> {
     let clippy = ["clippy", "--workspace", "--all-targets"];
     let deny = ["--", "-D", "warnings"];
     step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
+    eprintln!("\n==> layers");
+    layers::run(&layers::Args::default())?;
     licences::check()
 }
 
