@@ -74,7 +74,6 @@ impl<'a> ColumnFields<'a> {
 
     /// Where the fields of `N` rows start and end.
     #[cfg(target_arch = "x86_64")]
-    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn some<const N: usize>(self, row: usize) -> [(usize, usize); N] {
         let mut places = [(0, 0); N];
@@ -87,7 +86,11 @@ impl<'a> ColumnFields<'a> {
     /// The fields without those of the first `rows` rows.
     #[inline(always)]
     pub(crate) fn after_rows(self, rows: usize) -> ColumnFields<'a> {
-        let from = |(places, stride): (&'a [u32], usize)| (&places[rows * stride..], stride);
+        // The slices end with the field of the last row: there is nothing after all rows, and a row
+        // further would start beyond the end.
+        let from = |(places, stride): (&'a [u32], usize)| {
+            (&places[(rows * stride).min(places.len())..], stride)
+        };
         ColumnFields { befores: from(self.befores), ends: from(self.ends) }
     }
 }

@@ -1,5 +1,6 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
+use std::cmp::Ordering;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -133,7 +134,8 @@ impl EvalArgs {
         Axis::ALL
             .into_iter()
             .filter_map(|axis| Some((axis, errors[axis.index()].rms, limit(axis)?)))
-            .filter(|(_, rms, limit)| rms > limit)
+            // What cannot be compared, such as NaN, is not below the limit.
+            .filter(|(_, rms, limit)| rms.partial_cmp(limit).is_none_or(Ordering::is_gt))
             .collect()
     }
 }
