@@ -28,27 +28,6 @@ pub fn decode(decoder: &mut Decoder, bytes: &[u8]) -> Vec<Event> {
     events
 }
 
-/// SplitMix64 (Steele, Lea and Flood 2014): enough for faults, and the same everywhere.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    pub fn below(&mut self, bound: u64) -> u64 {
-        self.next() % bound
-    }
-
-    pub fn percent(&mut self, percent: u64) -> bool {
-        self.below(100) < percent
-    }
-}
-
 pub fn any_sample() -> impl Strategy<Value = Sample> {
     let values = prop_oneof![
         any::<[u16; 8]>().prop_map(Values::Readings),

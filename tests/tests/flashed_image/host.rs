@@ -6,6 +6,7 @@ use shared_proto::{
 };
 use system_tests::emulation::PlayedFrame;
 use system_tests::flashed::{FlashedBoard, Model, Report, SERIAL};
+pub use system_tests::random::Random;
 
 /// How long an answer may take: two frames on the line, and samples that are on their way.
 const ANSWER_S: f64 = 0.03;
@@ -166,17 +167,4 @@ pub fn crc_of(calibration: &Calibration) -> u32 {
 /// A script of frames from the dark and lit code of each channel.
 pub fn played(frames: usize, code: impl Fn(usize, usize) -> (u16, u16)) -> Vec<PlayedFrame> {
     (0..frames).map(|frame| std::array::from_fn(|channel| code(frame, channel))).collect()
-}
-
-/// SplitMix64 (Steele, Lea and Flood 2014): the same noise everywhere.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
 }
