@@ -22,6 +22,7 @@ mod cross_validation;
 mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;
+mod golden;
 mod log_bad_input;
 mod log_formats;
 mod log_real;

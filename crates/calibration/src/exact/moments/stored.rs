@@ -1,46 +1,74 @@
-//! How moments are written to files.
+//! Moments in the open, for programs that write them to files.
 
 use num_bigint::BigInt;
-use serde::de::Error as _;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::channel_range::ChannelRange;
 use super::product_sums::Moments;
+use super::reading_unit::ReadingUnit;
 use super::scaled_integers::ScaledIntegers;
 use crate::exact::error::MAX_ROWS;
 use crate::model::Basis;
 
-/// How moments are written down: integers as decimal strings, since they exceed what readers of
+/// [`Moments`] as a file holds them: integers as decimal strings, since they exceed what readers of
 /// JSON take for numbers.
-#[derive(Serialize, Deserialize)]
-struct MomentsDocument {
-    basis: Basis,
-    rows: u64,
-    channels: Vec<ChannelRange>,
-    readings: Vec<String>,
-    wrench: Vec<StoredIntegers>,
-    squares: Vec<StoredIntegers>,
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredMoments {
+    /// The features that were summed.
+    pub basis: Basis,
+    /// Rows.
+    pub rows: u64,
+    /// The range of each channel.
+    pub channels: Vec<StoredRange>,
+    /// Sums of products of readings, one per distinct product.
+    pub readings: Vec<String>,
+    /// Sums of products of readings and one axis of the wrench, for each axis.
+    pub wrench: Vec<StoredIntegers>,
+    /// Sums of products of two axes of the wrench, for each pair.
+    pub squares: Vec<StoredIntegers>,
 }
 
-#[derive(Serialize, Deserialize)]
-struct StoredIntegers {
-    exponent: i32,
-    values: Vec<String>,
+/// The readings of a channel: integers times a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StoredRange {
+    /// The unit is 2⁻ᵏ·5⁻ᵐ counts; this is k.
+    pub twos: u32,
+    /// And this is m.
+    pub fives: u32,
+    /// The smallest of the integers.
+    pub lowest: i64,
+    /// The largest; below `lowest` for zero rows.
+    pub highest: i64,
 }
 
-impl Serialize for Moments {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        MomentsDocument::from(self).serialize(serializer)
+/// Integers times a power of two.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredIntegers {
+    /// Of two.
+    pub exponent: i32,
+    /// The integers, in decimal.
+    pub values: Vec<String>,
+}
+
+/// Stored moments that are none: what does not fit together.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct StoredMomentsError(String);
+
+impl From<ChannelRange> for StoredRange {
+    fn from(range: ChannelRange) -> Self {
+        let ChannelRange { unit, lowest, highest } = range;
+        Self { twos: unit.twos, fives: unit.fives, lowest, highest }
     }
 }
 
-impl<'de> Deserialize<'de> for Moments {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        MomentsDocument::deserialize(deserializer)?.try_into().map_err(D::Error::custom)
+impl From<StoredRange> for ChannelRange {
+    fn from(range: StoredRange) -> Self {
+        let StoredRange { twos, fives, lowest, highest } = range;
+        Self { unit: ReadingUnit { twos, fives }, lowest, highest }
     }
 }
 
-impl From<&Moments> for MomentsDocument {
+impl From<&Moments> for StoredMoments {
     fn from(moments: &Moments) -> Self {
         let stored = |scaled: &ScaledIntegers| StoredIntegers {
             exponent: scaled.exponent,
@@ -49,7 +77,7 @@ impl From<&Moments> for MomentsDocument {
         Self {
             basis: moments.basis,
             rows: moments.rows,
-            channels: moments.channels.clone(),
+            channels: moments.channels.iter().map(|&range| range.into()).collect(),
             readings: moments.readings.iter().map(i128::to_string).collect(),
             wrench: moments.wrench.iter().map(stored).collect(),
             squares: moments.squares.iter().map(stored).collect(),
@@ -57,16 +85,24 @@ impl From<&Moments> for MomentsDocument {
     }
 }
 
-impl TryFrom<MomentsDocument> for Moments {
-    type Error = String;
+impl TryFrom<StoredMoments> for Moments {
+    type Error = StoredMomentsError;
 
-    fn try_from(stored: MomentsDocument) -> Result<Self, String> {
+    fn try_from(stored: StoredMoments) -> Result<Self, StoredMomentsError> {
+        Self::of_stored(stored).map_err(StoredMomentsError)
+    }
+}
+
+impl Moments {
+    fn of_stored(stored: StoredMoments) -> Result<Self, String> {
+        let channels: Vec<ChannelRange> =
+            stored.channels.iter().map(|&range| range.into()).collect();
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
         let mut moments = Moments::new(stored.basis, stored.channels.len());
         let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();
-        if !stored.channels.iter().all(sane) || stored.rows > MAX_ROWS {
+        if !channels.iter().all(sane) || stored.rows > MAX_ROWS {
             return Err("ranges or rows beyond what can be summed exactly".to_owned());
         }
         let expect = |what: &str, found: usize, expected: usize| {
@@ -95,7 +131,7 @@ impl TryFrom<MomentsDocument> for Moments {
             *sums = ScaledIntegers::new(stored.exponent, std::mem::take(&mut sums.values));
         }
         moments.rows = stored.rows;
-        moments.channels = stored.channels;
+        moments.channels = channels;
         Ok(moments)
     }
 }
