@@ -263,7 +263,7 @@ impl Stream {
     }
 }
 
-/// The packet at the end of a piece that is none as a whole: where a delimiter was damaged, the
+/// The packet at the end of a piece that is no packet as a whole: where a delimiter was damaged, the
 /// frame after it stands there unharmed.
 fn last_packet(piece: &[u8]) -> Option<Packet> {
     let tail = &piece[piece.len().saturating_sub(MAX_FRAME)..];

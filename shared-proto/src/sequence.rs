@@ -1,6 +1,6 @@
 //! Putting numbered samples back in order: what is missing, double or late.
 
-/// How far behind the newest sample one may arrive and still be told from a repeat.
+/// How far behind the newest sample one may arrive and still be distinguished from a repeat.
 ///
 /// XBee modules hold a few packets for repeated transmission, never this many.
 pub const WINDOW: u32 = u128::BITS;
@@ -22,7 +22,7 @@ pub enum Arrival {
 /// Unwraps 16-bit sequence numbers and counts what is missing, double or late.
 ///
 /// A window of bits over the newest numbers, as in the anti-replay service of RFC 4303 §3.4.3. A
-/// step of 32,768 or more cannot be told from one backwards.
+/// step of 32,768 or more cannot be distinguished from one backwards.
 #[derive(Clone, Debug, Default)]
 pub struct Tracker {
     /// Newest index; `None` before the first sample.

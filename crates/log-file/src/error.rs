@@ -62,7 +62,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
     },
-    /// A file of numbers without a header that is none of the known layouts.
+    /// A file of numbers without a header, in none of the known layouts.
     #[error(
         "`{}`, line {line}: {found} columns and no header, expected 15 (time, eight sensors, six wrench \
          columns) or 12 (two to drop, time, six wrench columns, three accelerations)",
@@ -177,7 +177,7 @@ pub enum RowProblem {
     /// A quoted field does not end on its line.
     #[error("expected a closing quote on the same line")]
     OpenQuote,
-    /// A payload begins like a scan and is none.
+    /// A payload begins like a scan, but is not one.
     #[error(
         "expected a scan of {expected} bytes (0 to 255) with readings below 4096, found `{found}`"
     )]

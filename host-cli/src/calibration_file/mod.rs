@@ -92,7 +92,7 @@ pub enum Problem {
     /// Parts that do not fit together.
     #[error("{0}")]
     Inconsistent(String),
-    /// A coefficient matrix that is none.
+    /// A coefficient matrix that cannot be read as one.
     #[error("{0}")]
     Matrix(matrix::MatrixError),
 }

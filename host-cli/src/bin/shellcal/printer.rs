@@ -75,7 +75,7 @@ impl Printer {
         Ok(())
     }
 
-    /// Says something about the work on stderr, unless told to be quiet.
+    /// Writes a note about the work to stderr, but not with `--quiet`.
     pub(crate) fn note(&mut self, text: impl AsRef<str>) {
         if !self.options.quiet {
             self.talk(text.as_ref());

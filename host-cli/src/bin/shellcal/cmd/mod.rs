@@ -99,7 +99,7 @@ pub(crate) enum Command {
 
     /// Evaluate all trials of a manifest: per trial, per stride, and by condition
     ///
-    /// One bad trial does not hold up the others: it is told, left out, and the exit code is 1.
+    /// One bad trial does not hold up the others: it is named and left out, and the exit code is 1.
     Batch(Deferred<trials::batch::BatchArgs>),
 
     /// Propose entry into the channel and exit from it: onset and end of sustained drag

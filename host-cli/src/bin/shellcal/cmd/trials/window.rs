@@ -45,7 +45,7 @@ struct Found {
     proposal: Option<Proposal>,
     /// Whether it can be used without a look at it.
     good: bool,
-    /// Why there is none.
+    /// Why no window was found.
     reason: Option<String>,
 }
 
