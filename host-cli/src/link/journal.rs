@@ -48,7 +48,7 @@ impl Journal {
                 regular: !is_device,
                 failed: false,
             }),
-            Err(source) => Err(OutputError { path, source }),
+            Err(source) => Err(OutputError::failed(path, source)),
         }
     }
 
@@ -82,7 +82,7 @@ impl Journal {
                 self.failed = true;
                 // If even that fails, a part of a line stays at the end; nothing else can be done.
                 let _ = self.cut();
-                Err(OutputError { path: self.path.clone(), source })
+                Err(OutputError::failed(&self.path, source))
             }
         }
     }
@@ -97,7 +97,7 @@ impl Journal {
             0 => fs::remove_file(&self.path),
             _ => self.file.sync_all(),
         };
-        flushed.and(closed.map_err(|source| OutputError { path: self.path, source }))
+        flushed.and(closed.map_err(|source| OutputError::failed(self.path, source)))
     }
 
     fn cut(&mut self) -> io::Result<()> {

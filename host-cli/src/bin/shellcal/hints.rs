@@ -234,7 +234,14 @@ fn after_not_for_board(error: &NotForBoard) -> Option<&'static str> {
 }
 
 fn after_output(error: &OutputError) -> Option<&'static str> {
-    Some(match error.source.kind() {
+    let source = match error {
+        OutputError::Failed { source, .. } => source,
+        OutputError::IsInput { .. } | OutputError::Twice { .. } => {
+            return Some("choose another name for it");
+        }
+        _ => return None,
+    };
+    Some(match source.kind() {
         io::ErrorKind::AlreadyExists => "choose another name, or `--overwrite` it",
         io::ErrorKind::StorageFull => "what was written until then is whole; make room",
         _ => return None,

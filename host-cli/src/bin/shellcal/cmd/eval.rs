@@ -10,11 +10,12 @@ use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::figures::{FitPlot, Format, fit_figure};
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
 
 use super::mapping::MappingArgs;
 use super::quality::{significant, table_row};
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -28,11 +29,11 @@ Examples:
 pub(crate) struct EvalArgs {
     /// The calibration
     #[arg(value_name = "CAL.json")]
-    calibration: PathBuf,
+    calibration: InputPath,
 
     /// Logs with readings and a measured wrench
     #[arg(required = true, value_name = "LOG")]
-    logs: Vec<PathBuf>,
+    logs: Vec<InputPath>,
 
     /// Fail when the RMS error of Fx, Fy or Fz is above this many N
     #[arg(long, value_name = "N", value_parser = limit)]
@@ -48,7 +49,7 @@ pub(crate) struct EvalArgs {
 
     /// Draw predicted against measured, and the residuals, over all logs
     #[arg(long, value_name = "FILE.svg|png")]
-    plot: Option<PathBuf>,
+    plot: Option<OutputPath>,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -75,13 +76,13 @@ struct Document {
 }
 
 impl EvalArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let calibration = CalibrationFile::read(&self.calibration)?.calibration;
         let mapping = self.mapping.mapping()?;
-        let open = |path: &PathBuf| Log::open(path, &mapping);
+        let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let format = self.plot.as_ref().map(Format::of).transpose()?;
-        let output = self.plot.as_ref().map(AtomicFile::create).transpose()?.zip(format);
+        let output = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?.zip(format);
         let mut plot = output.is_some().then(FitPlot::new);
 
         let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());

@@ -1,12 +1,11 @@
 //! `shellcal stats`: statistics of a table of values by condition.
 
-use std::path::PathBuf;
-
 use anyhow::{Context, bail};
 use shellcal::trial::ValueTable;
 use shellcal::trial::manifest::suggest;
 
 use super::show;
+use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -20,7 +19,7 @@ Examples:
 pub(crate) struct StatsArgs {
     /// Table, as CSV with a header
     #[arg(value_name = "TABLE")]
-    table: PathBuf,
+    table: InputPath,
 
     /// The column of conditions [default: the first]
     #[arg(long, value_name = "COLUMN")]
