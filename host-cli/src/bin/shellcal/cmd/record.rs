@@ -188,7 +188,15 @@ fn list_losses(losses: &Losses) -> String {
         (losses.restarts, "restarts"),
     ];
     let lost = counts.iter().filter(|(count, _)| *count > 0);
-    lost.map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>().join(", ")
+    let mut lost: Vec<String> = lost.map(|(count, what)| format!("{count} {what}")).collect();
+    // Nobody can tell what was sent before an unannounced restart and did not arrive.
+    if losses.uncertain > 0 {
+        match losses.missing {
+            0 => lost.insert(0, "at least 0 missing".to_owned()),
+            _ => lost[0].insert_str(0, "at least "),
+        }
+    }
+    lost.join(", ")
 }
 
 fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
