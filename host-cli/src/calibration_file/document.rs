@@ -81,12 +81,14 @@ impl Document {
             let most = model::MAX_CHANNELS;
             return Err(format!("`model.channels` is `{channels}`, expected 1 to {most}"));
         }
-        let terms = self.model.clone().value().terms();
+        let model = self.model.clone().value();
         let count = |name: &str, found: usize, expected: usize| match found == expected {
             true => Ok(()),
             false => Err(format!("`{name}` has `{found}` entries, the model needs `{expected}`")),
         };
-        count("terms", self.terms.len(), terms.len())?;
+        // Before the terms are listed, of which there may be millions.
+        count("terms", self.terms.len(), model.term_count())?;
+        let terms = model.terms();
         count("coefficients", self.coefficients.len(), terms.len())?;
         count("scaling.centre", self.scaling.centre.len(), channels)?;
         count("scaling.scale", self.scaling.scale.len(), channels)?;

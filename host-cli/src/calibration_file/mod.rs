@@ -30,6 +30,7 @@ use std::path::{Path, PathBuf};
 
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
 pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
+use crate::input::{self, Document};
 use calibration::Calibration;
 use shell_data::wrench::PerAxis;
 
@@ -112,7 +113,8 @@ impl CalibrationFile {
     /// [`CalibrationFileError`] if it cannot be read or is no calibration of this version.
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let text =
+            input::read(path, Document::Json).map_err(|error| problem(Problem::Io(error)))?;
         document::parse(&text).map_err(problem)
     }
 
@@ -132,7 +134,8 @@ impl CalibrationFile {
         options: &matrix::ImportOptions,
     ) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let bytes = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let bytes =
+            input::read(path, Document::Matrix).map_err(|error| problem(Problem::Io(error)))?;
         let calibration = if matlab::is_matlab(&bytes) {
             matlab::parse(&bytes, options)
         } else {

@@ -21,6 +21,7 @@ use super::layout::to_json;
 use super::moments::MomentsDocument;
 use super::stored::{Stored, StoredModel, StoredSource};
 use super::{CalibrationFileError, Problem, Source};
+use crate::input;
 use calibration::exact::{ExactError, Moments};
 use calibration::model::Model;
 
@@ -112,7 +113,8 @@ impl PartialFit {
     /// [`CalibrationFileError`] if it cannot be read or is no partial fit of this version.
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let text = input::read(path, input::Document::Json)
+            .map_err(|error| problem(Problem::Io(error)))?;
         Self::parse(&text).map_err(problem)
     }
 

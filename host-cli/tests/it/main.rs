@@ -28,6 +28,7 @@ mod log_formats;
 mod log_real;
 mod noise;
 mod one_pipeline;
+mod outages;
 mod partial_fits;
 mod prediction_intervals;
 mod readme;

@@ -124,6 +124,7 @@ pub fn fit_by<B: Blocks>(
     blocks: &mut B,
 ) -> Result<(Solution, ReadingRanges), B::Error> {
     let FitProblem { model, scaling, ridge: lambda } = problem;
+    model.check_size().map_err(FitError::from)?;
     if !(lambda >= 0.0 && lambda.is_finite()) {
         return Err(FitError::Ridge(lambda).into());
     }

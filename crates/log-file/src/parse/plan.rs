@@ -10,6 +10,12 @@ use crate::read::request::Wanted;
 use crate::stream::chunk::Chunk;
 use shell_data::block::Block;
 
+/// The largest reading in the robot's telemetry, whose converter has at most 16 bits.
+const LARGEST_LOGGED: f64 = 65_535.0;
+
+/// The largest reading anywhere: no converter has more than 32 bits.
+const LARGEST_READING: f64 = 4_294_967_295.0;
+
 /// How the rows of one log become blocks.
 #[derive(Debug)]
 pub(crate) struct ReadPlan {
@@ -93,8 +99,13 @@ impl ReadPlan {
                     uses: column_uses(
                         layout.columns.len(),
                         &places,
+                        if wanted.readings { &roles.sensors } else { &[] },
                         roles.group.filter(|_| wanted.groups),
                     ),
+                    largest_reading: match layout.format {
+                        Format::Telemetry => LARGEST_LOGGED,
+                        _ => LARGEST_READING,
+                    },
                     names: layout.columns.iter().map(|column| column.name.clone()).collect(),
                 }),
             },
@@ -168,10 +179,18 @@ impl ReadPlan {
 }
 
 /// The use of each column.
-fn column_uses(columns: usize, places: &[usize], group: Option<usize>) -> Vec<ColumnUse> {
+fn column_uses(
+    columns: usize,
+    places: &[usize],
+    readings: &[usize],
+    group: Option<usize>,
+) -> Vec<ColumnUse> {
     let mut column_uses = vec![ColumnUse::Skip; columns];
     for &place in places {
         column_uses[place] = ColumnUse::Number;
+    }
+    for &place in readings {
+        column_uses[place] = ColumnUse::Reading;
     }
     if let Some(group) = group {
         column_uses[group] = ColumnUse::Group;

@@ -8,19 +8,19 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use clap::ArgMatches;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use shellcal::output::{OutputError, Outputs};
 
 /// A file that is read.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub(crate) struct InputPath(PathBuf);
 
 /// A file that is written.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub(crate) struct OutputPath(PathBuf);
 
 /// A folder that files are written into, or a link that is made.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub(crate) struct OutputPlace(PathBuf);
 
 macro_rules! path {
@@ -36,6 +36,13 @@ macro_rules! path {
 
             fn deref(&self) -> &PathBuf {
                 &self.0
+            }
+        }
+
+        impl Serialize for $name {
+            /// JSON cannot hold names that are not Unicode: they get replacement characters.
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.serialize_str(&self.0.to_string_lossy())
             }
         }
 

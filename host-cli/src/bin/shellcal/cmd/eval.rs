@@ -2,7 +2,6 @@
 
 use std::cmp::Ordering;
 use std::io::Write;
-use std::path::PathBuf;
 
 use calibration::quality::AxisQuality;
 use log_file::{Log, ReadOptions};
@@ -60,7 +59,7 @@ pub(crate) struct EvalArgs {
 #[derive(Serialize)]
 struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
-    log: Option<PathBuf>,
+    log: Option<String>,
     rows: u64,
     skipped_rows: u64,
     repeated_rows: u64,
@@ -96,7 +95,7 @@ impl EvalArgs {
             let options = EvalOptions { fresh: self.fresh, read, ..Default::default() };
             let evaluation = eval(&calibration, log, &options, plot.as_mut())?;
             all.merge(&evaluation);
-            reports.push(report(Some(log.path().to_path_buf()), &evaluation)?);
+            reports.push(report(Some(log.path().display().to_string()), &evaluation)?);
             read_before += log.bytes();
         }
         bar.finish_and_clear();
@@ -143,10 +142,10 @@ impl EvalArgs {
     }
 }
 
-fn report(log: Option<PathBuf>, evaluation: &Evaluation) -> anyhow::Result<Report> {
+fn report(log: Option<String>, evaluation: &Evaluation) -> anyhow::Result<Report> {
     let Some(errors) = evaluation.quality() else {
         let log = log.unwrap_or_default();
-        anyhow::bail!("`{}`: no rows are left to compare", log.display());
+        anyhow::bail!("`{log}`: no rows are left to compare");
     };
     Ok(Report {
         log,
@@ -159,7 +158,7 @@ fn report(log: Option<PathBuf>, evaluation: &Evaluation) -> anyhow::Result<Repor
 }
 
 fn print(printer: &mut Printer, report: &Report) -> anyhow::Result<()> {
-    let name = report.log.as_ref().map_or("all logs".to_owned(), |log| log.display().to_string());
+    let name = report.log.as_deref().unwrap_or("all logs");
     printer.line(format!(
         "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",
         report.rows, report.skipped_rows, report.repeated_rows, report.out_of_range_rows

@@ -99,7 +99,7 @@ impl From<LayoutArg> for synthetic_log::SyntheticLayout {
 /// What was made, for `--json`.
 #[derive(Serialize)]
 struct Summary<'a> {
-    file: &'a std::path::Path,
+    file: &'a OutputPath,
     rows: u64,
     bytes: u64,
     rows_saturated: u64,
@@ -155,8 +155,14 @@ impl RecordingArgs {
         out.commit()?;
         let Self { seed, unit_seed, .. } = *self;
         if printer.json() {
-            let file = path.as_path();
-            printer.document(&Summary { file, rows, bytes, rows_saturated, seed, unit_seed })?;
+            printer.document(&Summary {
+                file: path,
+                rows,
+                bytes,
+                rows_saturated,
+                seed,
+                unit_seed,
+            })?;
         } else {
             printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
         }

@@ -1,7 +1,6 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
@@ -170,7 +169,7 @@ impl From<CounterArg> for Counter {
 /// What was made, for `--json`.
 #[derive(Serialize)]
 struct Made<'a> {
-    file: &'a Path,
+    file: &'a OutputPath,
     rows: u64,
     truth: shellcal::simulation::virtual_robot::Truth,
 }
@@ -178,7 +177,7 @@ struct Made<'a> {
 /// The set that was made, for `--json`.
 #[derive(Serialize)]
 struct MadeSet<'a> {
-    manifest: PathBuf,
+    manifest: String,
     trials: &'a [SetTrial],
 }
 
@@ -258,15 +257,13 @@ impl TrialsArgs {
         });
         bar.finish_and_clear();
         let trials = trials?;
-        let manifest = self.directory.join(MANIFEST);
+        let manifest = self.directory.join(MANIFEST).display().to_string();
         if printer.json() {
             printer.document(&MadeSet { manifest, trials: &trials })?;
         } else {
             let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
-            printer.line(format!(
-                "{count} synthetic trials, {rows} rows; manifest `{}`",
-                manifest.display()
-            ))?;
+            printer
+                .line(format!("{count} synthetic trials, {rows} rows; manifest `{}`", manifest))?;
         }
         Ok(Outcome::Done)
     }

@@ -149,6 +149,10 @@ impl FitArgs {
             self.truncate.is_none() || self.solver.0 == SolverKind::Svd,
             "`--truncate` is for `--solver svd`"
         );
+        anyhow::ensure!(
+            self.ridge == 0.0 || self.solver.0 != SolverKind::RidgeGcv,
+            "`--solver ridge-gcv` finds the parameter itself: leave out `--ridge`"
+        );
         let mapping = self.mapping.mapping()?;
         let open = |path: &InputPath| Log::open(path, &mapping);
         let train = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
@@ -182,6 +186,14 @@ impl FitArgs {
             let s = if left_out > 1 { "s" } else { "" };
             printer.warning(format!(
                 "left out {left_out} direction{s} in which the data hardly move the readings"
+            ));
+        }
+        // A fit of as many coefficients as rows goes through every point, whatever they are.
+        let (rows, rank) = (fitted.solution.rows, fitted.solution.rank as u64);
+        if rows < 2 * rank {
+            printer.warning(format!(
+                "{rows} rows for {rank} coefficients: the errors on the training logs say little; \
+                 record more poses or choose a smaller `--model`"
             ));
         }
         let file = self.calibration_file(&fitted, choice)?;

@@ -59,8 +59,8 @@ pub(crate) struct BatchArgs {
 /// What `--json` says.
 #[derive(Serialize)]
 struct Document<'a> {
-    manifest: &'a Path,
-    calibration: Option<&'a Path>,
+    manifest: &'a InputPath,
+    calibration: Option<&'a InputPath>,
     profile: &'a shellcal::trial::Profile,
     options: TrialOptions,
     trials: Vec<TrialDocument<'a>>,
@@ -243,7 +243,7 @@ impl BatchArgs {
             });
             return printer.document(&Document {
                 manifest: &self.manifest,
-                calibration: self.evaluation.calibration(),
+                calibration: self.evaluation.calibration_file(),
                 profile: &equipment.profile,
                 options: self.options(equipment),
                 trials: trials.collect(),

@@ -6,6 +6,7 @@ use anyhow::Context;
 use log_file::{Mapping, ReadOptions};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::forces::RowRule;
+use shellcal::input;
 use shellcal::trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
@@ -87,6 +88,10 @@ impl EvaluationArgs {
         ReadOptions { checksum: true, ..self.mapping.read_options() }
     }
 
+    pub(crate) fn calibration_file(&self) -> Option<&InputPath> {
+        self.calibration.as_ref()
+    }
+
     pub(crate) fn calibration(&self) -> Option<&Path> {
         self.calibration.as_ref().map(|path| path.as_path())
     }
@@ -104,7 +109,7 @@ impl EvaluationArgs {
 }
 
 fn read_profile(path: &Path) -> anyhow::Result<Profile> {
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("cannot read `{}`", path.display()))?;
+    let text =
+        input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))?;
     Profile::parse(&text).map_err(|error| anyhow::anyhow!("`{}`, {error}", path.display()))
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
+use shellcal::input;
 use shellcal::output::{OutputError, Outputs};
 use shellcal::trial::manifest::{Manifest, Place, suggest};
 use shellcal::trial::{TraceExtent, TrialOptions, TrialResult};
@@ -23,7 +24,7 @@ pub(super) fn read(path: &Path, outputs: &Outputs) -> anyhow::Result<Manifest> {
 /// A manifest from its file: TOML if it is called so, else CSV.
 pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
     let shown = path.display();
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read `{shown}`"))?;
+    let text = input::read_text(path).with_context(|| format!("cannot read `{shown}`"))?;
     let is_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{shown}:{problem}"))
 }

@@ -207,7 +207,8 @@ fn write(
     outputs.write(path, &figure.render(format)?)?;
     if printer.json() {
         let window = row.map(|row| [row.t_enter_s, row.t_exit_s]);
-        printer.document(&serde_json::json!({ "file": path, "window_s": window }))?;
+        printer
+            .document(&serde_json::json!({ "file": path.to_string_lossy(), "window_s": window }))?;
     } else {
         printer.note(format!("figure in `{}`", path.display()));
     }

@@ -1,6 +1,7 @@
 //! `shellcal stats`: statistics of a table of values by condition.
 
 use anyhow::{Context, bail};
+use shellcal::input;
 use shellcal::trial::ValueTable;
 use shellcal::trial::manifest::suggest;
 
@@ -45,8 +46,8 @@ pub(crate) struct StatsArgs {
 impl StatsArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let path = self.table.display();
-        let text = std::fs::read_to_string(&self.table)
-            .with_context(|| format!("cannot read `{path}`"))?;
+        let text =
+            input::read_text(&self.table).with_context(|| format!("cannot read `{path}`"))?;
         let (by, trial) = (self.by.as_deref(), self.trial.as_deref());
         let table = ValueTable::parse(&text, by, trial, self.of.as_deref())
             .map_err(|problem| anyhow::anyhow!("{path}:{problem}"))?;
