@@ -119,7 +119,12 @@ impl Period {
         let fits = if is_back { gap.clock_us.cast_signed() <= 0 } else { step <= most };
         let by_host = self.by_host(gap);
         // A program that was stopped reads the few frames that the system has kept when it goes on.
-        let is_told = gap.host_us.is_none() || by_host.is_some() || self.count(clock_us) < 256;
+        // More of them tell if number and clock agree well.
+        let agrees = || step + 16 + self.slack(clock_us) >= self.count(clock_us);
+        let is_told = gap.host_us.is_none()
+            || by_host.is_some()
+            || self.count(clock_us) < 256
+            || (!is_back && agrees());
         if (is_short && fits && is_told) || self.is_late(gap) {
             return short;
         }

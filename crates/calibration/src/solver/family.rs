@@ -79,6 +79,7 @@ fn fit_exactly<B: Blocks>(
     problem: &FitProblem,
     blocks: &mut B,
 ) -> Result<(Solution, ReadingRanges), B::Error> {
+    problem.model.check_size().map_err(FitError::from)?;
     let mut exact = Exact::new(problem)?;
     if let Some(sample) = blocks.sample() {
         exact.expect(&sample);

@@ -134,8 +134,26 @@ impl RowPlan {
         parsed: &mut ParsedRows,
     ) -> Result<(), RowError> {
         if memchr(b'"', lines).is_some() {
+            // Quotes around whole fields say nothing; where all is right without them, it is with them.
+            if let Some(plain) = without_quotes(lines, self.separator) {
+                let (rows, skipped, groups) = (parsed.rows, parsed.skipped, parsed.groups.clone());
+                if self.parse_unquoted(set, &plain, skip_bad_rows, parsed).is_ok() {
+                    return Ok(());
+                }
+                (parsed.rows, parsed.skipped, parsed.groups) = (rows, skipped, groups);
+            }
             return self.parse_quoted(lines, skip_bad_rows, parsed);
         }
+        self.parse_unquoted(set, lines, skip_bad_rows, parsed)
+    }
+
+    fn parse_unquoted(
+        &self,
+        set: impl InstructionSet,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), RowError> {
         let mut ends = FieldEnds::default();
         let mut at = 0;
         while at < lines.len() {
@@ -340,6 +358,28 @@ impl RowPlan {
             },
         }
     }
+}
+
+/// Lines without their quotes, if each stands around a whole field that needs none.
+fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
+    let ends_field = |byte: u8| byte == separator || byte == b'\n' || byte == b'\r';
+    let mut plain = Vec::with_capacity(lines.len());
+    let mut quotes = memchr_iter(b'"', lines);
+    let mut copied = 0;
+    while let Some(open) = quotes.next() {
+        let close = quotes.next()?;
+        let begins = open.checked_sub(1).is_none_or(|before| ends_field(lines[before]));
+        let ends = lines.get(close + 1).is_none_or(|&after| ends_field(after));
+        let field = &lines[open + 1..close];
+        if !begins || !ends || field.iter().any(|&byte| ends_field(byte)) {
+            return None;
+        }
+        plain.extend_from_slice(&lines[copied..open]);
+        plain.extend_from_slice(field);
+        copied = close + 1;
+    }
+    plain.extend_from_slice(&lines[copied..]);
+    Some(plain)
 }
 
 /// The bytes of the blank lines at the start of some lines.

@@ -154,8 +154,13 @@ struct Symlink(PathBuf);
 
 impl Symlink {
     fn make(path: &Path, port: &str) -> anyhow::Result<Self> {
-        // One that leads nowhere is what a board leaves that was killed.
-        if path.is_symlink() && !path.exists() {
+        // One that leads nowhere is what a board leaves that was killed, and so is one to a port like ours:
+        // its number is given out again.
+        let leads_to_port = || {
+            let (target, port) = (std::fs::read_link(path), Path::new(port));
+            target.is_ok_and(|target| target.parent() == port.parent())
+        };
+        if path.is_symlink() && (!path.exists() || leads_to_port()) {
             std::fs::remove_file(path).ok();
         }
         std::os::unix::fs::symlink(port, path)
