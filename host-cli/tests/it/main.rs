@@ -23,6 +23,7 @@ mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;
 mod golden;
+mod hostile;
 mod log_bad_input;
 mod log_formats;
 mod log_real;
