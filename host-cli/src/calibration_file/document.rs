@@ -94,6 +94,9 @@ impl Document {
         count("scaling.scale", self.scaling.scale.len(), channels)?;
         if let Some(range) = &self.valid_range {
             count("valid_range", range.len(), channels)?;
+            if range.iter().any(|range| range.min > range.max) {
+                return Err("`valid_range` has a `min` above its `max`".to_owned());
+            }
         }
         for (found, term) in self.terms.iter().zip(&terms) {
             if *found != term.name() {
@@ -136,6 +139,14 @@ impl Document {
                 return Err("`covariance.degrees_of_freedom` is `0`".to_owned());
             }
             covariance.shape.clone().value().map_or(Ok(()), |shape| shape.check())?;
+            let residual = &covariance.residual;
+            let is_symmetric = |a: usize, b: usize| {
+                let size = (residual[a][a] * residual[b][b]).abs().sqrt();
+                (residual[a][b] - residual[b][a]).abs() <= 1e-6 * size
+            };
+            if !(0..36).all(|place| is_symmetric(place / 6, place % 6)) {
+                return Err("`covariance.residual` is not symmetric".to_owned());
+            }
             if (0..6).any(|axis| covariance.residual[axis][axis] < 0.0) {
                 return Err("`covariance.residual` has a negative variance".to_owned());
             }

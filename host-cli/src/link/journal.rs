@@ -95,9 +95,17 @@ impl Journal {
         }
         let closed = match self.length {
             0 => fs::remove_file(&self.path),
-            _ => self.file.sync_all(),
+            _ => self.file.sync_all().and_then(|()| self.check_there()),
         };
         flushed.and(closed.map_err(|source| OutputError::failed(self.path, source)))
+    }
+
+    /// Whether the file still has a name: where it was removed while it grew, all in it is lost.
+    fn check_there(&self) -> io::Result<()> {
+        match is_removed(&self.file)? {
+            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile")),
+            false => Ok(()),
+        }
     }
 
     fn cut(&mut self) -> io::Result<()> {
@@ -108,4 +116,16 @@ impl Journal {
         }
         Ok(())
     }
+}
+
+#[cfg(unix)]
+fn is_removed(file: &File) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    Ok(file.metadata()?.nlink() == 0)
+}
+
+/// Elsewhere a file that is open cannot be removed.
+#[cfg(not(unix))]
+fn is_removed(_: &File) -> io::Result<bool> {
+    Ok(false)
 }

@@ -280,6 +280,36 @@ fn degrees_of_freedom_without_end_have_quantiles() {
 }
 
 #[test]
+fn partial_fits_that_were_changed_are_refused() {
+    let dir = folder();
+    says(&dir, "fit train.csv --model linear --partial partial.json", 0);
+    let text = read(&dir, "partial.json");
+    says(&dir, "merge partial.json", 0);
+    write(&dir, "changed.json", text.replacen("train.csv", "other.csv", 1));
+    let said = says(&dir, "merge changed.json", 2);
+    assert!(said.contains("the checksum does not match"), "{said}");
+    // Without a checksum, as earlier programs wrote them.
+    let content = text.rsplit_once(",\n  \"checksum\"").unwrap().0.to_owned() + "\n}\n";
+    write(&dir, "old.json", &content);
+    says(&dir, "merge old.json", 0);
+    let document: serde_json::Value = serde_json::from_str(&content).unwrap();
+    for (field, index) in [("readings", 1), ("readings", 12), ("readings", 40)] {
+        for change in ["0", "-170141183460469231731687303715884105728", "99999999999999999999"] {
+            let mut changed = document.clone();
+            changed["moments"][field][index] = change.into();
+            write(&dir, "changed.json", changed.to_string());
+            let said = says(&dir, "merge changed.json", 2);
+            assert!(said.contains("`moments`"), "{field}[{index}] = {change}: {said}");
+        }
+    }
+    let mut changed = document.clone();
+    changed["moments"]["squares"][0]["values"][0] = "-12345".into();
+    write(&dir, "changed.json", changed.to_string());
+    let said = says(&dir, "merge changed.json", 2);
+    assert!(said.contains("sum of squares of axis 1 is negative"), "{said}");
+}
+
+#[test]
 fn a_saturated_fit_is_warned_of() {
     let dir = folder();
     let text: Vec<String> = read(&dir, "train.csv").lines().take(10).map(str::to_owned).collect();

@@ -134,6 +134,7 @@ impl Moments {
         }
         moments.rows = stored.rows;
         moments.channels = channels;
+        moments.check_possible()?;
         Ok(moments)
     }
 }
