@@ -17,6 +17,10 @@ pub(super) fn is_matlab(bytes: &[u8]) -> bool {
 }
 
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
+    if bytes.starts_with(b"MATLAB 7.3") {
+        let message = "it is of version 7.3; save it with `-v6` or `-v7`";
+        return Err(MatrixError::Matlab(message.to_owned()));
+    }
     check_size(bytes)?;
     let file = MatFile::parse(bytes).map_err(|error| MatrixError::Matlab(error.to_string()))?;
     let found: Vec<String> = file.arrays().iter().map(|a| a.name().to_owned()).collect();

@@ -28,6 +28,7 @@ pub mod stored;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
 pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
 use crate::input::{self, Document};
@@ -138,6 +139,9 @@ impl CalibrationFile {
             input::read(path, Document::Matrix).map_err(|error| problem(Problem::Io(error)))?;
         let calibration = if matlab::is_matlab(&bytes) {
             matlab::parse(&bytes, options)
+        } else if bytes.contains(&0) {
+            let message = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
+            Err(MatrixError::Matlab(message.to_owned()))
         } else {
             matrix::parse_csv(&bytes, options)
         };

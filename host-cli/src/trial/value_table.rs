@@ -13,6 +13,8 @@ pub struct ValueTable {
     pub by: String,
     /// The columns of values, by name.
     pub quantities: Vec<String>,
+    /// Cells of each quantity that are empty, and so missing.
+    pub empty: Vec<usize>,
     /// The conditions in the order in which they are first named, with one sample a quantity.
     pub conditions: Vec<(String, Vec<Sample>)>,
 }
@@ -136,6 +138,10 @@ impl ValueTable {
         });
         Ok(Self {
             by: header[by].clone(),
+            empty: columns
+                .iter()
+                .map(|&column| rows.iter().filter(|row| row[column].is_empty()).count())
+                .collect(),
             conditions: conditions.collect(),
             quantities: columns.iter().map(|&column| header[column].clone()).collect(),
         })

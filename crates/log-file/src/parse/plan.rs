@@ -8,6 +8,7 @@ use crate::format::layout::FileLayout;
 use crate::format::mapping::Format;
 use crate::read::request::Wanted;
 use crate::stream::chunk::Chunk;
+use crate::stream::clock_turns;
 use shell_data::block::Block;
 
 /// The largest reading in the robot's telemetry, whose converter has at most 16 bits.
@@ -23,6 +24,8 @@ pub(crate) struct ReadPlan {
     /// How many columns are parsed.
     numbers: usize,
     time: Option<OutputColumn>,
+    /// Whether the clock comes round.
+    clock_turns: bool,
     readings: Vec<OutputColumn>,
     wrench: Vec<OutputColumn>,
     others: Vec<OutputColumn>,
@@ -59,7 +62,7 @@ impl BlockBuffer {
         skip_bad_rows: bool,
     ) -> Result<(), RowError> {
         plan.parse(chunk.lines(), skip_bad_rows, &mut self.parsed)?;
-        plan.fill(&mut self.block, &mut self.parsed, &chunk.context);
+        plan.fill(&mut self.block, &mut self.parsed, &chunk.context, chunk.turns);
         Ok(())
     }
 }
@@ -89,6 +92,7 @@ impl ReadPlan {
         Self {
             numbers: places.len(),
             time: roles.time.filter(|_| wanted.time).as_ref().map(output),
+            clock_turns: layout.clock().is_some(),
             readings: outputs(wanted.readings, &roles.sensors),
             wrench: outputs(wanted.wrench, &wrench),
             others: outputs(true, &wanted.others),
@@ -135,14 +139,24 @@ impl ReadPlan {
         }
     }
 
-    /// Makes a block of what was parsed; `context` holds the lines before it. The columns change
-    /// places with those that `block` had, which can be used again.
-    pub(crate) fn fill(&self, block: &mut Block, parsed: &mut ParsedRows, context: &[u8]) {
+    /// Makes a block of what was parsed; `context` holds the lines before it, and the clock, if it comes
+    /// round, has done so `turns` times. The columns change places with those that `block` had, which
+    /// can be used again.
+    pub(crate) fn fill(
+        &self,
+        block: &mut Block,
+        parsed: &mut ParsedRows,
+        context: &[u8],
+        turns: u32,
+    ) {
         block.rows = parsed.rows;
         // The others come first and may share a column; all else has its own.
         block.others.resize_with(self.others.len(), Vec::new);
         for (column, output) in block.others.iter_mut().zip(&self.others) {
             column.clone_from(&parsed.columns[output.slot]);
+        }
+        if let (true, Some(output)) = (self.clock_turns, &self.time) {
+            clock_turns::unwrap(&mut parsed.columns[output.slot], turns);
         }
         let mut take = |column: &mut Vec<f64>, output: &OutputColumn| {
             std::mem::swap(column, &mut parsed.columns[output.slot]);

@@ -340,3 +340,36 @@ fn a_last_line_that_is_cut_after_a_separator_is_left_out() {
     write(&dir, "cut.csv", format!("{cut},"));
     says(&dir, "convert cal.json cut.csv -o out.csv", 0);
 }
+
+#[test]
+fn a_clock_of_32_bits_comes_round_in_telemetry() {
+    const TURN_US: u64 = 1 << 32;
+    const BEFORE_US: u64 = 4_000_000;
+    let dir = tempfile::tempdir().unwrap();
+    says(&dir, "synth trial -o run.txt", 0);
+    let turned = |line: &str| {
+        let (time, rest) = line.split_once(',')?;
+        let time: u64 = time.parse().ok()?;
+        Some(format!("{},{rest}\n", (time + TURN_US - BEFORE_US) % TURN_US))
+    };
+    let text = read(&dir, "run.txt");
+    let lines = text.lines().map(|line| turned(line).unwrap_or_else(|| format!("{line}\n")));
+    write(&dir, "turned.txt", lines.collect::<String>());
+    let number = |command: &str, path: &str| {
+        let output = program::output(dir.path(), command);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{command}: {said}");
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        report.pointer(path).and_then(serde_json::Value::as_f64).unwrap()
+    };
+    let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-6 * a, "{a} {b}");
+    let duration = |file: &str| number(&format!("info {file} --json"), "/0/time/duration_s");
+    close(duration("run.txt"), duration("turned.txt"));
+    let energy = |file: &str, from_s: f64| {
+        let (enter_s, exit_s) = (2.5 + from_s, 7.5 + from_s);
+        let command = format!("trial {file} --enter {enter_s} --exit {exit_s} --json");
+        number(&command, "/electrical_energy_j")
+    };
+    let offset_s = (TURN_US - BEFORE_US) as f64 / 1e6;
+    close(energy("run.txt", 0.0), energy("turned.txt", offset_s));
+}

@@ -60,6 +60,11 @@ impl StatsArgs {
                 bail!("no row has the condition `{reference}` of `--reference`{hint}");
             }
         }
+        for (quantity, &empty) in table.quantities.iter().zip(&table.empty) {
+            if empty > 0 {
+                printer.note(format!("{quantity}: {empty} empty cells are left out"));
+            }
+        }
         let rows = table.statistics(self.reference.as_deref(), self.seed);
         if printer.json() {
             printer.document(&rows)?;
