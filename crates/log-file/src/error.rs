@@ -160,6 +160,16 @@ pub enum RowProblem {
         /// Its content.
         found: String,
     },
+    /// A reading is beyond what any converter gives: damage, or another quantity.
+    #[error("{field}: expected a reading of at most {largest} counts, found `{found}`")]
+    Unbelievable {
+        /// Which.
+        field: Field,
+        /// Its content.
+        found: String,
+        /// The largest magnitude that there is.
+        largest: String,
+    },
     /// A field is empty.
     #[error("{field}: expected a number, found nothing")]
     EmptyField {

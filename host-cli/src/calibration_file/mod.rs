@@ -28,8 +28,10 @@ pub mod stored;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
 pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
+use crate::input::{self, Document};
 use calibration::Calibration;
 use shell_data::wrench::PerAxis;
 
@@ -112,7 +114,8 @@ impl CalibrationFile {
     /// [`CalibrationFileError`] if it cannot be read or is no calibration of this version.
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let text =
+            input::read(path, Document::Json).map_err(|error| problem(Problem::Io(error)))?;
         document::parse(&text).map_err(problem)
     }
 
@@ -132,9 +135,13 @@ impl CalibrationFile {
         options: &matrix::ImportOptions,
     ) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let bytes = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let bytes =
+            input::read(path, Document::Matrix).map_err(|error| problem(Problem::Io(error)))?;
         let calibration = if matlab::is_matlab(&bytes) {
             matlab::parse(&bytes, options)
+        } else if bytes.contains(&0) {
+            let message = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
+            Err(MatrixError::Matlab(message.to_owned()))
         } else {
             matrix::parse_csv(&bytes, options)
         };
