@@ -11,6 +11,7 @@ pub mod features;
 pub mod least_squares;
 pub mod magnitudes;
 pub mod model;
+pub mod physics;
 pub mod quality;
 pub mod rank_loss;
 pub mod raw_units;
