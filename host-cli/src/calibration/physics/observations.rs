@@ -142,10 +142,12 @@ impl Grid {
 mod tests {
     use super::*;
 
+    type Reduce = fn(&[u64], &PerAxis<&[f64]>, &[&[f64]]) -> Result<Vec<Observation>, PhysicsError>;
+
     #[test]
     fn means_do_not_depend_on_the_order_of_the_rows() {
         let value = |row: u64| f64::from((row * 2_654_435_761 % 1009) as u32) / 7.0;
-        let of = |rows: &[u64], reduce: fn(&[u64], &PerAxis<&[f64]>, &[&[f64]]) -> _| {
+        let of = |rows: &[u64], reduce: Reduce| {
             let column = |k: u64| rows.iter().map(|&row| value(row + 13 * k)).collect::<Vec<_>>();
             let columns: Vec<Vec<f64>> = (0..9).map(column).collect();
             let groups: Vec<u64> = rows.iter().map(|row| row % 5).collect();
@@ -158,7 +160,7 @@ mod tests {
         let groups = of(&forward, group_means).unwrap();
         assert_eq!(groups.len(), 5);
         assert_eq!(Ok(groups), of(&backward, group_means));
-        let cells: fn(&[u64], &PerAxis<&[f64]>, &[&[f64]]) -> _ = |_, w, s| cell_means(w, s);
+        let cells: Reduce = |_, w, s| cell_means(w, s);
         assert_eq!(of(&forward, cells), of(&backward, cells));
     }
 
@@ -166,7 +168,7 @@ mod tests {
     fn values_that_are_not_numbers_and_too_many_channels_are_told() {
         let wrench: PerAxis<&[f64]> = [&[1.0]; 6];
         assert_eq!(group_means(&[0], &wrench, &[&[f64::NAN]]), Err(PhysicsError::NotFinite));
-        let found = group_means(&[0], &wrench, &[&[1.0]; 17]);
+        let found = group_means(&[0], &wrench, &[wrench[0]; 17]);
         assert_eq!(found, Err(PhysicsError::Channels { found: 17 }));
     }
 }
