@@ -37,6 +37,7 @@
 #![forbid(unsafe_code)]
 
 mod arc;
+mod bracket;
 mod contact;
 mod error;
 mod force;
@@ -47,11 +48,13 @@ mod quadrature;
 mod setup;
 mod side;
 mod start;
+mod wall;
 
 pub use contact::Contact;
 pub use error::SetupError;
 pub use force::BeamForce;
-pub use model::{Model, Total, Wall};
+pub use model::{Model, Total};
 pub use plateau::{Extreme, Plateau, Turn};
 pub use setup::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup};
 pub use side::Side;
+pub use wall::Wall;

@@ -1,21 +1,11 @@
 //! The channel as a whole.
 
 use core::array::from_fn;
-use core::fmt;
 use core::ops::Range;
 
 use crate::contact::Contact;
 use crate::force::{BeamForce, Law};
-use crate::{Setup, SetupError, Side};
-
-/// One of the two walls.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wall {
-    /// At positive y: the paper's top beams.
-    Left,
-    /// At negative y.
-    Right,
-}
+use crate::{Setup, SetupError, Side, Wall};
 
 /// A body in a channel, all that does not depend on its position worked out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,28 +27,6 @@ pub struct Total {
     pub mz_nm: f64,
     /// Beams that touch, of the left and of the right wall.
     pub contacts: [u32; 2],
-}
-
-impl Wall {
-    /// Both, left first.
-    pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
-
-    /// +1 for the left wall, −1 for the right.
-    pub(crate) fn sign(self) -> f64 {
-        match self {
-            Self::Left => 1.0,
-            Self::Right => -1.0,
-        }
-    }
-}
-
-impl fmt::Display for Wall {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Left => "left",
-            Self::Right => "right",
-        })
-    }
 }
 
 impl Model {

@@ -108,7 +108,7 @@ impl Model {
         breaks[1] = start + pitch;
         let mut count = 2;
         for (_, side) in self.solved() {
-            let ends = side.arcs().iter().map(|arc| arc.travel[1]);
+            let ends = side.arcs().iter().map(|arc| arc.bracket.travel[1]);
             for travel in core::iter::once(0.0).chain(ends) {
                 let past = travel - side.engagement_m() - start;
                 let place = start + (past - pitch * libm::floor(past / pitch));
@@ -145,7 +145,7 @@ impl Smooth<'_> {
         let mut beam = first;
         while beam < end {
             let travel = middle - pitch * beam;
-            let arc = side.arcs().iter().find(|arc| travel <= arc.travel[1]);
+            let arc = side.arcs().iter().find(|arc| travel <= arc.bracket.travel[1]);
             if let Some(arc) = arc {
                 let travel = x + side.engagement_m() - pitch * beam;
                 sum += f(&arc.locate(side.path(), travel));

@@ -88,7 +88,7 @@ impl Model {
 
     /// The work of one beam of a side, from the first touch until it slips off.
     pub(crate) fn passage(&self, side: &Side) -> f64 {
-        side.arcs().iter().map(|arc| self.work_on(side, arc.z)).sum()
+        side.arcs().iter().map(|arc| self.work_on(side, arc.bracket.z)).sum()
     }
 
     fn partial_passage(&self, side: &Side, from: f64, to: f64) -> f64 {

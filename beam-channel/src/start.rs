@@ -1,4 +1,4 @@
-//! Where Newton's method starts on an arc.
+//! Where Newton's method starts in a bracket.
 //!
 //! Solved for `z`, the travel `s(z)` has two branch points: at a release, where `ds/dz` is zero,
 //! and a little before the first touch, where that of `s ≈ α·z + β·z²` is, at `s = −α²/4β`. In
@@ -14,7 +14,7 @@ use core::f64::consts::PI;
 
 use libm::{cos, sqrt};
 
-use crate::arc::Arc;
+use crate::bracket::Bracket;
 use crate::contact::Contact;
 use crate::path::Path;
 
@@ -23,9 +23,9 @@ const NODES: usize = 8;
 /// `z` as a polynomial of `w`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Start {
-    /// How far before the arc the travel would turn, as a share of the arc.
+    /// How far before the bracket the travel would turn, as a share of it.
     before: f64,
-    /// One over the travel of the arc, in 1/m.
+    /// One over the travel of the bracket, in 1/m.
     scale: f64,
     nodes: [f64; NODES],
     /// Divided differences: the coefficients of Newton's form.
@@ -34,17 +34,17 @@ pub(crate) struct Start {
 
 impl Start {
     /// Interpolates `z` at Chebyshev's nodes of `w`.
-    pub(crate) fn new(path: &Path, arc: &Arc, first: &Contact) -> Self {
-        let length = arc.length();
+    pub(crate) fn new(path: &Path, bracket: &Bracket, first: &Contact) -> Self {
+        let length = bracket.length();
         let mut start = Self { before: 1.0, scale: 1.0 / length, ..Self::default() };
-        if arc.z[0] == 0.0 {
+        if bracket.z[0] == 0.0 {
             let (slope, bend) = (first.slope(), 2.0 * first.back);
             let before = slope * slope / (4.0 * bend);
             if before > 0.0 && before < length {
                 start.before = before / length;
             }
         }
-        let low = start.w(arc.travel, arc.travel[0]);
+        let low = start.w(bracket.travel, bracket.travel[0]);
         for i in 0..NODES {
             // From both ends in turns, for the sake of rounding.
             let place = if i % 2 == 0 { i / 2 } else { NODES - 1 - i / 2 };
@@ -54,7 +54,7 @@ impl Start {
             let (near, far) = (w * w, (1.0 - w) * (1.0 - w));
             let travel = length * (near - start.before * far) / (near + far);
             start.nodes[i] = w;
-            let contact = arc.locate_guarded(path, arc.travel[0] + travel);
+            let contact = bracket.locate(path, bracket.travel[0] + travel);
             start.coefficients[i] = sqrt(contact.sin_a);
         }
         for order in 1..NODES {

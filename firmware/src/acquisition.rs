@@ -5,7 +5,7 @@
 //! only while its own channel is converted: neighbours do not see it, and it stays cool.
 
 use crate::board::{Clock, FrontEnd};
-use crate::session::Settings;
+use crate::settings::Settings;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB};
 
 /// Most conversions for one value.
@@ -46,7 +46,8 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
         settle(clock, settings).await;
         front_end.convert(channel, lit).await;
         front_end.light(None);
-        *reading = difference(dark, lit);
+        let (dark, lit) = (Burst::of(dark), Burst::of(lit));
+        *reading = difference(dark, lit, conversions as u32);
         frame.saturated |= u8::from(is_saturated(dark, lit)) << channel;
     }
     frame
@@ -56,18 +57,33 @@ async fn settle<C: Clock>(clock: &C, settings: &Settings) {
     clock.wait_until_us(clock.now_us() + u64::from(settings.settling_us)).await;
 }
 
+/// What there is to know of some conversions one after the other, found in one pass.
+#[derive(Clone, Copy, Debug)]
+struct Burst {
+    /// At most 64 codes of 12 bits.
+    sum: u32,
+    largest: u16,
+}
+
+impl Burst {
+    fn of(codes: &[u16]) -> Self {
+        codes.iter().fold(Self { sum: 0, largest: 0 }, |burst, &code| Self {
+            sum: burst.sum + u32::from(code),
+            largest: burst.largest.max(code),
+        })
+    }
+}
+
 /// Mean lit code less mean dark code, in counts, rounded; zero if it is darker with light.
-fn difference(dark: &[u16], lit: &[u16]) -> u16 {
-    let sum = |codes: &[u16]| codes.iter().map(|&code| u32::from(code)).sum::<u32>();
-    let conversions = (lit.len() as u32).max(1);
-    let counts = sum(lit).saturating_sub(sum(dark)) * u32::from(COUNTS_PER_LSB);
-    // At most 4095 steps of 16 counts, which fit.
-    ((counts + conversions / 2) / conversions) as u16
+fn difference(dark: Burst, lit: Burst, conversions: u32) -> u16 {
+    let counts = lit.sum.saturating_sub(dark.sum) * u32::from(COUNTS_PER_LSB);
+    // At most 4095 steps of 16 counts, which fit; there is at least one conversion.
+    ((counts + conversions / 2) / conversions.max(1)) as u16
 }
 
 /// A code at full scale may stand for more light; none at all with the emitter on is no reading.
-fn is_saturated(dark: &[u16], lit: &[u16]) -> bool {
-    dark.iter().chain(lit).any(|&code| code >= FULL_SCALE) || lit.iter().all(|&code| code == 0)
+fn is_saturated(dark: Burst, lit: Burst) -> bool {
+    dark.largest.max(lit.largest) >= FULL_SCALE || lit.largest == 0
 }
 
 /// Longest time that a frame with these settings takes, in µs.
@@ -79,6 +95,14 @@ pub fn duration_us(settings: &Settings, conversion_ns: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn difference(dark: &[u16], lit: &[u16]) -> u16 {
+        super::difference(Burst::of(dark), Burst::of(lit), lit.len() as u32)
+    }
+
+    fn is_saturated(dark: &[u16], lit: &[u16]) -> bool {
+        super::is_saturated(Burst::of(dark), Burst::of(lit))
+    }
 
     #[test]
     fn readings_are_differences_of_means_in_sixteenths_of_a_step() {

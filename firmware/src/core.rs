@@ -2,11 +2,14 @@
 
 use crate::acquisition::Frame;
 use crate::board::Storage;
+use crate::last_words::LastWords;
+use crate::limits::Limits;
 use crate::outbox::Outbox;
-use crate::session::{Limits, Session, Settings};
+use crate::session::Session;
+use crate::settings::Settings;
 use shared_proto::{
-    Answer, Boot, Command, Frame as WireFrame, Identity, Refusal, ResetCause, Status, Stream,
-    Values,
+    Answer, BoardId, Boot, Command, Frame as WireFrame, Identity, Refusal, ResetCause, Status,
+    Stream, Values,
 };
 
 /// Session, outbox and counts.
@@ -19,6 +22,8 @@ pub(crate) struct Core {
     frames: u32,
     late: u32,
     damaged: u16,
+    foreign: u16,
+    last_words: LastWords,
     longest_frame_us: u16,
 }
 
@@ -27,6 +32,7 @@ impl Core {
     pub(crate) fn new<S: Storage>(
         identity: Identity,
         reset_cause: ResetCause,
+        last_words: LastWords,
         limits: Limits,
         storage: &mut S,
     ) -> Self {
@@ -41,6 +47,8 @@ impl Core {
             frames: 0,
             late: 0,
             damaged: 0,
+            foreign: 0,
+            last_words,
             longest_frame_us: 0,
         }
     }
@@ -80,19 +88,27 @@ impl Core {
         self.outbox.push_sample(clock_us, values, frame.saturated, self.late);
     }
 
-    /// Does what a command asks and puts the answer into the outbox.
+    /// Does what a command asks and puts the answer into the outbox. Commands for another board are
+    /// counted and left to it.
     pub(crate) fn command<S: Storage>(
         &mut self,
         number: u16,
+        to: Option<BoardId>,
         command: &Command,
         now_us: u64,
         storage: &mut S,
     ) {
+        let is_ours = to.map_or(command.is_for_all(), |to| to == self.identity.id());
+        if !is_ours {
+            self.foreign = self.foreign.wrapping_add(1);
+            return;
+        }
         let answer = match self.session.execute(command, now_us, storage) {
             Err(refusal) => Answer::Refused(refusal),
             Ok(()) => match command {
                 Command::Identify => Answer::Identity(self.identity),
                 Command::Status => Answer::Status(self.status(now_us)),
+                Command::LastWords { offset } => self.last_words.answer(*offset),
                 _ => Answer::Done,
             },
         };
@@ -132,6 +148,7 @@ impl Core {
             damaged: self.damaged,
             longest_frame_us: self.longest_frame_us,
             calibration_crc32: self.session.calibration_crc32(),
+            foreign: self.foreign,
         }
     }
 }

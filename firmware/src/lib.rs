@@ -21,18 +21,24 @@
 pub mod acquisition;
 pub mod board;
 mod core;
+mod last_words;
+mod limits;
 mod link;
 mod outbox;
 mod run;
 mod schedule;
 mod session;
+mod settings;
+mod slots;
 mod upload;
 mod wrench;
 
 pub use board::{Clock, FrontEnd, Storage, StorageError, Watchdog};
+pub use last_words::LastWords;
 pub use link::Link;
 pub use run::{Parts, run};
-pub use session::Settings;
+pub use settings::Settings;
+pub use slots::Slots;
 pub use upload::{RECORD, Record};
 pub use wrench::Converter;
 

@@ -27,6 +27,28 @@ impl Link {
         }
     }
 
+    /// Bytes that a frame of so many takes on the line, at most.
+    pub(crate) const fn bytes_on_line(self, frame: usize) -> usize {
+        match self {
+            Self::Transparent => frame,
+            Self::Api { mode, to } => {
+                // Start, two of length and the checksum; the header by the kind of address; in
+                // escaped mode length, address and checksum may take two bytes each. A frame holds
+                // no byte that is escaped.
+                let (header, address) = match to {
+                    Address::Short(_) => (5, 2),
+                    Address::Long(_) => (11, 8),
+                    Address::Zigbee { .. } => (14, 10),
+                };
+                let escapes = match mode {
+                    Mode::Plain => 0,
+                    Mode::Escaped => 2 + address + 1,
+                };
+                4 + header + frame + escapes
+            }
+        }
+    }
+
     /// Sends a frame.
     ///
     /// # Errors

@@ -9,14 +9,25 @@ pub(crate) const SAMPLES: usize = 16;
 /// Answers that can wait. The host asks one thing at a time.
 const ANSWERS: usize = 4;
 
+/// A sample that waits.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    clock_us: u32,
+    values: Values,
+    saturated: u8,
+    /// Frames not taken until then.
+    late: u32,
+}
+
 /// Frames on their way out, answers before samples.
 ///
-/// When samples do not fit, the newest is dropped and counted, and does not use up a sequence
-/// number: a gap in the sequence is a loss on the way, a step of `dropped` one on the board.
+/// When samples do not fit, the oldest is dropped and counted: after a link was held up, what the
+/// host gets first is what has just been measured. A sample is given its sequence number when it
+/// goes out, so a gap in the sequence is a loss on the way, and a step of `dropped` one on the board.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Outbox {
     answers: Deque<Frame, ANSWERS>,
-    samples: Deque<Frame, SAMPLES>,
+    samples: Deque<Waiting, SAMPLES>,
     sequence: u16,
     overflowed: u32,
 }
@@ -34,12 +45,12 @@ impl Outbox {
 
     /// A sample for the host; `late` is how many frames were not taken so far.
     pub(crate) fn push_sample(&mut self, clock_us: u32, values: Values, saturated: u8, late: u32) {
-        let dropped = late.wrapping_add(self.overflowed) as u8;
-        let sample = Sample { sequence: self.sequence, clock_us, values, saturated, dropped };
-        match self.samples.push_back(Packet::Sample(sample).encode()) {
-            Ok(()) => self.sequence = self.sequence.wrapping_add(1),
-            Err(_) => self.overflowed = self.overflowed.wrapping_add(1),
+        if self.samples.is_full() {
+            self.samples.pop_front();
+            self.overflowed = self.overflowed.wrapping_add(1);
         }
+        // There is room now.
+        _ = self.samples.push_back(Waiting { clock_us, values, saturated, late });
     }
 
     /// An answer for the host. If too many wait it is lost, and the host will ask again.
@@ -54,7 +65,16 @@ impl Outbox {
 
     /// What goes out next.
     pub(crate) fn pop(&mut self) -> Option<Frame> {
-        self.answers.pop_front().or_else(|| self.samples.pop_front())
+        self.answers.pop_front().or_else(|| self.pop_sample())
+    }
+
+    fn pop_sample(&mut self) -> Option<Frame> {
+        let Waiting { clock_us, values, saturated, late } = self.samples.pop_front()?;
+        // All that were dropped are older than those that wait.
+        let dropped = late.wrapping_add(self.overflowed) as u8;
+        let sample = Sample { sequence: self.sequence, clock_us, values, saturated, dropped };
+        self.sequence = self.sequence.wrapping_add(1);
+        Some(Packet::Sample(sample).encode())
     }
 }
 
@@ -76,24 +96,32 @@ mod tests {
         }
     }
 
-    fn sequence_and_dropped(packets: &[Packet]) -> Vec<(u16, u8)> {
+    /// Sequence number, clock and count of dropped frames of each.
+    fn samples(packets: &[Packet]) -> Vec<(u16, u32, u8)> {
         let samples = packets.iter().map(|packet| match packet {
-            Packet::Sample(sample) => (sample.sequence, sample.dropped),
+            Packet::Sample(sample) => (sample.sequence, sample.clock_us, sample.dropped),
             other => panic!("{other:?}"),
         });
         samples.collect()
     }
 
     #[test]
-    fn what_does_not_fit_is_counted_and_leaves_no_gap_in_the_sequence() {
+    fn the_oldest_is_dropped_and_counted_and_leaves_no_gap_in_the_sequence() {
         let mut outbox = Outbox::new();
         push(&mut outbox, SAMPLES as u16 + 3, 0);
         assert_eq!(outbox.overflowed(), 3);
-        let packets = sent(&mut outbox);
-        let expected: Vec<_> = (0..SAMPLES as u16).map(|i| (i, 0)).collect();
-        assert_eq!(sequence_and_dropped(&packets), expected);
+        let expected: Vec<_> = (0..SAMPLES as u16).map(|i| (i, u32::from(i) + 3, 3)).collect();
+        assert_eq!(samples(&sent(&mut outbox)), expected);
         push(&mut outbox, 1, 2);
-        assert_eq!(sequence_and_dropped(&sent(&mut outbox)), [(SAMPLES as u16, 5)]);
+        assert_eq!(samples(&sent(&mut outbox)), [(SAMPLES as u16, 0, 5)]);
+    }
+
+    #[test]
+    fn a_frame_that_was_late_is_counted_from_the_sample_after_it() {
+        let mut outbox = Outbox::new();
+        push(&mut outbox, 1, 0);
+        push(&mut outbox, 1, 4);
+        assert_eq!(samples(&sent(&mut outbox)), [(0, 0, 0), (1, 0, 4)]);
     }
 
     #[test]

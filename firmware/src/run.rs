@@ -3,8 +3,9 @@
 use crate::acquisition::acquire;
 use crate::board::{Clock, FrontEnd, Storage, Watchdog};
 use crate::core::Core;
+use crate::last_words::LastWords;
+use crate::limits::{Limits, Line};
 use crate::link::Link;
-use crate::session::Limits;
 use core::cell::RefCell;
 use embassy_futures::join::join3;
 use embassy_futures::select::select;
@@ -40,6 +41,10 @@ pub struct Parts<F, C, R, W, S, D> {
     pub identity: Identity,
     /// Why it has started.
     pub reset_cause: ResetCause,
+    /// What it said before, if that is why.
+    pub last_words: LastWords,
+    /// What the serial line carries, in bytes per second; `None` if it is never the bottleneck.
+    pub line_bytes_per_s: Option<u32>,
 }
 
 type Wake = Signal<NoopRawMutex, ()>;
@@ -61,8 +66,9 @@ where
         min_period_us: parts.identity.min_period_us,
         conversion_ns: F::CONVERSION_NS,
         tolerance_us: C::TOLERANCE_US,
+        line: Line { bytes_per_s: parts.line_bytes_per_s, link: parts.link },
     };
-    let core = Core::new(parts.identity, parts.reset_cause, limits, &mut storage);
+    let core = Core::new(parts.identity, parts.reset_cause, parts.last_words, limits, &mut storage);
     let core = RefCell::new(core);
     let (changed, outgoing) = (Wake::new(), Wake::new());
     join3(
@@ -138,8 +144,8 @@ async fn receive<R: Read, C: Clock, S: Storage>(
             }
         };
         decoder.feed(received, |event| match event {
-            Event::Command { number, command } => {
-                core.borrow_mut().command(number, &command, clock.now_us(), &mut storage);
+            Event::Command { number, to, command } => {
+                core.borrow_mut().command(number, to, &command, clock.now_us(), &mut storage);
             }
             Event::OtherVersion { command: true, .. } => core.borrow_mut().refuse_other_version(),
             _ => {}

@@ -1,64 +1,12 @@
 //! What the board has been told: (session, command) → (session, answer).
 
-use crate::acquisition::{self, MAX_CONVERSIONS};
 use crate::board::Storage;
+use crate::limits::Limits;
 use crate::schedule::Schedule;
+use crate::settings::Settings;
 use crate::upload::{self, RECORD, Upload};
 use crate::wrench::Converter;
 use shared_proto::{Calibration, Command, Refusal, Stream};
-
-/// How frames are taken and what is sent of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
-    /// Readings or wrenches.
-    pub stream: Stream,
-    /// Time from frame to frame in µs.
-    pub period_us: u32,
-    /// Conversions averaged for each lit and each dark value.
-    pub conversions: u8,
-    /// Time from switching an emitter to converting, in µs.
-    pub settling_us: u16,
-}
-
-impl Settings {
-    /// After a reset: readings at 100 Hz, means of 16 conversions, 200 µs to settle, which is twice
-    /// the longest response time that Sharp's data sheets give for photointerrupters of this kind
-    /// into 1 kΩ (GP1S560: 90 and 100 µs).
-    pub const DEFAULT: Self =
-        Self { stream: Stream::Raw, period_us: 10_000, conversions: 16, settling_us: 200 };
-}
-
-/// What a board can do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Limits {
-    /// Shortest period in µs.
-    pub(crate) min_period_us: u32,
-    /// Time of a conversion in ns, see [`crate::FrontEnd::CONVERSION_NS`].
-    pub(crate) conversion_ns: u32,
-    /// How late a frame may start in µs, see [`crate::Clock::TOLERANCE_US`].
-    pub(crate) tolerance_us: u32,
-}
-
-impl Limits {
-    /// Longest period in µs.
-    pub(crate) const MAX_PERIOD_US: u32 = 10_000_000;
-
-    /// Longest settling in µs.
-    pub(crate) const MAX_SETTLING_US: u16 = 10_000;
-
-    fn check(self, settings: &Settings) -> Result<(), Refusal> {
-        let in_range = (self.min_period_us..=Self::MAX_PERIOD_US).contains(&settings.period_us)
-            && (1..=MAX_CONVERSIONS).contains(&settings.conversions)
-            && settings.settling_us <= Self::MAX_SETTLING_US;
-        if !in_range {
-            return Err(Refusal::OutOfRange);
-        }
-        if acquisition::duration_us(settings, self.conversion_ns) > settings.period_us {
-            return Err(Refusal::PeriodTooShort);
-        }
-        Ok(())
-    }
-}
 
 /// Settings, schedule and calibration. Every command leaves all as it was or does all it asks.
 #[derive(Clone, Debug)]
@@ -137,7 +85,7 @@ impl Session {
         storage: &mut S,
     ) -> Result<(), Refusal> {
         match *command {
-            Command::Identify | Command::Status => Ok(()),
+            Command::Identify | Command::Status | Command::LastWords { .. } => Ok(()),
             Command::Start => self.start(now_us),
             Command::Stop => {
                 self.schedule = None;
@@ -155,9 +103,8 @@ impl Session {
             Command::SetStream(Stream::Wrench) if !self.is_calibrated() => {
                 Err(Refusal::NoCalibration)
             }
-            Command::SetStream(stream) => {
-                self.settings.stream = stream;
-                Ok(())
+            Command::SetStream(stream @ (Stream::Raw | Stream::Wrench)) => {
+                self.change(Settings { stream, ..self.settings }, now_us)
             }
             Command::BeginCalibration { size, crc32 } => {
                 self.upload = Some(Upload::begin(size, crc32)?);
@@ -220,6 +167,9 @@ mod tests {
 
     use super::*;
     use crate::board::StorageError;
+    use crate::limits::Line;
+    use crate::link::Link;
+    use crate::slots::{FakeFlash, Outcome, Slots};
     use crate::upload::Record;
     use shared_proto::{AXES, CHANNELS, FEATURES, MAX_PIECE, Piece};
     use std::vec::Vec;
@@ -245,7 +195,12 @@ mod tests {
         }
     }
 
-    const LIMITS: Limits = Limits { min_period_us: 1_000, conversion_ns: 1_500, tolerance_us: 100 };
+    const LIMITS: Limits = Limits {
+        min_period_us: 1_000,
+        conversion_ns: 1_500,
+        tolerance_us: 100,
+        line: Line { bytes_per_s: None, link: Link::Transparent },
+    };
 
     fn erased() -> Memory {
         Memory { record: [0xFF; RECORD], works: true, stored: 0 }
@@ -298,15 +253,18 @@ mod tests {
     #[test]
     fn settings_outside_their_range_are_refused_and_nothing_changes() {
         let mut bench = Bench::new();
+        // 8 · (2 · (settling + 16 · 1.5 µs) + 30 µs)
+        let too_short = |shortest_us| Refusal::PeriodTooShort { shortest_us };
         let refused = [
             (Command::SetPeriod { period_us: 0 }, Refusal::OutOfRange),
             (Command::SetPeriod { period_us: 999 }, Refusal::OutOfRange),
             (Command::SetPeriod { period_us: 10_000_001 }, Refusal::OutOfRange),
-            (Command::SetPeriod { period_us: 1_000 }, Refusal::PeriodTooShort),
+            (Command::SetPeriod { period_us: 1_000 }, too_short(3_824)),
             (Command::SetOversampling { conversions: 0 }, Refusal::OutOfRange),
             (Command::SetOversampling { conversions: 65 }, Refusal::OutOfRange),
             (Command::SetSettling { settling_us: 10_001 }, Refusal::OutOfRange),
-            (Command::SetSettling { settling_us: 1_000 }, Refusal::PeriodTooShort),
+            (Command::SetSettling { settling_us: 1_000 }, too_short(16_624)),
+            (Command::SetStream(Stream::Other(7)), Refusal::UnknownCommand),
             (Command::Unknown { code: 77 }, Refusal::UnknownCommand),
         ];
         for (command, refusal) in refused {
@@ -389,7 +347,7 @@ mod tests {
         bench.run_all(&commands[..3]).unwrap();
         assert_eq!(bench.run(&commands[4]), Err(Refusal::WrongOffset));
         assert_eq!(bench.run(&Command::CommitCalibration), Err(Refusal::WrongSize));
-        let data = Piece::copy_of(&[0; 40]).unwrap();
+        let data = Piece::copy_of(&[0; MAX_PIECE]).unwrap();
         bench.run_all(&commands[3..commands.len() - 1]).unwrap();
         let beyond = Command::CalibrationPiece { offset: 640, data };
         assert_eq!(bench.run(&beyond), Err(Refusal::WrongSize));
@@ -404,6 +362,35 @@ mod tests {
 
         assert_eq!(bench.session.calibration_crc32(), crc);
         assert_eq!(Session::new(LIMITS, &mut bench.memory).calibration_crc32(), crc);
+    }
+
+    #[test]
+    fn a_memory_that_fails_after_erasing_has_the_old_calibration_after_a_reset() {
+        let old = calibration();
+        let new = Calibration { intercept: [9.0; AXES], ..old };
+        let [old_crc, new_crc] = [old, new].map(|it| shared_proto::crc32(&it.to_bytes()));
+        for outcome in Outcome::ALL {
+            let mut slots = Slots::new(FakeFlash::new());
+            let mut session = Session::new(LIMITS, &mut slots);
+            for command in upload(&old.to_bytes(), old_crc) {
+                assert_eq!(session.execute(&command, 0, &mut slots), Ok(()));
+            }
+            // The first operation erases, the second writes the first double word.
+            slots.flash_mut().cut_power(1, outcome);
+            let [rest @ .., commit] = &upload(&new.to_bytes(), new_crc)[..] else { panic!() };
+            for command in rest {
+                assert_eq!(session.execute(command, 0, &mut slots), Ok(()));
+            }
+            let refused = session.execute(commit, 0, &mut slots);
+            assert_eq!(refused, Err(Refusal::StorageFailed));
+            assert_eq!(session.calibration_crc32(), old_crc);
+
+            slots.flash_mut().restore_power();
+            assert_eq!(Session::new(LIMITS, &mut slots).calibration_crc32(), old_crc);
+            // The upload is still there: the commit can be tried again.
+            assert_eq!(session.execute(commit, 0, &mut slots), Ok(()));
+            assert_eq!(Session::new(LIMITS, &mut slots).calibration_crc32(), new_crc);
+        }
     }
 
     #[test]

@@ -6,7 +6,8 @@ use bench::{Bench, SERIAL, readings, wrench};
 use firmware::{Converter, Link};
 use shared_proto::xbee::{Address, Mode};
 use shared_proto::{
-    Answer, Board, Boot, Calibration, Command, Event, Identity, Refusal, ResetCause, Stream,
+    Answer, Board, BoardId, Boot, Calibration, Command, Event, Identity, Refusal, ResetCause,
+    Stream,
 };
 
 fn calibration() -> Calibration {
@@ -78,13 +79,14 @@ fn a_link_that_is_held_up_costs_samples_that_are_counted_and_nothing_else() {
     bench.world.held_up.set(false);
     bench.run_for(100_000);
     let samples = bench.samples();
-    // One on its way and 16 waiting, then those of the 100 ms; the other 83 are counted.
+    // One on its way and the last 16 waiting, then those of the 100 ms; the 83 between are counted.
     assert_eq!(samples.len(), 17 + 10);
     let sequence: Vec<u16> = samples.iter().map(|sample| sample.sequence).collect();
     assert_eq!(sequence, (1..28).collect::<Vec<u16>>());
-    assert_eq!(samples[16].dropped, 0);
-    assert_eq!(samples[17].dropped, 83);
-    assert_eq!(samples[17].clock_us, 1_010_000);
+    assert_eq!((samples[0].clock_us, samples[0].dropped), (10_000, 0));
+    for (i, sample) in samples.iter().enumerate().skip(1) {
+        assert_eq!((sample.clock_us as usize, sample.dropped), (840_000 + 10_000 * i, 83));
+    }
     let status = bench.status();
     assert_eq!((status.overflowed, status.late), (83, 0));
     assert_eq!(bench.decoder.counters().missing, 0);
@@ -219,6 +221,40 @@ fn the_board_says_what_it_is() {
 }
 
 #[test]
+fn commands_for_another_board_are_counted_and_left_to_it() {
+    let mut bench = Bench::new();
+    bench.run_for(1);
+    bench.events();
+    let ours = bench.to;
+    for to in [None, Some(BoardId::of_serial(b"another one."))] {
+        bench.to = to;
+        bench.tell(Command::SetPeriod { period_us: 20_000 });
+        bench.tell(Command::BeginCalibration { size: 668, crc32: 1 });
+        assert_eq!(bench.events(), []);
+    }
+    bench.to = Some(BoardId::of_serial(b"another one."));
+    bench.tell(Command::Start);
+    assert_eq!(bench.events(), []);
+    bench.to = None;
+    let status = bench.status();
+    assert_eq!((status.foreign, status.period_us, status.streaming), (5, 10_000, false));
+    bench.to = ours;
+    bench.done(Command::SetPeriod { period_us: 20_000 });
+}
+
+#[test]
+fn the_last_words_of_the_run_before_are_told() {
+    let mut bench = Bench::new();
+    let answer = bench.ask(Command::LastWords { offset: 0 }).0;
+    let text = shared_proto::Piece::copy_of(&bench::LAST_WORDS[..32]).unwrap();
+    let len = bench::LAST_WORDS.len() as u16;
+    assert_eq!(answer, Answer::LastWords { len, text });
+    let answer = bench.ask(Command::LastWords { offset: 32 }).0;
+    let text = shared_proto::Piece::copy_of(&bench::LAST_WORDS[32..]).unwrap();
+    assert_eq!(answer, Answer::LastWords { len, text });
+}
+
+#[test]
 fn channels_at_the_end_of_the_range_are_flagged() {
     let mut bench = Bench::new();
     bench.play(|channel, _| match channel {
@@ -255,9 +291,9 @@ fn a_command_of_another_version_is_refused_but_its_samples_are_not_answered() {
     let mut bench = Bench::new();
     bench.run_for(1);
     bench.events();
-    // Version 2, made by hand: a command, and a sample.
-    bench.send(&[0x01, 0x03, 0x28, 0x03, 0x04, 0x03, 0xDD, 0x3B, 0x00]);
-    bench.send(&[0x01, 0x03, 0x24, 0x03, 0x04, 0x03, 0xB6, 0x32, 0x00]);
+    // Version 3, made by hand: a command, and a sample.
+    bench.send(&[0x01, 0x03, 0x38, 0x04, 0x05, 0x03, 0x04, 0x36, 0xE4, 0x00]);
+    bench.send(&[0x01, 0x03, 0x34, 0x04, 0x05, 0x03, 0x04, 0xC1, 0xAD, 0x00]);
     bench.run_for(1_000);
     let answer = Answer::Refused(Refusal::OtherVersion);
     assert_eq!(bench.events(), [Event::Answer { number: 0, answer }]);

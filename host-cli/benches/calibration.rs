@@ -1,13 +1,13 @@
 //! Fitting and converting at the paper's size: 77,522 rows of eight 12-bit readings.
 
+use calibration::model::{Basis, Model};
+use calibration::scaling::Scaling;
+use calibration::solver::{self, FitProblem, SolverKind};
+use calibration::{Calibration, quality};
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use shellcal::block::Block;
-use shellcal::calibration::model::{Basis, Model};
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{self, Problem, SolverKind};
-use shellcal::calibration::{Calibration, quality};
-use shellcal::wrench::PerAxis;
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 
 fn main() {
     divan::main();
@@ -35,17 +35,17 @@ fn blocks() -> Vec<Block> {
         .collect()
 }
 
-fn problem(basis: Basis, blocks: &[Block]) -> Problem {
+fn problem(basis: Basis, blocks: &[Block]) -> FitProblem {
     let model = Model { basis, intercept: true, channels: 8 };
     let scaling = Scaling::of_sample(&blocks[0].readings, true);
-    Problem { model, scaling, ridge: 0.0 }
+    FitProblem { model, scaling, ridge: 0.0 }
 }
 
 fn calibration(basis: Basis, blocks: &[Block]) -> Calibration {
     let problem = problem(basis, blocks);
-    let (solution, extent) =
+    let (solution, ranges) =
         solver::fit(SolverKind::Tsqr, problem, &mut &blocks[..1]).expect("full rank");
-    Calibration::of_solution(&solution, &extent)
+    Calibration::of_solution(&solution, &ranges)
 }
 
 /// One thread; the log reader does this on as many as there are.

@@ -16,7 +16,7 @@ use std::time::Instant;
 
 use divan::counter::BytesCount;
 use divan::{Bencher, black_box};
-use shellcal::log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 
 /// Rows of the paper's training set.
 const ROWS: usize = 77_522;

@@ -3,14 +3,14 @@
 //! `cargo bench --bench solve`; beside it the plain `f64` Gram matrix, which is what the exact sums
 //! are measured against.
 
+use calibration::exact::{Accumulator, Moments};
+use calibration::model::{Basis, Model, Term};
 use divan::{Bencher, black_box};
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::prelude::*;
 use faer::{Accum, Mat, Par};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use shellcal::calibration::exact::{Accumulator, Moments};
-use shellcal::calibration::model::{Basis, Model, Term};
 
 const ROWS: usize = 77_522;
 const BASES: [Basis; 3] = [Basis::Cubic, Basis::Quadratic, Basis::Poly3];

@@ -3,9 +3,9 @@
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints what it has measured")]
 
-use shellcal::calibration::Basis;
-use shellcal::calibration::solver::SolverKind;
-use shellcal::synthetic_block;
+use calibration::Basis;
+use calibration::solver::SolverKind;
+use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ModelBench};
 
 /// The paper's size among them.

@@ -2,11 +2,11 @@
 //!
 //! Three layers, arrows pointing inward only:
 //!
-//! - *pure core*: [`wrench`], [`block`], [`calibration`], [`alignment`], [`filter`],
-//!   [`sensor_model`], [`virtual_robot`], [`recording`], [`radio`], [`table`], [`telemetry`],
-//!   [`trial`], [`plot`], [`report`]: slices and matrices in, values out; no files, no clocks, no printing;
-//! - *adapters*: [`log_file`], [`calibration_file`], [`link`], [`simulated_board`],
-//!   [`output`]: the world to core types and back, and [`workflow`], which joins them to the core;
+//! - *pure core*: the crates [`shell_data`] and [`calibration`], and [`alignment`], [`figures`],
+//!   [`forces`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices and matrices
+//!   in, values out; no files, no clocks, no printing;
+//! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`link`], [`output`]: the world to
+//!   core types and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
 //! From a training log to the wrench of a frame:
@@ -14,8 +14,8 @@
 //! ```
 //! use std::path::Path;
 //!
-//! use shellcal::calibration::Basis;
-//! use shellcal::log_file::{Log, Mapping};
+//! use calibration::Basis;
+//! use log_file::{Log, Mapping};
 //! use shellcal::workflow::fit::{FitOptions, fit};
 //!
 //! let log = |name| Log::open(&Path::new("../calibration-data").join(name), &Mapping::default());
@@ -33,33 +33,15 @@
 //! ```
 
 pub mod alignment;
-pub mod block;
-pub mod calibration;
 pub mod calibration_file;
-pub mod checksum;
-mod cores;
-pub mod double_double;
-pub mod filter;
+pub mod figures;
+pub mod forces;
 pub mod link;
-pub mod log_file;
 pub mod output;
-mod pipeline;
-pub mod plot;
-pub mod radio;
 mod random;
 pub mod recording;
 pub mod report;
-pub mod sensor_model;
-#[cfg(unix)]
-pub mod simulated_board;
-mod step;
-pub mod survey;
-pub mod synthetic_block;
-pub mod synthetic_log;
-pub mod synthetic_trial;
+pub mod simulation;
 pub mod table;
-pub mod telemetry;
 pub mod trial;
-pub mod virtual_robot;
 pub mod workflow;
-pub mod wrench;

@@ -6,7 +6,7 @@
 //! written is found before the work, not after. Devices and pipes, which cannot be replaced, are
 //! written to directly.
 
-use std::fs::{File, Permissions};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -71,7 +71,11 @@ impl Target {
             _ => Path::new("."),
         };
         let mut builder = tempfile::Builder::new();
-        builder.prefix(".shellcal-").permissions(new_file_permissions());
+        builder.prefix(".shellcal-");
+        // Temporary files are private by default; a result is as open as the umask allows. Elsewhere
+        // a new file has the permissions of its folder.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         match builder.tempfile_in(directory) {
             Ok(file) => Ok(Target::Replace(BufWriter::new(file))),
             Err(_) if !directory.is_dir() => Err(io::Error::new(
@@ -116,12 +120,6 @@ impl Write for AtomicFile {
             Target::Device(file) => file.flush(),
         }
     }
-}
-
-/// Temporary files are private by default; a result is as open as the umask allows.
-#[cfg(unix)]
-fn new_file_permissions() -> Permissions {
-    std::os::unix::fs::PermissionsExt::from_mode(0o666)
 }
 
 #[cfg(test)]

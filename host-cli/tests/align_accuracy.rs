@@ -5,7 +5,7 @@ mod align_support;
 
 use align_support::{SESSION, errors, linear_session, recordings, worst_offset_error};
 use shellcal::alignment::{Options, align};
-use shellcal::sensor_model::PairSettings;
+use shellcal::simulation::sensor_model::PairSettings;
 
 #[test]
 fn a_minute_with_taps_gives_the_offset_to_200_us_and_the_skew_to_3_ppm() {

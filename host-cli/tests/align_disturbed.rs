@@ -6,7 +6,7 @@ mod align_support;
 
 use align_support::{Normal, SESSION, errors, linear_session, recordings};
 use shellcal::alignment::{AlignError, Options, Recording, Side, align};
-use shellcal::sensor_model::PairSettings;
+use shellcal::simulation::sensor_model::PairSettings;
 
 /// Aligns a disturbed session and checks it against the truth; returns how often the error of the
 /// offset is the one stated.

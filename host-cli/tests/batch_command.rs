@@ -8,8 +8,8 @@ use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
-use shellcal::synthetic_trial::TrialLayout;
-use shellcal::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+use shellcal::simulation::synthetic_trial::TrialLayout;
+use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::write_log;
 
 const HEADER: &str = "file,condition,t_enter_s,t_exit_s";

@@ -275,3 +275,16 @@ fn truncation_answers_where_rank_is_lost_and_says_so() {
     let error = refused(&dir, "fit log.csv --solver svd --truncate 1");
     assert!(error.contains("a share from 0 to 1"), "{error}");
 }
+
+#[test]
+fn an_error_that_is_not_a_number_fails_the_limit() {
+    let train = log(400, 1e-3, |_| {});
+    // A reading whose cube overflows: the wrench of its row is infinite less infinite.
+    let (header, rows) = train.split_once('\n').unwrap();
+    let (_, others) = rows.split_once(',').unwrap();
+    let corrupt = format!("{header}\n1e200,{others}");
+    let dir = with_files(&[("train.csv", &train), ("corrupt.csv", &corrupt)]);
+    assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());
+    let output = shellcal(&dir, "eval cal.json corrupt.csv --max-rms 1e9");
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stdout));
+}

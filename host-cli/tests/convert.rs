@@ -5,17 +5,18 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::uncertainty::{CoefficientCovariance, Covariance};
-use shellcal::calibration::{Basis, Calibration, Model};
-use shellcal::filter::{Butterworth, Filter, FilterError};
-use shellcal::log_file::{Log, Mapping, ReadOptions};
-use shellcal::plot::WrenchTrace;
+use calibration::scaling::Scaling;
+use calibration::uncertainty::{CoefficientCovariance, Covariance};
+use calibration::{Basis, Calibration, Model};
+use log_file::{Log, Mapping, ReadOptions};
+use shellcal::figures::WrenchTrace;
+use shellcal::forces::filter::{Butterworth, Filter, FilterError};
+use shellcal::forces::{ForceOptions, LowPass, TareRule};
 use shellcal::workflow::ChannelMismatch;
 use shellcal::workflow::convert::{
-    Columns, ConvertError, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
+    Columns, Conversion, ConvertError, ConvertOptions, ConvertSummary, convert,
 };
-use shellcal::workflow::selection::{Rows, TimeWindow};
+use shellcal::workflow::selection::Rows;
 use system_tests::real_recording;
 
 /// Coefficients without any pattern, in N per count.
@@ -56,17 +57,19 @@ const ALL: Columns =
     Columns { time: true, axes: [true; 6], standard_errors: false, interval: None, flags: true };
 
 fn options() -> ConvertOptions {
-    ConvertOptions {
-        rows: Rows::All,
-        tare: TareWindow::Untared,
-        low_pass: None,
-        columns: ALL,
-        full_scale: None,
-    }
+    ConvertOptions { rows: Rows::All, forces: ForceOptions::RAW, columns: ALL, full_scale: None }
 }
 
 fn low_pass(cutoff_hz: f64, zero_phase: bool) -> Option<LowPass> {
-    Some(LowPass { cutoff_hz, order: 4, zero_phase, rate_hz: None })
+    Some(LowPass { cutoff_hz, order: 4, zero_phase })
+}
+
+fn tared(tare: TareRule) -> ForceOptions {
+    ForceOptions { tare, ..ForceOptions::RAW }
+}
+
+fn filtered(low_pass: Option<LowPass>) -> ForceOptions {
+    ForceOptions { low_pass, ..ForceOptions::RAW }
 }
 
 fn open(path: &Path) -> Log {
@@ -79,8 +82,8 @@ fn run_on(
     options: &ConvertOptions,
 ) -> Result<(String, ConvertSummary), ConvertError> {
     let mut out = Vec::new();
-    let read = ReadOptions::default();
-    let summary = convert(log, calibration, options, &read, &mut out, None)?;
+    let conversion = Conversion { log, calibration, options, read: ReadOptions::default() };
+    let summary = convert(&conversion, &mut out, None)?;
     Ok((String::from_utf8(out).unwrap(), summary))
 }
 
@@ -122,8 +125,7 @@ fn the_result_is_the_same_for_any_threads_and_blocks() {
     for low_pass in [None, low_pass(20.0, false), low_pass(20.0, true)] {
         let options = ConvertOptions {
             rows: Rows::Fresh,
-            tare: TareWindow::First(50),
-            low_pass,
+            forces: ForceOptions { low_pass, ..tared(TareRule::First(50)) },
             ..options()
         };
         let (whole, summary) = run(&path, &options).unwrap();
@@ -132,15 +134,11 @@ fn the_result_is_the_same_for_any_threads_and_blocks() {
             let log = open(&path).with_chunk_bytes(bytes);
             let read = ReadOptions { threads, ..ReadOptions::default() };
             let mut out = Vec::new();
-            convert(&log, &linear(3), &options, &read, &mut out, None).unwrap();
-            let out = String::from_utf8(out).unwrap();
-            for (found, expected) in numbers(&out).iter().zip(numbers(&whole)) {
-                for (found, expected) in found.iter().zip(expected).take(7) {
-                    // The mean of the tare is summed block by block, all else is the same bits.
-                    assert!((found - expected).abs() < TOLERANCE, "{threads} {bytes}");
-                }
-            }
-            assert_eq!(out.lines().count(), whole.lines().count());
+            let calibration = linear(3);
+            let conversion =
+                Conversion { log: &log, calibration: &calibration, options: &options, read };
+            convert(&conversion, &mut out, None).unwrap();
+            assert!(String::from_utf8(out).unwrap() == whole, "{threads} {bytes}");
         }
     }
 }
@@ -156,9 +154,10 @@ fn a_tare_subtracts_the_mean_of_its_window() {
         });
         sum.map(|sum| sum / count)
     };
-    let by_time = TareWindow::Time(TimeWindow { start_s: 0.1, end_s: 0.199 });
-    for (tare, frames) in [(TareWindow::First(50), 0..50), (by_time, 100..200)] {
-        let (text, summary) = run(&path, &ConvertOptions { tare, ..options() }).unwrap();
+    let by_time = TareRule::Between(0.1, 0.199);
+    for (tare, frames) in [(TareRule::First(50), 0..50), (by_time, 100..200)] {
+        let (text, summary) =
+            run(&path, &ConvertOptions { forces: tared(tare), ..options() }).unwrap();
         let result = summary.tare.unwrap();
         assert_eq!(result.frames, frames.len());
         assert_eq!(result.start_s, Some(frames.start as f64 / 1000.0));
@@ -179,9 +178,9 @@ fn low_passes_are_those_of_the_filter_module_at_the_rate_of_the_log() {
     let path = csv(directory.path(), 500, 1);
     let unfiltered = numbers(&run(&path, &options()).unwrap().0);
     for zero_phase in [false, true] {
-        let options = ConvertOptions { low_pass: low_pass(25.0, zero_phase), ..options() };
+        let options = ConvertOptions { forces: filtered(low_pass(25.0, zero_phase)), ..options() };
         let (text, summary) = run(&path, &options).unwrap();
-        let rate = summary.low_pass.unwrap().rate_hz.unwrap();
+        let rate = summary.low_pass.unwrap().rate_hz;
         assert!((rate - 1000.0).abs() < 1e-6, "{rate}");
         let design = Butterworth::low_pass(4, 25.0, rate).unwrap();
         let found = numbers(&text);
@@ -203,8 +202,8 @@ fn low_passes_are_those_of_the_filter_module_at_the_rate_of_the_log() {
 fn a_tared_causal_filter_starts_from_zero() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 500, 1);
-    let tared = ConvertOptions { tare: TareWindow::First(1), ..options() };
-    let options = ConvertOptions { low_pass: low_pass(25.0, false), ..tared };
+    let forces = ForceOptions { low_pass: low_pass(25.0, false), ..tared(TareRule::First(1)) };
+    let options = ConvertOptions { forces, ..options() };
     let (text, _) = run(&path, &options).unwrap();
     // The first frame is the tare: zero in, zero out.
     assert_eq!(numbers(&text)[0][1..7], [0.0; 6]);
@@ -216,7 +215,7 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
     let path = directory.path().join("log.csv");
     std::fs::write(&path, "s1,s2,s3\n100,100,100\n100,4095,100\n300,100,0\n").unwrap();
     let mut calibration = linear(3);
-    let range = shellcal::calibration::extent::Range { min: 50.0, max: 200.0 };
+    let range = calibration::reading_ranges::ReadingRange { min: 50.0, max: 200.0 };
     calibration.valid_range = Some(vec![range; 3]);
     let columns = Columns {
         time: false,
@@ -270,10 +269,10 @@ fn the_trace_sees_every_frame() {
         Columns { time: false, axes, standard_errors: false, interval: None, flags: false };
     let options = ConvertOptions { columns, ..options() };
     let mut trace = WrenchTrace::new();
-    let read = ReadOptions::default();
-    let mut out = Vec::new();
-    convert(&open(&path), &linear(3), &options, &read, &mut out, Some(&mut trace)).unwrap();
-    let figure = shellcal::plot::trace_figure("log", &trace);
+    let (log, calibration, read) = (open(&path), linear(3), ReadOptions::default());
+    let conversion = Conversion { log: &log, calibration: &calibration, options: &options, read };
+    convert(&conversion, &mut Vec::new(), Some(&mut trace)).unwrap();
+    let figure = shellcal::figures::trace_figure("log", &trace);
     assert!(figure.svg().contains(">Fz (N)<"));
 }
 
@@ -282,22 +281,21 @@ fn what_cannot_be_done_is_said_by_name() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 30, 2);
     let error = |options: ConvertOptions| run(&path, &options).unwrap_err();
-    let tare = |tare| error(ConvertOptions { tare, ..options() });
+    let tare = |tare| error(ConvertOptions { forces: tared(tare), ..options() });
     assert!(matches!(
-        tare(TareWindow::First(61)),
+        tare(TareRule::First(61)),
         ConvertError::TareFrames { wanted: 61, found: 60, .. }
     ));
-    let beyond = TimeWindow { start_s: 1.0, end_s: 2.0 };
-    let message = tare(TareWindow::Time(beyond)).to_string();
+    let message = tare(TareRule::Between(1.0, 2.0)).to_string();
     assert!(
         message.ends_with(
             "has no frame between `1` and `2` s to tare on: its frames run from `0` to `0.059` s"
         ),
         "{message}"
     );
-    let filtered = |low_pass| error(ConvertOptions { low_pass, ..options() });
+    let filter = |low_pass| error(ConvertOptions { forces: filtered(low_pass), ..options() });
     assert!(matches!(
-        filtered(low_pass(500.1, false)),
+        filter(low_pass(500.1, false)),
         ConvertError::Filter(FilterError::Cutoff { .. })
     ));
     let errors = Columns { standard_errors: true, ..ALL };
@@ -307,7 +305,8 @@ fn what_cannot_be_done_is_said_by_name() {
     assert!(matches!(other, ConvertError::Channels(ChannelMismatch { expected: 8, found: 3, .. })));
 
     let short = csv(directory.path(), 15, 1);
-    let options = || ConvertOptions { low_pass: low_pass(20.0, true), ..options() };
+    let forces = filtered(low_pass(20.0, true));
+    let options = || ConvertOptions { forces, ..options() };
     let error = run(&short, &options()).unwrap_err();
     let too_few = FilterError::TooFewSamples { samples: 15, needed: 16 };
     assert!(matches!(error, ConvertError::Filter(error) if error == too_few));
@@ -374,21 +373,21 @@ fn the_labs_trial_is_converted_as_by_direct_evaluation() {
     let si = |row: &[f64; 6]| std::array::from_fn(|i| row[i] * if i < 3 { 1.0 } else { 1e-3 });
     let rows = matrix.iter().map(si).collect();
     let calibration = Calibration::new(model, Scaling::identity(8), rows);
+    // The tare is of fresh frames, whichever rows are written.
+    let is_fresh = |&i: &usize| i == 0 || log[i].1 != log[i - 1].1;
+    let fresh: Vec<&(f64, [f64; 8])> = (0..log.len()).filter(is_fresh).map(|i| &log[i]).collect();
     for rows in [Rows::All, Rows::Fresh] {
         let used: Vec<&(f64, [f64; 8])> = match rows {
             Rows::All => log.iter().collect(),
-            Rows::Fresh => {
-                let fresh = |&i: &usize| i == 0 || log[i].1 != log[i - 1].1;
-                (0..log.len()).filter(fresh).map(|i| &log[i]).collect()
-            }
+            Rows::Fresh => fresh.clone(),
         };
-        let options = ConvertOptions { rows, tare: TareWindow::First(50), ..options() };
+        let options = ConvertOptions { rows, forces: tared(TareRule::First(50)), ..options() };
         let (text, summary) = run_on(&open(&trial), &calibration, &options).unwrap();
         let found = numbers(&text);
         assert_eq!(found.len(), used.len());
         assert_eq!((summary.rows, summary.frames), (9689, used.len() as u64));
         for axis in 0..6 {
-            let tare = used[..50].iter().map(|row| direct(&row.1, axis).0).sum::<f64>() / 50.0;
+            let tare = fresh[..50].iter().map(|row| direct(&row.1, axis).0).sum::<f64>() / 50.0;
             for (found, (time_us, readings)) in found.iter().zip(&used) {
                 assert_eq!(found[0], time_us / 1e6);
                 let (sum, largest) = direct(readings, axis);

@@ -6,17 +6,17 @@
 use std::fs;
 use std::process::{Command, Output};
 
-use shellcal::block::Block;
-use shellcal::calibration::Calibration;
-use shellcal::calibration::exact::{Accumulator, Moments, Parts, SolveError};
-use shellcal::calibration::model::{Basis, Model};
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{self, Problem, SolverKind, solve_moments};
-use shellcal::calibration::validation::ValidationError;
-use shellcal::calibration::validation::cross_validation::cross_validate;
-use shellcal::calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
-use shellcal::calibration::validation::selection::{self, select};
-use shellcal::wrench::PerAxis;
+use calibration::Calibration;
+use calibration::exact::{Accumulator, Moments, PartitionedMoments, SolveError};
+use calibration::model::{Basis, Model};
+use calibration::scaling::Scaling;
+use calibration::solver::{self, FitProblem, SolverKind, solve_moments};
+use calibration::validation::ValidationError;
+use calibration::validation::cross_validation::cross_validate;
+use calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
+use calibration::validation::selection::{self, select};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 use tempfile::TempDir;
 
 /// Numbers that look random, the same on every machine.
@@ -76,9 +76,10 @@ fn rows_of(block: &Block, keep: impl Fn(usize) -> bool) -> Block {
 
 fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
     let random = RandomSplit { folds: random_folds, held_out: random_folds, seed: 1 };
-    let all = GroupSums::new(basis, block.readings.len(), random);
-    all.note(all.add(block, None).unwrap());
-    all.finish().unwrap()
+    let mut all = GroupSums::new(basis, block.readings.len(), random);
+    let mut worker = all.worker();
+    all.add(worker.add(block, None).unwrap()).unwrap();
+    all.finish([worker]).unwrap()
 }
 
 fn moments(block: &Block, basis: Basis) -> Moments {
@@ -91,10 +92,10 @@ fn moments(block: &Block, basis: Basis) -> Moments {
 /// errors of every axis.
 fn brute_force(train: &Block, test: &Block, model: Model) -> PerAxis<(f64, f64)> {
     let scaling = Scaling::of_sample(&train.readings, model.intercept);
-    let problem = Problem { model, scaling, ridge: 0.0 };
-    let (solution, extent) =
+    let problem = FitProblem { model, scaling, ridge: 0.0 };
+    let (solution, ranges) =
         solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(train)).unwrap();
-    errors(&Calibration::of_solution(&solution, &extent), test)
+    errors(&Calibration::of_solution(&solution, &ranges), test)
 }
 
 fn errors(calibration: &Calibration, test: &Block) -> PerAxis<(f64, f64)> {
@@ -182,8 +183,8 @@ fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
         let train = rows_of(&block, |g| g != group);
         let test = rows_of(&block, |g| g == group);
         let train = moments(&train, Basis::Poly3);
-        let solution = solve_moments(&train, &model, 0.0, &train.extent()).unwrap();
-        let calibration = Calibration::of_solution(&solution, &train.extent());
+        let solution = solve_moments(&train, &model, 0.0, &train.reading_ranges()).unwrap();
+        let calibration = Calibration::of_solution(&solution, &train.reading_ranges());
         squares += errors(&calibration, &test)[0].0;
     }
     let rms = (squares / block.rows as f64).sqrt();
@@ -230,14 +231,14 @@ fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
     }
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 4 };
     let whole = moments(&block, Basis::Cubic);
-    let parts = Parts::new(&whole, &model).unwrap();
+    let parts = PartitionedMoments::new(&whole, &model).unwrap();
     let left_out = rows_of(&block, |g| g == 0);
     let part = moments(&left_out, Basis::Cubic);
     match parts.held_out(&part, &parts.part(&part), 0.0) {
         Ok(found) => {
             let rest = moments(&rows_of(&block, |g| g != 0), Basis::Cubic);
-            let solution = solve_moments(&rest, &model, 0.0, &rest.extent()).unwrap();
-            let calibration = Calibration::of_solution(&solution, &rest.extent());
+            let solution = solve_moments(&rest, &model, 0.0, &rest.reading_ranges()).unwrap();
+            let calibration = Calibration::of_solution(&solution, &rest.reading_ranges());
             let expected = errors(&calibration, &left_out);
             for axis in 0..6 {
                 // The prediction far outside, from `f64` coefficients of near-opposite features.

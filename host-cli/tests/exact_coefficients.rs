@@ -4,10 +4,10 @@
 
 mod rational;
 
+use calibration::exact::{Accumulator, Fit, Moments};
+use calibration::model::{Basis, Model};
 use proptest::prelude::*;
 use rational::{Rows, relative_errors, solve};
-use shellcal::calibration::exact::{Accumulator, Fit, Moments};
-use shellcal::calibration::model::{Basis, Model};
 
 /// Half a unit in the last place is 1.1e-16.
 const NEAREST: f64 = 1.2e-16;

@@ -6,13 +6,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
+use calibration::Calibration;
+use calibration::model::{Basis, Model};
+use calibration::scaling::Scaling;
+use calibration::solver::{self, FitProblem, SolverKind};
 use num_bigint::BigInt;
 use num_rational::BigRational;
-use shellcal::block::Block;
-use shellcal::calibration::Calibration;
-use shellcal::calibration::model::{Basis, Model};
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{self, Problem, SolverKind};
+use shell_data::block::Block;
 
 /// The rows of the lab's training recording: time, eight readings, six components of the wrench.
 fn recording() -> Option<Block> {
@@ -124,10 +124,10 @@ fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
     for intercept in [false, true] {
         let model = Model { basis: Basis::Cubic, intercept, channels: 8 };
         let scaling = Scaling::of_sample(&block.readings, intercept);
-        let problem = Problem { model, scaling, ridge: 0.0 };
-        let (solution, extent) =
+        let problem = FitProblem { model, scaling, ridge: 0.0 };
+        let (solution, ranges) =
             solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(&block)).unwrap();
-        let calibration = Calibration::of_solution(&solution, &extent);
+        let calibration = Calibration::of_solution(&solution, &ranges);
         let (features, wrench) = integers(&block, model);
         let reached = residual(&block, &calibration);
         for (axis, (wrench, reached)) in wrench.iter().zip(&reached).enumerate() {

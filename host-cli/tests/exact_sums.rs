@@ -2,16 +2,14 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
+use calibration::exact::{Accumulator, ExactError, Fit, MAX_ROWS, Moments, RankLoss, SolveError};
+use calibration::model::{Basis, Model};
+use calibration::reading_ranges::ReadingRanges;
+use calibration::scaling::Scaling;
+use calibration::solver::{self, Exact, FitProblem, Pass, PassWorker, Solution, SolverKind};
 use proptest::prelude::*;
-use shellcal::block::Block;
-use shellcal::calibration::exact::{
-    Accumulator, ExactError, Fit, MAX_ROWS, Moments, RankLoss, SolveError,
-};
-use shellcal::calibration::extent::Extent;
-use shellcal::calibration::model::{Basis, Model};
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{self, Exact, Pass, Problem, Reducer, Solution, SolverKind};
-use shellcal::wrench::Axis;
+use shell_data::block::Block;
+use shell_data::wrench::Axis;
 
 type Columns = Vec<Vec<f64>>;
 
@@ -58,7 +56,8 @@ fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<Fit, SolveE
 }
 
 fn bits(fit: &Fit) -> Vec<[(u64, u64); 6]> {
-    let of = |c: shellcal::double_double::DoubleDouble| (c.to_f64().to_bits(), c.tail().to_bits());
+    let of =
+        |c: calibration::double_double::DoubleDouble| (c.to_f64().to_bits(), c.tail().to_bits());
     fit.coefficients.iter().map(|row| row.map(of)).collect()
 }
 
@@ -132,28 +131,35 @@ fn block(readings: &Columns, wrench: &Columns, rows: std::ops::Range<usize>) -> 
 }
 
 /// Through the solver trait: a partial for each block, merged in order.
-fn solve_block_by_block(solver: &Exact, blocks: &[Block], extent: &Extent) -> Solution {
+fn solve_block_by_block(solver: &Exact, blocks: &[Block], ranges: &ReadingRanges) -> Solution {
     let mut all = solver.empty();
     for block in blocks {
         solver.merge(&mut all, solver.reduce(block).unwrap());
     }
-    solver.solve(all, extent).unwrap()
+    solver.solve(all, ranges).unwrap()
 }
 
-/// On `threads` threads at once, which add blocks to whatever partial is at hand.
-fn solve_on_threads(solver: &Exact, blocks: &[Block], extent: &Extent, threads: usize) -> Solution {
-    let reducer = Reducer::new(solver);
-    std::thread::scope(|scope| {
-        for first in 0..threads {
-            let reducer = &reducer;
-            scope.spawn(move || {
-                for block in blocks.iter().skip(first).step_by(threads) {
-                    assert!(reducer.reduce(block).unwrap().is_none(), "nothing to be merged");
-                }
-            });
-        }
+/// On `threads` threads at once, each with a worker of its own.
+fn solve_on_threads(
+    solver: &Exact,
+    blocks: &[Block],
+    ranges: &ReadingRanges,
+    threads: usize,
+) -> Solution {
+    let workers: Vec<_> = std::thread::scope(|scope| {
+        let work = |first| {
+            let mut worker = PassWorker::new(solver);
+            for block in blocks.iter().skip(first).step_by(threads) {
+                assert!(worker.reduce(block).unwrap().is_none(), "nothing to be merged");
+            }
+            worker
+        };
+        let threads: Vec<_> = (0..threads).map(|first| scope.spawn(move || work(first))).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
     });
-    solver.solve(reducer.finish(solver.empty()), extent).unwrap()
+    let mut all = solver.empty();
+    PassWorker::merge(workers, &mut all);
+    solver.solve(all, ranges).unwrap()
 }
 
 #[test]
@@ -164,7 +170,7 @@ fn one_two_and_seven_threads_give_the_same_solution() {
         column[..3000].iter_mut().for_each(|s| *s = (*s / 16.0).floor());
         column[3000..6000].iter_mut().for_each(|s| *s = (*s / 4.0).floor());
     }
-    let extent = Extent::of_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
+    let ranges = ReadingRanges::of_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
     for basis in [Basis::Cubic, Basis::Quadratic, Basis::Poly3] {
         let model = Model { basis, intercept: true, channels: 8 };
         let scaling = Scaling::identity(8);
@@ -173,11 +179,11 @@ fn one_two_and_seven_threads_give_the_same_solution() {
             starts.map(|start| block(&readings, &wrench, start..(start + rows).min(9000))).collect()
         };
         let solver =
-            || Exact::new(&Problem { model, scaling: scaling.clone(), ridge: 0.0 }).unwrap();
-        let whole = solve_block_by_block(&solver(), &blocks_of(9000), &extent);
-        assert_eq!(solve_block_by_block(&solver(), &blocks_of(333), &extent), whole);
+            || Exact::new(&FitProblem { model, scaling: scaling.clone(), ridge: 0.0 }).unwrap();
+        let whole = solve_block_by_block(&solver(), &blocks_of(9000), &ranges);
+        assert_eq!(solve_block_by_block(&solver(), &blocks_of(333), &ranges), whole);
         for (threads, rows) in [(1, 1000), (2, 1000), (7, 333), (7, 100)] {
-            let found = solve_on_threads(&solver(), &blocks_of(rows), &extent, threads);
+            let found = solve_on_threads(&solver(), &blocks_of(rows), &ranges, threads);
             assert_eq!(found, whole, "{threads} threads, {rows} rows at once");
         }
     }
@@ -379,13 +385,13 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     let (mut readings, wrench) = rows(16, 500, 8, 12);
     readings[3] = readings[2].clone();
     let rows = block(&readings, &wrench, 0..500);
-    let extent = Extent::of_block(&rows, 8).unwrap();
+    let ranges = ReadingRanges::of_block(&rows, 8).unwrap();
     let model = Model { basis: Basis::Linear, intercept: true, channels: 8 };
     let scaling = Scaling::of_sample(&readings, true);
-    let problem = Problem { model, scaling, ridge: 1e-3 };
+    let problem = FitProblem { model, scaling, ridge: 1e-3 };
     let exact = Exact::new(&problem).unwrap();
-    let exact = exact.solve(exact.reduce(&rows).unwrap(), &extent).unwrap();
-    let problem = Problem { scaling: exact.scaling.clone(), ..problem };
+    let exact = exact.solve(exact.reduce(&rows).unwrap(), &ranges).unwrap();
+    let problem = FitProblem { scaling: exact.scaling.clone(), ..problem };
     let (tsqr, _) =
         solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(&rows)).unwrap();
     assert_eq!((exact.rank, tsqr.rank), (8, 8));

@@ -10,7 +10,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use shellcal::log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 
 fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
     let mut file = tempfile::NamedTempFile::new().unwrap();

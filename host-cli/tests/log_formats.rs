@@ -10,10 +10,10 @@
 use std::io::Write;
 use std::path::Path;
 
-use shellcal::block::Block;
-use shellcal::log_file::{
+use log_file::{
     ColumnRef, Format, Log, LogError, Mapping, MomentUnit, ReadOptions, ReadSummary, Wanted,
 };
+use shell_data::block::Block;
 
 /// A file that goes away with the test.
 fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
@@ -405,4 +405,28 @@ fn progress_ends_at_the_size_of_the_file() {
     let options = ReadOptions { progress: Some(&progress), ..ReadOptions::default() };
     read_with(&log, &all_but_first(&log), &options);
     assert_eq!(last.into_inner(), log.bytes());
+}
+
+#[test]
+fn logs_of_any_width_are_read() {
+    // Where rows are wide, a block holds few of them, down to a single one.
+    for width in 15..=140 {
+        let names =
+            (0..width - 14).map(|i| format!("x{i}")).chain((1..=8).map(|i| format!("s{i}")));
+        let wrench = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"].map(str::to_owned);
+        let mut text = names.chain(wrench).collect::<Vec<_>>().join(",") + "\n";
+        let value = |row: usize, column: usize| (row * 7919 + column * 104_729) % 4000;
+        for row in 0..300 {
+            let fields = (0..width).map(|column| value(row, column).to_string());
+            text += &(fields.collect::<Vec<_>>().join(",") + "\n");
+        }
+        let (_file, log) = open(&text);
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        let (block, summary) = read_with(&log, &wanted, &ReadOptions::default());
+        assert_eq!(summary.rows, 300, "{width} columns");
+        for (channel, readings) in block.readings.iter().enumerate() {
+            let expected = (0..300).map(|row| value(row, width - 14 + channel) as f64);
+            assert!(readings.iter().copied().eq(expected), "{width} columns");
+        }
+    }
 }

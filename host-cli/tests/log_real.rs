@@ -2,8 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a failed expectation is a failed test")]
 
-use shellcal::block::Block;
-use shellcal::log_file::{Format, Log, LogError, Mapping, ReadOptions, ReadSummary, Wanted};
+use log_file::{Format, Log, LogError, Mapping, ReadOptions, ReadSummary, Wanted};
+use shell_data::block::Block;
 use system_tests::real_recording;
 
 fn read(log: &Log, wanted: &Wanted) -> (Vec<Block>, ReadSummary) {

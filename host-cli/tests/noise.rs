@@ -4,9 +4,9 @@
 
 use std::path::{Path, PathBuf};
 
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::{Basis, Calibration, Model};
-use shellcal::log_file::{Log, Mapping, ReadOptions};
+use calibration::scaling::Scaling;
+use calibration::{Basis, Calibration, Model};
+use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, noise};
 use shellcal::workflow::selection::{Rows, TimeWindow};
 

@@ -7,17 +7,17 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use shellcal::block::Block;
-use shellcal::calibration::solver::solve_moments;
-use shellcal::calibration::uncertainty::{CoefficientCovariance, Covariance};
-use shellcal::calibration::validation::grouped::{GroupSums, RandomSplit};
-use shellcal::calibration::{Basis, Calibration, Model};
-use shellcal::log_file::{Log, Mapping, ReadOptions};
-use shellcal::sensor_model::{Kind, Recording, Sample, Settings};
-use shellcal::synthetic_log::Layout;
+use calibration::solver::solve_moments;
+use calibration::uncertainty::{CoefficientCovariance, Covariance};
+use calibration::validation::grouped::{GroupSums, RandomSplit};
+use calibration::{Basis, Calibration, Model};
+use log_file::{Log, Mapping, ReadOptions};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
+use shellcal::simulation::sensor_model::{Kind, Recording, Sample, Settings};
+use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
 use shellcal::workflow::moments::{GroupBy, SumOptions, sum};
-use shellcal::wrench::PerAxis;
 
 /// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014): the same on every machine.
 struct Random(u64);
@@ -71,9 +71,9 @@ fn session(seed: u64, poses: usize) -> (Vec<Sample>, Vec<Sample>) {
 fn log(folder: &Path, samples: &[Sample]) -> PathBuf {
     let path = folder.join("train.csv");
     let mut out = BufWriter::new(File::create(&path).unwrap());
-    Layout::Shellcal.write_header(&mut out, Kind::Training).unwrap();
+    SyntheticLayout::Shellcal.write_header(&mut out, Kind::Training).unwrap();
     for sample in samples {
-        Layout::Shellcal.write_row(&mut out, Kind::Training, sample).unwrap();
+        SyntheticLayout::Shellcal.write_row(&mut out, Kind::Training, sample).unwrap();
     }
     out.flush().unwrap();
     path
@@ -167,12 +167,13 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
             }
             block.groups.push((pose.to_string(), 40));
         }
-        let sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
-        sums.note(sums.add(&block, None).unwrap());
-        let sums = sums.finish().unwrap();
+        let mut sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
+        let mut worker = sums.worker();
+        sums.add(worker.add(&block, None).unwrap()).unwrap();
+        let sums = sums.finish([worker]).unwrap();
         let total = sums.total().unwrap();
-        let solution = solve_moments(total, &model, 0.0, &total.extent()).unwrap();
-        let calibration = Calibration::of_solution(&solution, &total.extent());
+        let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
+        let calibration = Calibration::of_solution(&solution, &total.reading_ranges());
         let at = [1700.0, 2100.0];
         let x: Vec<f64> = (0..2)
             .map(|c| (at[c] - calibration.scaling().centre[c]) / calibration.scaling().scale[c])

@@ -14,15 +14,15 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use log_file::LogError;
 use record_support::{
     assert_rows_are, calibration, column, frame, read_log, refused, run, shellcal, succeed,
 };
 use serialport::{SerialPort, TTYPort};
 use shared_proto::{
-    Answer, Board, Boot, Calibration, Command, Decoder, Event, Framing, Identity, Packet, Refusal,
-    ResetCause, Status, Stream, crc32,
+    Answer, Board, BoardId, Boot, Calibration, Command, Decoder, Event, Framing, Identity, Packet,
+    Refusal, ResetCause, Status, Stream, crc32,
 };
-use shellcal::log_file::LogError;
 use system_tests::on_the_wire;
 use system_tests::program::start;
 
@@ -358,7 +358,9 @@ impl FakeBoard {
                 };
                 let mut asked = Vec::new();
                 decoder.feed(&buffer[..count], |event| {
-                    if let Event::Command { number, command } = event {
+                    if let Event::Command { number, to, command } = event {
+                        let ours = to.map_or(command.is_for_all(), |to| to == id());
+                        assert!(ours, "{command:?} does not name the board");
                         asked.push((number, command));
                     }
                 });
@@ -392,12 +394,18 @@ impl FakeBoard {
     }
 }
 
+const SERIAL: [u8; 12] = *b"serialnumber";
+
+fn id() -> BoardId {
+    BoardId::of_serial(&SERIAL)
+}
+
 fn answer(command: &Command, upload: &mut Vec<u8>, crc: &mut u32, keeps: bool) -> Answer {
     match command {
         Command::Identify => Answer::Identity(Identity {
             board: Board::Simulated,
             firmware: [1, 2, 3],
-            serial: *b"serialnumber",
+            serial: SERIAL,
             min_period_us: 1000,
         }),
         Command::Status => Answer::Status(Status {
@@ -416,9 +424,10 @@ fn answer(command: &Command, upload: &mut Vec<u8>, crc: &mut u32, keeps: bool) -
             damaged: 3,
             longest_frame_us: 4567,
             calibration_crc32: *crc,
+            foreign: 4,
         }),
         Command::SetPeriod { period_us } if *period_us < 1000 => {
-            Answer::Refused(Refusal::PeriodTooShort)
+            Answer::Refused(Refusal::PeriodTooShort { shortest_us: 3_000 })
         }
         Command::CalibrationPiece { offset, data } => {
             upload.truncate(usize::from(*offset));
@@ -451,9 +460,12 @@ fn commands_are_repeated_until_they_are_answered() {
     }
     let error = refused(dir.path(), &format!("board {name} rate 2000"));
     assert!(error.contains("refuses `period 500 µs`: conversions and settling"), "{error}");
-    let heard = board.stop();
+    assert!(error.contains("333.3 Hz would do"), "{error}");
+    let mut heard = board.stop();
+    // Whoever changes the board asks it for its name first.
+    assert_eq!(heard.iter().filter(|command| **command == Command::Identify).count(), 6);
+    heard.retain(|command| *command != Command::Identify);
     let expected = [
-        Command::Identify,
         Command::Status,
         Command::Status,
         Command::Start,
@@ -501,13 +513,67 @@ fn an_upload_arrives_whole_and_is_checked() {
     let uploaded = Calibration::from_bytes(bytes.as_slice().try_into().unwrap()).unwrap();
     assert!(uploaded.centre.iter().all(|&centre| (1.0..65_536.0).contains(&centre)));
     let begin = Command::BeginCalibration { size: bytes.len() as u32, crc32: crc32(&bytes) };
-    assert_eq!(heard[0], begin);
+    assert_eq!(heard[..2], [Command::Identify, begin]);
 
     let (port, name) = pty();
     let board = FakeBoard::start(port, false, false);
     let error = refused(dir.path(), &format!("board {name} upload cal.json"));
     assert!(error.contains("after the upload the board has calibration 0x00000001"), "{error}");
     board.stop();
+}
+
+#[test]
+fn of_two_boards_one_has_to_be_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let other = *b"another one.";
+    let (mut port, name) = pty();
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = Arc::clone(&stop);
+    // Two boards behind one port: both answer to a question, and one to an order that names it.
+    let thread = thread::spawn(move || {
+        let (mut decoder, mut orders) = (Decoder::new(Framing::Cobs), Vec::new());
+        let mut buffer = [0; 256];
+        while !stopped.load(Ordering::Relaxed) {
+            let Ok(count) = port.read(&mut buffer) else {
+                thread::sleep(Duration::from_millis(1));
+                continue;
+            };
+            let mut replies = Vec::new();
+            decoder.feed(&buffer[..count], |event| {
+                let Event::Command { number, to, command } = event else { return };
+                for serial in [SERIAL, other] {
+                    let is_ours = to.is_none_or(|to| to == BoardId::of_serial(&serial));
+                    if !is_ours {
+                        continue;
+                    }
+                    let answer = match answer(&command, &mut Vec::new(), &mut 0, true) {
+                        Answer::Identity(identity) => {
+                            Answer::Identity(Identity { serial, ..identity })
+                        }
+                        answer => answer,
+                    };
+                    if !command.is_for_all() {
+                        orders.push((serial, command));
+                    }
+                    replies.push(Packet::Answer { number, answer });
+                }
+            });
+            for reply in replies {
+                let _ = port.write_all(&reply.encode());
+            }
+        }
+        orders
+    });
+    let error = refused(dir.path(), &format!("board {name} rate 250"));
+    assert!(error.contains("2 boards answer") && error.contains("--board SERIAL"), "{error}");
+    let serial: String = other.iter().map(|byte| format!("{byte:02x}")).collect();
+    assert!(error.contains(&serial), "{error}");
+    succeed(dir.path(), &format!("board {name} --board {serial} rate 250"));
+    stop.store(true, Ordering::Relaxed);
+    let mut orders = thread.join().unwrap();
+    // On a busy machine an answer may come late, and the command be repeated.
+    orders.dedup();
+    assert_eq!(orders, [(other, Command::SetPeriod { period_us: 4000 })]);
 }
 
 #[test]

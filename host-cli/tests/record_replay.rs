@@ -12,8 +12,8 @@ use record_support::{
     stream, succeed,
 };
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
+use shell_data::wrench::PerAxis;
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::wrench::PerAxis;
 use system_tests::on_the_wire;
 
 fn replay(dir: &Path, bytes: &[u8], arguments: &str) -> String {
@@ -179,7 +179,7 @@ fn forces_are_tared_on_the_first_frames_which_say_that_they_are_not() {
     let dir = tempfile::tempdir().unwrap();
     let path = calibration(dir.path());
     let calibration = CalibrationFile::read(&path).unwrap().calibration;
-    replay(dir.path(), &stream(0..40), "--calibration cal.json --tare 10");
+    replay(dir.path(), &stream(0..40), "--calibration cal.json --tare 10 --no-lowpass");
     let log = read_log(&dir.path().join("log.csv")).unwrap();
     let columns: Vec<Vec<f64>> =
         (0..8).map(|c| (0..40).map(|index| readings(index)[c]).collect()).collect();
@@ -256,8 +256,8 @@ fn a_board_of_another_version_is_told_as_such() {
     let dir = tempfile::tempdir().unwrap();
     let mut bytes = Vec::new();
     for number in 1..100_u8 {
-        // Version 2, kind 4, no zeros, so COBS is a length in front; the mask is 0x80.
-        let plain = [&[0x24, number, 1][..], &[7; 22]].concat();
+        // Version 3, kind 4, no zeros, so COBS is a length in front; the mask is 0x80.
+        let plain = [&[0x34, number, 1][..], &[7; 22]].concat();
         let crc = crc16(&plain).to_le_bytes();
         let masked = plain.iter().chain(&crc).map(|byte| byte ^ 0x80);
         let packet: Vec<u8> = std::iter::once(0x80).chain(masked).collect();
@@ -271,7 +271,7 @@ fn a_board_of_another_version_is_told_as_such() {
     fs::write(dir.path().join("raw"), bytes).unwrap();
     let error = refused(dir.path(), "record --replay raw -o log.csv");
     assert!(
-        error.contains("speaks version `2` of the protocol, this program version `1`"),
+        error.contains("speaks version `3` of the protocol, this program version `2`"),
         "{error}"
     );
 }

@@ -1,12 +1,12 @@
 //! Identities that hold for the least-squares fit of a log, whatever the numbers.
 
-use shellcal::block::Block;
-use shellcal::calibration::model::{Basis, Model};
-use shellcal::calibration::rank_loss::Dependence;
-use shellcal::calibration::scaling::Scaling;
-use shellcal::calibration::solver::{self, Problem, Solution, SolverKind};
-use shellcal::calibration::{Calibration, FitError, raw_units};
-use shellcal::wrench::PerAxis;
+use calibration::model::{Basis, Model};
+use calibration::rank_loss::Dependence;
+use calibration::scaling::Scaling;
+use calibration::solver::{self, FitProblem, Solution, SolverKind};
+use calibration::{Calibration, FitError, raw_units};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 
 /// Integer readings and a wrench with noise that look random, the same on every machine.
 fn block(rows: usize) -> Block {
@@ -30,16 +30,16 @@ fn block(rows: usize) -> Block {
     Block { rows, readings, wrench, ..Block::default() }
 }
 
-fn problem(basis: Basis, intercept: bool, block: &Block) -> Problem {
+fn problem(basis: Basis, intercept: bool, block: &Block) -> FitProblem {
     let model = Model { basis, intercept, channels: block.readings.len() };
     let scaling = Scaling::of_sample(&block.readings, intercept);
-    Problem { model, scaling, ridge: 0.0 }
+    FitProblem { model, scaling, ridge: 0.0 }
 }
 
-fn fit(problem: &Problem, block: &Block) -> Result<(Solution, Calibration), FitError> {
+fn fit(problem: &FitProblem, block: &Block) -> Result<(Solution, Calibration), FitError> {
     let mut blocks = std::slice::from_ref(block);
-    let (solution, extent) = solver::fit(SolverKind::Tsqr, problem.clone(), &mut blocks)?;
-    let calibration = Calibration::of_solution(&solution, &extent);
+    let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem.clone(), &mut blocks)?;
+    let calibration = Calibration::of_solution(&solution, &ranges);
     Ok((solution, calibration))
 }
 
@@ -99,7 +99,7 @@ fn the_raw_export_of_a_fit_evaluates_to_the_same_wrench() {
             calibration.wrench(&block.readings, &mut wrench);
             for row in (0..block.rows).step_by(100) {
                 for axis in 0..6 {
-                    let term = |(term, c): (&shellcal::calibration::model::Term, &PerAxis<f64>)| {
+                    let term = |(term, c): (&calibration::model::Term, &PerAxis<f64>)| {
                         let s = |&c: &u8| block.readings[usize::from(c)][row];
                         c[axis] * term.factors().iter().map(s).product::<f64>()
                     };

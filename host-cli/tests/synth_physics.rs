@@ -2,8 +2,8 @@
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
-use shellcal::sensor_model::{
-    Channel, Frame, Kind, ModelError, Parameters, Recording, Sample, SensorModel, Settings,
+use shellcal::simulation::sensor_model::{
+    Channel, Kind, ModelError, Parameters, Recording, Sample, SensorModel, Settings, SimulatedFrame,
 };
 
 /// The drawing without noise, drift, creep and hysteresis, at 16 bits.
@@ -19,7 +19,7 @@ fn ideal() -> Parameters {
     drawing
 }
 
-fn frame(unit: &Parameters, wrench: [f64; 6]) -> Frame {
+fn frame(unit: &Parameters, wrench: [f64; 6]) -> SimulatedFrame {
     SensorModel::new(unit, 1).expect("a unit that can be modelled").sample(0.0, &wrench)
 }
 
@@ -223,7 +223,7 @@ fn a_wrench_that_is_not_finite_saturates_one_frame_and_no_more() {
     let mut model = SensorModel::new(&ideal(), 1).unwrap();
     let before = model.sample(0.0, &[0.0; 6]);
     let torn = model.sample(0.1, &[f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    assert_eq!(torn, Frame { readings: [0; 8], saturated: 0xFF });
+    assert_eq!(torn, SimulatedFrame { readings: [0; 8], saturated: 0xFF });
     assert_eq!(model.sample(0.2, &[0.0; 6]), before);
 }
 

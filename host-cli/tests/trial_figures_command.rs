@@ -5,9 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use log_file::checksum;
+use log_file::{Format, Log, Mapping};
 use serde_json::Value;
-use shellcal::checksum;
-use shellcal::log_file::{Format, Log, Mapping};
 
 fn shellcal(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_shellcal"))

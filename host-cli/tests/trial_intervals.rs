@@ -3,16 +3,17 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
-use shellcal::block::Block;
-use shellcal::calibration::solver::solve_moments;
-use shellcal::calibration::uncertainty::Covariance;
-use shellcal::calibration::validation::grouped::{GroupSums, RandomSplit};
-use shellcal::calibration::{Basis, Calibration, Model};
-use shellcal::sensor_model::{Kind, Recording, Settings};
+use calibration::solver::solve_moments;
+use calibration::uncertainty::Covariance;
+use calibration::validation::grouped::{GroupSums, RandomSplit};
+use calibration::{Basis, Calibration, Model};
+use shell_data::block::Block;
+use shellcal::forces::{FirstRows, PipelineSetup};
+use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
+use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 use shellcal::trial::{
-    Clock, Profile, Rule, Stretch, TareRule, TareSearch, Trial, TrialOptions, evaluate,
+    Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialRows, evaluate,
 };
-use shellcal::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 
 /// A cubic calibration of unit `seed` on a recording of `rows` rows, and the share of the loads'
 /// variance that it leaves unexplained.
@@ -43,13 +44,14 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
             _ => block.groups.push((label, 1)),
         }
     }
-    let sums = GroupSums::new(Basis::Cubic, 8, RandomSplit::default());
-    sums.note(sums.add(&block, None).unwrap());
-    let sums = sums.finish().unwrap();
+    let mut sums = GroupSums::new(Basis::Cubic, 8, RandomSplit::default());
+    let mut worker = sums.worker();
+    sums.add(worker.add(&block, None).unwrap()).unwrap();
+    let sums = sums.finish([worker]).unwrap();
     let total = sums.total().unwrap();
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 8 };
-    let solution = solve_moments(total, &model, 0.0, &total.extent()).unwrap();
-    let mut calibration = Calibration::of_solution(&solution, &total.extent());
+    let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
+    let mut calibration = Calibration::of_solution(&solution, &total.reading_ranges());
     let covariance = Covariance::of_groups(&sums, &model, 0.0).unwrap();
     let unexplained = std::array::from_fn(|axis| {
         let values = &block.wrench[axis];
@@ -67,25 +69,31 @@ fn error(
     settings: TrialSettings,
 ) -> (f64, f64) {
     let trial = VirtualTrial::new(settings).unwrap();
-    let mut stretch =
-        Stretch { readings: vec![Vec::new(); 8], starts_log: true, ..Stretch::default() };
+    let mut rows = TrialRows { readings: vec![Vec::new(); 8], ..TrialRows::default() };
     for (time_s, frame) in trial.frames().unwrap() {
-        stretch.times_s.push(time_s);
-        stretch.fresh.push(true);
-        for (column, reading) in stretch.readings.iter_mut().zip(frame.readings) {
+        rows.times_s.push(time_s);
+        rows.fresh.push(true);
+        for (column, reading) in rows.readings.iter_mut().zip(frame.readings) {
             column.push(f64::from(reading));
         }
     }
-    let times = &stretch.times_s;
-    let clock = Clock { first_s: times[0], last_s: times[times.len() - 1], period_s: 0.01 };
-    let mut tare = TareSearch::new(TareRule::First(50), Rule::Time);
-    tare.look_at(times, &stretch.readings, &stretch.fresh, None);
-    let tare = tare.finish().unwrap();
-    let subject = Trial::of_window(String::new(), trial.window_s().into());
+    let times = &rows.times_s;
+    let log_times = LogTimes { first_s: times[0], last_s: times[times.len() - 1], period_s: 0.01 };
     let options = TrialOptions { unexplained: Some(*unexplained), ..TrialOptions::default() };
+    let mut setup = PipelineSetup::keeping_frames(options.forces);
+    let (readings, fresh) = (&*rows.readings, &*rows.fresh);
+    setup.look_at(calibration, FirstRows { times_s: times, readings, fresh, leg: None });
+    let (pipeline, tare_frames) = setup.finish(calibration).unwrap();
     let profile = Profile::velociroach();
-    let result =
-        evaluate(&subject, &profile, Some(calibration), &clock, tare.as_ref(), &stretch, &options);
+    let result = evaluate(&TrialInput {
+        trial: &Trial::of_window(String::new(), trial.window_s().into()),
+        instrument: Instrument { profile: &profile, calibration: Some(calibration) },
+        times: &log_times,
+        rows: &rows,
+        pipeline: Some(&pipeline),
+        tare_frames: tare_frames.as_ref(),
+        options: &options,
+    });
     let row = result.unwrap().row;
     let interval = row.drag_energy_95_j.unwrap();
     let error = row.drag_energy_j.unwrap() - trial.truth().drag_energy_j;

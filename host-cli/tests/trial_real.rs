@@ -7,14 +7,14 @@ use std::f64::consts::{PI, TAU};
 use std::fs;
 use std::path::Path;
 
+use log_file::{Log, Mapping, ReadOptions};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::calibration_file::matrix::ImportOptions;
-use shellcal::log_file::{Log, Mapping, ReadOptions};
+use shellcal::forces::{ForceOptions, LowPass, RowRule, TareRule};
 use shellcal::trial::{
-    LowPass, Profile, Remark, Rule, TareRule, TraceExtent, Trial, TrialOptions, TrialResult,
-    ValueTable,
+    Diagnostic, Instrument, Profile, TraceExtent, Trial, TrialOptions, TrialResult, ValueTable,
 };
-use shellcal::workflow::trial::{Instrument, evaluate_log};
+use shellcal::workflow::trial::{TrialJob, evaluate_log};
 use system_tests::real_recording;
 
 const TRIAL: &str =
@@ -126,7 +126,8 @@ fn evaluate(log: &Path, calibration: &Path, options: &TrialOptions) -> TrialResu
         channel_length_m: None,
         notes: None,
     };
-    evaluate_log(&log, &trial, instrument, options, &ReadOptions::default()).unwrap().result
+    let job = TrialJob { log: &log, instrument, options: *options, read: ReadOptions::default() };
+    evaluate_log(&job, &trial).unwrap().result
 }
 
 fn assert_near(found: Option<f64>, expected: f64, what: &str) {
@@ -142,13 +143,13 @@ fn assert_near(found: Option<f64>, expected: f64, what: &str) {
 fn by_row_results_are_those_of_the_lab_s_formulas() {
     let (Some(log), Some(matrix)) = (real_recording(TRIAL), real_recording(MATRIX)) else { return };
     let plain = Plain::read(&log, &matrix);
-    let options = TrialOptions {
+    let forces = ForceOptions {
         low_pass: Some(LowPass { cutoff_hz: 10.0, order: 4, zero_phase: false }),
         rate_hz: Some(1000.0),
-        rule: Rule::Rows,
-        trace: TraceExtent::Log,
-        ..TrialOptions::default()
+        rule: RowRule::Rows,
+        ..ForceOptions::default()
     };
+    let options = TrialOptions { forces, trace: TraceExtent::Log, ..TrialOptions::default() };
     let result = evaluate(&log, &matrix, &options);
     let trace = result.trace.as_ref().unwrap();
     let (time, power) = (plain.time(), plain.power());
@@ -187,7 +188,8 @@ fn by_row_results_are_those_of_the_lab_s_formulas() {
 fn by_time_results_are_those_of_the_formulas_over_time() {
     let (Some(log), Some(matrix)) = (real_recording(TRIAL), real_recording(MATRIX)) else { return };
     let plain = Plain::read(&log, &matrix);
-    let options = TrialOptions { rate_hz: Some(999.0), ..TrialOptions::default() };
+    let forces = ForceOptions { rate_hz: Some(999.0), ..ForceOptions::default() };
+    let options = TrialOptions { forces, ..TrialOptions::default() };
     let result = evaluate(&log, &matrix, &options);
     let (time, power) = (plain.time(), plain.power());
     let slot = |i: usize| ((time[i] - time[0]) * 999.0).round() as usize;
@@ -223,8 +225,8 @@ fn by_time_results_are_those_of_the_formulas_over_time() {
     assert_near(result.row.drag_energy_j, 0.28 * fx, "drag energy");
     assert_near(result.row.electrical_energy_j, integral(&power), "electrical energy");
 
-    let repeats = result.remarks.iter().find_map(|remark| match remark {
-        Remark::RepeatedRows { rows, repeated } => Some((*rows, *repeated)),
+    let repeats = result.diagnostics.iter().find_map(|diagnostic| match diagnostic {
+        Diagnostic::RepeatedRows { rows, repeated } => Some((*rows, *repeated)),
         _ => None,
     });
     let inside = (0..time.len()).filter(|&i| WINDOW.0 <= time[i] && time[i] <= WINDOW.1);
@@ -272,10 +274,14 @@ fn strides_are_found_at_the_commanded_thirteen_hertz() {
 fn a_tare_without_motion_is_taken_in_silence_and_one_with_motion_is_told() {
     let (Some(log), Some(matrix)) = (real_recording(TRIAL), real_recording(MATRIX)) else { return };
     let moving = |result: &TrialResult| {
-        result.remarks.iter().any(|remark| matches!(remark, Remark::MovingTare { .. }))
+        result
+            .diagnostics
+            .iter()
+            .any(|diagnostic| matches!(diagnostic, Diagnostic::MovingTare { .. }))
     };
     assert!(moving(&evaluate(&log, &matrix, &TrialOptions::default())), "the legs start at 0.1 s");
-    let quiet = TrialOptions { tare: TareRule::Between(0.0, 0.05), ..TrialOptions::default() };
+    let forces = ForceOptions { tare: TareRule::Between(0.0, 0.05), ..ForceOptions::default() };
+    let quiet = TrialOptions { forces, ..TrialOptions::default() };
     assert!(!moving(&evaluate(&log, &matrix, &quiet)));
 }
 

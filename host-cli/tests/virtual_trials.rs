@@ -5,18 +5,20 @@ use std::f64::consts::TAU;
 use std::fs;
 use std::io::Write;
 
-use shellcal::calibration::{Basis, Calibration};
-use shellcal::log_file::{Log, Mapping, ReadOptions};
-use shellcal::sensor_model::{Parameters, SensorModel};
-use shellcal::synthetic_trial::TrialLayout;
-use shellcal::telemetry::Telemetry;
+use calibration::{Basis, Calibration};
+use log_file::{Log, Mapping, ReadOptions};
+use shell_data::telemetry::Telemetry;
+use shellcal::forces::{ForceOptions, TareRule};
+use shellcal::simulation::sensor_model::{Parameters, SensorModel};
+use shellcal::simulation::synthetic_trial::TrialLayout;
+use shellcal::simulation::virtual_robot::{Condition, Counter, Side, TrialSettings, VirtualTrial};
 use shellcal::trial::{
-    Clock, Profile, Stretch, TareRule, Trial, TrialOptions, TrialResult, evaluate,
+    Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialResult, TrialRows,
+    evaluate,
 };
-use shellcal::virtual_robot::{Condition, Counter, Side, TrialSettings, VirtualTrial};
 use shellcal::workflow::fit::{FitOptions, fit};
 use shellcal::workflow::synthetic_trials::write_log;
-use shellcal::workflow::trial::{Instrument, evaluate_log, find_window};
+use shellcal::workflow::trial::{TrialJob, evaluate_log, search_window};
 
 /// Numbers from 0 to 1 (xorshift64*, Vigna 2016): which trial is made.
 struct Draws(u64);
@@ -44,10 +46,10 @@ fn a_trial([t_enter_s, t_exit_s]: [f64; 2]) -> Trial {
 }
 
 /// The telemetry of a trial as the evaluation takes it, without the readings.
-fn stretch(trial: &VirtualTrial) -> Stretch {
+fn trial_rows(trial: &VirtualTrial) -> TrialRows {
     let rows: Vec<_> = trial.rows().unwrap().collect();
     let column = |at: usize| rows.iter().map(|row| row[at] as f64).collect::<Vec<_>>();
-    Stretch {
+    TrialRows {
         times_s: column(0).into_iter().map(|us| us / 1e6).collect(),
         telemetry: vec![
             (Telemetry::RightLeg, column(1)),
@@ -57,18 +59,24 @@ fn stretch(trial: &VirtualTrial) -> Stretch {
             (Telemetry::LeftBackEmf, column(14)),
             (Telemetry::Battery, column(15)),
         ],
-        starts_log: true,
-        ..Stretch::default()
+        ..TrialRows::default()
     }
 }
 
 fn evaluate_telemetry(trial: &VirtualTrial, window_s: [f64; 2]) -> TrialResult {
-    let stretch = stretch(trial);
-    let times = &stretch.times_s;
-    let clock = Clock { first_s: times[0], last_s: times[times.len() - 1], period_s: 1001e-6 };
-    let profile = Profile::velociroach();
-    let options = TrialOptions::default();
-    evaluate(&a_trial(window_s), &profile, None, &clock, None, &stretch, &options).unwrap()
+    let rows = trial_rows(trial);
+    let times = &rows.times_s;
+    let times = LogTimes { first_s: times[0], last_s: times[times.len() - 1], period_s: 1001e-6 };
+    let input = TrialInput {
+        trial: &a_trial(window_s),
+        instrument: Instrument { profile: &Profile::velociroach(), calibration: None },
+        times: &times,
+        rows: &rows,
+        pipeline: None,
+        tare_frames: None,
+        options: &TrialOptions::default(),
+    };
+    evaluate(&input).unwrap()
 }
 
 /// The window, with its ends moved to where the right leg is not about to end a turn: a turn that ends
@@ -172,7 +180,8 @@ fn errors(settings: TrialSettings, calibration: &Calibration, options: &TrialOpt
     let profile = Profile::velociroach();
     let instrument = Instrument { profile: &profile, calibration: Some(calibration) };
     let read = ReadOptions::default();
-    let found = evaluate_log(&log, &a_trial(trial.window_s()), instrument, options, &read);
+    let job = TrialJob { log: &log, instrument, options: *options, read };
+    let found = evaluate_log(&job, &a_trial(trial.window_s()));
     let row = found.unwrap().result.row;
     let truth = trial.truth();
     [
@@ -191,7 +200,8 @@ fn drag_energy_and_specific_resistance_are_those_of_the_truth() {
     // lead-in of 2 s: each trial on its own. Noise of 0.007 N is 0.007 N √(1/200 + 1/600) in the mean,
     // 0.5 % of 0.13 N; light that changes from session to session and what a cubic cannot follow add
     // as much. 2 % are three standard deviations of both.
-    let options = TrialOptions { tare: TareRule::Between(0.0, 1.99), ..TrialOptions::default() };
+    let forces = ForceOptions { tare: TareRule::Between(0.0, 1.99), ..ForceOptions::default() };
+    let options = TrialOptions { forces, ..TrialOptions::default() };
     for seed in 0..25 {
         let settings = TrialSettings { noise_scale: 0.3, lead_in_s: 2.0, ..elastic(seed) };
         let [drag, resistance] = errors(settings, &calibration, &options);
@@ -223,8 +233,8 @@ fn a_window_found_in_a_log_is_where_the_beams_were_touched() {
         write_log(&mut fs::File::create(&path).unwrap(), &trial, TrialLayout::Full).unwrap();
         let log = Log::open(&path, &Mapping::default()).unwrap();
         let read = ReadOptions::default();
-        let found = find_window(&log, instrument, &TrialOptions::default(), &read);
-        (trial.window_s(), found)
+        let job = TrialJob { log: &log, instrument, options: TrialOptions::default(), read };
+        (trial.window_s(), search_window(&job).unwrap().proposal)
     };
     let mut squares = 0.0;
     for seed in 0..20 {

@@ -4,11 +4,39 @@
 //! command that was lost can be sent again: doing any of them twice is the same as doing it once.
 
 use crate::bytes::{Bytes, Reader};
+use crate::calibration::crc32;
 
-/// Most bytes of a calibration in one command.
-pub const MAX_PIECE: usize = 40;
+/// Gives an enum its one-byte codes both ways. A code without a variant is `Other`, so that what a
+/// newer board says can be read by an older host as far as it goes.
+macro_rules! codes {
+    ($name:ident { $($variant:ident = $code:literal),+ $(,)? }) => {
+        impl $name {
+            /// All variants that have a name, in the order of their codes.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
 
-/// Some bytes of a calibration.
+            /// The code on the wire.
+            pub const fn code(self) -> u8 {
+                match self {
+                    $(Self::$variant => $code,)+
+                    Self::Other(code) => code,
+                }
+            }
+
+            /// The variant of a code.
+            pub const fn from_code(code: u8) -> Self {
+                match code {
+                    $($code => Self::$variant,)+
+                    _ => Self::Other(code),
+                }
+            }
+        }
+    };
+}
+
+/// Most bytes of a calibration in one command, or of last words in one answer.
+pub const MAX_PIECE: usize = 32;
+
+/// Some bytes of a calibration, or of last words.
 pub type Piece = Bytes<MAX_PIECE>;
 
 /// What the samples of the stream hold.
@@ -19,24 +47,11 @@ pub enum Stream {
     Raw,
     /// Wrenches, converted on the board.
     Wrench,
+    /// One that this version does not know.
+    Other(u8),
 }
 
-impl Stream {
-    const fn code(self) -> u8 {
-        match self {
-            Self::Raw => 0,
-            Self::Wrench => 1,
-        }
-    }
-
-    const fn from_code(code: u8) -> Option<Self> {
-        match code {
-            0 => Some(Self::Raw),
-            1 => Some(Self::Wrench),
-            _ => None,
-        }
-    }
-}
+codes!(Stream { Raw = 0, Wrench = 1 });
 
 /// A request to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,6 +103,11 @@ pub enum Command {
         /// How many frames to average; none takes the zero back.
         frames: u16,
     },
+    /// Say what you said before the last reset, from a byte on: [`Answer::LastWords`].
+    LastWords {
+        /// The first byte wanted.
+        offset: u16,
+    },
     /// A command that this version does not know, or one with arguments that are not its own.
     Unknown {
         /// The code that names it.
@@ -96,6 +116,15 @@ pub enum Command {
 }
 
 impl Command {
+    /// Whether the command may be sent to every board that hears it: it asks, or it starts and stops
+    /// streams together. Anything else is done by the board that it names only.
+    pub const fn is_for_all(&self) -> bool {
+        matches!(
+            self,
+            Self::Identify | Self::Status | Self::Start | Self::Stop | Self::LastWords { .. }
+        )
+    }
+
     /// The code that names the command on the wire.
     pub const fn code(&self) -> u8 {
         match self {
@@ -111,6 +140,7 @@ impl Command {
             Self::CalibrationPiece { .. } => 0x0A,
             Self::CommitCalibration => 0x0B,
             Self::Zero { .. } => 0x0C,
+            Self::LastWords { .. } => 0x0D,
             Self::Unknown { code } => *code,
         }
     }
@@ -143,6 +173,9 @@ impl Command {
             Self::Zero { frames } => {
                 out.extend(&frames.to_le_bytes());
             }
+            Self::LastWords { offset } => {
+                out.extend(&offset.to_le_bytes());
+            }
         }
     }
 
@@ -161,7 +194,7 @@ impl Command {
             0x05 => Self::SetPeriod { period_us: body.u32()? },
             0x06 => Self::SetOversampling { conversions: body.u8()? },
             0x07 => Self::SetSettling { settling_us: body.u16()? },
-            0x08 => Self::SetStream(Stream::from_code(body.u8()?)?),
+            0x08 => Self::SetStream(Stream::from_code(body.u8()?)),
             0x09 => Self::BeginCalibration { size: body.u32()?, crc32: body.u32()? },
             0x0A => {
                 let offset = body.u16()?;
@@ -169,6 +202,7 @@ impl Command {
             }
             0x0B => Self::CommitCalibration,
             0x0C => Self::Zero { frames: body.u16()? },
+            0x0D => Self::LastWords { offset: body.u16()? },
             _ => return None,
         };
         body.end(command)
@@ -187,6 +221,18 @@ pub enum Answer {
     Status(Status),
     /// Not done; nothing has changed.
     Refused(Refusal),
+    /// To [`Command::LastWords`].
+    LastWords {
+        /// Length of the whole text in bytes, 0 if nothing was said.
+        len: u16,
+        /// Its bytes from the offset on; none at the end.
+        text: Piece,
+    },
+    /// One that this version does not know.
+    Other {
+        /// The code that names it.
+        code: u8,
+    },
 }
 
 impl Answer {
@@ -194,6 +240,7 @@ impl Answer {
     const IDENTITY: u8 = 0x01;
     const STATUS: u8 = 0x02;
     const REFUSED: u8 = 0x03;
+    const LAST_WORDS: u8 = 0x04;
 
     pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
         match self {
@@ -210,7 +257,15 @@ impl Answer {
             }
             Self::Refused(refusal) => {
                 out.push(Self::REFUSED);
-                out.push(refusal.code());
+                refusal.write(out);
+            }
+            Self::LastWords { len, text } => {
+                out.push(Self::LAST_WORDS);
+                out.extend(&len.to_le_bytes());
+                out.extend(text);
+            }
+            Self::Other { code } => {
+                out.push(*code);
             }
         }
     }
@@ -220,36 +275,16 @@ impl Answer {
             Self::DONE => Self::Done,
             Self::IDENTITY => Self::Identity(Identity::read(&mut body)?),
             Self::STATUS => Self::Status(Status::read(&mut body)?),
-            Self::REFUSED => Self::Refused(Refusal::from_code(body.u8()?)?),
-            _ => return None,
+            // What a newer board adds to a reason is not looked at.
+            Self::REFUSED => return Some(Self::Refused(Refusal::read(&mut body)?)),
+            Self::LAST_WORDS => {
+                let len = body.u16()?;
+                return Some(Self::LastWords { len, text: Piece::copy_of(body.rest())? });
+            }
+            code => return Some(Self::Other { code }),
         };
         body.end(answer)
     }
-}
-
-/// Gives an enum its one-byte codes both ways.
-macro_rules! codes {
-    ($name:ident { $($variant:ident = $code:literal),+ $(,)? }) => {
-        impl $name {
-            /// All variants, in the order of their codes.
-            pub const ALL: &[Self] = &[$(Self::$variant),+];
-
-            /// The code on the wire.
-            pub const fn code(self) -> u8 {
-                match self {
-                    $(Self::$variant => $code,)+
-                }
-            }
-
-            /// The variant of a code.
-            pub const fn from_code(code: u8) -> Option<Self> {
-                match code {
-                    $($code => Some(Self::$variant),)+
-                    _ => None,
-                }
-            }
-        }
-    };
 }
 
 /// Why the board does not do what it was asked.
@@ -263,7 +298,10 @@ pub enum Refusal {
     /// An argument is outside its range.
     OutOfRange,
     /// Conversions and settling of a frame would take longer than the period.
-    PeriodTooShort,
+    PeriodTooShort {
+        /// The shortest period that would do, in µs.
+        shortest_us: u32,
+    },
     /// Wrenches need a calibration, and there is none.
     NoCalibration,
     /// A piece or a commit of a calibration that was not begun.
@@ -276,23 +314,62 @@ pub enum Refusal {
     WrongCrc,
     /// The calibration arrived whole but is not one that this board can use.
     BadCalibration,
-    /// The flash did not keep the calibration.
+    /// The flash did not keep the calibration; the one before is still in use.
     StorageFailed,
+    /// Samples would come faster than the serial line takes them.
+    LineTooSlow {
+        /// The shortest period that would do, in µs.
+        shortest_us: u32,
+    },
+    /// A reason that this version does not know.
+    Other(u8),
 }
 
-codes!(Refusal {
-    UnknownCommand = 1,
-    OtherVersion = 2,
-    OutOfRange = 3,
-    PeriodTooShort = 4,
-    NoCalibration = 5,
-    NoUpload = 6,
-    WrongOffset = 7,
-    WrongSize = 8,
-    WrongCrc = 9,
-    BadCalibration = 10,
-    StorageFailed = 11,
-});
+impl Refusal {
+    /// The code on the wire.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::UnknownCommand => 1,
+            Self::OtherVersion => 2,
+            Self::OutOfRange => 3,
+            Self::PeriodTooShort { .. } => 4,
+            Self::NoCalibration => 5,
+            Self::NoUpload => 6,
+            Self::WrongOffset => 7,
+            Self::WrongSize => 8,
+            Self::WrongCrc => 9,
+            Self::BadCalibration => 10,
+            Self::StorageFailed => 11,
+            Self::LineTooSlow { .. } => 12,
+            Self::Other(code) => code,
+        }
+    }
+
+    fn write<const N: usize>(self, out: &mut Bytes<N>) {
+        out.push(self.code());
+        if let Self::PeriodTooShort { shortest_us } | Self::LineTooSlow { shortest_us } = self {
+            out.extend(&shortest_us.to_le_bytes());
+        }
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        Some(match body.u8()? {
+            1 => Self::UnknownCommand,
+            2 => Self::OtherVersion,
+            3 => Self::OutOfRange,
+            4 => Self::PeriodTooShort { shortest_us: body.u32()? },
+            5 => Self::NoCalibration,
+            6 => Self::NoUpload,
+            7 => Self::WrongOffset,
+            8 => Self::WrongSize,
+            9 => Self::WrongCrc,
+            10 => Self::BadCalibration,
+            11 => Self::StorageFailed,
+            12 => Self::LineTooSlow { shortest_us: body.u32()? },
+            code => Self::Other(code),
+        })
+    }
+}
 
 /// Where the firmware runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -304,6 +381,8 @@ pub enum Board {
     Emulated,
     /// A process on the host.
     Simulated,
+    /// One that this version does not know.
+    Other(u8),
 }
 
 codes!(Board { SkinProc = 1, Emulated = 2, Simulated = 3 });
@@ -320,11 +399,37 @@ pub enum ResetCause {
     Panic,
     /// The watchdog was not fed.
     Watchdog,
-    /// Any other.
-    Other,
+    /// The board cannot tell.
+    Unspecified,
+    /// The core met something that it cannot execute.
+    Fault,
+    /// One that this version does not know.
+    Other(u8),
 }
 
-codes!(ResetCause { Power = 1, Pin = 2, Panic = 3, Watchdog = 4, Other = 5 });
+codes!(ResetCause { Power = 1, Pin = 2, Panic = 3, Watchdog = 4, Unspecified = 5, Fault = 6 });
+
+/// What commands name a board by: the CRC-32 of its serial number.
+///
+/// On one radio channel some boards are in range, and two that are named alike have a chance of one
+/// in four thousand million.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct BoardId(u32);
+
+impl BoardId {
+    /// The name of the board with a serial number.
+    pub fn of_serial(serial: &[u8; 12]) -> Self {
+        Self(crc32(serial).max(1)) // 0 stands for every board
+    }
+
+    pub(crate) fn code(id: Option<Self>) -> u32 {
+        id.map_or(0, |id| id.0)
+    }
+
+    pub(crate) fn from_code(code: u32) -> Option<Self> {
+        (code != 0).then_some(Self(code))
+    }
+}
 
 /// What a board is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -340,6 +445,11 @@ pub struct Identity {
 }
 
 impl Identity {
+    /// What commands name the board by.
+    pub fn id(&self) -> BoardId {
+        BoardId::of_serial(&self.serial)
+    }
+
     fn write<const N: usize>(&self, out: &mut Bytes<N>) {
         out.push(self.board.code());
         out.extend(&self.firmware);
@@ -349,7 +459,7 @@ impl Identity {
 
     fn read(body: &mut Reader<'_>) -> Option<Self> {
         Some(Self {
-            board: Board::from_code(body.u8()?)?,
+            board: Board::from_code(body.u8()?),
             firmware: body.array()?,
             serial: body.array()?,
             min_period_us: body.u32()?,
@@ -390,6 +500,8 @@ pub struct Status {
     pub longest_frame_us: u16,
     /// CRC-32 of the calibration in use, zero without one.
     pub calibration_crc32: u32,
+    /// Commands that named another board.
+    pub foreign: u16,
 }
 
 impl Status {
@@ -410,6 +522,7 @@ impl Status {
         out.extend(&self.damaged.to_le_bytes());
         out.extend(&self.longest_frame_us.to_le_bytes());
         out.extend(&self.calibration_crc32.to_le_bytes());
+        out.extend(&self.foreign.to_le_bytes());
     }
 
     fn read(body: &mut Reader<'_>) -> Option<Self> {
@@ -418,8 +531,8 @@ impl Status {
             streaming: flags & 1 != 0,
             calibrated: flags & 2 != 0,
             zeroed: flags & 4 != 0,
-            stream: Stream::from_code(flags >> 3)?,
-            reset_cause: ResetCause::from_code(body.u8()?)?,
+            stream: Stream::from_code(flags >> 3),
+            reset_cause: ResetCause::from_code(body.u8()?),
             period_us: body.u32()?,
             conversions: body.u8()?,
             settling_us: body.u16()?,
@@ -430,6 +543,7 @@ impl Status {
             damaged: body.u16()?,
             longest_frame_us: body.u16()?,
             calibration_crc32: body.u32()?,
+            foreign: body.u16()?,
         })
     }
 }

@@ -1,7 +1,7 @@
 //! Bytes to packets, whatever the bytes.
 
 use crate::bytes::Bytes;
-use crate::command::{Answer, Command};
+use crate::command::{Answer, BoardId, Command};
 use crate::error::DecodeError;
 use crate::frame::MAX_FRAME;
 use crate::packet::{self, Boot, Packet, Sample};
@@ -40,6 +40,8 @@ pub enum Event {
     Command {
         /// Number that the answer repeats.
         number: u16,
+        /// The board that it is for, `None` for every board.
+        to: Option<BoardId>,
         /// What to do.
         command: Command,
     },
@@ -240,7 +242,7 @@ impl Stream {
                 }
                 Event::Sample { sample, index, arrival }
             }
-            Packet::Command { number, command } => Event::Command { number, command },
+            Packet::Command { number, to, command } => Event::Command { number, to, command },
             Packet::Answer { number, answer } => Event::Answer { number, answer },
             Packet::Boot(boot) => {
                 self.tracker.restart();

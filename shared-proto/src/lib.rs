@@ -52,13 +52,16 @@ pub mod xbee;
 pub use bytes::Bytes;
 pub use calibration::{Calibration, FEATURES, crc32};
 pub use command::{
-    Answer, Board, Command, Identity, MAX_PIECE, Piece, Refusal, ResetCause, Status, Stream,
+    Answer, Board, BoardId, Command, Identity, MAX_PIECE, Piece, Refusal, ResetCause, Status,
+    Stream,
 };
 pub use decoder::{Counters, Decoder, Event, Framing};
 pub use detect::{Protocol, detect};
 pub use error::DecodeError;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
-pub use packet::{Boot, COUNTS_PER_LSB, Packet, Sample, VERSION, Values};
+pub use packet::{
+    Boot, COUNTS_PER_LSB, Packet, READINGS_FRAME, Sample, VERSION, Values, WRENCH_FRAME,
+};
 pub use sequence::{Arrival, Clock, Tracker, WINDOW};
 
 /// Photointerrupters on the board.

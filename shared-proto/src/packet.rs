@@ -1,14 +1,14 @@
 //! The packets: what each kind holds and where.
 
 use crate::bytes::Reader;
-use crate::command::{Answer, Board, Command, ResetCause};
+use crate::command::{Answer, Board, BoardId, Command, ResetCause};
 use crate::error::DecodeError;
 use crate::frame::{self, Frame, Plain};
 use crate::{AXES, CHANNELS};
 use crc::{CRC_16_M17, Crc};
 
 /// Version of the protocol: the upper four bits of every header.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 
 /// Steps of a reading per step of the board's 12-bit converter.
 ///
@@ -27,8 +27,8 @@ type Tables = crc::Table<16>;
 #[cfg(target_os = "none")]
 type Tables = crc::Table<1>;
 
-/// Kinds of packet, the lower four bits of the header. Those that would make the header 0x11 or
-/// 0x13 in version 1 are not used: they would need a mask every time.
+/// Kinds of packet, the lower four bits of the header. Those that would make the header one of the
+/// escaped bytes in versions 1 and 7 are not used: they would need a mask every time.
 const SAMPLE_READINGS: u8 = 0x4;
 const SAMPLE_WRENCH: u8 = 0x5;
 pub(crate) const COMMAND: u8 = 0x8;
@@ -44,6 +44,8 @@ pub enum Packet {
     Command {
         /// Number that the answer repeats.
         number: u16,
+        /// The board that it is for, `None` for every board.
+        to: Option<BoardId>,
         /// What to do.
         command: Command,
     },
@@ -93,6 +95,13 @@ pub struct Boot {
     pub cause: ResetCause,
 }
 
+/// Bytes of a sample of readings on the wire, whatever it holds: mask, header, sequence number,
+/// clock, readings, saturation, dropped and CRC, with a code of COBS and the delimiter.
+pub const READINGS_FRAME: usize = 12 + 2 * CHANNELS + 2;
+
+/// Bytes of a sample with a wrench on the wire.
+pub const WRENCH_FRAME: usize = 12 + 4 * AXES + 2;
+
 impl Packet {
     /// The packet as a frame, delimiter included.
     pub fn encode(&self) -> Frame {
@@ -111,7 +120,10 @@ impl Packet {
         packet.extend(&number.to_le_bytes());
         match self {
             Self::Sample(sample) => sample.write(&mut packet),
-            Self::Command { command, .. } => command.write(&mut packet),
+            Self::Command { to, command, .. } => {
+                packet.extend(&BoardId::code(*to).to_le_bytes());
+                command.write(&mut packet);
+            }
             Self::Answer { answer, .. } => answer.write(&mut packet),
             Self::Boot(boot) => boot.write(&mut packet),
         }
@@ -141,12 +153,17 @@ impl Packet {
         match header & 0xF {
             SAMPLE_READINGS => Sample::read_readings(number, body).map(Self::Sample),
             SAMPLE_WRENCH => Sample::read_wrench(number, body).map(Self::Sample),
-            COMMAND => Command::read(body).map(|command| Self::Command { number, command }),
+            COMMAND => Self::read_command(number, body),
             ANSWER => Answer::read(body).map(|answer| Self::Answer { number, answer }),
             BOOT => Boot::read(body).map(Self::Boot),
             kind => return Err(DecodeError::UnknownKind(kind)),
         }
         .ok_or(DecodeError::Body)
+    }
+
+    fn read_command(number: u16, mut body: Reader<'_>) -> Option<Self> {
+        let to = BoardId::from_code(body.u32()?);
+        Some(Self::Command { number, to, command: Command::read(body)? })
     }
 
     /// Whether a header is one of this version.
@@ -211,9 +228,9 @@ impl Boot {
 
     fn read(mut body: Reader<'_>) -> Option<Self> {
         let boot = Self {
-            board: Board::from_code(body.u8()?)?,
+            board: Board::from_code(body.u8()?),
             firmware: body.array()?,
-            cause: ResetCause::from_code(body.u8()?)?,
+            cause: ResetCause::from_code(body.u8()?),
         };
         body.end(boot)
     }

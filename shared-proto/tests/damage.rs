@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::Random;
 use shared_proto::{Decoder, Framing, Packet, Sample, Values};
+use system_tests::random::Random;
 
 fn sample(random: &mut Random) -> Packet {
     Packet::Sample(Sample {

@@ -2,9 +2,10 @@
 
 mod common;
 
-use common::{Random, on_the_wire};
+use common::on_the_wire;
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{Framing, Packet, Protocol, Sample, Values, detect, skinproc::Scan};
+use system_tests::random::Random;
 
 fn packet(i: u16, random: &mut Random) -> Packet {
     Packet::Sample(Sample {

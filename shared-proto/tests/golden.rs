@@ -5,8 +5,8 @@
 
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{
-    Answer, Board, Boot, Bytes, Command, Decoder, Event, Framing, Identity, Packet, Piece, Refusal,
-    ResetCause, Sample, Status, Stream, Values,
+    Answer, Board, BoardId, Boot, Bytes, Command, Decoder, Event, Framing, Identity, Packet, Piece,
+    Refusal, ResetCause, Sample, Status, Stream, Values,
 };
 
 fn bytes(hex: &str) -> Vec<u8> {
@@ -23,11 +23,19 @@ fn readings() -> Packet {
     })
 }
 
-const READINGS: &str = "04 01 15 03 19 41 43 0e 01 91 7b b1 85 21 92 e1 9f d1 91 21 83 51 83 81 \
-                        8b 01 01 4e 4e 00";
+const READINGS: &str = "04 01 25 03 19 41 43 0e 01 91 7b b1 85 21 92 e1 9f d1 91 21 83 51 83 81 8b 01 01 \
+             57 ec 00";
 
+/// For every board.
 fn command(command: Command) -> Packet {
-    Packet::Command { number: 7, command }
+    Packet::Command { number: 7, to: None, command }
+}
+
+const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
+
+/// For the board with this serial number, whose CRC-32 is 0x925FC655.
+fn addressed(command: Command) -> Packet {
+    Packet::Command { number: 7, to: Some(BoardId::of_serial(&SERIAL)), command }
 }
 
 fn answer(answer: Answer) -> Packet {
@@ -49,12 +57,13 @@ fn vectors() -> Vec<(Packet, &'static str)> {
         saturated: 2,
         dropped: 3,
     });
-    let piece: Vec<u8> = (1..=40).collect();
+    let piece: Vec<u8> = (1..=32).collect();
     let piece = Piece::copy_of(&piece).expect("it fits");
+    let oops = Piece::copy_of(b"oops").expect("it fits");
     let identity = Identity {
         board: Board::SkinProc,
         firmware: [0, 1, 0],
-        serial: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
+        serial: SERIAL,
         min_period_us: 1000,
     };
     let status = Status {
@@ -73,55 +82,80 @@ fn vectors() -> Vec<(Packet, &'static str)> {
         damaged: 5,
         longest_frame_us: 740,
         calibration_crc32: 0x1234_5678,
+        foreign: 3,
     };
     let boot = Boot { board: Board::SkinProc, firmware: [0, 1, 0], cause: ResetCause::Panic };
     vec![
         (readings(), READINGS),
         (
             awkward,
-            "1d 01 15 10 12 10 12 7c 7f 7f 7c 7f 7c 7f 7c 7f 7c 01 01 01 01 fe fe f1 fe 80 fe 66 94 00",
+            "1d 01 25 10 12 10 12 7c 7f 7f 7c 7f 7c 7f 7c 7f 7c 01 01 01 01 fe fe f1 fe 80 fe \
+             7f 36 00",
         ),
         (
             wrench,
-            "01 08 15 ff ff ff ff ff ff 01 03 80 3f 01 01 02 bf 01 07 80 3e 6f 12 83 3a 01 01 01 01 \
-             01 01 06 be 02 03 df 81 00",
+            "01 08 25 ff ff ff ff ff ff 01 03 80 3f 01 01 02 bf 01 07 80 3e 6f 12 83 3a 01 01 \
+             01 01 01 01 06 be 02 03 99 0d 00",
         ),
-        (command(Command::Identify), "01 03 18 07 04 01 40 85 00"),
-        (command(Command::Status), "01 03 18 07 04 02 1f 6e 00"),
-        (command(Command::Start), "01 03 18 07 04 03 2a 37 00"),
-        (command(Command::Stop), "01 03 18 07 04 04 94 e1 00"),
+        (command(Command::Identify), "01 03 28 07 01 01 01 01 04 01 d5 dc 00"),
+        (addressed(Command::Status), "01 03 28 07 08 55 c6 5f 92 02 49 30 00"),
+        (command(Command::Start), "01 03 28 07 01 01 01 01 04 03 bf 6e 00"),
+        (command(Command::Stop), "01 03 28 07 01 01 01 01 04 04 01 b8 00"),
         (
-            command(Command::SetPeriod { period_us: 10_000 }),
-            "01 03 18 07 04 05 10 27 01 03 91 c5 00",
+            addressed(Command::SetPeriod { period_us: 10_000 }),
+            "01 03 28 07 08 55 c6 5f 92 05 10 27 01 03 31 d6 00",
         ),
-        (command(Command::SetOversampling { conversions: 16 }), "01 03 18 07 05 06 10 10 20 00"),
-        (command(Command::SetSettling { settling_us: 50 }), "01 03 18 07 03 07 32 03 5d 3c 00"),
-        (command(Command::SetStream(Stream::Wrench)), "01 03 18 07 05 08 01 28 e4 00"),
-        (command(Command::BeginCalibration { size: 668, crc32: 0x1234_5678 }), BEGIN),
         (
-            command(Command::CalibrationPiece { offset: 40, data: piece }),
-            "27 20 38 27 20 2a 08 20 21 22 23 24 25 26 27 28 29 2a 2b 2c 2d 2e 2f 30 31 32 33 34 35 \
-             36 37 38 39 3a 3b 3c 3d 3e 3f 0b 01 02 03 04 05 06 07 08 10 d5 00",
+            addressed(Command::SetOversampling { conversions: 16 }),
+            "01 03 28 07 09 55 c6 5f 92 06 10 92 40 00",
         ),
-        (command(Command::CommitCalibration), "01 03 18 07 04 0b e8 4c 00"),
-        (command(Command::Zero { frames: 50 }), "01 03 18 07 03 0c 32 03 5d 26 00"),
-        (command(Command::Unknown { code: 0x70 }), "01 03 18 07 04 70 83 a8 00"),
-        (answer(Answer::Done), "01 03 19 07 01 03 1d 43 00"),
+        (
+            addressed(Command::SetSettling { settling_us: 50 }),
+            "01 03 28 07 07 55 c6 5f 92 07 32 03 2f 3d 00",
+        ),
+        (
+            addressed(Command::SetStream(Stream::Wrench)),
+            "01 03 28 07 09 55 c6 5f 92 08 01 aa 84 00",
+        ),
+        (
+            addressed(Command::BeginCalibration { size: 668, crc32: 0x1234_5678 }),
+            "01 03 28 07 08 55 c6 5f 92 09 9c 02 01 07 78 56 34 12 2e 04 00",
+        ),
+        (
+            addressed(Command::CalibrationPiece { offset: 32, data: piece }),
+            "0a 20 08 27 20 75 e6 7f b2 2a 21 20 21 22 23 24 25 26 27 28 29 2a 2b 2c 2d 2e 2f \
+             30 31 32 33 34 35 36 37 38 39 3a 3b 3c 3d 3e 3f 03 69 ac 00",
+        ),
+        (addressed(Command::CommitCalibration), "01 03 28 07 08 55 c6 5f 92 0b be 12 00"),
+        (addressed(Command::Zero { frames: 50 }), "01 03 28 07 07 55 c6 5f 92 0c 32 03 2f 27 00"),
+        (
+            addressed(Command::LastWords { offset: 32 }),
+            "01 03 28 07 07 55 c6 5f 92 0d 20 03 35 68 00",
+        ),
+        (addressed(Command::Unknown { code: 0x70 }), "01 03 28 07 08 55 c6 5f 92 70 d5 f6 00"),
+        (answer(Answer::Done), "01 03 29 07 01 03 b1 66 00"),
         (
             answer(Answer::Identity(identity)),
-            "01 03 19 07 03 01 01 02 01 0f 01 02 03 04 05 06 07 08 09 0a 0b 0c e8 03 01 03 8a a9 00",
+            "01 03 29 07 03 01 01 02 01 0f 01 02 03 04 05 06 07 08 09 0a 0b 0c e8 03 01 03 4f \
+             b2 00",
         ),
         (
             answer(Answer::Status(status)),
-            "05 02 1b 05 02 12 09 06 12 25 02 02 12 30 02 12 0c 02 02 42 7c 07 02 0b 02 02 02 03 02 \
-             02 02 07 02 e6 07 7a 54 36 10 95 49 00",
+            "05 02 2b 05 02 12 09 06 12 25 02 02 12 30 02 12 0c 02 02 42 7c 07 02 0b 02 02 02 \
+             03 02 02 02 07 02 e6 09 7a 54 36 10 01 02 78 a6 00",
         ),
-        (answer(Answer::Refused(Refusal::WrongSize)), "01 03 19 07 05 03 08 a3 9e 00"),
-        (Packet::Boot(boot), "01 02 1a 01 02 01 02 01 04 03 0c ba 00"),
+        (answer(Answer::Refused(Refusal::WrongSize)), "01 03 29 07 05 03 08 4a e0 00"),
+        (
+            answer(Answer::Refused(Refusal::LineTooSlow { shortest_us: 5_497 })),
+            "01 03 29 07 05 03 0c 79 15 01 03 cd 28 00",
+        ),
+        (
+            answer(Answer::LastWords { len: 4, text: oops }),
+            "01 03 29 07 03 04 04 05 6f 6f 70 73 02 7c 00",
+        ),
+        (Packet::Boot(boot), "01 02 2a 01 02 01 02 01 04 03 c1 3c 00"),
     ]
 }
-
-const BEGIN: &str = "01 03 18 07 04 09 9c 02 01 07 78 56 34 12 8d 74 00";
 
 #[test]
 fn packets_have_the_bytes_of_the_readme() {
@@ -141,9 +175,9 @@ fn api_frames_around_a_packet_have_the_bytes_of_the_manual() {
     let long = 0x0013_A200_400A_0127;
     let zigbee = Address::Zigbee { long, short: 0xFFFE };
     let samples = [
-        (Address::Short(0x2052), "7e 00 23 81 20 52 28 00", "22"),
-        (Address::Long(long), "7e 00 29 80 00 13 a2 00 40 0a 01 27 28 00", "6e"),
-        (zigbee, "7e 00 2a 90 00 13 a2 00 40 0a 01 27 ff fe 00", "89"),
+        (Address::Short(0x2052), "7e 00 23 81 20 52 28 00", "6b"),
+        (Address::Long(long), "7e 00 29 80 00 13 a2 00 40 0a 01 27 28 00", "b7"),
+        (zigbee, "7e 00 2a 90 00 13 a2 00 40 0a 01 27 ff fe 00", "d2"),
     ];
     let payload = readings().encode();
     for (from, head, checksum) in samples {
@@ -158,12 +192,12 @@ fn api_frames_around_a_packet_have_the_bytes_of_the_manual() {
         assert_eq!(Packet::Sample(sample), readings());
     }
 
-    let start = "01 03 18 07 04 03 2a 37 00";
+    let start = "01 03 28 07 01 01 01 01 04 03 bf 6e 00";
     let commands = [
-        (Address::Short(0x2052), Mode::Plain, "7e 00 0e 01 01 20 52 00", "00"),
-        (Address::Short(0x2013), Mode::Escaped, "7e 00 0e 01 01 20 7d 33 00", "3f"),
-        (Address::Long(long), Mode::Plain, "7e 00 14 00 01 00 13 a2 00 40 0a 01 27 00", "4c"),
-        (zigbee, Mode::Plain, "7e 00 17 10 01 00 13 a2 00 40 0a 01 27 ff fe 00 00", "3f"),
+        (Address::Short(0x2052), Mode::Plain, "7e 00 12 01 01 20 52 00", "20"),
+        (Address::Short(0x2013), Mode::Escaped, "7e 00 12 01 01 20 7d 33 00", "5f"),
+        (Address::Long(long), Mode::Plain, "7e 00 18 00 01 00 13 a2 00 40 0a 01 27 00", "6c"),
+        (zigbee, Mode::Plain, "7e 00 1b 10 01 00 13 a2 00 40 0a 01 27 ff fe 00 00", "5f"),
     ];
     let payload = command(Command::Start).encode();
     for (to, mode, head, checksum) in commands {
@@ -177,9 +211,9 @@ fn api_frames_around_a_packet_have_the_bytes_of_the_manual() {
 fn packets_of_other_versions_and_kinds_are_told_from_damage() {
     let mut decoder = Decoder::new(Framing::Cobs);
     let mut events = Vec::new();
-    decoder.feed(&bytes("01 03 24 01 08 6c 61 74 65 72 33 5d 00"), |event| events.push(event));
-    decoder.feed(&bytes("01 03 1f 01 04 78 6a 75 00"), |event| events.push(event));
-    assert_eq!(events, [Event::OtherVersion { version: 2, command: false }]);
+    decoder.feed(&bytes("01 03 34 01 08 6c 61 74 65 72 88 20 00"), |event| events.push(event));
+    decoder.feed(&bytes("01 03 2f 01 04 78 c6 50 00"), |event| events.push(event));
+    assert_eq!(events, [Event::OtherVersion { version: 3, command: false }]);
     let counters = decoder.counters();
     assert_eq!((counters.unknown_version, counters.unknown_kind), (1, 1));
     assert_eq!((counters.packets, counters.bad_crc, counters.malformed), (0, 0, 0));
@@ -189,14 +223,34 @@ fn packets_of_other_versions_and_kinds_are_told_from_damage() {
 fn commands_with_arguments_that_are_not_theirs_are_unknown_commands() {
     // 0x03 (start) with an argument; 0x05 (period) with one byte; made as above.
     for (hex, code) in [
-        ("01 03 18 07 05 03 01 32 e4 00", 3),
-        ("01 03 18 07 05 05 01 d0 a8 00", 5),
-        ("01 03 18 07 05 08 09 ea 9f 00", 8),
+        ("01 03 28 07 09 55 c6 5f 92 03 01 b0 84 00", 3),
+        ("01 03 28 07 09 55 c6 5f 92 05 01 52 c8 00", 5),
     ] {
         let frame = bytes(hex);
         let packet = Packet::decode(&frame[..frame.len() - 1]);
-        assert_eq!(packet, Ok(command(Command::Unknown { code })), "{hex}");
+        assert_eq!(packet, Ok(addressed(Command::Unknown { code })), "{hex}");
     }
+}
+
+#[test]
+fn what_a_newer_board_says_is_read_as_far_as_it_goes() {
+    let answer_in = |hex| {
+        let frame = bytes(hex);
+        match Packet::decode(&frame[..frame.len() - 1]) {
+            Ok(Packet::Answer { number: 7, answer }) => answer,
+            other => panic!("{other:?}"),
+        }
+    };
+    // Made as above: refusal 200 with three bytes more, board 200, answer 200 with three bytes.
+    let refusal = answer_in("01 03 29 07 08 03 c8 61 62 63 6f fe 00");
+    assert_eq!(refusal, Answer::Refused(Refusal::Other(200)));
+    let board = answer_in(
+        "01 03 29 07 03 01 c8 02 01 0f 01 02 03 04 05 06 07 08 09 0a 0b 0c e8 03 01 03 3a d2 00",
+    );
+    let Answer::Identity(identity) = board else { panic!("{board:?}") };
+    assert_eq!((identity.board, identity.serial), (Board::Other(200), SERIAL));
+    let answer = answer_in("01 03 29 07 07 c8 61 62 63 c1 8d 00");
+    assert_eq!(answer, Answer::Other { code: 200 });
 }
 
 /// The lengths that the README promises.

@@ -11,7 +11,7 @@ use shared_proto::{Decoder, Event, Framing, MAX_FRAME, Packet};
 fn packet(event: &Event) -> Packet {
     match *event {
         Event::Sample { sample, .. } => Packet::Sample(sample),
-        Event::Command { number, command } => Packet::Command { number, command },
+        Event::Command { number, to, command } => Packet::Command { number, to, command },
         Event::Answer { number, answer } => Packet::Answer { number, answer },
         Event::Boot(boot) => Packet::Boot(boot),
         ref other => panic!("not a packet of this version: {other:?}"),
@@ -132,7 +132,7 @@ proptest! {
 
 #[test]
 fn a_packet_right_after_endless_noise_without_a_delimiter_is_found() {
-    let packet = Packet::Command { number: 1, command: shared_proto::Command::Start };
+    let packet = Packet::Command { number: 1, to: None, command: shared_proto::Command::Start };
     let mut decoder = Decoder::new(Framing::Cobs);
     assert!(decode(&mut decoder, &[0]).is_empty());
     for _ in 0..1000 {

@@ -9,7 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command as Process;
 
-use shared_proto::{CHANNELS, Calibration, Command, Packet, crc32};
+use shared_proto::{BoardId, CHANNELS, Calibration, Command, Packet, crc32};
 
 /// The emulator of an Arm computer.
 pub const QEMU: &str = "qemu-system-arm";
@@ -36,6 +36,9 @@ pub fn image() -> Option<PathBuf> {
 const SCRIPT: u32 = 0x2100_0000;
 const ORDERS: u32 = 0x2170_0000;
 const STORAGE: u32 = 0x2180_0000;
+
+/// The serial number of the emulated board.
+const SERIAL: [u8; 12] = *b"mps2-an386  ";
 
 /// Dark and lit code of every channel.
 pub type PlayedFrame = [(u16, u16); CHANNELS];
@@ -66,7 +69,7 @@ impl Memory {
     #[must_use]
     pub fn order(self, commands: &[Command], last_frame: u32) -> Self {
         let frames = (1..).zip(commands).map(|(number, &command)| {
-            let packet = Packet::Command { number, command };
+            let packet = Packet::Command { number, to: Some(BoardId::of_serial(&SERIAL)), command };
             packet.encode().to_vec()
         });
         let bytes: Vec<u8> = frames.flatten().collect();

@@ -3,7 +3,9 @@
 
 pub mod browser;
 pub mod emulation;
+pub mod flashed;
 pub mod program;
+pub mod random;
 
 use std::path::PathBuf;
 

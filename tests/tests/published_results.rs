@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use shellcal::log_file::{Log, Mapping, ReadOptions};
-use shellcal::sensor_model::{Kind, Recording, Settings};
-use shellcal::synthetic_log::Layout;
+use log_file::{Log, Mapping, ReadOptions};
+use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
+use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{FitOptions, fit};
 use shellcal::workflow::noise::{NoiseOptions, noise};
 use shellcal::workflow::selection::Rows;
@@ -28,9 +28,9 @@ fn log(directory: &Path, kind: Kind, seed: u64, rows: usize) -> Log {
     };
     let path = directory.join(format!("{seed}.csv"));
     let mut file = BufWriter::new(File::create(&path).unwrap());
-    Layout::Shellcal.write_header(&mut file, kind).unwrap();
+    SyntheticLayout::Shellcal.write_header(&mut file, kind).unwrap();
     for sample in Recording::new(settings).unwrap().take(rows) {
-        Layout::Shellcal.write_row(&mut file, kind, &sample).unwrap();
+        SyntheticLayout::Shellcal.write_row(&mut file, kind, &sample).unwrap();
     }
     file.flush().unwrap();
     Log::open(&path, &Mapping::default()).unwrap()

@@ -108,7 +108,7 @@ fn forces_of_a_recording_are_those_of_the_script() {
     run(dir.path(), &format!("fit {} --output cal.json", training.display()), 0);
     fs::write(dir.path().join("load.csv"), LOAD).unwrap();
     let board = Board::start(dir.path(), "--load load.csv");
-    let (log, _) = board.record("log.csv", 650, "--calibration cal.json");
+    let (log, _) = board.record("log.csv", 650, "--calibration cal.json --no-tare --no-lowpass");
     board.end();
     assert_unbroken(&log, 0.01);
     let times = log.numbers("t_s");

@@ -1,6 +1,7 @@
 //! Programs from the distribution, where that is Debian or one that descends from it.
 
 use std::process::{Command, Stdio};
+use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 use nix::unistd::geteuid;
@@ -8,22 +9,33 @@ use nix::unistd::geteuid;
 use crate::measure::installed;
 use crate::steps;
 
+/// Whether this machine has the distribution's installer.
+pub(crate) fn is_open() -> bool {
+    installed("apt-get", &["--version"])
+}
+
+/// The command that installs packages, for who has to do it by hand.
+pub(crate) fn line(packages: &[&str]) -> String {
+    format!("apt-get install --no-install-recommends {}", packages.join(" "))
+}
+
 /// Installs packages, which the user may do by hand where this program may not.
-pub(crate) fn install(packages: &[&str], what_for: &str) -> Result<()> {
-    let line = format!("apt-get install --no-install-recommends {}", packages.join(" "));
-    if !installed("apt-get", &["--version"]) {
-        bail!("{what_for} is missing; on Debian it comes with `{line}`");
-    }
+pub(crate) fn install(packages: &[&str], what: &str) -> Result<()> {
+    static UPDATED: OnceLock<()> = OnceLock::new();
     if !geteuid().is_root() {
-        bail!("{what_for} is missing; install it with `sudo {line}`");
+        bail!("not root: run `sudo {}`", line(packages));
     }
-    let apt = |arguments: &[&str]| {
-        let mut command = Command::new("apt-get");
-        command.args(["--quiet", "--yes"]).args(arguments).stdin(Stdio::null());
-        command.env("DEBIAN_FRONTEND", "noninteractive").stdout(Stdio::null());
-        command
-    };
-    steps::run("update the distribution's list of packages", &mut apt(&["update"]))?;
+    if UPDATED.set(()).is_ok() {
+        steps::run("the distribution's list of packages", &mut apt_get(&["update"]))?;
+    }
     let install = [&["install", "--no-install-recommends"], packages].concat();
-    steps::run(&format!("{what_for}: {line}"), &mut apt(&install))
+    steps::run(what, &mut apt_get(&install))
+}
+
+/// Waits for another installer to finish, asks nothing, and tells what goes wrong.
+fn apt_get(arguments: &[&str]) -> Command {
+    let mut command = Command::new("apt-get");
+    command.args(["--quiet", "--yes", "--option", "DPkg::Lock::Timeout=600"]).args(arguments);
+    command.env("DEBIAN_FRONTEND", "noninteractive").stdin(Stdio::null()).stdout(Stdio::null());
+    command
 }

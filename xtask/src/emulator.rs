@@ -11,9 +11,9 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use system_tests::emulation::{COUNTED_TIME, Memory, QEMU};
 
-use crate::apt;
 use crate::image::{RAM, RAM_SIZE};
 use crate::measure::installed;
+use crate::need::{Need, Way};
 
 /// How long QEMU may be silent: a run takes a second.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -21,12 +21,15 @@ const PATIENCE: Duration = Duration::from_secs(120);
 /// What RAM holds before the start, to see which of it was used. No address and no small number.
 const PAINT: u8 = 0xA5;
 
+pub(crate) const NEED: Need = Need {
+    what: "QEMU for Arm",
+    is_met: || installed(QEMU, &["--version"]),
+    ways: &[Way::Packages(&["qemu-system-arm"])],
+};
+
 /// Finds QEMU, or gets it.
 pub(crate) fn set_up() -> Result<()> {
-    if installed(QEMU, &["--version"]) {
-        return Ok(());
-    }
-    apt::install(&["qemu-system-arm"], "QEMU for Arm")
+    NEED.meet()
 }
 
 /// A run from the reset of the board to the next.

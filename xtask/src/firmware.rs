@@ -1,8 +1,8 @@
 //! `cargo xtask firmware`: builds the board's image and says what it takes of the board.
 //!
-//! Flash, RAM and a bound on the stack are read off the image. Instructions are those of the same
-//! library in emulation, where a run is the same every time, with the emulated board's own drivers
-//! in place of the STM32's; so is the deepest that the stack has been seen.
+//! Flash, RAM and a bound on the stack are read off the image. Instructions and the deepest that the
+//! stack has been seen are those of the flashed image on the model of its microcontroller; where there
+//! is no model, those of the emulated board, whose drivers are its own. Either is the same every run.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -10,9 +10,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail, ensure};
 use shared_proto::{CHANNELS, Calibration, Command, FEATURES, MAX_PIECE, Piece, Stream, crc32};
 use system_tests::emulation::{Memory, PlayedFrame};
+use system_tests::flashed::Model;
 
 use crate::emulator::{self, Run};
 use crate::image::{self, Footprint, Image, RAM_SIZE};
+use crate::model::{self, Measured};
 use crate::stack;
 use crate::steps;
 use crate::toolchain;
@@ -37,16 +39,21 @@ pub(crate) fn check() -> Result<PathBuf> {
     let emulated = Image::Emulated.build(&toolchain)?;
     let footprint = image::footprint(&image)?;
     let [readings, wrenches] = [Stream::Raw, Stream::Wrench].map(|mode| stream(&emulated, mode));
-    let report = Report {
+    let mut report = Report {
         footprint,
         stack_bound: stack::bound(&image)?,
         readings: readings?,
         wrenches: wrenches?,
         commands: run_once(&emulated, setting_up(), "commands")?,
+        where_measured: "of the emulated board",
     };
     // The bound is by the machine code alone; here it is held against what was seen.
     let bound = stack::bound(&emulated)?;
     ensure!(report.stack() <= bound, "{} B of stack seen, {bound} B thought of", report.stack());
+    match model::find() {
+        Ok(model) => report.measure_flashed(&model)?,
+        Err(reason) => eprintln!("{reason:#}: the flashed image is not executed"),
+    }
     println!("{}: {}\n{report}", image.display(), toolchain.version);
     let exceeded = report.exceeded();
     if !exceeded.is_empty() {
@@ -78,9 +85,25 @@ struct Report {
     readings: Streaming,
     wrenches: Streaming,
     commands: Run,
+    where_measured: &'static str,
 }
 
 impl Report {
+    /// Takes the figures of the flashed image in place of the emulated one's.
+    fn measure_flashed(&mut self, model: &Model) -> Result<()> {
+        let measure = |mode| -> Result<Streaming> {
+            let measured = model::measure(model, mode, &played(), &calibration(), RATE_HZ)?;
+            let Measured { instructions_per_frame, stack } = measured;
+            ensure!(stack <= self.stack_bound, "{stack} B of stack seen, more than the bound");
+            Ok(Streaming { instructions_per_frame, stack })
+        };
+        (self.readings, self.wrenches) = (measure(Stream::Raw)?, measure(Stream::Wrench)?);
+        // Every stream has been set up by commands.
+        self.commands.stack = 0;
+        self.where_measured = "of the flashed image";
+        Ok(())
+    }
+
     /// The deepest in emulation.
     fn stack(&self) -> u32 {
         self.readings.stack.max(self.wrenches.stack).max(self.commands.stack)
@@ -110,15 +133,17 @@ impl fmt::Display for Report {
         let (bound, seen) = (kib(self.stack_bound.into()), kib(self.stack().into()));
         writeln!(
             f,
-            "  stack        {bound:6.1} KiB of {:.0} at most, {seen:.1} seen in emulation",
-            kib(room)
+            "  stack        {bound:6.1} KiB of {:.0} at most, {seen:.1} seen, {}",
+            kib(room),
+            self.where_measured
         )?;
         for (name, mode) in [("readings", &self.readings), ("wrenches", &self.wrenches)] {
             writeln!(
                 f,
-                "  {name}   {:8.1} instructions per frame: {:.2} % of {:.0} MHz at {RATE_HZ} Hz, \
-                 of {} %",
+                "  {name}   {:8.1} instructions per frame, {}: {:.2} % of {:.0} MHz at \
+                 {RATE_HZ} Hz, of {} %",
                 mode.instructions_per_frame,
+                self.where_measured,
                 mode.share() * 100.0,
                 CORE_HZ / 1e6,
                 SHARE_LIMIT * 100.0,
@@ -131,7 +156,7 @@ impl fmt::Display for Report {
 /// Streams in one mode, with a short run and a long one.
 fn stream(image: &Path, mode: Stream) -> Result<Streaming> {
     let commands: &[Command] = match mode {
-        Stream::Raw => &[Command::Start],
+        Stream::Raw | Stream::Other(_) => &[Command::Start],
         Stream::Wrench => &[Command::SetStream(Stream::Wrench), Command::Start],
     };
     let run = |frames: u32| {

@@ -35,13 +35,21 @@ impl Image {
             Image::SkinProc => ("skinproc", &["-Tlink.x", "--nmagic", "-Tdefmt.x"]),
             Image::Emulated => ("emulated", &["-Tlink.x", "--nmagic"]),
         };
-        // A directory of its own: the compiler may be another one than the host's.
-        let target_dir = workspace().join("target/firmware");
         let mut cargo = toolchain.build(link);
-        cargo.args(["--features", feature, "--bin", self.name(), "--target-dir"]).arg(&target_dir);
+        cargo.args(["--features", feature, "--bin", self.name(), "--target-dir"]).arg(target_dir());
         steps::run(&format!("build {} ({})", self.name(), toolchain.version), &mut cargo)?;
-        Ok(target_dir.join(TARGET).join("firmware").join(self.name()))
+        Ok(self.path())
     }
+
+    /// Where it is once it has been built.
+    pub(crate) fn path(self) -> PathBuf {
+        target_dir().join(TARGET).join("firmware").join(self.name())
+    }
+}
+
+/// A directory of its own: the compiler may be another one than the host's.
+fn target_dir() -> PathBuf {
+    workspace().join("target/firmware")
 }
 
 /// Memory that an image takes whatever it does, in bytes.

@@ -31,12 +31,12 @@ const ASKED: [(&str, &[&str]); 7] = [
 
 /// Parts of the program that a plain fit must not enter.
 const UNASKED: [&str; 6] = [
-    "shellcal::calibration::validation::grouped",
-    "shellcal::calibration::validation::cross_validation",
-    "shellcal::calibration::validation::selection",
-    "shellcal::calibration::uncertainty",
-    "shellcal::calibration::magnitudes",
-    "shellcal::plot",
+    "calibration::validation::grouped",
+    "calibration::validation::cross_validation",
+    "calibration::validation::selection",
+    "calibration::uncertainty",
+    "calibration::magnitudes",
+    "shellcal::figures",
 ];
 
 pub(crate) fn run(args: &Args) -> Result<()> {

@@ -2,15 +2,23 @@
 
 mod apt;
 mod beams;
+mod compiler;
+mod cross;
 mod emulate;
 mod emulator;
 mod firmware;
 mod flash;
+mod fuzz;
 mod image;
 mod instructions;
+mod layers;
+mod licences;
 mod measure;
+mod model;
+mod need;
 mod peers;
 mod scale;
+mod setup;
 mod stack;
 mod steps;
 mod test;
@@ -31,8 +39,18 @@ struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Task {
+    /// Install what the test run needs, and say each command before it is run
+    Setup(setup::Args),
     /// Check and test everything: formatting, lints, tests, documentation
     Test(test::Args),
+    /// Check that the program compiles for Windows and for Linux on aarch64
+    Cross,
+    /// Run every fuzz target for some time
+    Fuzz(fuzz::Args),
+    /// Check licences, duplicates and sources of the dependencies against `deny.toml`
+    Licences,
+    /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
+    Layers(layers::Args),
     /// Build the board's image and say what it takes; exit code 1 above its limits
     Firmware,
     /// Build the board's image and flash it, with probe-rs
@@ -56,7 +74,12 @@ enum Task {
 
 fn main() -> ExitCode {
     let done = match Args::parse().task {
+        Task::Setup(args) => setup::run(args),
+        Task::Cross => cross::check(),
         Task::Test(args) => test::run(&args),
+        Task::Fuzz(args) => fuzz::run(&args),
+        Task::Licences => licences::check(),
+        Task::Layers(args) => layers::run(&args),
         Task::Firmware => firmware::check().map(drop),
         Task::Flash(args) => flash::run(&args),
         Task::Emulate(args) => emulate::run(&args),

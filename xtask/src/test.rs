@@ -3,18 +3,23 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use system_tests::browser;
 use system_tests::emulation::IMAGE;
 
 use crate::steps::{cargo, run as step};
-use crate::{apt, firmware};
+use crate::{cross, firmware, fuzz, layers, licences, model, setup};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Only the tests: no formatting, lints or documentation
+    /// Only what takes no longer than two minutes where all is built: formatting, lints, layers,
+    /// licences, unit and command tests
+    #[arg(long, conflicts_with_all = ["tests_only", "without_board", "without_browser"])]
+    quick: bool,
+
+    /// Only the tests: no formatting, lints, layers, licences, other systems, fuzz targets or
+    /// documentation
     #[arg(long)]
     tests_only: bool,
 
@@ -31,15 +36,28 @@ pub(crate) struct Args {
 const PROFILE: [&str; 2] = ["--profile", "checked"];
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    if args.quick { quick() } else { whole(args) }
+}
+
+/// What to run while working.
+fn quick() -> Result<()> {
+    style()?;
+    let units = ["test", "--workspace", "--lib", "--bins"];
+    step("unit tests", &mut cargo(&[&units[..], &PROFILE].concat()))?;
+    let commands = ["test", "--package", "shellcal", "--test", "*_command", "--test", "*_cli"];
+    step("tests of the commands", &mut cargo(&[&commands[..], &PROFILE].concat()))
+}
+
+/// What to run before a change lands.
+fn whole(args: &Args) -> Result<()> {
     let real_data = real_data()?;
     if real_data.is_none() {
         eprintln!("{REAL_DATA} is not set: tests on real recordings will be skipped");
     }
     if !args.tests_only {
-        step("formatting", &mut cargo(&["fmt", "--all", "--check"]))?;
-        let clippy = ["clippy", "--workspace", "--all-targets"];
-        let deny = ["--", "-D", "warnings"];
-        step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
+        style()?;
+        cross::check()?;
+        fuzz::check()?;
     }
     let image = if args.without_board {
         eprintln!("the emulated board's tests will be skipped");
@@ -50,6 +68,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     set_up_browser(args.without_browser);
     let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
     tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
+    tests.envs(model::environment(!args.without_board));
     step("tests", &mut tests)?;
     if !args.tests_only {
         let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
@@ -59,16 +78,24 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
+/// What can be said of the code without running it.
+fn style() -> Result<()> {
+    setup::TOOLS.iter().try_for_each(|tool| tool.meet())?;
+    step("formatting", &mut cargo(&["fmt", "--all", "--check"]))?;
+    let clippy = ["clippy", "--workspace", "--all-targets"];
+    let deny = ["--", "-D", "warnings"];
+    step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
+    eprintln!("\n==> layers");
+    layers::run(&layers::Args::default())?;
+    licences::check()
+}
+
 /// Gets a Chromium where there is none; without one the report's tests say that they were skipped.
 fn set_up_browser(without: bool) {
-    if browser::find().is_some() {
-        return;
-    }
-    let installed = match without {
-        true => Err(anyhow::anyhow!("there is no Chromium")),
-        false => apt::install(&["chromium"], "Chromium"),
-    };
-    if let Err(error) = installed {
+    let found = setup::BROWSER.is_met;
+    if without && !found() {
+        eprintln!("{}: tests in a browser will be skipped", setup::BROWSER);
+    } else if let Err(error) = setup::BROWSER.meet() {
         eprintln!("{error:#}: tests in a browser will be skipped");
     }
 }

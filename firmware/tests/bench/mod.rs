@@ -3,12 +3,12 @@
 #![allow(unreachable_pub, reason = "a module of a test has no outside")]
 
 use firmware::{
-    Clock, FrontEnd, Link, Parts, RECORD, Record, Storage, StorageError, Watchdog, run,
+    Clock, FrontEnd, LastWords, Link, Parts, RECORD, Record, Storage, StorageError, Watchdog, run,
 };
 use shared_proto::xbee::ApiFrame;
 use shared_proto::{
-    Answer, Board, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet,
-    Piece, ResetCause, Sample, Values, crc32,
+    Answer, Board, BoardId, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE,
+    Packet, Piece, ResetCause, Sample, Values, crc32,
 };
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -150,6 +150,9 @@ impl Watchdog for Shared {
     }
 }
 
+/// What the board said before its reset.
+pub const LAST_WORDS: &[u8] = b"panicked at a line that has a bug";
+
 pub const SERIAL: [u8; 12] = *b"bench-serial";
 
 /// A board and the host's end of its link.
@@ -158,6 +161,8 @@ pub struct Bench {
     board: Pin<Box<dyn Future<Output = ()>>>,
     link: Link,
     pub decoder: Decoder,
+    /// The board that commands name.
+    pub to: Option<BoardId>,
     number: u16,
 }
 
@@ -186,10 +191,13 @@ impl Bench {
             link,
             identity,
             reset_cause,
+            last_words: LastWords::from_bytes(LAST_WORDS),
+            line_bytes_per_s: None,
         }));
         // The base station is a wire, or an XBee that hands over what the other one was given.
         let decoder = Decoder::new(Framing::Cobs);
-        Self { world, board, link, decoder, number: 0 }
+        let to = Some(BoardId::of_serial(&SERIAL));
+        Self { world, board, link, decoder, to, number: 0 }
     }
 
     /// What the photointerrupters see: dark and lit codes of a channel at a time in µs.
@@ -251,10 +259,10 @@ impl Bench {
         self.world.to_board.borrow_mut().extend(bytes);
     }
 
-    /// Sends a command; its answer, and the samples that came meanwhile.
-    pub fn ask(&mut self, command: Command) -> (Answer, Vec<Sample>) {
+    /// Sends a command and does not look for an answer.
+    pub fn tell(&mut self, command: Command) {
         self.number += 1;
-        let frame = Packet::Command { number: self.number, command }.encode();
+        let frame = Packet::Command { number: self.number, to: self.to, command }.encode();
         match self.link {
             Link::Transparent => self.send(&frame),
             Link::Api { mode, to } => {
@@ -264,6 +272,11 @@ impl Bench {
             }
         }
         self.run_for(4_000);
+    }
+
+    /// Sends a command; its answer, and the samples that came meanwhile.
+    pub fn ask(&mut self, command: Command) -> (Answer, Vec<Sample>) {
+        self.tell(command);
         let (mut answer, mut samples) = (None, Vec::new());
         for event in self.events() {
             match event {

@@ -18,7 +18,7 @@ use faer::{Mat, Side as Triangle};
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
 
-use super::AlignError;
+use super::error::AlignError;
 use super::recording::Clean;
 
 /// The finest bins, s: below the duration of a tap.

@@ -15,20 +15,25 @@
 
 mod coarse;
 mod error;
+mod excerpt;
 mod frames;
 mod kernel;
+mod matched_row;
 mod normal;
 mod recording;
 mod refine;
 mod resample;
 mod response;
+mod side;
 mod trajectory;
 mod uncertainty;
 mod wide;
 
-pub use error::AlignError;
+pub use error::{AlignError, LEAST_OVERLAP_S};
+pub use excerpt::Excerpt;
 pub use kernel::{Kernel, STOPBAND_DB};
-pub use recording::{LeftOut, Recording, Side};
+pub use recording::{LeftOut, Recording};
+pub use side::Side;
 
 use coarse::Match;
 use frames::Frames;
@@ -37,8 +42,6 @@ use refine::{Estimate, Warp, refine};
 use resample::Resampler;
 use trajectory::Trajectory;
 
-/// The least time that both recordings must cover, s.
-pub const LEAST_OVERLAP_S: f64 = 5.0;
 /// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most
 /// ceramic resonators.
 pub const LARGEST_SKEW_PPM: f64 = 1000.0;
@@ -122,15 +125,6 @@ pub struct Quality {
     pub white_se: [f64; 2],
     /// A lively stretch, to look at.
     pub excerpt: Excerpt,
-}
-
-/// A channel around its steepest change: what it read and what the aligned reference predicts.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Excerpt {
-    /// The channel, from 0, of those that change.
-    pub channel: usize,
-    /// Board time (s), reading and prediction (counts).
-    pub points: Vec<[f64; 3]>,
 }
 
 /// Two recordings lined up.

@@ -23,13 +23,15 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
+use super::error::{AlignError, LEAST_OVERLAP_S};
+use super::excerpt::Excerpt;
 use super::frames::Frames;
+use super::matched_row::MatchedRow;
 use super::normal::{Projected, inverse};
 use super::response::Memory;
 use super::trajectory::Trajectory;
-use super::uncertainty::Tally;
+use super::uncertainty::ResidualSums;
 use super::wide::dots;
-use super::{AlignError, Excerpt, LEAST_OVERLAP_S};
 
 /// Rows per Gram update.
 const BLOCK: usize = 256;
@@ -104,7 +106,7 @@ pub(super) fn refine(
     window: (f64, f64),
     prior_skew: Option<f64>,
 ) -> Result<Estimate, AlignError> {
-    let problem = Problem::new(trajectory, frames, window, start);
+    let problem = WarpProblem::new(trajectory, frames, window, start);
     let overlap_s = 2.0 * problem.half_span_s;
     if overlap_s < LEAST_OVERLAP_S {
         return Err(AlignError::ShortOverlap { overlap_s, needed_s: LEAST_OVERLAP_S });
@@ -155,7 +157,7 @@ pub(super) fn refine(
     Err(AlignError::NotConverged { step_s })
 }
 
-struct Problem<'a> {
+struct WarpProblem<'a> {
     trajectory: &'a Trajectory,
     frames: &'a Frames,
     rows: std::ops::Range<usize>,
@@ -164,20 +166,7 @@ struct Problem<'a> {
     half_span_s: f64,
 }
 
-/// One row of the board beside what the reference says.
-pub(super) struct Row<'a> {
-    /// Time from the pivot, s.
-    pub(super) from_pivot_s: f64,
-    pub(super) features: &'a [f64],
-    /// The change of the predicted readings with the offset, counts/s.
-    pub(super) slope: &'a [f64],
-    pub(super) readings: &'a [f64],
-    /// What the row counts: 1, or less for an outlier.
-    pub(super) weight: f64,
-    pub(super) residual: &'a [f64],
-}
-
-impl<'a> Problem<'a> {
+impl<'a> WarpProblem<'a> {
     fn new(
         trajectory: &'a Trajectory,
         frames: &'a Frames,
@@ -208,7 +197,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Calls `each` with every row that the reference has a value for.
-    fn for_each(&self, warp: &Warp, current: &Current, mut each: impl FnMut(&Row<'_>)) {
+    fn for_each(&self, warp: &Warp, current: &Current, mut each: impl FnMut(&MatchedRow<'_>)) {
         let channels = self.frames.channels;
         let mut window = self.trajectory.features(current.memory.clone());
         let mut features = vec![0.0; self.features];
@@ -233,7 +222,7 @@ impl<'a> Problem<'a> {
                 (0..channels).map(weighted).sum::<f64>() / channels as f64
             });
             let weight = if distance > OUTLIER { (OUTLIER / distance).sqrt() } else { 1.0 };
-            each(&Row {
+            each(&MatchedRow {
                 from_pivot_s,
                 features: &features,
                 slope: &slope,
@@ -283,18 +272,18 @@ impl<'a> Problem<'a> {
         let channels = self.frames.channels;
         let weights = projected.weights().unwrap_or_else(|| Mat::identity(channels, channels));
         let linear = current.map.subrows(2, self.features - 2);
-        let mut tally = Tally::new(&projected.along, &weights, linear, -self.half_span_s);
-        self.for_each(&warp, current, |row| tally.add(row, self.trajectory.axes()));
-        let (covariance, delay_s) = tally.covariance(white);
-        let (channel, centre_s) = tally.steepest();
+        let mut sums = ResidualSums::new(&projected.along, &weights, linear, -self.half_span_s);
+        self.for_each(&warp, current, |row| sums.add(row, self.trajectory.axes()));
+        let (covariance, delay_s) = sums.covariance(white);
+        let (channel, centre_s) = sums.steepest();
         Estimate {
             warp,
             covariance,
             white,
             delay_s,
-            residual: tally.residual(),
-            explained: tally.explained(),
-            rows: tally.rows,
+            residual: sums.residual(),
+            explained: sums.explained(),
+            rows: sums.rows,
             excerpt: self.excerpt(&warp, current, channel, centre_s),
         }
     }

@@ -2,7 +2,7 @@
 
 use faer::{Mat, MatRef};
 
-use super::refine::Row;
+use super::matched_row::MatchedRow;
 use super::response::late_part;
 
 /// Residuals correlated over longer than this are drift, which the model has, s.
@@ -15,7 +15,7 @@ const MODEL_SHARE: f64 = 0.008;
 
 /// Sums over the rows at the solution.
 #[derive(Debug)]
-pub(super) struct Tally<'a> {
+pub(super) struct ResidualSums<'a> {
     /// Coefficients of [slope | slope · time] on the features.
     along: &'a Mat<f64>,
     /// W, the inverse of the residual covariance.
@@ -36,7 +36,7 @@ pub(super) struct Tally<'a> {
     late_part: Vec<f64>,
 }
 
-impl<'a> Tally<'a> {
+impl<'a> ResidualSums<'a> {
     pub(super) fn new(
         along: &'a Mat<f64>,
         weights: &'a Mat<f64>,
@@ -58,7 +58,7 @@ impl<'a> Tally<'a> {
         }
     }
 
-    pub(super) fn add(&mut self, row: &Row<'_>, axes: usize) {
+    pub(super) fn add(&mut self, row: &MatchedRow<'_>, axes: usize) {
         self.rows += 1;
         late_part(&row.features[2..], self.map, axes, &mut self.late_part);
         let bin = ((row.from_pivot_s - self.start_s).max(0.0) / SCORE_BIN_S) as usize;

@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::layout::Layout;
 use super::{CalibrationFile, Origin, Problem, SCHEMA_VERSION};
-use crate::calibration::extent::Range;
-use crate::calibration::model::{Model, Term};
-use crate::calibration::scaling::Scaling;
-use crate::calibration::uncertainty::{CoefficientCovariance, Covariance, Shape, Triangle};
-use crate::calibration::{Calibration, model};
-use crate::wrench::{Axis, PerAxis};
+use calibration::model::{Model, Term};
+use calibration::reading_ranges::ReadingRange;
+use calibration::scaling::Scaling;
+use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape, TriangularColumns};
+use calibration::{Calibration, model};
+use shell_data::wrench::{Axis, PerAxis};
 
 #[derive(Serialize, Deserialize)]
 struct Document {
@@ -22,7 +22,7 @@ struct Document {
     axes: PerAxis<String>,
     coefficients: Vec<PerAxis<f64>>,
     covariance: Option<Covariance>,
-    valid_range: Option<Vec<Range>>,
+    valid_range: Option<Vec<ReadingRange>>,
 }
 
 #[derive(Deserialize)]
@@ -114,7 +114,7 @@ impl Document {
             return Err("`scaling.centre` is not zero in a model without an intercept".to_owned());
         }
         if let Some(covariance) = &self.covariance {
-            let triangle = |name: &str, factor: &Triangle| {
+            let triangle = |name: &str, factor: &TriangularColumns| {
                 count(name, factor.len(), terms.len())?;
                 factor
                     .iter()
@@ -135,7 +135,7 @@ impl Document {
             if covariance.degrees_of_freedom == 0 {
                 return Err("`covariance.degrees_of_freedom` is `0`".to_owned());
             }
-            covariance.shape.as_ref().map_or(Ok(()), Shape::check)?;
+            covariance.shape.as_ref().map_or(Ok(()), ErrorShape::check)?;
             if (0..6).any(|axis| covariance.residual[axis][axis] < 0.0) {
                 return Err("`covariance.residual` has a negative variance".to_owned());
             }
@@ -152,9 +152,9 @@ fn is_power_of_two(value: f64) -> bool {
 mod tests {
     use super::super::{Diagnostics, Role, SolverRecord, Source};
     use super::*;
-    use crate::calibration::model::Basis;
-    use crate::calibration::quality::AxisQuality;
-    use crate::calibration::solver::SolverKind;
+    use calibration::model::Basis;
+    use calibration::quality::AxisQuality;
+    use calibration::solver::SolverKind;
 
     fn file() -> CalibrationFile {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
@@ -169,7 +169,7 @@ mod tests {
             },
             shape: None,
         });
-        calibration.valid_range = Some(vec![Range { min: 0.5, max: 4095.0 }; 2]);
+        calibration.valid_range = Some(vec![ReadingRange { min: 0.5, max: 4095.0 }; 2]);
         let quality = AxisQuality { rms: 0.1, max: Some(0.4), bias: -1e-17, r_squared: None };
         let origin = Origin {
             made_by: "shellcal 0.1.0".into(),
@@ -212,7 +212,7 @@ mod tests {
         let quantiles = std::array::from_fn(|axis| vec![0.7, 1.9 + axis as f64 / 3.0]);
         if let Some(covariance) = &mut file.calibration.covariance {
             covariance.coefficients = CoefficientCovariance::Groups { groups: 12, factors };
-            covariance.shape = Some(Shape { levels: vec![0.5, 0.95], quantiles });
+            covariance.shape = Some(ErrorShape { levels: vec![0.5, 0.95], quantiles });
         }
         assert_eq!(parse(file.to_json().as_bytes()).unwrap(), file);
         let text = file.to_json().replacen("0.95", "0.45", 1);

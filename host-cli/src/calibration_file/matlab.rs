@@ -3,7 +3,7 @@
 use matfile::{MatFile, NumericData};
 
 use super::matrix::{ImportOptions, MatrixError, from_values};
-use crate::calibration::Calibration;
+use calibration::Calibration;
 
 /// The names that a calibration matrix usually has, in the order in which they are looked for.
 const USUAL_NAMES: [&str; 2] = ["N", "C"];

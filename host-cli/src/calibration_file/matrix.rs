@@ -7,11 +7,11 @@
 
 use std::collections::HashMap;
 
-use crate::calibration::model::{Basis, MAX_CHANNELS, Model, Term};
-use crate::calibration::scaling::Scaling;
-use crate::calibration::{Calibration, raw_units};
-use crate::log_file::MomentUnit;
-use crate::wrench::{Axis, PerAxis};
+use calibration::model::{Basis, MAX_CHANNELS, Model, Term};
+use calibration::scaling::Scaling;
+use calibration::{Calibration, raw_units};
+use shell_data::wrench::MomentUnit;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// What a matrix file does not say itself.
 #[derive(Clone, Debug, Default, PartialEq)]

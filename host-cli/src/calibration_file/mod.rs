@@ -12,7 +12,7 @@
 //! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m |
 //! | `solver` | its name and the ridge parameter; absent for an imported matrix |
 //! | `diagnostics` | rows, condition number, rank, errors on training and test data; optional: held-out errors, model selection, excitation |
-//! | `covariance` | see [`crate::calibration::uncertainty`] |
+//! | `covariance` | see [`calibration::uncertainty`] |
 //! | `valid_range` | the smallest and largest reading of each channel in the training data |
 //! | `sources` | files, their checksums and rows |
 
@@ -28,13 +28,13 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
-use crate::calibration::Calibration;
-use crate::calibration::quality::AxisQuality;
-use crate::calibration::solver::SolverKind;
-use crate::calibration::validation::cross_validation::CrossValidation;
-use crate::calibration::validation::excitation::Excitation;
-use crate::calibration::validation::selection::Selection;
-use crate::wrench::PerAxis;
+use calibration::Calibration;
+use calibration::quality::AxisQuality;
+use calibration::solver::SolverKind;
+use calibration::validation::cross_validation::CrossValidation;
+use calibration::validation::excitation::Excitation;
+use calibration::validation::selection::Selection;
+use shell_data::wrench::PerAxis;
 
 /// The version of the document that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
@@ -112,7 +112,7 @@ pub struct Source {
     pub role: Role,
     /// The file as it was named.
     pub path: PathBuf,
-    /// As [`crate::checksum`] gives it.
+    /// As [`log_file::checksum`] gives it.
     pub checksum: Option<String>,
     /// Rows used.
     pub rows: u64,

@@ -19,8 +19,8 @@ use serde::{Deserialize, Serialize};
 use super::document::problem;
 use super::layout::Layout;
 use super::{CalibrationFileError, Problem, Source};
-use crate::calibration::exact::{ExactError, Moments};
-use crate::calibration::model::Model;
+use calibration::exact::{ExactError, Moments};
+use calibration::model::Model;
 
 /// The version of the document that this program writes and reads.
 pub const PARTIAL_SCHEMA_VERSION: u64 = 1;

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{
-    Answer, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet, Piece,
-    Refusal, Status, crc32,
+    Answer, BoardId, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet,
+    Piece, Refusal, Status, crc32,
 };
 
 use super::LinkError;
@@ -17,6 +17,9 @@ const ATTEMPTS: u32 = 5;
 
 /// How long an answer is waited for. A radio takes tens of ms, a flash that is erased 25.
 const WAIT: Duration = Duration::from_millis(400);
+
+/// How long other boards have to answer after the first.
+const OTHERS: Duration = Duration::from_millis(100);
 
 /// The way to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,8 +32,10 @@ pub struct Uplink {
 
 impl Uplink {
     /// A command as the bytes to send.
-    pub fn encode(&self, number: u16, command: Command) -> Vec<u8> {
-        let frame = Packet::Command { number, command }.encode();
+    ///
+    /// `board` is the one that it is for, `None` for every board.
+    pub fn encode(&self, number: u16, board: Option<BoardId>, command: Command) -> Vec<u8> {
+        let frame = Packet::Command { number, to: board, command }.encode();
         match self.framing {
             Framing::Cobs => frame.to_vec(),
             Framing::Xbee(mode) => {
@@ -50,6 +55,10 @@ pub struct Client<P> {
     uplink: Uplink,
     decoder: Decoder,
     number: u16,
+    /// The board that commands are for, once it is known.
+    board: Option<BoardId>,
+    /// Serial numbers in the answers to the last command.
+    serials: Vec<[u8; 12]>,
 }
 
 impl<P: Read + Write> Client<P> {
@@ -57,16 +66,37 @@ impl<P: Read + Write> Client<P> {
     /// a late answer to somebody else is unlikely to have.
     pub fn new(port: P, name: &str, uplink: Uplink, number: u16) -> Self {
         let decoder = Decoder::new(uplink.framing);
-        Self { port, name: name.to_owned(), uplink, decoder, number }
+        Self {
+            port,
+            name: name.to_owned(),
+            uplink,
+            decoder,
+            number,
+            board: None,
+            serials: Vec::new(),
+        }
+    }
+
+    /// Talks to this board and no other, where several hear.
+    #[must_use]
+    pub fn with_board(self, board: BoardId) -> Self {
+        Self { board: Some(board), ..self }
     }
 
     /// Sends a command until its answer comes.
     ///
     /// # Errors
     /// [`LinkError`]: no answer, a refusal, another version, or the port is gone.
+    ///
+    /// A command that needs to name its board has the one that answers to [`Command::Identify`],
+    /// unless one was chosen.
     pub fn ask(&mut self, command: Command) -> Result<Answer, LinkError> {
+        if self.board.is_none() && !command.is_for_all() {
+            self.board = Some(self.identify()?.id());
+        }
         self.number = self.number.wrapping_add(1);
-        let bytes = self.uplink.encode(self.number, command);
+        self.serials.clear();
+        let bytes = self.uplink.encode(self.number, self.board, command);
         let mut silent = true;
         for _ in 0..ATTEMPTS {
             match self.port.write_all(&bytes) {
@@ -74,7 +104,7 @@ impl<P: Read + Write> Client<P> {
                 Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {}
                 sent => sent.map_err(|error| self.lost(&error))?,
             }
-            if let Some(answer) = self.wait(&mut silent)? {
+            if let Some(answer) = self.wait(WAIT, &mut silent)? {
                 return match answer {
                     Answer::Refused(refusal) => {
                         Err(LinkError::Refused { command: name_of(&command), refusal })
@@ -93,8 +123,8 @@ impl<P: Read + Write> Client<P> {
     }
 
     /// The answer with the number of the last command, `None` if it does not come in time.
-    fn wait(&mut self, silent: &mut bool) -> Result<Option<Answer>, LinkError> {
-        let deadline = Instant::now() + WAIT;
+    fn wait(&mut self, time: Duration, silent: &mut bool) -> Result<Option<Answer>, LinkError> {
+        let deadline = Instant::now() + time;
         let mut buffer = [0; 1024];
         while Instant::now() < deadline {
             let count =
@@ -102,7 +132,12 @@ impl<P: Read + Write> Client<P> {
             *silent &= count == 0;
             let (mut found, mut other) = (None, None);
             self.decoder.feed(&buffer[..count], |event| match event {
-                Event::Answer { number, answer } if number == self.number => found = Some(answer),
+                Event::Answer { number, answer } if number == self.number => {
+                    if let Answer::Identity(identity) = answer {
+                        self.serials.push(identity.serial);
+                    }
+                    found = Some(answer);
+                }
                 Event::Answer {
                     answer: answer @ Answer::Refused(Refusal::OtherVersion), ..
                 } => {
@@ -135,12 +170,43 @@ impl<P: Read + Write> Client<P> {
     /// What the board is.
     ///
     /// # Errors
-    /// As [`ask`](Self::ask).
+    /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one answers.
     pub fn identify(&mut self) -> Result<Identity, LinkError> {
-        match self.ask(Command::Identify)? {
-            Answer::Identity(identity) => Ok(identity),
-            _ => Err(LinkError::WrongAnswer { command: name_of(&Command::Identify) }),
+        let Answer::Identity(identity) = self.ask(Command::Identify)? else {
+            return Err(LinkError::WrongAnswer { command: name_of(&Command::Identify) });
+        };
+        // Others may answer a little later.
+        let heard = std::mem::take(&mut self.serials);
+        let deadline = Instant::now() + OTHERS;
+        while let Some(rest) = deadline.checked_duration_since(Instant::now()) {
+            self.wait(rest, &mut false)?;
         }
+        let mut serials = [heard, std::mem::take(&mut self.serials)].concat();
+        serials.sort_unstable();
+        serials.dedup();
+        match serials.len() {
+            0 | 1 => Ok(identity),
+            _ => Err(LinkError::SeveralBoards { port: self.name.clone(), serials }),
+        }
+    }
+
+    /// What the board said before its last reset, empty if nothing.
+    ///
+    /// # Errors
+    /// As [`ask`](Self::ask).
+    pub fn last_words(&mut self) -> Result<String, LinkError> {
+        let mut words = Vec::new();
+        loop {
+            let command = Command::LastWords { offset: words.len() as u16 };
+            match self.ask(command)? {
+                Answer::LastWords { text, .. } if text.is_empty() => break,
+                Answer::LastWords { text, .. } if words.len() < usize::from(u16::MAX) => {
+                    words.extend_from_slice(&text);
+                }
+                _ => return Err(LinkError::WrongAnswer { command: name_of(&command) }),
+            }
+        }
+        Ok(String::from_utf8_lossy(&words).into_owned())
     }
 
     /// How the board does.
@@ -167,12 +233,9 @@ impl<P: Read + Write> Client<P> {
             let offset = (i * MAX_PIECE) as u16;
             self.order(Command::CalibrationPiece { offset, data })?;
         }
-        // The upload is over once the board has committed it, so a commit whose answer was lost is
-        // refused the second time. The status tells in either case.
-        match self.order(Command::CommitCalibration) {
-            Ok(()) | Err(LinkError::Refused { refusal: Refusal::NoUpload, .. }) => {}
-            Err(error) => return Err(error),
-        }
+        // The board keeps the upload, so a commit whose answer was lost is done once more. The status
+        // tells what came of it.
+        self.order(Command::CommitCalibration)?;
         let found = self.status()?.calibration_crc32;
         match found == sent {
             true => Ok(sent),
@@ -199,6 +262,7 @@ fn name_of(command: &Command) -> String {
         Command::CalibrationPiece { offset, .. } => format!("calibration from byte {offset}"),
         Command::CommitCalibration => "commit calibration".to_owned(),
         Command::Zero { frames } => format!("zero over {frames} frames"),
+        Command::LastWords { .. } => "last words".to_owned(),
         other => format!("command 0x{:02x}", other.code()),
     }
 }

@@ -105,6 +105,14 @@ pub enum LinkError {
         /// The board's version.
         version: u8,
     },
+    /// A command that only one board is to do reaches several.
+    #[error("{} boards answer on `{port}`: {}", serials.len(), serial_texts(serials))]
+    SeveralBoards {
+        /// The port.
+        port: String,
+        /// Their serial numbers.
+        serials: Vec<[u8; 12]>,
+    },
     /// An answer of the wrong kind.
     #[error("the board's answer to `{command}` is not one to it")]
     WrongAnswer {
@@ -122,12 +130,19 @@ pub enum LinkError {
 }
 
 /// A refusal in words.
-fn refusal_text(refusal: Refusal) -> &'static str {
-    match refusal {
+fn refusal_text(refusal: Refusal) -> String {
+    let reason = match refusal {
         Refusal::UnknownCommand => "its firmware does not know the command",
         Refusal::OtherVersion => "it speaks another version of the protocol",
         Refusal::OutOfRange => "a value is outside its range",
-        Refusal::PeriodTooShort => "conversions and settling take longer than the period",
+        Refusal::PeriodTooShort { shortest_us } => {
+            let rate = fastest(shortest_us);
+            return format!("conversions and settling take longer than the period; {rate}");
+        }
+        Refusal::LineTooSlow { shortest_us } => {
+            let rate = fastest(shortest_us);
+            return format!("its serial line does not carry so many samples; {rate}");
+        }
         Refusal::NoCalibration => "it has no calibration",
         Refusal::NoUpload => "no upload was begun",
         Refusal::WrongOffset => "a piece is missing",
@@ -135,6 +150,24 @@ fn refusal_text(refusal: Refusal) -> &'static str {
         Refusal::WrongCrc => "the CRC does not match",
         Refusal::BadCalibration => "that is not a calibration it can use",
         Refusal::StorageFailed => "its flash did not keep the calibration",
+        Refusal::Other(code) => {
+            return format!("for a reason that this program does not know, number {code}");
+        }
         _ => "for a reason that this program does not know",
-    }
+    };
+    reason.to_owned()
+}
+
+/// What would fit, in words.
+fn fastest(shortest_us: u32) -> String {
+    format!("{:.1} Hz would do", (1e7 / f64::from(shortest_us.max(1))).floor() / 10.0)
+}
+
+/// A serial number as `shellcal board identify` prints it.
+pub fn serial_text(serial: &[u8; 12]) -> String {
+    serial.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn serial_texts(serials: &[[u8; 12]]) -> String {
+    serials.iter().map(serial_text).collect::<Vec<_>>().join(", ")
 }

@@ -10,10 +10,10 @@ use super::source::Input;
 use super::{Journal, LinkError, Source, Uplink};
 use crate::output::OutputError;
 use crate::recording::{
-    ForceOptions, Frame, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
+    BoardFrame, LiveForces, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
     UnsuitableCalibration, protocol_name,
 };
-use crate::wrench::PerAxis;
+use shell_data::wrench::PerAxis;
 
 /// How long frames wait for those that overtook them before they are written. A kill loses as much,
 /// and what the recognition of the protocol holds at the start.
@@ -28,7 +28,7 @@ pub struct RecordOptions {
     /// The protocol, if it is not to be recognised.
     pub protocol: Option<Protocol>,
     /// For forces beside the readings.
-    pub forces: Option<ForceOptions>,
+    pub forces: Option<LiveForces>,
     /// When to end.
     pub duration: Option<Duration>,
     /// Tells the board to start streaming, and to stop at the end.
@@ -126,6 +126,9 @@ pub enum RecordError {
     /// The calibration.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
+    /// The low-pass of the forces.
+    #[error(transparent)]
+    Forces(#[from] crate::forces::ForceError),
 }
 
 /// Records until the source ends, the time is over or `stop` is set; `observe` is told about twice
@@ -158,7 +161,7 @@ pub fn record(
     if let Some(uplink) = &options.start {
         // Nobody waits for the answer, so once more in case the first is lost.
         for number in 0..2 {
-            source.send(&uplink.encode(number, Command::Stop));
+            source.send(&uplink.encode(number, None, Command::Stop));
         }
     }
     // Whatever has happened: what has arrived is kept.
@@ -187,7 +190,7 @@ struct Session<'a> {
     raw: Option<Journal>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
-    batch: Vec<Frame>,
+    batch: Vec<BoardFrame>,
     frames: u64,
     bytes: u64,
     other_content: u64,
@@ -242,7 +245,7 @@ impl Session<'_> {
 
     fn start_board(&self, source: &mut Source) {
         if let Some(uplink) = &self.options.start {
-            source.send(&uplink.encode(0, Command::Start));
+            source.send(&uplink.encode(0, None, Command::Start));
         }
     }
 
@@ -311,7 +314,7 @@ impl Session<'_> {
             self.rows = Some(rows);
         }
         if let Some(rows) = &mut self.rows {
-            rows.write(&mut self.batch, log.pending());
+            rows.write(&mut self.batch, log.pending())?;
             self.other_content = rows.other_content;
         }
         log.flush()?;

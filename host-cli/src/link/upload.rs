@@ -2,7 +2,7 @@
 
 use shared_proto::{AXES, CHANNELS, COUNTS_PER_LSB, FEATURES};
 
-use crate::calibration::{Basis, Calibration};
+use calibration::{Basis, Calibration};
 
 /// Why a calibration cannot be used on the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -65,8 +65,8 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Model, scaling::Scaling};
-    use crate::wrench::PerAxis;
+    use calibration::{Model, scaling::Scaling};
+    use shell_data::wrench::PerAxis;
 
     fn calibration(basis: Basis, intercept: bool) -> Calibration {
         let model = Model { basis, intercept, channels: 8 };

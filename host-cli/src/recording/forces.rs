@@ -1,28 +1,43 @@
-//! Forces beside the readings, with a zero of their own.
+//! RunningForces beside the readings, by the [force pipeline](crate::forces), as frames come.
 
-use super::reception::{Frame, Measured};
-use crate::calibration::Calibration;
-use crate::wrench::PerAxis;
+use super::reception::{BoardFrame, Measured};
+use crate::forces::{
+    FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup,
+};
+use calibration::Calibration;
 use shared_proto::CHANNELS;
+use shell_data::wrench::{Axis, PerAxis};
 
-/// How forces are made of readings.
+/// From readings to forces while they are recorded.
 #[derive(Clone, Debug)]
-pub struct ForceOptions {
+pub struct LiveForces {
     /// The model.
     pub calibration: Calibration,
-    /// The mean wrench of so many frames, the first of the recording, is subtracted from all after
-    /// them; 0 keeps the zero of the calibration.
-    pub tare: usize,
+    /// How readings become forces; the low-pass is applied forward only, whatever this says.
+    pub options: ForceOptions,
 }
 
-/// Wrenches of frames as they come.
+/// RunningForces of frames as they come.
 #[derive(Clone, Debug)]
-pub(super) struct Forces {
+pub(super) struct RunningForces {
+    calibration: Calibration,
     options: ForceOptions,
-    /// Frames that are in the mean.
-    taken: usize,
-    mean: PerAxis<f64>,
+    stage: Stage,
     newest: Option<PerAxis<f64>>,
+}
+
+#[derive(Clone, Debug)]
+enum Stage {
+    /// Tare and clock are being found in the first frames, which are kept for the filter.
+    Setup {
+        setup: Box<PipelineSetup>,
+        times_s: Vec<f64>,
+        readings: Vec<Vec<f64>>,
+    },
+    Running {
+        pipeline: Box<ForcePipeline>,
+        stream: Box<ForceStream>,
+    },
 }
 
 /// What a frame gives.
@@ -32,37 +47,48 @@ pub(super) struct Force {
     pub(super) wrench: PerAxis<f64>,
     /// Bit i is set if channel i was outside the calibrated range.
     pub(super) out_of_range: u64,
-    /// The zero was not known yet.
+    /// There is to be a tare, and it was not known yet.
     pub(super) untared: bool,
+    /// There is to be a low-pass, and its clock was not known yet.
+    pub(super) unfiltered: bool,
 }
 
-impl Forces {
-    pub(super) fn new(options: ForceOptions) -> Self {
-        Self { options, taken: 0, mean: PerAxis::default(), newest: None }
+impl RunningForces {
+    pub(super) fn new(live: LiveForces) -> Self {
+        let options = live.options.causal();
+        let setup = Box::new(PipelineSetup::new(options));
+        let stage =
+            Stage::Setup { setup, times_s: Vec::new(), readings: vec![Vec::new(); CHANNELS] };
+        Self { calibration: live.calibration, options, stage, newest: None }
     }
 
-    /// Forces of frames that hold readings.
-    pub(super) fn of(&mut self, frames: &[Frame]) -> Vec<Force> {
-        let column = |channel: usize| {
-            let reading = |frame: &Frame| match &frame.measured {
-                Measured::Readings(readings) => readings[channel],
-                Measured::Wrench(_) => f64::NAN,
-            };
-            frames.iter().map(reading).collect()
-        };
-        let readings: Vec<Vec<f64>> = (0..CHANNELS).map(column).collect();
-        let mut wrenches = PerAxis::default();
-        self.options.calibration.wrench(&readings, &mut wrenches);
-        let out_of_range = self.options.calibration.out_of_range(&readings);
-        let rows = out_of_range.into_iter().enumerate();
-        let forces = rows.map(|(row, out_of_range)| {
-            let wrench = wrenches.each_ref().map(|axis| axis[row]);
-            let (wrench, untared) = self.tare(wrench);
-            Force { wrench, out_of_range, untared }
+    /// RunningForces of frames that hold readings.
+    ///
+    /// # Errors
+    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    pub(super) fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
+        let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
+        let readings = columns(frames);
+        let out_of_range = self.calibration.out_of_range(&readings);
+        let first = self.set_up(&times_s, &readings)?;
+        let mut wrench = PerAxis::default();
+        self.calibration.wrench(&cut(&readings, 0..first), &mut wrench);
+        if let (Stage::Running { pipeline, stream }, true) = (&mut self.stage, first < frames.len())
+        {
+            let tared = pipeline.wrench(&self.calibration, &cut(&readings, first..frames.len()));
+            let filtered = stream.push(&times_s[first..], tared)?;
+            wrench.iter_mut().zip(filtered).for_each(|(wrench, rest)| wrench.extend(rest));
+        }
+        let needs_tare = self.options.tare != crate::forces::TareRule::Untared;
+        let forces = out_of_range.into_iter().enumerate().map(|(row, out_of_range)| Force {
+            wrench: wrench.each_ref().map(|axis| axis[row]),
+            out_of_range,
+            untared: row < first && needs_tare,
+            unfiltered: row < first && self.options.low_pass.is_some(),
         });
         let forces: Vec<Force> = forces.collect();
         self.newest = forces.last().map(|force| force.wrench).or(self.newest);
-        forces
+        Ok(forces)
     }
 
     /// The wrench of the newest frame.
@@ -70,16 +96,44 @@ impl Forces {
         self.newest
     }
 
-    /// The wrench from zero, and whether that was not known yet. A frame of those that make the
-    /// zero goes into the mean.
-    fn tare(&mut self, wrench: PerAxis<f64>) -> (PerAxis<f64>, bool) {
-        if self.taken < self.options.tare {
-            self.taken += 1;
-            for (mean, value) in self.mean.iter_mut().zip(wrench) {
-                *mean += (value - *mean) / self.taken as f64;
-            }
-            return (wrench, true);
+    /// Finds tare and clock, as far as that is not done; how many of the frames that took. The filter
+    /// is then where it would be had they been known from the start.
+    fn set_up(&mut self, times_s: &[f64], readings: &[Vec<f64>]) -> Result<usize, ForceError> {
+        let Stage::Setup { setup, times_s: kept_s, readings: kept } = &mut self.stage else {
+            return Ok(0);
+        };
+        let mut row = 0;
+        while row < times_s.len() && !setup.is_done() {
+            let (times_s, readings) = (&times_s[row..=row], cut(readings, row..row + 1));
+            let rows = FirstRows { times_s, readings: &readings, fresh: &[true], leg: None };
+            setup.look_at(&self.calibration, rows);
+            kept_s.extend_from_slice(times_s);
+            kept.iter_mut().zip(readings).for_each(|(kept, reading)| kept.extend(reading));
+            row += 1;
         }
-        (std::array::from_fn(|axis| wrench[axis] - self.mean[axis]), false)
+        if setup.is_done() {
+            let pipeline = setup.as_ref().clone().finish(&self.calibration)?.0;
+            let mut stream = pipeline.stream(&Axis::ALL);
+            stream.push(kept_s, pipeline.wrench(&self.calibration, kept))?;
+            let (pipeline, stream) = (Box::new(pipeline), Box::new(stream));
+            self.stage = Stage::Running { pipeline, stream };
+        }
+        Ok(row)
     }
+}
+
+/// The readings of frames, column by column.
+fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
+    let column = |channel: usize| {
+        let reading = |frame: &BoardFrame| match &frame.measured {
+            Measured::Readings(readings) => readings[channel],
+            Measured::Wrench(_) => f64::NAN,
+        };
+        frames.iter().map(reading).collect()
+    };
+    (0..CHANNELS).map(column).collect()
+}
+
+fn cut(columns: &[Vec<f64>], rows: std::ops::Range<usize>) -> Vec<Vec<f64>> {
+    columns.iter().map(|column| column[rows.clone()].to_vec()).collect()
 }

@@ -1,7 +1,7 @@
 //! What a board sends, as rows of a log: bytes in, CSV lines out.
 //!
 //! ```text
-//! bytes ─ recognition ─▶ protocol ─ Reception ─▶ Frame ─ RowWriter ─▶ CSV lines
+//! bytes ─ recognition ─▶ protocol ─ Reception ─▶ BoardFrame ─ RowWriter ─▶ CSV lines
 //! ```
 //!
 //! [`Reception`] unwraps sequence and clock and finds restarts of the board; [`RowWriter`] puts the
@@ -19,8 +19,8 @@ mod reception;
 mod recognition;
 mod rows;
 
-pub use forces::ForceOptions;
-pub use reception::{Content, Frame, Losses, Measured, Reception};
+pub use forces::LiveForces;
+pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, Recognised, Recognition};
 pub use rows::{RowWriter, UnsuitableCalibration};
 

@@ -11,7 +11,7 @@ const FULL_SCALE: u16 = 4095;
 
 /// One frame that arrived.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
+pub struct BoardFrame {
     /// The board's clock since its first reset in this recording, µs, unwrapped.
     pub time_us: i64,
     /// The sequence number, unwrapped; that of the original board counts what arrived.
@@ -22,7 +22,7 @@ pub struct Frame {
     pub saturated: u8,
     /// The board's count of frames that it did not take or could not send, which wraps.
     pub dropped: u8,
-    /// The board has started anew before this frame.
+    /// The board has restarted before this frame.
     pub restarted: bool,
 }
 
@@ -68,7 +68,7 @@ pub struct Losses {
     pub unknown: u64,
     /// Frames that the board did not take or could not send.
     pub dropped_on_board: u64,
-    /// Times that the board started anew.
+    /// Times that the board restarted.
     pub restarts: u64,
 }
 
@@ -105,7 +105,7 @@ impl Reception {
     }
 
     /// Takes bytes, in slices of any size, and appends the frames in them, duplicates left out.
-    pub fn feed(&mut self, bytes: &[u8], frames: &mut Vec<Frame>) {
+    pub fn feed(&mut self, bytes: &[u8], frames: &mut Vec<BoardFrame>) {
         let Self { decoder, timeline, last_dropped, dropped_on_board, boot } = self;
         match decoder {
             AnyDecoder::Packets(decoder) => decoder.feed(bytes, |event| match event {
@@ -120,7 +120,7 @@ impl Reception {
                         let step = before.map_or(0, |before| sample.dropped.wrapping_sub(before));
                         *dropped_on_board += u64::from(step);
                     }
-                    frames.push(Frame::of_sample(&sample, index, time_us, restarted));
+                    frames.push(BoardFrame::of_sample(&sample, index, time_us, restarted));
                 }
                 Event::Boot(word) => {
                     *boot = Some(word);
@@ -131,7 +131,7 @@ impl Reception {
             AnyDecoder::Original(decoder) => {
                 let mut index = decoder.scans.cast_signed();
                 decoder.feed(bytes, |scan| {
-                    frames.push(Frame::of_scan(&scan, index, timeline));
+                    frames.push(BoardFrame::of_scan(&scan, index, timeline));
                     index += 1;
                 });
             }
@@ -139,10 +139,11 @@ impl Reception {
     }
 
     /// Ends the stream: the last scan of the original board waits for a next one until then.
-    pub fn finish(&mut self, frames: &mut Vec<Frame>) {
+    pub fn finish(&mut self, frames: &mut Vec<BoardFrame>) {
         if let AnyDecoder::Original(decoder) = &mut self.decoder {
             let index = decoder.scans.cast_signed();
-            decoder.finish(|scan| frames.push(Frame::of_scan(&scan, index, &mut self.timeline)));
+            decoder
+                .finish(|scan| frames.push(BoardFrame::of_scan(&scan, index, &mut self.timeline)));
         }
     }
 
@@ -191,7 +192,7 @@ impl Reception {
     }
 }
 
-impl Frame {
+impl BoardFrame {
     /// What it holds, for the columns of a log.
     pub fn content(&self, numbered: bool) -> Content {
         match self.measured {
@@ -239,7 +240,7 @@ impl Timeline {
         self.pending_restart = self.newest.is_some();
     }
 
-    /// The time of a frame, and whether the board has started anew before it.
+    /// The time of a frame, and whether the board has restarted before it.
     fn place(&mut self, clock_us: u32, arrival: Arrival) -> (i64, bool) {
         let is_late = arrival == Arrival::Late;
         let went_back = self

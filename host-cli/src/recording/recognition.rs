@@ -38,7 +38,7 @@ pub struct Recognised {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoFrame {
-    /// Frames of no protocol.
+    /// No protocol has frames in these bytes.
     #[error("bytes arrive ({bytes} so far) but no valid frame")]
     Any {
         /// How many bytes were looked at.

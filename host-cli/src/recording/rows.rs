@@ -9,13 +9,15 @@
 //! `missing` counts the frames that did not arrive between this row and the one before; `dropped`
 //! is the board's own count, which wraps at 256. `flags` is empty when all is well: `s3:saturated`
 //! and `s3:range` as in the output of `convert`, `late` where a frame came after a later one had
-//! been written, `restart` where the board has started anew, `untared` where the zero of the forces
-//! was still being taken: such a row is not held back, so its forces are from the calibration's zero.
+//! been written, `restart` where the board has restarted, `untared` and `unfiltered` where tare and
+//! clock of the forces were still being found: such a row is not held back, so its forces are those of
+//! the calibration alone. From then on forces are those of `convert` with a causal low-pass.
 
-use super::forces::{Force, ForceOptions, Forces};
-use super::reception::{Content, Frame, Measured};
-use crate::wrench::{Axis, PerAxis};
+use super::forces::{Force, LiveForces, RunningForces};
+use super::reception::{BoardFrame, Content, Measured};
+use crate::forces::ForceError;
 use shared_proto::CHANNELS;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// A calibration that cannot be applied to what the board sends.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -36,7 +38,7 @@ pub enum UnsuitableCalibration {
 #[derive(Clone, Debug)]
 pub struct RowWriter {
     content: Content,
-    forces: Option<Forces>,
+    forces: Option<RunningForces>,
     last_index: Option<i64>,
     /// Frames that hold something else than the columns.
     pub other_content: u64,
@@ -49,7 +51,7 @@ impl RowWriter {
     /// [`UnsuitableCalibration`].
     pub fn new(
         content: Content,
-        forces: Option<ForceOptions>,
+        forces: Option<LiveForces>,
     ) -> Result<Self, UnsuitableCalibration> {
         if let Some(forces) = &forces {
             let found = forces.calibration.model().channels;
@@ -60,7 +62,7 @@ impl RowWriter {
                 return Err(UnsuitableCalibration::Wrenches);
             }
         }
-        let forces = forces.map(Forces::new);
+        let forces = forces.map(RunningForces::new);
         Ok(Self { content, forces, last_index: None, other_content: 0 })
     }
 
@@ -82,13 +84,21 @@ impl RowWriter {
     }
 
     /// Appends the rows of a batch of frames, in the order of their indices, and empties it.
-    pub fn write(&mut self, frames: &mut Vec<Frame>, text: &mut Vec<u8>) {
+    ///
+    /// # Errors
+    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    pub fn write(
+        &mut self,
+        frames: &mut Vec<BoardFrame>,
+        text: &mut Vec<u8>,
+    ) -> Result<(), ForceError> {
         frames.sort_by_key(|frame| frame.index);
         let numbered = self.is_numbered();
         let before = frames.len();
         frames.retain(|frame| frame.content(numbered) == self.content);
         self.other_content += (before - frames.len()) as u64;
-        let forces = self.forces.as_mut().map(|forces| forces.of(frames)).unwrap_or_default();
+        let forces = self.forces.as_mut().map(|forces| forces.of(frames)).transpose()?;
+        let forces = forces.unwrap_or_default();
         for (row, frame) in frames.drain(..).enumerate() {
             let step = self.last_index.map(|last| frame.index - last);
             let is_late = step.is_some_and(|step| step < 0);
@@ -114,11 +124,12 @@ impl RowWriter {
             text.extend_from_slice(flags(&frame, force, is_late).as_bytes());
             text.push(b'\n');
         }
+        Ok(())
     }
 
     /// The newest wrench, where there are forces.
     pub fn newest_wrench(&self) -> Option<PerAxis<f64>> {
-        self.forces.as_ref().and_then(Forces::newest)
+        self.forces.as_ref().and_then(RunningForces::newest)
     }
 
     fn is_numbered(&self) -> bool {
@@ -143,11 +154,14 @@ fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
     }
 }
 
-fn flags(frame: &Frame, force: Option<&Force>, is_late: bool) -> String {
+fn flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {
     let mut flags = Vec::new();
     let out_of_range = force.map_or(0, |force| force.out_of_range);
     if force.is_some_and(|force| force.untared) {
         flags.push("untared".to_owned());
+    }
+    if force.is_some_and(|force| force.unfiltered) {
+        flags.push("unfiltered".to_owned());
     }
     if frame.restarted {
         flags.push("restart".to_owned());

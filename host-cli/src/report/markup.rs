@@ -29,7 +29,7 @@ pub(super) fn script_json(value: &impl Serialize) -> String {
 }
 
 /// A number in four significant digits, with a true minus sign; a dash for none.
-pub(super) fn figure(value: impl Into<Option<f64>>) -> String {
+pub(crate) fn figure(value: impl Into<Option<f64>>) -> String {
     significant(value, 4)
 }
 

@@ -5,74 +5,24 @@
 //! content security policy forbids everything else. Whatever comes from files (names, conditions,
 //! notes, messages) is text: escaped in HTML (`markup`), `<` written `\u003c` in the numbers' JSON.
 
+mod content;
 mod markup;
 mod numbers;
 mod sections;
 
-use serde::Serialize;
-
-use crate::calibration_file::CalibrationFile;
-use crate::trial::{ConditionRow, PhaseProfile, TrialResult};
+pub use content::{CalibrationFacts, CalibrationSource, Input, MOST_TRACES, Report};
+pub(crate) use markup::figure;
 use markup::{escape, script_json};
-
-/// Traces of so many trials are drawn at most: a report is to stay readable, and below 10 MB.
-pub const MOST_TRACES: usize = 100;
 
 const STYLE: &str = include_str!("../../assets/report/report.css");
 const SCRIPT: &str = include_str!("../../assets/report/report.js");
 const PLOTLY: &str = include_str!("../../assets/report/plotly-cartesian.min.js");
 const PLOTLY_LICENCE: &str = include_str!("../../assets/report/plotly-LICENSE.txt");
 
-/// What a report says. Times are in s on each log's clock, all else in SI units.
-#[derive(Clone, Debug)]
-pub struct Report<'a> {
-    /// What it is about.
-    pub title: &'a str,
-    /// Program and version.
-    pub made_by: &'a str,
-    /// When, in UTC, RFC 3339.
-    pub date: &'a str,
-    /// The command line that makes it again.
-    pub command: &'a str,
-    /// The results, in the manifest's order, with a thinned trace of the log where one is to be drawn.
-    pub trials: &'a [TrialResult],
-    /// Trials that could not be evaluated: file, and why.
-    pub failed: &'a [(String, String)],
-    /// The statistics by condition, in the order in which conditions are to be shown.
-    pub conditions: &'a [ConditionRow],
-    /// Drag and lift over a stride, by condition.
-    pub phases: &'a [(String, PhaseProfile)],
-    /// How trials were evaluated: name and value.
-    pub settings: &'a [(String, String)],
-    /// The calibration and its file's name; `None` for logs without sensors.
-    pub calibration: Option<(&'a str, &'a CalibrationFile)>,
-    /// Length of the robot, m, if known: for the shading of entering and leaving.
-    pub robot_length_m: Option<f64>,
-    /// Length of the channel, m.
-    pub channel_length_m: f64,
-    /// What went in.
-    pub inputs: &'a [Input],
-    /// Warnings that are not of one trial.
-    pub warnings: &'a [String],
-}
-
-/// A file that went in.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Input {
-    /// What it was used as: "log", "manifest", "calibration", "profile".
-    pub role: String,
-    /// The file as it was named.
-    pub path: String,
-    /// Its size.
-    pub bytes: u64,
-    /// As [`crate::checksum`] gives it.
-    pub checksum: String,
-}
-
 impl Report<'_> {
     /// The report as the content of an HTML file.
     pub fn html(&self) -> String {
-        let numbers = numbers::Numbers::of(self);
+        let numbers = numbers::ReportNumbers::of(self);
         let data = script_json(&numbers);
         let title = escape(self.title);
         let body = sections::body(self, &numbers);

@@ -1,6 +1,6 @@
 //! The numbers behind a report's interactive plots.
 //!
-//! Traces are shown frame by frame ([`Trace::thinned`]), some 60 kB a trial. Numbers have five digits:
+//! Traces are shown frame by frame ([`Trace::thinned`]), some 60 kB a trial. ReportNumbers have five digits:
 //! more than a screen shows.
 
 use std::f64::consts::TAU;
@@ -8,11 +8,11 @@ use std::f64::consts::TAU;
 use serde::{Serialize, Serializer};
 
 use super::{MOST_TRACES, Report};
-use crate::plot::trial::{Passage, smoothed, stride_s};
+use crate::figures::trial::{Passage, smoothed, stride_s};
 use crate::trial::{Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
 
 #[derive(Serialize)]
-pub(super) struct Numbers {
+pub(super) struct ReportNumbers {
     pub(super) boxes: Vec<BoxPlot>,
     pub(super) phases: Vec<PhasePlot>,
     /// One for each trial, `null` where there is no trace.
@@ -89,7 +89,7 @@ impl Serialize for Short {
     }
 }
 
-impl Numbers {
+impl ReportNumbers {
     pub(super) fn of(report: &Report<'_>) -> Self {
         let drawn = |(at, trial): (usize, &TrialResult)| {
             let trace =

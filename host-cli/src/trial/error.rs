@@ -59,14 +59,6 @@ pub enum TrialError {
         /// Rows in the log.
         rows: u64,
     },
-    /// Too few frames to tare on.
-    #[error("only `{found}` frames to tare on, `{wanted}` wanted")]
-    TareFrames {
-        /// Frames wanted.
-        wanted: usize,
-        /// Frames found.
-        found: usize,
-    },
     /// The sensors are not those of the calibration.
     #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]
     Channels {
@@ -78,9 +70,9 @@ pub enum TrialError {
     /// Neither forces nor energies can be computed.
     #[error("nothing to compute: {0}")]
     Nothing(String),
-    /// The filter is impossible.
+    /// The log gives no forces as asked.
     #[error(transparent)]
-    Filter(#[from] crate::filter::FilterError),
+    Forces(#[from] crate::forces::ForceError),
     /// A result is not a finite number.
     #[error("{what} is not finite: readings or telemetry are far outside what they can be")]
     NotFinite {

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use super::options::Rule;
+use crate::forces::RowRule;
 
 /// A window over rows.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,11 +19,11 @@ pub(super) enum Span {
 impl Span {
     /// The window from `from_s` to `to_s` over rows at ascending `times`; `None` if it is not within
     /// them, has no length, or, by row, holds no row.
-    pub(super) fn new(rule: Rule, times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
+    pub(super) fn new(rule: RowRule, times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
         let weights = Weights::new(times, from_s, to_s)?;
         match rule {
-            Rule::Time => Some(Self::Time(weights)),
-            Rule::Rows => {
+            RowRule::Time => Some(Self::Time(weights)),
+            RowRule::Rows => {
                 let rows = rows_within(times, from_s, to_s);
                 (!rows.is_empty()).then_some(Self::Rows(rows))
             }
@@ -134,10 +134,10 @@ mod tests {
     fn by_row_every_row_counts_the_same() {
         let times = [0.0, 0.5, 0.6, 2.0, 2.5];
         let signal = [9.0, 1.0, 2.0, 6.0, 9.0];
-        let span = Span::new(Rule::Rows, &times, 0.5, 2.25).unwrap();
+        let span = Span::new(RowRule::Rows, &times, 0.5, 2.25).unwrap();
         assert!((span.mean(&signal) - 3.0).abs() < 1e-15);
         assert!((span.integral(&times, &signal) - (2.0 * 0.1 + 6.0 * 1.4)).abs() < 1e-15);
-        assert_eq!(Span::new(Rule::Rows, &times, 0.7, 0.8), None);
+        assert_eq!(Span::new(RowRule::Rows, &times, 0.7, 0.8), None);
     }
 
     #[test]

@@ -2,51 +2,52 @@
 //! stride, and their statistics by condition.
 //!
 //! ```text
-//! TareSearch ─► TareFrames ─┐
-//! Stretch ──► frames ──► forces ──► low-pass ─┐
-//!        └──► motor power ────────────────────┼─► evaluate ──► TrialResult ──► statistics
-//!        └──► leg angle ──► strides ──────────┘
+//! TrialRows ──► force pipeline ──► forces ─┐
+//!        └──► motor power ─────────────────┼─► evaluate ──► TrialResult ──► statistics
+//!        └──► leg angle ──► strides ───────┘
 //! ```
 //!
-//! [`evaluate()`] takes the rows around a trial's window ([`Stretch`]) and gives its results;
-//! [`warm_up_s`] says how far around. `docs/trials.md` has the formulas and definitions.
+//! [`evaluate()`] takes the rows around a trial's window ([`TrialRows`]) and gives its results;
+//! [`crate::forces::PipelineSetup::needed_s`] says how far around. `docs/trials.md` has the formulas
+//! and definitions, [`crate::forces`] the way from readings to forces.
 
+mod diagnose;
+mod diagnostic;
 mod error;
 mod evaluate;
 mod forces;
-mod grid;
+mod input;
 mod integral;
 mod leg;
 pub mod manifest;
-mod observe;
 mod options;
 mod phase;
 mod power;
 mod profile;
-mod remark;
 mod results;
+mod rows;
+mod signals;
 mod statistics;
-mod stretch;
 mod subject;
 pub mod tables;
-mod tare;
 mod toml_place;
+mod trace;
 mod uncertainty;
 mod value_table;
 mod window;
 
+pub use diagnostic::{Diagnostic, Severity};
 pub use error::TrialError;
 pub use evaluate::{check_window, evaluate};
-pub use forces::warm_up_s;
-pub use options::{LowPass, Rule, TareRule, TraceExtent, TrialOptions};
+pub use input::{Instrument, TrialInput};
+pub use options::{TraceExtent, TrialOptions};
 pub use phase::{PHASES, PhaseForce, PhaseProfile};
 pub use profile::{Channel, Motor, Profile, Robot, TelemetryScales, VELOCIROACH};
-pub use remark::{Remark, Severity};
-pub use results::{ConditionRow, Per, Quantity, StrideRow, Trace, TrialResult, TrialRow};
+pub use results::{ConditionRow, Per, Quantity, StrideRow, TrialResult, TrialRow};
+pub use rows::{LogTimes, TrialRows};
 pub use statistics::{Difference, Interval, RESAMPLES, Sample, Statistics};
-pub use stretch::{Clock, Stretch};
 pub use subject::Trial;
-pub use tare::{TareFrames, TareSearch};
 pub use toml_place::TomlError;
+pub use trace::Trace;
 pub use value_table::{ValueRow, ValueTable};
 pub use window::{GOOD_CONFIDENCE, NoWindow, Proposal, propose_window};

@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use super::results::Trace;
-use crate::wrench::Axis;
+use super::trace::Trace;
+use shell_data::wrench::Axis;
 
 /// Stretches that a stride is averaged in.
 pub const PHASES: usize = 32;

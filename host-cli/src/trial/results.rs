@@ -2,13 +2,13 @@
 
 use serde::Serialize;
 
+use super::diagnostic::Diagnostic;
 use super::phase::PhaseProfile;
-use super::remark::Remark;
 use super::statistics::{Difference, Interval, Statistics};
-use crate::wrench::PerAxis;
+use super::trace::Trace;
 
 /// The results of one trial. What the log or the calibration does not allow is `None`, and
-/// [`TrialResult::remarks`] say why.
+/// [`TrialResult::diagnostics`] say why.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialResult {
     /// The row of the per-trial table.
@@ -17,7 +17,8 @@ pub struct TrialResult {
     /// One row for each whole stride in the window, in order.
     pub stride_rows: Vec<StrideRow>,
     /// What to know about these results.
-    pub remarks: Vec<Remark>,
+    #[serde(rename = "remarks")]
+    pub diagnostics: Vec<Diagnostic>,
     /// What happened over the window, or over the whole log, if asked for.
     #[serde(skip)]
     pub trace: Option<Trace>,
@@ -95,83 +96,6 @@ pub struct StrideRow {
     pub mean_power_w: Option<f64>,
     /// P̄/(m·g·v̄), with the trial's v̄.
     pub specific_resistance: Option<f64>,
-}
-
-/// What happened over time. Columns that the log does not allow are empty, the others as long as
-/// `t_s`.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Trace {
-    /// Time of each row, s on the log's clock.
-    pub t_s: Vec<f64>,
-    /// Wrench, tared and filtered, N and N·m.
-    pub wrench: PerAxis<Vec<f64>>,
-    /// Whether the row brings a new frame.
-    pub fresh: Vec<bool>,
-    /// Angle of the right legs, unwrapped, rad.
-    pub right_leg_rad: Vec<f64>,
-    /// Angle of the left legs, unwrapped, rad.
-    pub left_leg_rad: Vec<f64>,
-    /// Electrical power of the right motor, W.
-    pub right_power_w: Vec<f64>,
-    /// Electrical power of the left motor, W.
-    pub left_power_w: Vec<f64>,
-    /// Start of each whole stride, and the end of the last, s.
-    pub stride_times_s: Vec<f64>,
-}
-
-impl Trace {
-    /// The rows from one time to another, s, both included.
-    pub fn within(&self, from_s: f64, to_s: f64) -> Self {
-        let rows =
-            self.t_s.partition_point(|&t| t < from_s)..self.t_s.partition_point(|&t| t <= to_s);
-        let rows: Vec<usize> = rows.collect();
-        self.with_rows(&rows)
-    }
-
-    /// The rows that bring a new frame, with the power of each motor as its mean since the one before:
-    /// what there is to see of it. Without sensors rows `period_s` apart.
-    pub fn thinned(&self, period_s: f64) -> Self {
-        let mut last_s = f64::NEG_INFINITY;
-        let is_shown = |&row: &usize| {
-            let shown = match self.fresh.get(row) {
-                Some(&fresh) => fresh,
-                None => self.t_s[row] - last_s >= period_s,
-            };
-            if shown {
-                last_s = self.t_s[row];
-            }
-            shown
-        };
-        let rows: Vec<usize> = (0..self.t_s.len()).filter(is_shown).collect();
-        let mut thinned = self.with_rows(&rows);
-        for (mean, power) in [
-            (&mut thinned.right_power_w, &self.right_power_w),
-            (&mut thinned.left_power_w, &self.left_power_w),
-        ] {
-            for (mean, pair) in mean.iter_mut().skip(1).zip(rows.windows(2)) {
-                let since = &power[pair[0] + 1..=pair[1]];
-                *mean = since.iter().sum::<f64>() / since.len() as f64;
-            }
-        }
-        thinned
-    }
-
-    fn with_rows(&self, rows: &[usize]) -> Self {
-        let pick = |column: &Vec<f64>| match column.is_empty() {
-            true => Vec::new(),
-            false => rows.iter().map(|&row| column[row]).collect(),
-        };
-        Self {
-            t_s: pick(&self.t_s),
-            wrench: self.wrench.each_ref().map(pick),
-            fresh: rows.iter().filter_map(|&row| self.fresh.get(row).copied()).collect(),
-            right_leg_rad: pick(&self.right_leg_rad),
-            left_leg_rad: pick(&self.left_leg_rad),
-            right_power_w: pick(&self.right_power_w),
-            left_power_w: pick(&self.left_power_w),
-            stride_times_s: self.stride_times_s.clone(),
-        }
-    }
 }
 
 /// Statistics of one quantity in one condition.

@@ -15,8 +15,8 @@
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use crate::calibration::uncertainty::student_quantile;
 use crate::random::{Purpose, Stream};
+use calibration::uncertainty::student_quantile;
 
 /// How often a sample is drawn again.
 pub const RESAMPLES: usize = 4000;

@@ -1,10 +1,11 @@
 //! Results as tables, to be written as CSV or Parquet.
 
-use super::remark::Remark;
-use super::results::{ConditionRow, StrideRow, Trace, TrialResult, TrialRow};
+use super::diagnostic::Diagnostic;
+use super::results::{ConditionRow, StrideRow, TrialResult, TrialRow};
 use super::statistics::Interval;
+use super::trace::Trace;
 use crate::table::{Column, Table};
-use crate::wrench::Axis;
+use shell_data::wrench::Axis;
 
 /// One row a trial.
 pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> Table {
@@ -19,7 +20,7 @@ pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) 
                 of: fn(&TrialRow) -> Option<Interval>| {
         Column::Number(rows().map(|row| end(of(row))).collect())
     };
-    let warnings = results.clone().map(|result| joined(&result.remarks)).collect();
+    let warnings = results.clone().map(|result| joined(&result.diagnostics)).collect();
     Table::new([
         ("file", text(|r| &r.file)),
         ("condition", text(|r| &r.condition)),
@@ -139,7 +140,7 @@ pub fn trace_table(trace: &Trace) -> Table {
     Table::new(columns.map(|(name, column)| (name, Column::Full(column.clone()))))
 }
 
-fn joined(remarks: &[Remark]) -> String {
-    let texts = remarks.iter().map(|remark| format!("{}: {remark}", remark.code()));
+fn joined(diagnostics: &[Diagnostic]) -> String {
+    let texts = diagnostics.iter().map(|remark| format!("{}: {remark}", remark.code()));
     texts.collect::<Vec<_>>().join("; ")
 }

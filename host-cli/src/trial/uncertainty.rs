@@ -4,7 +4,7 @@
 //! window less those of the tare: `dᵀC`. Its error has four parts, which are added as variances:
 //!
 //! - that of the coefficients, `‖Tᵀd‖²` (or `S·‖Fᵀd‖²` where rows are taken as independent; see
-//!   [`crate::calibration::uncertainty`]);
+//!   [`calibration::uncertainty`]);
 //! - the noise of the tare's mean, from how its frames scatter, with what neighbours have in common
 //!   (Newey & West, Econometrica 55, 1987);
 //! - the noise of the window's mean, the same noise over its frames;
@@ -16,13 +16,12 @@
 //!
 //! The interval is that of Student's t with the degrees of freedom of Welch and Satterthwaite.
 
-use super::forces::Forces;
+use super::forces::TrialForces;
 use super::integral::Span;
-use super::options::TrialOptions;
-use super::tare::TareFrames;
-use crate::calibration::Calibration;
-use crate::calibration::uncertainty::{CoefficientCovariance, Tare, student_quantile};
-use crate::wrench::{Axis, PerAxis};
+use crate::forces::TareFrames;
+use calibration::Calibration;
+use calibration::uncertainty::{CoefficientCovariance, Tare, student_quantile};
+use shell_data::wrench::{Axis, PerAxis};
 
 /// The share of the truth that intervals are to hold.
 const LEVEL: f64 = 0.95;
@@ -34,16 +33,21 @@ struct Part {
     degrees_of_freedom: f64,
 }
 
-/// Half the width of the 95 % interval of the mean force along `axes` over `span`, N and N·m; `None`
-/// if the calibration carries no covariance.
-pub(super) fn half_widths(
-    calibration: &Calibration,
-    tare: Option<(&TareFrames, &Tare)>,
-    forces: &Forces,
-    span: &Span,
-    axes: &[Axis],
-    options: &TrialOptions,
-) -> Option<PerAxis<f64>> {
+/// A mean force, and what it comes from.
+pub(super) struct MeanForce<'a> {
+    pub(super) calibration: &'a Calibration,
+    pub(super) tare: Option<(&'a TareFrames, &'a Tare)>,
+    pub(super) forces: &'a TrialForces,
+    /// What the mean is over.
+    pub(super) span: &'a Span,
+    /// 1 − R² of the training loads, where it is known.
+    pub(super) unexplained: Option<PerAxis<f64>>,
+}
+
+/// Half the width of the 95 % interval of a mean force along `axes`, N and N·m; `None` if the
+/// calibration carries no covariance.
+pub(super) fn half_widths(mean: &MeanForce<'_>, axes: &[Axis]) -> Option<PerAxis<f64>> {
+    let MeanForce { calibration, tare, forces, span, unexplained } = *mean;
     let covariance = calibration.covariance.as_ref()?;
     // What each frame counts for in the mean.
     let mut shares = vec![0.0; forces.frames.first().map_or(0, Vec::len)];
@@ -66,7 +70,7 @@ pub(super) fn half_widths(
         let mut parts =
             vec![Part { variance, degrees_of_freedom: covariance.degrees_of_freedom as f64 }];
         let noise: &[f64] = &of_tare[axis];
-        if let Some(unexplained) = options.unexplained {
+        if let Some(unexplained) = unexplained {
             let residual = covariance.residual[axis][axis];
             let lack = if residual > 0.0 { 1.0 - variance_of(noise) / residual } else { 0.0 };
             let load = span.mean(&forces.wrench[axis]);

@@ -1,6 +1,6 @@
 //! Tables of values by condition, such as are published: one row a stride or a trial.
 
-use super::manifest::{Place, Problem, suggest};
+use super::manifest::{ManifestProblem, Place, suggest};
 use super::statistics::{Difference, Sample, Statistics};
 
 /// Values by condition.
@@ -31,21 +31,43 @@ pub struct ValueRow {
 /// The rows of each trial, by its name.
 type Trials<'a> = Vec<(&'a str, Vec<&'a csv::StringRecord>)>;
 
+/// Conditions, then trials, in the order in which they are named; the columns by number.
+fn group(rows: &[csv::StringRecord], by: usize, trial: Option<usize>) -> Vec<(&str, Trials<'_>)> {
+    let mut grouped: Vec<(&str, Trials<'_>)> = Vec::new();
+    for row in rows {
+        let place = grouped.iter().position(|(name, _)| *name == &row[by]);
+        let place = place.unwrap_or_else(|| {
+            grouped.push((&row[by], Vec::new()));
+            grouped.len() - 1
+        });
+        let trials = &mut grouped[place].1;
+        let of_trial =
+            trial.and_then(|trial| trials.iter().position(|(name, _)| *name == &row[trial]));
+        match of_trial {
+            Some(at) => trials[at].1.push(row),
+            None => trials.push((trial.map_or("", |trial| &row[trial]), vec![row])),
+        }
+    }
+    grouped
+}
+
 impl ValueTable {
     /// Reads a table with a header. Conditions are in the column `by`, or in the first; values in
     /// the columns `of`, or in all others that hold numbers alone. Rows with the same entry in the column `trial`, if there
     /// is one, are strides of one trial, and resemble each other.
     ///
     /// # Errors
-    /// [`Problem`] if there is no such column, no column of numbers or no row, or a field is missing.
+    /// [`ManifestProblem`] if there is no such column, no column of numbers or no row, or a field is missing.
     pub fn parse(
         text: &str,
         by: Option<&str>,
         trial: Option<&str>,
         of: Option<&[String]>,
-    ) -> Result<Self, Problem> {
-        let at =
-            |line: usize, message: String| Problem { place: Place { line, column: 1 }, message };
+    ) -> Result<Self, ManifestProblem> {
+        let at = |line: usize, message: String| ManifestProblem {
+            place: Place { line, column: 1 },
+            message,
+        };
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let mut reader = csv::ReaderBuilder::new();
         let mut reader =
@@ -74,7 +96,7 @@ impl ValueTable {
             return Err(at(1, "the table has no rows".to_owned()));
         }
         let number = |field: &str| field.parse::<f64>().ok().filter(|value| value.is_finite());
-        // Empty fields are values that there are not.
+        // An empty field is a missing value.
         let is_number = |column: &usize| {
             rows.iter().all(|row| row[*column].is_empty() || number(&row[*column]).is_some())
         };
@@ -87,22 +109,7 @@ impl ValueTable {
         if columns.is_empty() {
             return Err(at(1, "no column holds numbers alone".to_owned()));
         }
-        // Conditions, then trials, in the order in which they are named.
-        let mut grouped: Vec<(&str, Trials<'_>)> = Vec::new();
-        for row in &rows {
-            let place = grouped.iter().position(|(name, _)| *name == &row[by]);
-            let place = place.unwrap_or_else(|| {
-                grouped.push((&row[by], Vec::new()));
-                grouped.len() - 1
-            });
-            let trials = &mut grouped[place].1;
-            let of_trial =
-                trial.and_then(|trial| trials.iter().position(|(name, _)| *name == &row[trial]));
-            match of_trial {
-                Some(at) => trials[at].1.push(row),
-                None => trials.push((trial.map_or("", |trial| &row[trial]), vec![row])),
-            }
-        }
+        let grouped = group(&rows, by, trial);
         let sample = |trials: &Trials<'_>, column: usize| {
             let mut sample = Sample::default();
             for (_, rows) in trials {

@@ -9,8 +9,8 @@ use std::path::PathBuf;
 
 use super::selection::Rows;
 use crate::alignment::{AlignError, Aligned, Options, Recording, align};
-use crate::log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
-use crate::wrench::Axis;
+use log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
+use shell_data::wrench::Axis;
 
 /// How two logs are aligned.
 #[derive(Clone, Copy, Debug, PartialEq)]

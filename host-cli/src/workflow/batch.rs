@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-use super::trial::{Evaluated, Instrument, TrialLogError, evaluate_log, find_window};
-use crate::log_file::{Log, LogError, Mapping, ReadOptions};
+use super::trial::{Evaluated, TrialJob, TrialLogError, WindowTimes, evaluate_in_window};
 use crate::output::OutputError;
-use crate::pipeline::{self, Pieces};
-use crate::trial::manifest::{Entry, Manifest, Moment, Place, Problem};
+use crate::trial::manifest::{Entry, Manifest, ManifestProblem, Moment, Place};
 use crate::trial::{
-    ConditionRow, Per, PhaseProfile, Quantity, Remark, Sample, Trial, TrialError, TrialOptions,
+    ConditionRow, Instrument, Per, PhaseProfile, Quantity, Sample, Trial, TrialError, TrialOptions,
     TrialResult,
 };
+use log_file::pipeline::{self, Pieces};
+use log_file::{Log, LogError, Mapping, ReadOptions};
 
 /// How a batch is run.
 #[derive(Clone, Copy)]
@@ -79,7 +79,7 @@ pub fn stamp(path: &Path) -> Stamp {
 #[derive(Debug, thiserror::Error)]
 enum RowError {
     #[error("{}", .0.message)]
-    Manifest(Problem),
+    Manifest(ManifestProblem),
     #[error(transparent)]
     Log(#[from] LogError),
     #[error(transparent)]
@@ -98,16 +98,16 @@ pub fn run(
     options: &BatchOptions<'_>,
     keep: impl Fn(Place, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
-    let mut rows: Vec<Result<&Entry, Problem>> =
-        manifest.rows.iter().map(|row| row.as_ref().map_err(Problem::clone)).collect();
+    let mut rows: Vec<Result<&Entry, ManifestProblem>> =
+        manifest.rows.iter().map(|row| row.as_ref().map_err(ManifestProblem::clone)).collect();
     for fault in manifest.faults(options.conditions) {
         rows[fault.row] = Err(fault.problem);
     }
     let mut batch = Batch::default();
     let mut done = 0;
-    let mut numbers = Numbers { next: 0, count: rows.len() };
+    let mut numbers = RowNumbers { next: 0, count: rows.len() };
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
-    let work = |number: &mut usize| -> Option<Result<BatchTrial, (usize, RowError)>> {
+    let work = |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, (usize, RowError)>> {
         let number = *number;
         let evaluated = match &rows[number] {
             Ok(entry) if entry.exclude => return None,
@@ -135,17 +135,18 @@ pub fn run(
         Ok::<_, std::convert::Infallible>(())
     };
     let never = |never: std::convert::Infallible| match never {};
-    let Ok(()) = pipeline::run(&mut numbers, options.read.thread_count(), work, never, fold);
+    let threads = options.read.thread_count();
+    let Ok(_) = pipeline::run(&mut numbers, threads, || (), work, never, fold);
     batch
 }
 
 /// The numbers of the rows.
-struct Numbers {
+struct RowNumbers {
     next: usize,
     count: usize,
 }
 
-impl Pieces for Numbers {
+impl Pieces for RowNumbers {
     type Piece = usize;
     type Error = std::convert::Infallible;
 
@@ -174,37 +175,25 @@ fn evaluate_entry(
         return Ok(same.clone());
     }
     let log = Log::open(&path, options.mapping)?;
-    let mut found = None;
-    let (enter, exit) = (entry.enter.value, entry.exit.value);
-    let (t_enter_s, t_exit_s) = match (enter, exit) {
-        (Moment::At(enter), Moment::At(exit)) => (enter, exit),
-        (enter, exit) => {
-            let unhashed = ReadOptions { checksum: false, ..*read };
-            let proposal = find_window(&log, instrument, &options.trial, &unhashed)?;
-            found = Some(Remark::found_window(&proposal));
-            let at = |moment, proposed| if let Moment::At(time) = moment { time } else { proposed };
-            (at(enter, proposal.t_enter_s), at(exit, proposal.t_exit_s))
-        }
-    };
+    let given = |moment| if let Moment::At(time_s) = moment { Some(time_s) } else { None };
+    let window = WindowTimes { enter_s: given(entry.enter.value), exit_s: given(entry.exit.value) };
     let trial = Trial {
-        file: entry.file.value.clone(),
         condition: entry.condition.value.clone(),
-        t_enter_s,
-        t_exit_s,
         velocity_m_s: entry.velocity_m_s.as_ref().map(|placed| placed.value),
         mass_kg: entry.mass_kg.as_ref().map(|placed| placed.value),
         channel_length_m: entry.channel_length_m.as_ref().map(|placed| placed.value),
         notes: entry.notes.clone(),
+        ..Trial::of_window(entry.file.value.clone(), (f64::NAN, f64::NAN))
     };
-    let mut evaluated = evaluate_log(&log, &trial, instrument, &options.trial, read)?;
-    evaluated.result.remarks.extend(found);
+    let job = TrialJob { log: &log, instrument, options: options.trial, read: *read };
+    let evaluated = evaluate_in_window(&job, trial, window)?;
     Ok(BatchTrial { place: entry.place, path, evaluated, entry: entry.clone(), stamp })
 }
 
 /// Where in the manifest the fault of a row is, and what it is.
 fn failure(
-    row: &Result<&Entry, Problem>,
-    parsed: &Result<Entry, Problem>,
+    row: &Result<&Entry, ManifestProblem>,
+    parsed: &Result<Entry, ManifestProblem>,
     error: &RowError,
 ) -> Failure {
     let file = parsed.as_ref().map(|entry| entry.file.value.clone()).unwrap_or_default();
@@ -216,9 +205,12 @@ fn failure(
             TrialError::Gap { .. } => entry.enter.place,
             _ => entry.file.place,
         },
-        (Ok(entry), RowError::Trial(TrialLogError::Window(_) | TrialLogError::NoForces)) => {
-            entry.enter.place
-        }
+        (
+            Ok(entry),
+            RowError::Trial(
+                TrialLogError::Window(_) | TrialLogError::NoForces | TrialLogError::NoCalibration,
+            ),
+        ) => entry.enter.place,
         (Ok(entry), _) => entry.file.place,
     };
     let mut message = error.to_string();

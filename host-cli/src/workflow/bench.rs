@@ -15,12 +15,12 @@ use std::time::Instant;
 use faer::Mat;
 use serde::Serialize;
 
-use crate::block::Block;
-use crate::calibration::features::Features;
-use crate::calibration::scaling::Scaling;
-use crate::calibration::solver::{self, Problem, Solution, SolverKind};
-use crate::calibration::{Basis, FitError, Model};
-use crate::plot::{Axis, Chart, Figure, Mark, Series, Spacing};
+use crate::figures::{Axis, Chart, Figure, Mark, Series, Spacing};
+use calibration::features::Features;
+use calibration::scaling::Scaling;
+use calibration::solver::{self, FitProblem, Solution, SolverKind};
+use calibration::{Basis, FitError, Model};
+use shell_data::block::Block;
 
 /// What an `f64` cannot show: errors below this count as this.
 pub const SMALLEST_ERROR: f64 = f64::EPSILON / 2.0;
@@ -134,12 +134,12 @@ pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<Mod
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients.
-pub fn problem(blocks: &[Block], model: Model) -> Result<Problem, FitError> {
+pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     let first = blocks.first().map_or(&[][..], |block| &block.readings);
     let problem =
-        Problem { model, scaling: Scaling::of_sample(first, model.intercept), ridge: 0.0 };
+        FitProblem { model, scaling: Scaling::of_sample(first, model.intercept), ridge: 0.0 };
     match solve(blocks, SolverKind::Exact, &problem) {
-        Ok(solution) => Ok(Problem { scaling: solution.scaling, ..problem }),
+        Ok(solution) => Ok(FitProblem { scaling: solution.scaling, ..problem }),
         Err(FitError::NotExact(_)) => Ok(problem),
         Err(error) => Err(error),
     }
@@ -149,14 +149,18 @@ pub fn problem(blocks: &[Block], model: Model) -> Result<Problem, FitError> {
 ///
 /// # Errors
 /// As [`solver::fit`].
-pub fn solve(blocks: &[Block], kind: SolverKind, problem: &Problem) -> Result<Solution, FitError> {
+pub fn solve(
+    blocks: &[Block],
+    kind: SolverKind,
+    problem: &FitProblem,
+) -> Result<Solution, FitError> {
     solver::fit(kind, problem.clone(), &mut { blocks }).map(|(solution, _)| solution)
 }
 
 fn measure(
     blocks: &[Block],
     kind: SolverKind,
-    problem: &Problem,
+    problem: &FitProblem,
     reference: &Solution,
     is_small: bool,
 ) -> Measurement {

@@ -1,13 +1,13 @@
 //! How well a calibration predicts the wrench that a log has measured.
 
 use super::WorkflowError;
-use crate::block::Block;
-use crate::calibration::Calibration;
-use crate::calibration::magnitudes::Magnitudes;
-use crate::calibration::quality::{self, AxisErrors, AxisQuality};
-use crate::log_file::{Log, ReadOptions, ReadSummary, Wanted};
-use crate::plot::FitPlot;
-use crate::wrench::PerAxis;
+use crate::figures::FitPlot;
+use calibration::Calibration;
+use calibration::magnitudes::Magnitudes;
+use calibration::quality::{self, AxisErrors, AxisQuality};
+use log_file::{Log, ReadOptions, ReadSummary, Wanted};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 
 /// Which rows are used, and what is kept of them.
 #[derive(Clone, Copy, Default)]
@@ -51,7 +51,7 @@ impl Evaluation {
         self.checksum.clone_from(&other.checksum);
     }
 
-    /// The figures of every axis; `None` of no rows.
+    /// The quality of every axis; `None` without rows.
     pub fn quality(&self) -> Option<PerAxis<AxisQuality>> {
         let [fx, fy, fz, mx, my, mz] = self.errors.map(|errors| errors.quality());
         Some([fx?, fy?, fz?, mx?, my?, mz?])

@@ -3,13 +3,16 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::figures::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
+use crate::figures::{Figure, Format};
 use crate::output::{OutputError, write_atomically};
-use crate::plot::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
-use crate::plot::{Figure, Format};
-use crate::trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialRow};
+use crate::trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialResult, TrialRow};
 
 /// Strides that a telemetry figure shows where the window has many.
 const STRIDES: usize = 10;
+
+/// Without sensors traces are thinned to this distance, s.
+const THIN_S: f64 = 0.01;
 
 /// A directory of figures.
 #[derive(Clone, Debug)]
@@ -98,6 +101,18 @@ pub fn title(row: &TrialRow) -> String {
 pub fn passage(row: &TrialRow, profile: &Profile) -> Passage {
     let window_s = [row.t_enter_s, row.t_exit_s];
     Passage::new(window_s, profile.robot.length_m, profile.channel.length_m)
+}
+
+/// Keeps of a trace of the whole log what a figure of many trials needs: the phase profile of the time
+/// that the robot is fully inside (or in the window, where that has no strides), and, if `thinned`, the
+/// trace frame by frame.
+pub fn reduce_trace(result: &mut TrialResult, profile: &Profile, thinned: bool) {
+    let Some(trace) = result.trace.take() else { return };
+    let window_s = [result.row.t_enter_s, result.row.t_exit_s];
+    let inside_s = passage(&result.row, profile).stretches().1;
+    let of = |window_s| PhaseProfile::new([(&trace, window_s)]);
+    result.phase = inside_s.and_then(of).or_else(|| of(window_s));
+    result.trace = thinned.then(|| trace.thinned(THIN_S));
 }
 
 /// The window, or where it has many strides the ten in its middle, s.

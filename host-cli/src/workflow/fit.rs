@@ -5,20 +5,20 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::eval::{BlockErrors, Evaluation};
 use super::log_rows::{LogRows, store};
 use super::{WorkflowError, check_channels};
-use crate::block::Block;
-use crate::calibration::exact::{ExactError, Moments};
-use crate::calibration::extent::Extent;
-use crate::calibration::least_squares::Method;
-use crate::calibration::scaling::Scaling;
-use crate::calibration::solver::{self, Problem, Solution, SolverKind};
-use crate::calibration::uncertainty::{Covariance, Shape};
-use crate::calibration::validation::ValidationError;
-use crate::calibration::validation::excitation::WrenchSums;
-use crate::calibration::validation::grouped::GroupedMoments;
-use crate::calibration::{Basis, Calibration, FitError, Model};
-use crate::log_file::{Log, ReadOptions, Wanted};
-use crate::plot::FitPlot;
-use crate::wrench::PerAxis;
+use crate::figures::FitPlot;
+use calibration::exact::{ExactError, Moments};
+use calibration::least_squares::Method;
+use calibration::reading_ranges::ReadingRanges;
+use calibration::scaling::Scaling;
+use calibration::solver::{self, FitProblem, Solution, SolverKind};
+use calibration::uncertainty::{Covariance, ErrorShape};
+use calibration::validation::ValidationError;
+use calibration::validation::excitation::WrenchSums;
+use calibration::validation::grouped::GroupedMoments;
+use calibration::{Basis, Calibration, FitError, Model};
+use log_file::{Log, ReadOptions, Wanted};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 
 /// What is to be fitted, and how.
 #[derive(Clone, Copy)]
@@ -48,7 +48,7 @@ pub struct FitOptions<'a> {
 }
 
 impl Default for FitOptions<'_> {
-    /// What `shellcal fit` does when it is told nothing.
+    /// The defaults of `shellcal fit`.
     fn default() -> Self {
         Self {
             basis: Basis::Cubic,
@@ -109,7 +109,7 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
 /// often by solvers that iterate. Some 100,000 rows are kept between the passes, those of the test
-/// logs among them; longer logs are read anew, so that memory does not grow with them.
+/// logs among them; longer logs are read again, so that memory does not grow with them.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the
@@ -139,8 +139,8 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         }
         solved => solved,
     };
-    let (solution, extent) = solved?;
-    let mut calibration = Calibration::of_solution(&solution, &extent);
+    let (solution, ranges) = solved?;
+    let mut calibration = Calibration::of_solution(&solution, &ranges);
     let Uncertainty { covariance, not_grouped } = Uncertainty::of(&solution, solver, options);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
 
@@ -197,13 +197,13 @@ fn solve(
     first: &Log,
     rows: &mut LogRows<'_>,
     options: &FitOptions<'_>,
-) -> Result<(Solution, Extent), WorkflowError> {
+) -> Result<(Solution, ReadingRanges), WorkflowError> {
     let channels = first.channels();
     let model = Model { basis: options.basis, intercept: options.intercept, channels };
     if let (Some(total), SolverKind::Exact) = (options.total, solver) {
-        let extent = total.extent();
-        let solution = solver::solve_moments(total, &model, options.ridge, &extent)?;
-        return Ok((solution, extent));
+        let ranges = total.reading_ranges();
+        let solution = solver::solve_moments(total, &model, options.ridge, &ranges)?;
+        return Ok((solution, ranges));
     }
     // The exact solver chooses its own centre and scale; for the others, a sample tells.
     let scaling = match solver {
@@ -213,7 +213,7 @@ fn solve(
             Scaling::of_sample(&sample.readings, model.intercept)
         }
     };
-    let problem = Problem { model, scaling, ridge: options.ridge };
+    let problem = FitProblem { model, scaling, ridge: options.ridge };
     match solver {
         SolverKind::Svd => {
             solver::fit_by(Method::Svd { truncate: options.truncate }, problem, rows)
@@ -257,9 +257,9 @@ fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
 }
 
 /// How the training errors are distributed.
-fn shape(train: &[Evaluation], unit: &PerAxis<f64>) -> Option<Shape> {
+fn shape(train: &[Evaluation], unit: &PerAxis<f64>) -> Option<ErrorShape> {
     let mut total = Evaluation::default();
     train.iter().for_each(|evaluation| total.merge(evaluation));
     let rms = total.quality()?.map(|axis| axis.rms);
-    Some(Shape::of_errors(total.sizes.as_ref()?, unit, &rms))
+    Some(ErrorShape::of_errors(total.sizes.as_ref()?, unit, &rms))
 }

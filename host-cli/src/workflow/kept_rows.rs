@@ -5,8 +5,8 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use memmap2::MmapMut;
 
-use crate::block::Block;
-use crate::step::{Step, Words};
+use calibration::decimal_step::{DecimalStep, WordEncoding};
+use shell_data::block::Block;
 
 /// Memory for rows: one mapping, of huge pages where there will be rows enough for some. To have
 /// small pages one by one would take longer than to write to them.
@@ -16,10 +16,8 @@ impl Store {
     /// Room for so many bytes of rows, about `expected` of which will be used.
     pub(super) fn new(bytes: usize, expected: u64) -> Self {
         let map = MmapMut::map_anon(bytes).ok();
-        #[cfg(target_os = "linux")]
         if let Some(map) = map.as_ref().filter(|_| expected >= HUGE_PAGE) {
-            // Without them it takes longer, and that is all.
-            let _ = map.advise(memmap2::Advice::HugePage);
+            take_huge_pages(map);
         }
         Self(map)
     }
@@ -30,6 +28,15 @@ impl Store {
         Room(Mutex::new(bytemuck::cast_slice_mut(bytes)))
     }
 }
+
+#[cfg(target_os = "linux")]
+fn take_huge_pages(map: &MmapMut) {
+    // Without them it takes longer, and that is all.
+    let _ = map.advise(memmap2::Advice::HugePage);
+}
+
+#[cfg(not(target_os = "linux"))]
+fn take_huge_pages(_: &MmapMut) {}
 
 /// The size of a huge page.
 const HUGE_PAGE: u64 = 2 << 20;
@@ -59,20 +66,20 @@ pub(super) struct KeptBlock<'a> {
 #[derive(Clone, Copy, Debug)]
 enum Column {
     /// As multiples of a step.
-    Words(Words),
+    Words(WordEncoding),
     /// As they are.
     Other,
 }
 
 /// What the numbers of each column are multiples of: in the first block, and then mostly in all.
-pub(super) type Steps = OnceLock<Vec<Option<Step>>>;
+pub(super) type Steps = OnceLock<Vec<Option<DecimalStep>>>;
 
 impl<'a> KeptBlock<'a> {
     /// Of the rows of `block`, all of whose readings and wrench there are; `None` if there is no
     /// room for them.
     pub(super) fn new(block: &Block, steps: &Steps, room: &Room<'a>) -> Option<Self> {
         let columns = || block.readings.iter().chain(&block.wrench);
-        let steps = steps.get_or_init(|| columns().map(|column| Step::of(column)).collect());
+        let steps = steps.get_or_init(|| columns().map(|column| DecimalStep::of(column)).collect());
         let words = room.take(steps.len() * block.rows)?;
         let (mut kept, mut others, mut used) = (Vec::with_capacity(steps.len()), Vec::new(), 0);
         for (column, step) in columns().zip(steps) {

@@ -1,18 +1,18 @@
 //! The rows of training and test logs, to be passed over as often as a fit asks.
 //!
 //! Parsing is the dearest part of a fit, so the rows of short logs are kept from the first pass on.
-//! Longer logs are read anew on every pass: memory does not grow with them.
+//! Longer logs are read again on every pass: memory does not grow with them.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::WorkflowError;
 use super::kept_rows::{KeptBlock, Room, Steps, Store};
-use crate::block::Block;
-use crate::calibration::FitError;
-use crate::calibration::solver::{Blocks, Pass, Reducer};
-use crate::log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
-use crate::pipeline::{self, Pieces};
+use calibration::FitError;
+use calibration::solver::{Blocks, Pass, PassWorker};
+use log_file::pipeline::{self, Pieces};
+use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
+use shell_data::block::Block;
 
 /// The bytes that kept rows may take as small integers, and again as other numbers: some 100,000 rows
 /// of eight channels, or 300,000 where the wrench is that of a digital sensor.
@@ -59,55 +59,61 @@ impl<'a> LogRows<'a> {
     }
 
     /// Passes over the rows of all logs: `map` gets blocks and the log that they are from on any
-    /// thread, `fold` gets what `map` makes of them, in order. Returns what the logs were.
+    /// thread, `fold` gets the results of `map`, in order. Returns summaries of the logs.
     pub(super) fn each_block<T: Send>(
         &mut self,
         map: impl Fn(usize, &Block) -> Result<T, FitError> + Sync,
         fold: impl FnMut(usize, T),
     ) -> Result<&[ReadSummary], WorkflowError> {
-        self.pass_over(self.logs.len(), map, fold)?;
+        self.pass_over(self.logs.len(), || (), |(), log, block| map(log, block), fold)?;
         Ok(&self.summaries)
     }
 
-    /// Passes over the rows of the first logs, so many of them.
-    fn pass_over<T: Send>(
+    /// Passes over the rows of the first `logs` logs. Returns the states of the workers, made by
+    /// `init`.
+    fn pass_over<S: Send, T: Send>(
         &mut self,
         logs: usize,
-        map: impl Fn(usize, &Block) -> Result<T, FitError> + Sync,
+        init: impl Fn() -> S + Sync,
+        map: impl Fn(&mut S, usize, &Block) -> Result<T, FitError> + Sync,
         mut fold: impl FnMut(usize, T),
-    ) -> Result<(), WorkflowError> {
+    ) -> Result<Vec<S>, WorkflowError> {
         let kept = self.kept.len().min(logs);
-        self.pass_over_kept(kept, &map, &mut fold)?;
-        // What is known is not hashed again.
+        let mut states = self.pass_over_kept(kept, &init, &map, &mut fold)?;
+        // The checksums of logs that were read before are known.
         let known = self.summaries.len().clamp(kept, logs);
-        let map = |log: usize, block: &mut Block| map(log, block);
+        let map = |state: &mut S, log: usize, block: &mut Block| map(state, log, block);
         if kept < known {
             let read = ReadOptions { checksum: false, ..self.read };
-            self.read_logs(kept..known, &read, map, &mut fold)?;
+            states.extend(self.read_logs(kept..known, &read, &init, map, &mut fold)?.1);
         }
         if known < logs {
-            let summaries = self.read_logs(known..logs, &self.read, map, &mut fold)?;
+            let read = self.read;
+            let (summaries, new) = self.read_logs(known..logs, &read, init, map, &mut fold)?;
             self.summaries.extend(summaries);
+            states.extend(new);
         }
-        Ok(())
+        Ok(states)
     }
 
-    fn pass_over_kept<T: Send>(
+    fn pass_over_kept<S: Send, T: Send>(
         &self,
         logs: usize,
-        map: &(impl Fn(usize, &Block) -> Result<T, FitError> + Sync),
+        init: &(impl Fn() -> S + Sync),
+        map: &(impl Fn(&mut S, usize, &Block) -> Result<T, FitError> + Sync),
         fold: &mut impl FnMut(usize, T),
-    ) -> Result<(), WorkflowError> {
+    ) -> Result<Vec<S>, WorkflowError> {
         let blocks = self.kept[..logs].iter().enumerate();
         let blocks: Vec<_> =
             blocks.flat_map(|(log, blocks)| blocks.iter().map(move |block| (log, block))).collect();
         pipeline::run(
             &mut KeptBlocks(blocks.into_iter()),
             self.read.thread_count(),
-            |KeptPiece { kept, block }| {
+            || (Block::default(), init()),
+            |(block, state), kept| {
                 let (log, kept) = kept.expect("a piece that was handed out");
                 kept.restore(block, self.logs[log].channels());
-                Ok((log, map(log, block)?))
+                Ok((log, map(state, log, block)?))
             },
             |never| match never {},
             |result: Result<_, FitError>| {
@@ -116,15 +122,17 @@ impl<'a> LogRows<'a> {
                 Ok(())
             },
         )
+        .map(|workers| workers.into_iter().map(|(_, state)| state).collect())
     }
 
-    fn read_logs<T: Send>(
+    fn read_logs<S: Send, T: Send>(
         &self,
         logs: Range<usize>,
         read: &ReadOptions<'_>,
-        map: impl Fn(usize, &mut Block) -> Result<T, FitError> + Sync,
+        init: impl Fn() -> S + Sync,
+        map: impl Fn(&mut S, usize, &mut Block) -> Result<T, FitError> + Sync,
         mut fold: impl FnMut(usize, T),
-    ) -> Result<Vec<ReadSummary>, WorkflowError> {
+    ) -> Result<(Vec<ReadSummary>, Vec<S>), WorkflowError> {
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
         let first = logs.start;
         let bytes_before = self.logs[..first].iter().map(|log| log.bytes()).sum::<u64>();
@@ -134,14 +142,14 @@ impl<'a> LogRows<'a> {
             }
         };
         let read = ReadOptions { progress: Some(&report), ..*read };
-        let map = |log: usize, block: &mut Block| {
+        let map = |state: &mut S, log: usize, block: &mut Block| {
             if self.fresh {
                 let fresh = block.fresh_rows();
                 block.retain_rows(&fresh);
             }
-            map(first + log, block)
+            map(state, first + log, block)
         };
-        log_file::read_all(&self.logs[logs], &wanted, &read, map, |log, value| {
+        log_file::read_all(&self.logs[logs], &wanted, &read, init, map, |log, value| {
             fold(first + log, value?);
             Ok::<_, WorkflowError>(())
         })
@@ -153,17 +161,19 @@ impl<'a> LogRows<'a> {
         let is_short = self.logs.iter().map(|log| log.bytes()).sum::<u64>() <= TOGETHER_BYTES;
         let logs = if is_short { self.logs.len() } else { self.train };
         let (steps, is_kept) = (Steps::new(), AtomicBool::new(true));
-        let reducer = Reducer::new(pass);
-        let map = |log: usize, block: &mut Block| {
-            let partial = (log < self.train).then(|| reducer.reduce(block)).transpose()?.flatten();
+        let init = || PassWorker::new(pass);
+        let map = |worker: &mut PassWorker<'_, P>, log: usize, block: &mut Block| {
+            let partial = (log < self.train).then(|| worker.reduce(block)).transpose()?.flatten();
             let is_kept = is_kept.load(Ordering::Relaxed);
             let kept = is_kept.then(|| KeptBlock::new(block, &steps, &self.room)).flatten();
             Ok((partial, kept))
         };
         let (mut all, mut kept, mut other_bytes) = (pass.empty(), Vec::new(), 0);
         kept.resize_with(logs, Vec::new);
-        self.summaries = self.read_logs(0..logs, &self.read, map, |log, (partial, block)| {
-            reducer.merge(&mut all, partial);
+        let fold = |log: usize, (partial, block): (Option<P::Partial>, Option<KeptBlock<'a>>)| {
+            if let Some(partial) = partial {
+                pass.merge(&mut all, partial);
+            }
             other_bytes += block.as_ref().map_or(0, KeptBlock::other_bytes);
             let Some(block) = block.filter(|_| other_bytes <= KEPT_BYTES) else {
                 is_kept.store(false, Ordering::Relaxed);
@@ -173,9 +183,11 @@ impl<'a> LogRows<'a> {
             if let Some(kept) = kept.get_mut(log) {
                 kept.push(block);
             }
-        })?;
-        self.kept = kept;
-        Ok(reducer.finish(all))
+        };
+        let (summaries, workers) = self.read_logs(0..logs, &self.read, init, map, fold)?;
+        (self.summaries, self.kept) = (summaries, kept);
+        PassWorker::merge(workers, &mut all);
+        Ok(all)
     }
 }
 
@@ -191,33 +203,32 @@ impl Blocks for LogRows<'_> {
         if self.summaries.is_empty() {
             return self.first_pass(pass);
         }
-        let (mut all, reducer) = (pass.empty(), Reducer::new(pass));
-        let reduce = |_, block: &Block| reducer.reduce(block);
-        self.pass_over(self.train, reduce, |_, partial| reducer.merge(&mut all, partial))?;
-        Ok(reducer.finish(all))
+        let mut all = pass.empty();
+        let reduce = |worker: &mut PassWorker<'_, P>, _, block: &Block| worker.reduce(block);
+        let merge = |_, partial| {
+            if let Some(partial) = partial {
+                pass.merge(&mut all, partial);
+            }
+        };
+        let workers = self.pass_over(self.train, || PassWorker::new(pass), reduce, merge)?;
+        PassWorker::merge(workers, &mut all);
+        Ok(all)
     }
 }
 
 /// Blocks that are handed out one by one, each with its log.
 struct KeptBlocks<'a>(std::vec::IntoIter<(usize, &'a KeptBlock<'a>)>);
 
-/// One of them, and room for its rows.
-#[derive(Default)]
-struct KeptPiece<'a> {
-    kept: Option<(usize, &'a KeptBlock<'a>)>,
-    block: Block,
-}
-
 impl<'a> Pieces for KeptBlocks<'a> {
-    type Piece = KeptPiece<'a>;
+    type Piece = Option<(usize, &'a KeptBlock<'a>)>;
     type Error = std::convert::Infallible;
 
     fn ended(&self) -> bool {
         self.0.len() == 0
     }
 
-    fn next(&mut self, piece: &mut KeptPiece<'a>) -> Result<bool, Self::Error> {
-        piece.kept = self.0.next();
-        Ok(piece.kept.is_some())
+    fn next(&mut self, piece: &mut Self::Piece) -> Result<bool, Self::Error> {
+        *piece = self.0.next();
+        Ok(piece.is_some())
     }
 }

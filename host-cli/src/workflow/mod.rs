@@ -9,8 +9,11 @@ pub mod figures;
 pub mod fit;
 mod kept_rows;
 mod log_rows;
+pub mod log_summary;
+pub mod model_choice;
 pub mod moments;
 pub mod noise;
+pub mod report;
 pub mod sampling;
 pub mod selection;
 pub mod simulate;
@@ -19,9 +22,9 @@ pub mod trial;
 
 use std::path::PathBuf;
 
-use crate::calibration::FitError;
-use crate::calibration::validation::ValidationError;
-use crate::log_file::{Log, LogError};
+use calibration::FitError;
+use calibration::validation::ValidationError;
+use log_file::{Log, LogError};
 
 /// Why a task over logs could not be done.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +42,11 @@ pub enum WorkflowError {
     /// A calibration cannot be validated on these rows.
     #[error(transparent)]
     Validation(ValidationError),
+    /// The logs have no groups, and are a single file.
+    #[error(
+        "there is nothing to hold out: give several logs, or logs with a group column (`--group`)"
+    )]
+    NoGroups,
     /// There was nothing to work on.
     #[error("no logs were given")]
     NoLogs,

@@ -1,15 +1,15 @@
 //! From logs to exact sums, group by group, in one pass and without fitting anything.
 
 use super::{WorkflowError, check_channels};
-use crate::block::Block;
-use crate::calibration::FitError;
-use crate::calibration::extent::Extent;
-use crate::calibration::model::Basis;
-use crate::calibration::validation::ValidationError;
-use crate::calibration::validation::grouped::{
-    BlockGroups, GroupSums, GroupedMoments, RandomSplit,
+use calibration::FitError;
+use calibration::model::Basis;
+use calibration::reading_ranges::ReadingRanges;
+use calibration::validation::ValidationError;
+use calibration::validation::grouped::{
+    BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
 };
-use crate::log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
+use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
+use shell_data::block::Block;
 
 /// What a group is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,22 +62,27 @@ pub fn sum(
         check_channels(log, first.channels())?;
     }
     let channels = first.channels();
-    let sums = GroupSums::new(options.basis, channels, options.random);
+    let mut sums = GroupSums::new(options.basis, channels, options.random);
     let labels: Vec<String> = logs.iter().map(|log| log.path().display().to_string()).collect();
-    let map = |log: usize, block: &mut Block| -> Result<BlockGroups, WorkflowError> {
+    let empty = sums.worker();
+    let init = || empty.clone();
+    let map = |worker: &mut GroupWorker,
+               log: usize,
+               block: &mut Block|
+     -> Result<BlockGroups, WorkflowError> {
         if options.fresh {
             block.retain_rows(&block.fresh_rows());
         }
         // Names what is not finite, as every fit does.
-        Extent::of_block(block, channels)?;
-        Ok(sums.add(block, (!groups).then_some(&labels[log]))?)
+        ReadingRanges::of_block(block, channels)?;
+        Ok(worker.add(block, (!groups).then_some(&labels[log]))?)
     };
     let logs: Vec<&Log> = logs.iter().collect();
-    let summaries = log_file::read_all(&logs, &wanted, &options.read, map, |_, groups| {
-        sums.note(groups?);
-        Ok::<_, WorkflowError>(())
-    })?;
-    Ok((sums.finish()?, summaries))
+    let fold = |_, groups: Result<BlockGroups, WorkflowError>| -> Result<(), WorkflowError> {
+        Ok(sums.add(groups?)?)
+    };
+    let (summaries, workers) = log_file::read_all(&logs, &wanted, &options.read, init, map, fold)?;
+    Ok((sums.finish(workers)?, summaries))
 }
 
 impl From<ValidationError> for WorkflowError {

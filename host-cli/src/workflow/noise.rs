@@ -1,12 +1,15 @@
 //! How much the readings and the wrench of an unloaded sensor scatter.
 //!
-//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove.
+//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
+//! forces are those of the [pipeline](crate::forces) without a low-pass, which would hide the noise.
 
 use super::selection::{Rows, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
-use crate::calibration::Calibration;
-use crate::log_file::{Log, LogError, ReadOptions, Wanted};
-use crate::wrench::PerAxis;
+use crate::forces::ForcePipeline;
+use calibration::Calibration;
+use log_file::{Log, LogError, ReadOptions, Wanted};
+use shell_data::statistics::RunningVariance;
+use shell_data::wrench::PerAxis;
 
 /// Which part of a log is looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +51,7 @@ pub struct Scatter {
     pub peak_to_peak: f64,
 }
 
-/// A log whose noise cannot be told.
+/// A log whose noise cannot be measured.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoiseError {
@@ -82,8 +85,9 @@ pub fn noise(
     let wanted = Wanted { readings: true, time: options.window.is_some(), ..Wanted::default() };
     log.require(&wanted)?;
     check_channels(log, calibration.model().channels)?;
-    let mut axes = PerAxis::<Moments>::default();
-    let mut channels = vec![Moments::default(); log.channels()];
+    let pipeline = ForcePipeline::raw();
+    let mut axes = PerAxis::<ColumnStatistics>::default();
+    let mut channels = vec![ColumnStatistics::default(); log.channels()];
     let summary = log.read(
         &wanted,
         read,
@@ -93,10 +97,9 @@ pub fn noise(
                 let keep: Vec<_> = block.time_s.iter().map(|&t| window.contains(t)).collect();
                 block.retain_rows(&keep);
             }
-            let mut wrench = PerAxis::default();
-            calibration.wrench(&block.readings, &mut wrench);
-            let channels: Vec<_> = block.readings.iter().map(|c| Moments::of(c)).collect();
-            (wrench.map(|column| Moments::of(&column)), channels)
+            let wrench = pipeline.wrench(calibration, &block.readings);
+            let channels: Vec<_> = block.readings.iter().map(|c| ColumnStatistics::of(c)).collect();
+            (wrench.map(|column| ColumnStatistics::of(&column)), channels)
         },
         |(block_axes, block_channels)| {
             axes.iter_mut().zip(&block_axes).for_each(|(all, block)| all.merge(block));
@@ -104,7 +107,7 @@ pub fn noise(
             Ok::<(), NoiseError>(())
         },
     )?;
-    let frames = axes[0].count;
+    let frames = axes[0].variance.count;
     if frames < 2 {
         return Err(NoiseError::TooFewFrames { path: path(), found: frames });
     }
@@ -115,62 +118,44 @@ pub fn noise(
         frames,
         rows_used: options.rows,
         axes: axes.map(|moments| moments.scatter()),
-        channels: channels.iter().map(Moments::scatter).collect(),
+        channels: channels.iter().map(ColumnStatistics::scatter).collect(),
     })
 }
 
-/// Count, mean, sum of squared distances from it, and extremes. Merged after Chan, Golub and LeVeque
-/// ("Updating Formulae and a Pairwise Algorithm for Computing Sample Variances", 1979).
+/// Mean, variance and extremes of a column.
 #[derive(Clone, Copy, Debug)]
-struct Moments {
-    count: u64,
-    mean: f64,
-    squares: f64,
+struct ColumnStatistics {
+    variance: RunningVariance,
     min: f64,
     max: f64,
 }
 
-impl Default for Moments {
+impl Default for ColumnStatistics {
     fn default() -> Self {
-        Self { count: 0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: f64::NEG_INFINITY }
+        let variance = RunningVariance::default();
+        Self { variance, min: f64::INFINITY, max: f64::NEG_INFINITY }
     }
 }
 
-impl Moments {
+impl ColumnStatistics {
     fn of(values: &[f64]) -> Self {
-        if values.is_empty() {
-            return Self::default();
-        }
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
         Self {
-            count: values.len() as u64,
-            mean,
-            squares: values.iter().map(|value| (value - mean) * (value - mean)).sum(),
+            variance: RunningVariance::of(values),
             min: values.iter().copied().fold(f64::INFINITY, f64::min),
             max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         }
     }
 
     fn merge(&mut self, other: &Self) {
-        let count = self.count + other.count;
-        if other.count == 0 {
-            return;
-        }
-        let (n, m) = (self.count as f64, other.count as f64);
-        let distance = other.mean - self.mean;
-        *self = Self {
-            count,
-            mean: self.mean + distance * (m / count as f64),
-            squares: self.squares + other.squares + distance * distance * (n * m / count as f64),
-            min: self.min.min(other.min),
-            max: self.max.max(other.max),
-        };
+        self.variance.merge(&other.variance);
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
     }
 
     fn scatter(&self) -> Scatter {
         Scatter {
-            mean: self.mean,
-            rms: (self.squares / self.count as f64).sqrt(),
+            mean: self.variance.mean,
+            rms: self.variance.rms_about_mean(),
             peak_to_peak: self.max - self.min,
         }
     }
@@ -185,7 +170,7 @@ mod tests {
     #[test]
     fn scatter_of_known_numbers() {
         let Scatter { mean, rms, peak_to_peak } =
-            Moments::of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).scatter();
+            ColumnStatistics::of(&[2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0]).scatter();
         assert_eq!((mean, rms, peak_to_peak), (5.0, 2.0, 7.0));
     }
 
@@ -195,9 +180,9 @@ mod tests {
             values in prop::collection::vec(-1e3..1e3_f64, 2..80), at in 0usize..80,
         ) {
             let (a, b) = values.split_at(at.min(values.len()));
-            let mut merged = Moments::of(a);
-            merged.merge(&Moments::of(b));
-            let (merged, whole) = (merged.scatter(), Moments::of(&values).scatter());
+            let mut merged = ColumnStatistics::of(a);
+            merged.merge(&ColumnStatistics::of(b));
+            let (merged, whole) = (merged.scatter(), ColumnStatistics::of(&values).scatter());
             // 80 sums of 1e3 each round by less than 80 · 80 · 1e3 · 1e-16.
             prop_assert!((merged.mean - whole.mean).abs() < 1e-9);
             prop_assert!((merged.rms - whole.rms).abs() < 1e-9);

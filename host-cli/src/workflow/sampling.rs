@@ -2,7 +2,7 @@
 
 /// Steps of the histogram of periods for each doubling of the period: 0.3 % each.
 const STEPS: f64 = 256.0;
-/// Periods from 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years) are told apart.
+/// The histogram resolves periods from 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years).
 const DOUBLINGS: i32 = 30;
 /// A period this many times as long as the usual one is a gap in the recording.
 const GAP: f64 = 10.0;

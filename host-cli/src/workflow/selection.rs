@@ -1,8 +1,8 @@
 //! Which rows of a log are used, and how results are laid out, for all jobs alike.
 
-use crate::block::Block;
-use crate::log_file::LogError;
-use crate::wrench::{Axis, PerAxis};
+use log_file::{Log, LogError};
+use shell_data::block::Block;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// Which rows of a log are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -30,6 +30,15 @@ impl Rows {
         if self == Rows::Fresh {
             block.retain_rows(&block.fresh_rows());
         }
+    }
+}
+
+/// For every row of a block, whether it is a frame: where repeats of the row before are stale, by the
+/// kind of log or because only fresh rows are used, a repeat is none.
+pub(super) fn fresh_rows(log: &Log, used: Rows, block: &Block) -> Vec<bool> {
+    match log.repeats_are_stale() || used == Rows::Fresh {
+        true => block.fresh_rows(),
+        false => vec![true; block.rows],
     }
 }
 

@@ -4,10 +4,14 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use crate::output::{AtomicFile, OutputError, write_atomically};
-use crate::sensor_model::ModelError;
-use crate::synthetic_log::{write_frame, write_frame_header};
-use crate::synthetic_trial::{TrialLayout, write_telemetry_header, write_telemetry_row};
-use crate::virtual_robot::{Condition, TrialError, TrialSettings, Truth, VirtualTrial};
+use crate::simulation::sensor_model::ModelError;
+use crate::simulation::synthetic_log::{write_frame, write_frame_header};
+use crate::simulation::synthetic_trial::{
+    TrialLayout, write_telemetry_header, write_telemetry_row,
+};
+use crate::simulation::virtual_robot::{
+    Condition, TrialSettings, TrialSettingsError, Truth, VirtualTrial,
+};
 
 /// A trial that could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -15,7 +19,7 @@ use crate::virtual_robot::{Condition, TrialError, TrialSettings, Truth, VirtualT
 pub enum SyntheticTrialError {
     /// The settings make no trial.
     #[error(transparent)]
-    Settings(#[from] TrialError),
+    Settings(#[from] TrialSettingsError),
     /// The sensor cannot be modelled.
     #[error(transparent)]
     Sensor(#[from] ModelError),

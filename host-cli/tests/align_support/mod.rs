@@ -4,7 +4,7 @@
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use shellcal::alignment::{Aligned, ClockMap, Recording};
-use shellcal::sensor_model::{Pair, PairSettings};
+use shellcal::simulation::sensor_model::{Pair, PairSettings};
 
 /// A minute of taps and pushes at the paper's noise, reference at 1 kHz, board at 100 Hz.
 pub(crate) const SESSION: PairSettings = PairSettings {

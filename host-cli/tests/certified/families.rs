@@ -1,8 +1,8 @@
 //! Families of problems made to be hard, each in its own way.
 
+use calibration::least_squares::{LeastSquaresError, Method};
 use faer::Mat;
 use num_rational::BigRational;
-use shellcal::calibration::least_squares::{LeastSquaresError, Method};
 
 use crate::exact;
 use crate::problem::{ALL_DIGITS, METHODS, Problem, digits, error, theory};

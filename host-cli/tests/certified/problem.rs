@@ -1,10 +1,10 @@
 //! A problem, its exact answer, and how many digits of it a method gets.
 
-use faer::Mat;
-use num_rational::BigRational;
-use shellcal::calibration::least_squares::{
+use calibration::least_squares::{
     Dense, LeastSquares, LeastSquaresError, Method, Ridge, solve_dense,
 };
+use faer::Mat;
+use num_rational::BigRational;
 
 use crate::exact;
 
@@ -89,7 +89,7 @@ pub(crate) fn error(solved: &Mat<f64>, truth: &[Vec<BigRational>], norms: &[f64]
 }
 
 /// The relative error that theory allows a method, up to a constant; see the table in
-/// [`shellcal::calibration::least_squares`].
+/// [`calibration::least_squares`].
 ///
 /// `solved` is the answer of the widest method.
 pub(crate) fn theory(method: Method, problem: &Problem, solved: &LeastSquares) -> f64 {

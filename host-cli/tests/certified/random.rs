@@ -1,8 +1,8 @@
 //! Ten thousand problems at random, with condition numbers from 1 to 10¹⁴ and planted losses of
 //! rank.
 
+use calibration::least_squares::{LeastSquaresError, Method};
 use faer::Mat;
-use shellcal::calibration::least_squares::{LeastSquaresError, Method};
 
 use crate::problem::{METHODS, Problem, error, theory};
 

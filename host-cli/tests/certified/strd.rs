@@ -1,9 +1,9 @@
 //! The eleven linear regressions of NIST's Statistical Reference Datasets.
 
+use calibration::double_double::DoubleDouble;
+use calibration::least_squares::Method;
 use faer::Mat;
 use num_rational::BigRational;
-use shellcal::calibration::least_squares::Method;
-use shellcal::double_double::DoubleDouble;
 
 use crate::exact;
 use crate::problem::{ALL_DIGITS, METHODS, Problem, digits};

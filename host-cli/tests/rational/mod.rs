@@ -3,12 +3,12 @@
 //! Whatever the lifting does, its result is checked: numerators and denominator satisfy the normal
 //! equations in integers.
 
+use calibration::model::Model;
 use num_bigint::{BigInt, Sign};
 use num_rational::BigRational;
 use num_traits::{One, Signed, ToPrimitive, Zero};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use shellcal::calibration::model::Model;
 
 /// Rows of a training set.
 #[derive(Clone)]

@@ -6,9 +6,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use shared_proto::{Framing, Packet, Sample, Values};
-use shellcal::block::Block;
-use shellcal::log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use shell_data::block::Block;
 use system_tests::on_the_wire;
 
 /// Frame `index` of a board at 100 Hz: its readings tell which it is.

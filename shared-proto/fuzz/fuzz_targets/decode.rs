@@ -1,4 +1,4 @@
-//! Any bytes, cut anywhere, into every decoder: `cargo +nightly fuzz run decode`.
+//! Any bytes, cut anywhere, into every decoder.
 //!
 //! The first byte says where to cut. Beyond not panicking: cutting must not change what comes out,
 //! and what comes out must survive being sent again.

@@ -5,8 +5,8 @@
 use proptest::prelude::*;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{
-    Answer, Board, Boot, Command, Decoder, Event, Framing, Identity, Packet, Piece, Refusal,
-    ResetCause, Sample, Status, Stream, Values,
+    Answer, Board, BoardId, Boot, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet,
+    Piece, Refusal, ResetCause, Sample, Status, Stream, Values,
 };
 
 /// The bytes of a packet as the host receives them.
@@ -26,27 +26,6 @@ pub fn decode(decoder: &mut Decoder, bytes: &[u8]) -> Vec<Event> {
     let mut events = Vec::new();
     decoder.feed(bytes, |event| events.push(event));
     events
-}
-
-/// SplitMix64 (Steele, Lea and Flood 2014): enough for faults, and the same everywhere.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    pub fn below(&mut self, bound: u64) -> u64 {
-        self.next() % bound
-    }
-
-    pub fn percent(&mut self, percent: u64) -> bool {
-        self.below(100) < percent
-    }
 }
 
 pub fn any_sample() -> impl Strategy<Value = Sample> {
@@ -77,64 +56,102 @@ fn any_command() -> impl Strategy<Value = Command> {
         any::<u16>().prop_map(|settling_us| Command::SetSettling { settling_us }),
         any_stream().prop_map(Command::SetStream),
         any::<(u32, u32)>().prop_map(|(size, crc32)| Command::BeginCalibration { size, crc32 }),
-        (any::<u16>(), prop::collection::vec(any::<u8>(), 0..=40)).prop_map(|(offset, data)| {
-            Command::CalibrationPiece { offset, data: Piece::copy_of(&data).expect("it fits") }
-        }),
+        (any::<u16>(), prop::collection::vec(any::<u8>(), 0..=MAX_PIECE)).prop_map(
+            |(offset, data)| {
+                Command::CalibrationPiece { offset, data: Piece::copy_of(&data).expect("it fits") }
+            }
+        ),
         any::<u16>().prop_map(|frames| Command::Zero { frames }),
-        (0x0D_u8..).prop_map(|code| Command::Unknown { code }),
+        any::<u16>().prop_map(|offset| Command::LastWords { offset }),
+        (0x0E_u8..).prop_map(|code| Command::Unknown { code }),
     ]
 }
 
 fn any_stream() -> impl Strategy<Value = Stream> {
-    prop_oneof![Just(Stream::Raw), Just(Stream::Wrench)]
+    (0..32_u8).prop_map(Stream::from_code)
 }
 
 fn any_answer() -> impl Strategy<Value = Answer> {
     prop_oneof![
         Just(Answer::Done),
-        prop::sample::select(Refusal::ALL).prop_map(Answer::Refused),
-        (prop::sample::select(Board::ALL), any::<([u8; 3], [u8; 12], u32)>()).prop_map(
+        any_refusal().prop_map(Answer::Refused),
+        (any_board(), any::<([u8; 3], [u8; 12], u32)>()).prop_map(
             |(board, (firmware, serial, min_period_us))| {
                 Answer::Identity(Identity { board, firmware, serial, min_period_us })
             }
         ),
-        (
-            any_stream(),
-            prop::sample::select(ResetCause::ALL),
-            any::<([bool; 3], [u32; 5], u8, [u16; 3], u32)>()
-        )
-            .prop_map(
-                |(stream, reset_cause, (flags, counts, conversions, shorts, crc))| {
-                    Answer::Status(Status {
-                        streaming: flags[0],
-                        calibrated: flags[1],
-                        zeroed: flags[2],
-                        stream,
-                        reset_cause,
-                        period_us: counts[0],
-                        conversions,
-                        settling_us: shorts[0],
-                        uptime_s: counts[1],
-                        frames: counts[2],
-                        late: counts[3],
-                        overflowed: counts[4],
-                        damaged: shorts[1],
-                        longest_frame_us: shorts[2],
-                        calibration_crc32: crc,
-                    })
-                }
-            ),
+        (any_stream(), any_cause(), any::<([bool; 3], [u32; 5], u8, [u16; 4], u32)>()).prop_map(
+            |(stream, reset_cause, (flags, counts, conversions, shorts, crc))| {
+                Answer::Status(Status {
+                    streaming: flags[0],
+                    calibrated: flags[1],
+                    zeroed: flags[2],
+                    stream,
+                    reset_cause,
+                    period_us: counts[0],
+                    conversions,
+                    settling_us: shorts[0],
+                    uptime_s: counts[1],
+                    frames: counts[2],
+                    late: counts[3],
+                    overflowed: counts[4],
+                    damaged: shorts[1],
+                    longest_frame_us: shorts[2],
+                    calibration_crc32: crc,
+                    foreign: shorts[3],
+                })
+            }
+        ),
+        (any::<u16>(), prop::collection::vec(any::<u8>(), 0..=MAX_PIECE)).prop_map(
+            |(len, text)| {
+                Answer::LastWords { len, text: Piece::copy_of(&text).expect("it fits") }
+            }
+        ),
+        (0x05_u8..).prop_map(|code| Answer::Other { code }),
     ]
+}
+
+fn any_board() -> impl Strategy<Value = Board> {
+    any::<u8>().prop_map(Board::from_code)
+}
+
+fn any_cause() -> impl Strategy<Value = ResetCause> {
+    any::<u8>().prop_map(ResetCause::from_code)
+}
+
+fn any_refusal() -> impl Strategy<Value = Refusal> {
+    let simple = [
+        Refusal::UnknownCommand,
+        Refusal::OtherVersion,
+        Refusal::OutOfRange,
+        Refusal::NoCalibration,
+        Refusal::NoUpload,
+        Refusal::WrongOffset,
+        Refusal::WrongSize,
+        Refusal::WrongCrc,
+        Refusal::BadCalibration,
+        Refusal::StorageFailed,
+    ];
+    prop_oneof![
+        prop::sample::select(simple.to_vec()),
+        any::<u32>().prop_map(|shortest_us| Refusal::PeriodTooShort { shortest_us }),
+        any::<u32>().prop_map(|shortest_us| Refusal::LineTooSlow { shortest_us }),
+        (13_u8..).prop_map(Refusal::Other),
+    ]
+}
+
+fn any_to() -> impl Strategy<Value = Option<BoardId>> {
+    any::<Option<[u8; 12]>>().prop_map(|serial| serial.map(|serial| BoardId::of_serial(&serial)))
 }
 
 pub fn any_packet() -> impl Strategy<Value = Packet> {
     prop_oneof![
         4 => any_sample().prop_map(Packet::Sample),
-        2 => (any::<u16>(), any_command())
-            .prop_map(|(number, command)| Packet::Command { number, command }),
+        2 => (any::<u16>(), any_to(), any_command())
+            .prop_map(|(number, to, command)| Packet::Command { number, to, command }),
         2 => (any::<u16>(), any_answer())
             .prop_map(|(number, answer)| Packet::Answer { number, answer }),
-        1 => (prop::sample::select(Board::ALL), any::<[u8; 3]>(), prop::sample::select(ResetCause::ALL))
+        1 => (any_board(), any::<[u8; 3]>(), any_cause())
             .prop_map(|(board, firmware, cause)| Packet::Boot(Boot { board, firmware, cause })),
     ]
 }

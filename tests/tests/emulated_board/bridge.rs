@@ -7,9 +7,9 @@
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread;
 use std::time::Duration;
@@ -38,7 +38,7 @@ pub enum BaseStation {
 
 /// A board in the emulator, and a pty that leads to it.
 pub struct EmulatedBoard {
-    qemu: Child,
+    emulator: Child,
     /// The host's end of the pty.
     pub port: String,
 }
@@ -50,19 +50,27 @@ struct Shared {
 }
 
 impl EmulatedBoard {
-    /// Starts an image; `dir` is for what lies in its memory.
+    /// Starts an image in QEMU; `dir` is for what lies in its memory.
+    #[allow(dead_code, reason = "tests of the flashed image have another emulator")]
     pub fn start(image: &Path, memory: &Memory, base: BaseStation, dir: &Path) -> Self {
+        Self::start_with(base, |address| {
+            let mut qemu = memory.start(image, dir).unwrap();
+            qemu.args(COUNTED_TIME).args(["-serial", &format!("tcp:{address},nodelay=on")]);
+            qemu
+        })
+    }
+
+    /// Starts an emulator by the command that connects its serial line to an address.
+    pub fn start_with(base: BaseStation, command: impl FnOnce(SocketAddr) -> Command) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = listener.local_addr().unwrap();
-        let mut qemu = memory.start(image, dir).unwrap();
-        qemu.args(COUNTED_TIME).args(["-serial", &format!("tcp:{address},nodelay=on")]);
-        let qemu = qemu.stdin(Stdio::null()).spawn().expect("QEMU is installed");
+        let mut command = command(listener.local_addr().unwrap());
+        let emulator = command.stdin(Stdio::null()).spawn().expect("the emulator is installed");
         let (serial, _) = listener.accept().unwrap();
         let (mut pty, host) = TTYPort::pair().unwrap();
         pty.set_timeout(Duration::from_millis(20)).unwrap();
         let port = host.name().unwrap();
         let shared = Arc::new(Shared {
-            emulator: Pid::from_raw(qemu.id().cast_signed()),
+            emulator: Pid::from_raw(emulator.id().cast_signed()),
             outgoing: Mutex::default(),
             arrived: Condvar::new(),
         });
@@ -72,14 +80,14 @@ impl EmulatedBoard {
         thread::spawn(move || here.take_from_board(from_board, base));
         thread::spawn(move || shared.give_to_host(pty));
         thread::spawn(move || give_to_board(from_host, serial, base));
-        Self { qemu, port }
+        Self { emulator, port }
     }
 }
 
 impl Drop for EmulatedBoard {
     fn drop(&mut self) {
-        _ = self.qemu.kill();
-        _ = self.qemu.wait();
+        _ = self.emulator.kill();
+        _ = self.emulator.wait();
     }
 }
 

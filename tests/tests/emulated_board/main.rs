@@ -14,10 +14,10 @@ use std::fs;
 use std::path::Path;
 
 use bridge::{BaseStation, EmulatedBoard};
+use calibration::Calibration;
 use shared_proto::xbee::Mode;
-use shellcal::calibration::Calibration;
+use shell_data::wrench::PerAxis;
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::wrench::PerAxis;
 use system_tests::emulation::{Memory, PlayedFrame, image};
 use system_tests::program::{
     Recording, finish, interrupt, number, run, run_patiently, start, wait_for_rows,
@@ -118,7 +118,7 @@ fn half_a_minute_at_100_hz_is_recorded_whole_and_as_it_was_played() {
     let identity = run_patiently(dir.path(), &format!("board {} identify", board.port), 0);
     assert!(identity.contains("emulated"), "{identity}");
 
-    let log = record(&board, dir.path(), "--calibration cal.json", 3_001);
+    let log = record(&board, dir.path(), "--calibration cal.json --no-tare --no-lowpass", 3_001);
     let status = stop(&board, dir.path(), "");
     assert!(log.rows() > 3_000);
     assert_eq!(log.numbers("index")[0], 0.0);

@@ -4,7 +4,7 @@
 use crate::{executor, front_end, time, uart};
 use cortex_m::peripheral::NVIC;
 use embassy_time::{Instant, Timer};
-use firmware::{Clock, Link, Parts, VERSION, Watchdog};
+use firmware::{Clock, LastWords, Link, Parts, VERSION, Watchdog};
 use semihosting::process::exit;
 use shared_proto::{Board, Identity, ResetCause};
 
@@ -90,6 +90,8 @@ async fn firmware(sender: uart::Sender, receiver: uart::Receiver) {
             min_period_us: 1_000,
         },
         reset_cause: ResetCause::Power,
+        last_words: LastWords::new(),
+        line_bytes_per_s: None,
     })
     .await;
 }

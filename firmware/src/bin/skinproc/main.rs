@@ -4,14 +4,22 @@
 //! |---|---|
 //! | PA0 … PA7 | photointerrupters 1 to 8 (ADC1, IN5 to IN12) |
 //! | PB0, PB1, PB3 … PB7, PA8 | their emitters, high is lit |
-//! | PA9, PA10, PA11, PA12 | XBee: TX, RX, CTS, RTS (USART1) |
+//! | PA9, PA10, PA11, PA12 | XBee: TX, RX (pulled up), CTS (pulled down), RTS (USART1) |
 //! | PA13, PA14 | debugger (SWD), defmt over RTT |
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
+mod ecc;
+#[cfg(target_os = "none")]
+mod faults;
+#[cfg(target_os = "none")]
 mod front_end;
 #[cfg(target_os = "none")]
+mod interrupts;
+#[cfg(target_os = "none")]
 mod last_words;
+#[cfg(target_os = "none")]
+mod pages;
 #[cfg(target_os = "none")]
 mod start;
 #[cfg(target_os = "none")]

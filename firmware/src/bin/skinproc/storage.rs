@@ -1,33 +1,92 @@
-//! The last page of the flash.
+//! The calibration's pages of the flash as a memory that slots are kept in.
 
+use core::ops::Range;
+
+use crate::{ecc, pages};
 use embassy_stm32::flash::{Blocking, Flash};
-use firmware::{RECORD, Record, Storage, StorageError};
+use embassy_stm32::pac;
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
 
-/// Offset and length of the last page in bytes (RM0394, table "Flash module organization").
-const PAGE: u32 = 254 * 1024;
-const PAGE_LEN: u32 = 2 * 1024;
+/// Bytes in a page, the least that can be erased (RM0394, table "Flash module organization").
+const PAGE: usize = 2 * 1024;
 
-/// The calibration's page.
+/// The calibration's pages as a memory of their own, in which nothing else can be reached.
 ///
-/// Erasing it stops the core for some 25 ms, for code runs from the same bank: frames that fall due
-/// meanwhile are counted as late.
-pub(crate) struct Page(pub(crate) Flash<'static, Blocking>);
+/// Erasing a page stops the core for some 25 ms, for code runs from the same bank: frames that fall
+/// due meanwhile are counted as late.
+pub(crate) struct Area {
+    flash: Flash<'static, Blocking>,
+    place: Range<u32>,
+}
 
-impl Storage for Page {
-    fn load(&mut self, record: &mut Record) {
-        if self.0.blocking_read(PAGE, record).is_err() {
-            *record = [0xFF; RECORD];
-        }
+impl Area {
+    pub(crate) fn new(flash: Flash<'static, Blocking>) -> Self {
+        Self { flash, place: pages::place() }
     }
 
-    fn store(&mut self, record: &Record) -> Result<(), StorageError> {
-        const { assert!(RECORD % 8 == 0, "flash is written in double words") };
-        let mut kept = [0; RECORD];
-        self.0
-            .blocking_erase(PAGE, PAGE + PAGE_LEN)
-            .and_then(|()| self.0.blocking_write(PAGE, record))
-            .and_then(|()| self.0.blocking_read(PAGE, &mut kept))
-            .map_err(|_| StorageError)?;
-        if kept == *record { Ok(()) } else { Err(StorageError) }
+    /// The place of `len` bytes in the flash.
+    fn locate(&self, offset: u32, len: usize) -> Result<u32, Failed> {
+        let inside = offset as usize + len <= self.place.len();
+        if inside { Ok(self.place.start + offset) } else { Err(Failed) }
     }
+}
+
+/// The flash did not do it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Failed;
+
+impl NorFlashError for Failed {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl ErrorType for Area {
+    type Error = Failed;
+}
+
+impl ReadNorFlash for Area {
+    const READ_SIZE: usize = 1;
+
+    /// A double word with two wrong bits, as a loss of power leaves them, is an error.
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+        let start = self.locate(offset, bytes.len())?;
+        ecc::forget();
+        self.flash.blocking_read(start, bytes).map_err(|_| Failed)?;
+        if ecc::has_failed() { Err(Failed) } else { Ok(()) }
+    }
+
+    fn capacity(&self) -> usize {
+        self.place.len()
+    }
+}
+
+impl NorFlash for Area {
+    const WRITE_SIZE: usize = 8;
+    const ERASE_SIZE: usize = PAGE;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
+        let len = to.checked_sub(from).ok_or(Failed)?;
+        let start = self.locate(from, len as usize)?;
+        let erased = self.flash.blocking_erase(start, start + len);
+        forget_cached();
+        erased.map_err(|_| Failed)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+        let start = self.locate(offset, bytes.len())?;
+        self.flash.blocking_write(start, bytes).map_err(|_| Failed)
+    }
+}
+
+/// Empties the data cache, which would go on showing what was erased. It can be reset only while it
+/// is off (RM0394, section 3.3.4).
+fn forget_cached() {
+    let acr = pac::FLASH.acr();
+    acr.modify(|acr| acr.set_dcen(false));
+    acr.modify(|acr| acr.set_dcrst(true));
+    acr.modify(|acr| acr.set_dcrst(false));
+    acr.modify(|acr| acr.set_dcen(true));
 }

@@ -3,6 +3,7 @@
 use clap::Parser;
 
 use crate::cmd::Command;
+use crate::printer::OutputArgs;
 
 /// From the recordings of an optical 6-axis force/torque shell to forces and moments.
 ///
@@ -15,18 +16,6 @@ pub(crate) struct Args {
 
     #[command(subcommand)]
     pub(crate) command: Command,
-}
-
-/// How much is said, and in which form.
-#[derive(Clone, Copy, Debug, clap::Args)]
-pub(crate) struct OutputArgs {
-    /// Print one JSON document instead of tables
-    #[arg(long, global = true)]
-    pub(crate) json: bool,
-
-    /// Print nothing but results and errors: no progress, no notes
-    #[arg(long, short, global = true)]
-    pub(crate) quiet: bool,
 }
 
 #[cfg(test)]

@@ -4,15 +4,16 @@ use std::error::Error;
 use std::io;
 
 use beam_channel::SetupError;
+use calibration::FitError;
+use calibration::validation::ValidationError;
+use log_file::{LogError, RowProblem};
 use shared_proto::Refusal;
 use shellcal::alignment::AlignError;
-use shellcal::calibration::FitError;
-use shellcal::calibration::validation::ValidationError;
 use shellcal::calibration_file::matrix::MatrixError;
 use shellcal::calibration_file::{CalibrationFileError, MergeError, Problem, SCHEMA_VERSION};
-use shellcal::filter::FilterError;
+use shellcal::forces::ForceError;
+use shellcal::forces::filter::FilterError;
 use shellcal::link::{LinkError, NotForBoard, RecordError};
-use shellcal::log_file::{LogError, RowProblem};
 use shellcal::output::OutputError;
 use shellcal::recording::NoFrame;
 use shellcal::trial::TrialError;
@@ -94,12 +95,15 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
         ConvertError::Channels(_) => CHANNELS,
         ConvertError::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
         ConvertError::TareTime { .. } => "`shellcal info` tells the times of a log",
-        ConvertError::NoRate { .. } => "say how many frames there are in a second with `--rate`",
-        ConvertError::Filter(FilterError::Cutoff { .. }) => {
-            "frames are fewer than rows where telemetry repeats them; choose a lower `--lowpass`, or \
-             `--all-rows`"
+        ConvertError::NoRate { .. } => {
+            "say how many rows there are in a second with `--rate`, or leave the filter out with `--no-lowpass`"
         }
-        ConvertError::Filter(FilterError::TooFewSamples { .. }) => "leave out `--zero-phase`",
+        ConvertError::Filter(FilterError::Cutoff { .. }) => {
+            "the low-pass runs at the rate of the log's rows; choose a lower `--lowpass`"
+        }
+        ConvertError::Filter(FilterError::TooFewSamples { .. }) => {
+            "filter forward only with `--causal`, or not at all with `--no-lowpass`"
+        }
         ConvertError::NoCovariance => {
             "leave out `--interval`, and `se` of `--columns`; calibrations made by `shellcal fit` have a covariance"
         }
@@ -118,7 +122,7 @@ fn after_trial(error: &TrialLogError) -> Option<&'static str> {
             "times are in s on the log's clock; `shellcal info` tells from when to when it runs"
         }
         TrialError::Backward { .. } => "cut the log there: its parts are two recordings",
-        TrialError::TareFrames { .. } => {
+        TrialError::Forces(ForceError::TareFrames { .. }) => {
             "take fewer frames with `--tare`, or name a time with `--tare-time`"
         }
         TrialError::Channels { .. } => CHANNELS,
@@ -189,10 +193,14 @@ fn after_link(error: &LinkError) -> Option<&'static str> {
         LinkError::Refused { refusal: Refusal::NoCalibration, .. } => {
             "upload one: `shellcal board PORT upload CAL`"
         }
-        LinkError::Refused { refusal: Refusal::PeriodTooShort, .. } => {
+        LinkError::Refused { refusal: Refusal::PeriodTooShort { .. }, .. } => {
             "choose a lower rate, or fewer conversions and less settling: `shellcal board PORT \
              sampling`"
         }
+        LinkError::Refused { refusal: Refusal::LineTooSlow { .. }, .. } => {
+            "choose a lower rate, or stream readings in place of wrenches"
+        }
+        LinkError::SeveralBoards { .. } => "name one of them with `--board SERIAL`",
         LinkError::NotKept { .. } => "upload it again",
         _ => return None,
     })
@@ -212,7 +220,7 @@ fn after_recording(error: &RecordError) -> Option<&'static str> {
         }
         RecordError::NoFrame { problem: NoFrame::OtherVersion { .. }, .. } => VERSIONS,
         RecordError::Silence { .. } | RecordError::NotStreaming { .. } => {
-            "a board streams when told to: `--start`, or `shellcal board PORT start`"
+            "a board streams once it is started: `--start`, or `shellcal board PORT start`"
         }
         _ => return None,
     })

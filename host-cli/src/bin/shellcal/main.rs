@@ -3,6 +3,7 @@
 mod args;
 mod cmd;
 mod hints;
+mod outcome;
 mod printer;
 
 use std::process::ExitCode;

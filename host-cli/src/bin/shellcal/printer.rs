@@ -7,11 +7,21 @@ use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyl
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
-use crate::args::OutputArgs;
-
 /// Tables as papers set them: a rule below the header and no other lines.
 const TABLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+
+/// How much is said, and in which form.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct OutputArgs {
+    /// Print one JSON document instead of tables
+    #[arg(long, global = true)]
+    json: bool,
+
+    /// Print nothing but results and errors: no progress, no notes
+    #[arg(long, short, global = true)]
+    quiet: bool,
+}
 
 /// Where a command's results and remarks go.
 #[derive(Debug)]

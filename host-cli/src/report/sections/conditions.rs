@@ -2,11 +2,11 @@
 
 use super::super::Report;
 use super::super::markup::{Cell, figure, table};
-use super::super::numbers::{BoxPlot, Numbers, PhasePlot};
-use super::{capital, plot_figure, range, short};
-use crate::trial::{Interval, Per, Quantity};
+use super::super::numbers::{BoxPlot, PhasePlot, ReportNumbers};
+use super::parts::{capital, plot_figure, range, short};
+use crate::trial::{ConditionRow, Interval, Per, Quantity};
 
-pub(super) fn conditions(report: &Report<'_>, numbers: &Numbers) -> String {
+pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     let mut html = String::new();
     html.push_str("<div class=\"plots\">\n");
     for (at, plot) in numbers.boxes.iter().enumerate() {
@@ -15,29 +15,8 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &Numbers) -> String {
     }
     html.push_str("</div>\n");
     for quantity in Quantity::ALL {
-        let rows: Vec<Vec<Cell>> = report
-            .conditions
-            .iter()
-            .filter(|row| row.quantity == quantity)
-            .map(|row| {
-                let s = &row.statistics;
-                let difference = row.difference.as_ref();
-                vec![
-                    Cell::Text(row.condition.clone()),
-                    Cell::from(row.per.name()),
-                    Cell::from(s.n as u64),
-                    short(s.mean),
-                    range(s.mean_95),
-                    short(s.sd),
-                    short(s.median),
-                    range(Some(Interval { low: s.q1, high: s.q3 })),
-                    range(Some(Interval { low: s.whisker_low, high: s.whisker_high })),
-                    Cell::from(s.outliers.len() as u64),
-                    short(difference.map(|difference| difference.mean)),
-                    range(difference.and_then(|difference| difference.mean_95)),
-                ]
-            })
-            .collect();
+        let of_quantity = report.conditions.iter().filter(|row| row.quantity == quantity);
+        let rows: Vec<Vec<Cell>> = of_quantity.map(condition_cells).collect();
         if rows.is_empty() {
             continue;
         }
@@ -78,7 +57,26 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &Numbers) -> String {
     html
 }
 
-pub(super) fn phase(numbers: &Numbers) -> String {
+fn condition_cells(row: &ConditionRow) -> Vec<Cell> {
+    let s = &row.statistics;
+    let difference = row.difference.as_ref();
+    vec![
+        Cell::Text(row.condition.clone()),
+        Cell::from(row.per.name()),
+        Cell::from(s.n as u64),
+        short(s.mean),
+        range(s.mean_95),
+        short(s.sd),
+        short(s.median),
+        range(Some(Interval { low: s.q1, high: s.q3 })),
+        range(Some(Interval { low: s.whisker_low, high: s.whisker_high })),
+        Cell::from(s.outliers.len() as u64),
+        short(difference.map(|difference| difference.mean)),
+        range(difference.and_then(|difference| difference.mean_95)),
+    ]
+}
+
+pub(super) fn phase(numbers: &ReportNumbers) -> String {
     if numbers.phases.is_empty() {
         return String::new();
     }

@@ -2,21 +2,23 @@
 
 mod calibration;
 mod conditions;
+mod parts;
 mod trials;
 
 use std::fmt::Write;
 
 use calibration::calibration;
 use conditions::{conditions, phase};
+use parts::facts_table;
 use trials::trials;
 
 use super::Report;
-use super::markup::{Cell, escape, significant, table};
-use super::numbers::Numbers;
-use crate::trial::{Interval, Severity};
+use super::markup::{Cell, escape, table};
+use super::numbers::ReportNumbers;
+use crate::trial::Severity;
 
 /// All of it.
-pub(super) fn body(report: &Report<'_>, numbers: &Numbers) -> String {
+pub(super) fn body(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     let mut html = String::new();
     let count = report.trials.len();
     let _ = write!(
@@ -77,18 +79,18 @@ fn warnings(report: &Report<'_>) -> String {
             "<li class=\"warning\"><strong>Not evaluated:</strong> {file}: {reason}</li>"
         );
     }
-    // A line for each kind of remark: its first, and how many more there are.
+    // A line for each kind of diagnostic: its first, and how many more there are.
     let mut kinds: Vec<(Severity, &str, String, usize)> = Vec::new();
     for trial in report.trials {
-        for remark in &trial.remarks {
+        for diagnostic in &trial.diagnostics {
             match kinds
                 .iter_mut()
-                .find(|known| (known.0, known.1) == (remark.severity(), remark.code()))
+                .find(|known| (known.0, known.1) == (diagnostic.severity(), diagnostic.code()))
             {
                 Some((_, _, _, more)) => *more += 1,
                 None => {
-                    let text = format!("{}: {remark}", trial.row.file);
-                    kinds.push((remark.severity(), remark.code(), text, 0));
+                    let text = format!("{}: {diagnostic}", trial.row.file);
+                    kinds.push((diagnostic.severity(), diagnostic.code(), text, 0));
                 }
             }
         }
@@ -137,45 +139,4 @@ fn origin(report: &Report<'_>) -> String {
         .collect();
     html += &table("What went in", &header, &rows);
     html
-}
-
-fn facts_table(caption: &str, facts: &[(&str, String)]) -> String {
-    let rows: Vec<Vec<Cell>> = facts
-        .iter()
-        .map(|(name, value)| vec![Cell::from(*name), Cell::Long(value.clone())])
-        .collect();
-    table(caption, &[("", true), ("", true)], &rows)
-}
-
-fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> String {
-    let (alt, caption) = (escape(alt), escape(caption));
-    format!(
-        "<figure>\n<div id=\"{id}\" class=\"plot{class}\" role=\"img\" aria-label=\"{alt}\"></div>\n\
-         <div class=\"keys\" role=\"group\" aria-label=\"Show and hide\"></div>\n\
-         <figcaption>{caption}</figcaption>\n</figure>\n"
-    )
-}
-
-fn interval(interval: Option<Interval>) -> Cell {
-    digits_of(interval, 4)
-}
-
-/// In three digits: wide tables are to be short.
-fn range(interval: Option<Interval>) -> Cell {
-    digits_of(interval, 3)
-}
-
-fn digits_of(interval: Option<Interval>, digits: i32) -> Cell {
-    Cell::Figure(interval.map_or("–".to_owned(), |Interval { low, high }| {
-        format!("{} … {}", significant(low, digits), significant(high, digits))
-    }))
-}
-
-fn short(value: impl Into<Option<f64>>) -> Cell {
-    Cell::Figure(significant(value, 3))
-}
-
-fn capital(text: &str) -> String {
-    let mut letters = text.chars();
-    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }

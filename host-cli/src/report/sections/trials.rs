@@ -3,12 +3,12 @@
 use std::fmt::Write;
 
 use super::super::markup::{Cell, escape, figure, table};
-use super::super::numbers::Numbers;
+use super::super::numbers::{ReportNumbers, TrialPlot};
 use super::super::{MOST_TRACES, Report};
-use super::{interval, plot_figure};
-use crate::trial::{StrideRow, TrialResult};
+use super::parts::{interval, plot_figure};
+use crate::trial::{StrideRow, TrialResult, TrialRow};
 
-pub(super) fn trials(report: &Report<'_>, numbers: &Numbers) -> String {
+pub(super) fn trials(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     if report.trials.is_empty() {
         return String::new();
     }
@@ -53,28 +53,35 @@ pub(super) fn trials(report: &Report<'_>, numbers: &Numbers) -> String {
             figure(row.t_exit_s)
         );
         if let Some(plot) = &numbers.trials[at] {
-            if plot.drag_n.is_some() {
-                let alt = format!(
-                    "Drag and lift over time of {}: mean drag {} N, mean lift {} N in the window",
-                    row.file,
-                    figure(row.drag_mean_n),
-                    figure(row.lift_mean_n)
-                );
-                let caption = "Drag (−Fx) and lift (Fz); grey: the robot gets into the channel or out of \
-                               it; pink: it is fully inside";
-                html += &plot_figure(&format!("forces-{at}"), "", &alt, caption);
-            }
-            let alt = format!(
-                "Forces, leg angles and power over time of {}: mean power {} W in the window",
-                row.file,
-                figure(row.mean_power_w)
-            );
-            let caption = "Forces, leg angles within a turn, and electrical power of both motors";
-            html += &plot_figure(&format!("stack-{at}"), " stack", &alt, caption);
+            html += &trial_plots(at, row, plot);
         }
         html += &strides(&trial.stride_rows);
         html.push_str("</details>\n");
     }
+    html
+}
+
+/// Where the plots of a trial are drawn.
+fn trial_plots(at: usize, row: &TrialRow, plot: &TrialPlot) -> String {
+    let mut html = String::new();
+    if plot.drag_n.is_some() {
+        let alt = format!(
+            "Drag and lift over time of {}: mean drag {} N, mean lift {} N in the window",
+            row.file,
+            figure(row.drag_mean_n),
+            figure(row.lift_mean_n)
+        );
+        let caption = "Drag (−Fx) and lift (Fz); grey: the robot gets into the channel or out of \
+                       it; pink: it is fully inside";
+        html += &plot_figure(&format!("forces-{at}"), "", &alt, caption);
+    }
+    let alt = format!(
+        "Forces, leg angles and power over time of {}: mean power {} W in the window",
+        row.file,
+        figure(row.mean_power_w)
+    );
+    let caption = "Forces, leg angles within a turn, and electrical power of both motors";
+    html += &plot_figure(&format!("stack-{at}"), " stack", &alt, caption);
     html
 }
 

@@ -2,7 +2,8 @@
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use super::{Fields, KEYS, Manifest, Place, Placed, Problem, REQUIRED, did_you_mean};
+use super::entry::{Manifest, ManifestProblem, Place, Placed};
+use super::fields::{Fields, KEYS, REQUIRED, did_you_mean};
 
 /// Other names that columns go by.
 const OTHER_NAMES: [(&str, &str); 9] = [
@@ -17,7 +18,7 @@ const OTHER_NAMES: [(&str, &str); 9] = [
     ("note", "notes"),
 ];
 
-pub(super) fn parse(text: &str) -> Result<Manifest, Problem> {
+pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let is_header = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
     let first = text.lines().find(is_header).unwrap_or_default();
@@ -53,12 +54,15 @@ pub(super) fn parse(text: &str) -> Result<Manifest, Problem> {
     Ok(manifest)
 }
 
-fn problem_at(place: Place, message: String) -> Problem {
-    Problem { place, message }
+fn problem_at(place: Place, message: String) -> ManifestProblem {
+    ManifestProblem { place, message }
 }
 
 /// What each column is.
-fn header(record: &StringRecord, lexed: &Lexed) -> Result<Vec<Option<&'static str>>, Problem> {
+fn header(
+    record: &StringRecord,
+    lexed: &Lexed,
+) -> Result<Vec<Option<&'static str>>, ManifestProblem> {
     let mut keys: Vec<Option<&'static str>> = Vec::new();
     for (i, name) in record.iter().enumerate() {
         let plain = name.to_lowercase().replace([' ', '-'], "_");
@@ -87,7 +91,7 @@ fn row(
     keys: &[Option<&str>],
     record: &StringRecord,
     lexed: &Lexed,
-) -> Result<super::Entry, Problem> {
+) -> Result<super::Entry, ManifestProblem> {
     if record.len() > keys.len() {
         let message = format!("{} fields, the header has {}", record.len(), keys.len());
         return Err(problem_at(lexed.field(keys.len()), message));
@@ -147,7 +151,7 @@ mod tests {
 
     const HEADER: &str = "file,condition,t_enter_s,t_exit_s";
 
-    fn rows(text: &str) -> Vec<Result<Entry, Problem>> {
+    fn rows(text: &str) -> Vec<Result<Entry, ManifestProblem>> {
         Manifest::parse(text, false).unwrap().rows
     }
 

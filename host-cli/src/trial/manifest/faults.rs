@@ -3,10 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-use super::{Entry, Manifest, Moment, Place, Problem, did_you_mean, suggest};
-
-/// Something about a manifest that is not wrong, but may well be.
-pub type Remarkable = Problem;
+use super::entry::{Entry, Manifest, ManifestProblem, Moment, Place};
+use super::fields::{did_you_mean, suggest};
 
 /// A row that cannot be evaluated, by its number among the manifest's rows.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,7 +12,7 @@ pub struct Fault {
     /// The row, from 0.
     pub row: usize,
     /// What is wrong.
-    pub problem: Problem,
+    pub problem: ManifestProblem,
 }
 
 impl Manifest {
@@ -35,7 +33,7 @@ impl Manifest {
                     moment(twin.enter.value),
                     moment(twin.exit.value)
                 );
-                let problem = Problem { place: entry.enter.place, message };
+                let problem = ManifestProblem { place: entry.enter.place, message };
                 faults.push(Fault { row, problem });
                 continue;
             }
@@ -44,7 +42,10 @@ impl Manifest {
             if let Some(declared) = declared.filter(|known| !known.contains(&condition.value)) {
                 let hint = did_you_mean(&condition.value, declared.iter().map(String::as_str));
                 let message = format!("`{}` is none of the conditions{hint}", condition.value);
-                faults.push(Fault { row, problem: Problem { place: condition.place, message } });
+                faults.push(Fault {
+                    row,
+                    problem: ManifestProblem { place: condition.place, message },
+                });
             }
         }
         faults
@@ -52,7 +53,7 @@ impl Manifest {
 
     /// Conditions that are likely mistyped: the same as another but for case, spaces and punctuation,
     /// or there once only and one letter away from one that is there more often.
-    pub fn remarkable(&self) -> Vec<Remarkable> {
+    pub fn suspicious(&self) -> Vec<ManifestProblem> {
         if self.conditions.is_some() {
             return Vec::new();
         }
@@ -74,7 +75,7 @@ impl Manifest {
             });
             if let Some(other) = suggest(name, like.map(|(other, _)| *other)) {
                 let message = format!("condition `{name}`, did you mean `{other}`?");
-                remarks.push(Problem { place, message });
+                remarks.push(ManifestProblem { place, message });
             }
         }
         remarks.sort_by_key(|problem| problem.place);
@@ -122,7 +123,7 @@ mod tests {
         Manifest::parse(&format!("file,condition,t_enter_s,t_exit_s\n{rows}"), false).unwrap()
     }
 
-    fn messages(problems: impl IntoIterator<Item = Problem>) -> Vec<String> {
+    fn messages(problems: impl IntoIterator<Item = ManifestProblem>) -> Vec<String> {
         problems.into_iter().map(|problem| problem.to_string()).collect()
     }
 
@@ -153,7 +154,7 @@ mod tests {
         let slips =
             manifest("a,free,1,3\nb,free,1,3\nc,fere,1,3\nd,3 cm,1,3\ne,3cm,1,3\nf,3 cm,1,3\n");
         assert_eq!(
-            messages(slips.remarkable()),
+            messages(slips.suspicious()),
             [
                 "4:3: condition `fere`, did you mean `free`?",
                 "6:3: condition `3cm`, did you mean `3 cm`?"
@@ -162,6 +163,6 @@ mod tests {
         let honest = manifest(
             "a,0,1,3\nb,0,1,3\nc,1,1,3\nd,free,1,3\ne,10 cm,1,3\nf,11 cm,1,3\ng,11 cm,1,3\n",
         );
-        assert_eq!(messages(honest.remarkable()), [""; 0]);
+        assert_eq!(messages(honest.suspicious()), [""; 0]);
     }
 }

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
-use super::{Fields, KEYS, Manifest, Place, Placed, Problem, did_you_mean};
+use super::entry::{Manifest, ManifestProblem, Place, Placed};
+use super::fields::{Fields, KEYS, did_you_mean};
 use crate::trial::toml_place::{TomlError, parse as parse_toml};
 
 #[derive(Deserialize)]
@@ -16,10 +17,10 @@ struct Document {
     trial: Vec<Spanned<BTreeMap<String, Spanned<Value>>>>,
 }
 
-pub(super) fn parse(text: &str) -> Result<Manifest, Problem> {
+pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     let document: Document = parse_toml(text).map_err(|error| {
         let place = Place { line: error.line, column: error.column };
-        Problem { place, message: error.message }
+        ManifestProblem { place, message: error.message }
     })?;
     let place = |byte: usize| {
         let TomlError { line, column, .. } = TomlError::at(text, byte, String::new());
@@ -37,7 +38,7 @@ pub(super) fn parse(text: &str) -> Result<Manifest, Problem> {
                     true => format!("`{key}` is no single value"),
                     false => format!("unknown key `{key}`{hint}"),
                 };
-                return Err(Problem { place: place(value.span().start), message });
+                return Err(ManifestProblem { place: place(value.span().start), message });
             }
         }
         let get = |key: &str| {

@@ -1,19 +1,19 @@
-//! How well the data tell when a stay begins and ends.
+//! How well the data tell when a plateau begins and ends.
 
-use super::stay::{Fit, Stay};
+use super::plateau::{DragPlateau, PlateauFit};
 
 /// Standard errors of level, entry and exit; infinite where the data do not tell.
-pub(super) fn standard_errors(points: &[(f64, f64)], fit: &Fit) -> [f64; 3] {
+pub(super) fn standard_errors(points: &[(f64, f64)], fit: &PlateauFit) -> [f64; 3] {
     const UNKNOWNS: usize = 5;
     let n = points.len();
-    let model = |stay: &Stay, time_s: f64| fit.outside + fit.drag * stay.share(time_s);
+    let model = |plateau: &DragPlateau, time_s: f64| fit.outside + fit.drag * plateau.share(time_s);
     let residuals: Vec<f64> =
-        points.iter().map(|&(time_s, drag)| drag - model(&fit.stay, time_s)).collect();
-    let step_s = 1e-3 * (fit.stay.exit - fit.stay.enter);
-    let moved = |enter: f64, exit: f64, ramp: f64| Stay {
-        enter: fit.stay.enter + enter,
-        exit: fit.stay.exit + exit,
-        ramp: fit.stay.ramp + ramp,
+        points.iter().map(|&(time_s, drag)| drag - model(&fit.plateau, time_s)).collect();
+    let step_s = 1e-3 * (fit.plateau.exit - fit.plateau.enter);
+    let moved = |enter: f64, exit: f64, ramp: f64| DragPlateau {
+        enter: fit.plateau.enter + enter,
+        exit: fit.plateau.exit + exit,
+        ramp: fit.plateau.ramp + ramp,
     };
     let slope = |to: [f64; 3], by: f64, time_s: f64| {
         let [a, b, c] = to;
@@ -24,7 +24,7 @@ pub(super) fn standard_errors(points: &[(f64, f64)], fit: &Fit) -> [f64; 3] {
     let mut normal = [[0.0; UNKNOWNS]; UNKNOWNS];
     for &(time_s, _) in points {
         let row = [
-            fit.stay.share(time_s),
+            fit.plateau.share(time_s),
             slope([step_s, 0.0, 0.0], step_s, time_s),
             slope([0.0, step_s, 0.0], step_s, time_s),
             slope([0.0, 0.0, 1e-3], 1e-3, time_s),

@@ -1,23 +1,23 @@
 //! When the robot was in the channel, from the drag alone: a proposal, with how sure it is.
 //!
-//! Drag over time is compared with a stay in a channel: none, rising while the robot gets in, level,
+//! Drag over time is compared with a plateau: none, rising while the robot gets in, level,
 //! falling while it gets out, none, over a constant. It rises and falls smoothly: the nose of a
 //! rounded shell bends its first beam but little. All pairs of entry and exit are
 //! tried on a coarse grid with level and constant by least squares, and the best is refined by
 //! steps that are halved. The drag is averaged over a stride first, so that the legs' shaking does
 //! not count.
 //!
-//! The *confidence* is the share of the slow variation of the drag that the stay explains (R²): a
+//! The *confidence* is the share of the slow variation of the drag that the plateau explains (R²): a
 //! drag that comes and goes several times, or drowns in what else moves, has a low one. Standard
 //! errors are those of non-linear least squares, with the residuals' variance enlarged by their
 //! correlation time, as neighbouring residuals are alike (Bartlett, J. R. Statist. Soc. B 8, 27,
 //! 1946).
 
 mod errors;
-mod stay;
+mod plateau;
 
 use errors::standard_errors;
-use stay::{Fit, Stay, refine, search};
+use plateau::{DragPlateau, PlateauFit, refine, search};
 
 /// Stretches that a log is averaged in.
 const BINS: usize = 240;
@@ -49,7 +49,7 @@ pub struct Proposal {
     pub drag_se_n: f64,
     /// Drag outside the window, N: what the tare has left.
     pub outside_n: f64,
-    /// Share of the slow variation of the drag that the stay explains, 0 to 1.
+    /// Share of the slow variation of the drag that the plateau explains, 0 to 1.
     pub confidence: f64,
 }
 
@@ -62,8 +62,8 @@ impl Proposal {
     /// The drag that it takes the robot to have felt at `time_s`, N.
     pub fn drag_at(&self, time_s: f64) -> f64 {
         let ramp = self.ramp_s / (self.t_exit_s - self.t_enter_s);
-        let stay = Stay { enter: self.t_enter_s, exit: self.t_exit_s, ramp };
-        self.outside_n + self.drag_n * stay.share(time_s)
+        let plateau = DragPlateau { enter: self.t_enter_s, exit: self.t_exit_s, ramp };
+        self.outside_n + self.drag_n * plateau.share(time_s)
     }
 }
 
@@ -71,7 +71,7 @@ impl Proposal {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoWindow {
-    /// Nothing to tell an onset from.
+    /// Too few rows to find an onset in.
     #[error("{rows} rows of force over {duration_s:.3} s are too few to find a window in")]
     TooShort {
         /// Rows with a force.
@@ -79,7 +79,7 @@ pub enum NoWindow {
         /// Time that they cover, s.
         duration_s: f64,
     },
-    /// What there is, is no drag, or not more than chance makes.
+    /// There is no drag, or no more than chance makes.
     #[error(
         "no sustained drag: the best stretch, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
@@ -94,7 +94,7 @@ pub enum NoWindow {
         /// The standard error of that, N.
         drag_se_n: f64,
     },
-    /// Drag, but not of one stay in a channel.
+    /// There is drag, but not one plateau of it.
     #[error(
         "onset and end of the drag are not clear: {t_enter_s:.2} s to {t_exit_s:.2} s explains \
          {:.0} % of its variation", 100.0 * confidence
@@ -107,8 +107,8 @@ pub enum NoWindow {
         /// Share of the variation that it explains.
         confidence: f64,
     },
-    /// The log starts or ends amid the drag.
-    #[error("the log {} amid the drag: it holds no whole window", if *at_start { "starts" } else { "ends" })]
+    /// The log starts or ends within the drag.
+    #[error("the log {} within the drag: it holds no whole window", if *at_start { "starts" } else { "ends" })]
     Cut {
         /// Whether it is the start.
         at_start: bool,
@@ -169,12 +169,12 @@ fn slow_points(rows: &[(f64, f64)], first: f64, bin_s: f64, width_s: f64) -> Vec
 
 fn judge(
     points: &[(f64, f64)],
-    fit: Fit,
+    fit: PlateauFit,
     [first, last]: [f64; 2],
     margin_s: f64,
 ) -> Result<Proposal, NoWindow> {
-    let Fit { stay, drag, outside, residual } = fit;
-    let (t_enter_s, t_exit_s) = (stay.enter, stay.exit);
+    let PlateauFit { plateau, drag, outside, residual } = fit;
+    let (t_enter_s, t_exit_s) = (plateau.enter, plateau.exit);
     let mean = points.iter().map(|point| point.1).sum::<f64>() / points.len() as f64;
     let total: f64 = points.iter().map(|point| (point.1 - mean).powi(2)).sum();
     let confidence = if total > 0.0 { (1.0 - residual / total).clamp(0.0, 1.0) } else { 0.0 };
@@ -193,7 +193,7 @@ fn judge(
         t_exit_s,
         t_enter_se_s,
         t_exit_se_s,
-        ramp_s: stay.ramp * (t_exit_s - t_enter_s),
+        ramp_s: plateau.ramp * (t_exit_s - t_enter_s),
         drag_n: drag,
         drag_se_n,
         outside_n: outside,
@@ -204,7 +204,7 @@ fn judge(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+    use crate::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 
     /// Time and true drag of a trial at 100 Hz, with noise of a deterministic kind.
     fn trial(name: &str, seed: u64) -> (VirtualTrial, Vec<f64>, Vec<f64>) {
@@ -258,10 +258,10 @@ mod tests {
     }
 
     #[test]
-    fn a_stay_without_noise_is_found_exactly() {
-        let stay = Stay { enter: 2.345, exit: 7.654, ramp: 0.21 };
+    fn a_plateau_without_noise_is_found_exactly() {
+        let plateau = DragPlateau { enter: 2.345, exit: 7.654, ramp: 0.21 };
         let time_s: Vec<f64> = (0..10_000).map(|i| 1e-3 * f64::from(i)).collect();
-        let drag_n: Vec<f64> = time_s.iter().map(|&t| 0.02 + 0.3 * stay.share(t)).collect();
+        let drag_n: Vec<f64> = time_s.iter().map(|&t| 0.02 + 0.3 * plateau.share(t)).collect();
         let found = propose_window(&time_s, &drag_n, Some(0.04)).unwrap();
         // Steps end at a hundredth of a bin of 42 ms; averaging rounds the corners.
         assert!((found.t_enter_s - 2.345).abs() < 2e-3, "{found:?}");
@@ -271,8 +271,8 @@ mod tests {
     }
 
     #[test]
-    fn two_stays_are_not_taken_for_one() {
-        let share = |t: f64, enter| Stay { enter, exit: enter + 2.0, ramp: 0.1 }.share(t);
+    fn two_plateaus_are_not_taken_for_one() {
+        let share = |t: f64, enter| DragPlateau { enter, exit: enter + 2.0, ramp: 0.1 }.share(t);
         let time_s: Vec<f64> = (0..12_000).map(|i| 1e-3 * f64::from(i)).collect();
         let drag_n: Vec<f64> =
             time_s.iter().map(|&t| 0.2 * (share(t, 1.0) + share(t, 8.0))).collect();
@@ -284,10 +284,10 @@ mod tests {
     }
 
     #[test]
-    fn a_log_that_ends_amid_the_drag_holds_no_window() {
-        let stay = Stay { enter: 3.0, exit: 30.0, ramp: 0.03 };
+    fn a_log_that_ends_within_the_drag_holds_no_window() {
+        let plateau = DragPlateau { enter: 3.0, exit: 30.0, ramp: 0.03 };
         let time_s: Vec<f64> = (0..10_000).map(|i| 1e-3 * f64::from(i)).collect();
-        let drag_n: Vec<f64> = time_s.iter().map(|&t| 0.3 * stay.share(t)).collect();
+        let drag_n: Vec<f64> = time_s.iter().map(|&t| 0.3 * plateau.share(t)).collect();
         assert_eq!(propose_window(&time_s, &drag_n, None), Err(NoWindow::Cut { at_start: false }));
         let upside_down: Vec<f64> = drag_n.iter().map(|drag| -drag).collect();
         assert!(propose_window(&time_s, &upside_down, None).is_err());

@@ -1,14 +1,15 @@
 //! Some frames of a log, converted.
 
-use super::ConvertOptions;
-use crate::block::Block;
-use crate::calibration::Calibration;
-use crate::calibration::uncertainty::Tare;
-use crate::wrench::PerAxis;
+use super::job::ConvertOptions;
+use crate::forces::ForcePipeline;
+use crate::workflow::selection::Rows;
+use calibration::Calibration;
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
 
 /// Consecutive frames, column by column. Columns that were not asked for are empty.
 #[derive(Debug, Default)]
-pub(super) struct Frames {
+pub(super) struct ConvertedFrames {
     pub(super) time_s: Vec<f64>,
     pub(super) wrench: PerAxis<Vec<f64>>,
     pub(super) standard_errors: PerAxis<Vec<f64>>,
@@ -19,52 +20,106 @@ pub(super) struct Frames {
     pub(super) saturated: Vec<u64>,
 }
 
+/// Consecutive rows of a log, and the frames that are written of them.
+#[derive(Debug, Default)]
+pub(super) struct ConvertedRows {
+    /// Time of every row, s.
+    pub(super) time_s: Vec<f64>,
+    /// The wrench of every row, tared.
+    pub(super) wrench: PerAxis<Vec<f64>>,
+    /// Whether a row is written.
+    pub(super) written: Vec<bool>,
+    /// What is written; without wrenches if those are to be filtered.
+    pub(super) frames: ConvertedFrames,
+}
+
 /// What turns readings into frames.
 pub(super) struct Converter<'a> {
     pub(super) calibration: &'a Calibration,
-    pub(super) tare: Option<&'a Tare>,
+    pub(super) pipeline: &'a ForcePipeline,
     pub(super) options: &'a ConvertOptions,
 }
 
-impl Frames {
+impl ConvertedFrames {
+    /// Number of frames.
     pub(super) fn len(&self) -> usize {
-        self.wrench[0].len()
+        self.out_of_range.len()
     }
 
-    /// Adds the frames that follow.
+    /// Adds the frames that follow; their wrenches are added by whoever filters them.
     pub(super) fn append(&mut self, mut next: Self) {
         self.time_s.append(&mut next.time_s);
         self.out_of_range.append(&mut next.out_of_range);
         self.saturated.append(&mut next.saturated);
-        for (column, next) in self.wrench.iter_mut().zip(&mut next.wrench) {
-            column.append(next);
-        }
         for (column, next) in self.standard_errors.iter_mut().zip(&mut next.standard_errors) {
             column.append(next);
+        }
+    }
+
+    /// Takes the first `count` frames, whose wrenches are `wrench`.
+    pub(super) fn take_first(&mut self, count: usize, wrench: PerAxis<Vec<f64>>) -> Self {
+        fn first<T>(column: &mut Vec<T>, count: usize) -> Vec<T> {
+            column.drain(..count.min(column.len())).collect()
+        }
+        Self {
+            time_s: first(&mut self.time_s, count),
+            wrench,
+            standard_errors: self.standard_errors.each_mut().map(|column| first(column, count)),
+            out_of_range: first(&mut self.out_of_range, count),
+            saturated: first(&mut self.saturated, count),
         }
     }
 }
 
 impl Converter<'_> {
-    pub(super) fn convert(&self, block: &mut Block) -> Frames {
-        let Self { calibration, tare, options } = self;
-        let mut frames = Frames { time_s: std::mem::take(&mut block.time_s), ..Frames::default() };
-        calibration.wrench(&block.readings, &mut frames.wrench);
-        if let Some(tare) = tare {
-            for (column, tare) in frames.wrench.iter_mut().zip(tare.wrench) {
-                column.iter_mut().for_each(|value| *value -= tare);
-            }
+    pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
+        if self.pipeline.low_pass().is_none() {
+            self.options.rows.select(block);
+            let wrench = self.pipeline.wrench(self.calibration, &block.readings);
+            let frames = ConvertedFrames { wrench, ..self.frames(block) };
+            return ConvertedRows { frames, ..ConvertedRows::default() };
         }
+        // The filter sees every row, and each frame is converted once.
+        let fresh = block.fresh_rows();
+        let time_s = block.time_s.clone();
+        let written = match self.options.rows {
+            Rows::Fresh => fresh.clone(),
+            Rows::All => vec![true; block.rows],
+        };
+        let is_new = |row: usize| row == 0 || fresh[row];
+        let new_rows: Vec<usize> = (0..block.rows).filter(|&row| is_new(row)).collect();
+        let pick = |column: &Vec<f64>| new_rows.iter().map(|&row| column[row]).collect();
+        let readings: Vec<Vec<f64>> = block.readings.iter().map(pick).collect();
+        let by_frame = self.pipeline.wrench(self.calibration, &readings);
+        let mut frame = 0;
+        let of_row = |row: usize| {
+            frame += usize::from(is_new(row));
+            frame - 1
+        };
+        let frame_of_row: Vec<usize> = (0..block.rows).map(of_row).collect();
+        let spread = |frames: Vec<f64>| frame_of_row.iter().map(|&frame| frames[frame]).collect();
+        let wrench = by_frame.map(spread);
+        self.options.rows.select(block);
+        ConvertedRows { time_s, wrench, written, frames: self.frames(block) }
+    }
+
+    /// All but the wrenches.
+    fn frames(&self, block: &mut Block) -> ConvertedFrames {
+        let Self { calibration, pipeline, options } = self;
+        let mut frames = ConvertedFrames {
+            time_s: std::mem::take(&mut block.time_s),
+            ..ConvertedFrames::default()
+        };
         if options.columns.need_errors() {
             let errors = &mut frames.standard_errors;
-            let known = calibration.standard_errors(&block.readings, *tare, errors);
+            let known = calibration.standard_errors(&block.readings, pipeline.tare(), errors);
             debug_assert!(known, "checked before the work");
         }
         // Flagged frames are counted, whether or not the flags are written.
         frames.out_of_range = calibration.out_of_range(&block.readings);
         frames.saturated = match options.full_scale {
             Some(full_scale) => saturated(&block.readings, full_scale),
-            None => vec![0; frames.len()],
+            None => vec![0; block.rows],
         };
         frames
     }

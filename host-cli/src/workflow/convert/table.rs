@@ -1,33 +1,8 @@
-//! Frames as CSV text.
+//! ConvertedFrames as CSV text.
 
-use std::ops::Range;
-
-use super::frames::Frames;
-use crate::wrench::{Axis, PerAxis};
-
-/// What is written of every frame, in this order.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Columns {
-    /// Time in s.
-    pub time: bool,
-    /// The axes of the wrench, N and N·m.
-    pub axes: PerAxis<bool>,
-    /// The standard error of each axis written, N and N·m: that of the frame before filtering.
-    pub standard_errors: bool,
-    /// The prediction interval of each axis written, N and N·m: the level, between 0 and 1. About
-    /// the wrench as written, as wide as that of the frame before filtering.
-    pub interval: Option<f64>,
-    /// Which channels cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at
-    /// an end of the converter; empty when all is well.
-    pub flags: bool,
-}
-
-impl Columns {
-    /// Whether standard errors are needed.
-    pub(super) fn need_errors(&self) -> bool {
-        self.standard_errors || self.interval.is_some()
-    }
-}
+use super::columns::Columns;
+use super::frames::ConvertedFrames;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// The writer of a table.
 pub(super) struct Table {
@@ -81,12 +56,8 @@ impl Table {
         text.push(b'\n');
     }
 
-    pub(super) fn rows(&self, frames: &Frames, text: &mut Vec<u8>) {
-        self.rows_between(frames, 0..frames.len(), text);
-    }
-
     /// Writes every number with the fewest digits that read back as the same number.
-    pub(super) fn rows_between(&self, frames: &Frames, rows: Range<usize>, text: &mut Vec<u8>) {
+    pub(super) fn rows(&self, frames: &ConvertedFrames, text: &mut Vec<u8>) {
         let Columns { time, standard_errors, interval, flags, .. } = self.columns;
         let wrench = |axis: &Axis| &*frames.wrench[axis.index()];
         let error = |axis: &Axis| &*frames.standard_errors[axis.index()];
@@ -106,9 +77,9 @@ impl Table {
             }
         }
         // Some 20 bytes a number; a little much costs less than growing.
-        text.reserve(rows.len() * (22 * columns.len() + 8));
+        text.reserve(frames.len() * (22 * columns.len() + 8));
         let mut digits = zmij::Buffer::new();
-        for row in rows {
+        for row in 0..frames.len() {
             for (i, column) in columns.iter().enumerate() {
                 if i > 0 {
                     text.push(b',');
@@ -145,8 +116,8 @@ fn write_flags(out_of_range: u64, saturated: u64, text: &mut Vec<u8>) {
 mod tests {
     use super::*;
 
-    fn frames() -> Frames {
-        Frames {
+    fn frames() -> ConvertedFrames {
+        ConvertedFrames {
             time_s: vec![0.001302, 1425168310.852012],
             wrench: std::array::from_fn(|axis| vec![axis as f64 / 10.0, -1.0 / 3.0]),
             standard_errors: std::array::from_fn(|_| vec![0.5, 1e-20]),

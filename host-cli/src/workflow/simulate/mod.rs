@@ -18,5 +18,5 @@ pub use curve::{Passage, curve, read_trace};
 pub use grid::{Cell, GridAxis, grid};
 pub use monte_carlo::{Interval, MonteCarlo, Spread, Uncertain, monte_carlo};
 pub use parameter::{Dimension, Parameter};
-pub use summary::{Remark, Summary, summarise};
-pub use sweep::{BeamRow, Course, Row, beam_rows};
+pub use summary::{ChannelDiagnostic, Summary, summarise};
+pub use sweep::{BeamRow, Course, SweepRow, beam_rows};

@@ -62,7 +62,7 @@ pub struct Interval {
 }
 
 /// Draws `draws` channels about `setup` and works them out; equal seeds give equal draws for every
-/// channel, so that two channels differ by what differs between them. `progress` is told the draws
+/// channel, so that two channels differ by what differs between them. `progress` is given the draws
 /// that are done.
 pub fn monte_carlo(
     setup: &Setup,

@@ -37,14 +37,14 @@ pub struct Summary {
     /// Work on all beams in one crossing, in J.
     pub energy_j: f64,
     /// What to know before trusting the figures.
-    pub remarks: Vec<Remark>,
+    pub remarks: Vec<ChannelDiagnostic>,
 }
 
 /// A reason to look twice at a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
-pub enum Remark {
+pub enum ChannelDiagnostic {
     /// `d > L`.
     PastRightAngle,
     /// Tips snap across a part of the body.
@@ -79,11 +79,11 @@ impl Summary {
             plateau.extent_m[1] - plateau.extent_m[0] < setup.channel.pitch_m
         });
         let remarks = [
-            (any(Side::turns_past_a_right_angle), Remark::PastRightAngle),
-            (any(Side::snaps), Remark::Snaps),
-            (any(Side::meets_faces_first), Remark::FacesFirst),
-            (!free && plateau.is_none(), Remark::NoPlateau),
-            (short, Remark::ShortPlateau),
+            (any(Side::turns_past_a_right_angle), ChannelDiagnostic::PastRightAngle),
+            (any(Side::snaps), ChannelDiagnostic::Snaps),
+            (any(Side::meets_faces_first), ChannelDiagnostic::FacesFirst),
+            (!free && plateau.is_none(), ChannelDiagnostic::NoPlateau),
+            (short, ChannelDiagnostic::ShortPlateau),
         ];
         let no_contacts = free.then_some([0; 2]);
         Self {
@@ -108,7 +108,7 @@ impl Summary {
     }
 }
 
-impl fmt::Display for Remark {
+impl fmt::Display for ChannelDiagnostic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::PastRightAngle => {

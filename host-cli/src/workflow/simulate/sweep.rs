@@ -18,7 +18,7 @@ pub struct Course {
 
 /// One position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct SweepRow {
     /// Time in s, of a course with a speed.
     pub t_s: Option<f64>,
     /// Position of the body's middle in m past the first beam.
@@ -75,13 +75,21 @@ impl Course {
     }
 
     /// What the beams do to the body at every position.
-    pub fn rows<'a>(&'a self, model: &'a Model) -> impl Iterator<Item = Row> + 'a {
+    pub fn rows<'a>(&'a self, model: &'a Model) -> impl Iterator<Item = SweepRow> + 'a {
         self.positions().map(|x_m| {
             let Total { fx_n, fy_n, mz_nm, contacts: [contacts_left, contacts_right] } =
                 model.total(x_m);
             // Not −0 where nothing touches.
             let drag_n = 0.0 - fx_n;
-            Row { t_s: self.time_s(x_m), x_m, drag_n, fy_n, mz_nm, contacts_left, contacts_right }
+            SweepRow {
+                t_s: self.time_s(x_m),
+                x_m,
+                drag_n,
+                fy_n,
+                mz_nm,
+                contacts_left,
+                contacts_right,
+            }
         })
     }
 }

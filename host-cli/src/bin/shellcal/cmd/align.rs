@@ -4,20 +4,20 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
+use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use serde::Serialize;
 use shellcal::alignment::{Aligned, ClockMap, LeftOut};
-use shellcal::log_file::{ColumnRef, Log, Mapping, ReadOptions};
+use shellcal::figures::{Format, match_figure};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{Format, match_figure};
 use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, TrainingRows, align_logs, write_training,
 };
 
-use super::Outcome;
 use super::convert::is_same_file;
 use super::frames::{FrameArgs, note_rows};
 use super::mapping::{FormatArg, MappingArgs, TimeUnitArg, parse_column};
 use crate::hints;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

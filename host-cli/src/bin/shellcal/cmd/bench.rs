@@ -3,18 +3,18 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use shellcal::block::Block;
-use shellcal::calibration::Basis;
-use shellcal::calibration::solver::SolverKind;
-use shellcal::log_file::{Log, LogError, Wanted};
+use calibration::Basis;
+use calibration::solver::SolverKind;
+use log_file::{Log, LogError, Wanted};
+use shell_data::block::Block;
+use shellcal::figures::Format;
 use shellcal::output::AtomicFile;
-use shellcal::plot::Format;
-use shellcal::synthetic_block;
+use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 
-use super::Outcome;
 use super::choices::{BasisArg, SolverArg};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -1,5 +1,6 @@
 //! `shellcal board`: asks a board and tells it what to do.
 
+use std::io::{Read, Write};
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -7,12 +8,12 @@ use anyhow::Context;
 use clap::{Subcommand, ValueEnum};
 use serde_json::json;
 use serialport::SerialPort;
-use shared_proto::{Command, Identity, Status, Stream};
+use shared_proto::{Board, BoardId, Command, Identity, ResetCause, Stream};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::link::{Client, Uplink, for_board};
+use shellcal::link::{Client, Uplink, for_board, serial_text};
 
-use super::Outcome;
 use super::serial::{FramingArg, SerialArgs};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -28,6 +29,10 @@ pub(crate) struct BoardArgs {
     /// How the base station frames bytes
     #[arg(long, value_name = "FRAMING", value_enum, default_value_t = FramingArg::Cobs)]
     framing: FramingArg,
+
+    /// Serial number of the board, as `identify` prints it, where several hear
+    #[arg(long, value_name = "SERIAL", value_parser = parse_serial, conflicts_with = "simulate")]
+    board: Option<BoardId>,
 
     #[command(flatten)]
     serial: SerialArgs,
@@ -118,7 +123,7 @@ impl BoardArgs {
         let mut client = self.connect(port)?;
         match action {
             Action::Identify => return print_identity(&client.identify()?, printer),
-            Action::Status => return print_status(&client.status()?, printer),
+            Action::Status => return print_status(&mut client, printer),
             Action::Start => client.order(Command::Start)?,
             Action::Stop => client.order(Command::Stop)?,
             Action::Rate { hz } => {
@@ -160,15 +165,22 @@ impl BoardArgs {
         // Differs from run to run, so that a late answer to another run is not taken for one of ours.
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let number = (now.as_millis() / 10) as u16;
-        Ok(Client::new(port, name, Uplink { framing, to: self.serial.to }, number))
+        let client = Client::new(port, name, Uplink { framing, to: self.serial.to }, number);
+        Ok(match self.board {
+            Some(board) => client.with_board(board),
+            None => client,
+        })
     }
 }
 
 fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<Outcome> {
     let [major, minor, patch] = identity.firmware;
     let firmware = format!("{major}.{minor}.{patch}");
-    let serial: String = identity.serial.iter().map(|byte| format!("{byte:02x}")).collect();
-    let board = format!("{:?}", identity.board).to_lowercase();
+    let serial = serial_text(&identity.serial);
+    let board = match identity.board {
+        Board::Other(code) => format!("number {code}, which this program does not know"),
+        board => format!("{board:?}").to_lowercase(),
+    };
     let max_rate_hz = 1e6 / f64::from(identity.min_period_us);
     if printer.json() {
         printer.document(&json!({
@@ -183,12 +195,25 @@ fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<
     Ok(Outcome::Done)
 }
 
-fn print_status(status: &Status, printer: &mut Printer) -> anyhow::Result<Outcome> {
+fn print_status<P: Read + Write>(
+    client: &mut Client<P>,
+    printer: &mut Printer,
+) -> anyhow::Result<Outcome> {
+    let status = client.status()?;
     let stream = match status.stream {
-        Stream::Raw => "readings",
-        Stream::Wrench => "wrenches",
+        Stream::Raw => "readings".to_owned(),
+        Stream::Wrench => "wrenches".to_owned(),
+        Stream::Other(code) => format!("stream number {code}"),
     };
-    let cause = format!("{:?}", status.reset_cause).to_lowercase();
+    let last_words = match status.reset_cause {
+        ResetCause::Panic | ResetCause::Fault => Some(client.last_words()?),
+        _ => None,
+    };
+    let cause = match status.reset_cause {
+        ResetCause::Unspecified => "an unknown cause".to_owned(),
+        ResetCause::Other(code) => format!("cause number {code}"),
+        cause => format!("{cause:?}").to_lowercase(),
+    };
     let rate_hz = 1e6 / f64::from(status.period_us);
     let calibration = format!("{:#010x}", status.calibration_crc32);
     if printer.json() {
@@ -199,7 +224,7 @@ fn print_status(status: &Status, printer: &mut Printer) -> anyhow::Result<Outcom
             "zeroed": status.zeroed, "frames": status.frames, "late": status.late,
             "overflowed": status.overflowed, "damaged": status.damaged,
             "longest_frame_us": status.longest_frame_us, "uptime_s": status.uptime_s,
-            "reset_cause": cause,
+            "reset_cause": cause, "last_words": last_words, "foreign": status.foreign,
         }))?;
         return Ok(Outcome::Done);
     }
@@ -215,12 +240,30 @@ fn print_status(status: &Status, printer: &mut Printer) -> anyhow::Result<Outcom
         false => "no calibration".to_owned(),
     })?;
     printer.line(format!(
-        "{} frames taken, {} late, {} not sent; {} damaged commands",
-        status.frames, status.late, status.overflowed, status.damaged
+        "{} frames taken, {} late, {} not sent; {} damaged commands, {} for other boards",
+        status.frames, status.late, status.overflowed, status.damaged, status.foreign
     ))?;
     printer.line(format!("up {} s since a reset by {cause}", status.uptime_s))?;
+    if let Some(words) = last_words {
+        printer.line(format!("before it: {words}"))?;
+    }
     Ok(Outcome::Done)
 }
+
+/// A serial number of 12 bytes.
+fn parse_serial(text: &str) -> Result<BoardId, String> {
+    let digits = text.as_bytes();
+    let (pairs, []) = digits.as_chunks::<2>() else { return Err(SERIAL.to_owned()) };
+    let bytes = pairs.iter().map(|pair| {
+        let pair = str::from_utf8(pair).ok().filter(|pair| !pair.starts_with('+'))?;
+        u8::from_str_radix(pair, 16).ok()
+    });
+    let bytes: Option<Vec<u8>> = bytes.collect();
+    let serial = bytes.and_then(|bytes| bytes.try_into().ok()).ok_or(SERIAL)?;
+    Ok(BoardId::of_serial(&serial))
+}
+
+const SERIAL: &str = "24 hexadecimal digits";
 
 /// Rates whose period in µs fits the command.
 fn parse_rate(text: &str) -> Result<f64, String> {

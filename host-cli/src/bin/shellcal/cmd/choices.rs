@@ -1,9 +1,9 @@
 //! Models, solvers and the like as values of options, by the names that the library gives them.
 
+use calibration::Basis;
+use calibration::solver::SolverKind;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use shellcal::calibration::Basis;
-use shellcal::calibration::solver::SolverKind;
 
 /// A family of features.
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +15,7 @@ pub(super) struct SolverArg(pub(super) SolverKind);
 
 /// A family of features, or the best of them.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum ModelChoice {
+pub(super) enum ModelArg {
     Given(Basis),
     Auto,
 }
@@ -40,7 +40,7 @@ impl ValueEnum for SolverArg {
     }
 }
 
-impl ValueEnum for ModelChoice {
+impl ValueEnum for ModelArg {
     fn value_variants<'a>() -> &'a [Self] {
         const { &wrap_choices() }
     }
@@ -79,11 +79,11 @@ const fn wrap_solvers() -> [SolverArg; SolverKind::ALL.len()] {
     wrapped
 }
 
-const fn wrap_choices() -> [ModelChoice; Basis::ALL.len() + 1] {
-    let mut wrapped = [ModelChoice::Auto; Basis::ALL.len() + 1];
+const fn wrap_choices() -> [ModelArg; Basis::ALL.len() + 1] {
+    let mut wrapped = [ModelArg::Auto; Basis::ALL.len() + 1];
     let mut i = 0;
     while i < Basis::ALL.len() {
-        wrapped[i] = ModelChoice::Given(Basis::ALL[i]);
+        wrapped[i] = ModelArg::Given(Basis::ALL[i]);
         i += 1;
     }
     wrapped

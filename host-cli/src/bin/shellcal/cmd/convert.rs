@@ -5,29 +5,27 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use calibration::Calibration;
+use calibration::uncertainty::HIGHEST_LEVEL;
+use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shellcal::calibration::Calibration;
-use shellcal::calibration::uncertainty::HIGHEST_LEVEL;
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::log_file::{Log, ReadOptions};
+use shellcal::figures::{Format, WrenchTrace, trace_figure};
+use shellcal::forces::{AppliedLowPass, RowRule};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{Format, WrenchTrace, trace_figure};
-use shellcal::workflow::convert::{
-    Columns, ConvertOptions, ConvertSummary, LowPass, TareWindow, convert,
-};
-use shellcal::workflow::selection::TimeWindow;
-use shellcal::wrench::{Axis, PerAxis};
+use shellcal::workflow::convert::{Columns, Conversion, ConvertOptions, ConvertSummary, convert};
 
-use super::Outcome;
-use super::frames::{FrameArgs, note_rows, parse_window};
+use super::frames::{ForceArgs, FrameArgs, note_rows};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
 Examples:
   shellcal convert calibration.json run3.txt -o run3.csv
   shellcal convert calibration.json run3.txt --interval=99
-  shellcal convert calibration.json run3.txt --tare-time 0:0.2 --lowpass 10 --zero-phase
+  shellcal convert calibration.json run3.txt --tare-time 0:0.2 --lowpass 20
   shellcal convert calibration.json run*.txt --output-dir wrenches";
 
 #[derive(Debug, clap::Args)]
@@ -71,10 +69,7 @@ pub(crate) struct ConvertArgs {
     plot: Option<PathBuf>,
 
     #[command(flatten)]
-    tare: TareArgs,
-
-    #[command(flatten)]
-    low_pass: LowPassArgs,
+    forces: ForceArgs,
 
     #[command(flatten)]
     frames: FrameArgs,
@@ -86,45 +81,6 @@ pub(crate) struct ConvertArgs {
 
     #[command(flatten)]
     mapping: MappingArgs,
-}
-
-/// What is taken as unloaded. A calibration without an intercept gives differences only, and is
-/// tared on the first 50 frames unless told otherwise; one with an intercept keeps its own zero.
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Taring")]
-struct TareArgs {
-    /// Subtract the mean wrench of the first N frames [default: 50 for a calibration without an
-    /// intercept, no tare otherwise]
-    #[arg(long, value_name = "N", group = "tares", value_parser = parse_count)]
-    tare: Option<usize>,
-
-    /// Subtract the mean wrench between two times, in s on the log's clock
-    #[arg(long, value_name = "START:END", group = "tares", value_parser = parse_window)]
-    tare_time: Option<TimeWindow>,
-
-    /// Subtract nothing
-    #[arg(long, group = "tares")]
-    no_tare: bool,
-}
-
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Filtering")]
-struct LowPassArgs {
-    /// Cutoff of a Butterworth low-pass, in Hz
-    #[arg(long, value_name = "HZ")]
-    lowpass: Option<f64>,
-
-    /// Number of poles of the low-pass
-    #[arg(long, value_name = "N", default_value_t = 4, requires = "lowpass")]
-    order: usize,
-
-    /// Filter forward and backward: no delay, -6 dB at the cutoff; holds the log in memory
-    #[arg(long, requires = "lowpass")]
-    zero_phase: bool,
-
-    /// Frames per second, for the low-pass [default: the mean rate of the frames used]
-    #[arg(long, value_name = "HZ", requires = "lowpass")]
-    rate: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -139,11 +95,6 @@ enum ColumnArg {
     Se,
     Flags,
 }
-
-/// The lab's tare, in frames.
-pub(super) const DEFAULT_TARE: usize = 50;
-/// Frames that follow one another this unevenly, in medians of their period, are said so.
-const UNEVEN: f64 = 0.2;
 
 impl ConvertArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
@@ -169,7 +120,7 @@ impl ConvertArgs {
                 printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
                 print_axes(printer, &summary)?;
             }
-            conversions.push(Conversion {
+            conversions.push(LogDocument {
                 log: log.path().display().to_string(),
                 output: target.path().map(|path| path.display().to_string()),
                 summary,
@@ -193,15 +144,16 @@ impl ConvertArgs {
         let bar = printer.progress(&log.path().display().to_string(), log.bytes());
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+        let conversion = Conversion { log, calibration, options: &options, read };
         let summary = match target {
             Target::Stdout => {
                 let mut out = printer.stream();
-                let summary = convert(log, calibration, &options, &read, &mut out, trace);
+                let summary = convert(&conversion, &mut out, trace);
                 summary.and_then(|summary| Ok(out.flush().map(|()| summary)?))
             }
             Target::File(path) => {
                 let mut file = AtomicFile::create(path)?;
-                let summary = convert(log, calibration, &options, &read, &mut file, trace)?;
+                let summary = convert(&conversion, &mut file, trace)?;
                 file.commit()?;
                 Ok(summary)
             }
@@ -245,19 +197,9 @@ impl ConvertArgs {
     }
 
     fn options(&self, log: &Log, calibration: &Calibration) -> ConvertOptions {
-        let tare = match &self.tare {
-            TareArgs { tare: Some(frames), .. } => TareWindow::First(*frames),
-            TareArgs { tare_time: Some(window), .. } => TareWindow::Time(*window),
-            TareArgs { no_tare: true, .. } => TareWindow::Untared,
-            _ if calibration.model().intercept => TareWindow::Untared,
-            _ => TareWindow::First(DEFAULT_TARE),
-        };
-        let LowPassArgs { lowpass, order, zero_phase, rate } = self.low_pass;
-        let low_pass = |cutoff_hz| LowPass { cutoff_hz, order, zero_phase, rate_hz: rate };
         ConvertOptions {
             rows: self.frames.rows(log),
-            tare,
-            low_pass: lowpass.map(low_pass),
+            forces: self.forces.options(RowRule::Time),
             columns: self.columns(log, calibration),
             full_scale: Some(self.full_scale.unwrap_or_else(|| full_scale(calibration))),
         }
@@ -306,7 +248,7 @@ impl Target {
 
 /// What `--json` says of one log.
 #[derive(Debug, Serialize)]
-struct Conversion {
+struct LogDocument {
     log: String,
     output: Option<String>,
     #[serde(flatten)]
@@ -346,24 +288,16 @@ fn report(printer: &mut Printer, log: &Log, summary: &ConvertSummary) {
             printer.note(format!("tare: mean of {} frames{when}", tare.frames));
         }
     }
-    if let Some(LowPass { cutoff_hz, order, zero_phase, rate_hz: Some(rate) }) = summary.low_pass {
-        let phase = if zero_phase { "zero-phase" } else { "causal" };
-        printer.note(format!(
-            "low-pass: {cutoff_hz} Hz, order {order}, {phase}, at {rate:.2} frames per second"
-        ));
+    match summary.low_pass {
+        None => printer.note("low-pass: none"),
+        Some(AppliedLowPass { low_pass, rate_hz }) => {
+            printer.note(format!("low-pass: {low_pass}, at {rate_hz:.2} rows per second"));
+        }
     }
     if let Some(rate) = summary.sampling {
         let path = log.path().display();
-        if rate.spread > UNEVEN {
-            printer.warning(format!(
-                "`{path}`: 90 % of the periods between frames spread over {:.0} % of their median; \
-                 the low-pass takes frames as even, so its cutoff is approximate (with `--all-rows` \
-                 it follows the rows of the log)",
-                100.0 * rate.spread
-            ));
-        }
         if rate.gaps > 0 {
-            printer.warning(format!("`{path}`: the low-pass runs across {} gaps", rate.gaps));
+            printer.warning(format!("`{path}`: {} gaps between frames", rate.gaps));
         }
         if rate.backwards > 0 {
             let times = rate.backwards;
@@ -395,13 +329,6 @@ fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result
         row
     };
     printer.table(&["axis", "min", "mean", "max"], &Axis::ALL.map(row))
-}
-
-pub(super) fn parse_count(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(count) if count > 0 => Ok(count),
-        _ => Err("expected a number of frames, at least 1".to_owned()),
-    }
 }
 
 /// Percent to a share.

@@ -1,20 +1,21 @@
 //! `shellcal eval`: the errors of a calibration against a measured wrench.
 
+use std::cmp::Ordering;
 use std::io::Write;
 use std::path::PathBuf;
 
+use calibration::quality::AxisQuality;
+use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shellcal::calibration::quality::AxisQuality;
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::log_file::{Log, ReadOptions};
+use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{FitPlot, Format, fit_figure};
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
-use shellcal::wrench::{Axis, PerAxis};
 
-use super::Outcome;
 use super::mapping::MappingArgs;
 use super::quality::{significant, table_row};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
@@ -133,7 +134,8 @@ impl EvalArgs {
         Axis::ALL
             .into_iter()
             .filter_map(|axis| Some((axis, errors[axis.index()].rms, limit(axis)?)))
-            .filter(|(_, rms, limit)| rms > limit)
+            // What cannot be compared, such as NaN, is not below the limit.
+            .filter(|(_, rms, limit)| rms.partial_cmp(limit).is_none_or(Ordering::is_gt))
             .collect()
     }
 }

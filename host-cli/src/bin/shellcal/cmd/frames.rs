@@ -1,11 +1,83 @@
-//! The flags of every command that applies a calibration: which frames of a log are used.
+//! The flags of every command that applies a calibration: which frames of a log are used, and how
+//! readings become forces.
 
 use std::path::Path;
 
-use shellcal::log_file::Log;
+use log_file::Log;
+use shellcal::forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 use shellcal::workflow::selection::{Rows, TimeWindow};
 
 use crate::printer::Printer;
+
+/// How readings become forces.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct ForceArgs {
+    /// Subtract the mean wrench of the first N frames [default: 50]. Rows that repeat a frame do not
+    /// count
+    #[arg(long, value_name = "N", group = "tares", help_heading = "Taring", value_parser = parse_count)]
+    tare: Option<usize>,
+
+    /// Subtract the mean wrench between two times, in s on the log's clock
+    #[arg(long, value_name = "START:END", group = "tares", help_heading = "Taring", value_parser = parse_window)]
+    tare_time: Option<TimeWindow>,
+
+    /// Subtract nothing
+    #[arg(long, group = "tares", help_heading = "Taring")]
+    no_tare: bool,
+
+    /// Cutoff of the Butterworth low-pass, in Hz [default: 10, where the log's rate is above 20 Hz]
+    #[arg(long, value_name = "HZ", help_heading = "Filtering")]
+    lowpass: Option<f64>,
+
+    /// Do not filter
+    #[arg(long, conflicts_with = "lowpass", help_heading = "Filtering")]
+    no_lowpass: bool,
+
+    /// Number of poles of the low-pass
+    #[arg(long, value_name = "N", default_value_t = 4, help_heading = "Filtering")]
+    order: usize,
+
+    /// Filter forward only: forces lag behind, some 40 ms at 10 Hz [default: forward and backward,
+    /// without delay, -6 dB at the cutoff]
+    #[arg(long, help_heading = "Filtering")]
+    causal: bool,
+
+    /// Filter forward and backward, which is the default
+    #[arg(long, conflicts_with = "causal", hide = true)]
+    zero_phase: bool,
+
+    /// Rows per second, for the low-pass [default: one over the median period of the first 50 rows]
+    #[arg(long, value_name = "HZ", help_heading = "Filtering")]
+    rate: Option<f64>,
+}
+
+impl ForceArgs {
+    /// The options, by row as the lab's notebooks did or by time.
+    pub(crate) fn options(&self, rule: RowRule) -> ForceOptions {
+        let low_pass = LowPass {
+            cutoff_hz: self.lowpass.unwrap_or(LowPass::default().cutoff_hz),
+            order: self.order,
+            zero_phase: !self.causal && rule == RowRule::Time,
+        };
+        ForceOptions {
+            tare: match (self.tare_time, self.tare) {
+                _ if self.no_tare => TareRule::Untared,
+                (Some(window), _) => TareRule::Between(window.start_s, window.end_s),
+                (None, frames) => TareRule::First(frames.unwrap_or(DEFAULT_TARE_FRAMES)),
+            },
+            low_pass: (!self.no_lowpass).then_some(low_pass),
+            low_pass_is_optional: self.lowpass.is_none(),
+            rate_hz: self.rate,
+            rule,
+        }
+    }
+}
+
+/// How forces are made, for people.
+pub(crate) fn describe_forces(forces: &ForceOptions) -> String {
+    let low_pass = forces.low_pass.map_or("none".to_owned(), |low_pass| low_pass.to_string());
+    format!("forces: tare {}; low-pass {low_pass}", forces.tare)
+}
 
 /// Which rows of a log count as frames.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -51,6 +123,13 @@ pub(crate) fn note_rows(
         text += &format!(", {skipped} bad rows left out");
     }
     printer.note(text);
+}
+
+pub(crate) fn parse_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) | Err(_) => Err("expected a number of frames, 1 or more".to_owned()),
+        Ok(frames) => Ok(frames),
+    }
 }
 
 /// `START:END` in s; either may be left out.

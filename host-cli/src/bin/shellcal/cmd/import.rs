@@ -8,7 +8,8 @@ use shellcal::calibration_file::{CalibrationFile, matrix::ImportOptions};
 use shellcal::output::AtomicFile;
 
 use super::mapping::MomentUnitArg;
-use super::{Outcome, origin};
+use super::origin;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

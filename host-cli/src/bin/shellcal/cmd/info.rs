@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
+use log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
 use serde::Serialize;
-use shellcal::log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
-use shellcal::survey::{ColumnSurvey, Survey};
-use shellcal::wrench::Axis;
+use shell_data::wrench::Axis;
+use shellcal::workflow::log_summary::{ColumnSummary, LogSummary};
 
-use super::Outcome;
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
@@ -33,7 +33,7 @@ impl InfoArgs {
         let mut infos = Vec::new();
         for file in &self.files {
             let log = Log::open(file, &mapping)?;
-            infos.push(survey(&log, &self.mapping, printer)?);
+            infos.push(summary(&log, &self.mapping, printer)?);
         }
         if printer.json() {
             printer.document(&infos)?;
@@ -49,7 +49,7 @@ impl InfoArgs {
     }
 }
 
-fn survey(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<Info> {
+fn summary(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<Info> {
     let wanted = Wanted {
         time: log.has_time(),
         readings: log.channels() > 0,
@@ -59,13 +59,13 @@ fn survey(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<In
     let bar = printer.progress(&log.path().display().to_string(), log.bytes());
     let progress = |bytes| bar.set_position(bytes);
     let options = ReadOptions { progress: Some(&progress), ..args.read_options() };
-    let mut survey = Survey::default();
+    let mut summary = LogSummary::default();
     let read = log.read(&wanted, &options, std::mem::take, |block| {
-        survey.add(&block);
+        summary.add(&block);
         Ok::<(), LogError>(())
     });
     bar.finish_and_clear();
-    Ok(Info::new(log, &survey, read?.skipped_rows))
+    Ok(Info::new(log, &summary, read?.skipped_rows))
 }
 
 /// What is said about a log; the field names are those of the JSON document.
@@ -135,21 +135,21 @@ struct LimitInfo {
 }
 
 impl Info {
-    fn new(log: &Log, survey: &Survey, skipped_rows: u64) -> Self {
+    fn new(log: &Log, summary: &LogSummary, skipped_rows: u64) -> Self {
         let columns = log.columns().iter().enumerate();
         Self {
             file: log.path().display().to_string(),
             format: format_name(log.format()),
             compressed: log.is_compressed(),
             bytes: log.bytes(),
-            rows: survey.rows,
+            rows: summary.rows,
             skipped_rows,
-            repeated_rows: (log.channels() > 0).then_some(survey.repeated_rows),
+            repeated_rows: (log.channels() > 0).then_some(summary.repeated_rows),
             repeats_are_stale: log.repeats_are_stale(),
-            fresh_rate_hz: survey.fresh_rate_hz().filter(|_| log.channels() > 0),
-            time: TimeInfo::new(survey),
+            fresh_rate_hz: summary.fresh_rate_hz().filter(|_| log.channels() > 0),
+            time: TimeInfo::new(summary),
             columns: columns
-                .map(|(place, column)| ColumnInfo::new(place, column, survey))
+                .map(|(place, column)| ColumnInfo::new(place, column, summary))
                 .collect(),
             title: log.format(),
         }
@@ -187,8 +187,8 @@ impl Info {
 }
 
 impl TimeInfo {
-    fn new(survey: &Survey) -> Option<Self> {
-        let timing = &survey.timing;
+    fn new(summary: &LogSummary) -> Option<Self> {
+        let timing = &summary.timing;
         let gaps = timing.gaps();
         Some(Self {
             start_s: timing.start_s?,
@@ -248,11 +248,11 @@ impl TimeInfo {
 }
 
 impl ColumnInfo {
-    fn new(place: usize, column: &Column, survey: &Survey) -> Self {
+    fn new(place: usize, column: &Column, summary: &LogSummary) -> Self {
         let values = match column.meaning {
-            Meaning::Sensor(channel) => survey.readings.get(channel).map(|s| (s, true)),
+            Meaning::Sensor(channel) => summary.readings.get(channel).map(|s| (s, true)),
             Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
-                survey.wrench.get(axis.index()).map(|s| (s, false))
+                summary.wrench.get(axis.index()).map(|s| (s, false))
             }
             _ => None,
         };
@@ -260,7 +260,7 @@ impl ColumnInfo {
             column: place + 1,
             name: column.name.clone(),
             meaning: meaning(column.meaning),
-            values: values.map(|(survey, readings)| ValueInfo::new(survey, readings)),
+            values: values.map(|(summary, readings)| ValueInfo::new(summary, readings)),
         }
     }
 
@@ -277,19 +277,19 @@ impl ColumnInfo {
 }
 
 impl ValueInfo {
-    fn new(survey: &ColumnSurvey, readings: bool) -> Self {
+    fn new(summary: &ColumnSummary, readings: bool) -> Self {
         Self {
-            min: survey.min,
-            mean: survey.mean,
-            max: survey.max,
-            sd: survey.sd(),
-            constant: survey.is_constant(),
+            min: summary.min,
+            mean: summary.mean(),
+            max: summary.max,
+            sd: summary.sd(),
+            constant: summary.is_constant(),
             limits: readings.then(|| LimitInfo {
-                rows_at_0: survey.rows_at_zero,
-                rows_at_4095: survey.rows_at_12_bits,
-                rows_at_65535: survey.rows_at_16_bits,
-                rows_at_max: survey.rows_at_max,
-                pinned_at_max: survey.is_pinned_at_max(),
+                rows_at_0: summary.rows_at_zero,
+                rows_at_4095: summary.rows_at_12_bits,
+                rows_at_65535: summary.rows_at_16_bits,
+                rows_at_max: summary.rows_at_max,
+                pinned_at_max: summary.is_pinned_at_max(),
             }),
         }
     }

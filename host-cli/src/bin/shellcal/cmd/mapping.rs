@@ -1,7 +1,7 @@
 //! The flags of every command that reads logs: what their columns are, and how they are read.
 
 use clap::ValueEnum;
-use shellcal::log_file::{ColumnRef, Format, Mapping, MomentUnit, ReadOptions, TimeUnit};
+use log_file::{ColumnRef, Format, Mapping, MomentUnit, ReadOptions, TimeUnit};
 
 /// What the columns of a log are, where their names do not say.
 #[derive(Clone, Debug, Default, clap::Args)]

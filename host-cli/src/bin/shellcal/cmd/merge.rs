@@ -4,18 +4,19 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
+use calibration::exact::PartitionedMoments;
+use calibration::quality::AxisQuality;
+use calibration::solver::{SolverKind, solve_moments};
+use calibration::uncertainty::Covariance;
+use calibration::{Calibration, FitError};
 use serde::Serialize;
-use shellcal::calibration::exact::Parts;
-use shellcal::calibration::quality::AxisQuality;
-use shellcal::calibration::solver::{SolverKind, solve_moments};
-use shellcal::calibration::uncertainty::Covariance;
-use shellcal::calibration::{Calibration, FitError};
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
 use shellcal::output::AtomicFile;
-use shellcal::wrench::{Axis, PerAxis};
 
+use super::origin;
 use super::quality::{significant, table_row};
-use super::{Outcome, origin};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -96,13 +97,14 @@ impl MergeArgs {
 
     fn calibration_file(&self, merged: PartialFit) -> anyhow::Result<CalibrationFile> {
         let (model, moments) = (merged.model, &merged.moments);
-        let extent = moments.extent();
-        let solution = solve_moments(moments, &model, self.ridge, &extent)?;
-        let mut calibration = Calibration::of_solution(&solution, &extent);
+        let ranges = moments.reading_ranges();
+        let solution = solve_moments(moments, &model, self.ridge, &ranges)?;
+        let mut calibration = Calibration::of_solution(&solution, &ranges);
         if !self.no_covariance {
             calibration.covariance = Covariance::of_rows(&solution);
         }
-        let train = Parts::new(moments, &model).and_then(|parts| parts.in_sample(self.ridge));
+        let train =
+            PartitionedMoments::new(moments, &model).and_then(|parts| parts.in_sample(self.ridge));
         Ok(CalibrationFile {
             calibration,
             origin: Origin {

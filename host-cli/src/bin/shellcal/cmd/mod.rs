@@ -28,10 +28,9 @@ mod synth_trial;
 mod trials;
 mod validation;
 
-use std::process::ExitCode;
-
 use clap::Subcommand;
 
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 use deferred::Deferred;
 
@@ -157,15 +156,6 @@ pub(crate) enum Command {
     Simulate(Deferred<simulate::SimulateArgs>),
 }
 
-/// How a command that could run has ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Outcome {
-    /// Done.
-    Done,
-    /// Ran, but a check that the user asked for has failed.
-    CheckFailed,
-}
-
 impl Command {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         match self {
@@ -190,15 +180,6 @@ impl Command {
             Command::Bench(args) => args.run(printer),
             Command::Synth(args) => args.run(printer),
             Command::Simulate(args) => args.run(printer),
-        }
-    }
-}
-
-impl From<Outcome> for ExitCode {
-    fn from(outcome: Outcome) -> Self {
-        match outcome {
-            Outcome::Done => ExitCode::SUCCESS,
-            Outcome::CheckFailed => ExitCode::from(1),
         }
     }
 }

@@ -2,16 +2,16 @@
 
 use std::path::PathBuf;
 
+use log_file::{Log, ReadOptions};
 use serde::Serialize;
+use shell_data::wrench::Axis;
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::log_file::{Log, ReadOptions};
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
-use shellcal::wrench::Axis;
 
-use super::Outcome;
 use super::frames::{FrameArgs, note_rows, parse_window};
 use super::mapping::MappingArgs;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

@@ -1,27 +1,32 @@
 //! Who made a file, and when.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use jiff::Timestamp;
+use humantime::format_rfc3339_seconds;
 
 /// Program and version.
 pub(in crate::cmd) fn program() -> String {
     concat!("shellcal ", env!("CARGO_PKG_VERSION")).to_owned()
 }
 
+/// The last second that RFC 3339 has four digits of a year for: 9999-12-31T23:59:59Z.
+const LAST_SECOND: u64 = 253_402_300_799;
+
 /// The time in UTC, RFC 3339 to the second; that of `SOURCE_DATE_EPOCH` where it is set, so that
 /// results can be made again byte for byte (reproducible-builds.org).
 pub(in crate::cmd) fn date() -> anyhow::Result<String> {
     let seconds = match std::env::var("SOURCE_DATE_EPOCH") {
-        Ok(text) => text
-            .parse()
-            .with_context(|| format!("`SOURCE_DATE_EPOCH` is `{text}`, expected seconds"))?,
-        Err(_) => {
-            let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-            i64::try_from(now.as_secs()).unwrap_or(i64::MAX)
+        Ok(text) => {
+            let seconds = text.parse().ok().filter(|&seconds| seconds <= LAST_SECOND);
+            seconds.with_context(|| {
+                format!(
+                    "`SOURCE_DATE_EPOCH` is `{text}`, expected seconds since 1970, at most \
+                     {LAST_SECOND}"
+                )
+            })?
         }
+        Err(_) => SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs(),
     };
-    let time = Timestamp::from_second(seconds).context("the date is out of range")?;
-    Ok(time.to_string())
+    Ok(format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string())
 }

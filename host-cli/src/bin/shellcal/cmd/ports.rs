@@ -2,7 +2,7 @@
 
 use shellcal::link::ports;
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

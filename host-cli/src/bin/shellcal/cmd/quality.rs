@@ -1,7 +1,7 @@
 //! How the errors of a calibration are printed, by `fit` and `eval` alike.
 
-use shellcal::calibration::quality::AxisQuality;
-use shellcal::wrench::{Axis, PerAxis};
+use calibration::quality::AxisQuality;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// One row of the table: RMS, max and R² of every set side by side, and the unit.
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {

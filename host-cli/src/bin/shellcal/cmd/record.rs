@@ -6,15 +6,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::Context;
+use calibration::Calibration;
 use shared_proto::Framing;
-use shellcal::calibration::Calibration;
 use shellcal::calibration_file::CalibrationFile;
+use shellcal::forces::{ForceOptions, LowPass, TareRule};
 use shellcal::link::{Journal, Progress, RecordOptions, Recorded, Sinks, Source, Uplink, record};
-use shellcal::recording::{ForceOptions, Losses, protocol_name};
+use shellcal::recording::{LiveForces, Losses, protocol_name};
 
-use super::Outcome;
-use super::convert::{DEFAULT_TARE, parse_count};
+use super::frames::{describe_forces, parse_count};
 use super::serial::{FramingArg, SerialArgs};
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -43,7 +44,7 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "S", value_parser = parse_duration)]
     duration: Option<Duration>,
 
-    /// How the bytes are framed; recognised unless told
+    /// How the bytes are framed; recognised unless given
     #[arg(long, value_name = "FRAMING", value_enum)]
     framing: Option<FramingArg>,
 
@@ -51,14 +52,26 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "CAL", requires = "output")]
     calibration: Option<PathBuf>,
 
-    /// Subtract the mean wrench of the first N frames from the forces after them [default: 50 for a
-    /// calibration without an intercept, no tare otherwise]
+    /// Subtract the mean wrench of the first N frames from the forces after them [default: 50]
     #[arg(long, value_name = "N", requires = "calibration", value_parser = parse_count)]
     tare: Option<usize>,
 
     /// Subtract nothing
     #[arg(long, requires = "calibration", conflicts_with = "tare")]
     no_tare: bool,
+
+    /// Cutoff of the Butterworth low-pass over the forces, in Hz; causal, as nothing later is known
+    /// [default: 10, where the rate is above 20 Hz]
+    #[arg(long, value_name = "HZ", requires = "calibration")]
+    lowpass: Option<f64>,
+
+    /// Do not filter the forces
+    #[arg(long, requires = "calibration", conflicts_with = "lowpass")]
+    no_lowpass: bool,
+
+    /// Number of poles of the low-pass
+    #[arg(long, value_name = "N", requires = "calibration", default_value_t = 4)]
+    order: usize,
 
     /// Wait for a port that goes away, and go on when it is back
     #[arg(long)]
@@ -81,6 +94,9 @@ impl RecordArgs {
             duration: self.duration,
             start: self.uplink()?,
         };
+        if let Some(forces) = &options.forces {
+            printer.note(describe_forces(&forces.options));
+        }
         let stop = Arc::new(AtomicBool::new(false));
         let heard = Arc::clone(&stop);
         ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed))
@@ -106,10 +122,21 @@ impl RecordArgs {
         Ok(Outcome::Done)
     }
 
-    fn forces(&self, calibration: Calibration) -> ForceOptions {
-        let has_zero = self.no_tare || calibration.model().intercept;
-        let tare = self.tare.unwrap_or(if has_zero { 0 } else { DEFAULT_TARE });
-        ForceOptions { calibration, tare }
+    fn forces(&self, calibration: Calibration) -> LiveForces {
+        let usual = ForceOptions::default();
+        let cutoff_hz = self.lowpass.unwrap_or(LowPass::default().cutoff_hz);
+        let low_pass = LowPass { cutoff_hz, order: self.order, zero_phase: false };
+        let options = ForceOptions {
+            tare: match self.tare {
+                _ if self.no_tare => TareRule::Untared,
+                Some(frames) => TareRule::First(frames),
+                None => usual.tare,
+            },
+            low_pass: (!self.no_lowpass).then_some(low_pass),
+            low_pass_is_optional: self.lowpass.is_none(),
+            ..usual
+        };
+        LiveForces { calibration, options }
     }
 
     fn uplink(&self) -> anyhow::Result<Option<Uplink>> {
@@ -131,7 +158,9 @@ fn describe(progress: &Progress) -> String {
         return format!("{time}  port is gone, waiting for it; {frames} frames so far");
     }
     match progress.protocol {
-        None if bytes == 0 => format!("{time}  nothing arrives; a board streams when told to"),
+        None if bytes == 0 => {
+            format!("{time}  nothing arrives; a board streams once it is started")
+        }
         None => format!("{time}  {bytes} bytes, no frame so far"),
         Some(protocol) => {
             let losses = list_losses(losses);
@@ -161,8 +190,8 @@ fn list_losses(losses: &Losses) -> String {
         (losses.skipped_bytes, "bytes skipped"),
         (losses.restarts, "restarts"),
     ];
-    let told = counts.iter().filter(|(count, _)| *count > 0);
-    told.map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>().join(", ")
+    let lost = counts.iter().filter(|(count, _)| *count > 0);
+    lost.map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>().join(", ")
 }
 
 fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {

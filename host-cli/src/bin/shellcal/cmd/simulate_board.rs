@@ -7,14 +7,14 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use serde_json::json;
-use shellcal::log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
-use shellcal::radio::{Books, Faults};
-use shellcal::sensor_model::LoadTable;
-use shellcal::simulated_board::{Load, Settings, SimulatedBoard};
-use shellcal::wrench::PerAxis;
+use shell_data::wrench::PerAxis;
+use shellcal::simulation::radio::{Books, Faults};
+use shellcal::simulation::sensor_model::LoadTable;
+use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// A simulated board

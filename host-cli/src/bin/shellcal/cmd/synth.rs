@@ -6,12 +6,12 @@ use std::path::PathBuf;
 use clap::{Subcommand, ValueEnum};
 use serde::Serialize;
 use shellcal::output::AtomicFile;
-use shellcal::sensor_model::{Kind, Recording, Settings};
-use shellcal::synthetic_log;
+use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
+use shellcal::simulation::synthetic_log;
 
 use super::synth_pair::PairArgs;
 use super::synth_trial::{TrialArgs, TrialsArgs};
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -68,8 +68,8 @@ struct RecordingArgs {
     elastic: bool,
 
     /// Columns and their names
-    #[arg(long, value_enum, default_value_t = Layout::Shellcal)]
-    layout: Layout,
+    #[arg(long, value_enum, default_value_t = LayoutArg::Shellcal)]
+    layout: LayoutArg,
 
     /// File to write (default: standard output)
     #[arg(long, short, value_name = "FILE")]
@@ -77,7 +77,7 @@ struct RecordingArgs {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum Layout {
+enum LayoutArg {
     /// t_s,s1..s8,fx_n..mz_nm,group (the pose; not in zero-load recordings)
     Shellcal,
     /// Timestamp,Fx..Mz,s0..s7
@@ -86,12 +86,12 @@ enum Layout {
     Training,
 }
 
-impl From<Layout> for synthetic_log::Layout {
-    fn from(layout: Layout) -> Self {
+impl From<LayoutArg> for synthetic_log::SyntheticLayout {
+    fn from(layout: LayoutArg) -> Self {
         match layout {
-            Layout::Shellcal => Self::Shellcal,
-            Layout::Peer => Self::Peer,
-            Layout::Training => Self::Training,
+            LayoutArg::Shellcal => Self::Shellcal,
+            LayoutArg::Peer => Self::Peer,
+            LayoutArg::Training => Self::Training,
         }
     }
 }
@@ -169,7 +169,7 @@ impl RecordingArgs {
         /// Rows between two looks at the progress bar, and bytes in such a stretch, about.
         const STRETCH: u64 = 1024;
         const ROW_BYTES: u64 = 100;
-        let layout = synthetic_log::Layout::from(self.layout);
+        let layout = synthetic_log::SyntheticLayout::from(self.layout);
         let progress = printer.progress("making rows", rows.saturating_mul(ROW_BYTES));
         let mut text = Vec::new();
         let (mut bytes, mut rows_saturated) = (0, 0);

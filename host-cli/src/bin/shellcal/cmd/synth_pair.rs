@@ -5,12 +5,12 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use shellcal::output::{AtomicFile, write_atomically};
-use shellcal::sensor_model::{Pair, PairSettings};
-use shellcal::synthetic_log::{
+use shellcal::simulation::sensor_model::{Pair, PairSettings};
+use shellcal::simulation::synthetic_log::{
     write_frame, write_frame_header, write_wrench_header, write_wrench_row,
 };
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// One session recorded on two clocks, with known offset and skew

@@ -7,11 +7,11 @@ use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use serde::Serialize;
 use shellcal::output::AtomicFile;
-use shellcal::synthetic_trial::TrialLayout;
-use shellcal::virtual_robot::{Condition, Counter, TrialSettings, VirtualTrial};
+use shellcal::simulation::synthetic_trial::TrialLayout;
+use shellcal::simulation::virtual_robot::{Condition, Counter, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const TRIAL_EXAMPLES: &str = "\
@@ -171,7 +171,7 @@ impl From<CounterArg> for Counter {
 struct Made<'a> {
     file: &'a Path,
     rows: u64,
-    truth: shellcal::virtual_robot::Truth,
+    truth: shellcal::simulation::virtual_robot::Truth,
 }
 
 /// The set that was made, for `--json`.

@@ -1,32 +1,20 @@
 //! How held-out errors, the choice of a model and the coverage of the training loads are printed.
 
-use shellcal::calibration::validation::cross_validation::CrossValidation;
-use shellcal::calibration::validation::excitation::{Excitation, Gap};
-use shellcal::calibration::validation::selection::Selection;
-use shellcal::wrench::Axis;
+use calibration::validation::cross_validation::CrossValidation;
+use calibration::validation::excitation::{Excitation, Gap};
+use calibration::validation::selection::Selection;
+use shell_data::wrench::Axis;
+use shellcal::workflow::model_choice::HeldOut;
 
 use super::quality::significant;
 use crate::printer::Printer;
 
-/// What is held out together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum CvArg {
-    /// Each group of the logs' group column, or each file.
-    Auto,
-    /// Each file.
-    File,
-    /// Each group of the column.
-    Column,
-    /// So many folds of groups.
-    Folds(usize),
-}
-
-pub(super) fn parse_cv(text: &str) -> Result<CvArg, String> {
+pub(super) fn parse_cv(text: &str) -> Result<HeldOut, String> {
     match (text, text.parse()) {
-        ("auto", _) => Ok(CvArg::Auto),
-        ("file", _) => Ok(CvArg::File),
-        ("column", _) => Ok(CvArg::Column),
-        (_, Ok(folds @ 2..)) => Ok(CvArg::Folds(folds)),
+        ("auto", _) => Ok(HeldOut::Auto),
+        ("file", _) => Ok(HeldOut::File),
+        ("column", _) => Ok(HeldOut::Column),
+        (_, Ok(folds @ 2..)) => Ok(HeldOut::Folds(folds)),
         _ => Err("expected `file`, `column` or a number of folds from 2 up".to_owned()),
     }
 }

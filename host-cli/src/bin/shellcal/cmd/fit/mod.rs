@@ -9,26 +9,27 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
+use calibration::solver::SolverKind;
+use calibration::validation::ValidationError;
+use calibration::validation::grouped::GroupedMoments;
 use clap::ValueEnum;
-use shellcal::calibration::solver::SolverKind;
-use shellcal::calibration::validation::ValidationError;
-use shellcal::calibration::validation::grouped::GroupedMoments;
+use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{
     CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
 };
-use shellcal::log_file::{Log, ReadOptions};
+use shellcal::figures::{Format, fit_figure};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{Format, fit_figure};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
+use shellcal::workflow::model_choice::{HeldOut, ModelChoice};
 
-use self::choice::Choice;
 use self::report::report;
-use super::choices::{ModelChoice, SolverArg};
+use super::choices::{ModelArg, SolverArg};
 use super::mapping::MappingArgs;
-use super::validation::{CvArg, parse_cv};
-use super::{Outcome, origin};
+use super::origin;
+use super::validation::parse_cv;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
@@ -50,7 +51,7 @@ pub(crate) struct FitArgs {
 
     /// Features of the readings
     #[arg(long, value_name = "MODEL", default_value = "cubic")]
-    model: ModelChoice,
+    model: ModelArg,
 
     /// Fit no constant: offsets are then left to the tare
     #[arg(long)]
@@ -87,7 +88,7 @@ pub(crate) struct FitArgs {
         default_missing_value = "auto",
         value_parser = parse_cv
     )]
-    cv: Option<CvArg>,
+    cv: Option<HeldOut>,
 
     /// Which way rows are dealt into the random folds that `--cv` compares with
     #[arg(long, value_name = "N", default_value_t = 1, requires = "cv")]
@@ -201,7 +202,7 @@ impl FitArgs {
         error.context(logs.join(", "))
     }
 
-    fn options<'a>(&self, read: ReadOptions<'a>, choice: &'a Choice) -> FitOptions<'a> {
+    fn options<'a>(&self, read: ReadOptions<'a>, choice: &'a ModelChoice) -> FitOptions<'a> {
         FitOptions {
             basis: choice.basis,
             intercept: !self.no_intercept,
@@ -253,7 +254,11 @@ impl FitArgs {
         })
     }
 
-    fn calibration_file(&self, fitted: &Fit, choice: Choice) -> anyhow::Result<CalibrationFile> {
+    fn calibration_file(
+        &self,
+        fitted: &Fit,
+        choice: ModelChoice,
+    ) -> anyhow::Result<CalibrationFile> {
         let (train, test) = (total(&fitted.train), total(&fitted.test));
         let sources = |role, paths: &[PathBuf], evaluations: &[Evaluation]| -> Vec<Source> {
             let source = |(path, evaluation): (&PathBuf, &Evaluation)| Source {

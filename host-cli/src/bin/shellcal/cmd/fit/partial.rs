@@ -4,14 +4,14 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
-use shellcal::calibration::Model;
-use shellcal::calibration::validation::grouped::RandomSplit;
+use calibration::Model;
+use calibration::validation::grouped::RandomSplit;
+use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{PartialFit, Role, Source};
-use shellcal::log_file::{Log, ReadOptions};
 use shellcal::output::AtomicFile;
 use shellcal::workflow::moments::{self, GroupBy, SumOptions};
 
-use super::super::choices::ModelChoice;
+use super::super::choices::ModelArg;
 use super::super::origin;
 use super::FitArgs;
 use crate::printer::Printer;
@@ -23,7 +23,7 @@ impl FitArgs {
         train: &[Log],
         printer: &mut Printer,
     ) -> anyhow::Result<()> {
-        let ModelChoice::Given(basis) = self.model else {
+        let ModelArg::Given(basis) = self.model else {
             anyhow::bail!("`--partial` needs one model, not `--model auto`");
         };
         let mut output = AtomicFile::create(path)?;

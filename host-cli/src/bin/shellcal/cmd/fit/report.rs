@@ -1,14 +1,14 @@
 //! What `shellcal fit` prints.
 
+use calibration::quality::AxisQuality;
+use calibration::uncertainty::{CoefficientCovariance, Covariance};
+use calibration::validation::cross_validation::CrossValidation;
+use calibration::validation::excitation::Excitation;
+use calibration::validation::selection::Selection;
 use serde::Serialize;
-use shellcal::calibration::quality::AxisQuality;
-use shellcal::calibration::uncertainty::{CoefficientCovariance, Covariance};
-use shellcal::calibration::validation::cross_validation::CrossValidation;
-use shellcal::calibration::validation::excitation::Excitation;
-use shellcal::calibration::validation::selection::Selection;
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::{CalibrationFile, SolverRecord};
 use shellcal::workflow::fit::Fit;
-use shellcal::wrench::{Axis, PerAxis};
 
 use super::super::quality::{significant, table_row};
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};

@@ -2,9 +2,9 @@
 
 use beam_channel::Model;
 use serde::Serialize;
-use shellcal::workflow::simulate::{BeamRow, MonteCarlo, Row, Summary, beam_rows};
+use shellcal::workflow::simulate::{BeamRow, MonteCarlo, Summary, SweepRow, beam_rows};
 
-use super::report::cm;
+use super::format::cm;
 use crate::printer::Printer;
 
 /// One channel.
@@ -18,7 +18,7 @@ pub(super) struct ChannelReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) uncertainty: Option<MonteCarlo>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) positions: Option<Vec<Row>>,
+    pub(super) positions: Option<Vec<SweepRow>>,
 }
 
 /// The body at one position.

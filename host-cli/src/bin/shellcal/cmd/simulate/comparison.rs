@@ -2,12 +2,14 @@
 
 use anyhow::bail;
 use serde::Serialize;
-use shellcal::workflow::simulate::{Condition, ConditionChannel, Remark, Summary, read_trials};
+use shellcal::workflow::simulate::{
+    ChannelDiagnostic, Condition, ConditionChannel, Summary, read_trials,
+};
 
 use super::args::{SimulateArgs, of_deflection, of_width};
+use super::format::{cm, or_dash};
 use super::model;
 use super::quantity::length;
-use super::report::{cm, or_dash};
 use crate::printer::Printer;
 
 /// One condition, measured and simulated.
@@ -21,7 +23,7 @@ pub(super) struct Comparison {
     over_prediction_n: Option<f64>,
     /// Simulated over measured; none where either is not positive.
     ratio: Option<f64>,
-    remarks: Vec<Remark>,
+    remarks: Vec<ChannelDiagnostic>,
 }
 
 impl SimulateArgs {

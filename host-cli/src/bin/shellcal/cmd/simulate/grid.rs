@@ -8,8 +8,8 @@ use shellcal::output::AtomicFile;
 use shellcal::workflow::simulate::{Cell, GridAxis, Parameter, Summary, grid};
 
 use super::args::SimulateArgs;
-use super::report::or_dash;
-use crate::cmd::Outcome;
+use super::format::or_dash;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// Combinations at most.

@@ -3,6 +3,7 @@
 mod args;
 mod channel;
 mod comparison;
+mod format;
 mod grid;
 mod outputs;
 mod quantity;
@@ -15,7 +16,7 @@ use shellcal::workflow::simulate::{Course, monte_carlo};
 
 pub(crate) use args::SimulateArgs;
 
-use super::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 use channel::ChannelReport;
 use comparison::Comparison;
@@ -109,5 +110,5 @@ impl SimulateArgs {
 /// The model of a channel; an error says of which.
 fn model(setup: &Setup) -> anyhow::Result<Model> {
     Model::new(setup)
-        .with_context(|| format!("a channel {} cm wide", report::cm(setup.channel.width_m)))
+        .with_context(|| format!("a channel {} cm wide", format::cm(setup.channel.width_m)))
 }

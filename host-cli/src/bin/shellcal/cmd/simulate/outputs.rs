@@ -5,12 +5,12 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use beam_channel::Model;
+use shellcal::figures::{Format, channel_figure};
 use shellcal::output::AtomicFile;
-use shellcal::plot::{Format, channel_figure};
 use shellcal::workflow::simulate::{Course, Passage, beam_rows, curve, read_trace};
 
 use super::args::SweepArgs;
-use super::report::cm;
+use super::format::cm;
 use crate::printer::Printer;
 
 /// What is written.

@@ -5,6 +5,7 @@ use serde::Serialize;
 use shellcal::workflow::simulate::{Interval, Parameter};
 
 use super::channel::ChannelReport;
+use super::format::{cm, or_dash, percent};
 use crate::printer::Printer;
 
 /// What all channels have in common, for `--json`.
@@ -28,18 +29,6 @@ impl SetupReport {
             true_angle: setup.rules.angle == Angle::True,
         }
     }
-}
-
-/// A length in cm, without digits that rounding made.
-pub(super) fn cm(length_m: f64) -> String {
-    let rounded = (length_m * 1e8).round() / 1e6;
-    // Not −0.
-    format!("{}", rounded + 0.0)
-}
-
-/// A figure, or a dash where there is none.
-pub(super) fn or_dash(value: Option<f64>, decimals: usize) -> String {
-    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.decimals$}"))
 }
 
 /// "5–6", and both walls where they differ.
@@ -131,20 +120,9 @@ pub(super) fn print_uncertainty(
     Ok(())
 }
 
-/// A share in %, without digits that rounding made.
-fn percent(share: f64) -> f64 {
-    (share * 1e8).round() / 1e6
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn figures_are_said_without_the_noise_of_their_arithmetic() {
-        assert_eq!([cm(2.0 * (0.05 - 0.01)), cm(-1e-12), cm(0.0255)], ["8", "0", "2.55"]);
-        assert_eq!(percent(0.95), 95.0);
-    }
 
     #[test]
     fn walls_are_told_apart_only_where_they_differ() {

@@ -11,7 +11,7 @@ use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
 use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::OutputArgs;
 use super::{manifest, show, watch};
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
@@ -43,7 +43,7 @@ pub(crate) struct BatchArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 
-    /// Stay, and evaluate anew what changes: manifest, logs, calibration or profile
+    /// Keep running, and evaluate again what changes: manifest, logs, calibration or profile
     #[arg(long)]
     watch: bool,
 
@@ -184,7 +184,7 @@ impl BatchArgs {
             Some(_) => Vec::new(),
             None => {
                 let path = self.manifest.display();
-                manifest.remarkable().iter().map(|problem| format!("{path}:{problem}")).collect()
+                manifest.suspicious().iter().map(|problem| format!("{path}:{problem}")).collect()
             }
         };
         Ok(Run { batch, conditions, warnings })
@@ -198,7 +198,8 @@ impl BatchArgs {
             .iter()
             .map(|trial| (format!("{manifest}:{}", trial.place.line), &trial.evaluated.result))
             .collect();
-        show::remarks(printer, &results);
+        self.evaluation.note_forces(printer, &self.options(equipment));
+        show::diagnostics(printer, &results);
         warnings.iter().for_each(|warning| printer.warning(warning));
         for failure in &batch.failures {
             let file = match failure.file.is_empty() {

@@ -3,17 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use log_file::{Mapping, ReadOptions};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::log_file::{Mapping, ReadOptions};
-use shellcal::trial::{LowPass, Profile, Rule, TareRule, TraceExtent, TrialOptions};
-use shellcal::workflow::selection::TimeWindow;
-use shellcal::workflow::trial::Instrument;
+use shellcal::forces::RowRule;
+use shellcal::trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
-use crate::cmd::frames::parse_window;
+use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::MappingArgs;
-
-/// The lab's tare, in frames.
-const TARE_FRAMES: usize = 50;
+use crate::printer::Printer;
 
 /// How trials are evaluated.
 #[derive(Debug, clap::Args)]
@@ -31,37 +28,8 @@ pub(crate) struct EvaluationArgs {
     #[arg(long)]
     by_row: bool,
 
-    /// Subtract the mean wrench of the first N frames [default: 50]
-    #[arg(long, value_name = "N", group = "tares", help_heading = "Taring", value_parser = parse_frames)]
-    tare: Option<usize>,
-
-    /// Subtract the mean wrench between two times, in s on the log's clock
-    #[arg(long, value_name = "START:END", group = "tares", help_heading = "Taring", value_parser = parse_window)]
-    tare_time: Option<TimeWindow>,
-
-    /// Subtract nothing
-    #[arg(long, group = "tares", help_heading = "Taring")]
-    no_tare: bool,
-
-    /// Cutoff of the Butterworth low-pass, in Hz
-    #[arg(long, value_name = "HZ", default_value_t = 10.0, help_heading = "Filtering")]
-    lowpass: f64,
-
-    /// Do not filter
-    #[arg(long, conflicts_with = "lowpass", help_heading = "Filtering")]
-    no_lowpass: bool,
-
-    /// Number of poles of the low-pass
-    #[arg(long, value_name = "N", default_value_t = 4, help_heading = "Filtering")]
-    order: usize,
-
-    /// Filter forward only: forces lag behind, some 40 ms at 10 Hz
-    #[arg(long, help_heading = "Filtering")]
-    causal: bool,
-
-    /// Rows per second, for the low-pass [default: one over the median time from row to row]
-    #[arg(long, value_name = "HZ", help_heading = "Filtering")]
-    rate: Option<f64>,
+    #[command(flatten)]
+    forces: ForceArgs,
 
     /// The highest reading the converter can give, to tell saturation
     #[arg(long, value_name = "COUNTS", default_value_t = 4095.0)]
@@ -97,23 +65,19 @@ impl EvaluationArgs {
     }
 
     pub(crate) fn options(&self, equipment: &Equipment, trace: TraceExtent) -> TrialOptions {
-        let zero_phase = !self.causal && !self.by_row;
+        let rule = if self.by_row { RowRule::Rows } else { RowRule::Time };
         TrialOptions {
-            tare: match (self.tare_time, self.tare) {
-                _ if self.no_tare => TareRule::Untared,
-                (Some(window), _) => TareRule::Between(window.start_s, window.end_s),
-                (None, frames) => TareRule::First(frames.unwrap_or(TARE_FRAMES)),
-            },
-            low_pass: (!self.no_lowpass).then_some(LowPass {
-                cutoff_hz: self.lowpass,
-                order: self.order,
-                zero_phase,
-            }),
-            rate_hz: self.rate,
-            rule: if self.by_row { Rule::Rows } else { Rule::Time },
+            forces: self.forces.options(rule),
             trace,
             full_scale: self.full_scale,
             unexplained: equipment.calibration.as_ref().and_then(CalibrationFile::unexplained),
+        }
+    }
+
+    /// Says how forces are made, where there are any.
+    pub(crate) fn note_forces(&self, printer: &mut Printer, options: &TrialOptions) {
+        if self.calibration.is_some() {
+            printer.note(describe_forces(&options.forces));
         }
     }
 
@@ -141,11 +105,4 @@ fn read_profile(path: &Path) -> anyhow::Result<Profile> {
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("cannot read `{}`", path.display()))?;
     Profile::parse(&text).map_err(|error| anyhow::anyhow!("`{}`, {error}", path.display()))
-}
-
-fn parse_frames(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(0) | Err(_) => Err("expected a number of frames, 1 or more".to_owned()),
-        Ok(frames) => Ok(frames),
-    }
 }

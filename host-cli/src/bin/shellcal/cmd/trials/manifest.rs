@@ -5,15 +5,11 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use shellcal::output::OutputError;
 use shellcal::trial::manifest::{Manifest, Place, suggest};
-use shellcal::trial::{PhaseProfile, Profile, TraceExtent, TrialOptions, TrialResult};
+use shellcal::trial::{TraceExtent, TrialOptions, TrialResult};
 use shellcal::workflow::batch::{self, Batch, BatchOptions};
-use shellcal::workflow::figures::passage;
 
 use super::evaluation::{Equipment, EvaluationArgs};
 use crate::printer::Printer;
-
-/// Without sensors traces are thinned to this distance, s.
-const THIN_S: f64 = 0.01;
 
 /// Reads a manifest: TOML if it is called so, else CSV.
 pub(super) fn read(path: &Path) -> anyhow::Result<Manifest> {
@@ -47,18 +43,6 @@ pub(super) fn stem(place: Place, result: &TrialResult) -> String {
     format!("{stem}.{}", place.line)
 }
 
-/// Keeps of a trace of the whole log what a figure of many trials needs: the phase profile of the time
-/// that the robot is fully inside (or in the window, where that has no strides), and, if `thinned`, the
-/// trace frame by frame.
-pub(super) fn reduce(result: &mut TrialResult, profile: &Profile, thinned: bool) {
-    let Some(trace) = result.trace.take() else { return };
-    let window_s = [result.row.t_enter_s, result.row.t_exit_s];
-    let inside_s = passage(&result.row, profile).stretches().1;
-    let of = |window_s| PhaseProfile::new([(&trace, window_s)]);
-    result.phase = inside_s.and_then(of).or_else(|| of(window_s));
-    result.trace = thinned.then(|| trace.thinned(THIN_S));
-}
-
 /// Evaluates the trials of a manifest with traces of the whole logs, which `keep` may use and should
 /// reduce.
 pub(super) fn evaluate(
@@ -88,7 +72,7 @@ pub(super) fn evaluate(
 pub(super) fn slow_filter(batch: &Batch, options: &TrialOptions) -> Option<String> {
     let rows = batch.trials.iter().map(|trial| &trial.evaluated.result.row);
     let strides_hz = rows.filter_map(|row| row.stride_frequency_hz).fold(0.0, f64::max);
-    let cutoff_hz = options.low_pass?.cutoff_hz;
+    let cutoff_hz = options.forces.low_pass?.cutoff_hz;
     (strides_hz > 0.5 * cutoff_hz).then(|| {
         format!(
             "{strides_hz:.1} strides per second are near or above the low-pass of {cutoff_hz} Hz: it \

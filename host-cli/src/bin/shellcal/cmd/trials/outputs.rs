@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
+use shellcal::figures::Format;
 use shellcal::output::{OutputError, write_atomically};
-use shellcal::plot::Format;
 use shellcal::table::Table;
 use shellcal::trial::manifest::Place;
 use shellcal::trial::tables::{conditions_table, strides_table, trace_table, trials_table};
 use shellcal::trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 use shellcal::workflow::batch::Batch;
-use shellcal::workflow::figures::FigureFolder;
+use shellcal::workflow::figures::{FigureFolder, reduce_trace};
 
 use super::manifest;
 
@@ -101,7 +101,7 @@ impl OutputArgs {
         }
         self.write_trace(place, result)?;
         match figures {
-            Some(_) => manifest::reduce(result, profile, false),
+            Some(_) => reduce_trace(result, profile, false),
             None => result.trace = None,
         }
         Ok(())

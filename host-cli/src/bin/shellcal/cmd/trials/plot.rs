@@ -4,19 +4,19 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use clap::Subcommand;
-use shellcal::log_file::Log;
+use log_file::Log;
+use shellcal::figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
+use shellcal::figures::{Figure, Format};
 use shellcal::output::{AtomicFile, write_atomically};
-use shellcal::plot::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
-use shellcal::plot::{Figure, Format};
 use shellcal::trial::{TraceExtent, Trial, TrialRow};
-use shellcal::workflow::figures::{passage, some_strides, title};
+use shellcal::workflow::figures::{passage, reduce_trace, some_strides, title};
 use shellcal::workflow::selection::TimeWindow;
-use shellcal::workflow::trial::{evaluate_log, find_window};
+use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
-use crate::cmd::Outcome;
 use crate::cmd::frames::parse_window;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
@@ -109,25 +109,18 @@ impl PlotArgs {
 impl OneArgs {
     fn run(&self, printer: &mut Printer, telemetry: bool) -> anyhow::Result<Outcome> {
         let format = Format::of(&self.output)?;
-        // A path that cannot be written is told before the work.
+        // A path that cannot be written is an error before the work.
         drop(AtomicFile::create(&self.output)?);
         let equipment = self.evaluation.equipment()?;
-        let instrument = equipment.instrument();
         let log = Log::open(&self.log, &equipment.mapping)?;
         let options = self.evaluation.options(&equipment, TraceExtent::Log);
         let read = self.evaluation.read_options();
-        let window = match self.enter.zip(self.exit) {
-            Some(window) => window,
-            None if equipment.calibration.is_none() => {
-                bail!("without a calibration there is no drag to find the window in")
-            }
-            None => {
-                let proposal = find_window(&log, instrument, &options, &read)?;
-                (proposal.t_enter_s, proposal.t_exit_s)
-            }
-        };
-        let trial = Trial::of_window(self.log.display().to_string(), window);
-        let result = evaluate_log(&log, &trial, instrument, &options, &read)?.result;
+        let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
+        let name = self.log.display().to_string();
+        let trial = Trial::of_window(name, (f64::NAN, f64::NAN));
+        let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
+        let result = evaluate_in_window(&job, trial, window)?.result;
+        self.evaluation.note_forces(printer, &options);
         let (row, trace) = (&result.row, result.trace.unwrap_or_default());
         let title = self.title.clone().unwrap_or_else(|| title(row));
         let passage = passage(row, &equipment.profile);
@@ -161,7 +154,7 @@ impl ManyArgs {
         let equipment = self.evaluation.equipment()?;
         let manifest = manifest::read(&self.manifest)?;
         let keep = |_, result: &mut _| {
-            manifest::reduce(result, &equipment.profile, false);
+            reduce_trace(result, &equipment.profile, false);
             Ok(())
         };
         let evaluation = &self.evaluation;

@@ -2,7 +2,7 @@
 
 use shellcal::trial::{Profile, VELOCIROACH};
 
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use shellcal::trial::{
-    ConditionRow, Difference, Interval, Per, Quantity, Remark, Severity, Statistics, StrideRow,
+    ConditionRow, Diagnostic, Difference, Interval, Per, Quantity, Severity, Statistics, StrideRow,
     TrialResult, TrialRow,
 };
 
 use crate::printer::Printer;
 
-/// What there is not.
+/// A value that is missing.
 const NOTHING: &str = "–";
 
 /// One row a trial.
@@ -155,18 +155,21 @@ fn decimals(values: impl Iterator<Item = f64>) -> usize {
     (1..=6).find(|&decimals| largest * 10_f64.powi(decimals) >= 1000.0).unwrap_or(6) as usize
 }
 
-/// Says what to know about the results on stderr: remarks of a kind once, for the first trial that
+/// Says what to know about the results on stderr: diagnostics of a kind once, for the first trial that
 /// has it, and in how many others it is the same. `places` are where the trials are said.
-pub(super) fn remarks(printer: &mut Printer, results: &[(String, &TrialResult)]) {
-    let mut kinds: BTreeMap<(Severity, &str), Vec<(&str, &Remark)>> = BTreeMap::new();
+pub(super) fn diagnostics(printer: &mut Printer, results: &[(String, &TrialResult)]) {
+    let mut kinds: BTreeMap<(Severity, &str), Vec<(&str, &Diagnostic)>> = BTreeMap::new();
     for (place, result) in results {
-        for remark in &result.remarks {
-            kinds.entry((remark.severity(), remark.code())).or_default().push((place, remark));
+        for diagnostic in &result.diagnostics {
+            kinds
+                .entry((diagnostic.severity(), diagnostic.code()))
+                .or_default()
+                .push((place, diagnostic));
         }
     }
-    for ((severity, _), remarks) in kinds {
-        let (place, first) = remarks[0];
-        let more = match remarks.len() {
+    for ((severity, _), diagnostics) in kinds {
+        let (place, first) = diagnostics[0];
+        let more = match diagnostics.len() {
             1 => String::new(),
             trials => format!(" (and the like in {} more)", trials - 1),
         };

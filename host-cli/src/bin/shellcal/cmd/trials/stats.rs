@@ -7,7 +7,7 @@ use shellcal::trial::ValueTable;
 use shellcal::trial::manifest::suggest;
 
 use super::show;
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\

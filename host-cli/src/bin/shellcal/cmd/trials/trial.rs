@@ -2,17 +2,16 @@
 
 use std::path::PathBuf;
 
-use anyhow::bail;
+use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shellcal::log_file::{Log, ReadOptions};
 use shellcal::output::{AtomicFile, write_atomically};
 use shellcal::trial::tables::{strides_table, trace_table};
-use shellcal::trial::{Remark, TraceExtent, Trial, TrialOptions, TrialResult};
-use shellcal::workflow::trial::{evaluate_log, find_window};
+use shellcal::trial::{TraceExtent, Trial, TrialOptions, TrialResult};
+use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 
 use super::evaluation::EvaluationArgs;
 use super::show;
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
@@ -77,7 +76,6 @@ struct Document<'a> {
 impl TrialArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let equipment = self.evaluation.equipment()?;
-        let instrument = equipment.instrument();
         let trace = match (&self.trace, self.whole_log) {
             (None, _) => TraceExtent::Nothing,
             (Some(_), false) => TraceExtent::Window,
@@ -88,30 +86,20 @@ impl TrialArgs {
         let trace_file = self.trace.as_ref().map(AtomicFile::create).transpose()?;
         let read = self.evaluation.read_options();
         let name = self.log.display().to_string();
-        let (window, found) = match self.enter.zip(self.exit) {
-            Some(window) => (window, None),
-            None if equipment.calibration.is_none() => {
-                bail!("without a calibration there is no drag to find the window in")
-            }
-            None => {
-                let unhashed = ReadOptions { checksum: false, ..read };
-                let proposal = find_window(&log, instrument, &options, &unhashed)?;
-                ((proposal.t_enter_s, proposal.t_exit_s), Some(Remark::found_window(&proposal)))
-            }
-        };
         let trial = Trial {
             velocity_m_s: self.velocity,
             mass_kg: self.mass,
             channel_length_m: self.channel_length,
-            ..Trial::of_window(name.clone(), window)
+            ..Trial::of_window(name.clone(), (f64::NAN, f64::NAN))
         };
+        let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
         let bar = printer.progress(&name, log.bytes());
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions { progress: Some(&progress), ..read };
-        let evaluated = evaluate_log(&log, &trial, instrument, &options, &read);
+        let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
+        let evaluated = evaluate_in_window(&job, trial, window);
         bar.finish_and_clear();
-        let mut evaluated = evaluated?;
-        evaluated.result.remarks.extend(found);
+        let evaluated = evaluated?;
         let result = &evaluated.result;
         if let (Some(mut file), Some(trace)) = (trace_file, &result.trace) {
             std::io::Write::write_all(&mut file, &trace_table(trace).to_csv())?;
@@ -120,7 +108,8 @@ impl TrialArgs {
         if let Some(path) = &self.strides {
             write_atomically(path, &strides_table(std::iter::once(result)).to_csv())?;
         }
-        show::remarks(printer, &[(name, result)]);
+        self.evaluation.note_forces(printer, &options);
+        show::diagnostics(printer, &[(name, result)]);
         if printer.json() {
             let checksum = evaluated.checksum.as_deref();
             let profile = &equipment.profile;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use shellcal::workflow::batch::{Stamp, stamp};
 
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 /// How often files are looked at. A look costs a system call a file.

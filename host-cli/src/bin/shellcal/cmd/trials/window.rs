@@ -2,16 +2,16 @@
 
 use std::path::PathBuf;
 
+use log_file::Log;
 use serde::Serialize;
-use shellcal::log_file::Log;
+use shellcal::figures::Format;
+use shellcal::figures::trial::window_figure;
 use shellcal::output::write_atomically;
-use shellcal::plot::Format;
-use shellcal::plot::trial::window_figure;
-use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, Trace, TraceExtent, propose_window};
-use shellcal::workflow::trial::{TrialLogError, evaluate_whole};
+use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
+use shellcal::workflow::trial::{TrialJob, WindowSearch, search_window};
 
 use super::evaluation::EvaluationArgs;
-use crate::cmd::Outcome;
+use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 const EXAMPLES: &str = "\
@@ -19,7 +19,7 @@ Examples:
   shellcal window run3.txt --calibration calibration.json --plot window.svg
   shellcal window *.txt --calibration calibration.json --json
 
-The confidence is the share of the slow variation of the drag that one stay in a channel explains. Look
+The confidence is the share of the slow variation of the drag that one passage through a channel explains. Look
 at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit code is 1.";
 
 #[derive(Debug, clap::Args)]
@@ -62,30 +62,22 @@ impl WindowArgs {
             self.logs.len()
         );
         let format = self.plot.as_ref().map(Format::of).transpose()?;
-        let mut options = self.evaluation.options(&equipment, TraceExtent::Log);
-        // A filter that lags behind would make the window late.
-        options.low_pass = options
-            .low_pass
-            .map(|low_pass| shellcal::trial::LowPass { zero_phase: true, ..low_pass });
+        let options = self.evaluation.options(&equipment, TraceExtent::Log);
         let mut found = Vec::new();
         for path in &self.logs {
             let log = Log::open(path, &equipment.mapping)?;
             let read = self.evaluation.read_options();
-            let result = evaluate_whole(&log, equipment.instrument(), &options, &read)?.result;
-            let Trace { t_s, wrench: [fx, ..], .. } = result.trace.unwrap_or_default();
-            let drag: Vec<f64> = fx.iter().map(|fx| -fx).collect();
-            if drag.is_empty() {
-                return Err(TrialLogError::NoForces.into());
-            }
-            let stride_s = result.row.stride_frequency_hz.map(f64::recip);
-            let proposal = propose_window(&t_s, &drag, stride_s);
+            let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
+            let WindowSearch { time_s, drag_n, proposal } = search_window(&job)?;
             let name = path.display().to_string();
             if let (Some(file), Some(format)) = (&self.plot, format) {
-                let figure = window_figure(&name, &t_s, &drag, proposal.as_ref());
+                let figure = window_figure(&name, &time_s, &drag_n, proposal.as_ref());
                 write_atomically(file, &figure.render(format)?)?;
             }
             found.push(Found::new(name, proposal));
         }
+        let forces = options.forces.zero_phase();
+        self.evaluation.note_forces(printer, &TrialOptions { forces, ..options });
         let refused = found.iter().any(|found| found.proposal.is_none());
         self.print(printer, &found)?;
         Ok(if refused { Outcome::CheckFailed } else { Outcome::Done })

@@ -1,0 +1,99 @@
+//! Why a calibration cannot be fitted.
+
+use super::exact::ExactError;
+use super::features::Features;
+use super::least_squares::LeastSquaresError;
+use super::rank_loss::RankLoss;
+use super::reading_ranges::ReadingRanges;
+
+/// Why a calibration cannot be fitted.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FitError {
+    /// Fewer rows than coefficients.
+    #[error("`{rows}` rows are too few for the `{coefficients}` coefficients of each axis")]
+    TooFewRows {
+        /// Rows used.
+        rows: u64,
+        /// Coefficients of each axis.
+        coefficients: usize,
+    },
+    /// Every row has the same readings.
+    #[error("all `{rows}` rows have the same readings")]
+    IdenticalRows {
+        /// Rows used.
+        rows: u64,
+    },
+    /// The features are not independent.
+    #[error("{0}")]
+    RankDeficient(RankLoss),
+    /// The features are so nearly dependent that the solver cannot tell what the rows say.
+    #[error(
+        "the features are nearly dependent: their condition number is above `{limit:.0e}`, the most that this solver can answer for"
+    )]
+    IllConditioned {
+        /// The largest condition number it can answer for.
+        limit: f64,
+    },
+    /// A solver that improves its answer pass by pass does not come to rest.
+    #[error("no answer after `{passes}` passes over the rows")]
+    NotConverged {
+        /// Passes made.
+        passes: usize,
+    },
+    /// The features are independent, but so nearly not that the coefficients cannot be computed.
+    #[error("the features are so nearly dependent that their coefficients cannot be computed")]
+    NearlyDependent,
+    /// The rows cannot be summed exactly; another solver can do with them.
+    #[error("the exact solver cannot take these rows: {0}")]
+    NotExact(#[from] ExactError),
+    /// A value is infinite or not a number.
+    #[error("`{column}` is not a finite number in row `{row}` of a block")]
+    NotFinite {
+        /// The channel or axis.
+        column: String,
+        /// The row within its block, from 0.
+        row: usize,
+    },
+    /// Finite values whose features are not.
+    #[error("readings or wrenches are too large: products of them overflow")]
+    Overflow,
+    /// Not the number of channels of the model.
+    #[error("expected `{expected}` channels, found `{found}`")]
+    Channels {
+        /// Channels of the model.
+        expected: usize,
+        /// Channels of the rows.
+        found: usize,
+    },
+    /// A ridge parameter that is not a finite number from zero up.
+    #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
+    Ridge(f64),
+}
+
+impl FitError {
+    /// An error of the least-squares solver in terms of channels and features.
+    pub(super) fn of_least_squares(
+        error: LeastSquaresError,
+        features: &Features,
+        ranges: &ReadingRanges,
+    ) -> Self {
+        match error {
+            LeastSquaresError::TooFewRows { rows, columns } => {
+                FitError::TooFewRows { rows, coefficients: columns }
+            }
+            LeastSquaresError::RankDeficient { .. }
+                if ranges.constant_channels().len() == ranges.channels.len() =>
+            {
+                FitError::IdenticalRows { rows: ranges.rows }
+            }
+            LeastSquaresError::RankDeficient { null_space, triangle, .. } => {
+                let (r, null_space) = (triangle.as_ref().as_ref(), null_space.as_ref());
+                FitError::RankDeficient(RankLoss::explain(features, ranges, r, null_space))
+            }
+            LeastSquaresError::IllConditioned { limit } => FitError::IllConditioned { limit },
+            LeastSquaresError::NotConverged { passes } => FitError::NotConverged { passes },
+            LeastSquaresError::NotFinite => FitError::Overflow,
+        }
+    }
+}

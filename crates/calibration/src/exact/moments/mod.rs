@@ -1,0 +1,13 @@
+//! Exact sums in a form that does not depend on how they were computed, and what can be done with
+//! them without rounding: merging, subtracting, moving the origin, counting in finer units.
+
+pub(crate) mod channel_range;
+pub(crate) mod digit_planes;
+mod document;
+pub(crate) mod layout;
+pub(crate) mod product_sums;
+pub(crate) mod reading_unit;
+pub(crate) mod rounding;
+pub(crate) mod scaled_integers;
+
+pub use self::product_sums::Moments;

@@ -1,0 +1,316 @@
+//! The normal equations, and their solution once they are known to have one.
+
+use faer::Mat;
+use num_bigint::BigInt;
+use num_traits::Zero;
+
+use super::cholesky::{AxisRow, Bordered, LANES};
+use super::fit::{CholeskyFactor, CountedFeatures, Fit, SolveError};
+use super::multipliers::Multipliers;
+use crate::double_double::DoubleDouble;
+use crate::exact::moments::layout::pair;
+use crate::exact::moments::product_sums::Moments;
+use crate::exact::moments::rounding::power_of_two;
+use crate::exact::moments::rounding::{integer, round, round_scaled, shifted};
+use crate::model::{Model, Term};
+use shell_data::wrench::PerAxis;
+
+/// Condition numbers from which the error of Cholesky, κ²·2⁻¹⁰⁴, may show in the last place of a
+/// coefficient a thousand times smaller than others.
+const REFINE_ABOVE: f64 = 1e5;
+
+/// A correction that does not change what is rounded to `f64`.
+const DONE: f64 = 1.0 / (1u64 << 60) as f64;
+
+/// The normal equations in integers.
+pub(crate) struct Equations<'a> {
+    moments: &'a Moments,
+    model: Model,
+    terms: Vec<Term>,
+    centre: Vec<i64>,
+    reach: Vec<i32>,
+    /// Sums about the centre, in the order of the layout.
+    readings: Vec<i128>,
+    wrench: [Vec<BigInt>; 6],
+    /// Where the products of each two terms stand in `readings`, row by row.
+    positions: Vec<usize>,
+    /// Columns are divided by two to these.
+    columns: Vec<i32>,
+    /// Axes are divided by two to these.
+    axes: [i32; 6],
+}
+
+impl<'a> Equations<'a> {
+    pub(crate) fn new(
+        moments: &'a Moments,
+        model: &Model,
+        terms: Vec<Term>,
+        positions: Vec<usize>,
+        centre: &[i64],
+    ) -> Self {
+        let (readings, wrench) = moments.about(centre);
+        let sums = 0..=moments.layout.features.len();
+        let wrench = wrench.map(|axis| sums.clone().map(|place| axis.value(place)).collect());
+        let (columns, axes) = moments.norms(&readings, &positions, terms.len());
+        Self {
+            columns,
+            axes,
+            model: *model,
+            reach: centre.iter().enumerate().map(|(i, &c)| moments.reach(i, c)).collect(),
+            centre: centre.to_vec(),
+            terms,
+            readings,
+            wrench,
+            positions,
+            moments,
+        }
+    }
+
+    pub(crate) fn solve(self, ridge: f64, rank: usize) -> Result<Fit, SolveError> {
+        let size = self.terms.len();
+        let mut bordered = Bordered::zero(size, 6);
+        let mut penalties = vec![DoubleDouble::ZERO; size];
+        for (a, penalty) in penalties.iter_mut().enumerate() {
+            for b in a..size {
+                let scale = power_of_two(-self.columns[a] - self.columns[b]);
+                bordered.set(a, b, round(self.gram(a, b)).scaled(scale));
+            }
+            if self.terms[a] != Term::INTERCEPT && ridge > 0.0 {
+                let square = bordered.get(a, a);
+                // A column of zeros: any penalty keeps its coefficient at zero.
+                let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
+                *penalty = square * DoubleDouble::from(ridge);
+                bordered.set(a, a, bordered.get(a, a) + *penalty);
+            }
+            for axis in 0..6 {
+                let (value, exponent) = self.right(a, axis);
+                let exponent = exponent - self.columns[a] - self.axes[axis];
+                bordered.set(a, size + axis, round_scaled(value, exponent));
+            }
+        }
+        for a in 0..6 {
+            for b in a..6 {
+                let square = &self.moments.squares[pair(a, b)];
+                let exponent = square.exponent - self.axes[a] - self.axes[b];
+                bordered.set(size + a, size + b, round_scaled(&square.values[0], exponent));
+            }
+        }
+        let products: Vec<AxisRow> = (0..size + 6).map(|a| border(&bordered, a)).collect();
+        bordered.factor().map_err(|_| SolveError::NearlyDependent)?;
+        let mut coefficients: Vec<AxisRow> = (0..size).map(|a| border(&bordered, a)).collect();
+        bordered.solve_upper(&mut coefficients);
+        let condition = condition(&bordered);
+        if !condition.is_finite() {
+            return Err(SolveError::NearlyDependent);
+        }
+        if condition > REFINE_ABOVE {
+            self.refine(&bordered, &penalties, &mut coefficients)?;
+        }
+        let residuals = if ridge == 0.0 {
+            (0..6).map(|a| border(&bordered, size + a)).collect()
+        } else {
+            penalised_residuals(&products, &coefficients, &penalties)
+        };
+        self.fit(bordered, &coefficients, &residuals, condition, rank)
+    }
+
+    fn gram(&self, a: usize, b: usize) -> i128 {
+        self.readings[self.positions[a * self.terms.len() + b]]
+    }
+
+    /// The sum of feature `a` times the wrench: integer and exponent.
+    fn right(&self, a: usize, axis: usize) -> (&BigInt, i32) {
+        let position = self.moments.layout.position(self.terms[a], Term::INTERCEPT);
+        (&self.wrench[axis][position], self.moments.wrench[axis].exponent)
+    }
+
+    /// Corrects the coefficients by solving for the exact residual of the normal equations.
+    fn refine(
+        &self,
+        cholesky: &Bordered,
+        penalties: &[DoubleDouble],
+        coefficients: &mut [AxisRow],
+    ) -> Result<(), SolveError> {
+        /// Each round gains what the first solution had in digits.
+        const ROUNDS: usize = 8;
+        let mut before = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let mut correction = self.residual(penalties, coefficients);
+            cholesky.solve_lower(&mut correction);
+            cholesky.solve_upper(&mut correction);
+            let mut largest: f64 = 0.0;
+            for (row, correction) in coefficients.iter_mut().zip(&correction) {
+                for (c, &d) in row.iter_mut().zip(correction) {
+                    *c += d;
+                    if d != DoubleDouble::ZERO {
+                        largest = largest.max((d.to_f64() / c.to_f64()).abs());
+                    }
+                }
+            }
+            if largest > DONE && largest >= before || largest.is_nan() {
+                return Err(SolveError::NearlyDependent);
+            }
+            // The next correction would be smaller than this one by the same factor again.
+            if largest < DONE {
+                return Ok(());
+            }
+            before = largest;
+        }
+        Err(SolveError::NearlyDependent)
+    }
+
+    /// `b − (A + penalties)·c`, rounded once.
+    fn residual(&self, penalties: &[DoubleDouble], coefficients: &[AxisRow]) -> Vec<AxisRow> {
+        let size = self.terms.len();
+        let (units, integers) = self.integers(coefficients);
+        let multipliers = Multipliers::new(&integers);
+        let mut residual = vec![[DoubleDouble::ZERO; LANES]; size];
+        for (a, residual) in residual.iter_mut().enumerate() {
+            let sums = multipliers.sums_with((0..size).map(|b| self.gram(a, b)));
+            for (axis, sum) in sums.into_iter().enumerate() {
+                let (right, exponent) = self.right(a, axis);
+                let lowest = units[axis].min(exponent);
+                let rest = (right << (exponent - lowest)) - (sum << (units[axis] - lowest));
+                let exponent = lowest - self.columns[a] - self.axes[axis];
+                let penalty = penalties[a] * coefficients[a][axis];
+                residual[axis] = round_scaled(&rest, exponent) - penalty;
+            }
+        }
+        residual
+    }
+
+    /// For each axis the coefficients of unscaled columns as integers, and the exponent of the power
+    /// of two that they count.
+    fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
+        let mut units = [0; 6];
+        let integers = std::array::from_fn(|axis| {
+            let parts: Vec<[(BigInt, i32); 2]> = (coefficients.iter().zip(&self.columns))
+                .map(|(row, &column)| {
+                    let up = self.axes[axis] - column;
+                    [row[axis].to_f64(), row[axis].tail()].map(|x| {
+                        let (integer, exponent) = integer(x);
+                        (integer, exponent + up)
+                    })
+                })
+                .collect();
+            let unit = parts.iter().flatten().filter(|(n, _)| !n.is_zero()).map(|&(_, e)| e).min();
+            units[axis] = unit.unwrap_or(0);
+            let whole = |parts: &[(BigInt, i32); 2]| {
+                let parts = parts.iter().filter(|(n, _)| !n.is_zero());
+                parts.map(|(n, e)| n << (e - units[axis])).sum()
+            };
+            parts.iter().map(whole).collect()
+        });
+        (units, integers)
+    }
+
+    fn fit(
+        self,
+        cholesky: Bordered,
+        coefficients: &[AxisRow],
+        residuals: &[AxisRow],
+        condition: f64,
+        rank: usize,
+    ) -> Result<Fit, SolveError> {
+        let unit = |i: usize| self.moments.channels[i].unit;
+        let exponents: Vec<i32> = (self.terms.iter().zip(&self.columns))
+            .map(|(term, &column)| {
+                let reach: i32 = term.factors().iter().map(|&c| self.reach[usize::from(c)]).sum();
+                reach - column
+            })
+            .collect();
+        let stretch = |&c: &u8| {
+            let unit = unit(usize::from(c));
+            DoubleDouble::from(power_of_two(unit.nearest_power()))
+                / DoubleDouble::from(f64::from(unit.per_count()))
+        };
+        let stretch: Vec<DoubleDouble> = (self.terms.iter())
+            .map(|term| term.factors().iter().map(stretch).fold(DoubleDouble::ONE, |a, b| a * b))
+            .collect();
+        let scaled = |(row, (&exponent, &stretch)): (&AxisRow, (&i32, &DoubleDouble))| {
+            std::array::from_fn(|axis| shifted(row[axis], exponent + self.axes[axis]) / stretch)
+        };
+        let coefficients: Vec<PerAxis<DoubleDouble>> =
+            coefficients.iter().zip(exponents.iter().zip(&stretch)).map(scaled).collect();
+        if !coefficients.iter().flatten().all(|c| c.is_finite()) {
+            return Err(SolveError::Overflow);
+        }
+        let residual_products = std::array::from_fn(|a| {
+            std::array::from_fn(|b| {
+                let (low, high) = (a.min(b), a.max(b));
+                let product = residuals[low][high];
+                let product = shifted(product, self.axes[a] + self.axes[b]).to_f64();
+                // Where nothing is left, rounding may leave less than nothing.
+                if a == b { product.max(0.0) } else { product }
+            })
+        });
+        let channels = 0..self.model.channels;
+        Ok(Fit {
+            model: self.model,
+            rows: self.moments.rows,
+            centre: channels
+                .clone()
+                .map(|i| self.centre[i] as f64 / f64::from(unit(i).per_count()))
+                .collect(),
+            scale: channels
+                .map(|i| power_of_two(self.reach[i] - unit(i).nearest_power()))
+                .collect(),
+            coefficients,
+            residual_products,
+            total_squares: std::array::from_fn(|axis| self.moments.total_square(axis)),
+            condition,
+            rank,
+            factor: CholeskyFactor { cholesky, exponents },
+            counted: CountedFeatures { centre: self.centre, reach: self.reach, stretch },
+        })
+    }
+}
+
+fn border(bordered: &Bordered, row: usize) -> AxisRow {
+    let first = bordered.size;
+    std::array::from_fn(
+        |axis| {
+            if axis < 6 { bordered.get(row, first + axis) } else { DoubleDouble::ZERO }
+        },
+    )
+}
+
+/// `WᵀW − CᵀB − CᵀPC`, which are the residuals of `(A + P)·C = B`.
+fn penalised_residuals(
+    products: &[AxisRow],
+    c: &[AxisRow],
+    penalties: &[DoubleDouble],
+) -> Vec<AxisRow> {
+    let size = c.len();
+    (0..6)
+        .map(|a| {
+            let mut row = products[size + a];
+            for j in 0..size {
+                for b in 0..6 {
+                    row[b] -= c[j][a] * (products[j][b] + penalties[j] * c[j][b]);
+                }
+            }
+            row
+        })
+        .collect()
+}
+
+/// The condition number of a factor with its columns scaled to norm one.
+fn condition(cholesky: &Bordered) -> f64 {
+    let size = cholesky.size;
+    let mut r = Mat::<f64>::zeros(size, size);
+    for j in 0..size {
+        let column: Vec<f64> = (0..=j).map(|i| cholesky.get(i, j).to_f64()).collect();
+        let norm = column.iter().map(|x| x * x).sum::<f64>().sqrt();
+        for (i, x) in column.into_iter().enumerate() {
+            r[(i, j)] = x / norm;
+        }
+    }
+    match r.singular_values() {
+        Ok(values) => match (values.first(), values.last()) {
+            (Some(largest), Some(smallest)) => largest / smallest,
+            _ => 1.0,
+        },
+        Err(_) => f64::INFINITY,
+    }
+}

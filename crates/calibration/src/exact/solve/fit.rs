@@ -1,0 +1,111 @@
+//! The result of a fit to exact sums.
+
+use faer::Mat;
+
+use super::cholesky::Bordered;
+use super::rank::RankLoss;
+use crate::double_double::DoubleDouble;
+use crate::exact::moments::rounding::shifted;
+use crate::model::Model;
+use shell_data::wrench::PerAxis;
+
+/// Coefficients, and what the sums say about them. Features are in the order of [`Model::terms`],
+/// axes in that of [`shell_data::wrench::Axis::ALL`].
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The features.
+    pub model: Model,
+    /// Rows fitted.
+    pub rows: u64,
+    /// What is subtracted from the readings of each channel before products are taken, in counts;
+    /// zero without an intercept.
+    pub centre: Vec<f64>,
+    /// What they are divided by after that: a power of two.
+    pub scale: Vec<f64>,
+    /// One row per feature of centred and scaled readings, in N and N·m.
+    pub coefficients: Vec<PerAxis<DoubleDouble>>,
+    /// `(W − X·C)ᵀ(W − X·C)`, in products of N and N·m.
+    pub residual_products: [PerAxis<f64>; 6],
+    /// For each axis the sum of squared differences from the mean.
+    pub total_squares: PerAxis<f64>,
+    /// Condition number of the features, columns scaled to norm one.
+    pub condition: f64,
+    /// Independent features: all, unless a ridge stands in for the others.
+    pub rank: usize,
+    pub(crate) factor: CholeskyFactor,
+    pub(crate) counted: CountedFeatures,
+}
+
+/// Why the sums give no coefficients.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SolveError {
+    /// Fewer rows than coefficients.
+    #[error("`{rows}` rows are too few for the `{coefficients}` coefficients of each axis")]
+    TooFewRows {
+        /// Rows summed.
+        rows: u64,
+        /// Coefficients of each axis.
+        coefficients: usize,
+    },
+    /// Some features are combinations of others.
+    #[error("{0}")]
+    RankDeficient(RankLoss),
+    /// The features are independent, but so nearly not that refinement does not converge.
+    #[error("the features are so nearly dependent that their coefficients cannot be computed")]
+    NearlyDependent,
+    /// A coefficient is too large for `f64`.
+    #[error("coefficients exceed the range of numbers")]
+    Overflow,
+    /// A ridge parameter that is not a finite number from zero up.
+    #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
+    Ridge(f64),
+    /// Features that were not summed.
+    #[error("the sums are for `{summed}` features, not for `{asked}`")]
+    OtherFeatures {
+        /// What the sums are for.
+        summed: String,
+        /// What was asked for.
+        asked: String,
+    },
+}
+
+/// The Cholesky factor of scaled features.
+#[derive(Clone, Debug)]
+pub(crate) struct CholeskyFactor {
+    pub(crate) cholesky: Bordered,
+    /// `2^exponent` times a column of it is that of the centred and scaled feature.
+    pub(crate) exponents: Vec<i32>,
+}
+
+/// The features of readings that are counted in the units of the sums.
+#[derive(Clone, Debug)]
+pub(crate) struct CountedFeatures {
+    /// What is subtracted.
+    pub(crate) centre: Vec<i64>,
+    /// The power of two that the rest is divided by.
+    pub(crate) reach: Vec<i32>,
+    /// How much larger a feature of [`Fit`] is than one of these: one where units are powers of two.
+    pub(crate) stretch: Vec<DoubleDouble>,
+}
+
+impl Fit {
+    /// The fraction of the variance of each axis that the fit explains; `None` for an axis that
+    /// does not vary.
+    pub fn r_squared(&self) -> PerAxis<Option<f64>> {
+        std::array::from_fn(|axis| {
+            let total = self.total_squares[axis];
+            (total > 0.0).then(|| 1.0 - self.residual_products[axis][axis] / total)
+        })
+    }
+
+    /// Upper triangular `R` with `RᵀR = XᵀX`, ridge included: columns are features of centred and
+    /// scaled readings. In `f64`, which is enough for standard errors.
+    pub fn triangle(&self) -> Mat<f64> {
+        let CholeskyFactor { cholesky, exponents } = &self.factor;
+        Mat::from_fn(cholesky.size, cholesky.size, |i, j| match i <= j {
+            true => (shifted(cholesky.get(i, j), -exponents[j]) * self.counted.stretch[j]).to_f64(),
+            false => 0.0,
+        })
+    }
+}

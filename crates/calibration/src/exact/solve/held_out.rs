@@ -1,0 +1,227 @@
+//! Fits without some of the rows, and their errors on just those rows, from sums alone.
+//!
+//! With the sums `A = XᵀX`, `B = XᵀW`, `D = WᵀW` over all rows and `A_g`, `B_g`, `D_g` over a part
+//! of them, the fit without the part solves `(A − A_g)·C = B − B_g`, and its squared errors on the
+//! part are
+//!
+//! ```text
+//! diag(D_g − 2·CᵀB_g + CᵀA_g·C)
+//! ```
+//!
+//! so nothing is read again. `A − A_g` is taken in integers, about the mean of all rows, so it is
+//! exactly what summing the other rows would give; the rest is double-double. By Cauchy's
+//! inequality the terms of the last formula are at most `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and
+//! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
+//! before the tenth was wrong.
+
+use pulp::{Arch, NullaryFnOnce};
+
+use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
+use super::fit::{Fit, SolveError};
+use super::partition::{EquationScales, PartMoments, PartitionedMoments, counted_coefficients};
+use super::symmetric::Symmetric;
+use crate::double_double::DoubleDouble;
+use crate::exact::moments::product_sums::Moments;
+use crate::exact::moments::rounding::power_of_two;
+use crate::exact::moments::rounding::round;
+use crate::model::Term;
+use crate::quality::AxisQuality;
+use shell_data::wrench::PerAxis;
+
+/// Pivots of Cholesky, relative to the diagonal, above which its coefficients have more than ten
+/// digits: their error is about p·2⁻¹⁰⁰ over the smallest pivot.
+const SMALLEST_PIVOT: f64 = 1.0 / (1u64 << 58) as f64;
+
+/// Errors on rows that were not fitted, on one axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HeldOutErrors {
+    /// Rows.
+    pub rows: u64,
+    /// Sum of errors, predicted less measured, N or N·m.
+    pub sum: f64,
+    /// Sum of squared errors.
+    pub squares: f64,
+}
+
+impl HeldOutErrors {
+    /// Adds the rows of `other`.
+    pub fn merge(&mut self, other: &HeldOutErrors) {
+        self.rows += other.rows;
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    /// Root mean square of the errors; NaN for zero rows.
+    pub fn rms(&self) -> f64 {
+        (self.squares / self.rows as f64).sqrt()
+    }
+
+    /// Mean of the errors; NaN for zero rows.
+    pub fn bias(&self) -> f64 {
+        self.sum / self.rows as f64
+    }
+}
+
+impl PartitionedMoments<'_> {
+    /// Fits all rows but those of `moments`, whose sums are `part`, and returns the errors on
+    /// those. `ridge` is as in [`Moments::solve`], about the mean of all rows.
+    ///
+    /// # Errors
+    /// [`SolveError`] if the other rows do not determine the coefficients.
+    pub fn held_out(
+        &self,
+        moments: &Moments,
+        part: &PartMoments,
+        ridge: f64,
+    ) -> Result<PerAxis<HeldOutErrors>, SolveError> {
+        if !(ridge >= 0.0 && ridge.is_finite()) {
+            return Err(SolveError::Ridge(ridge));
+        }
+        let size = self.scales.terms.len();
+        let rows = self.all.rows - part.rows;
+        if rows < size as u64 && ridge == 0.0 || rows == 0 {
+            return Err(SolveError::TooFewRows { rows, coefficients: size });
+        }
+        match self.scales.solve(&self.all, part, ridge) {
+            Some(coefficients) => Ok(self.scales.errors(part, &coefficients)),
+            None => self.held_out_slowly(moments, ridge),
+        }
+    }
+
+    /// As [`Self::held_out`], with the certain rank and the refinement of [`Moments::solve`].
+    fn held_out_slowly(
+        &self,
+        part: &Moments,
+        ridge: f64,
+    ) -> Result<PerAxis<HeldOutErrors>, SolveError> {
+        let fit = self.total.without(part).solve(&self.model, ridge)?;
+        Ok(self.errors_of(&fit, part))
+    }
+
+    /// The figures of the fit to all rows on just these. There is no largest error in sums.
+    ///
+    /// # Errors
+    /// [`SolveError`] if the rows do not determine the coefficients.
+    pub fn in_sample(&self, ridge: f64) -> Result<PerAxis<AxisQuality>, SolveError> {
+        let fit = self.total.solve(&self.model, ridge)?;
+        let errors = self.errors_of(&fit, self.total);
+        Ok(std::array::from_fn(|axis| {
+            let (errors, total) = (errors[axis], self.total.total_square(axis));
+            AxisQuality {
+                rms: errors.rms(),
+                max: None,
+                bias: errors.bias(),
+                r_squared: (total > 0.0).then(|| 1.0 - errors.squares / total),
+            }
+        }))
+    }
+
+    /// The errors on a part of a fit that has an origin and units of its own.
+    fn errors_of(&self, fit: &Fit, part: &Moments) -> PerAxis<HeldOutErrors> {
+        let scales = self.scales_of(fit);
+        let coefficients = counted_coefficients(fit);
+        scales.errors(&scales.part(&part.in_units_of(self.total)), &coefficients)
+    }
+}
+
+impl EquationScales {
+    /// ScaledIntegers coefficients without the part; `None` if they are not sure to ten digits.
+    fn solve(&self, all: &PartMoments, part: &PartMoments, ridge: f64) -> Option<Vec<AxisRow>> {
+        let rest = all.gram.iter().zip(&part.gram).map(|(all, part)| all.wrapping_sub(*part));
+        let mut gram = Symmetric::new(rest, &self.columns);
+        for (a, term) in self.terms.iter().enumerate() {
+            if ridge > 0.0 && *term != Term::INTERCEPT {
+                let square = gram.diagonal_mut(a);
+                // As for all rows: a column of zeros keeps its coefficient at zero.
+                let penalised =
+                    if *square == DoubleDouble::ZERO { DoubleDouble::ONE } else { *square };
+                *square += penalised * DoubleDouble::from(ridge);
+            }
+        }
+        let right: Vec<AxisRow> = (all.right.iter().zip(&part.right))
+            .map(|(all, part)| std::array::from_fn(|lane| all[lane] - part[lane]))
+            .collect();
+        gram.solve(&right).or_else(|| solve_wide(&gram, &right))
+    }
+
+    /// The errors of scaled coefficients on a part.
+    fn errors(&self, part: &PartMoments, coefficients: &[AxisRow]) -> PerAxis<HeldOutErrors> {
+        let (sums, squares) =
+            Arch::new().dispatch(Errors { columns: &self.columns, part, coefficients });
+        std::array::from_fn(|axis| {
+            let unit = power_of_two(self.axes[axis]);
+            HeldOutErrors {
+                rows: part.rows,
+                sum: sums[axis].to_f64() * unit,
+                // Where nothing is left, rounding may leave less than nothing.
+                squares: (squares[axis].to_f64() * unit).max(0.0) * unit,
+            }
+        })
+    }
+}
+
+/// The solution by a factor in double-double; `None` if it is not sure to ten digits.
+fn solve_wide(gram: &Symmetric, right: &[AxisRow]) -> Option<Vec<AxisRow>> {
+    let size = right.len();
+    let mut bordered = Bordered::zero(size, 6);
+    for (a, right) in right.iter().enumerate() {
+        (a..size).for_each(|b| bordered.set(a, b, gram.get(a, b)));
+        (0..6).for_each(|axis| bordered.set(a, size + axis, right[axis]));
+    }
+    bordered.factor().ok()?;
+    let is_sure = |a: usize| {
+        let root = bordered.get(a, a).to_f64();
+        root * root > SMALLEST_PIVOT * gram.get(a, a).to_f64()
+    };
+    let sure = (0..size).all(is_sure);
+    let mut coefficients: Vec<AxisRow> = (0..size)
+        .map(|a| {
+            std::array::from_fn(|axis| match axis {
+                0..6 => bordered.get(a, size + axis),
+                _ => DoubleDouble::ZERO,
+            })
+        })
+        .collect();
+    bordered.solve_upper(&mut coefficients);
+    let finite = coefficients.iter().flatten().all(|c| c.is_finite());
+    (sure && finite).then_some(coefficients)
+}
+
+/// Sums of errors and of their squares, scaled.
+struct Errors<'a> {
+    columns: &'a [i32],
+    part: &'a PartMoments,
+    coefficients: &'a [AxisRow],
+}
+
+impl NullaryFnOnce for Errors<'_> {
+    type Output = (AxisRow, AxisRow);
+
+    #[inline(always)]
+    fn call(self) -> (AxisRow, AxisRow) {
+        let Self { columns, part, coefficients } = self;
+        let mut sums = ElementLanes::of(&part.wrench.map(|sum| -sum));
+        let mut squares = part.squares;
+        let lanes: Vec<ElementLanes> = coefficients.iter().map(ElementLanes::of).collect();
+        let mut gram = &part.gram[..];
+        for (a, c) in coefficients.iter().enumerate() {
+            let (row, rest) = gram.split_at(columns.len() - a);
+            gram = rest;
+            // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of what the terms of `a` take away.
+            let mut half = ElementLanes::of(&part.right[a]);
+            for (b, &element) in (a..).zip(row) {
+                let up = if a == b { 1 } else { 0 };
+                let element = round(element).scaled(power_of_two(-columns[a] - columns[b] - up));
+                half.take_away(element, &lanes[b]);
+            }
+            let ones = round(part.features[a]).scaled(power_of_two(-columns[a]));
+            sums.take_away(-ones, &lanes[a]);
+            let half = half.row();
+            for lane in 0..LANES {
+                squares[lane] -= (half[lane] * c[lane]).scaled(2.0);
+            }
+        }
+        let sums = sums.row();
+        (sums, squares)
+    }
+}

@@ -1,0 +1,21 @@
+//! From exact sums to coefficients, to errors on rows that are held out, and to the spread of the
+//! coefficients from group to group.
+
+pub(crate) mod cholesky;
+mod equations;
+pub(crate) mod fit;
+pub(crate) mod group_scatter;
+pub(crate) mod held_out;
+mod modular;
+mod multipliers;
+pub(crate) mod partition;
+pub(crate) mod rank;
+mod scales;
+mod solver;
+mod symmetric;
+
+pub use self::fit::{Fit, SolveError};
+pub use self::group_scatter::{GroupScatter, GroupScatterError};
+pub use self::held_out::HeldOutErrors;
+pub use self::partition::{PartMoments, PartitionedMoments};
+pub use self::rank::{RankLoss, Relation};

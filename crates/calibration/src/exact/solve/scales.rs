@@ -1,0 +1,84 @@
+//! What the sums say before anything is solved: means, norms, ranges and variances.
+
+use crate::double_double::DoubleDouble;
+use crate::exact::moments::layout::pair;
+use crate::exact::moments::product_sums::Moments;
+use crate::exact::moments::rounding::round_scaled;
+use crate::model::Term;
+use shell_data::wrench::Axis;
+
+impl Moments {
+    /// Where the products of each two terms stand among the sums, row by row.
+    pub(crate) fn positions(&self, terms: &[Term]) -> Vec<usize> {
+        let size = terms.len();
+        let mut positions = vec![0; size * size];
+        for a in 0..size {
+            for b in a..size {
+                let position = self.layout.position(terms[a], terms[b]);
+                positions[a * size + b] = position;
+                positions[b * size + a] = position;
+            }
+        }
+        positions
+    }
+
+    /// Exponents of the powers of two just above the norms of `size` columns, whose products stand
+    /// among `readings` at those positions, and of the six axes; 0 where there are only zeros.
+    pub(crate) fn norms(
+        &self,
+        readings: &[i128],
+        positions: &[usize],
+        size: usize,
+    ) -> (Vec<i32>, [i32; 6]) {
+        let half = |exponent: i32| exponent.div_euclid(2) + 1;
+        let columns = (0..size).map(|j| match readings[positions[j * size + j]] {
+            0 => 0,
+            square => half(square.ilog2() as i32),
+        });
+        let axes = std::array::from_fn(|axis| {
+            let square = &self.squares[pair(axis, axis)];
+            match square.values[0].bits() {
+                0 => 0,
+                bits => half(square.exponent + bits as i32 - 1),
+            }
+        });
+        (columns.collect(), axes)
+    }
+
+    pub(crate) fn rounded_mean(&self, channel: usize) -> i64 {
+        let sum = self.readings[1 + self.layout.single(channel)];
+        let rows = i128::from(self.rows);
+        (sum + rows / 2).div_euclid(rows) as i64
+    }
+
+    /// The exponent of the power of two that no reading is farther from `centre` than.
+    pub(crate) fn reach(&self, channel: usize, centre: i64) -> i32 {
+        let range = &self.channels[channel];
+        let reach = (range.highest - centre).max(centre - range.lowest).max(1);
+        (reach as u64).next_power_of_two().ilog2() as i32
+    }
+}
+
+pub(crate) fn contains(moments: &Moments, terms: &[Term]) -> bool {
+    terms.iter().all(|term| *term == Term::INTERCEPT || moments.layout.features.contains(term))
+}
+
+impl Moments {
+    /// The variance of an axis over all rows, in N² or (N·m)²; NaN for zero rows.
+    pub fn variance(&self, axis: Axis) -> f64 {
+        self.total_square(axis.index()) / self.rows as f64
+    }
+
+    /// The sum of squared differences from the mean of an axis.
+    pub(crate) fn total_square(&self, axis: usize) -> f64 {
+        let square = &self.squares[pair(axis, axis)];
+        let sums = &self.wrench[axis];
+        let sum = &sums.values[0];
+        // n·Σw² − (Σw)² in units of the finer of both.
+        let unit = square.exponent.min(2 * sums.exponent);
+        let squares = (&square.values[0] << (square.exponent - unit)) * self.rows;
+        let difference = squares - ((sum * sum) << (2 * sums.exponent - unit));
+        let total = round_scaled(&difference, unit) / DoubleDouble::from(self.rows as f64);
+        total.to_f64()
+    }
+}

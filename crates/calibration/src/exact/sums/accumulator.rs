@@ -1,0 +1,325 @@
+//! Summing rows exactly.
+//!
+//! Rows are worked on [`ROWS`] at a time, in integers about a centre near the middle of each
+//! channel's range, which makes them small. Each sum over such a block is exact (see
+//! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
+//! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches occur that the plan of
+//! centre, limbs and digits does not cover, the sums so far are put into [`Moments`] and a new plan is
+//! made.
+
+use std::sync::Arc;
+
+use pulp::Arch;
+
+use super::block_sums::{Scratch, SumBlock};
+use super::digits::{Digits, Numbers};
+use super::expected_rows::ExpectedRows;
+use super::kernel::ROWS;
+use super::limbs::{FeatureLimbs, SQUARE_WIDTH};
+use super::open_sums::{MOST_BLOCKS, OpenSums};
+use super::plan::SummationPlan;
+use crate::exact::error::ExactError;
+use crate::exact::moments::channel_range::ChannelRange;
+use crate::exact::moments::channel_range::scan_column;
+use crate::exact::moments::layout::MomentLayout;
+use crate::exact::moments::product_sums::Moments;
+use crate::exact::moments::reading_unit::count;
+use crate::model::Basis;
+use shell_data::wrench::Axis;
+
+/// Sums rows of readings and wrenches exactly, in memory that does not grow with the rows.
+#[derive(Clone, Debug)]
+pub struct Accumulator {
+    basis: Basis,
+    layout: Arc<MomentLayout>,
+    /// Sums that are closed: in their final form.
+    closed: Option<Moments>,
+    /// Units and ranges of the channels over all rows, staged ones included.
+    channels: Vec<ChannelRange>,
+    pub(crate) expected: ExpectedRows,
+    open: Option<OpenSums>,
+    /// Rows not yet summed: columns of [`ROWS`] numbers.
+    staged: usize,
+    readings: Vec<f64>,
+    wrench: Vec<f64>,
+    pub(crate) scratch: Scratch,
+}
+
+impl Accumulator {
+    /// No rows yet, of `channels` channels.
+    pub fn new(basis: Basis, channels: usize) -> Self {
+        let layout = Arc::new(MomentLayout::new(basis, channels));
+        Self::with_layout(basis, layout, ExpectedRows::nothing(channels))
+    }
+
+    /// Prepares for rows such as these, which saves work later and has no influence on results.
+    pub fn expect<C: AsRef<[f64]>>(&mut self, readings: &[C], wrench: &[C]) {
+        let mut expected = self.expected.clone();
+        expected.expect_readings(readings);
+        expected.expect_wrench(wrench);
+        if expected.in_counts() {
+            self.expected = expected;
+        }
+    }
+
+    /// No rows yet.
+    fn with_layout(basis: Basis, layout: Arc<MomentLayout>, expected: ExpectedRows) -> Self {
+        let channels = layout.channels();
+        Self {
+            basis,
+            layout,
+            closed: None,
+            channels: vec![ChannelRange::EMPTY; channels],
+            expected,
+            open: None,
+            staged: 0,
+            readings: vec![0.0; channels * ROWS],
+            wrench: vec![0.0; 6 * ROWS],
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// Adds the rows of `other`, which are other rows of the same channels and basis.
+    ///
+    /// # Errors
+    /// [`ExactError`] if the rows of both cannot be summed exactly; the accumulator must then not
+    /// be used any more.
+    ///
+    /// # Panics
+    /// If basis or number of channels differ.
+    pub fn merge(&mut self, mut other: Self) -> Result<(), ExactError> {
+        self.sum_staged()?;
+        std::mem::swap(&mut self.scratch, &mut other.scratch);
+        other.sum_staged()?;
+        std::mem::swap(&mut self.scratch, &mut other.scratch);
+        if let Some(closed) = other.closed.take() {
+            closed.add_to(&mut self.closed)?;
+        }
+        for i in 0..self.channels.len() {
+            if self.channels[i].unit != other.channels[i].unit {
+                self.discard_plan()?;
+            }
+            self.channels[i].merge(&other.channels[i]);
+            self.expected.channels[i].merge(&other.expected.channels[i]);
+            if !self.channels[i].fits() {
+                return Err(ExactError::TooWide { channel: i });
+            }
+        }
+        self.expected.merge_numbers(&other.expected.numbers);
+        let Some(open) = other.open.take_if(|open| open.rows > 0) else { return Ok(()) };
+        let same_units = self.channels.iter().zip(&other.channels);
+        if same_units.into_iter().any(|(a, b)| a.unit != b.unit) {
+            return self.close_into_moments(&open, &other.channels);
+        }
+        match &mut self.open {
+            None => {
+                self.expected.plan = Some(open.plan.clone());
+                self.open = Some(open);
+            }
+            Some(own) if own.plan == open.plan && own.blocks + open.blocks <= MOST_BLOCKS => {
+                own.add(&open);
+            }
+            // The later plan has seen more, and is more likely to be that of the next rows.
+            Some(own) => {
+                self.expected.plan = Some(open.plan.clone());
+                let own = std::mem::replace(own, open);
+                self.close_into_moments(&own, &self.channels.clone())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six
+    /// columns; all of the same length.
+    ///
+    /// # Errors
+    /// [`ExactError`] if the rows cannot be summed exactly. Rows before them may have been
+    /// added; the accumulator must not be used any more.
+    ///
+    /// # Panics
+    /// If the numbers or lengths of columns are not as described.
+    pub fn absorb<C: AsRef<[f64]>>(
+        &mut self,
+        readings: &[C],
+        wrench: &[C],
+    ) -> Result<(), ExactError> {
+        assert_eq!((readings.len(), wrench.len()), (self.channels.len(), 6), "columns");
+        let rows = wrench[0].as_ref().len();
+        assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
+        self.widen_ranges(readings)?;
+        if self.expected.plan.is_none() {
+            self.expected.expect_wrench(wrench);
+        }
+        let mut start = 0;
+        while start < rows {
+            let end = rows.min(start + ROWS - self.staged);
+            let staged = self.staged..self.staged + end - start;
+            for (i, column) in readings.iter().enumerate() {
+                let target = &mut self.readings[i * ROWS..][staged.clone()];
+                count(&column.as_ref()[start..end], self.channels[i].unit, target);
+            }
+            for (i, column) in wrench.iter().enumerate() {
+                self.wrench[i * ROWS..][staged.clone()]
+                    .copy_from_slice(&column.as_ref()[start..end]);
+            }
+            self.staged = staged.end;
+            if self.staged == ROWS {
+                self.sum_staged()?;
+            }
+            start = end;
+        }
+        Ok(())
+    }
+
+    /// Whether there are sums in working form, which take more memory than what they amount to.
+    pub fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// Hands over the sums over all rows but those that still wait for a full block, if there are any.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be exact.
+    pub fn settle(&mut self) -> Result<Option<Moments>, ExactError> {
+        self.close()?;
+        Ok(self.closed.take())
+    }
+
+    /// The sums over all rows that were added.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be exact.
+    pub fn finish(mut self) -> Result<Moments, ExactError> {
+        self.sum_staged()?;
+        self.close()?;
+        Ok(self.closed.unwrap_or_else(|| Moments::with_layout(self.basis, self.layout)))
+    }
+
+    /// Checks that readings are integers in some unit, and widens the known ranges by them.
+    fn widen_ranges<C: AsRef<[f64]>>(&mut self, readings: &[C]) -> Result<(), ExactError> {
+        for (i, column) in readings.iter().enumerate() {
+            let column = column.as_ref();
+            let known = self.channels[i];
+            let found = scan_column(column, known.unit)
+                .map_err(|value| ExactError::NotAnInteger { channel: i, value })?;
+            if found.unit != known.unit {
+                self.sum_staged()?;
+                self.discard_plan()?;
+            }
+            self.channels[i].merge(&found);
+            self.expected.channels[i].merge(&found);
+            if !self.channels[i].fits() {
+                return Err(ExactError::TooWide { channel: i });
+            }
+        }
+        Ok(())
+    }
+
+    /// Sums the rows that still wait for a full block.
+    pub(crate) fn sum_staged(&mut self) -> Result<(), ExactError> {
+        if self.staged == 0 {
+            return Ok(());
+        }
+        for column in self.wrench.chunks_mut(ROWS) {
+            column[self.staged..].fill(0.0);
+        }
+        let is_full = self.open.as_ref().is_some_and(|open| open.blocks >= MOST_BLOCKS);
+        let covers = |plan: &&Arc<SummationPlan>| {
+            distance(&self.channels, &plan.centre) <= plan.features.largest
+        };
+        match self.expected.plan.as_ref().filter(covers) {
+            Some(plan) if !is_full => {
+                self.open.get_or_insert_with(|| OpenSums::new(plan.clone()));
+            }
+            _ => self.reopen()?,
+        }
+        if !self.sum() {
+            self.reopen()?;
+            let exact = self.sum();
+            assert!(exact, "limbs chosen for these rows");
+        }
+        self.staged = 0;
+        Ok(())
+    }
+
+    fn sum(&mut self) -> bool {
+        let open = self.open.as_mut().expect("opened before");
+        Arch::new().dispatch(SumBlock {
+            layout: &self.layout,
+            open,
+            rows: self.staged,
+            readings: &self.readings,
+            wrench: &self.wrench,
+            scratch: &mut self.scratch,
+        })
+    }
+
+    /// Puts the open sums away and opens new ones that cover all rows so far and those staged.
+    fn reopen(&mut self) -> Result<(), ExactError> {
+        self.close()?;
+        for axis in Axis::ALL {
+            let staged = &self.wrench[axis.index() * ROWS..][..self.staged];
+            if !staged.iter().all(|x| x.is_finite()) {
+                return Err(ExactError::NotFinite { axis });
+            }
+            let numbers = &mut self.expected.numbers[axis.index()];
+            *numbers = numbers.and(Numbers::of(staged));
+        }
+        let expected = &self.expected.channels;
+        let centre: Vec<i64> = expected.iter().map(ChannelRange::middle).collect();
+        let features = FeatureLimbs::new(distance(expected, &centre), &self.layout);
+        let cross_width = features.cross_width().unwrap_or(SQUARE_WIDTH);
+        // Narrow digits will do for both, as they are as few.
+        let digits = |width: u32| -> Result<[Digits; 6], ExactError> {
+            let mut digits = [Digits::NONE; 6];
+            for axis in Axis::ALL {
+                let numbers = self.expected.numbers[axis.index()];
+                digits[axis.index()] = match numbers.grid(cross_width) {
+                    Some(grid) => Digits::Grid(grid),
+                    None => numbers
+                        .limbs(width)
+                        .map(Digits::Limbs)
+                        .ok_or(ExactError::TooManyPlaces { axis })?,
+                };
+            }
+            Ok(digits)
+        };
+        let (squares, cross) = (digits(SQUARE_WIDTH)?, digits(cross_width)?);
+        let plan = Arc::new(SummationPlan::new(&self.layout, centre, features, squares, cross));
+        self.open = Some(OpenSums::new(plan.clone()));
+        self.expected.plan = Some(plan);
+        Ok(())
+    }
+
+    /// Puts the open sums away before the unit of a channel changes: the plan is in its units.
+    fn discard_plan(&mut self) -> Result<(), ExactError> {
+        self.expected.plan = None;
+        self.close()
+    }
+
+    fn close(&mut self) -> Result<(), ExactError> {
+        match self.open.take() {
+            Some(open) if open.rows > 0 => self.close_into_moments(&open, &self.channels.clone()),
+            _ => Ok(()),
+        }
+    }
+
+    fn close_into_moments(
+        &mut self,
+        open: &OpenSums,
+        channels: &[ChannelRange],
+    ) -> Result<(), ExactError> {
+        let mut part = open.moments(&self.layout, self.basis);
+        part.channels = channels.to_vec();
+        part.add_to(&mut self.closed)
+    }
+}
+
+/// The largest distance between a reading and its centre.
+fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
+    let of = |(channel, &centre): (&ChannelRange, &i64)| {
+        (channel.highest.saturating_sub(centre)).max(centre.saturating_sub(channel.lowest))
+    };
+    let largest = channels.iter().zip(centre).map(of).max().unwrap_or(0);
+    u32::try_from(largest.max(0)).unwrap_or(u32::MAX)
+}

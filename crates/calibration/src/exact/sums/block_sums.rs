@@ -1,0 +1,186 @@
+//! Sums over one block of rows: from readings and wrench to the sums of all products.
+
+use pulp::{Simd, WithSimd};
+
+use super::kernel::{ROWS, products};
+use super::limbs::Limbs;
+use super::open_sums::OpenSums;
+use super::plan::{LimbColumn, SummationPlan};
+use crate::exact::moments::layout::MomentLayout;
+use crate::exact::moments::rounding::power_of_two;
+
+/// Working memory.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Scratch {
+    features: Vec<f64>,
+    wrench: Vec<f64>,
+    sums: Vec<f64>,
+}
+
+impl Scratch {
+    fn resize(&mut self, plan: &SummationPlan) {
+        let squares = plan.square_operands();
+        let groups = plan.groups.iter().map(|(_, operands)| operands);
+        let products = groups.chain(&squares);
+        let products = products.map(|operands| operands.left.len() * operands.right.len());
+        let cross = plan.cross_columns().len() * plan.rights.len();
+        let lefts = plan.groups.iter().map(|(lefts, _)| lefts.len()).max().unwrap_or(0);
+        self.features.resize((plan.rights.len() + lefts) * ROWS, 0.0);
+        self.wrench.resize(plan.wrench_columns() * ROWS, 0.0);
+        self.sums.resize(products.max().unwrap_or(0).max(cross), 0.0);
+    }
+}
+
+/// Adds the first `rows` rows of a block to open sums, unless the digits do not cover the wrench:
+/// says whether.
+pub(crate) struct SumBlock<'a> {
+    pub(crate) layout: &'a MomentLayout,
+    pub(crate) open: &'a mut OpenSums,
+    pub(crate) rows: usize,
+    /// Columns of [`ROWS`] integers, one per channel.
+    pub(crate) readings: &'a [f64],
+    /// Columns of [`ROWS`] numbers, one per axis, zero beyond the rows.
+    pub(crate) wrench: &'a [f64],
+    pub(crate) scratch: &'a mut Scratch,
+}
+
+impl WithSimd for SumBlock<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> bool {
+        let Self { layout, open, rows, readings, wrench: axes, scratch } = self;
+        let plan = &*open.plan;
+        scratch.resize(plan);
+        let Scratch { features, wrench, sums } = scratch;
+        if !cut_wrench(plan, axes, wrench) {
+            return false;
+        }
+        let ones = plan.square_columns();
+        let column = &mut wrench[ones * ROWS..][..ROWS];
+        column[..rows].fill(1.0);
+        column[rows..].fill(0.0);
+        fill(layout, plan, rows, readings, features);
+        cut_rights(plan, features);
+
+        let mut target = Target { simd, sums, high: &mut open.high, low: &mut open.low };
+        for (lefts, group) in &plan.groups {
+            cut_lefts(plan, lefts, features);
+            let right = &features[group.right.start * ROWS..group.right.end * ROWS];
+            target.add_products(features, group.left.iter().copied(), right);
+        }
+        let rights = &features[..plan.rights.len() * ROWS];
+        target.add_products(wrench, plan.cross_columns(), rights);
+        for axis in plan.square_operands() {
+            let right = &wrench[axis.right.start * ROWS..axis.right.end * ROWS];
+            target.add_products(wrench, axis.left.iter().copied(), right);
+        }
+        open.rows += rows as u64;
+        open.blocks += 1;
+        true
+    }
+}
+
+/// Cuts the wrench into its digits; says whether they add up to it.
+#[inline(always)]
+fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
+    let (squares, rest) = wrench.split_at_mut(plan.square_columns() * ROWS);
+    let cross = &mut rest[ROWS..];
+    for (digits, mut columns) in [(Some(&plan.squares), squares), (plan.cross.as_ref(), cross)] {
+        for (digits, axis) in digits.into_iter().flatten().zip(axes.chunks_exact(ROWS)) {
+            let now;
+            (now, columns) = columns.split_at_mut(digits.count() * ROWS);
+            if !digits.cut(axis, now) {
+                return false;
+            }
+        }
+    }
+    true
+}
+
+/// The features of readings about their centres, each where its right operands begin; zero for
+/// rows that are not there.
+#[inline(always)]
+fn fill(
+    layout: &MomentLayout,
+    plan: &SummationPlan,
+    rows: usize,
+    readings: &[f64],
+    features: &mut [f64],
+) {
+    for (f, &(factor, channel)) in layout.recipe.iter().enumerate() {
+        let (before, now) = features.split_at_mut(plan.firsts[f] * ROWS);
+        let now = &mut now[..ROWS];
+        match factor {
+            None => {
+                let centre = plan.centre[channel] as f64;
+                for (x, s) in now.iter_mut().zip(&readings[channel * ROWS..][..ROWS]) {
+                    *x = s - centre;
+                }
+                now[rows..].fill(0.0);
+            }
+            Some(factor) => {
+                let single = &before[plan.firsts[layout.single(channel)] * ROWS..][..ROWS];
+                let factor = &before[plan.firsts[factor] * ROWS..][..ROWS];
+                for ((x, a), b) in now.iter_mut().zip(factor).zip(single) {
+                    *x = a * b;
+                }
+            }
+        }
+    }
+}
+
+/// Cuts the features that are more than one right operand.
+#[inline(always)]
+fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
+    for columns in plan.firsts.windows(2).filter(|columns| columns[1] - columns[0] > 1) {
+        let parts = &mut features[columns[0] * ROWS..columns[1] * ROWS];
+        let whole: [f64; ROWS] = *parts.first_chunk().expect("a column at least");
+        Limbs::of_integers(plan.features.right.width, columns[1] - columns[0]).cut(&whole, parts);
+    }
+}
+
+/// Cuts the features that are other operands on the left of a group. They are whole on the right.
+#[inline(always)]
+fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
+    let (rights, mut columns) = features.split_at_mut(plan.rights.len() * ROWS);
+    for parts in lefts.chunk_by(|a, b| a.feature == b.feature) {
+        let now;
+        (now, columns) = columns.split_at_mut(parts.len() * ROWS);
+        let whole = &rights[plan.firsts[parts[0].feature] * ROWS..][..ROWS];
+        Limbs::of_integers(plan.features.left.width, parts.len()).cut(whole, now);
+    }
+}
+
+/// The sums that are added to, in their order.
+struct Target<'a, S> {
+    simd: S,
+    sums: &'a mut [f64],
+    high: &'a mut [f64],
+    low: &'a mut [f64],
+}
+
+impl<S: Simd> Target<'_, S> {
+    /// Adds the next sums: of products of some `left` of the `columns` and all on the right.
+    #[inline(always)]
+    fn add_products(
+        &mut self,
+        columns: &[f64],
+        left: impl ExactSizeIterator<Item = usize>,
+        right: &[f64],
+    ) {
+        let count = left.len() * (right.len() / ROWS);
+        let sums = &mut self.sums[..count];
+        products(self.simd, columns, left, right, sums);
+        let (high, rest) = std::mem::take(&mut self.high).split_at_mut(count);
+        self.high = rest;
+        let (low, rest) = std::mem::take(&mut self.low).split_at_mut(count);
+        self.low = rest;
+        let round = 1.5 * power_of_two(52 + 26);
+        for ((&sum, high), low) in sums.iter().zip(high).zip(low) {
+            let rounded = (sum + round) - round;
+            *high += rounded;
+            *low += sum - rounded;
+        }
+    }
+}

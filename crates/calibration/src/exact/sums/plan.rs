@@ -1,0 +1,127 @@
+//! How rows are summed: about which centre, in which limbs, and which columns are multiplied.
+
+use std::ops::Range;
+
+use super::digits::Digits;
+use super::limbs::FeatureLimbs;
+use crate::exact::moments::layout::MomentLayout;
+
+/// A plan of centre and limbs, with what follows from it for the work on a block of rows.
+///
+/// Columns of features stand side by side: first the right operands, feature by feature, then, for
+/// one group of products after the other, those left operands that are not among them. Columns of
+/// the wrench, likewise: digits to be multiplied with each other, axis by axis, then ones, then
+/// digits for the features only.
+#[derive(Debug, PartialEq)]
+pub(crate) struct SummationPlan {
+    /// What is subtracted from the readings of each channel.
+    pub(crate) centre: Vec<i64>,
+    pub(crate) features: FeatureLimbs,
+    /// The column where the right operands of each feature begin, and where all of them end.
+    pub(crate) firsts: Vec<usize>,
+    /// The right operands.
+    pub(crate) rights: Vec<LimbColumn>,
+    /// The products of features, group by group of the layout, each with its left operands that
+    /// are not among the right ones.
+    pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
+    /// Digits of each axis that are multiplied with those of other axes.
+    pub(crate) squares: [Digits; 6],
+    /// Digits of each axis that are multiplied with features, if not the same.
+    pub(crate) cross: Option<[Digits; 6]>,
+}
+
+/// A limb of a feature: the feature is the sum of its limbs, each times two to its shift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LimbColumn {
+    pub(crate) feature: usize,
+    pub(crate) shift: u32,
+}
+
+/// Columns that are multiplied, each on the left with each on the right.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Operands {
+    pub(crate) left: Vec<usize>,
+    pub(crate) right: Range<usize>,
+}
+
+impl SummationPlan {
+    pub(crate) fn new(
+        layout: &MomentLayout,
+        centre: Vec<i64>,
+        features: FeatureLimbs,
+        squares: [Digits; 6],
+        cross: [Digits; 6],
+    ) -> Self {
+        let FeatureLimbs { left, right, .. } = features;
+        let parts = |feature: usize, count: usize, width: u32| {
+            (0..count).map(move |limb| LimbColumn { feature, shift: limb as u32 * width })
+        };
+        let degree = |feature: usize| layout.features[feature].factors().len();
+        let (mut firsts, mut rights) = (vec![0], Vec::new());
+        for feature in 0..layout.features.len() {
+            rights.extend(parts(feature, right.counts[degree(feature)], right.width));
+            firsts.push(rights.len());
+        }
+        let groups = layout.groups.iter().map(|group| {
+            let (mut lefts, mut columns) = (Vec::new(), Vec::new());
+            for &feature in &group.left {
+                if features.is_shared(degree(feature)) {
+                    columns.extend(firsts[feature]..firsts[feature + 1]);
+                } else {
+                    let start = rights.len() + lefts.len();
+                    lefts.extend(parts(feature, left.counts[degree(feature)], left.width));
+                    columns.extend(start..rights.len() + lefts.len());
+                }
+            }
+            let right = firsts[group.right.start]..firsts[group.right.end];
+            (lefts, Operands { left: columns, right })
+        });
+        let groups = groups.collect();
+        let cross = (cross != squares).then_some(cross);
+        Self { centre, features, firsts, rights, groups, squares, cross }
+    }
+
+    /// Columns of digits that are multiplied with each other; the column of ones comes after them.
+    pub(crate) fn square_columns(&self) -> usize {
+        self.squares.iter().map(Digits::count).sum()
+    }
+
+    /// Columns of the wrench.
+    pub(crate) fn wrench_columns(&self) -> usize {
+        let cross = self.cross.iter().flatten().map(Digits::count).sum::<usize>();
+        self.square_columns() + 1 + cross
+    }
+
+    /// The columns of the wrench that are multiplied with features: digits axis by axis and ones,
+    /// the latter last or first.
+    pub(crate) fn cross_columns(&self) -> Range<usize> {
+        match self.cross {
+            None => 0..self.square_columns() + 1,
+            Some(_) => self.square_columns()..self.wrench_columns(),
+        }
+    }
+
+    /// The digits of each axis that are multiplied with features.
+    pub(crate) fn cross_digits(&self) -> &[Digits; 6] {
+        self.cross.as_ref().unwrap_or(&self.squares)
+    }
+
+    /// For every axis the columns that its digits are multiplied with: its own, those of later axes
+    /// and ones.
+    pub(crate) fn square_operands(&self) -> [Operands; 6] {
+        let mut start = 0;
+        self.squares.map(|digits| {
+            let own = start..start + digits.count();
+            start = own.end;
+            Operands { right: own.start..self.square_columns() + 1, left: own.collect() }
+        })
+    }
+
+    /// Number of sums.
+    pub(crate) fn sums(&self) -> usize {
+        let count = |operands: &Operands| operands.left.len() * operands.right.len();
+        let gram: usize = self.groups.iter().map(|(_, operands)| count(operands)).sum();
+        let squares: usize = self.square_operands().iter().map(count).sum();
+        gram + self.cross_columns().len() * self.rights.len() + squares
+    }
+}

@@ -1,0 +1,29 @@
+//! A triangular factor of the inverse of `XᵀX`.
+
+use std::borrow::Cow;
+
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::{Mat, Par};
+
+/// An upper triangular matrix `F`, or what it comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum InverseFactor {
+    /// `F` itself.
+    Known(Mat<f64>),
+    /// `F⁻¹`, which costs nothing to have; it is inverted where `F` is asked for.
+    Inverse(Mat<f64>),
+}
+
+impl InverseFactor {
+    /// `F`.
+    pub fn matrix(&self) -> Cow<'_, Mat<f64>> {
+        match self {
+            InverseFactor::Known(factor) => Cow::Borrowed(factor),
+            InverseFactor::Inverse(triangle) => {
+                let mut inverse = Mat::identity(triangle.nrows(), triangle.ncols());
+                solve_upper_triangular_in_place(triangle.as_ref(), inverse.as_mut(), Par::Seq);
+                Cow::Owned(inverse)
+            }
+        }
+    }
+}

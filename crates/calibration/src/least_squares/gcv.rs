@@ -1,0 +1,170 @@
+//! The ridge parameter by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21,
+//! 1979), from one factorisation.
+//!
+//! With the columns that are penalised made orthogonal to the free one, scaled by their norms and
+//! factored as `U·S·Vᵀ`, the residual sum of squares and the degrees of freedom for every λ are sums
+//! over singular values:
+//!
+//! ```text
+//! GCV(λ) = (RSS(λ)/n) / (1 − t(λ)/n)²    t = Σ s²/(s² + λ), and 1 for the free column
+//! RSS(λ) = RSS(0) + Σ (λ/(s² + λ))²·b²   b = UᵀY
+//! ```
+//!
+//! One λ serves all columns of `Y`, which have units of their own: what is made small is the sum of
+//! the logarithms of their GCV, which does not depend on units.
+
+use faer::Mat;
+
+use crate::triangle::LeastSquaresError;
+use crate::triangle::Triangle;
+
+/// Points per factor of ten of the first search.
+const PER_DECADE: usize = 8;
+/// The smallest λ looked at, as a share of the largest squared singular value, and the largest.
+const RANGE: (f64, f64) = (-20.0, 4.0);
+
+/// The λ at which the criterion is smallest; zero where that is at the lower end of the search.
+pub(super) fn lambda(
+    triangle: &Triangle,
+    free_column: Option<usize>,
+) -> Result<f64, LeastSquaresError> {
+    let criterion = Criterion::new(triangle, free_column)?;
+    let steps = ((RANGE.1 - RANGE.0) as usize) * PER_DECADE;
+    let exponent = |step: usize| RANGE.0 + step as f64 / PER_DECADE as f64;
+    let best = (0..=steps)
+        .min_by(|&a, &b| criterion.at(exponent(a)).total_cmp(&criterion.at(exponent(b))))
+        .unwrap_or(0);
+    if best == 0 {
+        return Ok(0.0);
+    }
+    let (low, high) = (exponent(best - 1), exponent((best + 1).min(steps)));
+    Ok(criterion.largest * 10_f64.powf(golden_section(low, high, |e| criterion.at(e))))
+}
+
+struct Criterion {
+    rows: f64,
+    free: f64,
+    /// Squared singular values.
+    squares: Vec<f64>,
+    /// The largest of them.
+    largest: f64,
+    /// `(UᵀY)²`, one column per output.
+    weights: Mat<f64>,
+    /// RSS(0), one per output.
+    residuals: Vec<f64>,
+}
+
+impl Criterion {
+    fn new(triangle: &Triangle, free_column: Option<usize>) -> Result<Self, LeastSquaresError> {
+        let (r, z) = triangle.damped_parts(crate::triangle::Ridge::NONE);
+        let (p, q) = z.shape();
+        let free = usize::from(free_column.is_some());
+        if triangle.rows() <= (free + 1) as u64 {
+            return Err(LeastSquaresError::TooFewRows { rows: triangle.rows(), columns: p });
+        }
+        if !r.is_all_finite() || !z.is_all_finite() {
+            return Err(LeastSquaresError::NotFinite);
+        }
+        // The free column first: what is below its row afterwards is orthogonal to it.
+        let order: Vec<usize> =
+            free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
+        let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);
+        let (turned, z) = Triangle::of_rows(&moved, &z).damped_parts(crate::triangle::Ridge::NONE);
+        let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
+        let norms: Vec<f64> = order.iter().map(|&j| unit(r.col(j).norm_l2())).collect();
+        let m = p - free;
+        let scaled = Mat::from_fn(m, m, |i, j| {
+            if i <= j { turned[(free + i, free + j)] / norms[free + j] } else { 0.0 }
+        });
+        let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
+        let b = svd.U().transpose() * z.subrows(free, m);
+        let squares: Vec<f64> = svd.S().column_vector().iter().map(|s| s * s).collect();
+        let solved = triangle.rest_products();
+        Ok(Self {
+            rows: triangle.rows() as f64,
+            free: free as f64,
+            largest: squares.first().copied().unwrap_or(1.0),
+            squares,
+            weights: Mat::from_fn(m, q, |i, a| b[(i, a)] * b[(i, a)]),
+            residuals: (0..q).map(|a| solved[(a, a)]).collect(),
+        })
+    }
+
+    /// The criterion at λ = 10^`exponent` times the largest squared singular value.
+    fn at(&self, exponent: f64) -> f64 {
+        let lambda = self.largest * 10_f64.powf(exponent);
+        let kept: f64 = self.squares.iter().map(|s| s / (s + lambda)).sum();
+        let freedom = self.rows - self.free - kept;
+        let score = |a: usize| {
+            let shrunk = self.squares.iter().enumerate().map(|(i, s)| {
+                let share = lambda / (s + lambda);
+                share * share * self.weights[(i, a)]
+            });
+            (self.residuals[a] + shrunk.sum::<f64>()).max(f64::MIN_POSITIVE).ln()
+                - 2.0 * freedom.max(f64::MIN_POSITIVE).ln()
+        };
+        (0..self.residuals.len()).map(score).sum()
+    }
+}
+
+/// Where `f` is smallest between `low` and `high`, to a thousandth of their distance.
+fn golden_section(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
+    let ratio = (5_f64.sqrt() - 1.0) / 2.0;
+    for _ in 0..16 {
+        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
+        if f(a) <= f(b) { high = b } else { low = a }
+    }
+    (low + high) / 2.0
+}
+
+#[cfg(test)]
+mod tests {
+    use faer::linalg::solvers::Solve;
+    use faer::{Mat, Side};
+
+    use super::super::{Dense, Method, Ridge, solve_dense};
+
+    /// GCV from its definition, by the matrix that takes `Y` to its prediction.
+    fn gcv(x: &Mat<f64>, y: &Mat<f64>, lambda: f64) -> f64 {
+        let (n, p) = x.shape();
+        let mut gram = x.transpose() * x;
+        for j in 0..p - 1 {
+            gram[(j, j)] += lambda * x.col(j).squared_norm_l2();
+        }
+        let hat = x * gram.llt(Side::Lower).unwrap().solve(x.transpose());
+        let freedom = n as f64 - (0..n).map(|i| hat[(i, i)]).sum::<f64>();
+        let residual = y - hat * y;
+        residual.col_iter().map(|r| (r.squared_norm_l2() / freedom / freedom).ln()).sum()
+    }
+
+    #[test]
+    fn the_ridge_chosen_has_the_smallest_score_of_all() {
+        // Nearly collinear columns, an intercept, and noise: some ridge helps.
+        let noise = |i: usize, j: usize| {
+            (((i * 131 + j * 57 + 11) * 2_654_435) % 1009) as f64 / 504.5 - 1.0
+        };
+        let x = Mat::from_fn(40, 6, |i, j| match j {
+            5 => 1.0,
+            _ => noise(i, 9) + 0.05 * noise(i, j) + 3.0,
+        });
+        let y = Mat::from_fn(40, 2, |i, a| noise(i, 9) + 0.5 * noise(i, 20 + a));
+        let rows = || Dense::new(x.as_ref(), None, y.as_ref());
+        let ridge = Ridge { lambda: 0.0, free_column: Some(5) };
+        let chosen = solve_dense(rows(), Method::RidgeGcv, ridge).unwrap();
+        // Which λ was chosen shows in the coefficients: find it by bisection of their decrease.
+        let score = |lambda: f64| gcv(&x, &y, lambda);
+        let grid = (0..=160).map(|k| 10_f64.powf(-10.0 + 0.08 * f64::from(k)));
+        let best = grid.min_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap();
+        let at = |lambda| {
+            solve_dense(rows(), Method::Tsqr, Ridge { lambda, ..ridge }).unwrap().coefficients
+        };
+        let (below, above) = (at(best / 1.21), at(best * 1.21));
+        assert!(best > 1e-8 && best < 1e2, "{best}: a ridge inside the search");
+        for j in 0..6 {
+            let (low, high) = (below[(j, 0)].min(above[(j, 0)]), below[(j, 0)].max(above[(j, 0)]));
+            let found = chosen.coefficients[(j, 0)];
+            let slack = 1e-9 + 0.05 * (high - low);
+            assert!(low - slack <= found && found <= high + slack, "{j}: {low} {found} {high}");
+        }
+    }
+}

@@ -1,0 +1,39 @@
+//! The pass that leaves the triangle of [`triangle`](crate::triangle).
+
+use super::rows::{Reduction, RowChunk, Shape};
+use crate::triangle::{Triangle, Workspace};
+
+/// Householder QR over row blocks.
+pub(super) struct FormTriangle {
+    pub(super) shape: Shape,
+}
+
+impl Reduction for FormTriangle {
+    type Partial = Triangle;
+    type Scratch = Workspace;
+    const WIDE: bool = false;
+
+    fn empty(&self) -> Triangle {
+        Triangle::new(self.shape.features, self.shape.outputs)
+    }
+
+    fn scratch(&self) -> Workspace {
+        Workspace::new(self.shape.features, self.shape.outputs)
+    }
+
+    fn absorb(&self, partial: &mut Triangle, chunk: &RowChunk<'_>, scratch: &mut Workspace) {
+        let step = scratch.rows();
+        for start in (0..chunk.rows).step_by(step) {
+            let rows = step.min(chunk.rows - start);
+            partial.absorb(rows, scratch, |columns, stride| {
+                for (j, column) in columns.chunks_mut(stride).enumerate() {
+                    column[..rows].copy_from_slice(&chunk.column(j)[start..][..rows]);
+                }
+            });
+        }
+    }
+
+    fn merge(&self, earlier: &mut Triangle, later: Triangle) {
+        earlier.merge(&later);
+    }
+}

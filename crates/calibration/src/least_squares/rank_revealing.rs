@@ -1,0 +1,172 @@
+//! Column pivoting and singular values, both of the triangle that a pass of QR leaves.
+//!
+//! `X = Q·R` with orthonormal `Q`, so every column of `R` has the length of that of `X` and every
+//! pair the angle: pivots, singular values and directions are the same, at the cost of p columns of
+//! p elements in place of n.
+
+use faer::linalg::triangular_solve;
+use faer::prelude::*;
+use faer::{Mat, Par};
+
+use crate::triangle::Triangle;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+
+/// Solves by QR with column pivoting of the equilibrated triangle.
+///
+/// Rank is decided as in [`Triangle::solve`], by singular values: the diagonal that pivoting leaves
+/// may stay large while the smallest singular value does not (Golub & Van Loan 4e, §5.4.2).
+pub(super) fn pivoted(
+    triangle: &Triangle,
+    ridge: Ridge,
+) -> Result<LeastSquares, LeastSquaresError> {
+    let mut solved = triangle.solve(ridge)?;
+    let (r, z) = triangle.damped_parts(ridge);
+    let p = r.ncols();
+    let norms: Vec<f64> = r.col_iter().map(|column| column.norm_l2()).collect();
+    let unit = Mat::from_fn(p, p, |i, j| r[(i, j)] / norms[j]);
+    let pivoted = unit.col_piv_qr();
+    let mut rotated = pivoted.compute_Q().transpose() * &z;
+    triangular_solve::solve_upper_triangular_in_place(pivoted.R(), rotated.as_mut(), Par::Seq);
+    let (order, _) = pivoted.P().arrays();
+    for (k, &column) in order.iter().enumerate() {
+        for a in 0..z.ncols() {
+            solved.coefficients[(column, a)] = rotated[(k, a)] / norms[column];
+        }
+    }
+    Ok(with_residuals_of(solved, triangle))
+}
+
+/// Solves by singular values of the equilibrated triangle.
+///
+/// With `truncate`, directions whose singular value is below that share of the largest get no part
+/// in the answer, which then is the shortest of those that fit the others best; `rank` tells how
+/// many were kept.
+pub(super) fn svd(
+    triangle: &Triangle,
+    ridge: Ridge,
+    truncate: Option<f64>,
+) -> Result<LeastSquares, LeastSquaresError> {
+    let (r, z) = triangle.damped_parts(ridge);
+    if !r.is_all_finite() || !z.is_all_finite() {
+        return Err(LeastSquaresError::NotFinite);
+    }
+    let p = r.ncols();
+    let Some(share) = truncate else {
+        let solved = triangle.solve(ridge)?;
+        return by_singular_values(solved, r.as_ref(), z.as_ref(), 0.0)
+            .map(|solved| with_residuals_of(solved, triangle));
+    };
+    if triangle.rows() == 0 {
+        return Err(LeastSquaresError::TooFewRows { rows: 0, columns: p });
+    }
+    let empty = LeastSquares {
+        coefficients: Mat::zeros(p, z.ncols()),
+        factor: Mat::zeros(p, p),
+        residual_products: Mat::zeros(z.ncols(), z.ncols()),
+        rows: triangle.rows(),
+        condition: 1.0,
+        rank: p,
+    };
+    by_singular_values(empty, r.as_ref(), z.as_ref(), share)
+        .map(|solved| with_residuals_of(solved, triangle))
+}
+
+fn by_singular_values(
+    mut solved: LeastSquares,
+    r: MatRef<'_, f64>,
+    z: MatRef<'_, f64>,
+    share: f64,
+) -> Result<LeastSquares, LeastSquaresError> {
+    let p = r.ncols();
+    let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
+    let norms: Vec<f64> = r.col_iter().map(|column| unit(column.norm_l2())).collect();
+    let scaled = Mat::from_fn(p, p, |i, j| r[(i, j)] / norms[j]);
+    let svd = scaled.svd().map_err(|_| LeastSquaresError::NotFinite)?;
+    let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+    let largest = values.first().copied().unwrap_or(0.0);
+    let rank = values.iter().filter(|&&s| s > share * largest && s > 0.0).count();
+    let mut rotated = svd.U().transpose() * z;
+    for (i, &value) in values.iter().enumerate() {
+        let weight = if i < rank { value.recip() } else { 0.0 };
+        rotated.row_mut(i).iter_mut().for_each(|b| *b *= weight);
+    }
+    let coefficients = svd.V() * rotated;
+    solved.coefficients = Mat::from_fn(p, z.ncols(), |i, a| coefficients[(i, a)] / norms[i]);
+    if rank < p || share > 0.0 {
+        // (XᵀX)⁺ = V·S⁻²·Vᵀ; a QR factorisation makes its root triangular.
+        let root = Mat::from_fn(p, p, |i, j| {
+            // Rows and columns turned round, so that an upper triangle comes out.
+            let (row, feature) = (i, p - 1 - j);
+            let weight = if row < rank { values[row].recip() } else { 0.0 };
+            weight * svd.V()[(feature, row)] / norms[feature]
+        });
+        let nothing = Mat::zeros(p, 0);
+        let (triangle, _) = Triangle::of_rows(&root, &nothing).damped_parts(Ridge::NONE);
+        solved.factor =
+            Mat::from_fn(p, p, |i, j| if i <= j { triangle[(p - 1 - j, p - 1 - i)] } else { 0.0 });
+        solved.condition = largest / values.get(rank.max(1) - 1).copied().unwrap_or(largest);
+    }
+    solved.rank = rank;
+    if solved.coefficients.is_all_finite() { Ok(solved) } else { Err(LeastSquaresError::NotFinite) }
+}
+
+fn with_residuals_of(mut solved: LeastSquares, triangle: &Triangle) -> LeastSquares {
+    solved.residual_products = triangle.residual_products(solved.coefficients.as_ref());
+    solved
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Dense, Method, solve_dense};
+    use super::*;
+
+    fn noise(i: usize, j: usize) -> f64 {
+        (((i * 131 + j * 577 + 11) * 2_654_435) % 1009) as f64 - 504.0
+    }
+
+    #[test]
+    fn truncation_shares_a_coefficient_between_equal_columns_and_tells_the_rank() {
+        let x = Mat::from_fn(60, 4, |i, j| if j == 3 { noise(i, 1) } else { noise(i, j) });
+        let y = Mat::from_fn(60, 1, |i, _| 3.0 * noise(i, 0) + 4.0 * noise(i, 1));
+        let rows = || Dense::new(x.as_ref(), None, y.as_ref());
+        let solve = |truncate| solve_dense(rows(), Method::Svd { truncate }, Ridge::NONE);
+        assert!(matches!(solve(None), Err(LeastSquaresError::RankDeficient { rank: 3, .. })));
+        let solved = solve(Some(1e-10)).unwrap();
+        assert_eq!(solved.rank, 3);
+        for (j, expected) in [3.0, 2.0, 0.0, 2.0].into_iter().enumerate() {
+            assert!((solved.coefficients[(j, 0)] - expected).abs() < 1e-12);
+        }
+        // F·Fᵀ is the pseudo-inverse of XᵀX in scaled columns: G·(F·Fᵀ)·G = G.
+        let gram = x.transpose() * &x;
+        let inverse = &solved.factor * solved.factor.transpose();
+        let product = &gram * inverse * &gram;
+        assert!((product - &gram).norm_max() < 1e-12 * gram.norm_max());
+        assert!((0..4).all(|j| (0..j).all(|i| solved.factor[(j, i)] == 0.0)));
+    }
+
+    #[test]
+    fn every_method_gives_the_same_ridge() {
+        let x = Mat::from_fn(60, 4, |i, j| if j == 3 { 1.0 } else { noise(i, j) + 700.0 });
+        let y = Mat::from_fn(60, 2, noise);
+        let ridge = Ridge { lambda: 0.01, free_column: Some(3) };
+        let solve =
+            |method| solve_dense(Dense::new(x.as_ref(), None, y.as_ref()), method, ridge).unwrap();
+        let expected = solve(Method::Tsqr);
+        for method in [
+            Method::RefinedTsqr,
+            Method::PivotedQr,
+            Method::Svd { truncate: None },
+            Method::Gram,
+            Method::WideGram,
+            Method::WideTsqr,
+        ] {
+            let solved = solve(method);
+            let close = |a: &Mat<f64>, b: &Mat<f64>| (a - b).norm_max() <= 1e-11 * b.norm_max();
+            assert!(close(&solved.coefficients, &expected.coefficients), "{method:?}");
+            assert!(close(&solved.residual_products, &expected.residual_products), "{method:?}");
+            let inverse = |s: &LeastSquares| &s.factor * s.factor.transpose();
+            assert!(close(&inverse(&solved), &inverse(&expected)), "{method:?}");
+            assert!((solved.condition / expected.condition - 1.0).abs() < 1e-9, "{method:?}");
+        }
+    }
+}

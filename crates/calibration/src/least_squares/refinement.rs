@@ -1,0 +1,172 @@
+//! Iterative refinement: QR in `f64`, residuals in double-double.
+//!
+//! With `R` from a first pass and any `C`, the gradient `G = Xᵀ(Y − X·C)` gives the correction
+//! `R⁻¹R⁻ᵀ·G`: the corrected seminormal equations (Björck, Linear Algebra Appl. 88/89, 1987). `R`
+//! is that of a matrix within a small multiple of ε of `X`, so each correction leaves a share of
+//! order ε·κ of the error, however large the residual. What limits the result is how well the
+//! gradient is known. Residuals and their sums are therefore formed in double-double, from `C` in
+//! double-double; then one correction is enough for every digit of an `f64` up to κ = 10⁶, about,
+//! and more passes over the rows are made where the bound on what is left asks for them.
+
+use faer::{Mat, MatRef};
+
+use super::kernels::{Wide, add_multiple, dot};
+use super::qr::FormTriangle;
+use super::rows::{Reduction, RowChunk, Rows, Shape};
+use super::wide_matrix::WideMatrix;
+use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+
+/// Corrections made before giving up.
+const MOST_CORRECTIONS: usize = 12;
+
+/// Forms `Xᵀ(Y − X·C)`.
+struct FormGradient {
+    shape: Shape,
+    coefficients: WideMatrix,
+}
+
+/// A gradient and the products of the residuals.
+struct Gradient {
+    gradient: WideMatrix,
+    products: WideMatrix,
+}
+
+/// Residuals of a chunk.
+struct Residuals {
+    heads: Vec<f64>,
+    tails: Vec<f64>,
+}
+
+impl Reduction for FormGradient {
+    type Partial = Gradient;
+    type Scratch = Residuals;
+    const WIDE: bool = true;
+
+    fn empty(&self) -> Gradient {
+        let Shape { features: p, outputs: q } = self.shape;
+        Gradient { gradient: WideMatrix::zeros(p, q), products: WideMatrix::zeros(q, q) }
+    }
+
+    fn scratch(&self) -> Residuals {
+        Residuals { heads: Vec::new(), tails: Vec::new() }
+    }
+
+    fn absorb(&self, sums: &mut Gradient, chunk: &RowChunk<'_>, scratch: &mut Residuals) {
+        let Shape { features: p, outputs: q } = self.shape;
+        let rows = chunk.rows;
+        let Residuals { heads, tails } = scratch;
+        heads.clear();
+        (0..q).for_each(|a| heads.extend(chunk.column(p + a)));
+        tails.clear();
+        tails.resize(q * rows, 0.0);
+        if rows == 0 {
+            return;
+        }
+        let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));
+        for (a, (heads, tails)) in residuals.enumerate() {
+            for j in 0..p {
+                add_multiple(heads, tails, -self.coefficients[(j, a)], chunk.wide(j));
+            }
+        }
+        let residual = |a: usize| Wide {
+            heads: &heads[a * rows..][..rows],
+            tails: &tails[a * rows..][..rows],
+        };
+        for a in 0..q {
+            for j in 0..p {
+                sums.gradient[(j, a)] += dot(residual(a), chunk.wide(j));
+            }
+            for b in 0..=a {
+                sums.products[(b, a)] += dot(residual(a), residual(b));
+            }
+        }
+    }
+
+    fn merge(&self, earlier: &mut Gradient, later: Gradient) {
+        earlier.gradient.add(&later.gradient);
+        earlier.products.add(&later.products);
+    }
+}
+
+/// Solves by QR and corrections.
+pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
+    let shape = rows.shape();
+    let Shape { features: p, outputs: q } = shape;
+    let triangle = rows.pass(&FormTriangle { shape })?;
+    let mut solved = triangle.solve_roughly(ridge)?;
+    let norms: Vec<f64> = triangle.r().col_iter().map(|column| column.norm_l2()).collect();
+    let penalty = |j: usize| {
+        if ridge.free_column == Some(j) { 0.0 } else { ridge.lambda * norms[j] * norms[j] }
+    };
+    let penalties: Vec<f64> = (0..p).map(penalty).collect();
+    let start = &solved.coefficients;
+    let mut coefficients = WideMatrix::from_fn(p, q, |i, a| start[(i, a)].into());
+    // What one correction leaves of the error: a cautious figure until one has been measured.
+    let mut contraction = 16.0 * p as f64 * f64::EPSILON * solved.condition;
+    let mut before: Option<Vec<f64>> = None;
+    for _ in 0..MOST_CORRECTIONS {
+        let pass = FormGradient { shape, coefficients };
+        let Gradient { mut gradient, products } = rows.pass(&pass)?;
+        coefficients = pass.coefficients;
+        for a in 0..q {
+            for (j, &penalty) in penalties.iter().enumerate() {
+                gradient[(j, a)] -= coefficients[(j, a)] * DoubleDouble::from(penalty);
+            }
+        }
+        let inner = solved.factor.transpose() * gradient.to_f64();
+        let correction = &solved.factor * &inner;
+        if !correction.is_all_finite() {
+            return Err(LeastSquaresError::NotFinite.into());
+        }
+        let sizes: Vec<f64> = inner.col_iter().map(|column| column.norm_l2()).collect();
+        if let Some(before) = &before {
+            let ratio = sizes.iter().zip(before).map(|(now, before)| now / before);
+            contraction = ratio.filter(|r| r.is_finite()).fold(0.0, f64::max);
+            if contraction > 0.5 && !is_settled(correction.as_ref(), &coefficients, &norms, 1.0) {
+                let limit = 0.1 / f64::EPSILON / (p as f64).sqrt();
+                return Err(LeastSquaresError::IllConditioned { limit }.into());
+            }
+        }
+        for a in 0..q {
+            for j in 0..p {
+                coefficients[(j, a)] += DoubleDouble::from(correction[(j, a)]);
+            }
+        }
+        // The residuals are those before the correction, which takes its own part out of them.
+        let removed = inner.transpose() * &inner;
+        solved.residual_products = Mat::from_fn(q, q, |a, b| {
+            let product = products[(a.min(b), a.max(b))].to_f64() - removed[(a, b)];
+            if a == b { product.max(0.0) } else { product }
+        });
+        if is_settled(correction.as_ref(), &coefficients, &norms, contraction) {
+            solved.coefficients = coefficients.to_f64();
+            return Ok(solved);
+        }
+        before = Some(sizes);
+    }
+    let limit = 0.1 / f64::EPSILON / (p as f64).sqrt();
+    Err(LeastSquaresError::IllConditioned { limit }.into())
+}
+
+/// Whether `contraction` times the last correction is below what an `f64` can show, coefficient by
+/// coefficient; one that is zero but for rounding need only be small beside the others, columns
+/// scaled to norm one.
+fn is_settled(
+    correction: MatRef<'_, f64>,
+    coefficients: &WideMatrix,
+    norms: &[f64],
+    contraction: f64,
+) -> bool {
+    const NEGLIGIBLE: f64 = 1e-26;
+    (0..correction.ncols()).all(|a| {
+        let column = coefficients.column(a);
+        let sizes = column.iter().zip(norms).map(|(c, norm)| c.to_f64().abs() * norm);
+        let largest = sizes.fold(0.0, f64::max);
+        (0..norms.len()).all(|j| {
+            let left = contraction * correction[(j, a)].abs();
+            left <= column[j].to_f64().abs() * f64::EPSILON / 8.0
+                || left * norms[j] <= NEGLIGIBLE * largest
+        })
+    })
+}

@@ -1,0 +1,102 @@
+//! Rows in chunks, and what a pass over them computes.
+
+use super::kernels;
+use crate::triangle::LeastSquaresError;
+
+/// Some rows of `[X | Y]`, column by column.
+#[derive(Clone, Copy, Debug)]
+pub struct RowChunk<'a> {
+    /// Number of rows.
+    pub rows: usize,
+    /// Distance between the beginnings of columns.
+    pub stride: usize,
+    /// The elements, rounded to `f64`.
+    pub heads: &'a [f64],
+    /// What rounding left out of the elements of `X`, laid out like them; empty if nothing.
+    pub tails: &'a [f64],
+}
+
+impl<'a> RowChunk<'a> {
+    /// Rows of a chunk of `columns` columns that stays in a core's own cache, and is long enough
+    /// for the work per chunk not to count.
+    pub fn rows_in_cache(columns: usize) -> usize {
+        /// Bytes of a chunk.
+        const BYTES: usize = 1 << 18;
+        (BYTES / (8 * columns.max(1))).max(4 * columns)
+    }
+
+    /// Column `j` of `[X | Y]`.
+    #[inline(always)]
+    pub fn column(&self, j: usize) -> &'a [f64] {
+        &self.heads[j * self.stride..][..self.rows]
+    }
+
+    /// What rounding left out of column `j`; empty if nothing.
+    #[inline(always)]
+    pub(super) fn tail(&self, j: usize) -> &'a [f64] {
+        self.tails.get(j * self.stride..).and_then(|tails| tails.get(..self.rows)).unwrap_or(&[])
+    }
+
+    #[inline(always)]
+    pub(super) fn wide(&self, j: usize) -> kernels::Wide<'a> {
+        kernels::Wide { heads: self.column(j), tails: self.tail(j) }
+    }
+}
+
+/// What a pass over the rows computes.
+pub trait Reduction: Sync {
+    /// The result for some of the rows.
+    type Partial: Send;
+    /// Memory to be used again from chunk to chunk.
+    type Scratch;
+    /// Whether [`RowChunk::tails`] are looked at.
+    const WIDE: bool;
+
+    /// The partial of zero rows, the identity of [`Self::merge`].
+    fn empty(&self) -> Self::Partial;
+
+    /// Memory for [`Reduction::absorb`].
+    fn scratch(&self) -> Self::Scratch;
+
+    /// Adds a chunk of at most [`RowChunk::rows_in_cache`] rows.
+    fn absorb(
+        &self,
+        partial: &mut Self::Partial,
+        chunk: &RowChunk<'_>,
+        scratch: &mut Self::Scratch,
+    );
+
+    /// Adds the rows of `later` to those of `earlier`.
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+}
+
+/// Rows that can be passed over any number of times.
+pub trait Rows {
+    /// What can go wrong on the way.
+    type Error: From<LeastSquaresError>;
+
+    /// Columns of `X` and of `Y`.
+    fn shape(&self) -> Shape;
+
+    /// Reduces all rows.
+    ///
+    /// # Errors
+    /// If rows cannot be read.
+    fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error>;
+}
+
+/// Columns of `X` and of `Y`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// p, columns of `X`.
+    pub features: usize,
+    /// q, columns of `Y`.
+    pub outputs: usize,
+}
+
+impl Shape {
+    /// Columns of `[X | Y]`.
+    pub fn columns(self) -> usize {
+        self.features + self.outputs
+    }
+}

@@ -1,0 +1,41 @@
+//! Solving by any of the methods.
+
+use super::gram::FormGram;
+use super::method::Method;
+use super::qr::FormTriangle;
+use super::rows::Rows;
+use super::wide_gram::FormWideGram;
+use super::wide_qr::FactorWide;
+use super::{gcv, huber, rank_revealing, refinement};
+use crate::triangle::{LeastSquares, Ridge};
+
+/// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`.
+///
+/// With [`Method::RidgeGcv`], `ridge` says only which column is free of it.
+///
+/// # Errors
+/// [`LeastSquaresError`](crate::triangle::LeastSquaresError) if the rows do not determine the
+/// coefficients, or not for this method; the errors of `rows`.
+pub fn solve<R: Rows>(
+    rows: &mut R,
+    method: Method,
+    ridge: Ridge,
+) -> Result<LeastSquares, R::Error> {
+    let shape = rows.shape();
+    Ok(match method {
+        Method::Tsqr => rows.pass(&FormTriangle { shape })?.solve(ridge)?,
+        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&FormTriangle { shape })?, ridge)?,
+        Method::Svd { truncate } => {
+            rank_revealing::svd(&rows.pass(&FormTriangle { shape })?, ridge, truncate)?
+        }
+        Method::RidgeGcv => {
+            let triangle = rows.pass(&FormTriangle { shape })?;
+            triangle.solve(Ridge { lambda: gcv::lambda(&triangle, ridge.free_column)?, ..ridge })?
+        }
+        Method::Gram => rows.pass(&FormGram { shape })?.solve(ridge)?,
+        Method::WideGram => rows.pass(&FormWideGram { shape })?.solve(ridge)?,
+        Method::WideTsqr => rows.pass(&FactorWide { shape })?.solve(ridge)?,
+        Method::RefinedTsqr => refinement::solve(rows, ridge)?,
+        Method::Huber => huber::solve(rows, ridge)?,
+    })
+}

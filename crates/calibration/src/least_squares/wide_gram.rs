@@ -1,0 +1,144 @@
+//! Normal equations in double-double: forming them costs no digit that an `f64` could hold.
+
+use faer::Mat;
+
+use super::kernels::{LANES, dot};
+use super::rows::{Reduction, RowChunk, Shape};
+use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
+use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+
+/// Forms the Gram matrix of `[X | Y]` in double-double.
+pub(super) struct FormWideGram {
+    pub(super) shape: Shape,
+}
+
+/// `[X | Y]ᵀ[X | Y]`, the upper half of it, column by column.
+#[derive(Clone, Debug)]
+pub(super) struct WideGram {
+    shape: Shape,
+    rows: u64,
+    /// Chunks and merges so far.
+    additions: u64,
+    products: Vec<DoubleDouble>,
+}
+
+impl Reduction for FormWideGram {
+    type Partial = WideGram;
+    type Scratch = ();
+    const WIDE: bool = true;
+
+    fn empty(&self) -> WideGram {
+        let n = self.shape.columns();
+        let products = vec![DoubleDouble::ZERO; n * (n + 1) / 2];
+        WideGram { shape: self.shape, rows: 0, additions: 0, products }
+    }
+
+    fn scratch(&self) {}
+
+    fn absorb(&self, gram: &mut WideGram, chunk: &RowChunk<'_>, (): &mut ()) {
+        let mut products = gram.products.iter_mut();
+        for j in 0..self.shape.columns() {
+            for (i, product) in (0..=j).zip(&mut products) {
+                *product += dot(chunk.wide(i), chunk.wide(j));
+            }
+        }
+        gram.rows += chunk.rows as u64;
+        gram.additions += 1;
+    }
+
+    fn merge(&self, earlier: &mut WideGram, later: WideGram) {
+        for (sum, product) in earlier.products.iter_mut().zip(later.products) {
+            *sum += product;
+        }
+        earlier.rows += later.rows;
+        earlier.additions += later.additions;
+    }
+}
+
+impl WideGram {
+    fn product(&self, i: usize, j: usize) -> DoubleDouble {
+        let (i, j) = (i.min(j), i.max(j));
+        self.products[j * (j + 1) / 2 + i]
+    }
+
+    /// Relative error of an element, of columns scaled to norm one: Dot2 within a chunk (n²·2⁻¹⁰⁶
+    /// for n terms to a lane), sums of double-doubles over chunks and in Cholesky's factorisation.
+    fn rounding(&self) -> f64 {
+        let chunk_rows = RowChunk::rows_in_cache(self.shape.columns()) as u64;
+        let terms = chunk_rows.min(self.rows).div_ceil(LANES as u64) as f64 + 1.0;
+        let sums = self.additions as f64 + self.shape.features as f64 + LANES as f64;
+        (terms * terms + 4.0 * sums) * (f64::EPSILON / 2.0).powi(2)
+    }
+
+    /// Solves by Cholesky's factorisation.
+    ///
+    /// A loss of rank is not distinguished from a condition number above the limit: the smallest gap between
+    /// columns of `f64`, squared, is below the rounding of these sums.
+    ///
+    /// # Errors
+    /// [`LeastSquaresError`].
+    pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
+        let Shape { features: p, outputs: q } = self.shape;
+        if self.rows < p as u64 && ridge.lambda == 0.0 {
+            return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });
+        }
+        if !self.products.iter().all(|e| e.is_finite()) {
+            return Err(LeastSquaresError::NotFinite);
+        }
+        let norm = |j: usize| match self.product(j, j).to_f64().sqrt() {
+            norm if norm > 0.0 => norm,
+            _ => 1.0,
+        };
+        // Powers of two, so that scaling does not round.
+        let scales: Vec<f64> = (0..p).map(|j| libm::ldexp(1.0, -libm::ilogb(norm(j)))).collect();
+        let gram = WideMatrix::from_fn(p, p, |i, j| {
+            self.product(i, j).scaled(scales[i]).scaled(scales[j])
+        });
+        let mut damped = gram.clone();
+        for j in (0..p).filter(|&j| ridge.free_column != Some(j)) {
+            let penalty = gram[(j, j)] * DoubleDouble::from(ridge.lambda);
+            damped[(j, j)] += penalty;
+        }
+        let bound = p as f64 * self.rounding();
+        // An error of one part in a thousand of the coefficients in the worst case.
+        let limit = (1e-3 / bound).sqrt();
+        let ill_conditioned = LeastSquaresError::IllConditioned { limit };
+        let Some(r) = damped.cholesky() else { return Err(ill_conditioned) };
+        let right = WideMatrix::from_fn(p, q, |i, a| self.product(i, p + a).scaled(scales[i]));
+        let z = r.solve_transposed(&right);
+        let coefficients = r.solve_upper(&z);
+        let residual = |a: usize, b: usize| {
+            let cross = |a: usize, b: usize| -> DoubleDouble {
+                (0..p).map(|i| coefficients[(i, a)] * right[(i, b)]).sum()
+            };
+            let squares = (0..p).map(|i| {
+                let row: DoubleDouble = (0..p).map(|j| gram[(i, j)] * coefficients[(j, b)]).sum();
+                coefficients[(i, a)] * row
+            });
+            let value = self.product(p + a, p + b) - cross(a, b) - cross(b, a)
+                + squares.sum::<DoubleDouble>();
+            if a == b { value.to_f64().max(0.0) } else { value.to_f64() }
+        };
+        let residual_products = Mat::from_fn(q, q, residual);
+        let triangle = WideTriangle { r, z, residual_products, rows: self.rows };
+        let mut solved = match triangle.solve(bound.sqrt()) {
+            Err(LeastSquaresError::RankDeficient { .. }) => return Err(ill_conditioned),
+            solved => solved?,
+        };
+        if ridge.lambda > 0.0 {
+            // Without the ridge there may be no triangle: the columns may be dependent.
+            (solved.condition, solved.rank) = match gram.cholesky() {
+                Some(r) => spectrum(&r.to_f64())?,
+                None => (f64::INFINITY, p - 1),
+            };
+        } else if solved.condition > limit {
+            return Err(ill_conditioned);
+        }
+        for (i, &scale) in scales.iter().enumerate() {
+            solved.coefficients.row_mut(i).iter_mut().for_each(|c| *c *= scale);
+            solved.factor.row_mut(i).iter_mut().for_each(|f| *f *= scale);
+        }
+        Ok(solved)
+    }
+}

@@ -1,0 +1,244 @@
+//! Small matrices in double-double, and the answer that a wide triangle gives.
+
+use std::ops::{Index, IndexMut};
+
+use faer::Mat;
+
+use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError};
+
+/// A matrix in double-double, column-major.
+#[derive(Clone, Debug)]
+pub(super) struct WideMatrix {
+    rows: usize,
+    columns: usize,
+    elements: Vec<DoubleDouble>,
+}
+
+impl WideMatrix {
+    pub(super) fn zeros(rows: usize, columns: usize) -> Self {
+        Self { rows, columns, elements: vec![DoubleDouble::ZERO; rows * columns] }
+    }
+
+    pub(super) fn from_fn(
+        rows: usize,
+        columns: usize,
+        element: impl Fn(usize, usize) -> DoubleDouble,
+    ) -> Self {
+        let place = |k: usize| (k % rows, k / rows);
+        let elements = (0..rows * columns).map(place).map(|(i, j)| element(i, j)).collect();
+        Self { rows, columns, elements }
+    }
+
+    pub(super) fn column(&self, j: usize) -> &[DoubleDouble] {
+        &self.elements[j * self.rows..][..self.rows]
+    }
+
+    pub(super) fn to_f64(&self) -> Mat<f64> {
+        Mat::from_fn(self.rows, self.columns, |i, j| self[(i, j)].to_f64())
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.elements.iter().all(|e| e.is_finite())
+    }
+
+    /// `XᵀX = RᵀR`; `None` if a pivot is not positive.
+    pub(super) fn cholesky(&self) -> Option<Self> {
+        let p = self.columns;
+        let mut r = Self::zeros(p, p);
+        for j in 0..p {
+            for i in 0..=j {
+                let (a, b) = (&r.column(i)[..i], &r.column(j)[..i]);
+                let rest = self[(i, j)] - a.iter().zip(b).map(|(&a, &b)| a * b).sum();
+                if i < j {
+                    r[(i, j)] = rest / r[(i, i)];
+                } else if rest.to_f64() > 0.0 {
+                    r[(j, j)] = rest.sqrt();
+                } else {
+                    return None;
+                }
+            }
+        }
+        Some(r)
+    }
+
+    /// Solves `R·C = Z` with `R` this upper triangle.
+    pub(super) fn solve_upper(&self, z: &Self) -> Self {
+        let p = self.columns;
+        let mut c = z.clone();
+        for a in 0..z.columns {
+            for i in (0..p).rev() {
+                let known = (i + 1..p).map(|k| self[(i, k)] * c[(k, a)]).sum();
+                c[(i, a)] = (c[(i, a)] - known) / self[(i, i)];
+            }
+        }
+        c
+    }
+
+    /// Solves `Rᵀ·C = Z` with `R` this upper triangle.
+    pub(super) fn solve_transposed(&self, z: &Self) -> Self {
+        let mut c = z.clone();
+        for a in 0..z.columns {
+            for i in 0..self.columns {
+                let known = (0..i).map(|k| self[(k, i)] * c[(k, a)]).sum();
+                c[(i, a)] = (c[(i, a)] - known) / self[(i, i)];
+            }
+        }
+        c
+    }
+
+    /// Adds `other`, of the same shape.
+    pub(super) fn add(&mut self, other: &Self) {
+        for (sum, &element) in self.elements.iter_mut().zip(&other.elements) {
+            *sum += element;
+        }
+    }
+
+    fn identity(order: usize) -> Self {
+        let element = |i, j| if i == j { DoubleDouble::ONE } else { DoubleDouble::ZERO };
+        Self::from_fn(order, order, element)
+    }
+
+    /// Column pivots of the upper triangle `R`, each the column that stands out most from those
+    /// before it, and by how much: Gram–Schmidt with every column put right twice.
+    fn pivots(&self) -> Vec<(usize, f64)> {
+        let mut rest: Vec<Vec<DoubleDouble>> =
+            (0..self.columns).map(|j| self.column(j).to_vec()).collect();
+        let mut left: Vec<usize> = (0..self.columns).collect();
+        let mut pivots = Vec::new();
+        let norm = |v: &[DoubleDouble]| v.iter().map(|&e| e * e).sum::<DoubleDouble>().sqrt();
+        while !left.is_empty() {
+            let norms: Vec<f64> = left.iter().map(|&j| norm(&rest[j]).to_f64()).collect();
+            let at = (0..left.len()).max_by(|&a, &b| norms[a].total_cmp(&norms[b])).unwrap_or(0);
+            let pivot = left.remove(at);
+            pivots.push((pivot, norms[at]));
+            let length = norm(&rest[pivot]);
+            if length.to_f64() == 0.0 {
+                continue;
+            }
+            let direction: Vec<DoubleDouble> = rest[pivot].iter().map(|&e| e / length).collect();
+            for &j in &left {
+                for _ in 0..2 {
+                    let share: DoubleDouble =
+                        direction.iter().zip(&rest[j]).map(|(&a, &b)| a * b).sum();
+                    for (e, &d) in rest[j].iter_mut().zip(&direction) {
+                        *e -= share * d;
+                    }
+                }
+            }
+        }
+        pivots
+    }
+}
+
+impl Index<(usize, usize)> for WideMatrix {
+    type Output = DoubleDouble;
+    fn index(&self, (i, j): (usize, usize)) -> &DoubleDouble {
+        &self.elements[j * self.rows + i]
+    }
+}
+
+impl IndexMut<(usize, usize)> for WideMatrix {
+    fn index_mut(&mut self, (i, j): (usize, usize)) -> &mut DoubleDouble {
+        &mut self.elements[j * self.rows + i]
+    }
+}
+
+/// A least-squares problem reduced to its triangle.
+pub(super) struct WideTriangle {
+    /// `R`, p × p, the ridge among its rows.
+    pub(super) r: WideMatrix,
+    /// `QᵀY`, p × q.
+    pub(super) z: WideMatrix,
+    /// `(Y − X·C)ᵀ(Y − X·C)`, q × q, as far as it is not due to the ridge.
+    pub(super) residual_products: Mat<f64>,
+    pub(super) rows: u64,
+}
+
+impl WideTriangle {
+    /// Solves for the coefficients.
+    ///
+    /// `resolution` is how large a singular value of `R`, columns scaled to norm one, rounding may
+    /// have made out of zero. Singular values are those of the inverse, which `f64` gives to full
+    /// relative accuracy, so that a condition number of 10²⁰ is reported as such.
+    pub(super) fn solve(&self, resolution: f64) -> Result<LeastSquares, LeastSquaresError> {
+        let (p, q) = (self.r.columns, self.z.columns);
+        if !self.r.is_finite() || !self.z.is_finite() {
+            return Err(LeastSquaresError::NotFinite);
+        }
+        let norm = |j: usize| {
+            let squares = self.r.column(j).iter().map(|e| e.to_f64() * e.to_f64());
+            Some(squares.sum::<f64>().sqrt()).filter(|&n| n > 0.0).unwrap_or(1.0)
+        };
+        let norms: Vec<f64> = (0..p).map(norm).collect();
+        let unit = WideMatrix::from_fn(p, p, |i, j| self.r[(i, j)] / DoubleDouble::from(norms[j]));
+        let inverse = unit.solve_upper(&WideMatrix::identity(p));
+        let size = largest_singular_value(&unit)?;
+        // Rounding dependent columns leaves a singular value that is zero or tiny.
+        let condition = if inverse.is_finite() {
+            size * largest_singular_value(&inverse)?
+        } else {
+            f64::INFINITY
+        };
+        if condition * resolution >= size {
+            return Err(rank_loss(&unit, &norms, resolution));
+        }
+        let solved = self.r.solve_upper(&self.z);
+        let coefficients = solved.to_f64();
+        let factor = Mat::from_fn(p, p, |i, j| inverse[(i, j)].to_f64() / norms[i]);
+        if !coefficients.is_all_finite() || !factor.is_all_finite() {
+            return Err(LeastSquaresError::NotFinite);
+        }
+        debug_assert_eq!(self.residual_products.nrows(), q);
+        let residual_products = self.residual_products.clone();
+        let rows = self.rows;
+        Ok(LeastSquares { coefficients, factor, residual_products, rows, condition, rank: p })
+    }
+}
+
+/// Condition number and rank, as far as `f64` can tell, of the upper triangle `r` with columns
+/// scaled to norm one: for what a ridge has made solvable.
+pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> {
+    let norms: Vec<f64> = r.col_iter().map(|column| column.norm_l2()).collect();
+    let unit = |j: usize| if norms[j] > 0.0 { norms[j] } else { 1.0 };
+    let scaled = Mat::from_fn(r.nrows(), r.ncols(), |i, j| r[(i, j)] / unit(j));
+    let values = scaled.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
+    let (Some(largest), Some(smallest)) = (values.first(), values.last()) else {
+        return Ok((1.0, 0));
+    };
+    let tolerance = f64::EPSILON * r.ncols() as f64 * largest;
+    Ok((largest / smallest, values.iter().filter(|&&s| s > tolerance).count()))
+}
+
+fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
+    let values = m.to_f64().singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
+    Ok(values.first().copied().unwrap_or(1.0))
+}
+
+/// The loss of rank of a triangle whose columns have norm one.
+fn rank_loss(unit: &WideMatrix, norms: &[f64], resolution: f64) -> LeastSquaresError {
+    let p = unit.columns;
+    let pivots = unit.pivots();
+    let standing_out = pivots.iter().filter(|&&(_, length)| length > resolution).count();
+    let rank = standing_out.min(p - 1);
+    let (kept, dependent) = pivots.split_at(rank);
+    // Each dependent column as a combination of those kept, by normal equations in double-double.
+    let dot = |a: usize, b: usize| -> DoubleDouble {
+        unit.column(a).iter().zip(unit.column(b)).map(|(&a, &b)| a * b).sum()
+    };
+    let gram = WideMatrix::from_fn(rank, rank, |i, j| dot(kept[i].0, kept[j].0));
+    let right = WideMatrix::from_fn(rank, p - rank, |i, a| dot(kept[i].0, dependent[a].0));
+    let shares = gram.cholesky().map(|r| r.solve_upper(&r.solve_transposed(&right)));
+    let mut directions = Mat::zeros(p, p - rank);
+    for (a, &(column, _)) in dependent.iter().enumerate() {
+        directions[(column, a)] = 1.0;
+        if let Some(shares) = &shares {
+            for (i, &(column, _)) in kept.iter().enumerate() {
+                directions[(column, a)] = -shares[(i, a)].to_f64();
+            }
+        }
+    }
+    let null_space = directions.qr().compute_thin_Q();
+    let triangle = Mat::from_fn(p, p, |i, j| unit[(i, j)].to_f64() * norms[j]);
+    LeastSquaresError::RankDeficient { rank, columns: p, null_space, triangle: Box::new(triangle) }
+}

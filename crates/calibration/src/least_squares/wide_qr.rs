@@ -1,0 +1,169 @@
+//! Householder QR in double-double, streamed over rows: slow, and right to the last digit of an
+//! `f64` for any condition number that `f64` data can have.
+
+use faer::Mat;
+
+use super::kernels::{Wide, add_multiple, dot};
+use super::rows::{Reduction, RowChunk, Shape};
+use super::wide_matrix::{WideMatrix, WideTriangle, spectrum};
+use crate::double_double::DoubleDouble;
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
+
+/// Factors `[X | Y]` in double-double.
+pub(super) struct FactorWide {
+    pub(super) shape: Shape,
+}
+
+/// The triangle of the rows seen so far, as that of [`crate::triangle`].
+#[derive(Clone, Debug)]
+pub(super) struct Factored {
+    shape: Shape,
+    rows: u64,
+    r: WideMatrix,
+}
+
+/// Rows to be eliminated, column by column.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Columns {
+    rows: usize,
+    heads: Vec<f64>,
+    tails: Vec<f64>,
+}
+
+impl Reduction for FactorWide {
+    type Partial = Factored;
+    type Scratch = Columns;
+    const WIDE: bool = true;
+
+    fn empty(&self) -> Factored {
+        let columns = self.shape.columns();
+        Factored { shape: self.shape, rows: 0, r: WideMatrix::zeros(columns, columns) }
+    }
+
+    fn scratch(&self) -> Columns {
+        Columns::default()
+    }
+
+    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>, scratch: &mut Columns) {
+        scratch.rows = chunk.rows;
+        scratch.heads.clear();
+        scratch.tails.clear();
+        for j in 0..self.shape.columns() {
+            let Wide { heads, tails } = chunk.wide(j);
+            scratch.heads.extend(heads);
+            scratch.tails.extend(tails);
+            scratch.tails.resize(scratch.heads.len(), 0.0);
+        }
+        partial.eliminate(scratch);
+        partial.rows += chunk.rows as u64;
+    }
+
+    fn merge(&self, earlier: &mut Factored, later: Factored) {
+        let columns = self.shape.columns();
+        let elements = || (0..columns).flat_map(|j| later.r.column(j));
+        earlier.eliminate(&mut Columns {
+            rows: columns,
+            heads: elements().map(|e| e.to_f64()).collect(),
+            tails: elements().map(|e| e.tail()).collect(),
+        });
+        earlier.rows += later.rows;
+    }
+}
+
+impl Factored {
+    /// Factors the triangle with `rows` below it.
+    ///
+    /// Column `k` of the stack has a diagonal element and the rows below the triangle, and nothing
+    /// between them; its reflector touches just these rows.
+    fn eliminate(&mut self, rows: &mut Columns) {
+        let n = self.shape.columns();
+        let Columns { rows: height, heads, tails } = rows;
+        let height = *height;
+        if height == 0 {
+            return;
+        }
+        for k in 0..n {
+            let (head, later_heads) = heads[k * height..].split_at_mut(height);
+            let (tail, later_tails) = tails[k * height..].split_at_mut(height);
+            let v = Wide { heads: head, tails: tail };
+            let below = dot(v, v);
+            if below == DoubleDouble::ZERO {
+                continue;
+            }
+            let diagonal = self.r[(k, k)];
+            let length = (diagonal * diagonal + below).sqrt();
+            let reflected = if diagonal.to_f64() > 0.0 { -length } else { length };
+            let first = diagonal - reflected;
+            let factor = DoubleDouble::from(-2.0) / (first * first + below);
+            let later = later_heads.chunks_mut(height).zip(later_tails.chunks_mut(height));
+            for (j, (heads, tails)) in (k + 1..n).zip(later) {
+                let x = Wide { heads, tails };
+                let share = (first * self.r[(k, j)] + dot(v, x)) * factor;
+                self.r[(k, j)] += share * first;
+                add_multiple(heads, tails, share, v);
+            }
+            self.r[(k, k)] = reflected;
+        }
+    }
+
+    /// Solves for the coefficients.
+    ///
+    /// # Errors
+    /// [`LeastSquaresError`].
+    pub(super) fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
+        let Shape { features: p, outputs: q } = self.shape;
+        if self.rows < p as u64 && ridge.lambda == 0.0 {
+            return Err(LeastSquaresError::TooFewRows { rows: self.rows, columns: p });
+        }
+        if !self.r.is_finite() {
+            return Err(LeastSquaresError::NotFinite);
+        }
+        let mut damped = self.clone();
+        if ridge.lambda > 0.0 {
+            let norm = |j: usize| {
+                self.r.column(j).iter().map(|&e| e * e).sum::<DoubleDouble>().sqrt().to_f64()
+            };
+            let n = self.shape.columns();
+            let mut penalty = Columns { rows: p, heads: vec![0.0; p * n], tails: vec![0.0; p * n] };
+            for j in (0..p).filter(|&j| ridge.free_column != Some(j)) {
+                let norm = norm(j);
+                let norm = if norm > 0.0 { norm } else { 1.0 };
+                penalty.heads[j * p + j] = ridge.lambda.sqrt() * norm;
+            }
+            damped.eliminate(&mut penalty);
+        }
+        let r = WideMatrix::from_fn(p, p, |i, j| damped.r[(i, j)]);
+        let z = WideMatrix::from_fn(p, q, |i, a| damped.r[(i, p + a)]);
+        // With a ridge the coefficients do not fit the rows exactly even within the columns' span.
+        let coefficients = r.solve_upper(&z);
+        let misfit = WideMatrix::from_fn(p, q, |i, a| {
+            let fitted = (i..p).map(|k| self.r[(i, k)] * coefficients[(k, a)]).sum();
+            self.r[(i, p + a)] - fitted
+        });
+        let products = |a: usize, b: usize| {
+            let within = misfit.column(a).iter().zip(misfit.column(b)).map(|(&a, &b)| a * b);
+            let beyond = (p..p + q).map(|i| self.r[(i, p + a)] * self.r[(i, p + b)]);
+            within.chain(beyond).sum::<DoubleDouble>().to_f64()
+        };
+        let residual_products = Mat::from_fn(q, q, products);
+        let triangle = WideTriangle { r, z, residual_products, rows: self.rows };
+        let rounding = p as f64 * 2.0 * (f64::EPSILON / 2.0).powi(2);
+        let mut solved = triangle.solve(64.0 * rounding)?;
+        if ridge.lambda > 0.0 {
+            let undamped = Mat::from_fn(p, p, |i, j| self.r[(i, j)].to_f64());
+            (solved.condition, solved.rank) = spectrum(&undamped)?;
+            return Ok(solved);
+        }
+        // Where the residual is large, its share of the error grows with the square of the
+        // condition number (Björck 1996, §1.4.3): at most one part in a hundred.
+        let steepest = (0..q).map(|a| {
+            let fitted: f64 = triangle.z.column(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
+            (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()
+        });
+        let limit = (1e-2 / rounding / steepest.fold(1e-13, f64::max)).sqrt();
+        if solved.condition > limit {
+            return Err(LeastSquaresError::IllConditioned { limit });
+        }
+        Ok(solved)
+    }
+}

@@ -1,0 +1,60 @@
+//! The least-squares calibration from sensor readings to a wrench.
+//!
+//! `W ≈ X(s)·C`: `X` holds one [feature](model) per column, products of up to three readings, `W`
+//! the six axes of the wrench.
+//!
+//! A [solver] reduces [blocks](shell_data::Block) of rows to a [`solver::Solution`]: by [exact] sums of
+//! integer readings, or by a [least-squares method](least_squares) on the features. A
+//! [`Calibration`] applies it to readings; [uncertainty] and [validation] say how far it can be
+//! trusted. Everything here is pure: no files, no clocks, no printing.
+//!
+//! ```
+//! use calibration::solver::{self, FitProblem, SolverKind};
+//! use calibration::{Basis, Calibration, Model};
+//! use shell_data::Block;
+//!
+//! // One channel that reads 100 counts per newton of Fx, and 2 of noise.
+//! let readings = vec![vec![0.0, 102.0, 198.0, 300.0]];
+//! let mut wrench = vec![vec![0.0; 4]; 6];
+//! wrench[0] = vec![0.0, 1.0, 2.0, 3.0];
+//! let block = Block { rows: 4, readings, wrench, ..Block::default() };
+//!
+//! let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
+//! let problem = FitProblem { model, scaling: calibration::scaling::Scaling::identity(1), ridge: 0.0 };
+//! let (solution, ranges) = solver::fit(SolverKind::Exact, problem, &mut &[block][..])?;
+//! let calibration = Calibration::of_solution(&solution, &ranges);
+//!
+//! let mut converted = Default::default();
+//! calibration.wrench(&[vec![150.0]], &mut converted);
+//! assert!((converted[0][0] - 1.5).abs() < 0.01);
+//! # Ok::<_, calibration::FitError>(())
+//! ```
+
+#![forbid(unsafe_code)]
+
+mod conversion;
+pub mod decimal_step;
+pub mod double_double;
+mod error;
+pub mod exact;
+mod factor;
+pub mod features;
+pub mod least_squares;
+pub mod magnitudes;
+pub mod model;
+pub mod physics;
+pub mod quality;
+pub mod rank_loss;
+pub mod raw_units;
+pub mod reading_ranges;
+pub mod scaling;
+pub mod solver;
+pub mod triangle;
+pub mod uncertainty;
+pub mod validation;
+mod vectors;
+mod wide_features;
+
+pub use self::conversion::Calibration;
+pub use self::error::FitError;
+pub use self::model::{Basis, Model};

@@ -1,0 +1,154 @@
+//! λ and the width of the priors, by groups that were held out.
+//!
+//! Each candidate is fitted without a fold of whole groups and scored by its squared error on them,
+//! relative to the mean square of each axis, averaged over the axes. The candidate of the least
+//! score is chosen and fitted to all. Fits without a fold start from the fit to all, which is near;
+//! [`Choice::held_out`] starts afresh and chooses λ and width again without the group, so that its
+//! errors owe nothing to it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::PhysicsError;
+use super::fit::{fit, fit_from};
+use super::inversion::{Estimate, Inversion};
+use super::model::{PhysicsModel, check};
+use super::observations::Observation;
+use shell_data::wrench::PerAxis;
+
+/// The λ that are tried: half decades around a tenth of what Bayes' rule would take for normal loads.
+pub const LAMBDAS: [f64; 5] = [0.01, 0.03, 0.1, 0.3, 1.0];
+
+/// The widths that are tried.
+pub const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
+
+/// Up to this many groups each is held out alone; more are dealt into [`FOLDS`] folds.
+const MOST_ALONE: usize = 40;
+const FOLDS: usize = 10;
+
+/// A candidate and its score.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// λ.
+    pub lambda: f64,
+    /// Standard deviation of the priors of lo, ln h and ln ν.
+    pub width: f64,
+    /// Squared error on held-out groups relative to the mean square of each axis, averaged.
+    pub score: f64,
+}
+
+/// The chosen model and what it was chosen from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Choice {
+    /// The model, fitted to all observations.
+    pub model: PhysicsModel,
+    /// All candidates, widths ascending, then λ.
+    pub trials: Vec<Trial>,
+    /// Folds of groups that were held out.
+    pub folds: usize,
+}
+
+/// An observation converted by a model that did not see its group.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldOut {
+    /// Its group.
+    pub group: u64,
+    /// Prediction less reference, N and N·m.
+    pub error: PerAxis<f64>,
+    /// What the model says of it.
+    pub estimate: Estimate,
+}
+
+impl Choice {
+    /// Fits a model whose λ and prior width are chosen by cross-validation.
+    ///
+    /// # Errors
+    /// [`PhysicsError`] if there are too few observations, groups or channels.
+    pub fn fit(observations: &[Observation]) -> Result<Self, PhysicsError> {
+        Self::of(&observations.iter().collect::<Vec<_>>())
+    }
+
+    /// Every observation converted by a model fitted, choice of λ and width included, without its
+    /// group, in ascending order of groups.
+    ///
+    /// # Errors
+    /// As [`Self::fit`], of any part that is left.
+    pub fn held_out(observations: &[Observation]) -> Result<Vec<HeldOut>, PhysicsError> {
+        let all: Vec<&Observation> = observations.iter().collect();
+        let mut held_out = Vec::with_capacity(all.len());
+        for fold in folds(&all, usize::MAX) {
+            let choice = Self::of(&fold.rest)?;
+            held_out.extend(convert(&choice.model, &fold.held_out));
+        }
+        Ok(held_out)
+    }
+
+    fn of(observations: &[&Observation]) -> Result<Self, PhysicsError> {
+        let (scales, channels) = check(observations)?;
+        let data = scales.apply(observations);
+        let folds = folds(observations, MOST_ALONE);
+        if folds.len() < 2 {
+            return Err(PhysicsError::TooFewGroups { found: folds.len() });
+        }
+        let mut trials = Vec::with_capacity(WIDTHS.len() * LAMBDAS.len());
+        let mut fits = Vec::with_capacity(WIDTHS.len());
+        for width in WIDTHS {
+            let whole = fit(&data, width);
+            let mut squares = [0.0; LAMBDAS.len()];
+            for fold in &folds {
+                let rest = scales.apply(&fold.rest);
+                let fitted = fit_from(&rest, width, &whole);
+                for (square, lambda) in squares.iter_mut().zip(LAMBDAS) {
+                    let at = (lambda, width);
+                    let model = PhysicsModel::of_fit(channels, &scales, &rest.wrench, &fitted, at);
+                    let relative = convert(&model, &fold.held_out).map(|held_out| {
+                        let axes = held_out.error.iter().zip(&scales.wrench);
+                        axes.map(|(error, scale)| (error / scale).powi(2)).sum::<f64>()
+                    });
+                    *square += relative.sum::<f64>();
+                }
+            }
+            let count = 6.0 * observations.len() as f64;
+            let trial = |(square, lambda)| Trial { lambda, width, score: square / count };
+            trials.extend(squares.into_iter().zip(LAMBDAS).map(trial));
+            fits.push(whole);
+        }
+        let scores = || trials.iter().enumerate();
+        let best = scores().min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(i, _)| i);
+        let Trial { lambda, width, .. } = trials[best];
+        let fitted = &fits[best / LAMBDAS.len()];
+        let model = PhysicsModel::of_fit(channels, &scales, &data.wrench, fitted, (lambda, width));
+        Ok(Self { model, trials, folds: folds.len() })
+    }
+}
+
+struct Fold<'a> {
+    held_out: Vec<&'a Observation>,
+    rest: Vec<&'a Observation>,
+}
+
+/// Each group alone, or, of more than `most_alone`, groups dealt in turn into [`FOLDS`].
+fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<Fold<'a>> {
+    let mut places = BTreeMap::new();
+    observations.iter().for_each(|o| _ = places.insert(o.group, 0));
+    let folds = if places.len() > most_alone { FOLDS } else { places.len() };
+    places.values_mut().zip((0..folds).cycle()).for_each(|(place, fold)| *place = fold);
+    let fold = |fold: usize| {
+        let (held_out, rest) = observations.iter().partition(|o| places[&o.group] == fold);
+        Fold { held_out, rest }
+    };
+    (0..folds).map(fold).collect()
+}
+
+fn convert<'a>(
+    model: &PhysicsModel,
+    observations: &'a [&'a Observation],
+) -> impl Iterator<Item = HeldOut> + use<'a> {
+    let inversion = Inversion::new(model);
+    observations.iter().map(move |o| {
+        let estimate = inversion.invert(&o.readings);
+        let error = std::array::from_fn(|axis| estimate.wrench[axis] - o.wrench[axis]);
+        HeldOut { group: o.group, error, estimate }
+    })
+}

@@ -1,0 +1,235 @@
+//! Which channels cause a loss of rank.
+//!
+//! Worked out from the triangle of the QR factorisation alone: its columns have the same lengths
+//! and angles as the columns of features, so channels can be compared without the rows.
+
+use std::fmt;
+
+use faer::prelude::*;
+use faer::{Col, ColRef, Mat, MatRef};
+
+use super::exact::Relation;
+use super::features::{Features, Recipe};
+use super::model::Term;
+use super::reading_ranges::ReadingRanges;
+
+/// A relation that holds in every row of the training data, to rounding.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Dependence {
+    /// A channel, counted from 0, always has the same value, in counts.
+    Constant {
+        /// The channel.
+        channel: usize,
+        /// Its one value.
+        value: f64,
+    },
+    /// `s[second] = ratio·s[first] + offset`, channels counted from 0, offset in counts.
+    Line {
+        /// The first channel.
+        first: usize,
+        /// The second channel.
+        second: usize,
+        /// Counts of the second per count of the first.
+        ratio: f64,
+        /// The second where the first is 0.
+        offset: f64,
+    },
+    /// A combination of features that is always zero: each with its share, the largest being one.
+    Combination(Vec<(Term, f64)>),
+    /// A feature that is a combination of others, found in integers.
+    Relation(Relation),
+}
+
+/// How many features are independent, and what makes the others depend on them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RankLoss {
+    /// Independent features.
+    pub rank: usize,
+    /// Features.
+    pub features: usize,
+    /// What was found, constant channels first.
+    pub dependences: Vec<Dependence>,
+}
+
+/// Relative distance below which one column counts as a combination of two others. Rounding in the
+/// factorisation is some hundred times smaller, one count in a 16-bit reading a billion times larger.
+const SAME_LINE: f64 = 1e-13;
+
+/// Shares of a combination that are smaller than this are left out: rounding has made them.
+const NEGLIGIBLE_SHARE: f64 = 1e-6;
+
+impl RankLoss {
+    /// Explains a rank loss.
+    ///
+    /// `r` is the p × p triangle of the features; `null_space`, p × (p − rank), holds directions in
+    /// which its columns, scaled to norm one, cancel.
+    pub fn explain(
+        features: &Features,
+        ranges: &ReadingRanges,
+        r: MatRef<'_, f64>,
+        null_space: MatRef<'_, f64>,
+    ) -> Self {
+        let constant = ranges.constant_channels();
+        let mut dependences: Vec<Dependence> = constant
+            .iter()
+            .map(|&channel| Dependence::Constant { channel, value: ranges.channels[channel].min })
+            .collect();
+        let moving: Vec<usize> =
+            (0..features.model().channels).filter(|i| !constant.contains(i)).collect();
+        dependences.extend(lines(features, r, &moving));
+        if dependences.is_empty() {
+            let terms = features.model().terms();
+            let directions = echelon(null_space.to_owned());
+            dependences
+                .extend(directions.col_iter().map(|v| Dependence::Combination(shares(&terms, v))));
+        }
+        Self { rank: features.len() - null_space.ncols(), features: features.len(), dependences }
+    }
+}
+
+/// Pairs of channels of which one is a straight-line function of the other.
+fn lines(features: &Features, r: MatRef<'_, f64>, channels: &[usize]) -> Vec<Dependence> {
+    let column_of = |wanted: Recipe| features.recipe().iter().position(|&recipe| recipe == wanted);
+    let constant = column_of(Recipe::One).map(|j| r.col(j));
+    let mut found: Vec<Dependence> = Vec::new();
+    let mut dependent: Vec<usize> = Vec::new();
+    for (i, &first) in channels.iter().enumerate() {
+        for &second in &channels[i + 1..] {
+            let of = |channel| column_of(Recipe::Reading(channel)).map(|j| r.col(j));
+            let (Some(x), Some(y)) = (of(first), of(second)) else { continue };
+            if dependent.contains(&second) {
+                continue;
+            }
+            if let Some((slope, offset)) = line(x, y, constant) {
+                let scaling = features.scaling();
+                let ratio = slope * scaling.scale[second] / scaling.scale[first];
+                let offset = scaling.centre[second] + offset * scaling.scale[second]
+                    - ratio * scaling.centre[first];
+                found.push(Dependence::Line { first, second, ratio, offset });
+                dependent.push(second);
+            }
+        }
+    }
+    found
+}
+
+/// `slope` and `offset` of `y = slope·x + offset·one`, if `y` is that.
+fn line(
+    x: ColRef<'_, f64>,
+    y: ColRef<'_, f64>,
+    one: Option<ColRef<'_, f64>>,
+) -> Option<(f64, f64)> {
+    let about_mean = |v: ColRef<'_, f64>| -> (Col<f64>, f64) {
+        let Some(one) = one else { return (v.to_owned(), 0.0) };
+        let mean = (one.transpose() * v) / one.squared_norm_l2();
+        (v - one * Scale(mean), mean)
+    };
+    let ((x, x_mean), (y, y_mean)) = (about_mean(x), about_mean(y));
+    let slope = (x.transpose() * &y) / x.squared_norm_l2();
+    let distance = (&y - &x * Scale(slope)).norm_l2();
+    (distance <= SAME_LINE * y.norm_l2()).then_some((slope, y_mean - slope * x_mean))
+}
+
+/// The same space, by directions each of which has a feature of its own: Gauss–Jordan elimination
+/// on columns with the largest element left as the pivot.
+fn echelon(mut v: Mat<f64>) -> Mat<f64> {
+    for k in 0..v.ncols() {
+        let pivots = (k..v.ncols()).flat_map(|j| (0..v.nrows()).map(move |i| (i, j)));
+        let Some((row, column)) = pivots.max_by(|&a, &b| v[a].abs().total_cmp(&v[b].abs())) else {
+            break;
+        };
+        for i in 0..v.nrows() {
+            let kept = v[(i, k)];
+            v[(i, k)] = v[(i, column)];
+            v[(i, column)] = kept;
+        }
+        let pivot = v[(row, k)];
+        for i in 0..v.nrows() {
+            v[(i, k)] /= pivot;
+        }
+        for j in (0..v.ncols()).filter(|&j| j != k) {
+            let share = v[(row, j)];
+            for i in 0..v.nrows() {
+                v[(i, j)] -= share * v[(i, k)];
+            }
+        }
+    }
+    v
+}
+
+fn shares(terms: &[Term], direction: ColRef<'_, f64>) -> Vec<(Term, f64)> {
+    let largest = direction.norm_max();
+    let mut shares: Vec<(Term, f64)> = terms
+        .iter()
+        .zip(direction.iter())
+        .map(|(&term, &share)| (term, share / largest))
+        .filter(|(_, share)| share.abs() > NEGLIGIBLE_SHARE)
+        .collect();
+    shares.sort_by(|(_, a), (_, b)| b.abs().total_cmp(&a.abs()));
+    shares
+}
+
+impl From<Relation> for Dependence {
+    fn from(relation: Relation) -> Self {
+        let one = relation.feature.factors();
+        let &[second] = one else { return Dependence::Relation(relation) };
+        let (second, offset) = (usize::from(second), relation.share(Term::INTERCEPT));
+        let others: Vec<_> =
+            relation.shares.iter().filter(|(term, _)| *term != Term::INTERCEPT).collect();
+        match others[..] {
+            [] if relation.exact => Dependence::Constant { channel: second, value: offset },
+            [&(term, ratio)] if term.factors().len() == 1 => {
+                let first = usize::from(term.factors()[0]);
+                Dependence::Line { first, second, ratio, offset }
+            }
+            _ => Dependence::Relation(relation),
+        }
+    }
+}
+
+impl fmt::Display for RankLoss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "only `{}` of `{}` features are independent: ", self.rank, self.features)?;
+        for (i, dependence) in self.dependences.iter().enumerate() {
+            write!(f, "{}{dependence}", if i == 0 { "" } else { "; " })?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Dependence {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        /// More names than this do not help to find the cause.
+        const NAMES: usize = 6;
+        match self {
+            Dependence::Constant { channel, value } => {
+                write!(f, "channel `s{}` is constant (always `{value}`)", channel + 1)
+            }
+            Dependence::Line { first, second, ratio, offset } => {
+                let (first, second) = (first + 1, second + 1);
+                let readings = (offset.abs() / ratio.abs().max(1.0)).max(f64::MIN_POSITIVE);
+                if readings < 1e-6 {
+                    write!(f, "channels `s{first}` and `s{second}` are proportional ")?;
+                    write!(f, "(s{second} = {}·s{first})", rounded(*ratio))
+                } else {
+                    write!(f, "channels `s{first}` and `s{second}` move as one ")?;
+                    let sign = if *offset < 0.0 { '-' } else { '+' };
+                    let (ratio, offset) = (rounded(*ratio), rounded(offset.abs()));
+                    write!(f, "(s{second} = {ratio}·s{first} {sign} {offset})")
+                }
+            }
+            Dependence::Relation(relation) => relation.fmt(f),
+            Dependence::Combination(shares) => {
+                let names: Vec<String> = shares.iter().map(|(term, _)| term.name()).collect();
+                let more = if names.len() > NAMES { ", …" } else { "" };
+                let shown = names[..names.len().min(NAMES)].join("`, `");
+                write!(f, "a combination of `{shown}`{more} never changes")
+            }
+        }
+    }
+}
+
+/// Nine digits: what is left of an exact ratio after rounding in the factorisation looks exact.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.9e}").parse().unwrap_or(value)
+}

@@ -1,0 +1,153 @@
+//! The solver that sums without rounding.
+
+use faer::Mat;
+
+use super::pass::Pass;
+use super::problem::FitProblem;
+use super::solution::Solution;
+use crate::exact::{Accumulator, ExactError, Moments, RankLoss as ExactLoss, SolveError};
+use crate::factor::InverseFactor;
+use crate::rank_loss::{Dependence, RankLoss};
+use crate::reading_ranges::ReadingRanges;
+use crate::scaling::Scaling;
+use crate::{FitError, Model};
+use shell_data::block::Block;
+
+/// Exact moments of integer readings, see [`crate::exact`].
+///
+/// The bits of its answer depend on the rows alone. It chooses its own centre and scale, from all
+/// rows.
+#[derive(Debug)]
+pub struct Exact {
+    model: Model,
+    ridge: f64,
+    /// Sums over zero rows.
+    empty: Accumulator,
+}
+
+/// The sums over some rows, or why there are none.
+#[derive(Clone, Debug)]
+pub struct ExactPartial(Result<Accumulator, ExactError>);
+
+impl ExactPartial {
+    /// The sums.
+    ///
+    /// # Errors
+    /// [`FitError::NotExact`] if they cannot be exact.
+    pub fn finish(self) -> Result<Moments, FitError> {
+        Ok(self.0?.finish()?)
+    }
+}
+
+impl Exact {
+    /// A solver for `problem`.
+    ///
+    /// # Errors
+    /// [`FitError::Ridge`] if the ridge parameter is negative or not finite.
+    pub fn new(problem: &FitProblem) -> Result<Self, FitError> {
+        let FitProblem { model, ridge, .. } = *problem;
+        if !(ridge >= 0.0 && ridge.is_finite()) {
+            return Err(FitError::Ridge(ridge));
+        }
+        Ok(Self { model, ridge, empty: Accumulator::new(model.basis, model.channels) })
+    }
+
+    /// The coefficients that fit the rows of `partial` best. `ranges` is that of the same rows.
+    ///
+    /// # Errors
+    /// [`FitError`] if the rows do not determine the coefficients.
+    pub fn solve(
+        &self,
+        partial: ExactPartial,
+        ranges: &ReadingRanges,
+    ) -> Result<Solution, FitError> {
+        solve_moments(&partial.finish()?, &self.model, self.ridge, ranges)
+    }
+
+    /// Prepares for rows such as those of `sample`, which saves work later.
+    pub fn expect(&mut self, sample: &Block) {
+        self.empty.expect(&sample.readings, &sample.wrench);
+    }
+}
+
+impl Pass for Exact {
+    type Partial = ExactPartial;
+
+    const ANY_ORDER: bool = true;
+
+    fn empty(&self) -> ExactPartial {
+        ExactPartial(Ok(self.empty.clone()))
+    }
+
+    fn absorb(&self, partial: &mut ExactPartial, block: &Block) -> Result<(), FitError> {
+        if let Ok(sums) = &mut partial.0 {
+            sums.absorb(&block.readings, &block.wrench)?;
+        }
+        Ok(())
+    }
+
+    fn merge(&self, earlier: &mut ExactPartial, later: ExactPartial) {
+        let merged = match (&mut earlier.0, later.0) {
+            (Ok(sums), Ok(later)) => sums.merge(later),
+            (Ok(_), Err(error)) => Err(error),
+            (Err(_), _) => return,
+        };
+        if let Err(error) = merged {
+            earlier.0 = Err(error);
+        }
+    }
+}
+
+/// The coefficients of `model` that fit the rows of `moments` best. `ranges` is that of the same
+/// rows; `ridge` as in [`FitProblem::ridge`].
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients.
+pub fn solve_moments(
+    moments: &Moments,
+    model: &Model,
+    ridge: f64,
+    ranges: &ReadingRanges,
+) -> Result<Solution, FitError> {
+    let fit = moments.solve(model, ridge).map_err(|error| match error {
+        SolveError::TooFewRows { rows, coefficients } => {
+            FitError::TooFewRows { rows, coefficients }
+        }
+        SolveError::RankDeficient(_)
+            if ranges.constant_channels().len() == ranges.channels.len() =>
+        {
+            FitError::IdenticalRows { rows: ranges.rows }
+        }
+        SolveError::RankDeficient(loss) => FitError::RankDeficient(explain(loss, ranges)),
+        SolveError::NearlyDependent => FitError::NearlyDependent,
+        SolveError::Overflow => FitError::Overflow,
+        SolveError::Ridge(ridge) => FitError::Ridge(ridge),
+        SolveError::OtherFeatures { .. } => {
+            FitError::Channels { expected: model.channels, found: ranges.channels.len() }
+        }
+    })?;
+    let coefficients = &fit.coefficients;
+    Ok(Solution {
+        model: fit.model,
+        coefficients: Mat::from_fn(coefficients.len(), 6, |i, j| coefficients[i][j].to_f64()),
+        factor: InverseFactor::Inverse(fit.triangle()),
+        residual_products: Mat::from_fn(6, 6, |i, j| fit.residual_products[i][j]),
+        rows: fit.rows,
+        condition: fit.condition,
+        rank: fit.rank,
+        scaling: Scaling { centre: fit.centre, scale: fit.scale },
+    })
+}
+
+/// Names the channels that cause the loss of rank: constant ones first, then other relations.
+fn explain(loss: ExactLoss, ranges: &ReadingRanges) -> RankLoss {
+    let constant = ranges.constant_channels();
+    let mut dependences: Vec<Dependence> = constant
+        .iter()
+        .map(|&channel| Dependence::Constant { channel, value: ranges.channels[channel].min })
+        .collect();
+    let moves = |channel: &u8| !constant.contains(&usize::from(*channel));
+    let others = loss.relations.into_iter().filter(|r| r.feature.factors().iter().all(moves));
+    dependences.extend(others.map(Dependence::from));
+    RankLoss { rank: loss.rank, features: loss.features, dependences }
+}

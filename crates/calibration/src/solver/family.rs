@@ -1,0 +1,221 @@
+//! Every solver by its name, over blocks that can be passed over as often as it asks.
+
+use super::exact::{Exact, solve_moments};
+use super::kind::SolverKind;
+use super::pass::Pass;
+use super::pass_worker::PassWorker;
+use super::problem::FitProblem;
+use super::solution::Solution;
+use crate::FitError;
+use crate::features::Features;
+use crate::least_squares::{
+    self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape,
+};
+use crate::reading_ranges::ReadingRanges;
+use shell_data::block::Block;
+use shell_data::wrench::Axis;
+
+/// Blocks of rows that can be passed over any number of times, always in the same order.
+pub trait Blocks {
+    /// What can go wrong on the way.
+    type Error: From<FitError>;
+
+    /// Reduces every block and merges the partials, in the order of the blocks.
+    ///
+    /// # Errors
+    /// If rows cannot be read, or the pass rejects them.
+    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, Self::Error>;
+
+    /// A sample of the rows, if there is one without a pass. It may save a solver work and has no
+    /// influence on results.
+    fn sample(&self) -> Option<Block> {
+        None
+    }
+}
+
+impl Blocks for &[Block] {
+    type Error = FitError;
+
+    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, FitError> {
+        let (mut all, mut worker) = (pass.empty(), PassWorker::new(pass));
+        for block in *self {
+            if let Some(partial) = worker.reduce(block)? {
+                pass.merge(&mut all, partial);
+            }
+        }
+        PassWorker::merge([worker], &mut all);
+        Ok(all)
+    }
+}
+
+/// Fits the calibration of `problem` by the solver of that name. Also returns the ranges of the
+/// readings that it was fitted to.
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients, or not for this solver; whatever
+/// `blocks` can fail with.
+pub fn fit<B: Blocks>(
+    kind: SolverKind,
+    problem: FitProblem,
+    blocks: &mut B,
+) -> Result<(Solution, ReadingRanges), B::Error> {
+    let method = match kind {
+        SolverKind::Exact => return fit_exactly(&problem, blocks),
+        SolverKind::Tsqr => Method::Tsqr,
+        SolverKind::RefinedTsqr => Method::RefinedTsqr,
+        SolverKind::PivotedQr => Method::PivotedQr,
+        SolverKind::Svd => Method::Svd { truncate: None },
+        SolverKind::Gram => Method::Gram,
+        SolverKind::WideGram => Method::WideGram,
+        SolverKind::WideTsqr => Method::WideTsqr,
+        SolverKind::RidgeGcv => Method::RidgeGcv,
+        SolverKind::Huber => Method::Huber,
+    };
+    fit_by(method, problem, blocks)
+}
+
+/// The exact solver, which needs one pass and whose sums know the ranges.
+fn fit_exactly<B: Blocks>(
+    problem: &FitProblem,
+    blocks: &mut B,
+) -> Result<(Solution, ReadingRanges), B::Error> {
+    let mut exact = Exact::new(problem)?;
+    if let Some(sample) = blocks.sample() {
+        exact.expect(&sample);
+    }
+    let moments = blocks.pass(&exact)?.finish()?;
+    let ranges = moments.reading_ranges();
+    Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges))
+}
+
+/// A pass that finds the ranges of the rows as it goes.
+struct WithRanges<'a, P> {
+    channels: usize,
+    pass: &'a P,
+}
+
+impl<P: Pass> Pass for WithRanges<'_, P> {
+    type Partial = (ReadingRanges, P::Partial);
+
+    const ANY_ORDER: bool = P::ANY_ORDER;
+
+    fn empty(&self) -> Self::Partial {
+        (ReadingRanges::new(self.channels), self.pass.empty())
+    }
+
+    fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError> {
+        partial.0.merge(&ReadingRanges::of_block(block, self.channels)?);
+        self.pass.absorb(&mut partial.1, block)
+    }
+
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial) {
+        earlier.0.merge(&later.0);
+        self.pass.merge(&mut earlier.1, later.1);
+    }
+}
+
+/// As [`fit`], by a method of [`least_squares`] on the features.
+///
+/// # Errors
+/// As [`fit`].
+pub fn fit_by<B: Blocks>(
+    method: Method,
+    problem: FitProblem,
+    blocks: &mut B,
+) -> Result<(Solution, ReadingRanges), B::Error> {
+    let FitProblem { model, scaling, ridge: lambda } = problem;
+    if !(lambda >= 0.0 && lambda.is_finite()) {
+        return Err(FitError::Ridge(lambda).into());
+    }
+    let features = Features::new(model, scaling);
+    let free_column = model.intercept.then(|| features.len() - 1);
+    let mut rows = FeatureRows { blocks, features: &features, ranges: None };
+    let solved = least_squares::solve(&mut rows, method, Ridge { lambda, free_column });
+    let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.channels));
+    match solved {
+        Ok(solved) => Ok((Solution::new(&features, solved), ranges)),
+        Err(Stopped::Solving(error)) => {
+            Err(FitError::of_least_squares(error, &features, &ranges).into())
+        }
+        Err(Stopped::Reading(error)) => Err(error),
+    }
+}
+
+/// Blocks as rows of features and wrench.
+struct FeatureRows<'a, B> {
+    blocks: &'a mut B,
+    features: &'a Features,
+    /// That of all rows, once they have been passed over.
+    ranges: Option<ReadingRanges>,
+}
+
+enum Stopped<E> {
+    Solving(LeastSquaresError),
+    Reading(E),
+}
+
+impl<E> From<LeastSquaresError> for Stopped<E> {
+    fn from(error: LeastSquaresError) -> Self {
+        Stopped::Solving(error)
+    }
+}
+
+impl<B: Blocks> Rows for FeatureRows<'_, B> {
+    type Error = Stopped<B::Error>;
+
+    fn shape(&self) -> Shape {
+        Shape { features: self.features.len(), outputs: Axis::ALL.len() }
+    }
+
+    fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
+        let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
+        let pass = WithRanges { channels: self.features.model().channels, pass: &pass };
+        let (ranges, partial) = self.blocks.pass(&pass).map_err(Stopped::Reading)?;
+        self.ranges.get_or_insert(ranges);
+        Ok(partial)
+    }
+}
+
+/// A reduction of features as a pass over blocks.
+struct OverFeatures<'a, R> {
+    features: &'a Features,
+    shape: Shape,
+    reduction: &'a R,
+}
+
+impl<R: Reduction> Pass for OverFeatures<'_, R> {
+    type Partial = R::Partial;
+
+    fn empty(&self) -> R::Partial {
+        self.reduction.empty()
+    }
+
+    fn absorb(&self, partial: &mut R::Partial, block: &Block) -> Result<(), FitError> {
+        let p = self.features.len();
+        let stride = RowChunk::rows_in_cache(self.shape.columns()).min(block.rows);
+        let mut heads = vec![0.0; stride * self.shape.columns()];
+        let mut tails = vec![0.0; if R::WIDE { stride * p } else { 0 }];
+        let mut scratch = self.reduction.scratch();
+        for start in (0..block.rows).step_by(stride.max(1)) {
+            let rows = start..block.rows.min(start + stride);
+            let readings = &block.readings;
+            let wide = if R::WIDE {
+                self.features.fill_wide(readings, rows.clone(), &mut heads, &mut tails, stride)
+            } else {
+                self.features.fill(readings, rows.clone(), &mut heads, stride);
+                false
+            };
+            for (column, axis) in heads.chunks_mut(stride).skip(p).zip(&block.wrench) {
+                column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
+            }
+            let tails = if wide { &tails[..] } else { &[] };
+            let chunk = RowChunk { rows: rows.len(), stride, heads: &heads, tails };
+            self.reduction.absorb(partial, &chunk, &mut scratch);
+        }
+        Ok(())
+    }
+
+    fn merge(&self, earlier: &mut R::Partial, later: R::Partial) {
+        self.reduction.merge(earlier, later);
+    }
+}

@@ -1,0 +1,22 @@
+//! From rows to coefficients: what all solvers have in common.
+//!
+//! A solver reduces blocks of rows to partial fits, merges partial fits in the order of the rows
+//! and solves what is left. Memory does not grow with the number of rows, and blocks may be
+//! reduced on several threads.
+
+mod exact;
+mod family;
+mod kind;
+mod pass;
+mod pass_worker;
+mod problem;
+mod solution;
+
+pub use self::exact::{Exact, ExactPartial, solve_moments};
+pub use self::family::{Blocks, fit, fit_by};
+pub use self::kind::SolverKind;
+pub use self::pass::Pass;
+pub use self::pass_worker::PassWorker;
+pub use self::problem::FitProblem;
+pub use self::solution::Solution;
+pub use crate::factor::InverseFactor;

@@ -1,0 +1,130 @@
+//! The covariance of errors and coefficients.
+
+use faer::Mat;
+use serde::{Deserialize, Serialize};
+
+use super::interval::{ErrorShape, normal_quantile, student_quantile};
+use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
+use crate::model::Model;
+use crate::solver::Solution;
+use crate::validation::ValidationError;
+use crate::validation::grouped::GroupedMoments;
+use shell_data::wrench::PerAxis;
+
+/// The covariance that standard errors of predictions are computed from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Covariance {
+    /// `S`, the covariance of the errors of a row, in products of N and N·m.
+    pub residual: PerAxis<PerAxis<f64>>,
+    /// Rows less coefficients, or groups less one.
+    pub degrees_of_freedom: u64,
+    /// That of the coefficients.
+    pub coefficients: CoefficientCovariance,
+    /// How the training errors are distributed, where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shape: Option<ErrorShape>,
+}
+
+/// The columns of an upper triangular matrix, of lengths 1, 2, …, one per feature.
+pub type TriangularColumns = Vec<Vec<f64>>;
+
+/// The covariance of the coefficients, in factors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CoefficientCovariance {
+    /// For errors that are independent from row to row.
+    Rows {
+        /// `F`, to be multiplied by `S[a][b]`.
+        factor: TriangularColumns,
+    },
+    /// For errors that are alike within groups of rows.
+    Groups {
+        /// Their number.
+        groups: u64,
+        /// `T` of each axis.
+        factors: PerAxis<TriangularColumns>,
+    },
+}
+
+impl Covariance {
+    /// The covariance of a solution, errors of rows being independent; `None` if there are no more
+    /// rows than coefficients.
+    pub fn of_rows(solution: &Solution) -> Option<Self> {
+        let factor = solution.factor.matrix();
+        let degrees_of_freedom =
+            solution.rows.checked_sub(factor.nrows() as u64).filter(|&n| n > 0)?;
+        let products = &solution.residual_products;
+        Some(Self {
+            residual: std::array::from_fn(|a| {
+                std::array::from_fn(|b| products[(a, b)] / degrees_of_freedom as f64)
+            }),
+            degrees_of_freedom,
+            coefficients: CoefficientCovariance::Rows { factor: columns(&factor) },
+            shape: None,
+        })
+    }
+
+    /// The covariance of the fit of `model` to all rows of `sums`, errors being alike within its
+    /// groups. `ridge` is as in [`Moments::solve`](crate::exact::Moments::solve).
+    ///
+    /// # Errors
+    /// [`ValidationError`] if there are too few groups, or without one of them the model cannot be
+    /// fitted.
+    pub fn of_groups(
+        sums: &GroupedMoments,
+        model: &Model,
+        ridge: f64,
+    ) -> Result<Self, ValidationError> {
+        let total = sums.total().filter(|_| sums.groups.len() > 1);
+        let total = total.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
+        let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
+        let found =
+            PartitionedMoments::new(total, model)?.by_group(&groups, ridge).map_err(|error| {
+                match error {
+                    GroupScatterError::Solve(error) => ValidationError::Solve(error),
+                    GroupScatterError::NearlyDependent => {
+                        ValidationError::Solve(SolveError::NearlyDependent)
+                    }
+                    GroupScatterError::Alone(places) => ValidationError::Alone {
+                        groups: places
+                            .into_iter()
+                            .map(|place| sums.groups[place].0.clone())
+                            .collect(),
+                    },
+                }
+            })?;
+        let rows = total.rows() as f64;
+        Ok(Self {
+            residual: found.residual_products.map(|row| row.map(|product| product / rows)),
+            degrees_of_freedom: found.groups as u64 - 1,
+            coefficients: CoefficientCovariance::Groups {
+                groups: found.groups as u64,
+                factors: found.factors.each_ref().map(columns),
+            },
+            shape: None,
+        })
+    }
+
+    /// How many standard errors either way a prediction interval of `level` reaches, per axis.
+    ///
+    /// # Panics
+    /// If `level` is not above 0 and below 1.
+    pub fn interval_factors(&self, level: f64) -> PerAxis<f64> {
+        assert!(0.0 < level && level < 1.0, "a level between 0 and 1");
+        let z = normal_quantile(level);
+        let t = student_quantile(level, self.degrees_of_freedom as f64);
+        std::array::from_fn(|axis| match &self.shape {
+            None => t,
+            Some(shape) => shape.quantile(axis, level) * t / z,
+        })
+    }
+
+    /// Standard deviation of the residuals, per axis, N and N·m.
+    pub fn residual_sd(&self) -> PerAxis<f64> {
+        std::array::from_fn(|axis| self.residual[axis][axis].sqrt())
+    }
+}
+
+fn columns(factor: &Mat<f64>) -> TriangularColumns {
+    (0..factor.ncols()).map(|j| (0..=j).map(|i| factor[(i, j)]).collect()).collect()
+}

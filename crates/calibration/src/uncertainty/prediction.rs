@@ -1,0 +1,219 @@
+//! Standard errors of converted samples, with or without a tare.
+
+use pulp::{Arch, NullaryFnOnce};
+
+use super::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
+use crate::conversion::Calibration;
+use crate::features::{Features, LANES, RowLanes};
+use shell_data::wrench::PerAxis;
+
+/// The unloaded state that later samples are measured from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tare {
+    /// Number of frames.
+    pub frames: usize,
+    /// Their mean features.
+    pub features: Vec<f64>,
+    /// Their mean wrench, N and N·m, to be subtracted.
+    pub wrench: PerAxis<f64>,
+}
+
+impl Calibration {
+    /// The mean state of some frames; `None` for zero frames.
+    ///
+    /// # Panics
+    /// If `readings` are not the model's channels, or of different lengths.
+    pub fn tare(&self, readings: &[Vec<f64>]) -> Option<Tare> {
+        let frames = self.rows_of(readings);
+        if frames == 0 {
+            return None;
+        }
+        let mut columns = vec![0.0; frames * self.features().len()];
+        self.features().fill(readings, 0..frames, &mut columns, frames);
+        let mean = |column: &[f64]| column.iter().sum::<f64>() / frames as f64;
+        let mut wrench = PerAxis::default();
+        self.wrench(readings, &mut wrench);
+        Some(Tare {
+            frames,
+            features: columns.chunks_exact(frames).map(mean).collect(),
+            wrench: wrench.map(|axis| mean(&axis)),
+        })
+    }
+
+    /// The standard error of every row and axis, N and N·m; see the module for the formulas.
+    ///
+    /// `readings` has one column per channel, in counts; `errors` is made as long as they are.
+    /// Returns false, and leaves `errors` empty, if the calibration carries no covariance.
+    ///
+    /// # Panics
+    /// If `readings` are not the model's channels, or of different lengths.
+    pub fn standard_errors(
+        &self,
+        readings: &[Vec<f64>],
+        tare: Option<&Tare>,
+        errors: &mut PerAxis<Vec<f64>>,
+    ) -> bool {
+        let rows = self.rows_of(readings);
+        errors.iter_mut().for_each(Vec::clear);
+        let Some(covariance) = &self.covariance else { return false };
+        let features = vec![[0.0; LANES]; self.features().len()];
+        Arch::new().dispatch(Errors {
+            features: self.features(),
+            covariance,
+            readings,
+            rows,
+            tare,
+            lanes: features,
+            errors,
+        });
+        true
+    }
+}
+
+/// The loop over rows, inlined whole into code for the widest vectors of the machine.
+struct Errors<'a> {
+    features: &'a Features,
+    covariance: &'a Covariance,
+    readings: &'a [Vec<f64>],
+    rows: usize,
+    tare: Option<&'a Tare>,
+    lanes: Vec<RowLanes>,
+    errors: &'a mut PerAxis<Vec<f64>>,
+}
+
+impl NullaryFnOnce for Errors<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Errors { features, covariance, readings, rows, tare, mut lanes, errors } = self;
+        let own = 1.0 + tare.map_or(0.0, |tare| (tare.frames as f64).recip());
+        let variances: PerAxis<f64> = std::array::from_fn(|axis| covariance.residual[axis][axis]);
+        for start in (0..rows).step_by(LANES) {
+            features.lanes(readings, start, &mut lanes);
+            if let Some(tare) = tare {
+                for (x, &mean) in lanes.iter_mut().zip(&tare.features) {
+                    for x in x {
+                        *x -= mean;
+                    }
+                }
+            }
+            let filled = LANES.min(rows - start);
+            match &covariance.coefficients {
+                CoefficientCovariance::Rows { factor } => {
+                    let spread = spread(factor, &lanes);
+                    for (errors, variance) in errors.iter_mut().zip(variances) {
+                        let error = |&spread: &f64| (variance * (own + spread)).sqrt();
+                        errors.extend(spread[..filled].iter().map(error));
+                    }
+                }
+                CoefficientCovariance::Groups { factors, .. } => {
+                    let axes = errors.iter_mut().zip(factors).zip(variances);
+                    for ((errors, factor), variance) in axes {
+                        let spread = spread(factor, &lanes);
+                        let error = |&spread: &f64| (variance * own + spread).sqrt();
+                        errors.extend(spread[..filled].iter().map(error));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// `‖factorᵀ·x‖²` of each lane.
+#[inline(always)]
+fn spread(factor: &TriangularColumns, lanes: &[RowLanes]) -> RowLanes {
+    let mut spread = [0.0; LANES];
+    for column in factor {
+        let mut product = [0.0; LANES];
+        for (x, &f) in lanes.iter().zip(column) {
+            for lane in 0..LANES {
+                product[lane] = x[lane].mul_add(f, product[lane]);
+            }
+        }
+        for lane in 0..LANES {
+            spread[lane] = product[lane].mul_add(product[lane], spread[lane]);
+        }
+    }
+    spread
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Basis, Model};
+    use crate::scaling::Scaling;
+
+    /// A straight line through one channel: the textbook case, with closed formulas.
+    fn line(readings: &[f64]) -> (Calibration, f64, f64) {
+        let n = readings.len() as f64;
+        let mean = readings.iter().sum::<f64>() / n;
+        let squares: f64 = readings.iter().map(|s| (s - mean) * (s - mean)).sum();
+        // (XᵀX)⁻¹ of [s, 1] is [[1, −m], [−m, m² + Q/n]]/Q = F·Fᵀ with F upper triangular.
+        let corner = mean * mean / squares + 1.0 / n;
+        let f = vec![
+            vec![(1.0 / squares - (mean / squares) * (mean / squares) / corner).sqrt()],
+            vec![-mean / squares / corner.sqrt(), corner.sqrt()],
+        ];
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
+        let mut calibration =
+            Calibration::new(model, Scaling::identity(1), vec![[2.0; 6], [1.0; 6]]);
+        let mut residual = PerAxis::<PerAxis<f64>>::default();
+        (0..6).for_each(|axis| residual[axis][axis] = 0.25);
+        calibration.covariance = Some(Covariance {
+            residual,
+            degrees_of_freedom: readings.len() as u64 - 2,
+            coefficients: CoefficientCovariance::Rows { factor: f },
+            shape: None,
+        });
+        (calibration, mean, squares)
+    }
+
+    #[test]
+    fn standard_errors_of_a_straight_line_are_those_of_the_textbook() {
+        let (calibration, mean, squares) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        let new = [vec![0.0, 5.6, 20.0]];
+        let mut errors = PerAxis::default();
+        assert!(calibration.standard_errors(&new, None, &mut errors));
+        for (&s, &error) in new[0].iter().zip(&errors[2]) {
+            let variance = 1.0 + 1.0 / 5.0 + (s - mean) * (s - mean) / squares;
+            // A handful of roundings.
+            assert!((error - 0.5 * f64::sqrt(variance)).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn a_tare_adds_its_noise_and_takes_away_what_it_shares() {
+        let (calibration, _, squares) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        let tare = calibration.tare(&[vec![3.0, 5.0]]).unwrap();
+        assert_eq!(tare.features, [4.0, 1.0]);
+        assert_eq!(tare.wrench, [9.0; 6]);
+        let mut errors = PerAxis::default();
+        assert!(calibration.standard_errors(&[vec![10.0]], Some(&tare), &mut errors));
+        let variance = 1.0 + 1.0 / 2.0 + 36.0 / squares;
+        assert!((errors[5][0] - 0.5 * f64::sqrt(variance)).abs() < 1e-14);
+    }
+
+    #[test]
+    fn each_axis_has_a_spread_of_its_own_where_rows_come_in_groups() {
+        let (mut calibration, ..) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        let factor = |axis: usize| vec![vec![axis as f64], vec![0.0, 2.0]];
+        if let Some(covariance) = &mut calibration.covariance {
+            let factors = std::array::from_fn(factor);
+            covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
+        }
+        let mut errors = PerAxis::default();
+        assert!(calibration.standard_errors(&[vec![3.0]], None, &mut errors));
+        // The row [3, 1]: 0.25 of its own, (3·axis)² and 2² of the coefficients.
+        let expected = |axis: usize| (0.25 + 9.0 * (axis * axis) as f64 + 4.0).sqrt();
+        (0..6).for_each(|axis| assert!((errors[axis][0] - expected(axis)).abs() < 1e-14));
+    }
+
+    #[test]
+    fn without_a_covariance_there_are_no_standard_errors_and_without_frames_no_tare() {
+        let (mut calibration, ..) = line(&[1.0, 2.0, 4.0]);
+        calibration.covariance = None;
+        assert!(!calibration.standard_errors(&[vec![1.0]], None, &mut PerAxis::default()));
+        assert_eq!(calibration.tare(&[vec![]]), None);
+    }
+}

@@ -1,0 +1,166 @@
+//! Errors on groups that were not trained on, beside those on rows that were held out at random.
+
+use serde::{Deserialize, Serialize};
+
+use super::ValidationError;
+use super::grouped::{GroupedMoments, total};
+use crate::exact::{HeldOutErrors, Moments, PartitionedMoments, SolveError};
+use crate::model::Model;
+use shell_data::wrench::PerAxis;
+
+/// How many times the error of a random split the error on new groups may be before a model counts
+/// as one that does not generalise.
+pub const SUSPICIOUS_RATIO: f64 = 2.0;
+
+/// Errors on rows that were held out, on one axis, N or N·m.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HeldOutQuality {
+    /// Root mean square.
+    pub rms: f64,
+    /// Mean, predicted less measured.
+    pub bias: f64,
+}
+
+/// What cross-validation has found. Errors are over all rows that were held out, each once.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CrossValidation {
+    /// Groups of rows.
+    pub groups: usize,
+    /// Folds of groups, each held out once: as many as groups where one is left out at a time.
+    pub folds: usize,
+    /// Rows.
+    pub rows: u64,
+    /// The groups without which the model cannot be fitted; they are not in `grouped`.
+    pub undetermined: Vec<String>,
+    /// Errors on groups that were not trained on.
+    pub grouped: PerAxis<HeldOutQuality>,
+    /// PartitionedMoments of the rows that were drawn at random and held out in turn; 0 if there were none.
+    pub random_folds: usize,
+    /// Errors on rows that were held out at random; `None` if that was not asked for, or not
+    /// possible.
+    pub random: Option<PerAxis<HeldOutQuality>>,
+}
+
+impl CrossValidation {
+    /// For each axis how many times the random error the grouped one is; `None` where there is
+    /// no random error to compare with.
+    pub fn ratios(&self) -> PerAxis<Option<f64>> {
+        std::array::from_fn(|axis| {
+            let random = self.random?[axis].rms;
+            (random > 0.0).then(|| self.grouped[axis].rms / random)
+        })
+    }
+
+    /// Whether the error on new groups is more than [`SUSPICIOUS_RATIO`] times that on random
+    /// rows, on any axis.
+    pub fn generalises(&self) -> bool {
+        self.ratios().iter().flatten().all(|&ratio| ratio <= SUSPICIOUS_RATIO)
+    }
+}
+
+/// Fits `model` without each group, or without each of `folds` folds of groups, and finds the
+/// errors there; the same with the rows that were dealt at random.
+///
+/// Folds are filled with the largest groups first, each into the fold with the fewest rows. `ridge`
+/// is as in [`Moments::solve`].
+///
+/// # Errors
+/// [`ValidationError`] if there are too few groups, or no fold leaves enough rows to fit.
+pub fn cross_validate(
+    sums: &GroupedMoments,
+    model: &Model,
+    ridge: f64,
+    folds: Option<usize>,
+) -> Result<CrossValidation, ValidationError> {
+    let whole = sums.total().filter(|_| sums.groups.len() > 1);
+    let whole = whole.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
+    let parts = PartitionedMoments::new(whole, model)?;
+    let folds = match folds {
+        Some(folds) => fold_groups(sums, folds)?,
+        None => (0..sums.groups.len()).map(|group| vec![group]).collect(),
+    };
+    let mut grouped = PerAxis::<HeldOutErrors>::default();
+    let (mut undetermined, mut reason) = (Vec::new(), None);
+    for fold in &folds {
+        match errors_on(&parts, &sums.groups, fold, ridge)? {
+            Ok(errors) => merge(&mut grouped, &errors),
+            Err(error) => {
+                undetermined.extend(fold.iter().map(|&group| sums.groups[group].0.clone()));
+                reason = Some(error);
+            }
+        }
+    }
+    if let Some(reason) = reason.filter(|_| undetermined.len() == sums.groups.len()) {
+        return Err(ValidationError::Undetermined(reason));
+    }
+    Ok(CrossValidation {
+        groups: sums.groups.len(),
+        folds: folds.len(),
+        rows: whole.rows(),
+        undetermined,
+        grouped: grouped.map(quality),
+        random_folds: sums.random.len(),
+        random: random_errors(&parts, &sums.random, ridge),
+    })
+}
+
+fn quality(errors: HeldOutErrors) -> HeldOutQuality {
+    HeldOutQuality { rms: errors.rms(), bias: errors.bias() }
+}
+
+/// The errors on a fold of groups of a fit to all others; the inner error where that cannot be.
+pub(super) fn errors_on(
+    parts: &PartitionedMoments<'_>,
+    groups: &[(String, Moments)],
+    fold: &[usize],
+    ridge: f64,
+) -> Result<Result<PerAxis<HeldOutErrors>, SolveError>, ValidationError> {
+    if let [group] = fold {
+        let moments = &groups[*group].1;
+        return Ok(parts.held_out(moments, &parts.part(moments), ridge));
+    }
+    let Some(moments) = total(fold.iter().map(|&group| &groups[group].1))? else {
+        return Ok(Ok(PerAxis::default()));
+    };
+    Ok(parts.held_out(&moments, &parts.part(&moments), ridge))
+}
+
+/// `None` if there are no folds, or any of them cannot be left out.
+fn random_errors(
+    parts: &PartitionedMoments<'_>,
+    random: &[Moments],
+    ridge: f64,
+) -> Option<PerAxis<HeldOutQuality>> {
+    let mut all = PerAxis::<HeldOutErrors>::default();
+    for moments in random.iter().filter(|moments| moments.rows() > 0) {
+        merge(&mut all, &parts.held_out(moments, &parts.part(moments), ridge).ok()?);
+    }
+    (all[0].rows > 0).then(|| all.map(quality))
+}
+
+fn merge(all: &mut PerAxis<HeldOutErrors>, errors: &PerAxis<HeldOutErrors>) {
+    all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
+}
+
+/// Groups, by their places, dealt into folds of about the same number of rows.
+pub(super) fn fold_groups(
+    sums: &GroupedMoments,
+    folds: usize,
+) -> Result<Vec<Vec<usize>>, ValidationError> {
+    let groups = sums.groups.len();
+    if !(2..=groups).contains(&folds) {
+        return Err(ValidationError::Folds { folds, groups });
+    }
+    let mut order: Vec<usize> = (0..groups).collect();
+    order.sort_by_key(|&group| std::cmp::Reverse(sums.groups[group].1.rows()));
+    let mut dealt = vec![(0, Vec::new()); folds];
+    for group in order {
+        let (rows, fold) = (dealt.iter_mut())
+            .min_by_key(|(rows, fold)| (*rows, fold.len()))
+            .map(|(rows, fold)| (rows, fold))
+            .expect("two folds or more");
+        *rows += sums.groups[group].1.rows();
+        fold.push(group);
+    }
+    Ok(dealt.into_iter().map(|(_, fold)| fold).collect())
+}

@@ -1,0 +1,369 @@
+//! How well the loads of a recording cover the six axes.
+//!
+//! A calibration cannot know what was never pressed. Per axis and sign: the range, the root mean
+//! square, the share of rows, and the share of the sum of squares, which tells a real load from
+//! noise about zero. Across axes: the condition number of the correlation matrix of the wrench
+//! about its mean, 1 where the axes move independently. Some correlation is the shell's own: a
+//! push from the side at some height is a force and a moment.
+
+use faer::{Mat, Side};
+use pulp::{Arch, NullaryFnOnce};
+use serde::{Deserialize, Serialize};
+
+use shell_data::statistics::MergeWeights;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// The share of an axis's sum of squares below which a sign counts as hardly loaded.
+const SMALL_SHARE: f64 = 0.1;
+
+/// Correlation from which two axes count as moving together.
+const STRONG_CORRELATION: f64 = 0.9;
+
+/// Sums over wrenches. Merge with those over other rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WrenchSums {
+    rows: u64,
+    axes: PerAxis<AxisSums>,
+    mean: PerAxis<f64>,
+    /// Sums of products of deviations from the mean, the upper triangle.
+    products: PerAxis<PerAxis<f64>>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct AxisSums {
+    min: f64,
+    max: f64,
+    positive: Sign,
+    negative: Sign,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sign {
+    rows: u64,
+    squares: f64,
+}
+
+/// How well the training loads cover the six axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Excitation {
+    /// Per axis.
+    pub axes: PerAxis<AxisExcitation>,
+    /// Correlation of the axes about their means; 0 for an axis that never changes.
+    pub correlation: PerAxis<PerAxis<f64>>,
+    /// Condition number of the correlation of the axes that change; `None` if infinite.
+    pub condition: Option<f64>,
+}
+
+/// How well one axis is covered, N or N·m.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisExcitation {
+    /// The smallest value.
+    pub min: f64,
+    /// The largest value.
+    pub max: f64,
+    /// Root mean square.
+    pub rms: f64,
+    /// Share of rows above zero.
+    pub rows_positive: f64,
+    /// Share of rows below zero.
+    pub rows_negative: f64,
+    /// What the rows above zero contribute to the sum of squares, 0 to 1; 0 without load.
+    pub load_positive: f64,
+    /// What the rows below zero contribute.
+    pub load_negative: f64,
+}
+
+/// What is missing from the training loads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Gap {
+    /// An axis that never changes.
+    Unloaded(Axis),
+    /// An axis that is hardly loaded one way: upwards if `positive`.
+    OneSided {
+        /// The axis.
+        axis: Axis,
+        /// Whether loads above zero are missing.
+        positive: bool,
+        /// Their share of the sum of squares.
+        share: f64,
+    },
+    /// Two axes that nearly always move together.
+    Together {
+        /// One axis.
+        first: Axis,
+        /// The other.
+        second: Axis,
+        /// Their correlation.
+        correlation: f64,
+    },
+}
+
+impl WrenchSums {
+    /// Of some rows: six columns of the same length, N and N·m, finite.
+    ///
+    /// # Panics
+    /// If there are not six columns of one length.
+    pub fn of(wrench: &[Vec<f64>]) -> Self {
+        assert_eq!(wrench.len(), 6, "columns");
+        let rows = wrench[0].len();
+        if rows == 0 {
+            return Self::default();
+        }
+        Arch::new().dispatch(SumsOf(wrench))
+    }
+
+    /// Adds the rows of `other`.
+    pub fn merge(&mut self, other: &Self) {
+        if other.rows == 0 {
+            return;
+        }
+        if self.rows == 0 {
+            *self = *other;
+            return;
+        }
+        let weights = MergeWeights::new(self.rows, other.rows);
+        let step: PerAxis<f64> = std::array::from_fn(|a| other.mean[a] - self.mean[a]);
+        for a in 0..6 {
+            for b in a..6 {
+                self.products[a][b] += other.products[a][b] + step[a] * step[b] * weights.product;
+            }
+            self.mean[a] += step[a] * weights.mean;
+            self.axes[a].merge(&other.axes[a]);
+        }
+        self.rows += other.rows;
+    }
+
+    /// The figures; `None` for zero rows.
+    pub fn excitation(&self) -> Option<Excitation> {
+        if self.rows == 0 {
+            return None;
+        }
+        let rows = self.rows as f64;
+        let axes = self.axes.map(|axis| {
+            let squares = axis.positive.squares + axis.negative.squares;
+            let share = |part: f64| if squares > 0.0 { part / squares } else { 0.0 };
+            AxisExcitation {
+                min: axis.min,
+                max: axis.max,
+                rms: (squares / rows).sqrt(),
+                rows_positive: axis.positive.rows as f64 / rows,
+                rows_negative: axis.negative.rows as f64 / rows,
+                load_positive: share(axis.positive.squares),
+                load_negative: share(axis.negative.squares),
+            }
+        });
+        let correlation: PerAxis<PerAxis<f64>> = std::array::from_fn(|a| {
+            std::array::from_fn(|b| {
+                let both = (self.products[a][a] * self.products[b][b]).sqrt();
+                match both > 0.0 {
+                    true if a == b => 1.0,
+                    true => (self.products[a.min(b)][a.max(b)] / both).clamp(-1.0, 1.0),
+                    false => 0.0,
+                }
+            })
+        });
+        Some(Excitation { axes, condition: condition(&correlation), correlation })
+    }
+}
+
+/// [`WrenchSums::of`] of at least one row, inlined whole into code for the widest vectors of the
+/// machine.
+struct SumsOf<'a>(&'a [Vec<f64>]);
+
+impl NullaryFnOnce for SumsOf<'_> {
+    type Output = WrenchSums;
+
+    #[inline(always)]
+    fn call(self) -> WrenchSums {
+        let wrench = self.0;
+        let rows = wrench[0].len();
+        let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
+        sums.axes = std::array::from_fn(|axis| AxisSums::of(&wrench[axis]));
+        sums.mean = std::array::from_fn(|axis| sum(&wrench[axis]) / rows as f64);
+        for a in 0..6 {
+            for b in a..6 {
+                sums.products[a][b] = product(&wrench[a], sums.mean[a], &wrench[b], sums.mean[b]);
+            }
+        }
+        sums
+    }
+}
+
+/// Interleaved sums.
+const LANES: usize = 8;
+
+impl AxisSums {
+    #[inline(always)]
+    fn of(column: &[f64]) -> Self {
+        let (mut min, mut max) = ([column[0]; LANES], [column[0]; LANES]);
+        let (mut above, mut below) = ([0.0; LANES], [0.0; LANES]);
+        let (mut positive, mut negative) = ([0.0; LANES], [0.0; LANES]);
+        let mut add = |i: usize, x: f64| {
+            min[i] = if x < min[i] { x } else { min[i] };
+            max[i] = if x > max[i] { x } else { max[i] };
+            let (up, down) = (if x > 0.0 { x } else { 0.0 }, if x < 0.0 { x } else { 0.0 });
+            positive[i] += up * up;
+            negative[i] += down * down;
+            // Whole numbers below 2⁵³.
+            above[i] += if x > 0.0 { 1.0 } else { 0.0 };
+            below[i] += if x < 0.0 { 1.0 } else { 0.0 };
+        };
+        let (chunks, rest) = column.as_chunks::<LANES>();
+        for chunk in chunks {
+            chunk.iter().enumerate().for_each(|(i, &x)| add(i, x));
+        }
+        for (i, &x) in rest.iter().enumerate() {
+            add(i, x);
+        }
+        let sign = |rows: [f64; LANES], squares: [f64; LANES]| Sign {
+            rows: rows.iter().sum::<f64>() as u64,
+            squares: squares.iter().sum(),
+        };
+        Self {
+            min: min.into_iter().fold(column[0], f64::min),
+            max: max.into_iter().fold(column[0], f64::max),
+            positive: sign(above, positive),
+            negative: sign(below, negative),
+        }
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+        for (own, other) in
+            [(&mut self.positive, other.positive), (&mut self.negative, other.negative)]
+        {
+            own.rows += other.rows;
+            own.squares += other.squares;
+        }
+    }
+}
+
+impl Excitation {
+    /// What is missing.
+    pub fn gaps(&self) -> Vec<Gap> {
+        let mut gaps = Vec::new();
+        for axis in Axis::ALL {
+            let of = &self.axes[axis.index()];
+            if of.min == of.max {
+                gaps.push(Gap::Unloaded(axis));
+                continue;
+            }
+            for (positive, share) in [(true, of.load_positive), (false, of.load_negative)] {
+                if share < SMALL_SHARE {
+                    gaps.push(Gap::OneSided { axis, positive, share });
+                }
+            }
+        }
+        for first in Axis::ALL {
+            for &second in &Axis::ALL[first.index() + 1..] {
+                let correlation = self.correlation[first.index()][second.index()];
+                if correlation.abs() > STRONG_CORRELATION {
+                    gaps.push(Gap::Together { first, second, correlation });
+                }
+            }
+        }
+        gaps
+    }
+}
+
+#[inline(always)]
+fn sum(column: &[f64]) -> f64 {
+    let mut sums = [0.0; LANES];
+    let (chunks, rest) = column.as_chunks::<LANES>();
+    for chunk in chunks {
+        for i in 0..LANES {
+            sums[i] += chunk[i];
+        }
+    }
+    sums.iter().chain(rest).sum()
+}
+
+#[inline(always)]
+fn product(a: &[f64], mean_a: f64, b: &[f64], mean_b: f64) -> f64 {
+    let mut sums = [0.0; LANES];
+    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    for (a, b) in a.iter().zip(b) {
+        for i in 0..LANES {
+            sums[i] += (a[i] - mean_a) * (b[i] - mean_b);
+        }
+    }
+    for (i, (a, b)) in rest_a.iter().zip(rest_b).enumerate() {
+        sums[i] += (a - mean_a) * (b - mean_b);
+    }
+    sums.iter().sum()
+}
+
+fn condition(correlation: &PerAxis<PerAxis<f64>>) -> Option<f64> {
+    let moving: Vec<usize> = (0..6).filter(|&a| correlation[a][a] > 0.0).collect();
+    let matrix = Mat::from_fn(moving.len(), moving.len(), |i, j| correlation[moving[i]][moving[j]]);
+    let values = matrix.self_adjoint_eigenvalues(Side::Lower).ok()?;
+    let (smallest, largest) = (values.first()?, values.last()?);
+    // Eigenvalues of a 6 × 6 matrix are this uncertain.
+    (*smallest > 1e-14 * largest).then(|| largest / smallest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn columns(rows: usize, of: impl Fn(usize, usize) -> f64) -> Vec<Vec<f64>> {
+        (0..6).map(|axis| (0..rows).map(|row| of(axis, row)).collect()).collect()
+    }
+
+    /// Orthogonal waves: a full number of periods each.
+    fn wave(axis: usize, row: usize) -> f64 {
+        (std::f64::consts::TAU * (axis + 1) as f64 * (row as f64 + 0.25) / 64.0).sin()
+    }
+
+    #[test]
+    fn loads_both_ways_on_independent_axes_leave_no_gap() {
+        let excitation = WrenchSums::of(&columns(64, wave)).excitation().unwrap();
+        assert!(excitation.gaps().is_empty());
+        // Rounding of 64 sines.
+        assert!((excitation.condition.unwrap() - 1.0).abs() < 1e-13);
+        for axis in excitation.axes {
+            assert!((axis.rms - 0.5f64.sqrt()).abs() < 1e-14);
+            assert!((axis.rows_positive - 0.5).abs() < 0.05);
+            assert!((axis.load_positive + axis.load_negative - 1.0).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        let wrench = columns(64, |axis, row| match axis {
+            1 => 0.0,
+            2 => -wave(2, row).abs(),
+            4 => 3.0 * wave(0, row) + 0.01 * wave(4, row),
+            _ => wave(axis, row),
+        });
+        let excitation = WrenchSums::of(&wrench).excitation().unwrap();
+        let [Gap::Unloaded(Axis::Fy), fz, together] = excitation.gaps()[..] else { panic!() };
+        assert_eq!(fz, Gap::OneSided { axis: Axis::Fz, positive: true, share: 0.0 });
+        let Gap::Together { first: Axis::Fx, second: Axis::My, correlation } = together else {
+            panic!()
+        };
+        assert!(correlation > 0.9999);
+        assert!(excitation.condition.unwrap() > 1e4);
+        assert!(excitation.axes[2].max <= 0.0 && excitation.axes[2].rows_positive == 0.0);
+    }
+
+    #[test]
+    fn parts_merge_to_the_whole() {
+        let wrench = columns(61, |axis, row| wave(axis, row) + axis as f64);
+        let whole = WrenchSums::of(&wrench).excitation().unwrap();
+        let mut merged = WrenchSums::default();
+        for rows in [0..7, 7..7, 7..40, 40..61] {
+            let part: Vec<Vec<f64>> = wrench.iter().map(|c| c[rows.clone()].to_vec()).collect();
+            merged.merge(&WrenchSums::of(&part));
+        }
+        let merged = merged.excitation().unwrap();
+        for (a, b) in std::iter::zip(merged.axes, whole.axes) {
+            assert_eq!((a.min, a.max, a.rows_positive), (b.min, b.max, b.rows_positive));
+            assert!((a.rms - b.rms).abs() < 1e-14 * b.rms);
+        }
+        assert!((merged.condition.unwrap() / whole.condition.unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(WrenchSums::default().excitation(), None);
+    }
+}

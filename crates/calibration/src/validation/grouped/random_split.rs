@@ -1,0 +1,58 @@
+//! Rows dealt at random into folds.
+
+/// How rows are dealt at random, for the naive figure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RandomSplit {
+    /// Folds that all rows are dealt into.
+    pub folds: usize,
+    /// Those of them that are summed, to be held out. Two of ten tell an error to a hundredth
+    /// from some thousand rows, at a fifth of the work.
+    pub held_out: usize,
+    /// Which way the rows are dealt.
+    pub seed: u64,
+}
+
+/// The rows of the folds that are held out, at random but the same for the same block and seed.
+pub(super) fn deal(columns: &[&[f64]], rows: usize, split: &RandomSplit) -> Vec<Vec<usize>> {
+    let mut dealt = vec![Vec::new(); split.held_out];
+    if split.held_out == 0 {
+        return dealt;
+    }
+    // A block does not know its place in the log; its first row tells it from others.
+    let first = columns.iter().filter_map(|column| column.first());
+    let key = first.fold(split.seed, |key, value| mix(key ^ value.to_bits()));
+    for row in 0..rows {
+        let random = mix(key.wrapping_add(row as u64));
+        let fold = ((u128::from(random) * split.folds as u128) >> 64) as usize;
+        dealt.get_mut(fold).into_iter().for_each(|fold| fold.push(row));
+    }
+    dealt
+}
+
+/// The finaliser of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), after its increment.
+pub(super) fn mix(state: u64) -> u64 {
+    let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_dealt_evenly_each_once_and_by_the_seed() {
+        let column: Vec<f64> = (0..10_000).map(f64::from).collect();
+        let split = RandomSplit { folds: 10, held_out: 10, seed: 7 };
+        let dealt = deal(&[&column], 10_000, &split);
+        let mut all: Vec<usize> = dealt.iter().flatten().copied().collect();
+        all.sort_unstable();
+        assert_eq!(all, (0..10_000).collect::<Vec<_>>());
+        // Binomial: mean 1000, standard deviation 30; five of those.
+        assert!(dealt.iter().all(|rows| rows.len().abs_diff(1000) < 150));
+        assert_ne!(deal(&[&column], 10_000, &RandomSplit { seed: 8, ..split }), dealt);
+        let some = deal(&[&column], 10_000, &RandomSplit { held_out: 3, ..split });
+        assert_eq!(some, dealt[..3]);
+    }
+}

@@ -1,0 +1,144 @@
+//! Sums by group of all rows, from those of the workers.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::moments::{GroupedMoments, total};
+use super::random_split::RandomSplit;
+use super::worker::{BlockGroups, GroupWorker, MAX_GROUPS, RowSet};
+use crate::exact::Moments;
+use crate::model::Basis;
+use crate::validation::ValidationError;
+
+/// Collects the sums of workers, block by block and at the end.
+#[derive(Debug)]
+pub struct GroupSums {
+    basis: Basis,
+    channels: usize,
+    random: RandomSplit,
+    indices: HashMap<Arc<str>, usize>,
+    /// Sums of each group, in the order of their first rows.
+    groups: Vec<(Arc<str>, Option<Moments>)>,
+    folds: Vec<Option<Moments>>,
+}
+
+impl GroupSums {
+    /// Zero rows: for `basis` and the bases within it, by group and as `random` says.
+    pub fn new(basis: Basis, channels: usize, random: RandomSplit) -> Self {
+        let folds = vec![None; random.held_out];
+        Self { basis, channels, random, indices: HashMap::new(), groups: Vec::new(), folds }
+    }
+
+    /// A worker without rows.
+    pub fn worker(&self) -> GroupWorker {
+        GroupWorker::new(self.basis, self.channels, self.random)
+    }
+
+    /// Adds what a worker hands over with a block, after all blocks before it.
+    ///
+    /// # Errors
+    /// [`ValidationError::NotExact`] if the rows cannot be summed exactly with those before;
+    /// [`ValidationError::TooManyGroups`].
+    pub fn add(&mut self, block: BlockGroups) -> Result<(), ValidationError> {
+        for label in block.labels {
+            self.group(&label)?;
+        }
+        block.settled.into_iter().try_for_each(|(rows, moments)| self.add_moments(rows, moments))
+    }
+
+    /// The sums over all rows of all `workers`.
+    ///
+    /// # Errors
+    /// [`ValidationError::NotExact`] if they cannot be exact.
+    pub fn finish(
+        mut self,
+        workers: impl IntoIterator<Item = GroupWorker>,
+    ) -> Result<GroupedMoments, ValidationError> {
+        for worker in workers {
+            for sums in worker.finish() {
+                let (rows, moments) = sums?;
+                self.add_moments(rows, moments)?;
+            }
+        }
+        let sums = |(label, sums): (Arc<str>, Option<Moments>)| Some((label.to_string(), sums?));
+        let groups: Vec<_> = self.groups.into_iter().filter_map(sums).collect();
+        let total = total(groups.iter().map(|(_, moments)| moments))?;
+        Ok(GroupedMoments { groups, random: self.folds.into_iter().flatten().collect(), total })
+    }
+
+    fn add_moments(&mut self, rows: RowSet, moments: Moments) -> Result<(), ValidationError> {
+        let sums = match rows {
+            RowSet::Fold(fold) => &mut self.folds[fold],
+            RowSet::Group(label) => {
+                let group = self.group(&label)?;
+                &mut self.groups[group].1
+            }
+        };
+        Ok(moments.add_to(sums)?)
+    }
+
+    /// The index of a group.
+    fn group(&mut self, label: &Arc<str>) -> Result<usize, ValidationError> {
+        if let Some(&index) = self.indices.get(label) {
+            return Ok(index);
+        }
+        if self.groups.len() == MAX_GROUPS {
+            return Err(ValidationError::TooManyGroups { limit: MAX_GROUPS });
+        }
+        self.indices.insert(label.clone(), self.groups.len());
+        self.groups.push((label.clone(), None));
+        Ok(self.groups.len() - 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::random_split::mix;
+    use super::super::worker::MAX_OPEN;
+    use super::*;
+    use crate::exact::Accumulator;
+    use shell_data::block::Block;
+
+    /// So many rows from `start` on, of two channels, each row of another group than the one before.
+    fn interleaved(start: usize, rows: usize, groups: usize) -> Block {
+        let number = |row: usize, column: u64| (mix(row as u64 ^ (column << 32)) >> 54) as f64;
+        let column = |column: u64| (start..start + rows).map(|row| number(row, column)).collect();
+        Block {
+            rows,
+            readings: (0..2).map(column).collect(),
+            wrench: (2..8).map(column).collect(),
+            groups: (start..start + rows).map(|row| ((row % groups).to_string(), 1)).collect(),
+            ..Block::default()
+        }
+    }
+
+    #[test]
+    fn more_groups_than_stay_open_are_summed_as_each_alone_by_any_workers() {
+        // 420 rows of each group: a full block and more, so that all are open at some time.
+        const GROUPS: usize = 2 * MAX_OPEN + 2;
+        const ROWS: usize = 420 * GROUPS;
+        let whole = interleaved(0, ROWS, GROUPS);
+        let mut sums = GroupSums::new(Basis::Quadratic, 2, RandomSplit::default());
+        let mut workers = [sums.worker(), sums.worker()];
+        for (i, start) in (0..ROWS).step_by(3000).enumerate() {
+            let block = interleaved(start, 3000.min(ROWS - start), GROUPS);
+            let worker = &mut workers[usize::from(i % 3 == 0)];
+            sums.add(worker.add(&block, None).unwrap()).unwrap();
+            assert!(worker.open_sums() <= MAX_OPEN);
+        }
+        let found = sums.finish(workers).unwrap();
+        assert_eq!(found.groups.len(), GROUPS);
+        for (group, (label, moments)) in found.groups.iter().enumerate() {
+            assert_eq!(*label, group.to_string());
+            let pick = |column: &Vec<f64>| -> Vec<f64> {
+                column.iter().copied().skip(group).step_by(GROUPS).collect()
+            };
+            let mut alone = Accumulator::new(Basis::Quadratic, 2);
+            let [readings, wrench] =
+                [&whole.readings, &whole.wrench].map(|columns| columns.iter().map(pick).collect());
+            let (readings, wrench): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (readings, wrench);
+            alone.absorb(&readings, &wrench).unwrap();
+            assert_eq!(*moments, alone.finish().unwrap(), "group {group}");
+        }
+    }
+}

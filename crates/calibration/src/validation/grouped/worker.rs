@@ -1,0 +1,177 @@
+//! Sums by group of the rows that one worker thread gets.
+
+use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
+
+use super::random_split::{RandomSplit, deal};
+use crate::exact::{Accumulator, Adder, Moments};
+use crate::model::Basis;
+use crate::validation::ValidationError;
+use shell_data::block::Block;
+
+/// The largest number of groups.
+pub const MAX_GROUPS: usize = 2000;
+
+/// The largest number of groups with sums in working form; when there are more, those that have
+/// been for longest are handed over.
+pub(super) const MAX_OPEN: usize = 64;
+
+/// Sums by group of the rows that one worker thread gets.
+#[derive(Clone, Debug)]
+pub struct GroupWorker {
+    channels: usize,
+    random: RandomSplit,
+    adder: Adder,
+    indices: HashMap<Arc<str>, usize>,
+    /// The sums of the random folds, then those of the groups in the order of their first rows.
+    sums: Vec<(RowSet, Accumulator)>,
+    /// The sums in working form, by index, in the order of these.
+    open: VecDeque<usize>,
+}
+
+/// The rows that are summed together.
+#[derive(Clone, Debug)]
+pub(super) enum RowSet {
+    /// Those of a random fold.
+    Fold(usize),
+    /// Those with a label.
+    Group(Arc<str>),
+}
+
+/// The groups of a block, and sums that are complete but for later rows.
+#[derive(Debug)]
+#[must_use]
+pub struct BlockGroups {
+    /// Labels in the order of their first rows.
+    pub(super) labels: Vec<Arc<str>>,
+    pub(super) settled: Vec<(RowSet, Moments)>,
+}
+
+impl GroupWorker {
+    pub(super) fn new(basis: Basis, channels: usize, random: RandomSplit) -> Self {
+        let adder = Adder::new(basis, channels);
+        let fold = |fold| (RowSet::Fold(fold), adder.begin());
+        let sums = (0..random.held_out).map(fold).collect();
+        Self { channels, random, adder, indices: HashMap::new(), sums, open: VecDeque::new() }
+    }
+
+    /// Adds the rows of a block, by its group labels, or all under `label`.
+    ///
+    /// # Errors
+    /// [`ValidationError::NotExact`] if they cannot be summed exactly with those before;
+    /// [`ValidationError::TooManyGroups`].
+    pub fn add(
+        &mut self,
+        block: &Block,
+        label: Option<&str>,
+    ) -> Result<BlockGroups, ValidationError> {
+        let columns: Vec<&[f64]> =
+            block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
+        let labels = match label {
+            Some(label) => vec![(label, (0..block.rows).collect())],
+            None => rows_by_label(&block.groups),
+        };
+        let mut groups =
+            BlockGroups { labels: Vec::with_capacity(labels.len()), settled: Vec::new() };
+        for (label, rows) in labels {
+            let (index, label) = self.group(label)?;
+            groups.labels.push(label);
+            groups.settled.extend(self.add_rows(index, &columns, &rows)?);
+        }
+        for (fold, rows) in deal(&columns, block.rows, &self.random).iter().enumerate() {
+            groups.settled.extend(self.add_rows(fold, &columns, rows)?);
+        }
+        Ok(groups)
+    }
+
+    /// The sums that have not been handed over.
+    pub(super) fn finish(
+        mut self,
+    ) -> impl Iterator<Item = Result<(RowSet, Moments), ValidationError>> {
+        let sums = std::mem::take(&mut self.sums);
+        sums.into_iter().map(move |(rows, sums)| Ok((rows, self.adder.finish(sums)?)))
+    }
+
+    /// The index of the sums of a group, and its label.
+    fn group(&mut self, label: &str) -> Result<(usize, Arc<str>), ValidationError> {
+        if let Some((label, &index)) = self.indices.get_key_value(label) {
+            return Ok((index, label.clone()));
+        }
+        if self.indices.len() == MAX_GROUPS {
+            return Err(ValidationError::TooManyGroups { limit: MAX_GROUPS });
+        }
+        let (index, label) = (self.sums.len(), Arc::<str>::from(label));
+        self.indices.insert(label.clone(), index);
+        self.sums.push((RowSet::Group(label.clone()), self.adder.begin()));
+        Ok((index, label))
+    }
+
+    /// Adds some rows of the columns to sums, each row once; returns sums to be handed over.
+    fn add_rows(
+        &mut self,
+        index: usize,
+        columns: &[&[f64]],
+        rows: &[usize],
+    ) -> Result<Option<(RowSet, Moments)>, ValidationError> {
+        if columns.iter().all(|column| column.len() == rows.len()) {
+            return self.add_columns(index, columns);
+        }
+        let gather = |column: &&[f64]| rows.iter().map(|&row| column[row]).collect();
+        let gathered: Vec<Vec<f64>> = columns.iter().map(gather).collect();
+        self.add_columns(index, &gathered)
+    }
+
+    /// Adds all rows of the columns to sums; returns sums to be handed over.
+    fn add_columns<C: AsRef<[f64]>>(
+        &mut self,
+        index: usize,
+        columns: &[C],
+    ) -> Result<Option<(RowSet, Moments)>, ValidationError> {
+        let sums = &mut self.sums[index].1;
+        let was_open = sums.is_open();
+        let (readings, wrench) = columns.split_at(self.channels);
+        self.adder.add(sums, readings, wrench)?;
+        if sums.is_open() && !was_open {
+            self.open.push_back(index);
+        }
+        if self.open.len() <= MAX_OPEN {
+            return Ok(None);
+        }
+        let Some(longest) = self.open.pop_front() else { return Ok(None) };
+        let (rows, sums) = &mut self.sums[longest];
+        Ok(sums.settle()?.map(|moments| (rows.clone(), moments)))
+    }
+
+    /// The number of sums in working form.
+    #[cfg(test)]
+    pub(super) fn open_sums(&self) -> usize {
+        self.sums.iter().filter(|(_, sums)| sums.is_open()).count()
+    }
+}
+
+/// The rows of every label, labels in the order of their first rows.
+fn rows_by_label(runs: &[(String, usize)]) -> Vec<(&str, Vec<usize>)> {
+    let mut index: HashMap<&str, usize> = HashMap::new();
+    let mut labels: Vec<(&str, Vec<usize>)> = Vec::new();
+    let mut start = 0;
+    for (label, rows) in runs {
+        let at = *index.entry(label).or_insert(labels.len());
+        if at == labels.len() {
+            labels.push((label, Vec::new()));
+        }
+        labels[at].1.extend(start..start + rows);
+        start += rows;
+    }
+    labels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_of_one_label_are_put_together_in_the_order_of_first_rows() {
+        let runs = [("b", 2), ("a", 1), ("b", 3), ("a", 4)].map(|(l, rows)| (l.to_owned(), rows));
+        assert_eq!(rows_by_label(&runs), [("b", vec![0, 1, 3, 4, 5]), ("a", vec![2, 6, 7, 8, 9])]);
+    }
+}

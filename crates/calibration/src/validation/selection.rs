@@ -1,0 +1,128 @@
+//! Which model, and which ridge: the one that predicts new groups best, or a smaller one that is
+//! as good.
+//!
+//! The score of a candidate is its squared error on groups that it was not trained on, relative to
+//! the variance of each axis, averaged over the axes and over all rows. Its standard error is that
+//! of a mean over folds. Of all candidates within one standard error of the best, the one with the
+//! fewest features is chosen (Breiman et al., Classification and Regression Trees, 1984, §3.4.3);
+//! of several ridges on these, the one with the smallest error: a ridge stronger than need be would
+//! bias every prediction and make no model smaller.
+
+use serde::{Deserialize, Serialize};
+
+use super::ValidationError;
+use super::cross_validation::{errors_on, fold_groups};
+use super::grouped::GroupedMoments;
+use crate::exact::{HeldOutErrors, PartitionedMoments};
+use crate::model::{Basis, Model};
+use shell_data::wrench::{Axis, PerAxis};
+
+/// Ridge parameters that are tried.
+pub const RIDGES: [f64; 5] = [0.0, 1e-8, 1e-6, 1e-4, 1e-2];
+
+/// Folds that groups are dealt into, where there are as many groups.
+pub const FOLDS: usize = 10;
+
+/// A model that was tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// The family of features.
+    pub basis: Basis,
+    /// The ridge parameter.
+    pub ridge: f64,
+    /// Coefficients of each axis.
+    pub features: usize,
+    /// Its errors on new groups; `None` if it cannot be fitted without one of the folds.
+    pub errors: Option<CandidateErrors>,
+}
+
+/// How well a model predicts groups that it was not trained on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CandidateErrors {
+    /// Squared error relative to the variance of each axis, averaged.
+    pub score: f64,
+    /// Standard error of the score.
+    pub standard_error: f64,
+    /// Root mean square error, N and N·m.
+    pub rms: PerAxis<f64>,
+}
+
+/// What was tried and what was chosen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Selection {
+    /// Folds of groups.
+    pub folds: usize,
+    /// All candidates: smallest models first, smallest ridges first.
+    pub candidates: Vec<Candidate>,
+    /// The place of the one with the smallest error.
+    pub best: usize,
+    /// The place of the one chosen.
+    pub chosen: usize,
+}
+
+/// Compares all models within the basis that was summed, with each of `ridges`.
+///
+/// # Errors
+/// [`ValidationError`] if there are too few groups, or no model can be fitted.
+pub fn select(
+    sums: &GroupedMoments,
+    intercept: bool,
+    ridges: &[f64],
+) -> Result<Selection, ValidationError> {
+    let groups = sums.groups.len();
+    let whole = sums.total().filter(|_| groups > 1);
+    let whole = whole.ok_or(ValidationError::TooFewGroups { found: groups })?;
+    let folds = fold_groups(sums, groups.min(FOLDS))?;
+    let variances = Axis::ALL.map(|axis| whole.variance(axis));
+    let mut candidates = Vec::new();
+    for basis in Basis::ALL {
+        let model = Model { basis, intercept, channels: whole.channels() };
+        let Ok(parts) = PartitionedMoments::new(whole, &model) else { continue };
+        for &ridge in ridges {
+            let errors = folds.iter().map(|fold| errors_on(&parts, &sums.groups, fold, ridge));
+            let errors: Vec<_> = errors.collect::<Result<_, _>>()?;
+            let errors: Option<Vec<_>> = errors.into_iter().map(Result::ok).collect();
+            candidates.push(Candidate {
+                basis,
+                ridge,
+                features: model.term_count(),
+                errors: errors.map(|errors| summarise(&errors, &variances)),
+            });
+        }
+    }
+    let scored = || candidates.iter().enumerate().filter_map(|(i, c)| Some((i, c, c.errors?)));
+    let (best, _, least) =
+        scored().min_by(|a, b| a.2.score.total_cmp(&b.2.score)).ok_or(ValidationError::NoModel)?;
+    let limit = least.score + least.standard_error;
+    let chosen = scored()
+        .filter(|(_, _, errors)| errors.score <= limit)
+        .min_by(|a, b| a.1.features.cmp(&b.1.features).then(a.2.score.total_cmp(&b.2.score)))
+        .map_or(best, |(i, ..)| i);
+    Ok(Selection { folds: folds.len(), candidates, best, chosen })
+}
+
+fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> CandidateErrors {
+    let varying: Vec<usize> = (0..6).filter(|&axis| variances[axis] > 0.0).collect();
+    let mut all = PerAxis::<HeldOutErrors>::default();
+    for errors in folds {
+        all.iter_mut().zip(errors).for_each(|(all, errors)| all.merge(errors));
+    }
+    let score = |errors: &PerAxis<HeldOutErrors>| {
+        let relative = |&axis: &usize| errors[axis].rms().powi(2) / variances[axis];
+        varying.iter().map(relative).sum::<f64>() / varying.len().max(1) as f64
+    };
+    let mean = score(&all);
+    // A mean weighted by rows (Cochran, Sampling Techniques, 3rd ed., §6.3, of a ratio).
+    let spread: f64 = (folds.iter())
+        .map(|errors| {
+            let weight = errors[0].rows as f64 / all[0].rows as f64;
+            (weight * (score(errors) - mean)).powi(2)
+        })
+        .sum();
+    let n = folds.len() as f64;
+    CandidateErrors {
+        score: mean,
+        standard_error: (spread * n / (n - 1.0)).sqrt(),
+        rms: all.map(|errors| errors.rms()),
+    }
+}

@@ -1,0 +1,12 @@
+//! Any bytes as the console log of the base station: no panic, and the same frames wherever the
+//! pieces are cut. The first byte says where.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use log_file::Format;
+use log_file_fuzz::read_log;
+
+fuzz_target!(|bytes: &[u8]| {
+    let Some((&cut, bytes)) = bytes.split_first() else { return };
+    read_log(bytes, Some(Format::Console), usize::from(cut) + 1);
+});

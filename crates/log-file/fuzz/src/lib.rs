@@ -1,0 +1,68 @@
+//! What the targets share: logs read in several ways.
+
+use std::path::PathBuf;
+
+use log_file::{Format, Log, LogError, Mapping, Meaning, ReadOptions, ReadSummary, Wanted};
+use shell_data::block::Block;
+
+/// Reads `bytes` as a log of a format, in pieces of a few bytes and whole: the rows, how many were
+/// left out, and the error must be the same.
+///
+/// How many rows repeat the one before is not compared: of the lines before a piece no more are kept
+/// than the piece before it has, so pieces of a few bytes do not always know that row.
+pub fn read_log(bytes: &[u8], format: Option<Format>, piece: usize) {
+    let path = file(bytes);
+    let mapping = Mapping { format, ..Mapping::default() };
+    let Ok(log) = Log::open(&path, &mapping) else { return };
+    let log = log.with_chunk_bytes(bytes.len());
+    // Labels of groups are text.
+    let is_number = |&at: &usize| log.columns()[at].meaning != Meaning::Group;
+    let wanted = Wanted {
+        time: log.has_time(),
+        readings: log.channels() > 0,
+        wrench: log.has_wrench(),
+        groups: log.has_groups(),
+        others: (0..log.columns().len()).filter(is_number).collect(),
+    };
+    let Ok(in_pieces) = Log::open(&path, &mapping) else { panic!("opened once, not twice") };
+    let in_pieces = in_pieces.with_chunk_bytes(piece);
+    for skip_bad_rows in [false, true] {
+        let whole = rows(&log, &wanted, skip_bad_rows);
+        let pieces = rows(&in_pieces, &wanted, skip_bad_rows);
+        assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
+        if let Ok((rows, summary)) = whole {
+            assert!(rows.iter().all(|column| column.len() as u64 == summary.rows));
+        }
+    }
+}
+
+/// The columns of a log as bits, since a reading need not equal itself.
+fn rows(
+    log: &Log,
+    wanted: &Wanted,
+    skip_bad_rows: bool,
+) -> Result<(Vec<Vec<u64>>, ReadSummary), LogError> {
+    let options = ReadOptions { threads: 1, skip_bad_rows, ..ReadOptions::default() };
+    let mut columns: Vec<Vec<u64>> = Vec::new();
+    let bits = |block: &mut Block| -> Vec<Vec<u64>> {
+        let time = (!block.time_s.is_empty()).then_some(&block.time_s);
+        let columns = time.into_iter().chain(&block.readings).chain(&block.wrench);
+        let columns = columns.chain(&block.others);
+        columns.map(|column| column.iter().map(|value| value.to_bits()).collect()).collect()
+    };
+    let summary = log.read(wanted, &options, bits, |block| {
+        columns.resize(columns.len().max(block.len()), Vec::new());
+        columns.iter_mut().zip(block).for_each(|(column, more)| column.extend(more));
+        Ok::<_, LogError>(())
+    })?;
+    Ok((columns, ReadSummary { repeated_rows: 0, ..summary }))
+}
+
+/// A file of this process that holds `bytes`, in memory where the system has a folder for that.
+fn file(bytes: &[u8]) -> PathBuf {
+    let folder = Some(PathBuf::from("/dev/shm")).filter(|folder| folder.is_dir());
+    let folder = folder.unwrap_or_else(std::env::temp_dir);
+    let path = folder.join(format!("shellcal-fuzz-{}", std::process::id()));
+    std::fs::write(&path, bytes).expect("the folder for temporary files can be written to");
+    path
+}

@@ -1,0 +1,209 @@
+//! Errors in logs, with their position.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+/// A log that cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LogError {
+    /// The file cannot be opened or read.
+    #[error("cannot read `{}`", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
+    /// The file is gzip, but damaged or cut short.
+    #[error("`{}` is a damaged gzip file", path.display())]
+    Gzip {
+        /// The file.
+        path: PathBuf,
+        /// The error of the decoder.
+        source: io::Error,
+    },
+    /// The file has no bytes, or blank lines only.
+    #[error("`{}` is empty", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file has a header and nothing after it.
+    #[error("`{}` has a header but no rows", path.display())]
+    NoRows {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file is not text.
+    #[error("`{}` is not a text file: byte {offset} is 0x{byte:02x}", path.display())]
+    Binary {
+        /// The file.
+        path: PathBuf,
+        /// Where, from the start of the (uncompressed) file.
+        offset: u64,
+        /// The byte that no text file has.
+        byte: u8,
+    },
+    /// No line in sight ends.
+    #[error("`{}`, line {line}: longer than {limit} bytes", path.display())]
+    LineTooLong {
+        /// The file.
+        path: PathBuf,
+        /// Its number, from 1.
+        line: u64,
+        /// The longest line that is read.
+        limit: usize,
+    },
+    /// A telemetry log whose `%` lines name no columns.
+    #[error("`{}`: no `%` line names the columns, separated by `|`", path.display())]
+    NoColumnNames {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file of numbers without a header that is none of the known layouts.
+    #[error(
+        "`{}`, line {line}: {found} columns and no header, expected 15 (time, eight sensors, six wrench \
+         columns) or 12 (two to drop, time, six wrench columns, three accelerations)",
+        path.display()
+    )]
+    UnknownLayout {
+        /// The file.
+        path: PathBuf,
+        /// The first row.
+        line: u64,
+        /// How many columns it has.
+        found: usize,
+    },
+    /// The requested format has another number of columns.
+    #[error(
+        "`{}`, line {line}: {format} has {expected} columns, found {found}",
+        path.display()
+    )]
+    LayoutMismatch {
+        /// The file.
+        path: PathBuf,
+        /// The first row.
+        line: u64,
+        /// The requested format.
+        format: crate::format::mapping::Format,
+        /// How many columns that has.
+        expected: usize,
+        /// How many columns there are.
+        found: usize,
+    },
+    /// Columns that are needed are not there.
+    #[error(
+        "`{}`, line {line}: no column{} {}; found {}",
+        path.display(),
+        if missing.len() == 1 { "" } else { "s" },
+        quoted(missing),
+        if found.is_empty() { "none".to_owned() } else { quoted(found) }
+    )]
+    MissingColumns {
+        /// The file.
+        path: PathBuf,
+        /// The line that names the columns.
+        line: u64,
+        /// The missing columns.
+        missing: Vec<String>,
+        /// The columns of the log.
+        found: Vec<String>,
+    },
+    /// Two columns are taken for the same thing.
+    #[error(
+        "`{}`, line {line}: columns {} (`{}`) and {} (`{}`) are both {meaning}",
+        path.display(), columns[0] + 1, names[0], columns[1] + 1, names[1]
+    )]
+    DuplicateColumn {
+        /// The file.
+        path: PathBuf,
+        /// The line that names the columns.
+        line: u64,
+        /// The meaning of both.
+        meaning: String,
+        /// Their places, from 0.
+        columns: [usize; 2],
+        /// Their names.
+        names: [String; 2],
+    },
+    /// One row is wrong.
+    #[error("`{}`, line {line}: {problem}", path.display())]
+    Row {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: u64,
+        /// What is wrong with it.
+        problem: RowProblem,
+    },
+}
+
+/// What is wrong with a row.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RowProblem {
+    /// A field is not a number.
+    #[error("{field}: expected a number, found `{found}`")]
+    NotANumber {
+        /// Which.
+        field: Field,
+        /// Its content.
+        found: String,
+    },
+    /// A field is NaN or infinite, or a number too large for a double.
+    #[error("{field}: expected a finite number, found `{found}`")]
+    NotFinite {
+        /// Which.
+        field: Field,
+        /// Its content.
+        found: String,
+    },
+    /// A field is empty.
+    #[error("{field}: expected a number, found nothing")]
+    EmptyField {
+        /// Which.
+        field: Field,
+    },
+    /// The row has more or fewer columns than the header or the first row.
+    #[error("expected {expected} columns, found {found}")]
+    ColumnCount {
+        /// As many as the header or the first row has.
+        expected: usize,
+        /// As many as this row has.
+        found: usize,
+    },
+    /// A quoted field does not end on its line.
+    #[error("expected a closing quote on the same line")]
+    OpenQuote,
+    /// A payload begins like a scan and is none.
+    #[error(
+        "expected a scan of {expected} bytes (0 to 255) with readings below 4096, found `{found}`"
+    )]
+    Payload {
+        /// How many bytes a scan has.
+        expected: usize,
+        /// The payload.
+        found: String,
+    },
+}
+
+/// The column of a field.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its place in the row, from 0.
+    pub column: usize,
+    /// Its name.
+    pub name: String,
+}
+
+impl fmt::Display for Field {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "column {} (`{}`)", self.column + 1, self.name)
+    }
+}
+
+fn quoted(names: &[String]) -> String {
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+}

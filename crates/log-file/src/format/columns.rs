@@ -1,0 +1,406 @@
+//! The meaning of the columns of a log, from their names and from the mapping of the user.
+//!
+//! Names are compared without case, spaces and punctuation. A unit may follow a name: `fx_n`,
+//! `Mx (mN·m)`, `time_us`.
+
+use super::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
+use shell_data::telemetry::Telemetry;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// A column of a log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// Its name in the header, or what its place means in a file without one.
+    pub name: String,
+    /// Its meaning.
+    pub meaning: Meaning,
+}
+
+/// The meaning of a column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meaning {
+    /// Time.
+    Time(TimeUnit),
+    /// The readings of this channel, from 0.
+    Sensor(usize),
+    /// A force, in N or (`true`) mN.
+    Force(Axis, bool),
+    /// A moment.
+    Moment(Axis, MomentUnit),
+    /// The group (pose, session, trial) of a row.
+    Group,
+    /// Telemetry of the robot, in counts as its profile explains them.
+    Telemetry(Telemetry),
+    /// Nothing that is needed.
+    Other,
+}
+
+impl Meaning {
+    /// What a value is divided by to be in SI units. Dividing rounds correctly where multiplying
+    /// by the inverse would not.
+    pub(crate) fn per_si_unit(self) -> f64 {
+        match self {
+            Meaning::Time(unit) => unit.per_second(),
+            Meaning::Force(_, true) | Meaning::Moment(_, MomentUnit::MillinewtonMetre) => 1e3,
+            _ => 1.0,
+        }
+    }
+}
+
+/// The positions in a row, from 0, of the columns with a meaning.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct ColumnRoles {
+    pub(crate) sensors: Vec<usize>,
+    pub(crate) wrench: PerAxis<Option<usize>>,
+    pub(crate) time: Option<usize>,
+    pub(crate) group: Option<usize>,
+}
+
+/// Why columns could not be recognised.
+#[derive(Debug, PartialEq)]
+pub(crate) enum ColumnsError {
+    Missing(Vec<String>),
+    Duplicate { meaning: String, columns: [usize; 2] },
+}
+
+/// Assigns a meaning to each named column.
+pub(crate) fn recognise(
+    names: Vec<String>,
+    format: Format,
+    mapping: &Mapping,
+) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
+    let mut meanings: Vec<Meaning> = names.iter().map(|name| meaning_of(name, format)).collect();
+    apply_mapping(&names, format, mapping, &mut meanings)?;
+    for meaning in &mut meanings {
+        match meaning {
+            Meaning::Time(unit) => *unit = mapping.time_unit.unwrap_or(*unit),
+            Meaning::Moment(_, unit) => *unit = mapping.moment_unit.unwrap_or(*unit),
+            _ => {}
+        }
+    }
+    let roles = roles(&names, &mut meanings)?;
+    let columns = names.into_iter().zip(meanings);
+    Ok((columns.map(|(name, meaning)| Column { name, meaning }).collect(), roles))
+}
+
+/// Replaces meanings that were recognised by those that the user specifies.
+fn apply_mapping(
+    names: &[String],
+    format: Format,
+    mapping: &Mapping,
+    meanings: &mut [Meaning],
+) -> Result<(), ColumnsError> {
+    let find = |references: Option<&[ColumnRef]>| {
+        references.map(|references| positions(names, references)).transpose()
+    };
+    let sensors = find(mapping.sensors.as_deref())?;
+    let wrench = find(mapping.wrench.as_ref().map(|six| &six[..]))?;
+    let time = find(mapping.time.as_ref().map(std::slice::from_ref))?;
+    let group = find(mapping.group.as_ref().map(std::slice::from_ref))?;
+    let is_replaced = |meaning: &Meaning| match meaning {
+        Meaning::Sensor(_) => sensors.is_some(),
+        Meaning::Force(..) | Meaning::Moment(..) => wrench.is_some(),
+        Meaning::Time(_) => time.is_some(),
+        Meaning::Group => group.is_some(),
+        Meaning::Telemetry(_) | Meaning::Other => false,
+    };
+    meanings.iter_mut().filter(|m| is_replaced(m)).for_each(|m| *m = Meaning::Other);
+
+    let mapped = |positions: Option<Vec<usize>>| positions.into_iter().flatten();
+    let sensors = mapped(sensors).enumerate().map(|(channel, at)| (at, Meaning::Sensor(channel)));
+    let wrench = mapped(wrench).zip(Axis::ALL).map(|(at, axis)| (at, wrench_meaning(axis, false)));
+    let time = mapped(time).map(|at| (at, Meaning::Time(default_time_unit(format))));
+    let group = mapped(group).map(|at| (at, Meaning::Group));
+    let mut is_mapped = vec![false; names.len()];
+    for (at, meaning) in sensors.chain(wrench).chain(time).chain(group) {
+        if std::mem::replace(&mut is_mapped[at], true) {
+            let meaning = format!("mapped to {} and to something else", describe(meaning));
+            return Err(ColumnsError::Duplicate { meaning, columns: [at, at] });
+        }
+        // A unit in the name still counts.
+        meanings[at] = match (meaning, meaning_of(&names[at], format)) {
+            (Meaning::Time(_), named @ Meaning::Time(_)) => named,
+            (Meaning::Force(axis, _), Meaning::Force(_, milli)) => Meaning::Force(axis, milli),
+            (Meaning::Moment(axis, _), Meaning::Moment(_, unit)) => Meaning::Moment(axis, unit),
+            _ => meaning,
+        };
+    }
+    Ok(())
+}
+
+/// The positions of the columns that a user refers to.
+fn positions(names: &[String], references: &[ColumnRef]) -> Result<Vec<usize>, ColumnsError> {
+    let found: Vec<_> = references.iter().map(|r| (r, position(names, r))).collect();
+    let missing: Vec<_> =
+        found.iter().filter(|(_, at)| at.is_none()).map(|(r, _)| r.to_string()).collect();
+    match missing.is_empty() {
+        true => Ok(found.into_iter().filter_map(|(_, at)| at).collect()),
+        false => Err(ColumnsError::Missing(missing)),
+    }
+}
+
+/// Where the column is that a user points to. A name is taken exactly, or else without regard to
+/// case.
+fn position(names: &[String], reference: &ColumnRef) -> Option<usize> {
+    match reference {
+        ColumnRef::Position(position) => position.checked_sub(1).filter(|&at| at < names.len()),
+        ColumnRef::Name(name) => names
+            .iter()
+            .position(|n| n == name)
+            .or_else(|| names.iter().position(|n| n.eq_ignore_ascii_case(name))),
+    }
+}
+
+/// Turns meanings into places; a meaning that two columns have is an error, except for groups,
+/// where the first name of [`GROUPS`] wins.
+fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, ColumnsError> {
+    let mut roles = ColumnRoles::default();
+    let mut sensors: Vec<Option<usize>> = Vec::new();
+    let mut first_channel = usize::MAX;
+    let claim = |place: &mut Option<usize>, at: usize, meaning: Meaning| match place.replace(at) {
+        None => Ok(()),
+        Some(first) => {
+            Err(ColumnsError::Duplicate { meaning: describe(meaning), columns: [first, at] })
+        }
+    };
+    for (at, &meaning) in meanings.iter().enumerate() {
+        match meaning {
+            Meaning::Time(_) => claim(&mut roles.time, at, meaning)?,
+            Meaning::Sensor(channel) => {
+                if sensors.len() <= channel {
+                    sensors.resize(channel + 1, None);
+                }
+                first_channel = first_channel.min(channel);
+                claim(&mut sensors[channel], at, meaning)?;
+            }
+            Meaning::Force(axis, _) | Meaning::Moment(axis, _) => {
+                claim(&mut roles.wrench[axis.index()], at, meaning)?;
+            }
+            Meaning::Group | Meaning::Telemetry(_) | Meaning::Other => {}
+        }
+    }
+    let groups = meanings.iter().enumerate().filter(|(_, m)| **m == Meaning::Group);
+    roles.group = groups.map(|(at, _)| at).min_by_key(|&at| {
+        let name = plain(&names[at]);
+        (GROUPS.iter().position(|g| *g == name).unwrap_or(GROUPS.len()), at)
+    });
+    for (at, meaning) in meanings.iter_mut().enumerate() {
+        if *meaning == Meaning::Group && roles.group != Some(at) {
+            *meaning = Meaning::Other;
+        }
+        // Names count from 0 or from 1; channels count from 0.
+        if let Meaning::Sensor(channel) = meaning {
+            *channel -= first_channel.min(1);
+        }
+    }
+    let sensors = sensors.get(first_channel.min(1)..).unwrap_or_default();
+    let missing: Vec<_> = (0..sensors.len()).filter(|&i| sensors[i].is_none()).collect();
+    if !missing.is_empty() {
+        let named = |i: usize| format!("s{}", i + first_channel.min(1));
+        return Err(ColumnsError::Missing(missing.into_iter().map(named).collect()));
+    }
+    roles.sensors = sensors.iter().filter_map(|at| *at).collect();
+    Ok(roles)
+}
+
+/// Names of a group column, most wanted first.
+const GROUPS: [&str; 4] = ["group", "session", "pose", "trial"];
+
+fn meaning_of(name: &str, format: Format) -> Meaning {
+    let (stem, unit) = split_unit(name);
+    if GROUPS.contains(&plain(name).as_str()) {
+        return Meaning::Group;
+    }
+    if ["t", "time", "timestamp"].contains(&stem.as_str()) {
+        let unit = match unit.as_str() {
+            "" => Some(default_time_unit(format)),
+            "s" | "sec" | "secs" | "second" | "seconds" => Some(TimeUnit::Second),
+            "ms" | "msec" | "millis" | "milliseconds" => Some(TimeUnit::Millisecond),
+            "us" | "usec" | "µs" | "μs" | "micros" | "microseconds" => {
+                Some(TimeUnit::Microsecond)
+            }
+            "ns" | "nsec" | "nanos" | "nanoseconds" => Some(TimeUnit::Nanosecond),
+            _ => None,
+        };
+        return unit.map_or(Meaning::Other, Meaning::Time);
+    }
+    if let Some(axis) = Axis::ALL.into_iter().find(|axis| stem.eq_ignore_ascii_case(axis.name())) {
+        return match (axis.is_moment(), unit.as_str()) {
+            (_, "") => wrench_meaning(axis, false),
+            (false, "n") => wrench_meaning(axis, false),
+            (false, "mn") => Meaning::Force(axis, true),
+            (true, "nm") => wrench_meaning(axis, false),
+            (true, "mnm" | "nmm") => wrench_meaning(axis, true),
+            _ => Meaning::Other,
+        };
+    }
+    let name = plain(name);
+    if let Some(telemetry) = Telemetry::of_name(&name) {
+        return Meaning::Telemetry(telemetry);
+    }
+    let digits = name.strip_prefix("sensor").or_else(|| name.strip_prefix('s'));
+    match digits.filter(|digits| (1..=2).contains(&digits.len())).map(str::parse) {
+        Some(Ok(channel)) => Meaning::Sensor(channel),
+        _ => Meaning::Other,
+    }
+}
+
+fn wrench_meaning(axis: Axis, milli: bool) -> Meaning {
+    match (axis.is_moment(), milli) {
+        (false, milli) => Meaning::Force(axis, milli),
+        (true, false) => Meaning::Moment(axis, MomentUnit::NewtonMetre),
+        (true, true) => Meaning::Moment(axis, MomentUnit::MillinewtonMetre),
+    }
+}
+
+/// The robot's telemetry counts µs; a time column that does not say is in s.
+fn default_time_unit(format: Format) -> TimeUnit {
+    match format {
+        Format::Telemetry | Format::Console => TimeUnit::Microsecond,
+        _ => TimeUnit::Second,
+    }
+}
+
+/// `Mx (mN·m)` into `mx` and `mnm`.
+fn split_unit(name: &str) -> (String, String) {
+    let name = name.trim();
+    let stem = name.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
+    (plain(stem), plain(&name[stem.len()..]))
+}
+
+/// Letters and digits only, in lower case.
+fn plain(name: &str) -> String {
+    name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
+}
+
+fn describe(meaning: Meaning) -> String {
+    match meaning {
+        Meaning::Time(_) => "time".to_owned(),
+        Meaning::Sensor(channel) => format!("sensor {channel}"),
+        Meaning::Force(axis, _) | Meaning::Moment(axis, _) => axis.name().to_owned(),
+        Meaning::Group => "the group".to_owned(),
+        Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
+        Meaning::Other => "nothing".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(line: &str) -> Vec<String> {
+        line.split(',').map(str::to_owned).collect()
+    }
+
+    fn csv(line: &str) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
+        recognise(names(line), Format::Csv, &Mapping::default())
+    }
+
+    fn refs(line: &str) -> Vec<ColumnRef> {
+        names(line).into_iter().map(ColumnRef::Name).collect()
+    }
+
+    #[test]
+    fn sensors_count_from_zero_or_one_in_any_case() {
+        for line in
+            ["s0,s1,s2", "s1,s2,s3", "S1,S2,S3", " S1 , S2,S3", "sensor_1,sensor_2,sensor_3"]
+        {
+            assert_eq!(csv(line).unwrap().1.sensors, [0, 1, 2], "{line}");
+        }
+        assert_eq!(csv("S3,S1,S2").unwrap().1.sensors, [1, 2, 0]);
+        assert_eq!(csv("time,AX").unwrap().1.sensors, [0; 0]);
+    }
+
+    #[test]
+    fn a_gap_in_the_sensors_is_named() {
+        assert_eq!(csv("s1,s2,s4").unwrap_err(), ColumnsError::Missing(vec!["s3".to_owned()]));
+        assert_eq!(csv("s2").unwrap_err(), ColumnsError::Missing(vec!["s1".to_owned()]));
+    }
+
+    #[test]
+    fn units_of_time_and_wrench_are_read_from_the_names() {
+        use Meaning::{Force, Moment, Other, Time};
+        use MomentUnit::{MillinewtonMetre, NewtonMetre};
+        for (name, meaning) in [
+            ("t", Time(TimeUnit::Second)),
+            ("Timestamp", Time(TimeUnit::Second)),
+            ("t_s", Time(TimeUnit::Second)),
+            ("time_us", Time(TimeUnit::Microsecond)),
+            ("time (µs)", Time(TimeUnit::Microsecond)),
+            ("Time [ms]", Time(TimeUnit::Millisecond)),
+            ("time_of_day", Other),
+            ("Fx", Force(Axis::Fx, false)),
+            ("fz_n", Force(Axis::Fz, false)),
+            ("Fy (mN)", Force(Axis::Fy, true)),
+            ("fz_lbf", Other),
+            ("mx_nm", Moment(Axis::Mx, NewtonMetre)),
+            ("My (N·m)", Moment(Axis::My, NewtonMetre)),
+            ("Mz_mNm", Moment(Axis::Mz, MillinewtonMetre)),
+            ("Mz [N*mm]", Moment(Axis::Mz, MillinewtonMetre)),
+            ("VBatt", Meaning::Telemetry(Telemetry::Battery)),
+            ("voltage", Other),
+        ] {
+            assert_eq!(meaning_of(name, Format::Csv), meaning, "{name}");
+        }
+        assert_eq!(meaning_of("time", Format::Telemetry), Time(TimeUnit::Microsecond));
+    }
+
+    #[test]
+    fn two_columns_for_one_thing_are_an_error() {
+        let error = csv("time,s0,s1,S0").unwrap_err();
+        let expected = ColumnsError::Duplicate { meaning: "sensor 0".to_owned(), columns: [1, 3] };
+        assert_eq!(error, expected);
+        assert!(csv("time,Timestamp").is_err());
+        assert!(csv("AX,AX").is_ok(), "columns that nobody needs may repeat");
+    }
+
+    #[test]
+    fn the_most_telling_group_column_wins() {
+        assert_eq!(csv("trial,pose,x").unwrap().1.group, Some(1));
+        assert_eq!(csv("trial,Group").unwrap().1.group, Some(1));
+    }
+
+    #[test]
+    fn what_the_user_maps_replaces_what_was_recognised() {
+        let mapping = Mapping {
+            sensors: Some(refs("b,A")),
+            time: Some(ColumnRef::Position(1)),
+            time_unit: Some(TimeUnit::Millisecond),
+            group: Some(ColumnRef::Name("run".to_owned())),
+            ..Mapping::default()
+        };
+        let line = names("clock,time,s1,a,b,run,group");
+        let (columns, roles) = recognise(line, Format::Csv, &mapping).unwrap();
+        assert_eq!(roles.sensors, [4, 3]);
+        assert_eq!(roles.time, Some(0));
+        assert_eq!(roles.group, Some(5));
+        assert_eq!(columns[0].meaning, Meaning::Time(TimeUnit::Millisecond));
+        assert_eq!(columns[2].meaning, Meaning::Other);
+    }
+
+    #[test]
+    fn a_mapped_column_that_is_not_there_is_named() {
+        let mapping = Mapping { sensors: Some(refs("a,x,y")), ..Mapping::default() };
+        let error = recognise(names("a,b"), Format::Csv, &mapping).unwrap_err();
+        assert_eq!(error, ColumnsError::Missing(vec!["x".to_owned(), "y".to_owned()]));
+        let mapping = Mapping { time: Some(ColumnRef::Position(3)), ..Mapping::default() };
+        let error = recognise(names("a,b"), Format::Csv, &mapping).unwrap_err();
+        assert_eq!(error, ColumnsError::Missing(vec!["column 3".to_owned()]));
+    }
+
+    #[test]
+    fn a_column_mapped_twice_is_an_error() {
+        let mapping = Mapping { sensors: Some(refs("a,a")), ..Mapping::default() };
+        assert!(recognise(names("a,b"), Format::Csv, &mapping).is_err());
+    }
+
+    #[test]
+    fn the_user_decides_the_unit_of_moments() {
+        let mapping =
+            Mapping { moment_unit: Some(MomentUnit::MillinewtonMetre), ..Mapping::default() };
+        let (columns, _) = recognise(names("Mx,my_nm,Fx"), Format::Csv, &mapping).unwrap();
+        assert_eq!(columns[0].meaning, wrench_meaning(Axis::Mx, true));
+        assert_eq!(columns[1].meaning, wrench_meaning(Axis::My, true));
+        assert_eq!(columns[2].meaning, wrench_meaning(Axis::Fx, false));
+    }
+}

@@ -1,0 +1,321 @@
+//! Recognises a log from its first lines: what kind of file it is, where its rows start, and what
+//! its columns are called.
+
+use memchr::memchr;
+
+use super::columns::{Column, ColumnRoles, ColumnsError, recognise};
+use super::mapping::{Format, Mapping};
+use crate::error::LogError;
+use crate::parse::number::{NumberError, parse_field};
+use crate::stream::source::LogSource;
+
+/// How much of a file is looked at. A header must fit.
+pub(crate) const HEAD_BYTES: u64 = 1 << 16;
+
+/// The layout of a log.
+#[derive(Debug)]
+pub(crate) struct FileLayout {
+    pub(crate) format: Format,
+    pub(crate) separator: u8,
+    pub(crate) columns: Vec<Column>,
+    pub(crate) roles: ColumnRoles,
+    /// Where the first row starts, in the uncompressed file.
+    pub(crate) rows_start: u64,
+    /// The line that names the columns, or the first row where none does.
+    pub(crate) names_line: u64,
+}
+
+/// What the lines before the rows say.
+struct Header {
+    format: Format,
+    separator: u8,
+    names: Vec<String>,
+    rows_start: usize,
+    names_line: u64,
+}
+
+/// Recognises the layout of the log that starts with `head`; `whole` if that is the whole log.
+pub(crate) fn recognise_layout(
+    source: &LogSource,
+    head: &[u8],
+    whole: bool,
+    mapping: &Mapping,
+) -> Result<FileLayout, LogError> {
+    let path = || source.path.clone();
+    if let Some((offset, byte)) = binary_byte(head) {
+        return Err(LogError::Binary { path: path(), offset: offset as u64, byte });
+    }
+    if head.trim_ascii().is_empty() || head == BYTE_ORDER_MARK {
+        return Err(LogError::Empty { path: path() });
+    }
+    let header = read_header(source, head, mapping)?;
+    if whole && head[header.rows_start.min(head.len())..].trim_ascii().is_empty() {
+        return Err(LogError::NoRows { path: path() });
+    }
+    let Header { format, separator, names, rows_start, names_line } = header;
+    let (columns, roles) =
+        recognise(names.clone(), format, mapping).map_err(|error| match error {
+            ColumnsError::Missing(missing) => LogError::MissingColumns {
+                path: path(),
+                line: names_line,
+                missing,
+                found: names.clone(),
+            },
+            ColumnsError::Duplicate { meaning, columns } => LogError::DuplicateColumn {
+                path: path(),
+                line: names_line,
+                meaning,
+                columns,
+                names: columns.map(|at| names[at].clone()),
+            },
+        })?;
+    let rows_start = rows_start as u64;
+    Ok(FileLayout { format, separator, columns, roles, rows_start, names_line })
+}
+
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
+fn read_header(source: &LogSource, head: &[u8], mapping: &Mapping) -> Result<Header, LogError> {
+    let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
+    let first = Line::first_with_text(head, start, 1, b"#");
+    let Some(first) = first else { return Err(LogError::NoRows { path: source.path.clone() }) };
+    let format = match mapping.format {
+        Some(format) => format,
+        None if first.text.starts_with(b"%") => Format::Telemetry,
+        None if is_console(head) => Format::Console,
+        None => Format::Csv,
+    };
+    match format {
+        Format::Telemetry => telemetry_header(source, head, &first),
+        Format::Console => Ok(Header {
+            format,
+            separator: b',',
+            names: console_names(),
+            rows_start: start,
+            names_line: first.number,
+        }),
+        Format::Csv | Format::Training | Format::Reference => {
+            separated_header(source, &first, mapping)
+        }
+    }
+}
+
+/// Telemetry: the last line with `|` among those that start with `%` names the columns.
+fn telemetry_header(source: &LogSource, head: &[u8], first: &Line<'_>) -> Result<Header, LogError> {
+    let mut names = None;
+    let mut line = Some(*first);
+    let mut rows_start = head.len();
+    while let Some(this) = line {
+        if !this.text.starts_with(b"%") {
+            rows_start = this.start;
+            break;
+        }
+        if this.text.contains(&b'|') {
+            names = Some(this);
+        }
+        line = Line::first_with_text(head, this.next, this.number + 1, b"");
+    }
+    let names = names.ok_or_else(|| LogError::NoColumnNames { path: source.path.clone() })?;
+    let text = String::from_utf8_lossy(names.text);
+    Ok(Header {
+        format: Format::Telemetry,
+        separator: b',',
+        names: text.trim_start_matches('%').split('|').map(|name| name.trim().to_owned()).collect(),
+        rows_start,
+        names_line: names.number,
+    })
+}
+
+/// Separated values: names if the first line is mostly not numbers, or else a known layout.
+fn separated_header(
+    source: &LogSource,
+    first: &Line<'_>,
+    mapping: &Mapping,
+) -> Result<Header, LogError> {
+    let separator = separator(first.text);
+    let fields = fields(first.text, separator);
+    let numbers = fields.iter().filter(|f| is_number(f)).count();
+    let header = Header {
+        format: mapping.format.unwrap_or(Format::Csv),
+        separator,
+        names: Vec::new(),
+        rows_start: first.start,
+        names_line: first.number,
+    };
+    let has_names = 2 * numbers < fields.len();
+    let names = |fields: &[Vec<u8>]| {
+        fields.iter().map(|f| String::from_utf8_lossy(f).trim().to_owned()).collect::<Vec<_>>()
+    };
+    let rows_start = if has_names { first.next } else { first.start };
+    let fixed = match (mapping.format, fields.len()) {
+        (Some(Format::Training), _) => Some((Format::Training, training_names())),
+        (Some(Format::Reference), _) => Some((Format::Reference, reference_names())),
+        (None, 15) if !has_names => Some((Format::Training, training_names())),
+        (None, 12) if !has_names => Some((Format::Reference, reference_names())),
+        _ => None,
+    };
+    if let Some((format, names)) = fixed {
+        if names.len() != fields.len() {
+            return Err(LogError::LayoutMismatch {
+                path: source.path.clone(),
+                line: first.number,
+                format,
+                expected: names.len(),
+                found: fields.len(),
+            });
+        }
+        return Ok(Header { format, names, rows_start, ..header });
+    }
+    if has_names {
+        return Ok(Header { names: names(&fields), rows_start, ..header });
+    }
+    // Numbers in an unknown order are of use only to someone who says which is which.
+    if mapping.sensors.is_none() && mapping.wrench.is_none() && mapping.time.is_none() {
+        return Err(LogError::UnknownLayout {
+            path: source.path.clone(),
+            line: first.number,
+            found: fields.len(),
+        });
+    }
+    let names = (1..=fields.len()).map(|i| format!("column {i}")).collect();
+    Ok(Header { names, ..header })
+}
+
+fn training_names() -> Vec<String> {
+    let sensors = (1..=8).map(|i| format!("s{i}"));
+    std::iter::once("time".to_owned()).chain(sensors).chain(wrench_names()).collect()
+}
+
+fn reference_names() -> Vec<String> {
+    let leading = ["column 1", "column 2", "time"].map(str::to_owned).into_iter();
+    leading.chain(wrench_names()).chain(["ax", "ay", "az"].map(str::to_owned)).collect()
+}
+
+fn console_names() -> Vec<String> {
+    (1..=8).map(|i| format!("s{i}")).chain(["time_us".to_owned()]).collect()
+}
+
+fn wrench_names() -> impl Iterator<Item = String> {
+    shell_data::wrench::Axis::ALL.into_iter().map(|axis| axis.name().to_owned())
+}
+
+/// The fields of one line, quotes removed.
+fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
+    if !line.contains(&b'"') {
+        return line.split(|&b| b == separator).map(<[u8]>::to_vec).collect();
+    }
+    let mut reader = csv::ReaderBuilder::new();
+    reader.has_headers(false).delimiter(separator).flexible(true);
+    let mut record = csv::ByteRecord::new();
+    // Bytes in memory cannot fail to be read, and any line is some record.
+    match reader.from_reader(line).read_byte_record(&mut record) {
+        Ok(true) => record.iter().map(<[u8]>::to_vec).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// The separator that a line has most of, outside quotes; a comma where there is none.
+fn separator(line: &[u8]) -> u8 {
+    let candidates = [b',', b';', b'\t', b'|'];
+    let mut counts = [0_usize; 4];
+    let mut quoted = false;
+    for byte in line {
+        quoted ^= *byte == b'"';
+        if let Some(i) = candidates.iter().position(|c| c == byte).filter(|_| !quoted) {
+            counts[i] += 1;
+        }
+    }
+    // Commas may be decimal ones where another separator stands between the numbers.
+    let other = (1..4).filter(|&i| counts[i] > 0).max_by_key(|&i| (counts[i], 4 - i));
+    match other {
+        Some(i) if counts[0] <= counts[i] + 1 => candidates[i],
+        _ => b',',
+    }
+}
+
+fn is_number(field: &[u8]) -> bool {
+    matches!(parse_field(field), Ok(_) | Err(NumberError::NotFinite))
+}
+
+/// Whether some line reports a received payload, `SRC: 0x2052 |  [69, 20, …]`.
+fn is_console(head: &[u8]) -> bool {
+    head.split(|&b| b == b'\n').any(|line| crate::parse::console::payload(line).is_some())
+        || head.starts_with(b"SRC: ")
+}
+
+/// The first byte that no text has: a control character other than white space, or the start of a
+/// byte-order mark of UTF-16.
+fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
+    if head.starts_with(&[0xff, 0xfe]) || head.starts_with(&[0xfe, 0xff]) {
+        return Some((0, head[0]));
+    }
+    let control =
+        |b: u8| (b < 0x20 && !b.is_ascii_whitespace() && b != 0x0b && b != 0x1b) || b == 0x7f;
+    // Without a way out within a part, parts are looked at with vectors.
+    const PART: usize = 512;
+    let has_control = |part: &[u8]| part.iter().fold(false, |any, &b| any | control(b));
+    let start = PART * head.chunks(PART).position(has_control)?;
+    let at = start + head[start..].iter().position(|&b| control(b))?;
+    Some((at, head[at]))
+}
+
+/// A line of the head.
+#[derive(Clone, Copy)]
+struct Line<'a> {
+    text: &'a [u8],
+    start: usize,
+    next: usize,
+    number: u64,
+}
+
+impl<'a> Line<'a> {
+    /// The first line from `start` on that is neither blank nor starts with `comment`.
+    fn first_with_text(
+        head: &'a [u8],
+        mut start: usize,
+        mut number: u64,
+        comment: &[u8],
+    ) -> Option<Self> {
+        while start < head.len() {
+            let end = memchr(b'\n', &head[start..]).map_or(head.len(), |at| start + at);
+            let text = head[start..end].trim_ascii();
+            let next = (end + 1).min(head.len());
+            let is_comment = !comment.is_empty() && text.starts_with(comment);
+            if !text.is_empty() && !is_comment {
+                return Some(Self { text, start, next, number });
+            }
+            start = next;
+            number += 1;
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_separator_is_what_stands_between_the_fields() {
+        for (line, expected) in [
+            ("a,b,c", b','),
+            ("a;b;c", b';'),
+            ("a\tb\tc", b'\t'),
+            ("1,5;2,5;3,5", b';'),
+            ("alone", b','),
+            ("\"a;b;c;d\",e,f", b','),
+        ] {
+            assert_eq!(separator(line.as_bytes()), expected, "{line}");
+        }
+    }
+
+    #[test]
+    fn control_characters_and_utf_16_are_not_text() {
+        assert_eq!(binary_byte(b"PK\x03\x04"), Some((2, 3)));
+        assert_eq!(binary_byte(b"\xff\xfet\0"), Some((0, 0xff)));
+        assert_eq!(binary_byte(b"a\0b"), Some((1, 0)));
+        let late = [&[b'1'; 1000][..], b"\x7f\0"].concat();
+        assert_eq!(binary_byte(&late), Some((1000, 0x7f)));
+        assert_eq!(binary_byte("\u{feff}t (µs),\r\n\t".as_bytes()), None);
+    }
+}

@@ -1,0 +1,5 @@
+//! Recognising a log: its format, its header, and the meaning of its columns.
+
+pub(crate) mod columns;
+pub(crate) mod layout;
+pub(crate) mod mapping;

@@ -1,0 +1,62 @@
+//! Logs: recordings of readings, wrenches and robot telemetry as files, read as a stream.
+//!
+//! [`Log::open`] reads the first lines and recognises the [`Format`] and the meaning of the columns;
+//! a [`Mapping`] supplies what cannot be recognised. [`Log::read`] then streams the rows as
+//! [`Block`]s in SI units. It parses only the columns that are [`Wanted`], on one thread per core,
+//! in memory that does not grow with the file. Files compressed with gzip are unpacked on the way.
+//!
+//! ```text
+//! ByteStream ─▶ ChunkStream ─▶ FieldEnds ─▶ numbers ─▶ Block ─▶ map ─▶ fold
+//! plain or gzip  whole lines    └── any thread, with a state of its own ──┘   in order
+//! ```
+//!
+//! Where blocks begin depends on the file alone, and `fold` gets them in order, so results are the
+//! same for any number of threads.
+//!
+//! Not supported: quoted fields that span lines, and text that is not UTF-8 or ASCII.
+//!
+//! ```
+//! use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+//!
+//! let path = std::env::temp_dir().join(format!("log-file-{}.csv", std::process::id()));
+//! std::fs::write(&path, "t_s,s1,s2\n0.00,2011,1987\n0.01,2012,1987\n0.02,2012,1987\n")?;
+//! let log = Log::open(&path, &Mapping::default())?;
+//! assert_eq!(log.channels(), 2);
+//!
+//! let wanted = Wanted { readings: true, ..Wanted::default() };
+//! let mut first_channel = Vec::new();
+//! let summary = log.read(
+//!     &wanted,
+//!     &ReadOptions::default(),
+//!     |block| std::mem::take(&mut block.readings[0]),
+//!     |column| {
+//!         first_channel.extend(column);
+//!         Ok::<_, LogError>(())
+//!     },
+//! )?;
+//! assert_eq!(first_channel, [2011.0, 2012.0, 2012.0]);
+//! assert_eq!((summary.rows, summary.repeated_rows), (3, 1));
+//! # std::fs::remove_file(&path)?;
+//! # Ok::<_, Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`Block`]: shell_data::Block
+
+#![forbid(unsafe_code)]
+
+pub mod checksum;
+mod error;
+mod format;
+mod log;
+mod parse;
+mod read;
+mod stream;
+
+pub use error::{Field, LogError, RowProblem};
+pub use format::columns::{Column, Meaning};
+pub use format::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
+pub use log::Log;
+pub use read::all::read_all;
+pub use read::request::{ReadOptions, ReadSummary, Wanted};
+pub use read::selection::Selection;
+pub use stream::pipeline;

@@ -1,0 +1,153 @@
+//! A log file whose layout has been recognised.
+
+use std::io::Read;
+use std::path::Path;
+
+use crate::error::LogError;
+use crate::format::columns::{Column, Meaning};
+use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
+use crate::format::mapping::{Format, Mapping};
+use crate::read::request::Wanted;
+use crate::stream::chunk::CHUNK_BYTES;
+use crate::stream::source::LogSource;
+use shell_data::telemetry::Telemetry;
+use shell_data::wrench::Axis;
+
+/// A log whose layout is known.
+#[derive(Debug)]
+pub struct Log {
+    pub(crate) source: LogSource,
+    pub(crate) layout: FileLayout,
+    pub(crate) chunk_bytes: usize,
+}
+
+impl Log {
+    /// Recognises the log at `path` from its first lines.
+    ///
+    /// # Errors
+    /// [`LogError`] if the file cannot be read, is empty, binary or of no known layout, has two
+    /// columns for one thing, or lacks a column that `mapping` names.
+    pub fn open(path: &Path, mapping: &Mapping) -> Result<Self, LogError> {
+        let source = LogSource::new(path)?;
+        let mut head = Vec::with_capacity(HEAD_BYTES as usize);
+        let mut stream = source.open()?.take(HEAD_BYTES);
+        stream.read_to_end(&mut head).map_err(|error| source.error(error))?;
+        let whole = (head.len() as u64) < HEAD_BYTES;
+        let layout = recognise_layout(&source, &head, whole, mapping)?;
+        Ok(Self { source, layout, chunk_bytes: CHUNK_BYTES })
+    }
+
+    /// Cuts the file into blocks of about this many bytes rather than the usual number, for tests
+    /// that results do not depend on it.
+    #[doc(hidden)]
+    pub fn with_chunk_bytes(self, chunk_bytes: usize) -> Self {
+        Self { chunk_bytes: chunk_bytes.max(1), ..self }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.source.path
+    }
+
+    /// Its format.
+    pub fn format(&self) -> Format {
+        self.layout.format
+    }
+
+    /// Its columns and their meanings.
+    pub fn columns(&self) -> &[Column] {
+        &self.layout.columns
+    }
+
+    /// The number of sensor channels, 0 if there are none.
+    pub fn channels(&self) -> usize {
+        self.layout.roles.sensors.len()
+    }
+
+    /// Whether it has all six columns of a wrench.
+    pub fn has_wrench(&self) -> bool {
+        self.layout.roles.wrench.iter().all(Option::is_some)
+    }
+
+    /// Whether it has a time column.
+    pub fn has_time(&self) -> bool {
+        self.layout.roles.time.is_some()
+    }
+
+    /// Whether it has a column of group labels.
+    pub fn has_groups(&self) -> bool {
+        self.layout.roles.group.is_some()
+    }
+
+    /// Where a column of telemetry is in a row, from 0, to be asked for as one of
+    /// [`Wanted::others`]; `None` if there is none.
+    ///
+    /// # Errors
+    /// [`LogError::DuplicateColumn`] if there are several.
+    pub fn telemetry(&self, telemetry: Telemetry) -> Result<Option<usize>, LogError> {
+        let columns = self.layout.columns.iter().enumerate();
+        let mut places = columns
+            .filter(|(_, column)| column.meaning == Meaning::Telemetry(telemetry))
+            .map(|(place, _)| place);
+        match (places.next(), places.next()) {
+            (Some(first), Some(second)) => Err(LogError::DuplicateColumn {
+                path: self.source.path.clone(),
+                line: self.layout.names_line,
+                meaning: telemetry.name().to_owned(),
+                columns: [first, second],
+                names: [first, second].map(|at| self.layout.columns[at].name.clone()),
+            }),
+            (place, _) => Ok(place),
+        }
+    }
+
+    /// Whether equal readings in a row are one frame logged repeatedly: the robot's telemetry runs
+    /// faster than the sensor. Elsewhere they can be honest samples.
+    pub fn repeats_are_stale(&self) -> bool {
+        self.layout.format == Format::Telemetry
+    }
+
+    /// Whether the file is compressed.
+    pub fn is_compressed(&self) -> bool {
+        self.source.compressed
+    }
+
+    /// The size of the file on disk.
+    pub fn bytes(&self) -> u64 {
+        self.source.bytes
+    }
+
+    /// Checks that all wanted columns are there.
+    ///
+    /// # Errors
+    /// [`LogError::MissingColumns`] with all that are not, and what there is instead.
+    pub fn require(&self, wanted: &Wanted) -> Result<(), LogError> {
+        let roles = &self.layout.roles;
+        let mut missing = Vec::new();
+        if wanted.time && roles.time.is_none() {
+            missing.push("time".to_owned());
+        }
+        if wanted.readings && roles.sensors.is_empty() {
+            missing.push("s1 … (sensors)".to_owned());
+        }
+        if wanted.wrench {
+            let absent = Axis::ALL.into_iter().filter(|axis| roles.wrench[axis.index()].is_none());
+            missing.extend(absent.map(|axis| axis.name().to_owned()));
+        }
+        if wanted.groups && roles.group.is_none() {
+            missing.push("group".to_owned());
+        }
+        let columns = &self.layout.columns;
+        let beyond = wanted.others.iter().filter(|&&at| at >= columns.len());
+        missing.extend(beyond.map(|at| format!("column {}", at + 1)));
+        if missing.is_empty() {
+            return Ok(());
+        }
+        Err(LogError::MissingColumns {
+            path: self.source.path.clone(),
+            line: self.layout.names_line,
+            missing,
+            found: columns.iter().map(|column| column.name.clone()).collect(),
+        })
+    }
+}

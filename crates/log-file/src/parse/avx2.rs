@@ -1,0 +1,167 @@
+//! [`InstructionSet`] in the wide registers of x86-64: marks are looked for in 32 bytes at a time, and the
+//! digits of a number of up to 16 bytes are joined within one register.
+
+use std::arch::x86_64::{__m128i, __m256i};
+
+use pulp::x86::V3;
+
+use super::instruction_set::{BLOCK, InstructionSet, Portable};
+use super::number::{parse_digits, quotient};
+
+/// Processors with AVX2 and what came before it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Avx2(V3);
+
+impl Avx2 {
+    /// `None` on processors that are not such.
+    pub(crate) fn detect() -> Option<Self> {
+        V3::try_new().map(Self)
+    }
+}
+
+impl InstructionSet for Avx2 {
+    fn run<R>(self, task: impl FnOnce() -> R) -> R {
+        self.0.vectorize(task)
+    }
+
+    #[inline(always)]
+    fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2] {
+        let halves = pulp::cast(*bytes);
+        [self.places_of(wanted[0], halves), self.places_of(wanted[1], halves)]
+    }
+
+    #[inline(always)]
+    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        let negative = *lines.get(at)? == b'-';
+        let start = at + usize::from(negative);
+        let length = end.wrapping_sub(start);
+        // The last digit stands at the end of the register.
+        let register = lines.get(end.wrapping_sub(16)..).and_then(<[u8]>::first_chunk::<16>);
+        match register {
+            Some(register) if length <= 16 => {
+                // Fifteen digits are below 2⁵³.
+                let (mantissa, decimals) = self.digits(register, length, 0)?;
+                Some(quotient(negative, mantissa, decimals))
+            }
+            // What is in front of the register is a number, too: times have as many digits.
+            // Nineteen digits always fit 64 bits.
+            Some(register) if length <= 20 => {
+                let (low, decimals) = self.digits(register, 16, length - 16)?;
+                let high = parse_digits(lines, start, end - 16)?;
+                let mantissa = high * 1_000_000_000_000_000 + low;
+                (mantissa <= 1 << 53).then(|| quotient(negative, mantissa, decimals))
+            }
+            _ => self.other_number(lines, at, end),
+        }
+    }
+}
+
+// No closures here: what is not inlined into code for these processors cannot use their registers.
+impl Avx2 {
+    #[inline(always)]
+    fn places_of(self, byte: u8, [low, high]: [__m256i; 2]) -> u64 {
+        let V3 { avx, avx2, .. } = self.0;
+        let byte = avx._mm256_set1_epi8(byte as i8);
+        let low = avx2._mm256_movemask_epi8(avx2._mm256_cmpeq_epi8(low, byte));
+        let high = avx2._mm256_movemask_epi8(avx2._mm256_cmpeq_epi8(high, byte));
+        u64::from(low as u32) | u64::from(high as u32) << 32
+    }
+
+    /// The number that the digits spell in the last `length` bytes of a register, and how many of
+    /// them follow a point; `digits_before` stand in front of those bytes. `None` where there are no
+    /// digits in front of the point or behind it, more than 15 in all, or anything else.
+    #[inline(always)]
+    fn digits(
+        self,
+        register: &[u8; 16],
+        mut length: usize,
+        digits_before: usize,
+    ) -> Option<(u64, usize)> {
+        let V3 { sse2, ssse3, .. } = self.0;
+        let mut register: __m128i = pulp::cast(*register);
+        let points = sse2._mm_cmpeq_epi8(register, sse2._mm_set1_epi8(b'.' as i8));
+        let points = sse2._mm_movemask_epi8(points) as u32 >> ((16 - length) % 32);
+        let mut decimals = 0;
+        if points != 0 {
+            // The point is closed up.
+            let whole_digits = points.trailing_zeros() as usize;
+            length -= 1;
+            decimals = length.wrapping_sub(whole_digits);
+            let close_up = CLOSE_UP.get(decimals)?;
+            if decimals == 0 || whole_digits + digits_before == 0 {
+                return None;
+            }
+            register = ssse3._mm_shuffle_epi8(register, pulp::cast(*close_up));
+        }
+        // What precedes the number becomes zeros.
+        let last = LAST.get(length.wrapping_sub(1)).filter(|_| length <= 15)?;
+        let values = sse2._mm_sub_epi8(register, sse2._mm_set1_epi8(b'0' as i8));
+        let values = sse2._mm_and_si128(values, pulp::cast(*last));
+        // Sets the top bit of whatever is no digit.
+        let checked = sse2._mm_adds_epu8(values, sse2._mm_set1_epi8(0x76));
+        let is_number = sse2._mm_movemask_epi8(checked) == 0;
+        is_number.then(|| (self.join(values), decimals))
+    }
+
+    /// Out of the way of the loop that `plain_number` is inlined in.
+    #[inline(never)]
+    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        self.run(
+            #[inline(always)]
+            || Portable.plain_number(lines, at, end),
+        )
+    }
+
+    /// The number that sixteen digit values spell: neighbours are joined to 8 pairs, 4 fours, 2
+    /// eights.
+    #[inline(always)]
+    fn join(self, values: __m128i) -> u64 {
+        let V3 { sse2, ssse3, sse4_1, .. } = self.0;
+        let weights = |high: i16, low: i16| -> __m128i {
+            pulp::cast([high, low, high, low, high, low, high, low])
+        };
+        let tens: __m128i = pulp::cast([10_u8, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1]);
+        let pairs = ssse3._mm_maddubs_epi16(values, tens);
+        let fours = sse2._mm_madd_epi16(pairs, weights(100, 1));
+        let fours = sse4_1._mm_packus_epi32(fours, fours);
+        let eights: [u64; 2] = pulp::cast(sse2._mm_madd_epi16(fours, weights(10_000, 1)));
+        (eights[0] & 0xffff_ffff) * 100_000_000 + (eights[0] >> 32)
+    }
+}
+
+/// For each number of decimals, where digits are taken from: those before the point come one place
+/// closer. Where there are no decimals, there is no point.
+pub(crate) const CLOSE_UP: [[u8; 16]; 16] = {
+    let mut rows = [[0; 16]; 16];
+    let mut decimals = 0;
+    while decimals < rows.len() {
+        let mut i = 0;
+        while i < 16 {
+            let is_before_point = decimals > 0 && i + decimals < 16;
+            // 0x80 gives zero: the first place is left without a source.
+            rows[decimals][i] = match (is_before_point, i) {
+                (false, _) => i as u8,
+                (true, 0) => 0x80,
+                (true, _) => i as u8 - 1,
+            };
+            i += 1;
+        }
+        decimals += 1;
+    }
+    rows
+};
+
+/// For each number of digits from 1 on, a mask of as many bytes at the end.
+pub(crate) const LAST: [[u8; 16]; 16] = {
+    let mut rows = [[0; 16]; 16];
+    let mut digits = 1;
+    while digits <= rows.len() {
+        let mut i = 16 - digits;
+        while i < 16 {
+            rows[digits - 1][i] = 0xff;
+            i += 1;
+        }
+        digits += 1;
+    }
+    rows
+};

@@ -1,0 +1,106 @@
+//! Where fields and lines end, found before they are parsed.
+
+use super::instruction_set::{BLOCK, ColumnFields, InstructionSet};
+
+/// How many fields are located before they are parsed: few enough for the text and the positions to
+/// stay in the first-level cache, and for little work to be lost at a bad row.
+const FIELDS_AT_ONCE: usize = 1024;
+
+/// The offsets at which fields and lines end. Elements beyond the counts are unused.
+#[derive(Debug, Default)]
+pub(crate) struct FieldEnds {
+    /// What ends before the first field, then where each field ends, row by row.
+    fields: Vec<u32>,
+    /// Where each line ends.
+    lines: Vec<u32>,
+    field_count: usize,
+    line_count: usize,
+}
+
+impl FieldEnds {
+    /// Locates the ends of fields and lines from `lines[at]` on, at least those of one row of
+    /// `columns` columns.
+    ///
+    /// # Panics
+    /// If there are more bytes than 32 bits can count.
+    #[inline(always)]
+    pub(crate) fn find<L: InstructionSet>(
+        &mut self,
+        set: L,
+        lines: &[u8],
+        at: usize,
+        separator: u8,
+        columns: usize,
+    ) {
+        assert!(u32::try_from(lines.len()).is_ok(), "pieces of a log are of a megabyte or so");
+        let wanted = columns.max(FIELDS_AT_ONCE);
+        // The last block of bytes may add as many more.
+        self.fields.resize(wanted + 1 + BLOCK, 0);
+        self.lines.resize(wanted + 1 + BLOCK, 0);
+        self.fields[0] = (at as u32).wrapping_sub(1);
+        (self.field_count, self.line_count) = (1, 0);
+        for base in (at..lines.len()).step_by(BLOCK) {
+            if self.field_count > wanted {
+                break;
+            }
+            let [separators, mut newlines] = find_in_block(set, &lines[base..], [separator, b'\n']);
+            let fields = &mut self.fields[self.field_count..];
+            let fields = fields.first_chunk_mut().expect("room for a block");
+            self.field_count += set.write_ends(separators | newlines, base as u32, fields);
+            while newlines != 0 {
+                self.lines[self.line_count] = base as u32 + newlines.trailing_zeros();
+                self.line_count += 1;
+                newlines &= newlines - 1;
+            }
+        }
+    }
+
+    /// How many rows have as many fields as there are `columns`, before the first that has not or
+    /// whose end has not been found. Leaves out the carriage returns at the ends of lines.
+    pub(crate) fn whole_rows(&mut self, lines: &[u8], columns: usize) -> usize {
+        let last_fields = self.fields[..self.field_count].iter().skip(columns).step_by(columns);
+        let mut rows = 0;
+        // Line ends are fields' ends, too: where they are the same as the last fields' all along,
+        // no other field ends there.
+        for (line, field) in self.lines[..self.line_count].iter_mut().zip(last_fields) {
+            if line != field {
+                break;
+            }
+            rows += 1;
+            if lines[..*line as usize].last() == Some(&b'\r') {
+                *line -= 1;
+            }
+        }
+        rows
+    }
+
+    /// The fields of one of `columns` columns, in whole rows.
+    pub(crate) fn of_column(&self, column: usize, columns: usize) -> ColumnFields<'_> {
+        let befores = (&self.fields[column..], columns);
+        let ends = match column + 1 == columns {
+            true => (&self.lines[..], 1),
+            false => (&self.fields[column + 1..], columns),
+        };
+        ColumnFields { befores, ends }
+    }
+
+    /// Where the first `rows` whole rows end.
+    pub(crate) fn end_of(&self, rows: usize, columns: usize) -> usize {
+        self.fields[rows * columns] as usize
+    }
+}
+
+/// For each of `wanted` its places in the first [`BLOCK`] bytes of `rest`, as bits.
+#[inline(always)]
+fn find_in_block<L: InstructionSet>(set: L, rest: &[u8], wanted: [u8; 2]) -> [u64; 2] {
+    match rest.first_chunk::<BLOCK>() {
+        Some(bytes) => set.find(bytes, wanted),
+        None => {
+            let mut padded = [0; BLOCK];
+            padded[..rest.len()].copy_from_slice(rest);
+            let [a, b] = set.find(&padded, wanted);
+            let there = !(u64::MAX << rest.len());
+            [a & there, b & there]
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The operations of [`super::rows`] on many bytes at once, for each instruction set.
+
+use super::number::{parse_digits, parse_plain};
+
+/// The number of bytes that are searched together.
+pub(crate) const BLOCK: usize = 64;
+
+/// An instruction set that works on several bytes at once.
+pub(crate) trait InstructionSet: Copy {
+    /// Runs `task` with the instructions of this processor, so that the methods can be inlined.
+    fn run<R>(self, task: impl FnOnce() -> R) -> R;
+
+    /// For each of `wanted`, a bit for each byte that is one, the first in the lowest bit.
+    fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2];
+
+    /// Writes down the places of the bits that are set, lowest first, counted from `base`; returns
+    /// how many there are. Places behind these may be written to as well.
+    #[inline(always)]
+    fn write_ends(self, mut bits: u64, base: u32, places: &mut [u32; BLOCK]) -> usize {
+        /// More than there are, mostly. Writing too many takes less time than a loop whose length
+        /// cannot be predicted.
+        const USUAL: usize = 16;
+        let count = bits.count_ones() as usize;
+        for place in &mut places[..USUAL] {
+            *place = base.wrapping_add(bits.trailing_zeros());
+            bits &= bits.wrapping_sub(1);
+        }
+        for place in &mut places[USUAL..count.max(USUAL)] {
+            *place = base + bits.trailing_zeros();
+            bits &= bits - 1;
+        }
+        count
+    }
+
+    /// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).
+    /// `None` leaves the field to [`super::number::parse_field`].
+    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64>;
+
+    /// The first numbers of a column that are whole and have up to eight digits; how many there are.
+    #[inline(always)]
+    fn whole_numbers(self, lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> usize {
+        for (row, value) in values.iter_mut().enumerate() {
+            let (start, end) = fields.place(row);
+            let Some(number) = parse_digits(lines, start, end) else { return row };
+            *value = number as i64 as f64;
+        }
+        values.len()
+    }
+
+    /// The first numbers of a column that are plain decimals, as many as are found several at a time.
+    /// The others are left to [`InstructionSet::plain_number`].
+    #[inline(always)]
+    fn plain_numbers(self, _lines: &[u8], _fields: ColumnFields<'_>, _values: &mut [f64]) -> usize {
+        0
+    }
+}
+
+/// The fields of a column, row by row. Not a closure, because closures are not always inlined.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ColumnFields<'a> {
+    /// What precedes each field, and where each ends; both a slice and how far rows are apart in it.
+    pub(crate) befores: (&'a [u32], usize),
+    pub(crate) ends: (&'a [u32], usize),
+}
+
+impl<'a> ColumnFields<'a> {
+    /// Where the field of a row starts and ends.
+    #[inline(always)]
+    pub(crate) fn place(self, row: usize) -> (usize, usize) {
+        let (befores, ends) = (self.befores, self.ends);
+        let start = befores.0[row * befores.1].wrapping_add(1);
+        (start as usize, ends.0[row * ends.1] as usize)
+    }
+
+    /// Where the fields of `N` rows start and end.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(crate) fn some<const N: usize>(self, row: usize) -> [(usize, usize); N] {
+        let mut places = [(0, 0); N];
+        for (lane, place) in places.iter_mut().enumerate() {
+            *place = self.place(row + lane);
+        }
+        places
+    }
+
+    /// The fields without those of the first `rows` rows.
+    #[inline(always)]
+    pub(crate) fn after_rows(self, rows: usize) -> ColumnFields<'a> {
+        // The slices end with the field of the last row: there is nothing after all rows, and a row
+        // further would start beyond the end.
+        let from = |(places, stride): (&'a [u32], usize)| {
+            (&places[(rows * stride).min(places.len())..], stride)
+        };
+        ColumnFields { befores: from(self.befores), ends: from(self.ends) }
+    }
+}
+
+/// For any processor: eight bytes within one 64-bit word.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Portable;
+
+impl InstructionSet for Portable {
+    fn run<R>(self, task: impl FnOnce() -> R) -> R {
+        task()
+    }
+
+    #[inline(always)]
+    fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2] {
+        const ONES: u64 = 0x0101_0101_0101_0101;
+        let (words, _) = bytes.as_chunks::<8>();
+        wanted.map(|byte| {
+            words.iter().rev().fold(0, |found, word| {
+                let other = u64::from_le_bytes(*word) ^ (ONES * u64::from(byte));
+                // The top bit of each byte says whether it differs: 0x7f carries into it from any
+                // of the other bits, and out of no byte.
+                let differs = ((other & (ONES * 0x7f)) + ONES * 0x7f) | other;
+                // The product brings the eight top bits together in the highest byte.
+                let equal = (!differs >> 7) & ONES;
+                found << 8 | equal.wrapping_mul(0x0102_0408_1020_4080) >> 56
+            })
+        })
+    }
+
+    #[inline(always)]
+    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        let (value, number_end) = parse_plain(lines, at)?;
+        (number_end == end).then_some(value)
+    }
+}

@@ -1,0 +1,12 @@
+//! Parsing: from whole lines to fields, from fields to numbers, from numbers to a block in SI units.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+pub(crate) mod console;
+mod field_ends;
+mod instruction_set;
+pub(crate) mod number;
+pub(crate) mod plan;
+pub(crate) mod rows;

@@ -1,0 +1,267 @@
+//! Decimal numbers to doubles, to the same bits as [`str::parse`].
+//!
+//! Plain decimals of at most 2⁵³ as an integer take a short way: their digits are read eight at a
+//! time within one 64-bit word, and `mantissa / 10ᵏ` with k ≤ 22 is then correctly rounded, since
+//! both are exact doubles (W. D. Clinger, "How to read floating point numbers accurately", PLDI
+//! 1990). Everything else (exponents, longer mantissas, spaces, signs of plus) is left to the
+//! standard library, and so is the decision about what is a number at all.
+
+/// What a field holds that is not a finite number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NumberError {
+    Empty,
+    NotANumber,
+    NotFinite,
+}
+
+/// The number that starts at `bytes[at]` if it is a plain decimal (`-12`, `-0.125`), and where it
+/// ends. `None` leaves the field to [`parse_field`]; so must the caller where what follows the
+/// number does not end the field.
+#[inline(always)]
+pub(crate) fn parse_plain(bytes: &[u8], at: usize) -> Option<(f64, usize)> {
+    let negative = *bytes.get(at)? == b'-';
+    let mut end = at + usize::from(negative);
+    let (mut mantissa, digits) = leading_15_digits(bytes, end)?;
+    end += digits;
+    let mut decimals = 0;
+    if *bytes.get(end)? == b'.' {
+        let fraction;
+        (fraction, decimals) = leading_15_digits(bytes, end + 1)?;
+        // Nineteen digits always fit 64 bits.
+        if digits + decimals > 19 {
+            return None;
+        }
+        mantissa = mantissa * POWERS_OF_TEN[decimals] + fraction;
+        end += 1 + decimals;
+    }
+    (mantissa <= 1 << 53).then(|| (quotient(negative, mantissa, decimals), end))
+}
+
+/// The number that all of `bytes[at..end]` spells if it is one to eight digits and nothing else, and
+/// bytes enough stand before it.
+#[inline(always)]
+pub(crate) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<u64> {
+    let word = u64::from_le_bytes(*bytes.get(..end)?.last_chunk()?);
+    let length = end.wrapping_sub(at);
+    if length.wrapping_sub(1) >= 8 {
+        return None;
+    }
+    // What precedes the number becomes zeros.
+    let before = 64 - 8 * length;
+    let values = (word ^ 0x3030_3030_3030_3030) >> before << before;
+    (others(values) == 0).then(|| eight_digits(values))
+}
+
+/// `±mantissa / 10^decimals`, correctly rounded for mantissas up to 2⁵³ and 22 decimals; at most 15
+/// are asked for.
+#[inline(always)]
+pub(crate) fn quotient(negative: bool, mantissa: u64, decimals: usize) -> f64 {
+    let mut magnitude = mantissa as i64 as f64;
+    // Most readings are whole, and a division is the longest step of all.
+    if decimals > 0 {
+        magnitude /= EXACT_POWERS_OF_TEN[decimals];
+    }
+    f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63)
+}
+
+/// The value and number of the digits that stand at `bytes[at]`; `None` unless there are 1 to 15.
+#[inline(always)]
+fn leading_15_digits(bytes: &[u8], at: usize) -> Option<(u64, usize)> {
+    let (value, digits) = leading_digits(bytes, at)?;
+    match digits {
+        0 => None,
+        8 => match leading_digits(bytes, at + 8)? {
+            (_, 8) => None,
+            (more, more_digits) => {
+                Some((value * POWERS_OF_TEN[more_digits] + more, 8 + more_digits))
+            }
+        },
+        _ => Some((value, digits)),
+    }
+}
+
+/// The finite number that the whole of `field` spells, with spaces around it allowed.
+pub(crate) fn parse_field(field: &[u8]) -> Result<f64, NumberError> {
+    let field = field.trim_ascii();
+    if field.is_empty() {
+        return Err(NumberError::Empty);
+    }
+    let text = std::str::from_utf8(field).map_err(|_| NumberError::NotANumber)?;
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err(NumberError::NotFinite),
+        Err(_) => Err(NumberError::NotANumber),
+    }
+}
+
+/// The value and number of the digits, up to eight, that stand at `bytes[at]`; `None` where fewer
+/// than eight bytes are left.
+#[inline(always)]
+fn leading_digits(bytes: &[u8], at: usize) -> Option<(u64, usize)> {
+    let word = u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?);
+    let values = word ^ 0x3030_3030_3030_3030;
+    let digits = others(values).trailing_zeros() / 8;
+    // Moves the digits to the end of the word and zeros before them. Two shifts, as a single one
+    // by 64 bits (no digit) is not defined.
+    let half = 32 - 4 * digits;
+    Some((eight_digits(values << half << half), digits as usize))
+}
+
+/// The top bit of each byte that is not the value of a digit, 0 to 9: adding 0x76 carries any other
+/// into it. The carry may spoil bytes behind the first such byte, but not hide it.
+#[inline(always)]
+fn others(values: u64) -> u64 {
+    (values.wrapping_add(0x7676_7676_7676_7676) | values) & 0x8080_8080_8080_8080
+}
+
+/// The number that eight digit values spell, the first in the lowest byte: neighbours are joined
+/// to pairs, pairs to fours, fours to eight, all within one word.
+#[inline(always)]
+fn eight_digits(values: u64) -> u64 {
+    const PAIRS: u64 = 0x0000_00ff_0000_00ff;
+    let pairs = values.wrapping_mul(10).wrapping_add(values >> 8);
+    let high = (pairs & PAIRS).wrapping_mul(100 + (1_000_000 << 32));
+    let low = (pairs >> 16 & PAIRS).wrapping_mul(1 + (10_000 << 32));
+    high.wrapping_add(low) >> 32
+}
+
+const POWERS_OF_TEN: [u64; 16] = {
+    let mut powers = [1; 16];
+    let mut i = 1;
+    while i < powers.len() {
+        powers[i] = 10 * powers[i - 1];
+        i += 1;
+    }
+    powers
+};
+
+pub(crate) const EXACT_POWERS_OF_TEN: [f64; 16] =
+    [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// What a reader of rows does: the short way where it reaches the end of the field.
+    fn parse(text: &str) -> Result<f64, NumberError> {
+        let mut bytes = [BEFORE, text.as_bytes()].concat();
+        // What follows a field in a file, so that whole words can be loaded.
+        bytes.extend_from_slice(b",12345678901234567890\n");
+        let way = |plain: Option<(f64, usize)>| match plain {
+            Some((value, end)) if end == BEFORE.len() + text.len() => Ok(value),
+            _ => parse_field(text.as_bytes()),
+        };
+        way(parse_plain(&bytes, BEFORE.len()))
+    }
+
+    /// What precedes a field in a file.
+    const BEFORE: &[u8] = b"1425168310.852012,-99,";
+
+    fn assert_as_std(text: &str) -> Result<(), TestCaseError> {
+        match (parse(text), text.trim_ascii().parse::<f64>()) {
+            (Ok(value), Ok(expected)) => {
+                prop_assert_eq!(value.to_bits(), expected.to_bits(), "{:?}", text);
+            }
+            (Err(NumberError::NotFinite), Ok(expected)) => {
+                prop_assert!(!expected.is_finite(), "{:?}", text);
+            }
+            (Err(_), Err(_)) => {}
+            (ours, theirs) => prop_assert!(false, "{text:?}: {ours:?}, but std {theirs:?}"),
+        }
+        Ok(())
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+        #[test]
+        fn plain_decimals_have_the_bits_of_the_standard_library(
+            text in "-?[0-9]{0,18}(\\.[0-9]{0,19})?"
+        ) {
+            assert_as_std(&text)?;
+        }
+
+        #[test]
+        fn numbers_with_exponents_have_the_bits_of_the_standard_library(
+            text in "[-+]?[0-9]{1,25}(\\.[0-9]{0,25})?([eE][-+]?[0-9]{1,3})?"
+        ) {
+            assert_as_std(&text)?;
+        }
+
+        #[test]
+        fn every_double_survives_its_shortest_decimal(bits in any::<u64>()) {
+            assert_as_std(&f64::from_bits(bits).to_string())?;
+            assert_as_std(&format!("{:e}", f64::from_bits(bits)))?;
+        }
+
+        #[test]
+        fn garbage_is_refused_where_the_standard_library_refuses_it(
+            text in "[-+.eE0-9a-zA-Z_ ]{0,20}"
+        ) {
+            assert_as_std(&text)?;
+        }
+
+        #[test]
+        fn any_bytes_are_read_without_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..80)) {
+            for at in 0..bytes.len() + 2 {
+                let _ = parse_plain(&bytes, at);
+            }
+            let _ = parse_field(&bytes);
+        }
+    }
+
+    #[test]
+    fn boundaries_of_the_short_way_have_the_bits_of_the_standard_library() {
+        for text in [
+            "0",
+            "-0",
+            "0.0",
+            "-0.0",
+            "5.",
+            ".5",
+            "-.5",
+            "-",
+            "+5",
+            "",
+            ".",
+            "-.",
+            "00012",
+            "1e5",
+            "1E-5",
+            "99999999",
+            "999999999",
+            "12345678.12345678",
+            "9007199254740992",
+            "9007199254740993",
+            "900719925474099.2",
+            "0.9007199254740993",
+            "123456789012345.1234567890123456",
+            "0.000000000000001",
+            "0.0000000000000001",
+            "1425168310.852012",
+            "-0.0630686291217",
+            "1 2",
+            "1_000",
+            "١",
+            "0x10",
+            "1e400",
+            "nan",
+            "inf",
+            "-infinity",
+            "1e-400",
+        ] {
+            assert_as_std(text).unwrap();
+        }
+    }
+
+    #[test]
+    fn what_is_no_finite_number_is_told_apart() {
+        assert_eq!(parse("  "), Err(NumberError::Empty));
+        assert_eq!(parse("1,5"), Err(NumberError::NotANumber));
+        assert_eq!(parse("NaN"), Err(NumberError::NotFinite));
+        assert_eq!(parse("1e999"), Err(NumberError::NotFinite));
+        assert_eq!(parse(" 1.5 "), Ok(1.5));
+    }
+}

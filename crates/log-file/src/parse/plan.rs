@@ -1,0 +1,180 @@
+//! Which columns are parsed, and the block in SI units that is made of them.
+
+use memchr::{memchr, memrchr};
+
+use super::console;
+use super::rows::{ColumnUse, ParsedRows, RowError, RowPlan};
+use crate::format::layout::FileLayout;
+use crate::format::mapping::Format;
+use crate::read::request::Wanted;
+use crate::stream::chunk::Chunk;
+use shell_data::block::Block;
+
+/// How the rows of one log become blocks.
+#[derive(Debug)]
+pub(crate) struct ReadPlan {
+    rows: RowSyntax,
+    /// How many columns are parsed.
+    numbers: usize,
+    time: Option<OutputColumn>,
+    readings: Vec<OutputColumn>,
+    wrench: Vec<OutputColumn>,
+    others: Vec<OutputColumn>,
+}
+
+/// How rows are parsed.
+#[derive(Debug)]
+enum RowSyntax {
+    Separated(RowPlan),
+    /// The wanted parts of a frame.
+    Console(Vec<usize>),
+}
+
+/// A column of the block: where it is among the parsed columns, and what its values are divided by.
+#[derive(Clone, Copy, Debug)]
+struct OutputColumn {
+    slot: usize,
+    per_si_unit: f64,
+}
+
+/// The memory that a chunk is parsed into, to be used again for the next chunk.
+#[derive(Debug, Default)]
+pub(crate) struct BlockBuffer {
+    pub(crate) parsed: ParsedRows,
+    pub(crate) block: Block,
+}
+
+impl BlockBuffer {
+    /// Parses the lines of a chunk into the block.
+    pub(crate) fn fill(
+        &mut self,
+        plan: &ReadPlan,
+        chunk: &Chunk,
+        skip_bad_rows: bool,
+    ) -> Result<(), RowError> {
+        plan.parse(chunk.lines(), skip_bad_rows, &mut self.parsed)?;
+        plan.fill(&mut self.block, &mut self.parsed, &chunk.context);
+        Ok(())
+    }
+}
+
+impl ReadPlan {
+    /// How to read what is wanted, all of which the log has.
+    pub(crate) fn new(layout: &FileLayout, wanted: &Wanted) -> Self {
+        let roles = &layout.roles;
+        let mut places: Vec<usize> = wanted.others.clone();
+        places.extend(roles.time.filter(|_| wanted.time));
+        if wanted.readings {
+            places.extend(&roles.sensors);
+        }
+        if wanted.wrench {
+            places.extend(roles.wrench.iter().flatten());
+        }
+        places.sort_unstable();
+        places.dedup();
+        let output = |place: &usize| {
+            let slot = places.binary_search(place).expect("every wanted place is listed");
+            OutputColumn { slot, per_si_unit: layout.columns[*place].meaning.per_si_unit() }
+        };
+        let outputs = |wanted: bool, places: &[usize]| -> Vec<OutputColumn> {
+            if wanted { places.iter().map(output).collect() } else { Vec::new() }
+        };
+        let wrench: Vec<usize> = roles.wrench.iter().flatten().copied().collect();
+        Self {
+            numbers: places.len(),
+            time: roles.time.filter(|_| wanted.time).as_ref().map(output),
+            readings: outputs(wanted.readings, &roles.sensors),
+            wrench: outputs(wanted.wrench, &wrench),
+            others: outputs(true, &wanted.others),
+            rows: match layout.format {
+                Format::Console => RowSyntax::Console(places),
+                _ => RowSyntax::Separated(RowPlan {
+                    separator: layout.separator,
+                    uses: column_uses(
+                        layout.columns.len(),
+                        &places,
+                        roles.group.filter(|_| wanted.groups),
+                    ),
+                    names: layout.columns.iter().map(|column| column.name.clone()).collect(),
+                }),
+            },
+        }
+    }
+
+    /// Parses whole lines into `parsed`, which is cleared before.
+    pub(crate) fn parse(
+        &self,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), RowError> {
+        match &self.rows {
+            RowSyntax::Separated(plan) => {
+                // RowSyntax differ little in length; should they, the columns grow.
+                let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;
+                parsed.clear(self.numbers, lines.len() / first * 9 / 8);
+                plan.parse_lines(lines, skip_bad_rows, parsed)?;
+                parsed.finish();
+                Ok(())
+            }
+            RowSyntax::Console(places) => {
+                *parsed = console::parse_lines(lines, places, skip_bad_rows)?;
+                Ok(())
+            }
+        }
+    }
+
+    /// Makes a block of what was parsed; `context` holds the lines before it. The columns change
+    /// places with those that `block` had, which can be used again.
+    pub(crate) fn fill(&self, block: &mut Block, parsed: &mut ParsedRows, context: &[u8]) {
+        block.rows = parsed.rows;
+        // The others come first and may share a column; all else has its own.
+        block.others.resize_with(self.others.len(), Vec::new);
+        for (column, output) in block.others.iter_mut().zip(&self.others) {
+            column.clone_from(&parsed.columns[output.slot]);
+        }
+        let mut take = |column: &mut Vec<f64>, output: &OutputColumn| {
+            std::mem::swap(column, &mut parsed.columns[output.slot]);
+            if output.per_si_unit != 1.0 {
+                column.iter_mut().for_each(|value| *value /= output.per_si_unit);
+            }
+        };
+        if let Some(output) = &self.time {
+            take(&mut block.time_s, output);
+        }
+        for (columns, outputs) in
+            [(&mut block.readings, &self.readings), (&mut block.wrench, &self.wrench)]
+        {
+            columns.resize_with(outputs.len(), Vec::new);
+            columns.iter_mut().zip(outputs).for_each(|(column, output)| take(column, output));
+        }
+        std::mem::swap(&mut block.groups, &mut parsed.groups);
+        block.readings_before = self.last_readings(context);
+    }
+
+    /// The readings of the last row in `lines` that has them, `None` if there is none.
+    fn last_readings(&self, lines: &[u8]) -> Option<Vec<f64>> {
+        let mut end = lines.len();
+        let mut parsed = ParsedRows::default();
+        while end > 0 && !self.readings.is_empty() {
+            let start = memrchr(b'\n', &lines[..end - 1]).map_or(0, |at| at + 1);
+            if self.parse(&lines[start..end], false, &mut parsed).is_ok() && parsed.rows > 0 {
+                return Some(self.readings.iter().map(|o| parsed.columns[o.slot][0]).collect());
+            }
+            end = start;
+        }
+        None
+    }
+}
+
+/// The use of each column.
+fn column_uses(columns: usize, places: &[usize], group: Option<usize>) -> Vec<ColumnUse> {
+    let mut column_uses = vec![ColumnUse::Skip; columns];
+    for &place in places {
+        column_uses[place] = ColumnUse::Number;
+    }
+    if let Some(group) = group {
+        column_uses[group] = ColumnUse::Group;
+    }
+    column_uses
+}

@@ -1,0 +1,493 @@
+//! Parses rows of separated values into columns, only those that are wanted.
+//!
+//! For a few rows at a time, the short way first finds where their fields end, then parses them
+//! column by column: no step waits for the one before it, and where columns hold numbers of one kind
+//! branches are predicted. Blank and bad rows are parsed one by one. Lines with quotes go to the csv crate, with the same results; a quoted field cannot
+//! contain a line break.
+
+use memchr::{memchr, memchr_iter};
+
+use super::field_ends::FieldEnds;
+use super::instruction_set::{ColumnFields, InstructionSet, Portable};
+use super::number::{NumberError, parse_field};
+#[cfg(target_arch = "x86_64")]
+use super::{avx2::Avx2, avx512::Widest};
+use crate::error::{Field, RowProblem};
+
+/// Which columns of a row are parsed, and how.
+#[derive(Debug)]
+pub(crate) struct RowPlan {
+    pub(crate) separator: u8,
+    /// The use of each column.
+    pub(crate) uses: Vec<ColumnUse>,
+    /// Names of all columns.
+    pub(crate) names: Vec<String>,
+}
+
+/// The use of a column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ColumnUse {
+    Skip,
+    /// Parse it into the next column of the result.
+    Number,
+    /// Keep it as the label of the row's group.
+    Group,
+}
+
+/// Rows, column by column.
+#[derive(Debug, Default, PartialEq)]
+pub(crate) struct ParsedRows {
+    pub(crate) rows: usize,
+    pub(crate) skipped: u64,
+    pub(crate) columns: Vec<Vec<f64>>,
+    pub(crate) groups: Vec<(String, usize)>,
+}
+
+/// A bad row.
+#[derive(Debug, PartialEq)]
+pub(crate) struct RowError {
+    /// Where the row starts in the lines that were parsed.
+    pub(crate) offset: usize,
+    pub(crate) problem: RowProblem,
+}
+
+impl ParsedRows {
+    /// Forgets all rows and makes room for `capacity` rows of `columns` columns.
+    pub(crate) fn clear(&mut self, columns: usize, capacity: usize) {
+        (self.rows, self.skipped) = (0, 0);
+        self.groups.clear();
+        self.columns.resize_with(columns, Vec::new);
+        // Old numbers stay until new ones are written over them: filling columns with zeros in
+        // between would take time.
+        for column in &mut self.columns {
+            column.reserve(capacity.saturating_sub(column.len()));
+        }
+    }
+
+    /// Puts a number into the row that follows the last.
+    pub(crate) fn put(&mut self, column: usize, number: f64) {
+        let column = &mut self.columns[column];
+        match column.get_mut(self.rows) {
+            Some(place) => *place = number,
+            None => column.push(number),
+        }
+    }
+
+    /// Leaves only the numbers of rows in the columns.
+    pub(crate) fn finish(&mut self) {
+        self.columns.iter_mut().for_each(|column| column.truncate(self.rows));
+    }
+
+    pub(crate) fn push_group(&mut self, label: &[u8]) {
+        match self.groups.last_mut() {
+            Some((last, rows)) if last.as_bytes() == label => *rows += 1,
+            _ => self.groups.push((String::from_utf8_lossy(label).into_owned(), 1)),
+        }
+    }
+
+    /// Removes the traces of a bad row.
+    fn take_back_row(&mut self, labelled: bool) {
+        if labelled && let Some((_, rows)) = self.groups.last_mut() {
+            *rows -= 1;
+            if *rows == 0 {
+                self.groups.pop();
+            }
+        }
+        self.skipped += 1;
+    }
+}
+
+impl RowPlan {
+    /// Parses `lines` and adds their rows to `parsed`, to be finished when there are no more.
+    pub(crate) fn parse_lines(
+        &self,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), RowError> {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(widest) = Widest::detect() {
+            return self.parse_lines_with(widest, lines, skip_bad_rows, parsed);
+        }
+        #[cfg(target_arch = "x86_64")]
+        if let Some(wide) = Avx2::detect() {
+            return self.parse_lines_with(wide, lines, skip_bad_rows, parsed);
+        }
+        self.parse_lines_with(Portable, lines, skip_bad_rows, parsed)
+    }
+
+    fn parse_lines_with(
+        &self,
+        set: impl InstructionSet,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), RowError> {
+        if memchr(b'"', lines).is_some() {
+            return self.parse_quoted(lines, skip_bad_rows, parsed);
+        }
+        let mut ends = FieldEnds::default();
+        let mut at = 0;
+        while at < lines.len() {
+            at = self.parse_plain_rows(set, lines, at, &mut ends, parsed);
+            if at == lines.len() {
+                break;
+            }
+            // A blank line, a bad row or one with something unusual: look at it by itself.
+            let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
+            let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
+            if !line.trim_ascii().is_empty() {
+                let fields = line.split(|&byte| byte == self.separator);
+                let result = self.parse_fields(fields, parsed);
+                let may_skip = skip_bad_rows || is_cut(&result, end == lines.len());
+                finish_row(result, at, may_skip, parsed)?;
+            }
+            at = end + 1;
+        }
+        Ok(())
+    }
+
+    /// Parses rows from `lines[at]` on; returns where the first row starts that is blank or wrong.
+    /// `ends` is room for the ends of fields.
+    fn parse_plain_rows<L: InstructionSet>(
+        &self,
+        set: L,
+        lines: &[u8],
+        mut at: usize,
+        ends: &mut FieldEnds,
+        parsed: &mut ParsedRows,
+    ) -> usize {
+        loop {
+            let columns = self.uses.len();
+            set.run(
+                #[inline(always)]
+                || ends.find(set, lines, at, self.separator, columns),
+            );
+            let whole = ends.whole_rows(lines, columns);
+            let right = self.parse_columns(set, lines, ends, whole, parsed);
+            parsed.rows += right;
+            if right > 0 {
+                at = ends.end_of(right, columns) + 1;
+            }
+            if right < whole || whole == 0 {
+                return at;
+            }
+        }
+    }
+
+    /// Parses `rows` rows, column by column, from the ends where their fields end; returns how
+    /// many are right before the first that is wrong.
+    fn parse_columns<L: InstructionSet>(
+        &self,
+        set: L,
+        lines: &[u8],
+        ends: &FieldEnds,
+        rows: usize,
+        parsed: &mut ParsedRows,
+    ) -> usize {
+        if rows == 0 {
+            return 0;
+        }
+        let mut right = rows;
+        let count = self.uses.len();
+        let mut columns = parsed.columns.iter_mut();
+        for (column, _) in
+            self.uses.iter().enumerate().filter(|(_, step)| **step == ColumnUse::Number)
+        {
+            let Some(values) = columns.next() else { break };
+            let rows = parsed.rows..parsed.rows + right;
+            if values.len() < rows.end {
+                values.resize(rows.end, 0.0);
+            }
+            let values = &mut values[rows];
+            let fields = ends.of_column(column, count);
+            let wrong = set.run(
+                #[inline(always)]
+                || parse_column(set, lines, fields, values),
+            );
+            right = wrong.unwrap_or(right);
+        }
+        if let Some(group) = self.uses.iter().position(|step| *step == ColumnUse::Group) {
+            let fields = ends.of_column(group, count);
+            for row in 0..right {
+                let (start, end) = fields.place(row);
+                parsed.push_group(lines[start..end].trim_ascii());
+            }
+        }
+        right
+    }
+
+    /// The same for lines with quotes, by the csv crate.
+    fn parse_quoted(
+        &self,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), RowError> {
+        let mut reader = csv::ReaderBuilder::new();
+        reader.has_headers(false).flexible(true).delimiter(self.separator);
+        let mut record = csv::ByteRecord::new();
+        let mut start = 0;
+        while start < lines.len() {
+            let end = memchr(b'\n', &lines[start..]).map_or(lines.len(), |i| start + i + 1);
+            let line = &lines[start..end];
+            // Bytes in memory cannot fail to be read, and any line is some record.
+            let found = reader.from_reader(line).read_byte_record(&mut record).unwrap_or(false);
+            let blank = record.len() == 1 && record[0].trim_ascii().is_empty();
+            if found && !blank {
+                let closed = memchr_iter(b'"', line).count().is_multiple_of(2);
+                let result = match closed {
+                    true => self.parse_fields(record.iter(), parsed),
+                    false => Err((RowProblem::OpenQuote, false)),
+                };
+                let may_skip = skip_bad_rows || is_cut(&result, !line.ends_with(b"\n"));
+                finish_row(result, start, may_skip, parsed)?;
+            }
+            start = end;
+        }
+        Ok(())
+    }
+
+    /// Parses a row from its fields; the whole row is in `parsed`, or `false` with nothing counted
+    /// but what [`ParsedRows::take_back_row`] takes back.
+    fn parse_fields<'a>(
+        &self,
+        fields: impl Iterator<Item = &'a [u8]>,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), (RowProblem, bool)> {
+        let mut labelled = false;
+        let mut problem = None;
+        let mut found = 0;
+        let mut slot = 0;
+        for (column, field) in fields.enumerate() {
+            found += 1;
+            match self.uses.get(column) {
+                Some(ColumnUse::Number) => {
+                    match parse_field(field) {
+                        Ok(value) => parsed.put(slot, value),
+                        Err(error) => {
+                            problem = problem.or_else(|| Some(self.problem(error, column, field)));
+                        }
+                    }
+                    slot += 1;
+                }
+                Some(ColumnUse::Group) => {
+                    parsed.push_group(field.trim_ascii());
+                    labelled = true;
+                }
+                Some(ColumnUse::Skip) | None => {}
+            }
+        }
+        let expected = self.names.len();
+        // A wrong number of columns says more than what that makes of the fields.
+        if found != expected {
+            problem = Some(RowProblem::ColumnCount { expected, found });
+        }
+        match problem {
+            None => Ok(()),
+            Some(problem) => Err((problem, labelled)),
+        }
+    }
+
+    fn problem(&self, error: NumberError, column: usize, field: &[u8]) -> RowProblem {
+        let name = self.names[column].clone();
+        let field_at = Field { column, name };
+        let found = || {
+            let text = String::from_utf8_lossy(field.trim_ascii()).into_owned();
+            match text.char_indices().nth(40) {
+                Some((at, _)) => format!("{}…", &text[..at]),
+                None => text,
+            }
+        };
+        match error {
+            NumberError::Empty => RowProblem::EmptyField { field: field_at },
+            NumberError::NotANumber => RowProblem::NotANumber { field: field_at, found: found() },
+            NumberError::NotFinite => RowProblem::NotFinite { field: field_at, found: found() },
+        }
+    }
+}
+
+/// Whether a row is cut off: the end of a file whose writer was killed or lost power. Such a row is
+/// skipped and is not an error.
+fn is_cut(result: &Result<(), (RowProblem, bool)>, is_open: bool) -> bool {
+    let Err((RowProblem::ColumnCount { expected, found }, _)) = result else { return false };
+    is_open && found < expected
+}
+
+fn finish_row(
+    result: Result<(), (RowProblem, bool)>,
+    offset: usize,
+    skip_bad_rows: bool,
+    parsed: &mut ParsedRows,
+) -> Result<(), RowError> {
+    match result {
+        Ok(()) => parsed.rows += 1,
+        Err((_, labelled)) if skip_bad_rows => parsed.take_back_row(labelled),
+        Err((problem, _)) => return Err(RowError { offset, problem }),
+    }
+    Ok(())
+}
+
+/// Parses the fields of a column into `values`; returns which one is the first that is wrong.
+#[inline(always)]
+fn parse_column(
+    set: impl InstructionSet,
+    lines: &[u8],
+    fields: ColumnFields<'_>,
+    values: &mut [f64],
+) -> Option<usize> {
+    // Readings are short integers: as long as they are, so are the next.
+    let whole = set.whole_numbers(lines, fields, values);
+    let plain = set.plain_numbers(lines, fields.after_rows(whole), &mut values[whole..]);
+    for (row, value) in values.iter_mut().enumerate().skip(whole + plain) {
+        let (start, end) = fields.place(row);
+        *value = match set.plain_number(lines, start, end) {
+            Some(number) => number,
+            None => match parse_unusual(lines, start, end) {
+                Some(number) => number,
+                None => return Some(row),
+            },
+        };
+    }
+    None
+}
+
+/// Out of the way of the loop for plain numbers.
+#[cold]
+#[inline(never)]
+fn parse_unusual(lines: &[u8], start: usize, end: usize) -> Option<f64> {
+    parse_field(lines.get(start..end)?).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const NUMBERS: usize = 2;
+
+    fn plan() -> RowPlan {
+        let names = ["time", "group", "talk", "fx"].map(str::to_owned).to_vec();
+        let uses = vec![ColumnUse::Number, ColumnUse::Group, ColumnUse::Skip, ColumnUse::Number];
+        RowPlan { separator: b',', uses, names }
+    }
+
+    fn parse(
+        set: impl InstructionSet,
+        lines: &[u8],
+        skip: bool,
+    ) -> (Result<(), RowError>, ParsedRows) {
+        let mut parsed = ParsedRows::default();
+        parsed.clear(NUMBERS, 0);
+        let result = plan().parse_lines_with(set, lines, skip, &mut parsed);
+        parsed.finish();
+        (result, parsed)
+    }
+
+    /// The same row by row, from the fields that [`slice::split`] finds.
+    fn parse_slowly(lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) {
+        let plan = plan();
+        let mut parsed = ParsedRows::default();
+        parsed.clear(NUMBERS, 0);
+        let mut offset = 0;
+        for line in lines.split(|&byte| byte == b'\n') {
+            let text = line.strip_suffix(b"\r").unwrap_or(line);
+            if !text.trim_ascii().is_empty() {
+                let fields = text.split(|&byte| byte == plan.separator);
+                let result = plan.parse_fields(fields, &mut parsed);
+                let skip = skip || is_cut(&result, offset + line.len() == lines.len());
+                if let Err(error) = finish_row(result, offset, skip, &mut parsed) {
+                    return (Err(error), parsed);
+                }
+            }
+            offset += line.len() + 1;
+        }
+        parsed.finish();
+        (Ok(()), parsed)
+    }
+
+    fn assert_all_ways_agree(lines: &[u8]) {
+        for skip in [false, true] {
+            let (result, expected) = parse_slowly(lines, skip);
+            let mut ways = vec![parse(Portable, lines, skip)];
+            #[cfg(target_arch = "x86_64")]
+            ways.extend(Avx2::detect().map(|wide| parse(wide, lines, skip)));
+            #[cfg(target_arch = "x86_64")]
+            ways.extend(Widest::detect().map(|widest| parse(widest, lines, skip)));
+            for (found, parsed) in ways {
+                assert_eq!(found, result, "{:?}", String::from_utf8_lossy(lines));
+                if result.is_ok() {
+                    assert_eq!(bits(&parsed), bits(&expected));
+                    assert_eq!(parsed, expected, "{:?}", String::from_utf8_lossy(lines));
+                }
+            }
+        }
+    }
+
+    fn bits(parsed: &ParsedRows) -> Vec<Vec<u64>> {
+        parsed.columns.iter().map(|c| c.iter().map(|value| value.to_bits()).collect()).collect()
+    }
+
+    /// Rows, most of them right.
+    fn rows() -> impl Strategy<Value = String> {
+        let number = "-?[0-9]{1,18}(\\.[0-9]{1,17})?|-?[0-9]{3,4}|-?0\\.0?[0-9]{11,13}";
+        let line_end = prop_oneof![9 => Just("\n"), 2 => Just("\r\n"), 1 => Just("\n\n")];
+        let odd = "[-+.eE0-9 ,x\r]{0,40}";
+        let row = prop_oneof![
+            30 => (number, "[ab]", "[a-z0-9.]{0,70}", number)
+                .prop_map(|(a, b, c, d)| format!("{a},{b},{c},{d}")),
+            1 => odd.prop_map(String::from),
+            1 => (odd, number).prop_map(|(a, d)| format!("{a},a,,{d}")),
+        ];
+        let line = (row, line_end).prop_map(|(row, end)| row + end);
+        (proptest::collection::vec(line, 0..300), any::<bool>()).prop_map(|(lines, open)| {
+            let text = lines.concat();
+            if open { text.trim_end().to_owned() } else { text }
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn rows_are_read_as_one_by_one_on_any_processor(text in rows()) {
+            assert_all_ways_agree(text.as_bytes());
+        }
+
+        #[test]
+        fn any_bytes_are_read_as_one_by_one_on_any_processor(
+            bytes in proptest::collection::vec(
+                prop_oneof![8 => proptest::sample::select(&b"0123456789.-,\n\r"[..]),
+                            1 => any::<u8>().prop_filter("no quote", |&byte| byte != b'"')],
+                0..400,
+            )
+        ) {
+            assert_all_ways_agree(&bytes);
+        }
+    }
+
+    #[test]
+    fn a_last_row_that_is_cut_off_is_left_out() {
+        for (lines, rows, is_right) in [
+            ("1,a,,2\n3,a", 1, true),
+            ("1,a,,2\n3,\"a\",", 1, true),
+            ("1,a,,2\n3,a,,4", 2, true),
+            ("1,a,,2\n3,a\n", 1, false),
+            ("1,a,,2\n3,a,,4,5", 1, false),
+            ("1,a,,2\n3,a,,", 1, false),
+        ] {
+            let (result, parsed) = parse(Portable, lines.as_bytes(), false);
+            assert_eq!((parsed.rows, result.is_ok()), (rows, is_right), "{lines}");
+        }
+    }
+
+    #[test]
+    fn a_bad_row_anywhere_among_many_is_found() {
+        let right = "1425168310.852012,a,,-0.0630686291217\n";
+        for place in 0..300 {
+            for wrong in ["1,a,,x\n", "x,a,,1\n", "1,a,1\n", "1,a,,2,\n", "1,a,,.\n", "\n"] {
+                let lines = right.repeat(place) + wrong + &right.repeat(3);
+                assert_all_ways_agree(lines.as_bytes());
+            }
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! Reading all rows of one log or several, in parallel.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use super::request::{ReadOptions, ReadSummary, Wanted};
+use crate::error::LogError;
+use crate::log::Log;
+use crate::parse::plan::{BlockBuffer, ReadPlan};
+use crate::parse::rows::RowError;
+use crate::stream::log_chunks::{LogChunk, LogChunks};
+use crate::stream::pipeline;
+use shell_data::block::Block;
+
+impl Log {
+    /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets the results
+    /// of `map` on the caller's thread, in file order. `map` may take the columns of a block; what
+    /// it leaves is memory for the next block.
+    ///
+    /// # Errors
+    /// [`LogError`] if wanted columns are missing, the file cannot be read, has no rows, or has a
+    /// bad row (unless those are skipped); and the errors of `fold`, which end the reading. The
+    /// first error in file order is returned, for any number of threads.
+    pub fn read<T: Send, E: From<LogError>>(
+        &self,
+        wanted: &Wanted,
+        options: &ReadOptions<'_>,
+        map: impl Fn(&mut Block) -> T + Sync,
+        fold: impl FnMut(T) -> Result<(), E>,
+    ) -> Result<ReadSummary, E> {
+        let (summary, _) = self.read_init(wanted, options, || (), |(), block| map(block), fold)?;
+        Ok(summary)
+    }
+
+    /// As [`Log::read`], with a state for every worker thread, made by `init` and passed to `map`.
+    /// Also returns the states, in no particular order.
+    ///
+    /// # Errors
+    /// As [`Log::read`].
+    pub fn read_init<S: Send, T: Send, E: From<LogError>>(
+        &self,
+        wanted: &Wanted,
+        options: &ReadOptions<'_>,
+        init: impl Fn() -> S + Sync,
+        map: impl Fn(&mut S, &mut Block) -> T + Sync,
+        mut fold: impl FnMut(T) -> Result<(), E>,
+    ) -> Result<(ReadSummary, Vec<S>), E> {
+        let map = |state: &mut S, _, block: &mut Block| map(state, block);
+        let fold = |_, value| fold(value);
+        let (mut summaries, states) = read_all(&[self], wanted, options, init, map, fold)?;
+        Ok((summaries.pop().expect("one summary per log"), states))
+    }
+}
+
+/// Streams all of `logs` once, as [`Log::read_init`] does one of them: `map` and `fold` also get the
+/// index of the log that a block is from. Returns a summary of each log and the states.
+///
+/// # Errors
+/// As [`Log::read`], the first error in the order of logs and rows.
+pub fn read_all<S: Send, T: Send, E: From<LogError>>(
+    logs: &[&Log],
+    wanted: &Wanted,
+    options: &ReadOptions<'_>,
+    init: impl Fn() -> S + Sync,
+    map: impl Fn(&mut S, usize, &mut Block) -> T + Sync,
+    mut fold: impl FnMut(usize, T) -> Result<(), E>,
+) -> Result<(Vec<ReadSummary>, Vec<S>), E> {
+    for log in logs {
+        log.require(wanted)?;
+    }
+    let plans: Vec<ReadPlan> = logs.iter().map(|log| ReadPlan::new(&log.layout, wanted)).collect();
+    let mut chunks = LogChunks::new(logs, options.checksum);
+    let bytes_read = Arc::clone(&chunks.bytes_read);
+    let mut summaries = Summaries::new(logs);
+    let workers = pipeline::run(
+        &mut chunks,
+        options.thread_count(),
+        || (BlockBuffer::default(), init()),
+        |(buffer, state), LogChunk { log, chunk }| {
+            let log = *log;
+            buffer.fill(&plans[log], chunk, options.skip_bad_rows).map_err(|error| BadRow {
+                log,
+                offset: chunk.offset,
+                error,
+            })?;
+            let (block, skipped) = (&mut buffer.block, buffer.parsed.skipped);
+            let (rows, repeated) = (block.rows, block.repeated_rows());
+            let value = (rows > 0).then(|| map(state, log, block));
+            Ok(ChunkResult { log, rows, repeated, skipped, value })
+        },
+        E::from,
+        |result| {
+            let result = result.map_err(|BadRow { log, offset, error }| {
+                E::from(logs[log].row_error(offset, error))
+            })?;
+            summaries.add(&result)?;
+            if let Some(progress) = options.progress {
+                progress(bytes_read.load(Ordering::Relaxed));
+            }
+            result.value.map_or(Ok(()), |value| fold(result.log, value))
+        },
+    )?;
+    let summaries = summaries.finish(chunks.checksums)?;
+    Ok((summaries, workers.into_iter().map(|(_, state)| state).collect()))
+}
+
+/// The rows of a chunk.
+struct ChunkResult<T> {
+    log: usize,
+    rows: usize,
+    repeated: usize,
+    skipped: u64,
+    /// `None` if there are no rows.
+    value: Option<T>,
+}
+
+/// A bad row, in the chunk that starts at `offset` of a log.
+struct BadRow {
+    log: usize,
+    offset: u64,
+    error: RowError,
+}
+
+/// The summaries of logs that are read one after another.
+struct Summaries<'a> {
+    logs: &'a [&'a Log],
+    summaries: Vec<ReadSummary>,
+    /// The number of logs that have been read and have rows.
+    checked: usize,
+}
+
+impl<'a> Summaries<'a> {
+    fn new(logs: &'a [&'a Log]) -> Self {
+        Self { logs, summaries: vec![ReadSummary::default(); logs.len()], checked: 0 }
+    }
+
+    /// Adds a chunk, after all chunks before it.
+    fn add<T>(&mut self, chunk: &ChunkResult<T>) -> Result<(), LogError> {
+        self.check_before(chunk.log)?;
+        let summary = &mut self.summaries[chunk.log];
+        summary.rows += chunk.rows as u64;
+        summary.repeated_rows += chunk.repeated as u64;
+        summary.skipped_rows += chunk.skipped;
+        Ok(())
+    }
+
+    /// Checks that the logs before `end` have rows, once each.
+    fn check_before(&mut self, end: usize) -> Result<(), LogError> {
+        for log in self.checked..end {
+            let summary = &self.summaries[log];
+            if summary.rows == 0 && summary.skipped_rows == 0 {
+                return Err(LogError::NoRows { path: self.logs[log].path().to_owned() });
+            }
+        }
+        self.checked = self.checked.max(end);
+        Ok(())
+    }
+
+    fn finish(mut self, checksums: Vec<Option<String>>) -> Result<Vec<ReadSummary>, LogError> {
+        self.check_before(self.logs.len())?;
+        for (summary, checksum) in self.summaries.iter_mut().zip(checksums) {
+            summary.checksum = checksum;
+        }
+        Ok(self.summaries)
+    }
+}

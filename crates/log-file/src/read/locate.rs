@@ -1,0 +1,48 @@
+//! Where in a log an error is: offsets as line numbers.
+
+use std::io::Read;
+
+use crate::error::LogError;
+use crate::log::Log;
+use crate::parse::rows::RowError;
+use crate::stream::chunk::{ChunkError, LINE_LIMIT};
+
+impl Log {
+    pub(crate) fn chunk_error(&self, error: ChunkError) -> LogError {
+        match error {
+            ChunkError::Io(error) => self.source.error(error),
+            ChunkError::LineTooLong(offset) => match self.line_number(offset) {
+                Ok(line) => LogError::LineTooLong {
+                    path: self.source.path.clone(),
+                    line,
+                    limit: LINE_LIMIT,
+                },
+                Err(error) => error,
+            },
+        }
+    }
+
+    pub(crate) fn row_error(&self, chunk_offset: u64, error: RowError) -> LogError {
+        match self.line_number(chunk_offset + error.offset as u64) {
+            Ok(line) => {
+                LogError::Row { path: self.source.path.clone(), line, problem: error.problem }
+            }
+            Err(error) => error,
+        }
+    }
+
+    /// The number of the line at `offset`, counted by reading up to there again: lines are not
+    /// counted while all is well.
+    fn line_number(&self, offset: u64) -> Result<u64, LogError> {
+        let mut before = self.source.open()?.take(offset);
+        let mut buffer = vec![0; 1 << 16];
+        let mut line = 1;
+        loop {
+            match before.read(&mut buffer) {
+                Ok(0) => return Ok(line),
+                Ok(read) => line += memchr::memchr_iter(b'\n', &buffer[..read]).count() as u64,
+                Err(error) => return Err(self.source.error(error)),
+            }
+        }
+    }
+}

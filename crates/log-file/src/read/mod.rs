@@ -1,0 +1,7 @@
+//! Reading: what is asked for, all rows in parallel, a selection of them, or a sample.
+
+pub(crate) mod all;
+mod locate;
+pub(crate) mod request;
+mod sample;
+pub(crate) mod selection;

@@ -1,0 +1,59 @@
+//! What is asked of a log, and what reading it reports.
+
+use std::sync::LazyLock;
+
+/// Which columns are wanted. The others are not parsed.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// Time.
+    pub time: bool,
+    /// The readings of all channels.
+    pub readings: bool,
+    /// The wrench.
+    pub wrench: bool,
+    /// Group labels.
+    pub groups: bool,
+    /// Further columns by place in the row, from 0; they are given as they stand in the log.
+    pub others: Vec<usize>,
+}
+
+/// How a log is read.
+#[derive(Clone, Copy, Default)]
+pub struct ReadOptions<'a> {
+    /// How many threads parse; 0 for one per core.
+    pub threads: usize,
+    /// Count rows that are wrong, and go on.
+    pub skip_bad_rows: bool,
+    /// Compute the checksum of the file.
+    pub checksum: bool,
+    /// Called on the caller's thread with the number of bytes read of the file on disk.
+    pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
+}
+
+/// A summary of a whole log.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ReadSummary {
+    /// Rows that were read.
+    pub rows: u64,
+    /// Those among them whose readings equal those of the row before; 0 if readings were not
+    /// wanted.
+    pub repeated_rows: u64,
+    /// Rows that were wrong and left out, and a last one that is cut off.
+    pub skipped_rows: u64,
+    /// The [checksum](crate::checksum) of the file on disk, if asked for.
+    pub checksum: Option<String>,
+}
+
+/// One per core. Determined once, because the system reads several files for it.
+static AVAILABLE_THREADS: LazyLock<usize> =
+    LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
+
+impl ReadOptions<'_> {
+    /// The number of threads that parse.
+    pub fn thread_count(&self) -> usize {
+        match self.threads {
+            0 => *AVAILABLE_THREADS,
+            threads => threads,
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! A sample of the rows of a log.
+
+use std::io::{Read, Seek, SeekFrom};
+
+use super::request::Wanted;
+use crate::error::LogError;
+use crate::log::Log;
+use crate::parse::plan::{BlockBuffer, ReadPlan};
+use crate::stream::chunk::{Chunk, ChunkStream};
+use shell_data::block::Block;
+
+/// How many pieces of a file [`Log::sample`] reads, and how long they are.
+const SAMPLES: u64 = 16;
+const SAMPLE_BYTES: u64 = 1 << 12;
+
+impl Log {
+    /// Some rows from all over the file, or from its start when it is compressed: enough to choose
+    /// centres and scales from. Rows that are wrong are left out.
+    ///
+    /// # Errors
+    /// [`LogError`] if wanted columns are missing or the file cannot be read.
+    pub fn sample(&self, wanted: &Wanted) -> Result<Block, LogError> {
+        self.require(wanted)?;
+        let plan = ReadPlan::new(&self.layout, wanted);
+        let lines = match self.source.compressed || self.bytes_of_rows() <= SAMPLES * SAMPLE_BYTES {
+            true => self.first_lines()?,
+            false => self.spread_lines()?,
+        };
+        let BlockBuffer { mut parsed, mut block } = BlockBuffer::default();
+        plan.parse(&lines, true, &mut parsed).map_err(|error| self.row_error(0, error))?;
+        plan.fill(&mut block, &mut parsed, &[]);
+        Ok(block)
+    }
+
+    fn bytes_of_rows(&self) -> u64 {
+        self.source.bytes.saturating_sub(self.layout.rows_start)
+    }
+
+    /// As many lines from the start as a sample has.
+    fn first_lines(&self) -> Result<Vec<u8>, LogError> {
+        let bytes = (SAMPLES * SAMPLE_BYTES) as usize;
+        let mut chunks = ChunkStream::new(self.source.open()?, self.layout.rows_start, bytes);
+        let mut chunk = Chunk::default();
+        let mut lines = Vec::new();
+        if chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
+            lines.extend_from_slice(chunk.lines());
+        }
+        Ok(lines)
+    }
+
+    /// Lines from evenly spaced parts of the file.
+    fn spread_lines(&self) -> Result<Vec<u8>, LogError> {
+        let io = |error| self.source.error(error);
+        let mut lines = Vec::with_capacity((SAMPLES * SAMPLE_BYTES) as usize);
+        let mut file = self.source.file()?;
+        let distance = (self.bytes_of_rows() - SAMPLE_BYTES) / (SAMPLES - 1);
+        for sample in 0..SAMPLES {
+            let offset = self.layout.rows_start + distance * sample;
+            file.seek(SeekFrom::Start(offset)).map_err(io)?;
+            let start = lines.len();
+            Read::take(&mut file, SAMPLE_BYTES).read_to_end(&mut lines).map_err(io)?;
+            // The first part starts with a row; the others start somewhere within one.
+            let whole = whole_lines(&lines[start..], sample > 0);
+            let (from, to) = (start + whole.start, start + whole.end);
+            lines.copy_within(from..to, start);
+            lines.truncate(start + to - from);
+        }
+        Ok(lines)
+    }
+}
+
+/// The part of `bytes` that is whole lines, without the first when that may be the end of one.
+fn whole_lines(bytes: &[u8], drop_first: bool) -> std::ops::Range<usize> {
+    let end = memchr::memrchr(b'\n', bytes).map_or(0, |at| at + 1);
+    let start = match drop_first {
+        true => memchr::memchr(b'\n', bytes).map_or(end, |at| at + 1),
+        false => 0,
+    };
+    start..end
+}

@@ -1,0 +1,83 @@
+//! Reading only the parts of a log that are of interest.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use super::request::{ReadOptions, ReadSummary, Wanted};
+use crate::error::LogError;
+use crate::log::Log;
+use crate::parse::plan::{BlockBuffer, ReadPlan};
+use crate::stream::chunk::{Chunk, ChunkStream};
+use shell_data::block::Block;
+
+/// A choice of the rows that are read, see [`Log::read_where`].
+pub trait Selection {
+    /// The errors that end the reading.
+    type Error: From<LogError>;
+
+    /// Whether the next rows, at these times in s, are of interest; there is one row or more.
+    ///
+    /// # Errors
+    /// An error that ends the reading.
+    fn is_of_interest(&mut self, times_s: &[f64]) -> Result<bool, Self::Error>;
+
+    /// Processes those rows.
+    ///
+    /// # Errors
+    /// An error that ends the reading.
+    fn take(&mut self, block: &mut Block) -> Result<(), Self::Error>;
+}
+
+/// Bytes of the parts that [`Log::read_where`] selects or skips: some 300 rows of telemetry.
+const SELECTED_BYTES: usize = 1 << 15;
+
+impl Log {
+    /// Streams the log once on this thread, and parses all that is `wanted` only of pieces whose
+    /// times are of interest. What is not parsed is not checked either.
+    ///
+    /// # Errors
+    /// As [`Log::read`]; and what `selection` returns, which ends the reading.
+    pub fn read_where<S: Selection>(
+        &self,
+        wanted: &Wanted,
+        options: &ReadOptions<'_>,
+        selection: &mut S,
+    ) -> Result<ReadSummary, S::Error> {
+        self.require(&Wanted { time: true, ..wanted.clone() })?;
+        let time_only = ReadPlan::new(&self.layout, &Wanted { time: true, ..Wanted::default() });
+        let plan = ReadPlan::new(&self.layout, wanted);
+        let bytes_read = Arc::default();
+        let stream = self.source.open_counting(options.checksum, &bytes_read)?;
+        let chunk_bytes = self.chunk_bytes.min(SELECTED_BYTES);
+        let mut chunks = ChunkStream::new(stream, self.layout.rows_start, chunk_bytes);
+        let mut chunk = Chunk::default();
+        let (mut clock, mut rows) = (BlockBuffer::default(), BlockBuffer::default());
+        let mut summary = ReadSummary::default();
+        while chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
+            let fill = |plan: &ReadPlan, buffer: &mut BlockBuffer| {
+                buffer
+                    .fill(plan, &chunk, options.skip_bad_rows)
+                    .map_err(|error| self.row_error(chunk.offset, error))?;
+                Ok::<_, LogError>(buffer.parsed.skipped)
+            };
+            let mut skipped = fill(&time_only, &mut clock)?;
+            summary.rows += clock.block.rows as u64;
+            if clock.block.rows > 0 && selection.is_of_interest(&clock.block.time_s)? {
+                skipped = fill(&plan, &mut rows)?;
+                if rows.block.rows > 0 {
+                    summary.repeated_rows += rows.block.repeated_rows() as u64;
+                    selection.take(&mut rows.block)?;
+                }
+            }
+            summary.skipped_rows += skipped;
+            if let Some(progress) = options.progress {
+                progress(bytes_read.load(Ordering::Relaxed));
+            }
+        }
+        if summary.rows == 0 && summary.skipped_rows == 0 {
+            return Err(LogError::NoRows { path: self.source.path.clone() }.into());
+        }
+        summary.checksum = chunks.stream().checksum();
+        Ok(summary)
+    }
+}

@@ -1,0 +1,222 @@
+//! Cuts a stream of lines into chunks of about one size, each of whole lines.
+//!
+//! Where the cuts fall depends on the bytes of the file alone, so that results which depend on
+//! them are the same for any number of threads.
+
+use std::io::{self, Read};
+
+use memchr::{memchr, memrchr};
+
+/// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing,
+/// with what they are parsed into.
+pub(crate) const CHUNK_BYTES: usize = 96 << 10;
+
+/// The first chunk is that much smaller: it is parsed by one thread alone.
+const FIRST_CHUNK_SHARE: usize = 8;
+
+/// The longest line that is read; it bounds the memory that a file without line ends takes.
+pub(crate) const LINE_LIMIT: usize = 1 << 20;
+
+/// How many bytes of the lines before a chunk go with it.
+const CONTEXT_BYTES: usize = 1 << 12;
+
+/// Whole lines of a file.
+#[derive(Debug, Default)]
+pub(crate) struct Chunk {
+    /// Where the chunk starts, from the start of the (uncompressed) file.
+    pub(crate) offset: u64,
+    /// The lines just before the chunk, a few kilobytes of them.
+    pub(crate) context: Vec<u8>,
+    buffer: Vec<u8>,
+    length: usize,
+}
+
+impl Chunk {
+    /// The lines. Each ends with `\n`, except for the last line of the file.
+    pub(crate) fn lines(&self) -> &[u8] {
+        &self.buffer[..self.length]
+    }
+}
+
+/// Why there is no next chunk.
+#[derive(Debug)]
+pub(crate) enum ChunkError {
+    Io(io::Error),
+    /// A line that starts at this offset is longer than [`LINE_LIMIT`].
+    LineTooLong(u64),
+}
+
+/// A stream of bytes as a sequence of chunks.
+#[derive(Debug)]
+pub(crate) struct ChunkStream<R> {
+    stream: R,
+    chunk_bytes: usize,
+    offset: u64,
+    /// Bytes of the stream that have been read.
+    position: u64,
+    skip: u64,
+    carry: Vec<u8>,
+    context: Vec<u8>,
+    has_begun: bool,
+    ended: bool,
+}
+
+impl<R: Read> ChunkStream<R> {
+    /// Cuts what follows the first `skip` bytes of `stream`, which end a line.
+    pub(crate) fn new(stream: R, skip: u64, chunk_bytes: usize) -> Self {
+        Self {
+            stream,
+            chunk_bytes,
+            offset: skip,
+            position: skip,
+            skip,
+            carry: Vec::new(),
+            context: Vec::new(),
+            has_begun: false,
+            ended: false,
+        }
+    }
+
+    pub(crate) fn stream(&self) -> &R {
+        &self.stream
+    }
+
+    /// Whether the whole stream has been read.
+    pub(crate) fn ended(&self) -> bool {
+        self.ended
+    }
+
+    /// Reads the next chunk into `chunk`; `false` if there are no more.
+    pub(crate) fn next(&mut self, chunk: &mut Chunk) -> Result<bool, ChunkError> {
+        if self.ended {
+            return Ok(false);
+        }
+        // Remains set if reading fails: there is no chunk after an error.
+        self.ended = true;
+        if self.skip > 0 {
+            io::copy(&mut Read::take(&mut self.stream, self.skip), &mut io::sink())
+                .map_err(ChunkError::Io)?;
+            self.skip = 0;
+        }
+        let buffer = &mut chunk.buffer;
+        let mut filled = self.carry.len();
+        if buffer.len() < filled {
+            buffer.resize(filled, 0);
+        }
+        buffer[..filled].copy_from_slice(&self.carry);
+        let chunk_bytes = match self.has_begun {
+            true => self.chunk_bytes,
+            false => self.chunk_bytes.div_ceil(FIRST_CHUNK_SHARE),
+        } as u64;
+        self.has_begun = true;
+        let length = loop {
+            // Up to a multiple of the size: whole pages are copied.
+            let target = filled + (chunk_bytes - self.position % chunk_bytes) as usize;
+            if buffer.len() < target {
+                buffer.resize(target, 0);
+            }
+            let read = read_full(&mut self.stream, &mut buffer[filled..target])?;
+            self.position += read as u64;
+            self.ended = filled + read < target;
+            let line_end = memrchr(b'\n', &buffer[filled..filled + read]).map(|at| filled + at + 1);
+            filled += read;
+            if self.ended {
+                break filled;
+            }
+            if let Some(length) = line_end {
+                break length;
+            }
+            if filled > LINE_LIMIT {
+                self.ended = true;
+                return Err(ChunkError::LineTooLong(self.offset));
+            }
+        };
+        self.carry.clear();
+        self.carry.extend_from_slice(&buffer[length..filled]);
+        chunk.length = length;
+        chunk.offset = self.offset;
+        std::mem::swap(&mut chunk.context, &mut self.context);
+        self.keep_context(&chunk.buffer[..length]);
+        self.offset += length as u64;
+        Ok(length > 0)
+    }
+
+    /// Keeps the last lines of a chunk as the context of the next: as many as fit, at least one.
+    fn keep_context(&mut self, lines: &[u8]) {
+        self.context.clear();
+        let Some((_, before)) = lines.split_last() else { return };
+        let start = lines.len().saturating_sub(CONTEXT_BYTES);
+        let start = match memchr(b'\n', &before[start..]) {
+            _ if start == 0 => 0,
+            Some(at) => start + at + 1,
+            None => memrchr(b'\n', before).map_or(0, |at| at + 1),
+        };
+        self.context.extend_from_slice(&lines[start..]);
+    }
+}
+
+/// Reads until `buffer` is full or the stream ends, so that cuts do not depend on how many bytes
+/// a single read happens to give.
+fn read_full(stream: &mut impl Read, buffer: &mut [u8]) -> Result<usize, ChunkError> {
+    let mut filled = 0;
+    while filled < buffer.len() {
+        match stream.read(&mut buffer[filled..]) {
+            Ok(0) => break,
+            Ok(read) => filled += read,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(ChunkError::Io(error)),
+        }
+    }
+    Ok(filled)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn pieces(text: &[u8], chunk_bytes: usize) -> Vec<(u64, Vec<u8>, Vec<u8>)> {
+        let mut chunks = ChunkStream::new(text, 0, chunk_bytes);
+        let mut chunk = Chunk::default();
+        let mut pieces = Vec::new();
+        while chunks.next(&mut chunk).unwrap() {
+            pieces.push((chunk.offset, chunk.lines().to_vec(), chunk.context.clone()));
+        }
+        pieces
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_are_whole_lines_that_add_up_to_the_file(
+            text in "[a\n]{0,200}", chunk_bytes in 1_usize..64
+        ) {
+            let mut whole = Vec::new();
+            for (offset, lines, context) in pieces(text.as_bytes(), chunk_bytes) {
+                prop_assert_eq!(offset, whole.len() as u64);
+                prop_assert!(whole.ends_with(&context));
+                prop_assert_eq!(context.is_empty(), whole.is_empty());
+                whole.extend_from_slice(&lines);
+                prop_assert!(lines.ends_with(b"\n") || whole.len() == text.len());
+            }
+            prop_assert_eq!(whole, text.as_bytes());
+        }
+    }
+
+    #[test]
+    fn context_starts_at_a_line_and_is_short() {
+        let text = "0123456789\n".repeat(2000);
+        // The first piece is shorter than the context may be.
+        for (offset, _, context) in pieces(text.as_bytes(), 8000).into_iter().skip(2) {
+            assert_eq!((offset as usize - context.len()) % 11, 0);
+            assert!((CONTEXT_BYTES - 11..=CONTEXT_BYTES).contains(&context.len()));
+        }
+    }
+
+    #[test]
+    fn a_line_without_end_is_refused_before_it_fills_the_memory() {
+        let mut chunks = ChunkStream::new(io::repeat(b'7'), 0, CHUNK_BYTES);
+        let result = chunks.next(&mut Chunk::default());
+        assert!(matches!(result, Err(ChunkError::LineTooLong(0))));
+    }
+}

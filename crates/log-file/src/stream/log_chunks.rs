@@ -1,0 +1,68 @@
+//! The chunks of several logs as one sequence, so that no thread waits at the end of a log.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+
+use super::chunk::{Chunk, ChunkStream};
+use super::pipeline::Pieces;
+use super::source::ByteStream;
+use crate::error::LogError;
+use crate::log::Log;
+
+/// The chunks of one log after another.
+pub(crate) struct LogChunks<'a> {
+    logs: &'a [&'a Log],
+    checksum: bool,
+    /// The log that is being read, or read next.
+    current: usize,
+    chunks: Option<ChunkStream<ByteStream>>,
+    pub(crate) bytes_read: Arc<AtomicU64>,
+    /// Checksums of the logs that have been read.
+    pub(crate) checksums: Vec<Option<String>>,
+}
+
+/// A chunk of one of the logs.
+#[derive(Default)]
+pub(crate) struct LogChunk {
+    pub(crate) log: usize,
+    pub(crate) chunk: Chunk,
+}
+
+impl<'a> LogChunks<'a> {
+    pub(crate) fn new(logs: &'a [&'a Log], checksum: bool) -> Self {
+        let (bytes_read, checksums) = (Arc::default(), Vec::new());
+        Self { logs, checksum, current: 0, chunks: None, bytes_read, checksums }
+    }
+}
+
+impl Pieces for LogChunks<'_> {
+    type Piece = LogChunk;
+    type Error = LogError;
+
+    fn ended(&self) -> bool {
+        self.current >= self.logs.len()
+    }
+
+    fn next(&mut self, piece: &mut LogChunk) -> Result<bool, Self::Error> {
+        while let Some(log) = self.logs.get(self.current) {
+            piece.log = self.current;
+            let chunks = match &mut self.chunks {
+                Some(chunks) => chunks,
+                none => {
+                    let stream = log.source.open_counting(self.checksum, &self.bytes_read)?;
+                    none.insert(ChunkStream::new(stream, log.layout.rows_start, log.chunk_bytes))
+                }
+            };
+            let any = chunks.next(&mut piece.chunk).map_err(|error| log.chunk_error(error))?;
+            if chunks.ended() {
+                self.checksums.push(chunks.stream().checksum());
+                self.chunks = None;
+                self.current += 1;
+            }
+            if any {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+}

@@ -1,0 +1,6 @@
+//! Streaming: from a file to chunks of whole lines, and from chunks to results on several threads.
+
+pub(crate) mod chunk;
+pub(crate) mod log_chunks;
+pub mod pipeline;
+pub(crate) mod source;

@@ -1,0 +1,32 @@
+//! The data types that all crates of this workspace share.
+//!
+//! - [`wrench`]: the six axes, their order, names and units;
+//! - [`block`]: a run of consecutive log rows, column by column;
+//! - [`statistics`]: mean and variance, block by block;
+//! - [`telemetry`]: the columns of a robot's telemetry.
+//!
+//! SI units throughout (s, N, N·m). Frame: x forward, y left, z up.
+//!
+//! ```
+//! use shell_data::{Axis, Block};
+//!
+//! let block = Block {
+//!     rows: 3,
+//!     readings: vec![vec![1986.0, 1986.0, 1990.0]],
+//!     ..Block::default()
+//! };
+//! // The second row repeats the first: telemetry runs faster than its sensor.
+//! assert_eq!(block.fresh_rows(), [true, false, true]);
+//! assert_eq!(Axis::Mz.column(), "mz_nm");
+//! ```
+
+#![forbid(unsafe_code)]
+
+pub mod block;
+pub mod statistics;
+pub mod telemetry;
+pub mod wrench;
+
+pub use block::Block;
+pub use telemetry::Telemetry;
+pub use wrench::{Axis, MomentUnit, PerAxis};

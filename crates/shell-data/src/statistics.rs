@@ -1,0 +1,159 @@
+//! Mean and variance, block by block.
+//!
+//! Blocks are merged by the formula of Chan, Golub and LeVeque (Amer. Statist. 37, 1983), which does
+//! not cancel: a mean that is large against the spread costs no digits.
+//!
+//! ```
+//! use shell_data::statistics::RunningVariance;
+//!
+//! let mut all = RunningVariance::of(&[1.0, 2.0]);
+//! all.merge(&RunningVariance::of(&[3.0, 6.0]));
+//! assert_eq!((all.count, all.mean, all.squares), (4, 3.0, 14.0));
+//! ```
+
+use pulp::{Arch, NullaryFnOnce};
+
+/// Number, mean and sum of squared deviations of some values; merges with that of other values.
+///
+/// The identity of [`merge`](Self::merge) is the default, zero values. `merge` is commutative and
+/// associative up to rounding, not bit for bit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RunningVariance {
+    /// Number of values.
+    pub count: u64,
+    /// Their mean.
+    pub mean: f64,
+    /// Sum of their squared deviations from the mean.
+    pub squares: f64,
+}
+
+/// The weights of the differences of two means `a` and `b` when sums about them are merged:
+/// `mean += (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MergeWeights {
+    /// `m / (n + m)`.
+    pub mean: f64,
+    /// `n·m / (n + m)`.
+    pub product: f64,
+}
+
+impl MergeWeights {
+    /// For `n` values, to which `m` are added; not both zero.
+    #[inline]
+    pub fn new(n: u64, m: u64) -> Self {
+        let (n, m) = (n as f64, m as f64);
+        Self { mean: m / (n + m), product: n * m / (n + m) }
+    }
+}
+
+impl RunningVariance {
+    /// Of the values in `column`, in two passes.
+    pub fn of(column: &[f64]) -> Self {
+        Arch::new().dispatch(VarianceOf(column))
+    }
+
+    /// As [`Self::of`], to be inlined into vectorised code of the caller.
+    #[inline(always)]
+    pub fn of_inlined(column: &[f64]) -> Self {
+        if column.is_empty() {
+            return Self::default();
+        }
+        let n = column.len() as f64;
+        // Sums of differences from some value of the column keep a large offset out of them.
+        let (origin, sum) = (column[0], sums_about(column, column[0]).0);
+        let mean = origin + sum / n;
+        let (sum, squares) = sums_about(column, mean);
+        let rest = sum / n;
+        Self {
+            count: column.len() as u64,
+            mean: mean + rest,
+            squares: (squares - n * rest * rest).max(0.0),
+        }
+    }
+
+    /// Adds the values of `other`.
+    pub fn merge(&mut self, other: &RunningVariance) {
+        if other.count == 0 {
+            return;
+        }
+        let weights = MergeWeights::new(self.count, other.count);
+        let difference = other.mean - self.mean;
+        self.mean += difference * weights.mean;
+        self.squares += other.squares + difference * difference * weights.product;
+        self.count += other.count;
+    }
+
+    /// Root mean square deviation from the mean; NaN for zero values.
+    pub fn rms_about_mean(&self) -> f64 {
+        (self.squares / self.count as f64).sqrt()
+    }
+
+    /// Root mean square; NaN for zero values.
+    pub fn rms(&self) -> f64 {
+        (self.squares / self.count as f64 + self.mean * self.mean).sqrt()
+    }
+}
+
+/// [`RunningVariance::of`], inlined whole into code for the widest vectors of the machine.
+struct VarianceOf<'a>(&'a [f64]);
+
+impl NullaryFnOnce for VarianceOf<'_> {
+    type Output = RunningVariance;
+
+    #[inline(always)]
+    fn call(self) -> RunningVariance {
+        RunningVariance::of_inlined(self.0)
+    }
+}
+
+/// Interleaved sums.
+const LANES: usize = 16;
+
+/// The sums of `x − origin` and of its square over a column.
+#[inline(always)]
+fn sums_about(column: &[f64], origin: f64) -> (f64, f64) {
+    let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
+    let (chunks, rest) = column.as_chunks::<LANES>();
+    for chunk in chunks {
+        for i in 0..LANES {
+            let x = chunk[i] - origin;
+            sums[i] += x;
+            squares[i] += x * x;
+        }
+    }
+    for (i, x) in rest.iter().enumerate() {
+        let x = x - origin;
+        sums[i] += x;
+        squares[i] += x * x;
+    }
+    (sums.iter().sum(), squares.iter().sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_offset_costs_no_digits() {
+        // ±1 about 10¹²: variance exactly 1.
+        let column: Vec<f64> = (0..1000).map(|i| 1e12 + f64::from(1 - 2 * (i % 2))).collect();
+        let mut merged = RunningVariance::default();
+        column.chunks(7).for_each(|part| merged.merge(&RunningVariance::of(part)));
+        assert_eq!(RunningVariance::of(&column).rms_about_mean(), 1.0);
+        // The means of the parts are rounded at 10¹² · 2⁻⁵³ = 1e-4; a sum of squares would be off by
+        // 10²⁴ · 2⁻⁵³ = 1e8.
+        assert!((merged.rms_about_mean() - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn parts_merge_to_the_whole() {
+        let column: Vec<f64> = (0..100).map(|i| f64::from(i * i % 37)).collect();
+        let whole = RunningVariance::of(&column);
+        let mut merged = RunningVariance::default();
+        column.chunks(13).for_each(|part| merged.merge(&RunningVariance::of(part)));
+        assert_eq!(merged.count, 100);
+        // Sums of a hundred terms: 100 · 2⁻⁵³ relative.
+        assert!((merged.mean - whole.mean).abs() < 1e-14 * whole.mean);
+        assert!((merged.squares - whole.squares).abs() < 1e-13 * whole.squares);
+    }
+}

@@ -1,0 +1,35 @@
+"""Runs an image: `python -m stm32l432 IMAGE`, with orders on standard input, or a serial line."""
+
+import argparse
+import sys
+
+from .board import Board
+from .live import serve
+from .orders import obey
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="stm32l432", description=__doc__)
+    parser.add_argument("image", help="ELF file, as it is flashed")
+    parser.add_argument("--script", help="codes that the converter gives, u16 little-endian: dark"
+                        " and lit code of eight channels for each frame")
+    parser.add_argument("--connect", metavar="HOST:PORT", help="serial line over TCP, in place of"
+                        " orders on standard input")
+    args = parser.parse_args()
+    script = b""
+    if args.script:
+        with open(args.script, "rb") as file:
+            script = file.read()
+    board = Board(args.image, script)
+    try:
+        if args.connect:
+            host, port = args.connect.rsplit(":", 1)
+            serve(board, host, int(port))
+        else:
+            obey(board, sys.stdin, sys.stdout)
+    except (BrokenPipeError, ConnectionError, KeyboardInterrupt):
+        pass  # whoever asked has gone
+
+
+if __name__ == "__main__":
+    main()

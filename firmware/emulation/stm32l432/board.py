@@ -1,0 +1,150 @@
+"""The board: core, peripherals and wires."""
+
+from .clocks import Rcc
+from .converter import Converter, Dma
+from .core import RAM, RAM_SIZE, Core
+from .elf import Elf
+from .flash import FlashInterface, Pages, PowerCut
+from .gpio import Port
+from .nvic import Nvic
+from .peripheral import HZ, NEVER, Peripheral
+from .scene import Scene
+from .timer import Timer
+from .usart import Usart
+from .watchdog import Watchdog
+
+#: Peripherals that hold what is written and no more: power control, system configuration, EXTI, the
+#: debug port, ports that nothing is on.
+PLAIN = [0x4000_7000, 0x4001_0000, 0x4001_0400, 0x4800_0800, 0x4800_1C00, 0xE004_2000]
+
+
+class Board:
+    def __init__(self, path, script=b""):
+        image = Elf(path)
+        self.serial = bytes(range(1, 13))
+        start, end = (image.symbols[f"__calibration_{name}"] for name in ("start", "end"))
+        self.code_size = start - 0x0800_0000
+        #: What the module at the other end does to CTS: "low" is clear to send.
+        self.cts = "low"
+        self.converter_works = True
+        self.scene = Scene(script)
+        self.core = Core(self, image, start)
+        self.pages = Pages(self, start, end)
+        self.nvic = Nvic(self)
+        self.rcc, self.flash = Rcc(self), FlashInterface(self)
+        self.port_a, self.port_b = Port(self), Port(self)
+        self.timer, self.watchdog = Timer(self), Watchdog(self)
+        self.usart = Usart(self)
+        self.dma, self.converter = Dma(self), Converter(self)
+        self.places = {
+            0x4000_0000: self.timer,
+            0x4000_3000: self.watchdog,
+            0x4001_3800: self.usart,
+            0x4002_0000: self.dma,
+            0x4002_1000: self.rcc,
+            0x4002_2000: self.flash,
+            0x4800_0000: self.port_a,
+            0x4800_0400: self.port_b,
+            0x5004_0000: self.converter,
+            0xE000_E000: self.nvic,
+        }
+        self.places |= {base: Peripheral(self) for base in PLAIN}
+        self.timed = [self.timer, self.watchdog, self.usart, self.converter]
+        self._map()
+        #: Cause and cycle of each reset.
+        self.resets = []
+        self._pending_reset = None
+        self.power_on()
+
+    def _map(self):
+        pages, uc = self.pages, self.core.uc
+        uc.mmio_map(pages.start, len(pages.content), pages.read, None, pages.write, None)
+        blocks = {}
+        for base, peripheral in self.places.items():
+            # Unicorn maps whole pages of 4 KiB, in which there may be several peripherals.
+            for offset in range(0, peripheral.SIZE, 0x1000):
+                blocks.setdefault((base + offset) & ~0xFFF, []).append((base, peripheral))
+        for page, inside in blocks.items():
+            read, write = self._dispatch(page, inside)
+            uc.mmio_map(page, 0x1000, read, None, write, None)
+
+    @staticmethod
+    def _dispatch(page, inside):
+        def find(offset):
+            for base, peripheral in inside:
+                if base <= page + offset < base + peripheral.SIZE:
+                    return peripheral, page + offset - base
+            raise AssertionError(f"there is nothing at {page + offset:#010x}")
+
+        def read(uc, offset, size, data):
+            peripheral, at = find(offset)
+            return peripheral.read(uc, at, size, data)
+
+        def write(uc, offset, size, value, data):
+            peripheral, at = find(offset)
+            peripheral.write(uc, at, size, value, data)
+
+        return read, write
+
+    # What the core asks
+
+    def next_event(self):
+        return min((peripheral.next_event() for peripheral in self.timed), default=NEVER)
+
+    def advance(self):
+        now = self.core.now
+        for peripheral in self.timed:
+            peripheral.advance(now)
+
+    def raise_lines(self):
+        for peripheral in (self.timer, self.usart, self.dma):
+            peripheral.lines()
+
+    def request_reset(self, cause):
+        self._pending_reset = cause
+        self.core.raise_soon(Reset(cause))
+
+    # From outside
+
+    def power_on(self):
+        """Memory comes up with what is in it by chance, which is made the same every time."""
+        self.core.uc.mem_write(RAM, b"\xa5" * RAM_SIZE)
+        self.pages.power_off()
+        self.reset("power")
+
+    def reset(self, cause):
+        self.resets.append((cause, self.core.now))
+        self.rcc.set_cause(cause)
+        for peripheral in self.places.values():
+            peripheral.reset()
+        self.scene.reset()
+        self.core.reset()
+
+    def run(self, seconds):
+        """Runs for a time; false if the power was cut, and then the board is off."""
+        end = self.core.now + seconds * HZ
+        while self.core.now < end:
+            try:
+                self.core.run(end)
+            except Reset as reset:
+                self.reset(reset.cause)
+            except PowerCut:
+                return False
+        return True
+
+    def take_sent(self):
+        """Bytes that have left the board since the last time."""
+        sent, self.usart.sent = self.usart.sent, []
+        return bytes(byte for _, byte in sent)
+
+    def stack(self):
+        """The deepest that the stack has been, in bytes."""
+        return self.core.stack_top - self.core.deepest
+
+
+class Reset(Exception):
+    """The chip resets itself."""
+
+    def __init__(self, cause):
+        super().__init__(cause)
+        self.cause = cause

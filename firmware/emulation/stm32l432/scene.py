@@ -1,0 +1,34 @@
+"""What the photointerrupters see: a script of frames, dark and lit code of each channel."""
+
+import struct
+
+from .converter import CHANNELS
+
+FRAME = struct.Struct(f"<{2 * CHANNELS}H")
+
+
+class Scene:
+    """Plays the frames of a script over and over, one for each that the firmware takes.
+
+    A frame begins when the first channel is converted in the dark after the last was lit. Without a
+    script every channel has a code of its own.
+    """
+
+    def __init__(self, script=b""):
+        self.frames = list(FRAME.iter_unpack(script[: len(script) // FRAME.size * FRAME.size]))
+        self.reset()
+
+    def reset(self):
+        self.number = -1
+        self.last_was_lit = True
+
+    def code(self, channel, lit, _time_us):
+        if channel == 0 and lit is None and self.last_was_lit:
+            self.number += 1
+            self.last_was_lit = False
+        elif channel == CHANNELS - 1 and lit is not None:
+            self.last_was_lit = True
+        is_lit = lit == channel
+        if not self.frames:
+            return 100 + (1000 + 200 * channel if is_lit else 0)
+        return self.frames[self.number % len(self.frames)][2 * channel + is_lit]

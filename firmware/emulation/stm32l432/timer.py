@@ -1,0 +1,79 @@
+"""TIM2: a counter of 32 bits with four compare channels (RM0394, chapter 27)."""
+
+from .peripheral import NEVER, Peripheral
+
+IRQ = 28
+CR1, DIER, SR, EGR, CNT, PSC, ARR, CCR1 = 0x00, 0x0C, 0x10, 0x14, 0x24, 0x28, 0x2C, 0x34
+CEN, URS = 1, 4
+
+
+class Timer(Peripheral):
+    def reset(self):
+        super().reset()
+        self.registers[ARR] = 0xFFFF_FFFF
+        self.start = None  # cycle at which the counter stood at 0
+        self.seen = 0  # ticks whose flags are set
+
+    def _ticks(self, now):
+        return int(now - self.start) // (self.load(PSC) + 1)
+
+    def _modulus(self):
+        return self.registers[ARR] + 1
+
+    def load(self, offset):
+        if offset == CNT and self.start is not None:
+            return self._ticks(self.board.core.now) % self._modulus()
+        return super().load(offset)
+
+    def store(self, offset, value):
+        now = self.board.core.now
+        if self.start is not None:
+            self.advance(now)
+        if offset == SR:
+            self.registers[SR] = self.registers.get(SR, 0) & value
+        elif offset == EGR:
+            if value & 1 and not self.load(CR1) & URS:
+                self.registers[SR] = self.registers.get(SR, 0) | 1
+        elif offset == CR1:
+            if value & CEN and self.start is None:
+                self.start = now - self.registers.get(CNT, 0) * (self.load(PSC) + 1)
+                self.seen = self._ticks(now)
+            self.registers[CR1] = value
+        else:
+            self.registers[offset] = value
+        self._raise()
+
+    def _raise(self):
+        if self.registers.get(SR, 0) & self.registers.get(DIER, 0) & 0x1F:
+            self.board.nvic.pend(IRQ)
+
+    def _next_match(self, tick, compare):
+        """The first tick after `tick` at which the counter stands at `compare`."""
+        return tick + 1 + (compare - tick - 1) % self._modulus()
+
+    def next_event(self):
+        if self.start is None:
+            return NEVER
+        enabled = self.registers.get(DIER, 0)
+        matches = [self._next_match(self.seen, 0)] if enabled & 1 else []
+        for channel in range(4):
+            if enabled & 2 << channel:
+                compare = self.registers.get(CCR1 + 4 * channel, 0)
+                matches.append(self._next_match(self.seen, compare))
+        return self.start + min(matches) * (self.load(PSC) + 1) if matches else NEVER
+
+    def advance(self, now):
+        if self.start is None:
+            return
+        ticks = self._ticks(now)
+        if ticks > self.seen:
+            flags = 1 if self._next_match(self.seen, 0) <= ticks else 0
+            for channel in range(4):
+                compare = self.registers.get(CCR1 + 4 * channel, 0)
+                if self._next_match(self.seen, compare) <= ticks:
+                    flags |= 2 << channel
+            self.registers[SR] = self.registers.get(SR, 0) | flags
+            self.seen = ticks
+        self._raise()
+
+    lines = _raise

@@ -1,0 +1,101 @@
+"""USART1 (RM0394, chapter 38): a shift register each way, at the pace of the baud rate."""
+
+from collections import deque
+
+from .peripheral import NEVER, Peripheral
+
+IRQ = 37
+CR1, CR3, BRR, ISR, ICR, RDR, TDR = 0x00, 0x08, 0x0C, 0x1C, 0x20, 0x24, 0x28
+UE, RE, TE = 1 << 0, 1 << 2, 1 << 3
+ORE, IDLE, RXNE, TC, TXE = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
+TEACK, REACK = 1 << 21, 1 << 22
+CTSE = 1 << 9
+#: Flags that ICR clears; RXNE and TXE are none of them.
+CLEARABLE = 0x0012_1B5F
+BITS_PER_BYTE = 10
+CTS_PIN = 11  # of port A
+
+
+class Usart(Peripheral):
+    def reset(self):
+        super().reset()
+        self.registers[ISR] = TXE | TC
+        self.shifting = None  # the byte that goes out, and the cycle at which it has gone
+        self.waiting = None
+        self.sent = []  # cycle and byte
+        self.incoming = deque()  # earliest cycle and byte
+        self.receiver_free = 0
+
+    def byte_cycles(self):
+        return BITS_PER_BYTE * max(self.load(BRR), 1)
+
+    def receive(self, data, at):
+        """Bytes that arrive one after the other, the first not before `at`."""
+        self.incoming.extend((at, byte) for byte in data)
+
+    def load(self, offset):
+        if offset == RDR:
+            self.registers[ISR] &= ~RXNE
+        return super().load(offset)
+
+    def store(self, offset, value):
+        if offset == ICR:
+            self.registers[ISR] &= ~(value & CLEARABLE)
+        elif offset == TDR:
+            self.waiting = value & 0xFF
+            self.registers[ISR] &= ~(TXE | TC)
+            self._shift(self.board.core.now)
+        elif offset != ISR:
+            self.registers[offset] = value
+            if offset == CR1:
+                on = value & UE
+                flags = (TEACK if on and value & TE else 0) | (REACK if on and value & RE else 0)
+                self.registers[ISR] = self.registers[ISR] & ~(TEACK | REACK) | flags
+        self.lines()
+
+    def is_clear_to_send(self):
+        if not self.load(CR3) & CTSE:
+            return True
+        level = self.board.cts
+        if level == "open":
+            # A line that nothing holds is taken at its worst.
+            level = "low" if self.board.port_a.pull(CTS_PIN) == "down" else "high"
+        return level == "low"
+
+    def _shift(self, now):
+        if self.shifting is None and self.waiting is not None and self.is_clear_to_send():
+            self.shifting = (self.waiting, now + self.byte_cycles())
+            self.waiting = None
+            self.registers[ISR] |= TXE
+
+    def lines(self):
+        flags, enabled = self.registers[ISR], self.load(CR1)
+        raised = flags & enabled & (TXE | TC | IDLE)
+        if raised or (flags & (RXNE | ORE) and enabled & RXNE):
+            self.board.nvic.pend(IRQ)
+
+    def _next_arrival(self):
+        return max(self.incoming[0][0], self.receiver_free) if self.incoming else NEVER
+
+    def next_event(self):
+        end = self.shifting[1] if self.shifting else NEVER
+        return min(end, self._next_arrival())
+
+    def advance(self, now):
+        while self.shifting and self.shifting[1] <= now:
+            byte, end = self.shifting
+            self.sent.append((end, byte))
+            self.shifting = None
+            self._shift(end)
+            if self.shifting is None:
+                self.registers[ISR] |= TC
+        self._shift(now)
+        while self._next_arrival() <= now:
+            at, byte = self._next_arrival(), self.incoming.popleft()[1]
+            self.receiver_free = at + self.byte_cycles()
+            if self.registers[ISR] & RXNE:
+                self.registers[ISR] |= ORE
+            else:
+                self.registers[RDR] = byte
+                self.registers[ISR] |= RXNE
+        self.lines()

@@ -1,0 +1,100 @@
+//! What the firmware said before a reset that it did not survive, for the host to ask for.
+
+use core::fmt;
+
+use heapless::Vec;
+use shared_proto::{Answer, MAX_PIECE, Piece};
+
+/// Some text in UTF-8; what does not fit is cut.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LastWords(Vec<u8, { Self::LEN }>);
+
+impl LastWords {
+    /// Most bytes.
+    pub const LEN: usize = 200;
+
+    /// Nothing was said.
+    pub const fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    /// Bytes that were kept; those that do not fit are cut.
+    pub fn from_bytes(bytes: &[u8]) -> Self {
+        let mut words = Self::new();
+        words.push(bytes);
+        words
+    }
+
+    /// The bytes to keep.
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.0
+    }
+
+    /// The text, as far as it is one.
+    pub fn as_str(&self) -> &str {
+        match core::str::from_utf8(&self.0) {
+            Ok(text) => text,
+            Err(error) => {
+                let valid = self.0.get(..error.valid_up_to()).unwrap_or_default();
+                core::str::from_utf8(valid).unwrap_or_default()
+            }
+        }
+    }
+
+    fn push(&mut self, bytes: &[u8]) {
+        // An error is a byte that does not fit.
+        _ = bytes.iter().try_for_each(|&byte| self.0.push(byte));
+    }
+
+    /// The answer with as many bytes from `offset` on as fit.
+    pub(crate) fn answer(&self, offset: u16) -> Answer {
+        let rest = self.0.get(usize::from(offset)..).unwrap_or_default();
+        let text = rest.get(..rest.len().min(MAX_PIECE)).and_then(Piece::copy_of);
+        Answer::LastWords { len: self.0.len() as u16, text: text.unwrap_or_default() }
+    }
+}
+
+impl fmt::Write for LastWords {
+    fn write_str(&mut self, part: &str) -> fmt::Result {
+        self.push(part.as_bytes());
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use std::fmt::Write;
+    use std::string::String;
+
+    #[test]
+    fn the_answers_hold_the_text_piece_by_piece() {
+        let mut words = LastWords::new();
+        (0..60).for_each(|i| write!(words, "{i} ").unwrap());
+        let mut text = std::vec::Vec::new();
+        while let Answer::LastWords { len, text: piece } = words.answer(text.len() as u16) {
+            assert_eq!(usize::from(len), words.as_bytes().len());
+            if piece.is_empty() {
+                break;
+            }
+            text.extend_from_slice(&piece);
+        }
+        assert_eq!(String::from_utf8(text).unwrap(), words.as_str());
+        let none = Answer::LastWords { len: 170, text: Piece::new() };
+        assert_eq!(words.answer(u16::MAX), none);
+    }
+
+    #[test]
+    fn text_that_does_not_fit_is_cut_and_stays_text() {
+        let long = "\u{e9}".repeat(150);
+        let mut words = LastWords::new();
+        words.write_str("x").unwrap();
+        words.write_str(&long).unwrap();
+        assert_eq!(words.as_bytes().len(), LastWords::LEN);
+        // The last character is cut in half, so it is left out.
+        assert_eq!(words.as_str(), &(String::from("x") + &long)[..LastWords::LEN - 1]);
+        assert_eq!(LastWords::from_bytes(words.as_bytes()), words);
+    }
+}

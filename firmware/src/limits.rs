@@ -1,0 +1,125 @@
+//! What settings a board can keep up with.
+
+use crate::acquisition::{self, MAX_CONVERSIONS};
+use crate::link::Link;
+use crate::settings::Settings;
+use shared_proto::{READINGS_FRAME, Refusal, Stream, WRENCH_FRAME};
+
+/// Share of the line that samples may take, in percent: answers need room, and the clocks at its ends
+/// differ by up to 2 % or so.
+const SHARE_PERCENT: u64 = 95;
+
+/// The serial line that samples go out on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Line {
+    /// What it carries, in bytes per second; `None` if it is never the bottleneck.
+    pub(crate) bytes_per_s: Option<u32>,
+    /// How frames travel on it.
+    pub(crate) link: Link,
+}
+
+impl Line {
+    /// Time that a sample takes, in µs, with room for the rest.
+    fn sample_us(self, stream: Stream) -> u32 {
+        let Some(bytes_per_s) = self.bytes_per_s.filter(|&rate| rate > 0) else { return 0 };
+        let frame = match stream {
+            Stream::Wrench => WRENCH_FRAME,
+            _ => READINGS_FRAME,
+        };
+        let bytes = self.link.bytes_on_line(frame) as u64;
+        let us = (bytes * 100 * 1_000_000).div_ceil(u64::from(bytes_per_s) * SHARE_PERCENT);
+        u32::try_from(us).unwrap_or(u32::MAX)
+    }
+}
+
+/// What a board can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Limits {
+    /// Shortest period in µs.
+    pub(crate) min_period_us: u32,
+    /// Time of a conversion in ns, see [`crate::FrontEnd::CONVERSION_NS`].
+    pub(crate) conversion_ns: u32,
+    /// How late a frame may start in µs, see [`crate::Clock::TOLERANCE_US`].
+    pub(crate) tolerance_us: u32,
+    /// Where samples go.
+    pub(crate) line: Line,
+}
+
+impl Limits {
+    /// Longest period in µs.
+    pub(crate) const MAX_PERIOD_US: u32 = 10_000_000;
+
+    /// Longest settling in µs.
+    pub(crate) const MAX_SETTLING_US: u16 = 10_000;
+
+    /// Whether frames can be taken with these settings.
+    ///
+    /// # Errors
+    /// Why not.
+    pub(crate) fn check(self, settings: &Settings) -> Result<(), Refusal> {
+        let in_range = (self.min_period_us..=Self::MAX_PERIOD_US).contains(&settings.period_us)
+            && (1..=MAX_CONVERSIONS).contains(&settings.conversions)
+            && settings.settling_us <= Self::MAX_SETTLING_US;
+        if !in_range {
+            return Err(Refusal::OutOfRange);
+        }
+        let frame_us = acquisition::duration_us(settings, self.conversion_ns);
+        let sample_us = self.line.sample_us(settings.stream);
+        let shortest_us = frame_us.max(sample_us).max(self.min_period_us);
+        if frame_us > settings.period_us {
+            Err(Refusal::PeriodTooShort { shortest_us })
+        } else if sample_us > settings.period_us {
+            Err(Refusal::LineTooSlow { shortest_us })
+        } else {
+            Ok(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shared_proto::xbee::{Address, Mode};
+
+    /// 57,600 baud with ten bits to a byte.
+    fn limits(link: Link) -> Limits {
+        let line = Line { bytes_per_s: Some(5_760), link };
+        Limits { min_period_us: 1_000, conversion_ns: 3_250, tolerance_us: 100, line }
+    }
+
+    fn settings(stream: Stream, period_us: u32) -> Settings {
+        Settings { stream, period_us, conversions: 4, settling_us: 30 }
+    }
+
+    #[test]
+    fn a_rate_that_the_line_cannot_carry_is_refused_and_what_fits_is_said() {
+        let api = Link::Api { mode: Mode::Escaped, to: Address::Short(0) };
+        // Bytes of a sample by the protocol's table (AP=2 at the most), at 95 % of 5,760 per second.
+        let cases = [
+            (Link::Transparent, Stream::Raw, 30.0),
+            (Link::Transparent, Stream::Wrench, 38.0),
+            (api, Stream::Raw, 44.0),
+            (api, Stream::Wrench, 52.0),
+        ];
+        for (link, stream, bytes) in cases {
+            let shortest_us = (bytes * 1e6 / (0.95 * 5_760.0_f64)).ceil() as u32;
+            let check = |period_us| limits(link).check(&settings(stream, period_us));
+            assert_eq!(check(1_000), Err(Refusal::LineTooSlow { shortest_us }));
+            assert_eq!(check(shortest_us - 1), Err(Refusal::LineTooSlow { shortest_us }));
+            assert_eq!(check(shortest_us), Ok(()));
+        }
+    }
+
+    #[test]
+    fn the_longer_of_frame_and_sample_is_said_to_fit() {
+        let slow = Settings { settling_us: 1_000, ..settings(Stream::Raw, 6_000) };
+        let refused = limits(Link::Transparent).check(&slow);
+        // 8 · (2 · (1,000 + 13) + 30)
+        assert_eq!(refused, Err(Refusal::PeriodTooShort { shortest_us: 16_448 }));
+        let quick = Settings { period_us: 400, ..settings(Stream::Raw, 0) };
+        let fast_line = Line { bytes_per_s: None, link: Link::Transparent };
+        let limits = Limits { min_period_us: 100, line: fast_line, ..limits(Link::Transparent) };
+        // 8 · (2 · (30 + 13) + 30)
+        assert_eq!(limits.check(&quick), Err(Refusal::PeriodTooShort { shortest_us: 928 }));
+    }
+}

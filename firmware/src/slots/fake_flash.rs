@@ -1,0 +1,175 @@
+//! Flash as that of the STM32L4 behaves when its power is cut (RM0394, section 3.3).
+//!
+//! It is erased in sectors and written in double words, each with a check code of its own. An
+//! operation that is cut short leaves its sector or double word in an undefined state: bits of the
+//! old and of the new content, or a check code that does not fit, and then reading it fails.
+
+extern crate std;
+
+use std::collections::BTreeSet;
+use std::vec;
+use std::vec::Vec;
+
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
+};
+
+/// What the operation that was under way when the power was cut has done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// Nothing yet.
+    Nothing,
+    /// Some of the bits.
+    SomeBits,
+    /// Its content cannot be read.
+    Unreadable,
+    /// All of it.
+    Complete,
+}
+
+impl Outcome {
+    pub(crate) const ALL: [Self; 4] =
+        [Self::Nothing, Self::SomeBits, Self::Unreadable, Self::Complete];
+}
+
+const DOUBLE_WORD: usize = 8;
+
+/// Two sectors of flash.
+#[derive(Clone, Debug)]
+pub(crate) struct FakeFlash {
+    bytes: Vec<u8>,
+    /// Double words whose check code does not fit, by their first byte.
+    unreadable: BTreeSet<usize>,
+    operations: usize,
+    cut: Option<(usize, Outcome)>,
+    powered: bool,
+    writable: bool,
+}
+
+/// The operation was not done.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Failed;
+
+impl NorFlashError for Failed {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+impl FakeFlash {
+    pub(crate) const SECTOR: usize = 2048;
+
+    /// Erased.
+    pub(crate) fn new() -> Self {
+        Self {
+            bytes: vec![0xFF; 2 * Self::SECTOR],
+            unreadable: BTreeSet::new(),
+            operations: 0,
+            cut: None,
+            powered: true,
+            writable: true,
+        }
+    }
+
+    /// Sectors erased and double words written so far.
+    pub(crate) fn operations(&self) -> usize {
+        self.operations
+    }
+
+    /// The power will be cut during an operation, counted from now.
+    pub(crate) fn cut_power(&mut self, operation: usize, outcome: Outcome) {
+        self.cut = Some((self.operations + operation, outcome));
+    }
+
+    pub(crate) fn restore_power(&mut self) {
+        (self.cut, self.powered) = (None, true);
+    }
+
+    /// Whether double words can be written; sectors can be erased all the same.
+    pub(crate) fn set_writable(&mut self, writable: bool) {
+        self.writable = writable;
+    }
+
+    /// Turns a bit over.
+    pub(crate) fn damage(&mut self, at: usize) {
+        self.bytes[at] ^= 0x10;
+    }
+
+    /// Gives an area its new content, or as much of it as the power lasts for.
+    fn change(&mut self, start: usize, content: &[u8]) -> Result<(), Failed> {
+        if !self.powered {
+            return Err(Failed);
+        }
+        let cut = self.cut.filter(|&(operation, _)| operation == self.operations);
+        self.operations += 1;
+        let outcome = cut.map_or(Outcome::Complete, |(_, outcome)| outcome);
+        let area = &mut self.bytes[start..start + content.len()];
+        let words = (start..start + content.len()).step_by(DOUBLE_WORD);
+        match outcome {
+            Outcome::Nothing => {}
+            Outcome::SomeBits => {
+                // Any pattern will do that takes some bits of each.
+                let mask = |i: usize| (i as u8).wrapping_mul(167) ^ 0x5A;
+                for (i, (byte, new)) in area.iter_mut().zip(content).enumerate() {
+                    *byte = *byte & mask(i) | new & !mask(i);
+                }
+                self.unreadable.retain(|word| !words.clone().any(|it| it == *word));
+            }
+            Outcome::Unreadable => self.unreadable.extend(words),
+            Outcome::Complete => {
+                area.copy_from_slice(content);
+                self.unreadable.retain(|word| !words.clone().any(|it| it == *word));
+            }
+        }
+        self.powered = cut.is_none();
+        if self.powered { Ok(()) } else { Err(Failed) }
+    }
+}
+
+impl ErrorType for FakeFlash {
+    type Error = Failed;
+}
+
+impl ReadNorFlash for FakeFlash {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+        let start = offset as usize;
+        let area = start..start + bytes.len();
+        let overlaps = |word: &usize| word + DOUBLE_WORD > area.start && *word < area.end;
+        if !self.powered || self.unreadable.iter().any(overlaps) {
+            return Err(Failed);
+        }
+        bytes.copy_from_slice(&self.bytes[area]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl NorFlash for FakeFlash {
+    const WRITE_SIZE: usize = DOUBLE_WORD;
+    const ERASE_SIZE: usize = Self::SECTOR;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
+        for start in (from as usize..to as usize).step_by(Self::SECTOR) {
+            self.change(start, &[0xFF; Self::SECTOR])?;
+        }
+        Ok(())
+    }
+
+    /// A double word that is not erased is not written (RM0394, PROGERR).
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+        for (i, word) in bytes.chunks(DOUBLE_WORD).enumerate() {
+            let start = offset as usize + i * DOUBLE_WORD;
+            let erased = self.bytes[start..start + DOUBLE_WORD].iter().all(|&byte| byte == 0xFF);
+            if !self.writable || !erased {
+                return Err(Failed);
+            }
+            self.change(start, word)?;
+        }
+        Ok(())
+    }
+}

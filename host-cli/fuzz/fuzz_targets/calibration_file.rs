@@ -1,0 +1,20 @@
+//! Any bytes as a calibration or a partial fit: no panic, and what was read is written and read again
+//! as the same document.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use shellcal::calibration_file::{CalibrationFile, PartialFit};
+use shellcal_fuzz::file;
+
+fuzz_target!(|bytes: &[u8]| {
+    if let Ok(read) = CalibrationFile::read(&file(bytes)) {
+        let document = read.to_json();
+        let again = CalibrationFile::read(&file(document.as_bytes())).map(|read| read.to_json());
+        assert_eq!(again.ok(), Some(document));
+    }
+    if let Ok(read) = PartialFit::read(&file(bytes)) {
+        let document = read.to_json();
+        let again = PartialFit::read(&file(document.as_bytes())).map(|read| read.to_json());
+        assert_eq!(again.ok(), Some(document));
+    }
+});

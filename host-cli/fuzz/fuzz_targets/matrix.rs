@@ -1,0 +1,17 @@
+//! Any bytes as a matrix of coefficients, in CSV or a MATLAB 5 file: no panic, and what was imported
+//! is a calibration that can be written and read.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::calibration_file::matrix::ImportOptions;
+use shellcal_fuzz::file;
+
+fuzz_target!(|bytes: &[u8]| {
+    let Ok(imported) = CalibrationFile::import(&file(bytes), &ImportOptions::default()) else {
+        return;
+    };
+    let document = imported.to_json();
+    let again = CalibrationFile::read(&file(document.as_bytes())).map(|read| read.to_json());
+    assert_eq!(again.ok(), Some(document));
+});

@@ -1,0 +1,275 @@
+//! A wrench over time, however long the log: per sliver of time, the first, lowest, highest and last
+//! value, which draw the same line as all the values (Jugel et al., "M4: A Visualization-Oriented
+//! Time Series Data Aggregation", VLDB 2014).
+
+use super::bins::Bins;
+use super::figure::Figure;
+use super::histogram::Range;
+use super::palette;
+use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::scale::{Axis as PlotAxis, Spacing};
+use super::svg::{Anchor, Canvas, Rect, Style, point};
+use shell_data::wrench::{Axis, PerAxis};
+
+/// Slivers of time held: at least half of them, more than there are pixels, cover the log.
+const SLIVERS: usize = 2048;
+
+/// A wrench over time, reduced to what a figure needs.
+#[derive(Clone, Debug)]
+pub struct WrenchTrace {
+    axes: PerAxis<Trace>,
+}
+
+/// One quantity over time.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Trace {
+    window: Option<Window>,
+}
+
+#[derive(Clone, Debug)]
+struct Window {
+    bins: Bins,
+    time: Range,
+    slivers: Vec<Option<Sliver>>,
+}
+
+/// What is kept of the points in one sliver of time, each as (time, value).
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sliver {
+    first: (f64, f64),
+    lowest: (f64, f64),
+    highest: (f64, f64),
+    last: (f64, f64),
+}
+
+impl Default for WrenchTrace {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl WrenchTrace {
+    /// No rows yet.
+    pub fn new() -> Self {
+        Self { axes: std::array::from_fn(|_| Trace::default()) }
+    }
+
+    /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and
+    /// N·m. A column may be empty: its axis is then not drawn. Rows that are not finite are left out.
+    ///
+    /// # Panics
+    /// If there are not six columns, each empty or as long as `time_s`.
+    pub fn add<C: AsRef<[f64]>>(&mut self, time_s: &[f64], wrench: &[C]) {
+        assert_eq!(wrench.len(), 6, "one column per axis");
+        for (trace, column) in self.axes.iter_mut().zip(wrench) {
+            let column = column.as_ref();
+            assert!(column.is_empty() || column.len() == time_s.len(), "one value per time");
+            trace.add(time_s, column);
+        }
+    }
+}
+
+impl Trace {
+    pub(super) fn add(&mut self, time: &[f64], values: &[f64]) {
+        let finite = || {
+            let pairs = time.iter().copied().zip(values.iter().copied());
+            pairs.filter(|(t, v)| t.is_finite() && v.is_finite())
+        };
+        let start = Range { low: f64::INFINITY, high: f64::NEG_INFINITY };
+        let range = finite().fold(start, |r, (t, _)| r.union(Range { low: t, high: t }));
+        if range.low > range.high {
+            return;
+        }
+        let window = self.cover(range);
+        let locate = window.bins.locator();
+        for point in finite() {
+            let sliver = &mut window.slivers[locate(point.0)];
+            let one = Sliver { first: point, lowest: point, highest: point, last: point };
+            *sliver = Some(sliver.map_or(one, |sliver| sliver.then(one)));
+        }
+    }
+
+    /// The window, made to cover a range of time as well as all it covers already.
+    fn cover(&mut self, range: Range) -> &mut Window {
+        let window = match self.window.take() {
+            None => Window::empty(Bins::around(range.low, range.high, SLIVERS), range),
+            Some(mut window) => {
+                window.time = window.time.union(range);
+                let Range { low, high } = window.time;
+                if window.bins.contains(low) && window.bins.contains(high) {
+                    window
+                } else {
+                    let bins = Bins::around_from(window.bins.exponent, low, high, SLIVERS);
+                    let mut wider = Window::empty(bins, window.time);
+                    wider.absorb(&window);
+                    wider
+                }
+            }
+        };
+        self.window.insert(window)
+    }
+
+    pub(super) fn points(&self) -> impl Iterator<Item = (f64, f64)> {
+        let slivers = self.window.iter().flat_map(|window| window.slivers.iter().flatten());
+        slivers.flat_map(Sliver::points)
+    }
+}
+
+impl Window {
+    fn empty(bins: Bins, time: Range) -> Self {
+        Self { bins, time, slivers: vec![None; bins.count] }
+    }
+
+    fn absorb(&mut self, finer: &Self) {
+        for (position, sliver) in finer.slivers.iter().enumerate() {
+            let Some(sliver) = *sliver else { continue };
+            let held = &mut self.slivers[self.bins.position_of(&finer.bins, position)];
+            *held = Some(held.map_or(sliver, |held| held.then(sliver)));
+        }
+    }
+}
+
+impl Sliver {
+    /// The points of this sliver followed by those of a later one.
+    fn then(self, later: Self) -> Self {
+        Self {
+            first: self.first,
+            lowest: if later.lowest.1 < self.lowest.1 { later.lowest } else { self.lowest },
+            highest: if later.highest.1 > self.highest.1 { later.highest } else { self.highest },
+            last: later.last,
+        }
+    }
+
+    /// The points in the order of time, each once.
+    fn points(&self) -> Vec<(f64, f64)> {
+        let mut points = vec![self.first, self.lowest, self.highest, self.last];
+        points[1..3].sort_by(|a, b| a.0.total_cmp(&b.0));
+        points.dedup();
+        points
+    }
+}
+
+const WIDTH: f64 = 960.0;
+const TOP: f64 = 40.0;
+const PANEL_HEIGHT: f64 = 106.0;
+const PANEL_PITCH: f64 = 118.0;
+
+/// Draws the axes of a wrench over time, one panel each, over a common time axis.
+pub fn trace_figure(title: &str, trace: &WrenchTrace) -> Figure {
+    let shown: Vec<_> = Axis::ALL
+        .into_iter()
+        .filter_map(|axis| {
+            Some((axis, &trace.axes[axis.index()], trace.axes[axis.index()].window.as_ref()?))
+        })
+        .collect();
+    let panels = shown.len().max(1) as f64;
+    let mut canvas = Canvas::new(WIDTH, TOP + PANEL_PITCH * panels + BOTTOM_MARGIN);
+    canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
+    let time = shown.iter().map(|(_, _, window)| window.time).reduce(Range::union);
+    let time = time.unwrap_or(Range { low: 0.0, high: 1.0 });
+    for (row, &(axis, trace, _)) in shown.iter().enumerate() {
+        let range = shown_range(trace);
+        let area = Rect {
+            left: LEFT_MARGIN + 8.0,
+            top: TOP + PANEL_PITCH * row as f64,
+            width: WIDTH - LEFT_MARGIN - 24.0,
+            height: PANEL_HEIGHT,
+        };
+        let panel = Panel {
+            area,
+            x: PlotAxis::new("time", "s", Spacing::Linear, time.low, time.high),
+            y: PlotAxis::new(axis.name(), axis.unit(), Spacing::Linear, range.low, range.high)
+                .padded(0.06),
+        };
+        panel.draw_grid(&mut canvas);
+        let (_, zero) = panel.place(time.low, 0.0);
+        canvas.clipped(area, |canvas| {
+            canvas.line((area.left, zero), (area.right(), zero), palette::ZERO, 1.0);
+            canvas.stroke(&path(&panel, trace), palette::SERIES[0], 1.0);
+        });
+        canvas.frame(area, palette::INK);
+        panel.draw_y_labels(&mut canvas);
+        if row + 1 == shown.len() {
+            panel.draw_x_labels(&mut canvas);
+        }
+    }
+    Figure::new(canvas.finish())
+}
+
+/// The range of the values, and zero unless it is far from all of them: what the sensor was tared to
+/// belongs in the picture.
+fn shown_range(trace: &Trace) -> Range {
+    let values = trace.points().map(|(_, value)| Range { low: value, high: value });
+    let range = values.reduce(Range::union).unwrap_or(Range { low: 0.0, high: 0.0 });
+    let with_zero = range.union(Range { low: 0.0, high: 0.0 });
+    let is_near = with_zero.high - with_zero.low <= 4.0 * (range.high - range.low);
+    if is_near { with_zero } else { range }
+}
+
+/// The line through the points, without those that fall on the one before.
+pub(super) fn path(panel: &Panel, trace: &Trace) -> String {
+    let mut path = String::new();
+    let mut before = String::new();
+    for (t, v) in trace.points() {
+        let (x, y) = panel.place(t, v);
+        let here = point((x * 10.0).round() / 10.0, (y * 10.0).round() / 10.0);
+        if here != before {
+            path.push(if path.is_empty() { 'M' } else { 'L' });
+            path.push_str(&here);
+            before = here;
+        }
+    }
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trace(values: &[(f64, f64)], split: usize) -> Trace {
+        let mut trace = Trace::default();
+        for block in values.chunks(split) {
+            let (time, values): (Vec<_>, Vec<_>) = block.iter().copied().unzip();
+            trace.add(&time, &values);
+        }
+        trace
+    }
+
+    fn spiky(count: u32) -> Vec<(f64, f64)> {
+        let spike = |i| if i == 71_234 { 9.0 } else { (f64::from(i) * 0.37).sin() };
+        (0..count).map(|i| (f64::from(i) * 1e-3, spike(i))).collect()
+    }
+
+    #[test]
+    fn a_short_log_keeps_every_point() {
+        let values = spiky(500);
+        assert_eq!(trace(&values, 64).points().collect::<Vec<_>>(), values);
+    }
+
+    #[test]
+    fn a_long_log_keeps_its_spikes_and_its_ends_in_few_points() {
+        let values = spiky(200_000);
+        let points: Vec<_> = trace(&values, 4096).points().collect();
+        assert!(points.len() <= 4 * SLIVERS);
+        assert!(points.contains(&values[71_234]));
+        assert_eq!((points.first(), points.last()), (values.first(), values.last()));
+        assert!(points.is_sorted_by(|a, b| a.0 <= b.0));
+    }
+
+    #[test]
+    fn the_points_do_not_depend_on_the_blocks() {
+        let values = spiky(50_000);
+        assert!(trace(&values, 50_000).points().eq(trace(&values, 777).points()));
+    }
+
+    #[test]
+    fn axes_without_values_are_not_drawn() {
+        let mut trace = WrenchTrace::new();
+        let mut columns = vec![Vec::new(); 6];
+        columns[2] = vec![1.0, f64::NAN, 2.0];
+        trace.add(&[0.0, 1.0, 2.0], &columns);
+        let figure = trace_figure("run", &trace);
+        assert!(figure.svg().contains(">Fz (N)<") && !figure.svg().contains(">Fx (N)<"));
+        assert!(trace_figure("run", &WrenchTrace::new()).svg().ends_with("</svg>\n"));
+    }
+}

@@ -1,0 +1,404 @@
+//! The low-pass over one signal, given row by row on a grid that rows need not fill.
+//!
+//! The grid is cut into blocks of `2·m` slots, m being the filter's memory. The answer in block b is
+//! that of a filter which has seen the slots from `2·m·b − m` on only, up to m beyond the block's end
+//! if it also runs backward. It thus depends on no more than what lies that near, and blocks stand at
+//! fixed slots: a log read from its start and the rows around a window give the same bits.
+
+use super::filter::{Butterworth, Filter, FilterError};
+
+/// How far an answer may be from that of a filter that has seen the whole log, as a share of the
+/// largest change of the signal: far below what a step of the converter means.
+const FORGOTTEN: f64 = 1e-12;
+
+/// A low-pass and its blocks.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct BlockPlan {
+    design: Butterworth,
+    zero_phase: bool,
+    /// Whether a causal filter starts at rest at zero where the log starts, as the lab's `lfilter`
+    /// did after taring; else it starts settled at the first value.
+    at_rest: bool,
+    /// Slots after which the filter has forgotten, and those of a pause.
+    memory: u64,
+}
+
+/// A low-pass with its state.
+#[derive(Clone, Debug)]
+pub(super) enum SignalFilter {
+    ZeroPhase(ZeroPhase),
+    Causal(Causal),
+}
+
+impl BlockPlan {
+    pub(super) fn new(design: Butterworth, zero_phase: bool, at_rest: bool) -> Self {
+        let memory = design.memory(FORGOTTEN).max(design.zero_phase_reach() + 1) as u64;
+        Self { design, zero_phase, at_rest, memory }
+    }
+
+    /// The block of a slot.
+    fn block(&self, slot: u64) -> u64 {
+        slot / self.length()
+    }
+
+    fn length(&self) -> u64 {
+        2 * self.memory
+    }
+
+    /// The slots that answers in `block` depend on.
+    fn span(&self, block: u64) -> std::ops::Range<u64> {
+        let start = block * self.length();
+        let end = start + self.length();
+        let after = if self.zero_phase { self.memory } else { 0 };
+        start.saturating_sub(self.memory)..end + after
+    }
+
+    /// The slots whose rows are needed for the answers from slot `first` to slot `last`: those that
+    /// answers depend on, and as much beyond as tells a pause.
+    pub(super) fn needed(&self, first: u64, last: u64) -> std::ops::Range<u64> {
+        let (start, end) = (self.span(self.block(first)).start, self.span(self.block(last)).end);
+        start.saturating_sub(self.memory)..end + self.memory + 1
+    }
+}
+
+impl SignalFilter {
+    pub(super) fn new(plan: BlockPlan) -> Self {
+        match plan.zero_phase {
+            true => Self::ZeroPhase(ZeroPhase { plan, segment: None }),
+            false => Self::Causal(Causal { plan, segment: None }),
+        }
+    }
+
+    /// Takes the next values, at ascending slots, and appends the answers that are known by now to
+    /// `answers`: one for each value, in order. Of a causal filter they all are; of values that
+    /// share a slot the last counts for what follows.
+    ///
+    /// # Errors
+    /// None of a causal filter.
+    pub(super) fn push(
+        &mut self,
+        slots: &[u64],
+        values: &[f64],
+        answers: &mut Vec<f64>,
+    ) -> Result<(), FilterError> {
+        for (&slot, &value) in slots.iter().zip(values) {
+            match self {
+                Self::ZeroPhase(filter) => filter.push(slot, value, answers)?,
+                Self::Causal(filter) => filter.push(slot, value, answers),
+            }
+        }
+        Ok(())
+    }
+
+    /// Appends the answers that were held back.
+    ///
+    /// # Errors
+    /// [`FilterError::TooFewSamples`] if the whole log is too short.
+    pub(super) fn finish(&mut self, answers: &mut Vec<f64>) -> Result<(), FilterError> {
+        match self {
+            Self::ZeroPhase(filter) => filter.finish(answers),
+            Self::Causal(_) => Ok(()),
+        }
+    }
+}
+
+/// Forward and backward, as soon as all that a block depends on is there.
+#[derive(Clone, Debug)]
+pub(super) struct ZeroPhase {
+    plan: BlockPlan,
+    segment: Option<Segment>,
+}
+
+/// What lies between two pauses.
+#[derive(Clone, Debug)]
+struct Segment {
+    start: u64,
+    /// The slot of the first of `even`.
+    base: u64,
+    /// The signal on the grid.
+    even: Vec<f64>,
+    /// The slots of the rows that wait for their answer.
+    waiting: Vec<u64>,
+}
+
+impl Segment {
+    fn new(slot: u64, value: f64) -> Self {
+        Self { start: slot, base: slot, even: vec![value], waiting: vec![slot] }
+    }
+
+    /// The slot after the last.
+    fn end(&self) -> u64 {
+        self.base + self.even.len() as u64
+    }
+
+    fn hold_until(&mut self, end: u64) {
+        let held = self.even[self.even.len() - 1];
+        let length = end.saturating_sub(self.base) as usize;
+        self.even.resize(length.max(self.even.len()), held);
+    }
+
+    fn forget_before(&mut self, slot: u64) {
+        if slot > self.base {
+            self.even.drain(..(slot - self.base) as usize);
+            self.base = slot;
+        }
+    }
+}
+
+impl ZeroPhase {
+    fn push(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) -> Result<(), FilterError> {
+        let paused = |segment: &Segment| slot - (segment.end() - 1) > self.plan.memory;
+        if self.segment.as_ref().is_some_and(paused) {
+            self.close(false, answers)?;
+        }
+        let plan = &self.plan;
+        let Some(segment) = &mut self.segment else {
+            self.segment = Some(Segment::new(slot, value));
+            return Ok(());
+        };
+        // Blocks that nothing later can change.
+        while let Some(&first) = segment.waiting.first() {
+            let block = plan.block(first);
+            let end = plan.span(block).end;
+            if slot < end {
+                break;
+            }
+            segment.hold_until(end);
+            plan.answer(segment, block, answers)?;
+        }
+        segment.hold_until(slot);
+        let first = *segment.waiting.first().unwrap_or(&slot);
+        segment.forget_before(plan.span(plan.block(first)).start);
+        if segment.end() > slot {
+            let last = segment.even.len() - 1;
+            segment.even[last] = value;
+        } else {
+            segment.even.push(value);
+        }
+        segment.waiting.push(slot);
+        Ok(())
+    }
+
+    fn finish(&mut self, answers: &mut Vec<f64>) -> Result<(), FilterError> {
+        let is_whole_log = self.segment.as_ref().is_some_and(|segment| segment.start == 0);
+        self.close(is_whole_log, answers)
+    }
+
+    /// Answers all that waits; what is too short to be filtered is continued by its last value, but
+    /// for a whole log.
+    fn close(&mut self, is_whole_log: bool, answers: &mut Vec<f64>) -> Result<(), FilterError> {
+        let Some(mut segment) = self.segment.take() else { return Ok(()) };
+        let reach = self.plan.design.zero_phase_reach() as u64;
+        if !is_whole_log {
+            segment.hold_until(segment.start + reach + 1);
+        }
+        while let Some(&first) = segment.waiting.first() {
+            self.plan.answer(&mut segment, self.plan.block(first), answers)?;
+        }
+        Ok(())
+    }
+}
+
+impl BlockPlan {
+    /// Answers the rows in a block, whose span the segment holds as far as it goes.
+    fn answer(
+        &self,
+        segment: &mut Segment,
+        block: u64,
+        answers: &mut Vec<f64>,
+    ) -> Result<(), FilterError> {
+        let span = self.span(block);
+        let (start, end) = (span.start.max(segment.base), span.end.min(segment.end()));
+        let mut even =
+            segment.even[(start - segment.base) as usize..][..(end - start) as usize].to_vec();
+        self.design.zero_phase(&mut even)?;
+        let block_end = (block + 1) * self.length();
+        let count = segment.waiting.partition_point(|&slot| slot < block_end);
+        answers.extend(segment.waiting.drain(..count).map(|slot| even[(slot - start) as usize]));
+        Ok(())
+    }
+}
+
+/// Forward only, one answer a row.
+#[derive(Clone, Debug)]
+pub(super) struct Causal {
+    plan: BlockPlan,
+    segment: Option<Running>,
+}
+
+/// A causal filter between two pauses.
+#[derive(Clone, Debug)]
+struct Running {
+    start: u64,
+    /// Has taken in all slots before `slot`.
+    filter: Filter,
+    /// The filter of the block after, once that has begun to take slots in.
+    next: Option<Filter>,
+    slot: u64,
+    value: f64,
+}
+
+impl Causal {
+    fn push(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) {
+        let plan = &self.plan;
+        let paused = |running: &Running| slot - running.slot > plan.memory;
+        let mut running = match self.segment.take() {
+            Some(running) if !paused(&running) => running,
+            _ => {
+                Running { start: slot, filter: plan.started(slot, value), next: None, slot, value }
+            }
+        };
+        while running.slot < slot {
+            running.step(plan);
+        }
+        running.value = value;
+        answers.push(running.filter.peek(value));
+        self.segment = Some(running);
+    }
+}
+
+impl Running {
+    /// Takes in the current slot, and goes to the next.
+    fn step(&mut self, plan: &BlockPlan) {
+        let (slot, value) = (self.slot, self.value);
+        self.filter.process(&mut [value]);
+        let after = plan.block(slot) + 1;
+        if slot >= plan.span(after).start.max(self.start) {
+            let next = self.next.get_or_insert_with(|| plan.started(slot, value));
+            next.process(&mut [value]);
+        }
+        self.slot += 1;
+        if plan.block(self.slot) == after
+            && let Some(next) = self.next.take()
+        {
+            self.filter = next;
+        }
+    }
+}
+
+impl BlockPlan {
+    /// A causal filter that takes `value` at `slot` as its first.
+    fn started(&self, slot: u64, value: f64) -> Filter {
+        let mut filter = Filter::new(&self.design);
+        filter.settle(if self.at_rest && slot == 0 { 0.0 } else { value });
+        filter
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(zero_phase: bool) -> BlockPlan {
+        BlockPlan::new(Butterworth::low_pass(4, 20.0, 1000.0).unwrap(), zero_phase, true)
+    }
+
+    /// Slots with some missing and some doubled, and a signal.
+    fn rows(count: u64) -> (Vec<u64>, Vec<f64>) {
+        let slots: Vec<u64> = (0..count)
+            .filter(|i| i % 7 != 3)
+            .map(|i| if i % 11 == 4 { i - 1 } else { i })
+            .collect();
+        let signal = slots.iter().enumerate();
+        let signal =
+            signal.map(|(i, slot)| ((i * i * 37) % 101) as f64 - (*slot as f64 / 300.0).sin());
+        (slots.clone(), signal.collect())
+    }
+
+    fn answers(plan: BlockPlan, slots: &[u64], values: &[f64], piece: usize) -> Vec<f64> {
+        let mut filter = SignalFilter::new(plan);
+        let mut answers = Vec::new();
+        for (slots, values) in slots.chunks(piece).zip(values.chunks(piece)) {
+            filter.push(slots, values, &mut answers).unwrap();
+        }
+        filter.finish(&mut answers).unwrap();
+        assert_eq!(answers.len(), values.len());
+        answers
+    }
+
+    /// The whole signal on the grid, later rows of a slot counting, and the slots of the rows.
+    fn spread(slots: &[u64], values: &[f64]) -> Vec<f64> {
+        let mut even: Vec<f64> = Vec::new();
+        for (&slot, &value) in slots.iter().zip(values) {
+            let held = even.last().copied().unwrap_or(value);
+            even.truncate(slot as usize);
+            even.resize(slot as usize, held);
+            even.push(value);
+        }
+        even
+    }
+
+    #[test]
+    fn answers_are_those_of_the_filter_over_the_whole_log() {
+        let (slots, values) = rows(9000);
+        let even = spread(&slots, &values);
+        let mut zero_phase = even.clone();
+        plan(true).design.zero_phase(&mut zero_phase).unwrap();
+        let found = answers(plan(true), &slots, &values, 100);
+        for (found, slot) in found.iter().zip(&slots) {
+            // The filter's memory is cut at 1e-12 of a range of 102; rounding is as large.
+            assert!((found - zero_phase[*slot as usize]).abs() < 1e-10);
+        }
+        let mut causal = even;
+        Filter::new(&plan(false).design).process(&mut causal);
+        let found = answers(plan(false), &slots, &values, 100);
+        for (i, (found, slot)) in found.iter().zip(&slots).enumerate() {
+            // The first of two rows in a slot is answered before the second is known.
+            if slots.get(i + 1) != Some(slot) {
+                assert!((found - causal[*slot as usize]).abs() < 1e-10, "{slot}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_log_within_one_block_has_the_bits_of_the_filter() {
+        let (slots, values) = rows(1000);
+        assert!(plan(true).length() > 1000, "{}", plan(true).length());
+        let mut even = spread(&slots, &values);
+        plan(true).design.zero_phase(&mut even).unwrap();
+        let expected: Vec<f64> = slots.iter().map(|&slot| even[slot as usize]).collect();
+        assert_eq!(answers(plan(true), &slots, &values, 33), expected);
+    }
+
+    #[test]
+    fn pieces_and_windows_give_the_same_bits() {
+        let (mut slots, values) = rows(12_000);
+        // A pause in the middle, longer than the filter remembers, and one that is not.
+        slots.iter_mut().filter(|slot| **slot > 5000).for_each(|slot| *slot += 4000);
+        slots.iter_mut().filter(|slot| **slot > 14_000).for_each(|slot| *slot += 300);
+        for zero_phase in [true, false] {
+            let plan = plan(zero_phase);
+            let whole = answers(plan.clone(), &slots, &values, slots.len());
+            assert_eq!(answers(plan.clone(), &slots, &values, 1), whole);
+            for (first, last) in
+                [(0, 50), (3000, 5000), (4990, 9500), (9010, 12_000), (14_250, 15_000)]
+            {
+                let needed = plan.needed(first, last);
+                let rows = slots.partition_point(|s| *s < needed.start)
+                    ..slots.partition_point(|s| *s < needed.end);
+                let part = answers(plan.clone(), &slots[rows.clone()], &values[rows.clone()], 97);
+                for row in rows.clone().filter(|&row| (first..=last).contains(&slots[row])) {
+                    assert_eq!(part[row - rows.start], whole[row], "{zero_phase} {first} {row}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_pause_of_years_costs_no_memory_and_parts_two_recordings() {
+        let slots = [0, 1, 2, u64::MAX / 4, u64::MAX / 4 + 1];
+        let found = answers(plan(true), &slots, &[1.0, 1.0, 1.0, 5.0, 5.0], 5);
+        assert_eq!(found, [1.0, 1.0, 1.0, 5.0, 5.0]);
+        let found = answers(plan(false), &slots, &[0.0, 0.0, 0.0, 5.0, 5.0], 5);
+        assert_eq!(found, [0.0, 0.0, 0.0, 5.0, 5.0]);
+    }
+
+    #[test]
+    fn a_whole_log_that_is_too_short_is_refused() {
+        let mut filter = SignalFilter::new(plan(true));
+        let mut answers = Vec::new();
+        filter.push(&[0, 1, 2], &[1.0; 3], &mut answers).unwrap();
+        let error = filter.finish(&mut answers).unwrap_err();
+        assert_eq!(error, FilterError::TooFewSamples { samples: 3, needed: 16 });
+    }
+}

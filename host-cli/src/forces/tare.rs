@@ -1,0 +1,293 @@
+//! The frames that are taken as unloaded.
+
+use calibration::Calibration;
+use calibration::uncertainty::Tare;
+use shell_data::wrench::{Axis, PerAxis};
+
+use super::{ForceError, RowRule, TareRule};
+
+/// Frames that are summed at once: fixed, so that the mean has the same bits however the log is cut.
+const CHUNK: usize = 4096;
+
+/// The tare, as far as the log has been read.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct TareSearch {
+    rule: TareRule,
+    rows: RowRule,
+    is_done: bool,
+    /// Frames found that are not in `mean` yet: counts, one column a channel.
+    chunk: Vec<Vec<f64>>,
+    mean: Option<Tare>,
+    found: usize,
+    found_s: Option<(f64, f64)>,
+    seen_s: Option<(f64, f64)>,
+    /// The frames themselves, if they are kept.
+    frames: Option<TareFrames>,
+}
+
+/// The frames of a tare.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TareFrames {
+    /// Readings, counts, one column a channel.
+    pub readings: Vec<Vec<f64>>,
+    /// Time of each, s.
+    pub times_s: Vec<f64>,
+    /// Position of the right leg at each, counts; empty if not known.
+    pub leg: Vec<f64>,
+}
+
+/// What was taken as unloaded.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct TareResult {
+    /// Number of frames.
+    pub frames: usize,
+    /// Time of the first, s; `None` if the log has no time.
+    pub start_s: Option<f64>,
+    /// Time of the last, s.
+    pub end_s: Option<f64>,
+    /// Their mean wrench, which was subtracted, N and N·m.
+    #[serde(serialize_with = "by_column")]
+    pub wrench: PerAxis<f64>,
+}
+
+/// Some rows of a log, in order.
+#[derive(Clone, Copy, Debug)]
+pub struct FirstRows<'a> {
+    /// Time of each row, s; empty if the log has no time.
+    pub times_s: &'a [f64],
+    /// Readings, counts, one column a channel.
+    pub readings: &'a [Vec<f64>],
+    /// Whether each row is a new frame.
+    pub fresh: &'a [bool],
+    /// Position of the right leg at each row, counts, if known.
+    pub leg: Option<&'a [f64]>,
+}
+
+impl TareSearch {
+    /// Nothing found yet; `keep_frames` keeps the frames beside their mean.
+    pub(super) fn new(rule: TareRule, rows: RowRule, keep_frames: bool) -> Self {
+        Self {
+            rule,
+            rows,
+            is_done: rule == TareRule::Untared,
+            chunk: Vec::new(),
+            mean: None,
+            found: 0,
+            found_s: None,
+            seen_s: None,
+            frames: keep_frames.then(TareFrames::default),
+        }
+    }
+
+    /// Whether all frames are found.
+    pub(super) fn is_done(&self) -> bool {
+        self.is_done
+    }
+
+    /// Whether rows that end at `last_s` may be among what is looked for.
+    pub(super) fn wants(&self, last_s: f64) -> bool {
+        match self.rule {
+            TareRule::Between(start_s, _) => !self.is_done && last_s >= start_s,
+            _ => !self.is_done,
+        }
+    }
+
+    /// Looks at the next rows, in order.
+    pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
+        for row in 0..rows.fresh.len() {
+            let time = rows.times_s.get(row).copied();
+            if let (Some(time), false) = (time, self.is_done) {
+                self.seen_s = Some((self.seen_s.map_or(time, |(first, _)| first), time));
+            }
+            match self.rule {
+                TareRule::Untared => return,
+                TareRule::First(frames) => self.is_done |= self.found >= frames,
+                TareRule::Between(_, end_s) => self.is_done |= time.is_none_or(|time| time > end_s),
+            }
+            if self.is_done {
+                return;
+            }
+            let early = matches!((self.rule, time), (TareRule::Between(start_s, _), Some(time)) if time < start_s);
+            if early || (self.rows == RowRule::Time && !rows.fresh[row]) {
+                continue;
+            }
+            self.take(calibration, rows, row);
+            self.is_done = matches!(self.rule, TareRule::First(frames) if self.found >= frames);
+        }
+    }
+
+    fn take(&mut self, calibration: &Calibration, rows: FirstRows<'_>, row: usize) {
+        let time = rows.times_s.get(row).copied();
+        push_row(&mut self.chunk, rows.readings, row);
+        if let Some(frames) = &mut self.frames {
+            push_row(&mut frames.readings, rows.readings, row);
+            frames.times_s.extend(time);
+            frames.leg.extend(rows.leg.map(|leg| leg[row]));
+        }
+        self.found += 1;
+        if let Some(time) = time {
+            self.found_s = Some((self.found_s.map_or(time, |(first, _)| first), time));
+        }
+        if self.chunk[0].len() == CHUNK {
+            self.add_chunk(calibration);
+        }
+    }
+
+    fn add_chunk(&mut self, calibration: &Calibration) {
+        let Some(next) = calibration.tare(&self.chunk) else { return };
+        self.chunk.iter_mut().for_each(Vec::clear);
+        self.mean = Some(match self.mean.take() {
+            None => next,
+            Some(mean) => mean_of_both(&mean, &next),
+        });
+    }
+
+    /// The tare and what it was taken from; `None` where none is to be taken. The frames are there if
+    /// they were kept.
+    ///
+    /// # Errors
+    /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few.
+    pub(super) fn finish(mut self, calibration: &Calibration) -> Result<Found, ForceError> {
+        let found = self.found;
+        match self.rule {
+            TareRule::Untared => return Ok(Found::default()),
+            TareRule::First(wanted) if found < wanted.max(1) => {
+                return Err(ForceError::TareFrames { wanted, found });
+            }
+            TareRule::Between(start_s, end_s) if found == 0 => {
+                let (first_s, last_s) = self.seen_s.unwrap_or((f64::NAN, f64::NAN));
+                return Err(ForceError::TareTime { start_s, end_s, first_s, last_s });
+            }
+            TareRule::First(_) | TareRule::Between(..) => {}
+        }
+        if !self.chunk[0].is_empty() {
+            self.add_chunk(calibration);
+        }
+        let result = self.mean.as_ref().map(|mean| TareResult {
+            frames: mean.frames,
+            start_s: self.found_s.map(|(start, _)| start),
+            end_s: self.found_s.map(|(_, end)| end),
+            wrench: mean.wrench,
+        });
+        Ok(Found { tare: self.mean, result, frames: self.frames })
+    }
+}
+
+/// What a search has found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Found {
+    pub(super) tare: Option<Tare>,
+    pub(super) result: Option<TareResult>,
+    pub(super) frames: Option<TareFrames>,
+}
+
+impl TareFrames {
+    /// Time of the last frame, s.
+    pub fn end_s(&self) -> f64 {
+        self.times_s.last().copied().unwrap_or(f64::NEG_INFINITY)
+    }
+}
+
+fn push_row(columns: &mut Vec<Vec<f64>>, readings: &[Vec<f64>], row: usize) {
+    columns.resize_with(readings.len(), Vec::new);
+    columns.iter_mut().zip(readings).for_each(|(column, readings)| column.push(readings[row]));
+}
+
+/// The mean over the frames of two tares.
+fn mean_of_both(a: &Tare, b: &Tare) -> Tare {
+    let frames = a.frames + b.frames;
+    let share = b.frames as f64 / frames as f64;
+    let mean = |a: f64, b: f64| a + (b - a) * share;
+    Tare {
+        frames,
+        features: a.features.iter().zip(&b.features).map(|(&a, &b)| mean(a, b)).collect(),
+        wrench: std::array::from_fn(|axis| mean(a.wrench[axis], b.wrench[axis])),
+    }
+}
+
+/// Writes one value per axis under the axes' column names.
+fn by_column<S: serde::Serializer>(
+    values: &PerAxis<f64>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(Axis::ALL.iter().map(|axis| axis.column()).zip(values))
+}
+
+#[cfg(test)]
+mod tests {
+    use calibration::scaling::Scaling;
+    use calibration::{Basis, Model};
+
+    use super::*;
+
+    /// Fx is the reading.
+    fn identity() -> Calibration {
+        let model = Model { basis: Basis::Linear, intercept: false, channels: 1 };
+        Calibration::new(model, Scaling::identity(1), vec![[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    }
+
+    /// Twelve rows a second apart, each frame in two rows: 0, 0, 1, 1, …, looked at in pieces.
+    fn search(rule: TareRule, rows: RowRule) -> Result<Found, ForceError> {
+        let mut search = TareSearch::new(rule, rows, true);
+        let times: Vec<f64> = (0..12).map(f64::from).collect();
+        let readings: Vec<f64> = times.iter().map(|t| (t / 2.0).floor()).collect();
+        let fresh: Vec<bool> = (0..12).map(|i| i % 2 == 0).collect();
+        for start in (0..12).step_by(5) {
+            let end = (start + 5).min(12);
+            if search.wants(times[end - 1]) {
+                let rows = FirstRows {
+                    times_s: &times[start..end],
+                    readings: &[readings[start..end].to_vec()],
+                    fresh: &fresh[start..end],
+                    leg: None,
+                };
+                search.look_at(&identity(), rows);
+            }
+        }
+        search.finish(&identity())
+    }
+
+    #[test]
+    fn first_frames_count_once_by_time_and_rows_count_by_row() {
+        let found = search(TareRule::First(4), RowRule::Time).unwrap();
+        let frames = found.frames.unwrap();
+        assert_eq!(frames.readings, [[0.0, 1.0, 2.0, 3.0]]);
+        assert_eq!((frames.times_s[0], frames.end_s()), (0.0, 6.0));
+        assert_eq!(found.tare.unwrap().wrench[0], 1.5);
+        let by_row = search(TareRule::First(4), RowRule::Rows).unwrap();
+        assert_eq!(by_row.frames.unwrap().readings, [[0.0, 0.0, 1.0, 1.0]]);
+        assert_eq!(search(TareRule::Untared, RowRule::Time), Ok(Found::default()));
+        let error = search(TareRule::First(7), RowRule::Time).unwrap_err();
+        assert_eq!(error, ForceError::TareFrames { wanted: 7, found: 6 });
+    }
+
+    #[test]
+    fn a_tare_by_time_takes_the_frames_between() {
+        let found = search(TareRule::Between(3.0, 8.5), RowRule::Time).unwrap();
+        assert_eq!(found.frames.unwrap().readings, [[2.0, 3.0, 4.0]]);
+        let result = found.result.unwrap();
+        assert_eq!((result.frames, result.start_s, result.end_s), (3, Some(4.0), Some(8.0)));
+        let error = search(TareRule::Between(20.0, 30.0), RowRule::Time).unwrap_err();
+        assert!(matches!(error, ForceError::TareTime { .. }), "{error}");
+    }
+
+    #[test]
+    fn long_tares_do_not_depend_on_how_the_log_is_cut() {
+        let readings: Vec<f64> = (0..10_000).map(|i| f64::from(i * i % 4093) / 7.0).collect();
+        let fresh = vec![true; readings.len()];
+        let tare = |piece: usize| {
+            let mut search = TareSearch::new(TareRule::First(9000), RowRule::Time, false);
+            for (readings, fresh) in readings.chunks(piece).zip(fresh.chunks(piece)) {
+                let readings = [readings.to_vec()];
+                let rows = FirstRows { times_s: &[], readings: &readings, fresh, leg: None };
+                search.look_at(&identity(), rows);
+            }
+            search.finish(&identity()).unwrap().tare.unwrap()
+        };
+        let whole = tare(10_000);
+        assert_eq!((whole.frames, &whole), (9000, &tare(7)));
+        let mean = readings[..9000].iter().sum::<f64>() / 9000.0;
+        // 9000 terms of up to 600 round to 1e-12 of them at worst.
+        assert!((whole.wrench[0] - mean).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,221 @@
+//! A rigid plate on springs: stiffness, compliance, and what real springs add to Hooke's law.
+//!
+//! The plate hangs on springs at points pᵢ, each with a stiffness along x, y and z. A displacement
+//! u = (d, θ) moves the foot of a spring by d + θ × pᵢ, so that the energy is ½ uᵀK u with
+//! K = Σ Jᵢᵀ diag(kᵢ) Jᵢ, and a wrench w displaces the plate by K⁻¹w. (Rotations are small: the
+//! springs are linear in θ; where the reflectors go is computed exactly, in `geometry`.)
+//!
+//! Springs of wire in a printed seat also creep and stick. Both are modelled on the wrench:
+//!
+//! - *creep*: part of the answer is late, a first-order relaxation (standard linear solid);
+//! - *hysteresis*: part of the answer follows the load through play, one stop element of a
+//!   Prandtl–Ishlinskii model (Visintin, *Differential Models of Hysteresis*, 1994, ch. III).
+
+use shell_data::wrench::PerAxis;
+
+/// Translation in m along x, y, z, then rotation vector in rad.
+pub type Displacement = [f64; 6];
+
+/// One spring between board and plate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spring {
+    /// Where it holds the plate, m.
+    pub position_m: [f64; 3],
+    /// Stiffness along x, y and z, N/m.
+    pub stiffness_n_per_m: [f64; 3],
+}
+
+/// The part of the answer that comes late.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Creep {
+    /// Further displacement under constant load, as a fraction of the immediate one.
+    pub fraction: f64,
+    /// Time constant of the relaxation, s.
+    pub time_s: f64,
+}
+
+/// The part of the answer that lags behind whatever the speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hysteresis {
+    /// Fraction of the answer that goes through the play.
+    pub fraction: f64,
+    /// Half-width of the play for forces, N.
+    pub force_n: f64,
+    /// Half-width of the play for moments, N·m.
+    pub moment_nm: f64,
+}
+
+/// The 6 × 6 stiffness of `springs`, N/m, N and N·m (per rad), about the origin.
+pub fn stiffness(springs: &[Spring]) -> [[f64; 6]; 6] {
+    let mut matrix = [[0.0; 6]; 6];
+    for spring in springs {
+        let [x, y, z] = spring.position_m;
+        let jacobian =
+            [[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x], [0.0, 0.0, 1.0, y, -x, 0.0]];
+        for (row, k) in jacobian.into_iter().zip(spring.stiffness_n_per_m) {
+            for i in 0..6 {
+                for j in 0..6 {
+                    matrix[i][j] += k * row[i] * row[j];
+                }
+            }
+        }
+    }
+    matrix
+}
+
+/// The inverse of a symmetric positive definite `stiffness`, by Gauss–Jordan elimination without
+/// pivoting (stable for such matrices); `None` if it is not positive definite.
+///
+/// Written out rather than taken from a linear algebra library, whose kernels round differently
+/// from one processor to another.
+pub fn compliance(stiffness: &[[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
+    let mut left = *stiffness;
+    let mut right: [[f64; 6]; 6] =
+        std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
+    for k in 0..6 {
+        let pivot = left[k][k];
+        // Rounding leaves a pivot of this size where there should be none.
+        if pivot.is_nan() || pivot <= 1e-12 * stiffness[k][k] {
+            return None;
+        }
+        for j in 0..6 {
+            left[k][j] /= pivot;
+            right[k][j] /= pivot;
+        }
+        for i in (0..6).filter(|&i| i != k) {
+            let factor = left[i][k];
+            for j in 0..6 {
+                left[i][j] -= factor * left[k][j];
+                right[i][j] -= factor * right[k][j];
+            }
+        }
+    }
+    Some(right)
+}
+
+/// The plate on its springs, with the memory of its loads.
+#[derive(Clone, Debug)]
+pub(super) struct Suspension {
+    compliance: [[f64; 6]; 6],
+    creep: Creep,
+    hysteresis: Hysteresis,
+    time_s: Option<f64>,
+    late: PerAxis<f64>,
+    play: PerAxis<f64>,
+}
+
+impl Suspension {
+    pub(super) fn new(compliance: [[f64; 6]; 6], creep: Creep, hysteresis: Hysteresis) -> Self {
+        Self { compliance, creep, hysteresis, time_s: None, late: [0.0; 6], play: [0.0; 6] }
+    }
+
+    /// Where the plate is at `time_s` under `wrench`, which has held since the call before.
+    pub(super) fn displacement(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> Displacement {
+        let elapsed_s = self.time_s.replace(time_s).map_or(0.0, |before| time_s - before);
+        let relaxed = -libm::expm1(-elapsed_s.max(0.0) / self.creep.time_s);
+        let through_play = self.hysteresis.fraction;
+        let mut answer = [0.0; 6];
+        for axis in 0..6 {
+            let load = wrench[axis];
+            let half_width =
+                if axis < 3 { self.hysteresis.force_n } else { self.hysteresis.moment_nm };
+            self.late[axis] += relaxed * (self.creep.fraction * load - self.late[axis]);
+            self.play[axis] = self.play[axis].clamp(load - half_width, load + half_width);
+            answer[axis] =
+                (1.0 - through_play) * load + through_play * self.play[axis] + self.late[axis];
+        }
+        product(&self.compliance, &answer)
+    }
+}
+
+fn product(matrix: &[[f64; 6]; 6], vector: &[f64; 6]) -> [f64; 6] {
+    std::array::from_fn(|i| matrix[i].iter().zip(vector).map(|(m, v)| m * v).sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn springs() -> [Spring; 4] {
+        [[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]].map(|[x, y]| Spring {
+            position_m: [0.03 * x, 0.02 * y, 0.004],
+            stiffness_n_per_m: [1000.0, 1500.0 + 100.0 * x, 3000.0 - 200.0 * y],
+        })
+    }
+
+    #[test]
+    fn stiffness_times_displacement_is_the_load() {
+        let stiffness = stiffness(&springs());
+        let compliance = compliance(&stiffness).unwrap();
+        let wrench = [1.0, -2.0, 3.0, 0.04, -0.05, 0.06];
+        let back = product(&stiffness, &product(&compliance, &wrench));
+        for (back, load) in back.into_iter().zip(wrench) {
+            // The matrix has entries from 2 to 12,000 (condition 6e3): 6e3 ulps.
+            assert!((back - load).abs() < 1e-12, "{back} {load}");
+        }
+    }
+
+    #[test]
+    fn spring_forces_balance_the_load() {
+        // Outside truth: add up the springs' own forces and moments at the displaced plate.
+        let compliance = compliance(&stiffness(&springs())).unwrap();
+        let wrench = [0.5, 1.5, -2.5, -0.03, 0.02, 0.01];
+        let u = product(&compliance, &wrench);
+        let mut sum = [0.0; 6];
+        for spring in springs() {
+            let [x, y, z] = spring.position_m;
+            let moved = [
+                u[0] + u[4] * z - u[5] * y,
+                u[1] + u[5] * x - u[3] * z,
+                u[2] + u[3] * y - u[4] * x,
+            ];
+            let f: [f64; 3] = std::array::from_fn(|a| spring.stiffness_n_per_m[a] * moved[a]);
+            let m = [y * f[2] - z * f[1], z * f[0] - x * f[2], x * f[1] - y * f[0]];
+            for (sum, part) in sum.iter_mut().zip(f.into_iter().chain(m)) {
+                *sum += part;
+            }
+        }
+        for (sum, load) in sum.into_iter().zip(wrench) {
+            assert!((sum - load).abs() < 1e-12, "{sum} {load}");
+        }
+    }
+
+    #[test]
+    fn springs_that_leave_the_plate_loose_have_no_compliance() {
+        assert!(compliance(&stiffness(&springs()[..1])).is_none());
+        assert!(compliance(&stiffness(&[])).is_none());
+        assert!(compliance(&[[f64::NAN; 6]; 6]).is_none());
+    }
+
+    #[test]
+    fn creep_goes_the_way_of_a_standard_linear_solid() {
+        let compliance = compliance(&stiffness(&springs())).unwrap();
+        let creep = Creep { fraction: 0.1, time_s: 2.0 };
+        let hysteresis = Hysteresis { fraction: 0.0, force_n: 1.0, moment_nm: 1.0 };
+        let mut suspension = Suspension::new(compliance, creep, hysteresis);
+        let load = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
+        let at_once = suspension.displacement(0.0, &load)[2];
+        let mut later = 0.0;
+        for step in 1..=30 {
+            later = suspension.displacement(0.1 * f64::from(step), &load)[2];
+        }
+        let expected = at_once * (1.0 + 0.1 * (1.0 - (-1.5_f64).exp()));
+        assert!((later / expected - 1.0).abs() < 1e-13, "{later} {expected}");
+    }
+
+    #[test]
+    fn a_load_that_comes_and_goes_leaves_half_the_play_behind() {
+        let compliance = compliance(&stiffness(&springs())).unwrap();
+        let creep = Creep { fraction: 0.0, time_s: 1.0 };
+        let hysteresis = Hysteresis { fraction: 0.2, force_n: 0.5, moment_nm: 0.01 };
+        let mut suspension = Suspension::new(compliance, creep, hysteresis);
+        let fx = |value| [value, 0.0, 0.0, 0.0, 0.0, 0.0];
+        suspension.displacement(0.0, &fx(3.0));
+        let left = suspension.displacement(1.0, &fx(0.0));
+        // The play is left at +0.5 N, of which 0.2 counts.
+        let expected = product(&compliance, &fx(0.1));
+        for (left, expected) in left.into_iter().zip(expected) {
+            assert!((left - expected).abs() < 1e-18);
+        }
+    }
+}

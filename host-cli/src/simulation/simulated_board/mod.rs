@@ -1,0 +1,159 @@
+//! A board without hardware: the firmware's own library in this process, on a pty.
+//!
+//! ```text
+//! load ─ SensorModel ─ Instrument ─ firmware (embassy, std) ─ Radio ─ pty ─▶ whoever opens it
+//!                                          ▲                    │
+//!                                          └────────────────────┘
+//! ```
+//!
+//! The firmware cannot tell: conversions take the time that they take on the SkinProc board, and
+//! its clock stands where it should ([`PacedClock`]). What is different is that its calibration is
+//! gone with the process.
+
+mod clock;
+mod instrument;
+mod line;
+
+pub use clock::PacedClock;
+pub use instrument::{Instrument, Load};
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+
+use embassy_executor::{Executor, Spawner};
+use firmware::{LastWords, Link, Parts, RECORD, Record, Storage, StorageError, VERSION, Watchdog};
+use shared_proto::{Board, Identity, ResetCause};
+
+use crate::simulation::radio::{BadFault, Books, Faults, Radio};
+use crate::simulation::sensor_model::{ModelError, Parameters, SensorModel};
+use line::{Line, Receiver, Sender};
+
+/// A board to simulate.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// What is done to the shell.
+    pub load: Load,
+    /// Names the recording: noise, light, warmth and faults.
+    pub seed: u64,
+    /// Names the instrument.
+    pub unit_seed: u64,
+    /// Factor on all random noise.
+    pub noise_scale: f64,
+    /// What the radio does to packets, either way.
+    pub faults: Faults,
+}
+
+/// Why there is no board.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulationError {
+    /// The instrument.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The radio.
+    #[error(transparent)]
+    Radio(#[from] BadFault),
+    /// The pty.
+    #[error("cannot make a pty: {0}")]
+    Pty(#[from] serialport::Error),
+    /// The firmware's task is there once.
+    #[error("this process has a simulated board already")]
+    Second,
+}
+
+/// A board that runs until the process ends.
+#[derive(Debug)]
+pub struct SimulatedBoard {
+    port: String,
+    /// To the host and to the board.
+    radios: [Arc<Mutex<Radio>>; 2],
+}
+
+impl SimulatedBoard {
+    /// Switches a board on.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    pub fn start(settings: Settings) -> Result<Self, SimulationError> {
+        let Settings { load, seed, unit_seed, noise_scale, faults } = settings;
+        if !(noise_scale.is_finite() && noise_scale >= 0.0) {
+            return Err(ModelError::NoiseScale { factor: noise_scale }.into());
+        }
+        let mut unit = Parameters::nominal().unit(unit_seed);
+        unit.scale_noise(noise_scale);
+        let sensor = SensorModel::new(&unit, seed)?;
+        // The two ways of the radio fail independently.
+        let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
+        let radios = [radio(0)?, radio(1)?];
+        static STARTED: AtomicBool = AtomicBool::new(false);
+        if STARTED.swap(true, Ordering::Relaxed) {
+            return Err(SimulationError::Second);
+        }
+        let Line { port, sender, receiver } = Line::open(&radios)?;
+        thread::spawn(move || {
+            // The executor runs as long as the process.
+            let executor = Box::leak(Box::new(Executor::new()));
+            executor.run(|spawner: Spawner| {
+                let clock = PacedClock::start();
+                let front_end = Instrument::new(sensor, load, clock.clone());
+                let task = board(front_end, clock, receiver, sender);
+                spawner.spawn(task.expect("one board to a process"));
+            })
+        });
+        Ok(Self { port, radios })
+    }
+
+    /// The port that it is on.
+    pub fn port(&self) -> &str {
+        &self.port
+    }
+
+    /// What the radio has done to packets to the host, and to those to the board.
+    pub fn books(&self) -> [Books; 2] {
+        self.radios.each_ref().map(|radio| line::lock(radio).books())
+    }
+}
+
+#[embassy_executor::task]
+async fn board(front_end: Instrument, clock: PacedClock, receiver: Receiver, sender: Sender) {
+    firmware::run(Parts {
+        front_end,
+        clock,
+        receiver,
+        sender,
+        storage: Memory(None),
+        watchdog: NoWatchdog,
+        link: Link::Transparent,
+        identity: Identity {
+            board: Board::Simulated,
+            firmware: VERSION,
+            serial: *b"simulated   ",
+            min_period_us: 1_000,
+        },
+        reset_cause: ResetCause::Power,
+        last_words: LastWords::new(),
+        line_bytes_per_s: None,
+    })
+    .await;
+}
+
+struct Memory(Option<Record>);
+
+impl Storage for Memory {
+    fn load(&mut self, record: &mut Record) {
+        *record = self.0.unwrap_or([0xFF; RECORD]);
+    }
+
+    fn store(&mut self, record: &Record) -> Result<(), StorageError> {
+        self.0 = Some(*record);
+        Ok(())
+    }
+}
+
+/// A stopped process is not a board that hangs.
+struct NoWatchdog;
+
+impl Watchdog for NoWatchdog {
+    fn feed(&mut self) {}
+}

@@ -1,0 +1,109 @@
+//! The fields of an entry, from text.
+
+use super::entry::{Entry, ManifestProblem, Moment, Place, Placed};
+
+/// What is left of an entry's fields once they are read.
+pub(super) struct Fields<'a> {
+    pub(super) place: Place,
+    pub(super) get: &'a dyn Fn(&str) -> Option<Placed<String>>,
+}
+
+/// The names of the columns or keys, the first four of which have to be there.
+pub(super) const KEYS: [&str; 9] = [
+    "file",
+    "condition",
+    "t_enter_s",
+    "t_exit_s",
+    "velocity_m_s",
+    "mass_kg",
+    "channel_length_m",
+    "notes",
+    "exclude",
+];
+
+/// How many of [`KEYS`] have to be there.
+pub(super) const REQUIRED: usize = 4;
+
+impl Fields<'_> {
+    /// The entry that the fields make.
+    pub(super) fn entry(&self) -> Result<Entry, ManifestProblem> {
+        let entry = Entry {
+            place: self.place,
+            file: self.text("file")?,
+            condition: self.text("condition")?,
+            enter: self.moment("t_enter_s")?,
+            exit: self.moment("t_exit_s")?,
+            velocity_m_s: self.positive("velocity_m_s")?,
+            mass_kg: self.positive("mass_kg")?,
+            channel_length_m: self.positive("channel_length_m")?,
+            notes: (self.get)("notes").map(|notes| notes.value),
+            exclude: self.flag("exclude")?,
+        };
+        if let (Moment::At(enter), Moment::At(exit)) = (entry.enter.value, entry.exit.value)
+            && exit <= enter
+        {
+            let message = format!("the exit at `{exit}` s is not after the entry at `{enter}` s");
+            return Err(ManifestProblem { place: entry.exit.place, message });
+        }
+        Ok(entry)
+    }
+
+    fn text(&self, key: &str) -> Result<Placed<String>, ManifestProblem> {
+        let missing =
+            || ManifestProblem { place: self.place, message: format!("`{key}` is missing") };
+        (self.get)(key).ok_or_else(missing)
+    }
+
+    fn moment(&self, key: &str) -> Result<Placed<Moment>, ManifestProblem> {
+        let Placed { value, place } = self.text(key)?;
+        let moment = match value.parse::<f64>() {
+            _ if value.eq_ignore_ascii_case("auto") => Moment::Auto,
+            Ok(time) if time.is_finite() => Moment::At(time),
+            _ => {
+                let message = format!("`{key}` is `{value}`, expected a time in s or `auto`");
+                return Err(ManifestProblem { place, message });
+            }
+        };
+        Ok(Placed { value: moment, place })
+    }
+
+    fn positive(&self, key: &str) -> Result<Option<Placed<f64>>, ManifestProblem> {
+        let Some(Placed { value, place }) = (self.get)(key) else { return Ok(None) };
+        match value.parse::<f64>() {
+            Ok(number) if number > 0.0 && number.is_finite() => {
+                Ok(Some(Placed { value: number, place }))
+            }
+            _ => {
+                let message = format!("`{key}` is `{value}`, expected a positive number");
+                Err(ManifestProblem { place, message })
+            }
+        }
+    }
+
+    fn flag(&self, key: &str) -> Result<bool, ManifestProblem> {
+        let Some(Placed { value, place }) = (self.get)(key) else { return Ok(false) };
+        match value.to_ascii_lowercase().as_str() {
+            "yes" | "true" | "x" | "1" => Ok(true),
+            "no" | "false" | "0" => Ok(false),
+            _ => {
+                let message = format!("`{key}` is `{value}`, expected `yes`, `no` or nothing");
+                Err(ManifestProblem { place, message })
+            }
+        }
+    }
+}
+
+/// The known name that `name` is most like, if it is at all.
+pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let name = name.to_lowercase();
+    let likeness = |known: &str| strsim::jaro_winkler(&name, &known.to_lowercase());
+    let candidates = known.into_iter().map(|known| (likeness(known), known));
+    let best =
+        candidates.filter(|(likeness, _)| *likeness > 0.75).max_by(|a, b| a.0.total_cmp(&b.0));
+    best.map(|(_, known)| known)
+}
+
+/// `, did you mean …?` where a name is known that is like it.
+pub(super) fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    suggest(name, known).map_or_else(String::new, |known| format!(", did you mean `{known}`?"))
+}

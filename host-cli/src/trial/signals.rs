@@ -1,0 +1,127 @@
+//! The signals of a trial at every row: forces, motor power, leg angles.
+
+use std::ops::Range;
+
+use super::diagnose::{diagnose_frames, diagnose_legs, diagnose_rows, diagnose_tare};
+use super::diagnostic::Diagnostic;
+use super::error::TrialError;
+use super::forces::TrialForces;
+use super::input::TrialInput;
+use super::leg::{Strides, unwrap};
+use super::options::TraceExtent;
+use super::power::Power;
+use super::rows::TrialRows;
+use super::trace::Trace;
+use shell_data::telemetry::Telemetry;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// What can be computed of the rows of a trial.
+pub(super) struct Signals {
+    pub(super) forces: Option<TrialForces>,
+    pub(super) power: Option<Power>,
+    /// Power of both motors, W.
+    pub(super) total_w: Option<Vec<f64>>,
+    /// Angles, rad.
+    pub(super) right_leg: Option<Vec<f64>>,
+    pub(super) left_leg: Option<Vec<f64>>,
+    pub(super) strides: Option<Strides>,
+}
+
+impl Signals {
+    /// Adds to `diagnostics` what is missing, and what is unusual in the rows `window`.
+    ///
+    /// # Errors
+    /// [`TrialError`] if there are neither forces nor power, or the sensors are not the calibration's.
+    pub(super) fn new(
+        input: &TrialInput<'_>,
+        window: Range<usize>,
+        diagnostics: &mut Vec<Diagnostic>,
+    ) -> Result<Self, TrialError> {
+        let TrialInput { trial, instrument, rows, tare_frames, .. } = *input;
+        let forces = find_forces(input, diagnostics)?;
+        let power = find_power(input, window.clone(), diagnostics);
+        if forces.is_none() && power.is_none() {
+            let reasons: Vec<String> = diagnostics.iter().map(Diagnostic::to_string).collect();
+            return Err(TrialError::Nothing(reasons.join("; ")));
+        }
+        let rad_per_count = instrument.profile.telemetry.leg_rad_per_count;
+        let leg = |kind| Some(unwrap(&rows.times_s, rows.telemetry(kind)?, rad_per_count));
+        let right_leg = leg(Telemetry::RightLeg);
+        let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
+        let strides = right_leg.as_ref();
+        let strides = strides.map(|angle| Strides::new(&rows.times_s, angle, enter, exit));
+        diagnose_rows(input, window.clone(), diagnostics);
+        if let Some(tare) = tare_frames.filter(|_| forces.is_some()) {
+            diagnose_tare(tare, instrument.profile, enter, diagnostics);
+        }
+        diagnose_frames(input, forces.as_ref(), window, diagnostics);
+        diagnose_legs(strides.as_ref(), diagnostics);
+        let total_w = power.as_ref().map(Power::total_w);
+        let left_leg = leg(Telemetry::LeftLeg);
+        Ok(Self { forces, power, total_w, right_leg, left_leg, strides })
+    }
+
+    /// The signals at some rows.
+    pub(super) fn trace(&self, of: &TrialRows, rows: Range<usize>) -> Trace {
+        let cut = |column: &[f64]| column.get(rows.clone()).unwrap_or_default().to_vec();
+        let cut_optional = |column: &Option<Vec<f64>>| cut(column.as_deref().unwrap_or_default());
+        let wrench = match &self.forces {
+            None => PerAxis::default(),
+            Some(forces) => forces.wrench.each_ref().map(|axis| cut(axis)),
+        };
+        Trace {
+            t_s: cut(&of.times_s),
+            wrench,
+            fresh: of.fresh.get(rows.clone()).unwrap_or_default().to_vec(),
+            right_leg_rad: cut_optional(&self.right_leg),
+            left_leg_rad: cut_optional(&self.left_leg),
+            right_power_w: cut(self.power.as_ref().map_or(&[], |power| &power.right_w)),
+            left_power_w: cut(self.power.as_ref().map_or(&[], |power| &power.left_w)),
+            stride_times_s: self.strides.as_ref().map_or_else(Vec::new, |s| s.times_s.clone()),
+        }
+    }
+}
+
+fn find_forces(
+    input: &TrialInput<'_>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Result<Option<TrialForces>, TrialError> {
+    let found = input.rows.readings.len();
+    let Some(calibration) = input.instrument.calibration else {
+        diagnostics.push(Diagnostic::NoCalibration);
+        return Ok(None);
+    };
+    let expected = calibration.model().channels;
+    if found > 0 && found != expected {
+        return Err(TrialError::Channels { expected, found });
+    }
+    let Some(pipeline) = input.pipeline.filter(|_| found > 0) else {
+        diagnostics.push(Diagnostic::NoSensors);
+        return Ok(None);
+    };
+    if let (Some(low_pass), None) = (input.options.forces.low_pass, pipeline.low_pass()) {
+        diagnostics.push(Diagnostic::Unfiltered { cutoff_hz: low_pass.cutoff_hz });
+    }
+    // Results need two axes; traces show all.
+    let axes: &[Axis] = match input.options.trace {
+        TraceExtent::Nothing => &[Axis::Fx, Axis::Fz],
+        TraceExtent::Window | TraceExtent::Log => &Axis::ALL,
+    };
+    TrialForces::new(input.rows, calibration, pipeline, axes).map(Some)
+}
+
+fn find_power(
+    input: &TrialInput<'_>,
+    window: Range<usize>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Option<Power> {
+    let power = Power::new(input.rows, input.instrument.profile);
+    let power = power.map_err(|missing| diagnostics.push(Diagnostic::NoPower { missing })).ok()?;
+    let battery = &input.rows.telemetry(Telemetry::Battery)?[window];
+    let empty = battery.iter().filter(|&&counts| counts <= 0.0).count() as u64;
+    if empty > 0 {
+        diagnostics.push(Diagnostic::NoBattery { rows: empty, of: battery.len() as u64 });
+        return None;
+    }
+    Some(power)
+}

@@ -1,0 +1,99 @@
+//! Why a log cannot be converted.
+
+use std::io;
+use std::path::Path;
+
+use crate::forces::ForceError;
+use crate::forces::filter::FilterError;
+use crate::workflow::ChannelMismatch;
+use crate::workflow::selection::TimeWindow;
+use log_file::LogError;
+
+/// A log that cannot be converted as asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConvertError {
+    /// The log cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// The calibration is for another sensor.
+    #[error(transparent)]
+    Channels(#[from] ChannelMismatch),
+    /// Too few frames for the tare.
+    #[error("`{path}` has only `{found}` frames, `{wanted}` are to be taken as unloaded")]
+    TareFrames {
+        /// The log.
+        path: String,
+        /// ConvertedFrames asked for.
+        wanted: usize,
+        /// ConvertedFrames in the log.
+        found: usize,
+    },
+    /// No frame within the tare window.
+    #[error(
+        "`{path}` has no frame between `{start}` and `{end}` s to tare on: \
+         its frames run from `{first}` to `{last}` s", start = window.start_s, end = window.end_s
+    )]
+    TareTime {
+        /// The log.
+        path: String,
+        /// The window asked for.
+        window: TimeWindow,
+        /// Time of the first frame.
+        first: f64,
+        /// Time of the last frame read.
+        last: f64,
+    },
+    /// The rate is needed, and the log does not give it.
+    #[error("`{path}` does not tell the sampling rate, which a low-pass needs: {reason}")]
+    NoRate {
+        /// The log.
+        path: String,
+        /// Why.
+        reason: &'static str,
+    },
+    /// The clock was set back.
+    #[error(
+        "`{path}`: the clock jumps back from `{before}` to `{after}` s, across which a low-pass cannot run"
+    )]
+    Backward {
+        /// The log.
+        path: String,
+        /// The latest time before, s.
+        before: f64,
+        /// The time after, s.
+        after: f64,
+    },
+    /// The filter is impossible.
+    #[error(transparent)]
+    Filter(#[from] FilterError),
+    /// Standard errors were asked for by name, and cannot be given.
+    #[error("the calibration carries no covariance, from which standard errors and intervals come")]
+    NoCovariance,
+    /// Readings so large that the wrench overflows.
+    #[error("`{path}`: the wrench of frame `{frame}` is not finite")]
+    NotFinite {
+        /// The log.
+        path: String,
+        /// Number of the frame among those used, from 1.
+        frame: u64,
+    },
+    /// The result cannot be written.
+    #[error("cannot write the result")]
+    Output(#[from] io::Error),
+}
+
+impl ConvertError {
+    /// What the pipeline says of the log at `path`.
+    pub(super) fn of_log(path: &Path, error: ForceError) -> Self {
+        let path = path.display().to_string();
+        match error {
+            ForceError::TareFrames { wanted, found } => Self::TareFrames { path, wanted, found },
+            ForceError::TareTime { start_s, end_s, first_s: first, last_s: last } => {
+                Self::TareTime { path, window: TimeWindow { start_s, end_s }, first, last }
+            }
+            ForceError::NoRate { reason } => Self::NoRate { path, reason },
+            ForceError::Filter(error) => Self::Filter(error),
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! What a conversion has done.
+
+use super::frames::ConvertedFrames;
+use crate::forces::{AppliedLowPass, TareResult};
+use crate::workflow::sampling::Rate;
+use crate::workflow::selection::{Rows, by_column};
+use shell_data::wrench::PerAxis;
+
+/// What a conversion has done.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ConvertSummary {
+    /// Rows in the log.
+    pub rows: u64,
+    /// Those whose readings equal those of the row before.
+    pub repeated_rows: u64,
+    /// Rows that were wrong and left out.
+    pub skipped_rows: u64,
+    /// ConvertedFrames written.
+    pub frames: u64,
+    /// Which rows these were.
+    pub rows_used: Rows,
+    /// What was taken as unloaded.
+    pub tare: Option<TareResult>,
+    /// The filter, and the rate of its grid.
+    pub low_pass: Option<AppliedLowPass>,
+    /// How the frames written follow one another, where they were filtered.
+    pub sampling: Option<Rate>,
+    /// ConvertedFrames with a reading outside the range of the training data.
+    pub out_of_range_frames: u64,
+    /// ConvertedFrames with a saturated reading.
+    pub saturated_frames: u64,
+    /// Smallest, mean and largest value of each axis, N and N·m.
+    #[serde(serialize_with = "by_column")]
+    pub axes: PerAxis<AxisSummary>,
+}
+
+/// The values of one axis over all frames, N or N·m.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct AxisSummary {
+    /// The smallest.
+    pub min: f64,
+    /// The mean.
+    pub mean: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// Counts and extremes over all frames.
+#[derive(Default)]
+pub(super) struct Totals {
+    pub(super) frames: u64,
+    pub(super) out_of_range: u64,
+    pub(super) saturated: u64,
+    axes: PerAxis<Option<(f64, f64, f64)>>,
+}
+
+impl Totals {
+    /// Adds some frames; the number of the first whose wrench is not finite is an error.
+    pub(super) fn add(&mut self, frames: &ConvertedFrames) -> Result<(), u64> {
+        for (total, column) in self.axes.iter_mut().zip(&frames.wrench) {
+            let (mut min, mut sum, mut max) = total.unwrap_or((f64::INFINITY, 0.0, -f64::INFINITY));
+            for &value in column {
+                min = min.min(value);
+                max = max.max(value);
+                sum += value;
+            }
+            let finite = min.is_finite() && max.is_finite() && sum.is_finite();
+            if !finite && !column.is_empty() {
+                let bad = column.iter().position(|value| !value.is_finite()).unwrap_or(0);
+                return Err(self.frames + bad as u64 + 1);
+            }
+            if !column.is_empty() {
+                *total = Some((min, sum, max));
+            }
+        }
+        let marked = |flags: &[u64]| flags.iter().filter(|&&channels| channels != 0).count() as u64;
+        self.frames += frames.len() as u64;
+        self.out_of_range += marked(&frames.out_of_range);
+        self.saturated += marked(&frames.saturated);
+        Ok(())
+    }
+
+    pub(super) fn axes(&self) -> PerAxis<AxisSummary> {
+        self.axes.map(|total| {
+            let (min, sum, max) = total.unwrap_or_default();
+            AxisSummary { min, mean: sum / self.frames.max(1) as f64, max }
+        })
+    }
+}

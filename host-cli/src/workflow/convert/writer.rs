@@ -1,0 +1,121 @@
+//! Converted frames through the low-pass to the output.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::error::ConvertError;
+use super::frames::{ConvertedFrames, ConvertedRows};
+use super::summary::Totals;
+use super::table::Table;
+use crate::figures::WrenchTrace;
+use crate::forces::{ForcePipeline, ForceStream};
+use crate::workflow::sampling::{Rate, Sampling};
+use shell_data::wrench::{Axis, PerAxis};
+
+/// A clock that goes back by more than this has been set back; by less, a frame is late, s.
+const LATE_S: f64 = 1.0;
+
+/// Writes frames in order, as soon as their forces are known.
+pub(super) struct Writer<'a> {
+    path: &'a Path,
+    table: &'a Table,
+    out: &'a mut dyn Write,
+    trace: Option<&'a mut WrenchTrace>,
+    stream: ForceStream,
+    /// ConvertedFrames whose forces are not known yet.
+    waiting: ConvertedFrames,
+    /// Of every row whose force is not known yet, whether it is written.
+    waiting_rows: Vec<bool>,
+    sampling: Option<Sampling>,
+    latest_s: f64,
+    totals: Totals,
+}
+
+impl<'a> Writer<'a> {
+    pub(super) fn new(
+        path: &'a Path,
+        table: &'a Table,
+        pipeline: &ForcePipeline,
+        out: &'a mut dyn Write,
+        trace: Option<&'a mut WrenchTrace>,
+    ) -> Self {
+        Self {
+            path,
+            table,
+            out,
+            trace,
+            stream: pipeline.stream(&Axis::ALL),
+            waiting: ConvertedFrames::default(),
+            waiting_rows: Vec::new(),
+            sampling: pipeline.low_pass().map(|_| Sampling::new()),
+            latest_s: f64::NEG_INFINITY,
+            totals: Totals::default(),
+        }
+    }
+
+    pub(super) fn header(&mut self) -> Result<(), ConvertError> {
+        let mut text = Vec::new();
+        self.table.header(&mut text);
+        Ok(self.out.write_all(&text)?)
+    }
+
+    /// Writes frames, as `text`.
+    pub(super) fn write(
+        &mut self,
+        frames: &ConvertedFrames,
+        text: &[u8],
+    ) -> Result<(), ConvertError> {
+        let path = || self.path.display().to_string();
+        let added = self.totals.add(frames);
+        added.map_err(|frame| ConvertError::NotFinite { path: path(), frame })?;
+        if let Some(trace) = &mut self.trace {
+            trace.add(&frames.time_s, &frames.wrench);
+        }
+        Ok(self.out.write_all(text)?)
+    }
+
+    /// Filters the next rows, and writes those whose forces are known by now.
+    pub(super) fn filter(&mut self, rows: ConvertedRows) -> Result<(), ConvertError> {
+        self.check_clock(&rows.time_s)?;
+        if let Some(sampling) = &mut self.sampling {
+            sampling.add(&rows.frames.time_s);
+        }
+        self.waiting.append(rows.frames);
+        self.waiting_rows.extend(rows.written);
+        let answers = self.stream.push(&rows.time_s, rows.wrench)?;
+        self.write_answers(&answers)
+    }
+
+    fn check_clock(&mut self, times_s: &[f64]) -> Result<(), ConvertError> {
+        for &after in times_s {
+            let before = self.latest_s;
+            if after < before - LATE_S {
+                let path = self.path.display().to_string();
+                return Err(ConvertError::Backward { path, before, after });
+            }
+            self.latest_s = before.max(after);
+        }
+        Ok(())
+    }
+
+    /// Writes those of the oldest waiting rows that are to be written, with their forces.
+    fn write_answers(&mut self, answers: &PerAxis<Vec<f64>>) -> Result<(), ConvertError> {
+        let rows: Vec<bool> = self.waiting_rows.drain(..answers[0].len()).collect();
+        let written = |column: &Vec<f64>| {
+            let rows = column.iter().zip(&rows).filter(|(_, written)| **written);
+            rows.map(|(value, _)| *value).collect::<Vec<f64>>()
+        };
+        let wrench = answers.each_ref().map(written);
+        let frames = self.waiting.take_first(wrench[0].len(), wrench);
+        let mut text = Vec::new();
+        self.table.rows(&frames, &mut text);
+        self.write(&frames, &text)
+    }
+
+    /// Writes what waits.
+    pub(super) fn finish(mut self) -> Result<(Totals, Option<Rate>), ConvertError> {
+        let answers = self.stream.finish()?;
+        self.write_answers(&answers)?;
+        Ok((self.totals, self.sampling.and_then(|sampling| sampling.rate())))
+    }
+}

@@ -1,0 +1,376 @@
+//! What a log is like: its timing, and the range and the suspicious values of its columns.
+//!
+//! Blocks are added in file order; memory does not grow with their number. Says nothing about what
+//! the readings mean.
+
+use shell_data::block::Block;
+use shell_data::statistics::RunningVariance;
+
+/// A log as it was summarised so far.
+#[derive(Clone, Debug, Default)]
+pub struct LogSummary {
+    /// Rows.
+    pub rows: u64,
+    /// Rows whose readings equal those of the row before.
+    pub repeated_rows: u64,
+    /// Timing, if the log has time.
+    pub timing: Timing,
+    /// The readings of each channel, in counts.
+    pub readings: Vec<ColumnSummary>,
+    /// The axes of the wrench, in N and N·m.
+    pub wrench: Vec<ColumnSummary>,
+}
+
+impl LogSummary {
+    /// Adds the next rows of the log.
+    pub fn add(&mut self, block: &Block) {
+        if !block.readings.is_empty() {
+            let repeated = block.fresh_rows().into_iter().filter(|fresh| !fresh).count();
+            self.repeated_rows += repeated as u64;
+        }
+        self.timing.add(&block.time_s, self.rows);
+        for (summaries, columns) in
+            [(&mut self.readings, &block.readings), (&mut self.wrench, &block.wrench)]
+        {
+            summaries.resize_with(columns.len(), ColumnSummary::default);
+            summaries.iter_mut().zip(columns).for_each(|(summary, column)| summary.add(column));
+        }
+        self.rows += block.rows as u64;
+    }
+
+    /// Frames per second that are not repeats, over the whole log; `None` without time.
+    pub fn fresh_rate_hz(&self) -> Option<f64> {
+        let duration_s = self.timing.duration_s().filter(|&duration| duration > 0.0)?;
+        let fresh = self.rows - self.repeated_rows;
+        Some(fresh.saturating_sub(1) as f64 / duration_s)
+    }
+}
+
+/// One column of a log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColumnSummary {
+    /// How many values.
+    pub rows: u64,
+    /// The least value.
+    pub min: f64,
+    /// The greatest value.
+    pub max: f64,
+    /// How often the greatest value occurs.
+    pub rows_at_max: u64,
+    /// How often the greatest value below that occurs.
+    pub rows_below_max: u64,
+    /// How often 0 occurs.
+    pub rows_at_zero: u64,
+    /// How often 4095 occurs, the full scale of 12 bits.
+    pub rows_at_12_bits: u64,
+    /// How often 65535 occurs, the full scale of 16 bits.
+    pub rows_at_16_bits: u64,
+    below_max: f64,
+    variance: RunningVariance,
+}
+
+impl Default for ColumnSummary {
+    fn default() -> Self {
+        Self {
+            rows: 0,
+            min: f64::INFINITY,
+            max: f64::NEG_INFINITY,
+            rows_at_max: 0,
+            rows_below_max: 0,
+            rows_at_zero: 0,
+            rows_at_12_bits: 0,
+            rows_at_16_bits: 0,
+            below_max: f64::NEG_INFINITY,
+            variance: RunningVariance::default(),
+        }
+    }
+}
+
+impl ColumnSummary {
+    fn add(&mut self, values: &[f64]) {
+        if values.is_empty() {
+            return;
+        }
+        for &value in values {
+            self.min = self.min.min(value);
+            self.rows_at_zero += u64::from(value == 0.0);
+            self.rows_at_12_bits += u64::from(value == 4095.0);
+            self.rows_at_16_bits += u64::from(value == 65535.0);
+            if value > self.max {
+                (self.below_max, self.rows_below_max) = (self.max, self.rows_at_max);
+                (self.max, self.rows_at_max) = (value, 1);
+            } else if value == self.max {
+                self.rows_at_max += 1;
+            } else if value > self.below_max {
+                (self.below_max, self.rows_below_max) = (value, 1);
+            } else if value == self.below_max {
+                self.rows_below_max += 1;
+            }
+        }
+        self.variance.merge(&RunningVariance::of(values));
+        self.rows += values.len() as u64;
+    }
+
+    /// The mean, 0 without values.
+    pub fn mean(&self) -> f64 {
+        self.variance.mean
+    }
+
+    /// The standard deviation (n − 1 in the denominator), 0 for a single value.
+    pub fn sd(&self) -> f64 {
+        match self.rows {
+            0 | 1 => 0.0,
+            rows => (self.variance.squares / (rows - 1) as f64).sqrt(),
+        }
+    }
+
+    /// Whether all values are the same, and there are several.
+    pub fn is_constant(&self) -> bool {
+        self.rows > 1 && self.min == self.max
+    }
+
+    /// Whether the column is cut off at its greatest value, wherever that is: it takes that value
+    /// in at least one row of a hundred and in twenty rows, and three times as often as the next
+    /// lower value that occurs. A signal that merely turns around there does not.
+    pub fn is_pinned_at_max(&self) -> bool {
+        let often = self.rows_at_max >= 20 && self.rows_at_max >= self.rows / 100;
+        !self.is_constant() && often && self.rows_at_max >= 3 * self.rows_below_max
+    }
+
+    /// How many rows stand at the end of a converter's range: at 0, 4095 or 65535.
+    pub fn saturated_rows(&self) -> u64 {
+        self.rows_at_zero + self.rows_at_12_bits + self.rows_at_16_bits
+    }
+}
+
+/// The times of a log and the intervals from row to row.
+#[derive(Clone, Debug, Default)]
+pub struct Timing {
+    /// The first time in s.
+    pub start_s: Option<f64>,
+    /// The last time in s.
+    pub end_s: Option<f64>,
+    /// How often time runs backwards.
+    pub backward_steps: u64,
+    /// The row (from 0) at which it first does.
+    pub first_backward_row: Option<u64>,
+    /// How often two rows in a row have the same time.
+    pub equal_times: u64,
+    /// The longest interval.
+    pub longest: Option<Interval>,
+    intervals: Histogram,
+}
+
+/// An interval between two rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// How long, in s.
+    pub length_s: f64,
+    /// When it starts, in s.
+    pub start_s: f64,
+    /// The row (from 0) at which it ends.
+    pub row: u64,
+}
+
+/// Rows that seem to be missing: intervals of more than 1.5 times the median one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Gaps {
+    /// How many intervals.
+    pub count: u64,
+    /// How many rows would have filled them at the median interval.
+    pub missing_rows: u64,
+}
+
+impl Timing {
+    fn add(&mut self, time_s: &[f64], first_row: u64) {
+        for (row, &time) in (first_row..).zip(time_s) {
+            if let Some(before) = self.end_s {
+                self.step(before, time, row);
+            }
+            self.start_s.get_or_insert(time);
+            self.end_s = Some(time);
+        }
+    }
+
+    fn step(&mut self, before: f64, time: f64, row: u64) {
+        let length_s = time - before;
+        if length_s < 0.0 {
+            self.backward_steps += 1;
+            self.first_backward_row.get_or_insert(row);
+            return;
+        }
+        self.equal_times += u64::from(length_s == 0.0);
+        self.intervals.add((length_s * 1e6).round() as u64);
+        if self.longest.is_none_or(|longest| length_s > longest.length_s) {
+            self.longest = Some(Interval { length_s, start_s: before, row });
+        }
+    }
+
+    /// Last time minus first time, in s.
+    pub fn duration_s(&self) -> Option<f64> {
+        Some(self.end_s? - self.start_s?)
+    }
+
+    /// The median interval in s, to 1 µs up to 65 ms and to 3 × 10⁻⁵ of itself above that.
+    pub fn median_interval_s(&self) -> Option<f64> {
+        Some(self.intervals.median()? * 1e-6)
+    }
+
+    /// The rate of rows in Hz that the median interval makes; `None` if that is 0.
+    pub fn median_rate_hz(&self) -> Option<f64> {
+        self.median_interval_s().filter(|&interval| interval > 0.0).map(f64::recip)
+    }
+
+    /// The standard deviation about the median of the intervals that are no gaps, in s.
+    pub fn jitter_s(&self) -> Option<f64> {
+        let median = self.intervals.median()?;
+        let (mut rows, mut squares) = (0, 0.0);
+        for (interval, count) in self.intervals.iter().filter(|(i, _)| *i <= GAP * median) {
+            rows += count;
+            squares += count as f64 * (interval - median).powi(2);
+        }
+        (rows > 0).then(|| (squares / rows as f64).sqrt() * 1e-6)
+    }
+
+    /// Intervals in which rows seem to be missing.
+    pub fn gaps(&self) -> Gaps {
+        let median = self.intervals.median().unwrap_or_default();
+        let mut gaps = Gaps::default();
+        if median > 0.0 {
+            for (interval, count) in self.intervals.iter().filter(|(i, _)| *i > GAP * median) {
+                gaps.count += count;
+                gaps.missing_rows += count * ((interval / median).round() as u64 - 1);
+            }
+        }
+        gaps
+    }
+}
+
+/// An interval this many times the median is a gap.
+const GAP: f64 = 1.5;
+
+/// Counts of whole numbers of µs: one bin for each up to 2¹⁶, then 2¹⁵ bins for each doubling.
+#[derive(Clone, Debug, Default)]
+struct Histogram {
+    counts: Vec<u64>,
+    total: u64,
+}
+
+impl Histogram {
+    const BITS: u32 = 15;
+
+    fn add(&mut self, value: u64) {
+        let shift = (u64::BITS - value.leading_zeros()).saturating_sub(Self::BITS + 1);
+        let bin = (u64::from(shift) << Self::BITS) + (value >> shift);
+        // At most 2²¹ bins, for intervals of half a million years.
+        let bin = bin as usize;
+        if self.counts.len() <= bin {
+            self.counts.resize(bin + 1, 0);
+        }
+        self.counts[bin] += 1;
+        self.total += 1;
+    }
+
+    /// The bins that are not empty: the middle of their values, and how many there are.
+    fn iter(&self) -> impl Iterator<Item = (f64, u64)> {
+        let bins = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
+        bins.map(|(bin, &count)| {
+            let shift = (bin as u64 >> Self::BITS).saturating_sub(1);
+            let least = (bin as u64 - (shift << Self::BITS)) << shift;
+            (least as f64 + ((1_u64 << shift) - 1) as f64 / 2.0, count)
+        })
+    }
+
+    /// The lower median.
+    fn median(&self) -> Option<f64> {
+        let mut before = 0;
+        self.iter()
+            .find(|&(_, count)| {
+                before += count;
+                2 * before >= self.total
+            })
+            .map(|(value, _)| value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn timing(time_s: &[f64]) -> Timing {
+        let mut timing = Timing::default();
+        timing.add(time_s, 0);
+        timing
+    }
+
+    fn column(values: &[f64]) -> ColumnSummary {
+        let mut summary = ColumnSummary::default();
+        summary.add(values);
+        summary
+    }
+
+    #[test]
+    fn rate_gaps_and_jitter_of_a_log_with_lost_rows() {
+        // 1 kHz; two rows are missing after the third, one interval is 20 µs long and one short.
+        let timing = timing(&[0.0, 0.001, 0.002, 0.005, 0.006, 0.00702, 0.008]);
+        assert_eq!(timing.median_rate_hz(), Some(1000.0));
+        assert_eq!(timing.gaps(), Gaps { count: 1, missing_rows: 2 });
+        assert_eq!(timing.longest.unwrap().row, 3);
+        // Of five intervals, two are off by 20 µs: the square root of 2·20²/5, about 12.65 µs.
+        assert!((timing.jitter_s().unwrap() - 160_f64.sqrt() * 1e-6).abs() < 1e-15);
+    }
+
+    #[test]
+    fn time_that_runs_backwards_is_counted_and_makes_no_interval() {
+        let timing = timing(&[5.0, 6.0, 2.0, 3.0, 3.0]);
+        assert_eq!((timing.backward_steps, timing.first_backward_row), (1, Some(2)));
+        assert_eq!(timing.equal_times, 1);
+        assert_eq!(timing.median_interval_s(), Some(1.0 + 7.5e-6), "the middle of a bin of 16 µs");
+    }
+
+    #[test]
+    fn bins_hold_the_values_that_they_say_and_are_narrow() {
+        for value in [0, 1, 65_535, 65_536, 65_537, 1_000_000, 86_400_000_000, u64::MAX >> 20] {
+            let mut histogram = Histogram::default();
+            histogram.add(value);
+            let median = histogram.median().unwrap();
+            let value = value as f64;
+            assert!((median - value).abs() <= value / 65_536.0, "{value} {median}");
+            assert!(value >= 65_536.0 || median == value);
+        }
+    }
+
+    #[test]
+    fn a_column_in_parts_is_as_the_column_as_a_whole() {
+        let values: Vec<f64> = (0..1000).map(|i| f64::from(i * 7919 % 1000) + 1e6).collect();
+        let mut parts = ColumnSummary::default();
+        for part in values.chunks(7) {
+            parts.add(part);
+        }
+        // The exact figures of 0 … 999: mean 499.5, variance n(n + 1)/12.
+        let sd = (1000.0 * 1001.0 / 12.0_f64).sqrt();
+        assert!((parts.mean() - 1_000_499.5).abs() < 1e-9);
+        // Rounding: a thousand additions to a sum that is right to 1e-16 of itself.
+        assert!((parts.sd() - sd).abs() < 1e-12 * sd);
+        assert_eq!((parts.min, parts.max), (1e6, 1e6 + 999.0));
+    }
+
+    #[test]
+    fn a_column_that_is_cut_off_is_told_from_one_that_turns_around() {
+        let wave = (0..1000).map(|i| (2000.0 + 500.0 * (f64::from(i) * 0.1).sin()).round());
+        assert!(!column(&wave.clone().collect::<Vec<_>>()).is_pinned_at_max());
+        let cut = column(&wave.map(|v| v.min(2300.0)).collect::<Vec<_>>());
+        assert!(cut.is_pinned_at_max());
+        assert_eq!(cut.max, 2300.0);
+    }
+
+    #[test]
+    fn saturated_and_constant_columns_are_found() {
+        let saturated = column(&[0.0, 5.0, 4095.0, 4095.0, 65535.0]);
+        assert_eq!(saturated.saturated_rows(), 4);
+        assert_eq!((saturated.rows_at_zero, saturated.rows_at_12_bits), (1, 2));
+        assert!(column(&[3.0, 3.0]).is_constant());
+        assert!(!column(&[3.0]).is_constant());
+        assert_eq!(column(&[3.0]).sd(), 0.0);
+    }
+}

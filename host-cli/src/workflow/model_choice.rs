@@ -1,0 +1,179 @@
+//! What is known before a fit: the model, its held-out errors, the sums by group. One pass over the
+//! logs, where any of it is asked for.
+
+use super::WorkflowError;
+use super::moments::{self, GroupBy, SumOptions};
+use calibration::solver::SolverKind;
+use calibration::validation::ValidationError;
+use calibration::validation::cross_validation::{CrossValidation, cross_validate};
+use calibration::validation::grouped::{GroupedMoments, RandomSplit};
+use calibration::validation::selection::{self, Selection};
+use calibration::{Basis, FitError, Model};
+use log_file::{Log, ReadOptions};
+
+/// Folds of the random split that held-out errors are compared with, where no number is given.
+const RANDOM_FOLDS: usize = 10;
+
+/// Folds of it that are held out.
+const HELD_OUT: usize = 2;
+
+/// The fewest groups that standard errors come from unless they are asked for by name.
+const FEWEST_GROUPS: usize = 10;
+
+/// What is held out together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeldOut {
+    /// Each group of the logs' group column, or each file.
+    Auto,
+    /// Each file.
+    File,
+    /// Each group of the column.
+    Column,
+    /// So many folds of groups.
+    Folds(usize),
+}
+
+/// What the covariance of the coefficients is found from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CovarianceRule {
+    /// By the log's group column where it has ten groups at least, by rows otherwise.
+    Auto,
+    /// Errors are alike within groups: those of the group column, or files.
+    Groups,
+    /// Errors are independent from row to row.
+    Rows,
+    /// None is wanted.
+    Nothing,
+}
+
+/// What is asked for.
+#[derive(Clone, Copy)]
+pub struct ModelChoiceOptions<'a> {
+    /// The family of features; `None` for the smallest that predicts new groups as well as the best.
+    pub basis: Option<Basis>,
+    /// Whether there is a constant beside them.
+    pub intercept: bool,
+    /// λ of a ridge on columns of norm one; 0 for none, or for the best of several where the family
+    /// is chosen.
+    pub ridge: f64,
+    /// The solver of the fit.
+    pub solver: SolverKind,
+    /// Find the errors on rows that were held out.
+    pub cross_validation: Option<HeldOut>,
+    /// Which way rows are dealt into the random folds that those are compared with.
+    pub seed: u64,
+    /// What the covariance is found from.
+    pub covariance: CovarianceRule,
+    /// Use only rows whose readings differ from those of the row before.
+    pub fresh: bool,
+    /// How logs are read.
+    pub read: ReadOptions<'a>,
+}
+
+/// The model that is to be fitted, and what is known of it before.
+#[derive(Debug)]
+pub struct ModelChoice {
+    /// The family of features.
+    pub basis: Basis,
+    /// λ of the ridge.
+    pub ridge: f64,
+    /// How the family was chosen, where it was.
+    pub selection: Option<Selection>,
+    /// Held-out errors, where they were asked for.
+    pub cross_validation: Option<CrossValidation>,
+    /// The sums of the training rows, by group, where they were made.
+    pub sums: Option<GroupedMoments>,
+    /// Whether the covariance is to come from the groups.
+    pub by_group: bool,
+    /// Why it cannot, though there are groups.
+    pub not_grouped: Option<ValidationError>,
+}
+
+/// Chooses the model, validates it, and sums by group: as much of it as is asked for.
+///
+/// # Errors
+/// [`WorkflowError`] if logs cannot be read or summed exactly, or there are no groups to hold out.
+pub fn choose(
+    train: &[Log],
+    options: &ModelChoiceOptions<'_>,
+) -> Result<ModelChoice, WorkflowError> {
+    let mut choice = ModelChoice {
+        basis: options.basis.unwrap_or(Basis::Poly3),
+        ridge: options.ridge,
+        selection: None,
+        cross_validation: None,
+        sums: None,
+        by_group: false,
+        not_grouped: None,
+    };
+    let (group_by, folds) = match options.cross_validation {
+        Some(HeldOut::File) => (Some(GroupBy::File), None),
+        Some(HeldOut::Column) => (Some(GroupBy::Column), None),
+        Some(HeldOut::Folds(folds)) => (moments::group_by(train), Some(folds)),
+        Some(HeldOut::Auto) | None => (moments::group_by(train), None),
+    };
+    choice.by_group = options.wants_groups(group_by);
+    let validates = options.basis.is_none() || options.cross_validation.is_some();
+    if !validates && !choice.by_group {
+        return Ok(choice);
+    }
+    let sums = options.sum(train, choice.basis, group_by.ok_or(WorkflowError::NoGroups)?, folds);
+    let sums = match sums {
+        // Better standard errors were not asked for by name.
+        Err(WorkflowError::Fit(FitError::NotExact(reason))) if !validates => {
+            choice.not_grouped = Some(reason.into());
+            return Ok(choice);
+        }
+        Err(WorkflowError::Validation(reason)) if !validates => {
+            choice.not_grouped = Some(reason);
+            return Ok(choice);
+        }
+        sums => sums?,
+    };
+    // A few groups say little about how groups scatter.
+    choice.by_group &=
+        options.covariance != CovarianceRule::Auto || sums.groups.len() >= FEWEST_GROUPS;
+    if options.basis.is_none() {
+        let given = [options.ridge];
+        let ridges = if options.ridge > 0.0 { &given[..] } else { &selection::RIDGES };
+        let selection = selection::select(&sums, options.intercept, ridges)?;
+        let chosen = &selection.candidates[selection.chosen];
+        (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
+        choice.selection = Some(selection);
+    }
+    if options.cross_validation.is_some() {
+        let channels = train.first().map_or(0, Log::channels);
+        let model = Model { basis: choice.basis, intercept: options.intercept, channels };
+        choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
+    }
+    choice.sums = Some(sums);
+    Ok(choice)
+}
+
+impl ModelChoiceOptions<'_> {
+    /// Whether the covariance is to come from groups, if those are `group_by`.
+    fn wants_groups(&self, group_by: Option<GroupBy>) -> bool {
+        match self.covariance {
+            CovarianceRule::Groups => true,
+            CovarianceRule::Auto => {
+                group_by == Some(GroupBy::Column) && self.solver == SolverKind::Exact
+            }
+            CovarianceRule::Rows | CovarianceRule::Nothing => false,
+        }
+    }
+
+    fn sum(
+        &self,
+        train: &[Log],
+        basis: Basis,
+        group_by: GroupBy,
+        folds: Option<usize>,
+    ) -> Result<GroupedMoments, WorkflowError> {
+        let random = self.cross_validation.map_or_else(RandomSplit::default, |_| {
+            let folds = folds.unwrap_or(RANDOM_FOLDS);
+            RandomSplit { folds, held_out: folds.min(HELD_OUT), seed: self.seed }
+        });
+        let options = SumOptions { basis, group_by, random, fresh: self.fresh, read: self.read };
+        Ok(moments::sum(train, &options)?.0)
+    }
+}

@@ -1,0 +1,108 @@
+//! What a report says of its inputs: files with checksums, the calibration, the settings.
+
+use std::io;
+use std::path::Path;
+
+use super::batch::Batch;
+use crate::calibration_file::CalibrationFile;
+use crate::forces::RowRule;
+use crate::report::{CalibrationFacts, CalibrationSource, Input, figure};
+use crate::trial::{Profile, TrialOptions};
+use log_file::checksum;
+
+/// A file with its checksum.
+///
+/// # Errors
+/// [`io::Error`] if it cannot be read.
+pub fn input(role: &str, path: &Path) -> io::Result<Input> {
+    let bytes = std::fs::read(path)?;
+    Ok(Input {
+        role: role.to_owned(),
+        path: path.display().to_string(),
+        bytes: bytes.len() as u64,
+        checksum: checksum::of(&bytes),
+    })
+}
+
+/// The logs of a batch, each once.
+pub fn logs(batch: &Batch) -> Vec<Input> {
+    let mut inputs: Vec<Input> = Vec::new();
+    for trial in &batch.trials {
+        let path = trial.path.display().to_string();
+        // Several trials can be of one log.
+        if !inputs.iter().any(|input| input.path == path) {
+            let bytes = std::fs::metadata(&trial.path).map_or(0, |metadata| metadata.len());
+            let checksum = trial.evaluated.checksum.clone().unwrap_or_default();
+            inputs.push(Input { role: "log".to_owned(), path, bytes, checksum });
+        }
+    }
+    inputs
+}
+
+/// What a report says of the calibration in a file that is named `path`.
+pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> CalibrationFacts<'a> {
+    let CalibrationFile { calibration, origin } = file;
+    let mut facts = vec![
+        ("file", path.to_owned()),
+        ("made by", origin.made_by.clone()),
+        ("date", origin.date.clone()),
+        ("model", calibration.model().name()),
+    ];
+    if let Some(serial) = &origin.sensor_serial {
+        facts.push(("sensor", serial.clone()));
+    }
+    if let Some(solver) = &origin.solver {
+        facts.push(("solver", format!("{}, ridge {}", solver.name.name(), figure(solver.ridge))));
+    }
+    if let Some(diagnostics) = &origin.diagnostics {
+        facts.push(("rows fitted", diagnostics.rows.to_string()));
+        facts.push(("rank", diagnostics.rank.to_string()));
+        facts.push(("condition number", figure(diagnostics.condition)));
+    }
+    let sources = origin.sources.iter().map(|source| CalibrationSource {
+        path: source.path.display().to_string(),
+        rows: source.rows,
+        checksum: source.checksum.clone(),
+    });
+    CalibrationFacts {
+        facts,
+        train: origin.diagnostics.as_ref().map(|diagnostics| &diagnostics.train),
+        test: origin.diagnostics.as_ref().and_then(|diagnostics| diagnostics.test.as_ref()),
+        sources: sources.collect(),
+    }
+}
+
+/// How trials were evaluated: name and value.
+pub fn settings(options: &TrialOptions, profile: &Profile, seed: u64) -> Vec<(String, String)> {
+    let low_pass = options.forces.low_pass;
+    let low_pass =
+        low_pass.map_or("none".to_owned(), |low_pass| format!("Butterworth, {low_pass}"));
+    let rule = match options.forces.rule {
+        RowRule::Time => "by time",
+        RowRule::Rows => "by row",
+    };
+    let mut settings: Vec<(String, String)> = [
+        ("tare", options.forces.tare.to_string()),
+        ("low-pass", low_pass),
+        ("means and integrals", rule.to_owned()),
+        ("bootstrap seed", seed.to_string()),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
+    .into();
+    let Ok(serde_json::Value::Object(tables)) = serde_json::to_value(profile) else {
+        return settings;
+    };
+    for (table, value) in tables {
+        match value {
+            serde_json::Value::Object(keys) => {
+                let key = |(key, value): (String, serde_json::Value)| {
+                    (format!("{table}.{key}"), value.to_string())
+                };
+                settings.extend(keys.into_iter().map(key));
+            }
+            serde_json::Value::String(text) => settings.push((format!("profile {table}"), text)),
+            value => settings.push((table, value.to_string())),
+        }
+    }
+    settings
+}

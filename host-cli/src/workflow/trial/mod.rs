@@ -1,0 +1,134 @@
+//! A trial on its log: between given times, or between those that are found in the drag.
+
+mod job;
+mod reading;
+
+use crate::trial::{
+    Diagnostic, LogTimes, NoWindow, Proposal, Trace, TraceExtent, Trial, TrialError, TrialOptions,
+    TrialResult, check_window, propose_window,
+};
+use log_file::ReadOptions;
+use reading::Recorded;
+
+pub use job::{TrialJob, TrialLogError};
+
+/// When the robot enters the channel and when it leaves, s on the log's clock; `None` for what is to
+/// be found in the drag.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WindowTimes {
+    /// Entry, s.
+    pub enter_s: Option<f64>,
+    /// Exit, s.
+    pub exit_s: Option<f64>,
+}
+
+/// A trial, and the log that it was found on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluated {
+    /// The results.
+    pub result: TrialResult,
+    /// The times of the log.
+    pub times: LogTimes,
+    /// Rows in the log.
+    pub rows: u64,
+    /// The log's checksum, if it was asked for.
+    pub checksum: Option<String>,
+}
+
+/// The drag of a whole log, and the window that it tells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WindowSearch {
+    /// Time of each row, s.
+    pub time_s: Vec<f64>,
+    /// Drag at each row, N.
+    pub drag_n: Vec<f64>,
+    /// The window, or why none is proposed.
+    pub proposal: Result<Proposal, NoWindow>,
+}
+
+/// Evaluates a trial on its log.
+///
+/// # Errors
+/// [`TrialLogError`] if the log cannot be read or the trial not be evaluated on it.
+pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, TrialLogError> {
+    let recorded = Recorded::read(job, (trial.t_enter_s, trial.t_exit_s))?;
+    // What is wrong with the window says more than that there are no rows in it.
+    check_window(trial, &recorded.times)?;
+    let mut evaluated = evaluated(job, trial, recorded)?;
+    let rows = evaluated.1;
+    if rows > 0 {
+        evaluated.0.result.diagnostics.push(Diagnostic::SkippedRows { rows });
+    }
+    Ok(evaluated.0)
+}
+
+/// Evaluates a trial on its log, whose entry and exit are those of `window`, found in the drag where
+/// they are not given. That they were found is among its diagnostics.
+///
+/// # Errors
+/// [`TrialLogError`] if the log cannot be read, tells no window, or the trial cannot be evaluated on it.
+pub fn evaluate_in_window(
+    job: &TrialJob<'_>,
+    trial: Trial,
+    window: WindowTimes,
+) -> Result<Evaluated, TrialLogError> {
+    let mut found = None;
+    let (t_enter_s, t_exit_s) = match (window.enter_s, window.exit_s) {
+        (Some(enter_s), Some(exit_s)) => (enter_s, exit_s),
+        (enter_s, exit_s) => {
+            let read = ReadOptions { checksum: false, progress: None, ..job.read };
+            let proposal = search_window(&TrialJob { read, ..*job })?.proposal?;
+            found = Some(Diagnostic::found_window(&proposal));
+            (enter_s.unwrap_or(proposal.t_enter_s), exit_s.unwrap_or(proposal.t_exit_s))
+        }
+    };
+    let mut evaluated = evaluate_log(job, &Trial { t_enter_s, t_exit_s, ..trial })?;
+    evaluated.result.diagnostics.extend(found);
+    Ok(evaluated)
+}
+
+/// Evaluates a log from its first row to its last, with its trace, as if it were one trial: what a
+/// window is looked for in.
+///
+/// # Errors
+/// [`TrialLogError`] as of [`evaluate_log`].
+pub fn evaluate_whole(job: &TrialJob<'_>) -> Result<Evaluated, TrialLogError> {
+    let options = TrialOptions { trace: TraceExtent::Log, ..job.options };
+    let job = TrialJob { options, ..*job };
+    let recorded = Recorded::read(&job, (f64::NEG_INFINITY, f64::INFINITY))?;
+    let LogTimes { first_s, last_s, .. } = recorded.times;
+    let trial = Trial::of_window(job.log.path().display().to_string(), (first_s, last_s));
+    Ok(evaluated(&job, &trial, recorded)?.0)
+}
+
+/// Looks for entry and exit in the drag of a whole log, filtered without delay whatever the options
+/// say: a filter that lags behind would make the window late.
+///
+/// # Errors
+/// [`TrialLogError`] if the log cannot be evaluated, or gives no forces.
+pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, TrialLogError> {
+    if job.instrument.calibration.is_none() {
+        return Err(TrialLogError::NoCalibration);
+    }
+    let options = TrialOptions { forces: job.options.forces.zero_phase(), ..job.options };
+    let TrialResult { row, trace, .. } = evaluate_whole(&TrialJob { options, ..*job })?.result;
+    let Trace { t_s, wrench: [fx, ..], .. } = trace.unwrap_or_default();
+    let drag_n: Vec<f64> = fx.iter().map(|fx| -fx).collect();
+    if drag_n.is_empty() {
+        return Err(TrialLogError::NoForces);
+    }
+    let proposal = propose_window(&t_s, &drag_n, row.stride_frequency_hz.map(f64::recip));
+    Ok(WindowSearch { time_s: t_s, drag_n, proposal })
+}
+
+/// A trial evaluated on what was read, and how many bad rows were left out.
+fn evaluated(
+    job: &TrialJob<'_>,
+    trial: &Trial,
+    recorded: Recorded,
+) -> Result<(Evaluated, u64), TrialError> {
+    let result = recorded.evaluate(job, trial)?;
+    let Recorded { times, summary, .. } = recorded;
+    let evaluated = Evaluated { result, times, rows: summary.rows, checksum: summary.checksum };
+    Ok((evaluated, summary.skipped_rows))
+}

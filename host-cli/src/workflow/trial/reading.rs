@@ -1,0 +1,196 @@
+//! A trial's rows from its log: one pass, in which of most rows the time alone is parsed.
+
+use super::job::{TrialJob, TrialLogError};
+use crate::forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames};
+use crate::trial::{
+    LogTimes, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows, evaluate,
+};
+use crate::workflow::sampling::Sampling;
+use calibration::Calibration;
+use log_file::{LogError, ReadSummary, Selection, Wanted};
+use shell_data::block::Block;
+use shell_data::telemetry::Telemetry;
+
+/// Rows are looked for this far around the window at least, s.
+const MARGIN_S: f64 = 1.0;
+
+/// What was taken from a log.
+pub(super) struct Recorded {
+    pub(super) times: LogTimes,
+    pub(super) summary: ReadSummary,
+    rows: TrialRows,
+    forces: Option<(ForcePipeline, Option<TareFrames>)>,
+}
+
+impl Recorded {
+    /// Reads what a window (s) needs.
+    pub(super) fn read(job: &TrialJob<'_>, window: (f64, f64)) -> Result<Self, TrialLogError> {
+        let mut reading = Reading::new(job, window)?;
+        let wanted = reading.wanted.clone();
+        let summary = job.log.read_where(&wanted, &job.read, &mut reading)?;
+        let times = reading.log_times(summary.rows)?;
+        let forces = match reading.setup {
+            None => None,
+            Some((calibration, setup)) => {
+                Some(setup.finish(calibration).map_err(TrialError::from)?)
+            }
+        };
+        Ok(Self { times, rows: reading.trial_rows, forces, summary })
+    }
+
+    pub(super) fn evaluate(
+        &self,
+        job: &TrialJob<'_>,
+        trial: &Trial,
+    ) -> Result<TrialResult, TrialError> {
+        evaluate(&TrialInput {
+            trial,
+            instrument: job.instrument,
+            times: &self.times,
+            rows: &self.rows,
+            pipeline: self.forces.as_ref().map(|(pipeline, _)| pipeline),
+            tare_frames: self.forces.as_ref().and_then(|(_, frames)| frames.as_ref()),
+            options: &job.options,
+        })
+    }
+}
+
+/// What is taken from the log as it goes by.
+struct Reading<'a> {
+    enter_s: f64,
+    exit_s: f64,
+    wanted: Wanted,
+    kinds: Vec<Telemetry>,
+    /// The calibration and the search for tare and clock, where there are forces.
+    setup: Option<(&'a Calibration, PipelineSetup)>,
+    takes_all: bool,
+    /// The times between which rows are needed, s, once that is known.
+    needed_s: Option<(f64, f64)>,
+    sampling: Sampling,
+    rows: u64,
+    first_s: Option<f64>,
+    last_s: Option<f64>,
+    /// Whether equal readings in a row are one frame.
+    repeats_are_stale: bool,
+    trial_rows: TrialRows,
+}
+
+impl<'a> Reading<'a> {
+    fn new(job: &TrialJob<'a>, window: (f64, f64)) -> Result<Self, LogError> {
+        let TrialJob { log, instrument, options, .. } = *job;
+        let channels = log.channels();
+        let mut kinds = Telemetry::POWER.to_vec();
+        kinds.push(Telemetry::RightLeg);
+        if options.trace != TraceExtent::Nothing {
+            kinds.push(Telemetry::LeftLeg);
+        }
+        let mut found = Vec::new();
+        for kind in kinds {
+            found.extend(log.telemetry(kind)?.map(|place| (kind, place)));
+        }
+        let (kinds, others): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+        let readings = instrument.calibration.is_some() && channels > 0;
+        let calibration = instrument.calibration;
+        let calibration = calibration.filter(|of| of.model().channels == channels);
+        let setup = |of| (of, PipelineSetup::keeping_frames(options.forces));
+        let telemetry = kinds.iter().map(|kind| (*kind, Vec::new())).collect();
+        Ok(Self {
+            enter_s: window.0,
+            exit_s: window.1,
+            wanted: Wanted { time: true, readings, others, ..Wanted::default() },
+            setup: calibration.map(setup),
+            takes_all: options.trace == TraceExtent::Log,
+            needed_s: None,
+            sampling: Sampling::new(),
+            rows: 0,
+            first_s: None,
+            last_s: None,
+            repeats_are_stale: log.repeats_are_stale(),
+            trial_rows: TrialRows { telemetry, ..TrialRows::default() },
+            kinds,
+        })
+    }
+
+    /// The times between which rows are needed, s: all, until the clock of the low-pass is known.
+    fn needed_s(&mut self) -> Result<(f64, f64), TrialError> {
+        let everything = (f64::NEG_INFINITY, f64::INFINITY);
+        if let Some(needed) = self.needed_s {
+            return Ok(needed);
+        }
+        let (low, high) = match &self.setup {
+            _ if self.takes_all => everything,
+            None => (self.enter_s, self.exit_s),
+            Some((_, setup)) if setup.has_clock() => setup.needed_s(self.enter_s, self.exit_s)?,
+            Some(_) => return Ok(everything),
+        };
+        let (low, high) = (low.min(self.enter_s - MARGIN_S), high.max(self.exit_s + MARGIN_S));
+        Ok(*self.needed_s.insert((low, high)))
+    }
+
+    fn wants_tare(&self, last_s: f64) -> bool {
+        self.setup.as_ref().is_some_and(|(_, setup)| setup.wants_frames(last_s))
+    }
+
+    /// The times of the log, once it has been read.
+    fn log_times(&self, rows: u64) -> Result<LogTimes, TrialError> {
+        let ends = self.first_s.zip(self.last_s).zip(self.sampling.rate());
+        let ((first_s, last_s), rate) = ends.ok_or(TrialError::NoClock { rows })?;
+        Ok(LogTimes { first_s, last_s, period_s: 1.0 / rate.median_hz })
+    }
+}
+
+impl Selection for Reading<'_> {
+    type Error = TrialLogError;
+
+    fn is_of_interest(&mut self, times: &[f64]) -> Result<bool, TrialLogError> {
+        for &time in times {
+            self.rows += 1;
+            match self.last_s.replace(time) {
+                Some(before) if time < before => {
+                    Err(TrialError::Backward { row: self.rows, before, after: time })?;
+                }
+                _ => {}
+            }
+        }
+        self.first_s = self.first_s.or(times.first().copied());
+        self.sampling.add(times);
+        if let Some((_, setup)) = &mut self.setup {
+            setup.look_at_times(times);
+        }
+        let (low, high) = self.needed_s()?;
+        let (first, last) = (times[0], times[times.len() - 1]);
+        Ok(self.wants_tare(last) || (last >= low && first <= high))
+    }
+
+    fn take(&mut self, block: &mut Block) -> Result<(), TrialLogError> {
+        let fresh = match self.repeats_are_stale {
+            true => block.fresh_rows(),
+            false => vec![true; block.rows],
+        };
+        if self.wants_tare(block.time_s[block.rows - 1]) {
+            let leg = self.kinds.iter().position(|kind| *kind == Telemetry::RightLeg);
+            let leg = leg.map(|at| &*block.others[at]);
+            let (times_s, readings) = (&*block.time_s, &*block.readings);
+            if let Some((calibration, setup)) = &mut self.setup {
+                let rows = FirstRows { times_s, readings, fresh: &fresh, leg };
+                setup.look_at_frames(calibration, rows);
+            }
+        }
+        let (low, high) = self.needed_s()?;
+        let times = &block.time_s;
+        let rows = times.partition_point(|&t| t < low)..times.partition_point(|&t| t <= high);
+        if rows.is_empty() {
+            return Ok(());
+        }
+        let taken = &mut self.trial_rows;
+        taken.times_s.extend_from_slice(&times[rows.clone()]);
+        taken.readings.resize_with(block.readings.len(), Vec::new);
+        let columns = taken.telemetry.iter_mut().map(|(_, column)| column);
+        let columns = columns.chain(&mut taken.readings);
+        for (column, new) in columns.zip(block.others.iter().chain(&block.readings)) {
+            column.extend_from_slice(&new[rows.clone()]);
+        }
+        taken.fresh.extend_from_slice(&fresh[rows]);
+        Ok(())
+    }
+}

@@ -1,0 +1,182 @@
+//! The image that is flashed, on the model of its microcontroller.
+//!
+//! The model is a Python program of its own (`firmware/emulation`). It obeys orders, one JSON object a
+//! line, and reports to each what the board has sent and how it is; the same orders always give the same
+//! reports.
+#![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
+
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+
+use serde_json::{Value, json};
+
+use crate::emulation::PlayedFrame;
+
+/// Names the image that tests run.
+pub const IMAGE: &str = "SHELLCAL_FLASHED_IMAGE";
+
+/// Names the Python that has what the model needs.
+pub const PYTHON: &str = "SHELLCAL_MODEL_PYTHON";
+
+/// Why there is no model, where there is none.
+pub const NO_MODEL: &str = "SHELLCAL_NO_MODEL";
+
+/// The serial number of the modelled chip.
+pub const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
+
+/// Where the model is and what it runs.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// The image, an ELF file.
+    pub image: PathBuf,
+    /// The Python that has what the model needs.
+    pub python: PathBuf,
+}
+
+impl Model {
+    /// The model that `cargo xtask test` has set up.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn find() -> Result<Self, String> {
+        let variable = |name| std::env::var_os(name).map(PathBuf::from);
+        match (variable(IMAGE), variable(PYTHON)) {
+            (Some(image), Some(python)) => Ok(Self { image, python }),
+            _ => Err(std::env::var(NO_MODEL)
+                .unwrap_or_else(|_| format!("{IMAGE} is not set; cargo xtask test sets it"))),
+        }
+    }
+
+    /// The command that runs the model, up to where its serial line goes. What the converter gives is
+    /// handed over in a file in `dir`.
+    pub fn command(&self, played: &[PlayedFrame], dir: &Path) -> Command {
+        let mut command = Command::new(&self.python);
+        let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/emulation");
+        command.current_dir(program).args(["-B", "-m", "stm32l432"]).arg(&self.image);
+        if !played.is_empty() {
+            let codes = played.iter().flatten().flat_map(|(dark, lit)| [dark, lit]);
+            let bytes: Vec<u8> = codes.flat_map(|code| code.to_le_bytes()).collect();
+            let file = dir.join("script.bin");
+            std::fs::write(&file, bytes).unwrap();
+            command.args([OsString::from("--script"), file.into_os_string()]);
+        }
+        command
+    }
+}
+
+/// How the board is after an order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Bytes that the board has sent.
+    pub sent: Vec<u8>,
+    /// Whether it has power.
+    pub on: bool,
+    /// Causes of the resets since the last report.
+    pub resets: Vec<String>,
+    /// Sectors erased and double words written, in all.
+    pub operations: u64,
+    /// Instructions executed, in all.
+    pub instructions: u64,
+    /// The deepest that the stack has been, in bytes.
+    pub stack: u32,
+    /// The board's time since it was made, in s.
+    pub time_s: f64,
+    /// The pull on RX and on CTS.
+    pub pulls: [String; 2],
+}
+
+/// A board that obeys.
+#[derive(Debug)]
+pub struct FlashedBoard {
+    child: Child,
+    orders: ChildStdin,
+    reports: BufReader<ChildStdout>,
+}
+
+impl FlashedBoard {
+    /// Switches a board on.
+    pub fn start(model: &Model, played: &[PlayedFrame], dir: &Path) -> Self {
+        let mut command = model.command(played, dir);
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let orders = child.stdin.take().unwrap();
+        let reports = BufReader::new(child.stdout.take().unwrap());
+        Self { child, orders, reports }
+    }
+
+    fn order(&mut self, order: &Value) -> Report {
+        writeln!(self.orders, "{order}").unwrap();
+        let mut line = String::new();
+        self.reports.read_line(&mut line).unwrap();
+        let report: Value = serde_json::from_str(&line)
+            .unwrap_or_else(|_| panic!("the model has no report to {order}"));
+        let hex = report["sent"].as_str().unwrap().as_bytes();
+        let byte = |pair: &[u8]| u8::from_str_radix(str::from_utf8(pair).unwrap(), 16).unwrap();
+        let text = |value: &Value| value.as_str().unwrap().to_owned();
+        Report {
+            sent: hex.chunks(2).map(byte).collect(),
+            on: report["on"].as_bool().unwrap(),
+            resets: report["resets"].as_array().unwrap().iter().map(text).collect(),
+            operations: report["operations"].as_u64().unwrap(),
+            instructions: report["instructions"].as_u64().unwrap(),
+            stack: report["stack"].as_u64().unwrap() as u32,
+            time_s: report["time_s"].as_f64().unwrap(),
+            pulls: ["PA10", "PA11"].map(|pin| text(&report["pulls"][pin])),
+        }
+    }
+
+    /// Lets time pass, in s.
+    pub fn run(&mut self, time_s: f64) -> Report {
+        self.order(&json!({ "run": time_s }))
+    }
+
+    /// Bytes to the board, as fast as its line carries them.
+    pub fn send(&mut self, bytes: &[u8]) {
+        let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        self.order(&json!({ "send": hex }));
+    }
+
+    /// Clear to send: `low` lets the board send, `high` holds it up, `open` is no wire.
+    pub fn set_cts(&mut self, level: &str) {
+        self.order(&json!({ "cts": level }));
+    }
+
+    /// From now on conversions do not end.
+    pub fn kill_converter(&mut self) {
+        self.order(&json!({ "converter": false }));
+    }
+
+    /// The power will be cut at a flash operation, counted from now; `outcome` is what it has done:
+    /// `nothing`, `some bits`, `unreadable` or `complete`.
+    pub fn cut_power(&mut self, operation: u64, outcome: &str) {
+        self.order(&json!({ "cut": [operation, outcome] }));
+    }
+
+    /// Switches on again.
+    pub fn restore_power(&mut self) {
+        self.order(&json!({ "power": true }));
+    }
+
+    /// What follows is undone by [`Self::leave_branch`].
+    pub fn open_branch(&mut self) {
+        self.order(&json!({ "branch": true }));
+    }
+
+    /// The board is as it was at [`Self::open_branch`].
+    pub fn leave_branch(&mut self) {
+        self.order(&json!({ "leave": true }));
+    }
+
+    /// The core goes on at an address, as after a damaged return address.
+    pub fn jump(&mut self, address: u32) {
+        self.order(&json!({ "jump": address }));
+    }
+}
+
+impl Drop for FlashedBoard {
+    fn drop(&mut self) {
+        _ = self.child.kill();
+        _ = self.child.wait();
+    }
+}

@@ -1,0 +1,170 @@
+//! The host's end of the flashed board's line: orders with answers, and the books of its samples.
+
+use shared_proto::{
+    Answer, BoardId, Boot, Calibration, Command, Decoder, Event, Framing, MAX_PIECE, Packet, Piece,
+    Sample, Status, crc32,
+};
+use system_tests::emulation::PlayedFrame;
+use system_tests::flashed::{FlashedBoard, Model, Report, SERIAL};
+pub use system_tests::random::Random;
+
+/// How long an answer may take: two frames on the line, and samples that are on their way.
+const ANSWER_S: f64 = 0.03;
+
+/// A board, and what it has sent.
+pub struct Host {
+    pub board: FlashedBoard,
+    pub decoder: Decoder,
+    pub samples: Vec<Sample>,
+    pub boots: Vec<Boot>,
+    pub resets: Vec<String>,
+    pub last: Report,
+    number: u16,
+}
+
+impl Host {
+    /// A board after its start.
+    pub fn start(model: &Model, played: &[PlayedFrame]) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let mut board = FlashedBoard::start(model, played, dir.path());
+        // The script has been read once there is a report.
+        let last = board.run(0.02);
+        let mut host = Self {
+            board,
+            decoder: Decoder::new(Framing::Cobs),
+            samples: Vec::new(),
+            boots: Vec::new(),
+            resets: Vec::new(),
+            last: last.clone(),
+            number: 0,
+        };
+        host.take(last);
+        assert_eq!(host.resets, ["power"]);
+        host
+    }
+
+    /// A board as it is flashed, with nothing to play.
+    pub fn new(model: &Model) -> Self {
+        Self::start(model, &[])
+    }
+
+    fn take(&mut self, report: Report) -> Vec<(u16, Answer)> {
+        let bytes = report.sent.clone();
+        self.resets.extend(report.resets.iter().cloned());
+        self.last = report;
+        self.take_bytes(&bytes)
+    }
+
+    fn take_bytes(&mut self, bytes: &[u8]) -> Vec<(u16, Answer)> {
+        let Self { decoder, samples, boots, .. } = self;
+        let mut answers = Vec::new();
+        decoder.feed(bytes, |event| match event {
+            Event::Sample { sample, .. } => samples.push(sample),
+            Event::Boot(boot) => boots.push(boot),
+            Event::Answer { number, answer } => answers.push((number, answer)),
+            other => panic!("{other:?}"),
+        });
+        answers
+    }
+
+    /// Lets time pass.
+    pub fn run(&mut self, time_s: f64) {
+        let report = self.board.run(time_s);
+        self.take(report);
+    }
+
+    /// Lets time pass with the bytes from the board changed by `noise` before they are decoded.
+    pub fn run_behind(&mut self, time_s: f64, noise: impl FnOnce(&mut Vec<u8>)) {
+        let mut report = self.board.run(time_s);
+        noise(&mut report.sent);
+        self.take(report);
+    }
+
+    /// The answer to a command, `None` if there is none.
+    pub fn ask(&mut self, command: Command) -> Option<Answer> {
+        self.number += 1;
+        let to = Some(BoardId::of_serial(&SERIAL));
+        let packet = Packet::Command { number: self.number, to, command };
+        self.board.send(&packet.encode());
+        // Answers overtake samples, but not the frames that the driver has already been given; an
+        // erased page takes time.
+        for _ in 0..10 {
+            let report = self.board.run(ANSWER_S);
+            let answers = self.take(report);
+            if let Some((_, answer)) = answers.iter().find(|(number, _)| *number == self.number) {
+                return Some(*answer);
+            }
+            if !self.last.on {
+                return None;
+            }
+        }
+        None
+    }
+
+    pub fn order(&mut self, command: Command) {
+        assert_eq!(self.ask(command), Some(Answer::Done), "{command:?}");
+    }
+
+    pub fn status(&mut self) -> Status {
+        match self.ask(Command::Status) {
+            Some(Answer::Status(status)) => status,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// What the board said before its reset.
+    pub fn last_words(&mut self) -> String {
+        let mut words = Vec::new();
+        loop {
+            match self.ask(Command::LastWords { offset: words.len() as u16 }) {
+                Some(Answer::LastWords { text, .. }) if text.is_empty() => break,
+                Some(Answer::LastWords { text, .. }) => words.extend_from_slice(&text),
+                other => panic!("{other:?}"),
+            }
+        }
+        String::from_utf8(words).unwrap()
+    }
+
+    /// Uploads a calibration but for the commit.
+    pub fn begin_upload(&mut self, calibration: &Calibration) {
+        let bytes = calibration.to_bytes();
+        let crc32 = crc32(&bytes);
+        self.order(Command::BeginCalibration { size: bytes.len() as u32, crc32 });
+        for (i, piece) in bytes.chunks(MAX_PIECE).enumerate() {
+            let data = Piece::copy_of(piece).unwrap();
+            self.order(Command::CalibrationPiece { offset: (i * MAX_PIECE) as u16, data });
+        }
+    }
+
+    /// Uploads a calibration; the answer to the commit, `None` if the power went.
+    pub fn upload(&mut self, calibration: &Calibration) -> Option<Answer> {
+        self.begin_upload(calibration);
+        self.ask(Command::CommitCalibration)
+    }
+
+    /// Runs what happens in `branch` and then undoes it, on the board; the books go on.
+    pub fn branch(&mut self, branch: impl FnOnce(&mut Self)) {
+        self.board.open_branch();
+        branch(self);
+        self.board.leave_branch();
+    }
+}
+
+/// A calibration that differs from those with another number.
+pub fn calibration(number: u8) -> Calibration {
+    Calibration {
+        centre: [30_000.0; 8],
+        scale: [1e-4; 8],
+        coefficients: [[f32::from(number); 6]; 24],
+        intercept: [0.5; 6],
+    }
+}
+
+pub fn crc_of(calibration: &Calibration) -> u32 {
+    crc32(&calibration.to_bytes())
+}
+
+/// A script of frames from the dark and lit code of each channel.
+pub fn played(frames: usize, code: impl Fn(usize, usize) -> (u16, u16)) -> Vec<PlayedFrame> {
+    (0..frames).map(|frame| std::array::from_fn(|channel| code(frame, channel))).collect()
+}

@@ -1,0 +1,116 @@
+//! The model of the board's microcontroller: setting it up, and what the flashed image takes on it.
+//!
+//! The model is a Python program that needs `unicorn`, which is put into an environment of its own
+//! below `target`.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+use shared_proto::{
+    BoardId, Calibration, Command as Order, MAX_PIECE, Packet, Piece, Stream, crc32,
+};
+use system_tests::emulation::PlayedFrame;
+use system_tests::flashed::{FlashedBoard, IMAGE, Model, NO_MODEL, PYTHON, SERIAL};
+
+use crate::image::Image;
+use crate::measure::installed;
+use crate::steps::{self, workspace};
+
+/// The Python that the environment is made with.
+const SYSTEM_PYTHON: &str = "python3";
+
+/// Time that an order takes at most: a page erased, and the answer.
+const ORDER_S: f64 = 0.06;
+
+/// Time until a stream runs as it will, and the time that is counted, in s.
+const SETTLE_S: f64 = 0.2;
+const COUNTED_S: f64 = 1.0;
+
+/// Finds the Python of the environment, or makes it.
+fn set_up() -> Result<PathBuf> {
+    let environment = workspace().join("target/emulation-python");
+    let python = environment.join("bin/python");
+    let has_unicorn =
+        |python: &Path| installed(&python.to_string_lossy(), &["-c", "import unicorn"]);
+    if has_unicorn(&python) {
+        return Ok(python);
+    }
+    ensure!(installed(SYSTEM_PYTHON, &["--version"]), "`{SYSTEM_PYTHON}` is missing");
+    let mut make = Command::new(SYSTEM_PYTHON);
+    steps::run("Python environment", make.args(["-m", "venv"]).arg(&environment))?;
+    let requirements = workspace().join("firmware/emulation/requirements.txt");
+    let mut pip = Command::new(&python);
+    pip.args(["-m", "pip", "install", "--quiet", "--requirement"]).arg(requirements);
+    steps::run("unicorn, for the model of the microcontroller", &mut pip)?;
+    ensure!(has_unicorn(&python), "unicorn is installed but cannot be used");
+    Ok(python)
+}
+
+/// The model with the image that was built last.
+///
+/// # Errors
+/// Why there is none.
+pub(crate) fn find() -> Result<Model> {
+    let image = Image::SkinProc.path();
+    ensure!(image.exists(), "the board's image has not been built");
+    let python = set_up().context("no Python with `unicorn`")?;
+    Ok(Model { image, python })
+}
+
+/// What tests of the flashed image have to know: where the model is, or why there is none.
+pub(crate) fn environment(with_board: bool) -> Vec<(&'static str, OsString)> {
+    let model = if with_board { find() } else { Err(anyhow::anyhow!("run without the board")) };
+    match model {
+        Ok(Model { image, python }) => vec![(IMAGE, image.into()), (PYTHON, python.into())],
+        Err(reason) => {
+            eprintln!("{reason:#}: the tests of the flashed image are ignored");
+            vec![(NO_MODEL, format!("{reason:#}").into())]
+        }
+    }
+}
+
+/// A stream of the flashed image.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Measured {
+    /// Instructions from one frame to the next.
+    pub(crate) instructions_per_frame: f64,
+    /// The deepest that the stack has been, in bytes.
+    pub(crate) stack: u32,
+}
+
+/// Streams after an upload, at the settings after a reset.
+pub(crate) fn measure(
+    model: &Model,
+    stream: Stream,
+    played: &[PlayedFrame],
+    calibration: &Calibration,
+    rate_hz: f64,
+) -> Result<Measured> {
+    let dir = steps::scratch("emulation")?;
+    let mut board = FlashedBoard::start(model, played, &dir);
+    board.run(ORDER_S);
+    for (number, command) in (1..).zip(orders(stream, calibration)) {
+        let packet = Packet::Command { number, to: Some(BoardId::of_serial(&SERIAL)), command };
+        board.send(&packet.encode());
+        board.run(ORDER_S);
+    }
+    let before = board.run(SETTLE_S);
+    let after = board.run(COUNTED_S);
+    ensure!(after.resets.is_empty() && !after.sent.is_empty(), "the flashed image does not stream");
+    let instructions = (after.instructions - before.instructions) as f64;
+    let frames = (after.time_s - before.time_s) * rate_hz;
+    Ok(Measured { instructions_per_frame: instructions / frames, stack: after.stack })
+}
+
+fn orders(stream: Stream, calibration: &Calibration) -> Vec<Order> {
+    let bytes = calibration.to_bytes();
+    let pieces = bytes.chunks(MAX_PIECE).enumerate().filter_map(|(i, piece)| {
+        let data = Piece::copy_of(piece)?;
+        Some(Order::CalibrationPiece { offset: (i * MAX_PIECE) as u16, data })
+    });
+    let begin = Order::BeginCalibration { size: bytes.len() as u32, crc32: crc32(&bytes) };
+    let end = [Order::CommitCalibration, Order::SetStream(stream), Order::Start];
+    std::iter::once(begin).chain(pieces).chain(end).collect()
+}
