@@ -145,9 +145,11 @@ fn convert<'a>(
     model: &PhysicsModel,
     observations: &'a [&'a Observation],
 ) -> impl Iterator<Item = HeldOut> + use<'a> {
-    let inversion = Inversion::new(model);
-    observations.iter().map(move |o| {
-        let estimate = inversion.invert(&o.readings);
+    let columns = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
+    let readings: Vec<Vec<f64>> = (0..model.channels).map(columns).collect();
+    let estimates = Inversion::new(model).estimates(&readings);
+    observations.iter().enumerate().map(move |(row, o)| {
+        let estimate = estimates.row(row);
         let error = std::array::from_fn(|axis| estimate.wrench[axis] - o.wrench[axis]);
         HeldOut { group: o.group, error, estimate }
     })

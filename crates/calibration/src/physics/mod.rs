@@ -3,7 +3,7 @@
 //! A reflective photointerrupter answers one displacement, monotonically; the displacement is linear
 //! in the wrench. So each sensor is ten parameters, `y = lo + h·σ(b + aᵀx)^ν` ([`response`]), fitted
 //! from the wrench to the reading: the noise is in the readings, the reference is good. Conversion
-//! inverts all sensors at once ([`PhysicsModel::invert`]).
+//! inverts all sensors at once ([`Inversion`]).
 //!
 //! ```text
 //! rows → one mean per pose → sensors (priors, noise) → λ and prior width by held-out poses → model
@@ -25,7 +25,7 @@ pub mod response;
 mod sensor;
 
 pub use self::choice::{Choice, HeldOut, LAMBDAS, Trial, WIDTHS};
-pub use self::inversion::{Estimate, Inversion};
+pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
 pub use self::observations::{Observation, cell_means, group_means};
