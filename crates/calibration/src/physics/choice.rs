@@ -27,6 +27,9 @@ pub const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 const MOST_ALONE: usize = 40;
 const FOLDS: usize = 10;
 
+/// Most observations that candidates are tried on.
+const MOST_TRIED: usize = 600;
+
 /// A candidate and its score.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
@@ -86,8 +89,11 @@ impl Choice {
 
     fn of(observations: &[&Observation]) -> Result<Self, PhysicsError> {
         let (scales, channels) = check(observations)?;
-        let data = scales.apply(observations);
-        let folds = folds(observations, MOST_ALONE);
+        // Few enough to try all candidates on; neighbours in the order of cells resemble each other.
+        let few = |every: usize| observations.iter().copied().step_by(every).collect::<Vec<_>>();
+        let tried = few(observations.len().div_ceil(MOST_TRIED));
+        let data = scales.apply(&tried);
+        let folds = folds(&tried, MOST_ALONE);
         if folds.len() < 2 {
             return Err(PhysicsError::TooFewGroups { found: folds.len() });
         }
@@ -101,7 +107,7 @@ impl Choice {
                 let fitted = fit_from(&rest, width, &whole);
                 for (square, lambda) in squares.iter_mut().zip(LAMBDAS) {
                     let at = (lambda, width);
-                    let model = PhysicsModel::of_fit(channels, &scales, &rest.wrench, &fitted, at);
+                    let model = PhysicsModel::of_fit(channels, &scales, &rest, &fitted, at);
                     let relative = convert(&model, &fold.held_out).map(|held_out| {
                         let axes = held_out.error.iter().zip(&scales.wrench);
                         axes.map(|(error, scale)| (error / scale).powi(2)).sum::<f64>()
@@ -109,7 +115,7 @@ impl Choice {
                     *square += relative.sum::<f64>();
                 }
             }
-            let count = 6.0 * observations.len() as f64;
+            let count = 6.0 * tried.len() as f64;
             let trial = |(square, lambda)| Trial { lambda, width, score: square / count };
             trials.extend(squares.into_iter().zip(LAMBDAS).map(trial));
             fits.push(whole);
@@ -118,7 +124,14 @@ impl Choice {
         let best = scores().min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(i, _)| i);
         let Trial { lambda, width, .. } = trials[best];
         let fitted = &fits[best / LAMBDAS.len()];
-        let model = PhysicsModel::of_fit(channels, &scales, &data.wrench, fitted, (lambda, width));
+        let at = (lambda, width);
+        let model = if tried.len() < observations.len() {
+            let all = scales.apply(observations);
+            let fitted = fit_from(&all, width, fitted);
+            PhysicsModel::of_fit(channels, &scales, &all, &fitted, at)
+        } else {
+            PhysicsModel::of_fit(channels, &scales, &data, fitted, at)
+        };
         Ok(Self { model, trials, folds: folds.len() })
     }
 }

@@ -7,10 +7,12 @@
 //! and the two variances of [`Noise`] each raise the posterior density.
 
 use super::cholesky::Cholesky;
+use super::lanes::MOST_LANES;
 use super::noise::{Noise, Residual};
 use super::observations::Observation;
-use super::response::{Answer, PARAMETERS, Parameters, SHAPE};
+use super::response::{PARAMETERS, Parameters, SHAPE};
 use super::sensor::{Data, Estimate, Prior};
+use super::sums::residuals;
 use shell_data::wrench::PerAxis;
 
 /// Variance of the prior of a common mean, over that of a sensor about it.
@@ -39,7 +41,10 @@ pub(super) struct Scales {
 /// The training data in these scales.
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
-    pub(super) wrench: Vec<PerAxis<f64>>,
+    /// Rows; columns go on with zeros to a multiple of [`MOST_LANES`].
+    pub(super) rows: usize,
+    /// One column per axis.
+    pub(super) wrench: PerAxis<Vec<f64>>,
     /// One column per channel that varies.
     pub(super) readings: Vec<Vec<f64>>,
 }
@@ -73,13 +78,20 @@ impl Scales {
 
     /// Observations in these scales.
     pub(super) fn apply(&self, observations: &[&Observation]) -> Scaled {
-        let wrench = |o: &&Observation| std::array::from_fn(|i| o.wrench[i] / self.wrench[i]);
-        let column = |&(channel, least, range): &(usize, f64, f64)| {
-            observations.iter().map(|o| (o.readings[channel] - least) / range).collect()
+        let rows = observations.len();
+        let padded = |mut column: Vec<f64>| {
+            column.resize(rows.next_multiple_of(MOST_LANES), 0.0);
+            column
+        };
+        let axis =
+            |i: usize| padded(observations.iter().map(|o| o.wrench[i] / self.wrench[i]).collect());
+        let channel = |&(channel, least, range): &(usize, f64, f64)| {
+            padded(observations.iter().map(|o| (o.readings[channel] - least) / range).collect())
         };
         Scaled {
-            wrench: observations.iter().map(wrench).collect(),
-            readings: self.channels.iter().map(column).collect(),
+            rows,
+            wrench: std::array::from_fn(axis),
+            readings: self.channels.iter().map(channel).collect(),
         }
     }
 }
@@ -88,27 +100,45 @@ impl Scales {
 pub(super) fn fit(data: &Scaled, width: f64) -> Fitted {
     let prior = Prior::weak(width);
     let mut sensors = sensors(data);
-    let estimates: Vec<Estimate> = sensors.iter().map(|s| s.fit(&prior, FIRST_STEPS)).collect();
+    let estimates = sensors.iter().map(|s| s.fit(&prior, FIRST_STEPS)).collect();
     rounds(&mut sensors, estimates, Noise::START, width, ROUNDS)
 }
 
 /// Fits all sensors, from what was found for nearly the same observations in the same scales.
 pub(super) fn fit_from(data: &Scaled, width: f64, start: &Fitted) -> Fitted {
-    let prior = Prior::weak(width);
+    let estimates = start.parameters.iter().map(|&p| Estimate::at(p)).collect();
     let mut sensors = sensors(data);
-    let begin = |(sensor, &p): (&Data<'_>, &Parameters)| sensor.begin(p, &prior);
-    let estimates = sensors.iter().zip(&start.parameters).map(begin).collect();
+    for (sensor, &p) in sensors.iter_mut().zip(&start.parameters) {
+        let nothing = [[0.0; PARAMETERS]; PARAMETERS];
+        weigh(sensor, &residuals(&p, &nothing, sensor), start.noise);
+    }
     rounds(&mut sensors, estimates, start.noise, width, WARM_ROUNDS)
 }
 
 fn sensors(data: &Scaled) -> Vec<Data<'_>> {
     // The slope of a curve that runs through its range over some six units of q.
     let weight = Noise::START.variance(0.15).recip();
-    let sensor = |readings: &'_ [f64]| vec![weight; readings.len()];
-    let weights = data.readings.iter().map(|readings| sensor(readings));
-    (data.readings.iter().zip(weights))
-        .map(|(readings, weights)| Data { wrench: &data.wrench, readings, weights })
+    let sensor = |readings: &'_ Vec<f64>| {
+        let mut weights = vec![weight; data.rows];
+        weights.resize(readings.len(), 0.0);
+        weights
+    };
+    let with_weights = data.readings.iter().map(|readings| (readings, sensor(readings)));
+    with_weights
+        .map(|(readings, weights)| Data {
+            wrench: &data.wrench,
+            readings,
+            rows: data.rows,
+            weights,
+        })
         .collect()
+}
+
+/// Weights by the noise where the curve is as steep as these residuals say.
+fn weigh(sensor: &mut Data<'_>, residuals: &[Residual], noise: Noise) {
+    for (weight, residual) in sensor.weights.iter_mut().zip(residuals) {
+        *weight = noise.variance_at(residual.slope_square).recip();
+    }
 }
 
 fn rounds(
@@ -121,11 +151,14 @@ fn rounds(
     let mut prior = Prior::weak(width);
     let mut covariance = covariances(sensors, &estimates, &prior);
     for _ in 0..rounds {
-        noise = noise.refine(&residuals(sensors, &estimates, &covariance), NOISE_STEPS);
-        for (sensor, estimate) in sensors.iter_mut().zip(&estimates) {
-            for (weight, x) in sensor.weights.iter_mut().zip(sensor.wrench) {
-                *weight = noise.variance(Answer::at(&estimate.parameters, x).slope).recip();
-            }
+        let of = |((sensor, estimate), covariance): ((&Data<'_>, &Estimate), _)| {
+            residuals(&estimate.parameters, covariance, sensor)
+        };
+        let all: Vec<Vec<Residual>> =
+            sensors.iter().zip(&estimates).zip(&covariance).map(of).collect();
+        noise = noise.refine(&all, NOISE_STEPS);
+        for (sensor, residuals) in sensors.iter_mut().zip(&all) {
+            weigh(sensor, residuals, noise);
         }
         prior.mean = common_means(&estimates, width);
         for (sensor, estimate) in sensors.iter().zip(&mut estimates) {
@@ -154,7 +187,7 @@ fn covariances(
     prior: &Prior,
 ) -> Vec<[Parameters; PARAMETERS]> {
     let of = |(sensor, estimate): (&Data<'_>, &Estimate)| {
-        let (information, _) = sensor.normal_equations(&estimate.parameters, prior);
+        let information = sensor.cost(&estimate.parameters, prior).information;
         // The prior makes it positive definite; where rounding does not, the prior is what is left.
         Cholesky::new(&information).map_or_else(|| prior_covariance(prior), |f| f.inverse())
     };
@@ -164,25 +197,4 @@ fn covariances(
 fn prior_covariance(prior: &Prior) -> [Parameters; PARAMETERS] {
     let diagonal = |i: usize, j: usize| if i == j { prior.sd[i].powi(2) } else { 0.0 };
     std::array::from_fn(|i| std::array::from_fn(|j| diagonal(i, j)))
-}
-
-fn residuals(
-    sensors: &[Data<'_>],
-    estimates: &[Estimate],
-    covariance: &[[Parameters; PARAMETERS]],
-) -> Vec<Residual> {
-    let mut residuals = Vec::new();
-    for ((sensor, estimate), covariance) in sensors.iter().zip(estimates).zip(covariance) {
-        for (x, y) in sensor.wrench.iter().zip(sensor.readings) {
-            let answer = Answer::at(&estimate.parameters, x);
-            let gradient = answer.gradient(x);
-            let mut square = (y - answer.value).powi(2);
-            for (g, row) in gradient.iter().zip(covariance) {
-                let product = gradient.iter().zip(row).fold(0.0, |sum, (g, c)| g.mul_add(*c, sum));
-                square = g.mul_add(product, square);
-            }
-            residuals.push(Residual { square, slope_square: answer.slope.powi(2) });
-        }
-    }
-    residuals
 }

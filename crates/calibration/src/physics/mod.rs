@@ -18,11 +18,13 @@ mod choice;
 mod cholesky;
 mod fit;
 mod inversion;
+mod lanes;
 mod model;
 mod noise;
 pub mod observations;
 pub mod response;
 mod sensor;
+mod sums;
 
 pub use self::choice::{Choice, HeldOut, LAMBDAS, Trial, WIDTHS};
 pub use self::inversion::{Estimate, Estimates, Flags, Inversion};

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::PhysicsError;
 use super::cholesky::Cholesky;
-use super::fit::{Fitted, Scales};
+use super::fit::{Fitted, Scaled, Scales};
 use super::noise::Noise;
 use super::observations::Observation;
 use super::response::{PARAMETERS, Parameters};
@@ -52,7 +52,7 @@ impl PhysicsModel {
     pub(super) fn of_fit(
         channels: usize,
         scales: &Scales,
-        wrench: &[PerAxis<f64>],
+        data: &Scaled,
         fitted: &Fitted,
         (lambda, prior_width): (f64, f64),
     ) -> Self {
@@ -64,7 +64,7 @@ impl PhysicsModel {
         Self {
             channels,
             wrench_scale: scales.wrench,
-            load_precision: load_precision(wrench),
+            load_precision: load_precision(data),
             lambda,
             prior_width,
             noise: fitted.noise,
@@ -85,7 +85,7 @@ impl PhysicsModel {
         let (scales, channels) = check(&chosen)?;
         let data = scales.apply(&chosen);
         let fitted = super::fit::fit(&data, width);
-        Ok(Self::of_fit(channels, &scales, &data.wrench, &fitted, (lambda, width)))
+        Ok(Self::of_fit(channels, &scales, &data, &fitted, (lambda, width)))
     }
 }
 
@@ -112,15 +112,13 @@ pub(super) fn check(observations: &[&Observation]) -> Result<(Scales, usize), Ph
     Ok((scales, channels))
 }
 
-fn load_precision(wrench: &[PerAxis<f64>]) -> PerAxis<PerAxis<f64>> {
-    let mut moments = PerAxis::<PerAxis<f64>>::default();
-    for x in wrench {
-        for (i, row) in moments.iter_mut().enumerate() {
-            row.iter_mut().zip(x).for_each(|(sum, xj)| *sum += x[i] * xj);
-        }
-    }
-    let n = wrench.len() as f64;
-    moments.iter_mut().flatten().for_each(|sum| *sum /= n);
+fn load_precision(data: &Scaled) -> PerAxis<PerAxis<f64>> {
+    let moment = |i: usize, j: usize| {
+        let products = data.wrench[i].iter().zip(&data.wrench[j]).map(|(a, b)| a * b);
+        products.sum::<f64>() / data.rows as f64
+    };
+    let mut moments: PerAxis<PerAxis<f64>> =
+        std::array::from_fn(|i| std::array::from_fn(|j| moment(i, j)));
     (0..6).for_each(|i| moments[i][i] += LEAST_LOAD);
     let identity = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
     Cholesky::new(&moments).map_or(identity, |factor| factor.inverse())

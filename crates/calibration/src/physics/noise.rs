@@ -13,7 +13,10 @@
 //! is `r² + gᵀCg`, with `C` the covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat.
 //! Soc. B 39, 1977).
 
+use pulp::{Arch, NullaryFnOnce};
 use serde::{Deserialize, Serialize};
+
+use super::lanes::MOST_LANES;
 
 /// Least variances, of a reading in units of its range: a thousandth squared, less than one count
 /// of ten bits.
@@ -45,21 +48,23 @@ impl Noise {
     /// The variance of an answer where the curve has this slope.
     #[inline]
     pub(super) fn variance(&self, slope: f64) -> f64 {
-        (slope * slope).mul_add(self.displacement, self.reading)
+        self.variance_at(slope * slope)
+    }
+
+    /// The variance of an answer where the curve has a slope of this square.
+    #[inline]
+    pub(super) fn variance_at(&self, slope_square: f64) -> f64 {
+        slope_square.mul_add(self.displacement, self.reading)
     }
 
     /// The variances of greatest likelihood, `steps` fixed-point steps on from these.
-    pub(super) fn refine(self, residuals: &[Residual], steps: usize) -> Self {
+    pub(super) fn refine(self, residuals: &[Vec<Residual>], steps: usize) -> Self {
         (0..steps).fold(self, |noise, _| {
-            let (mut a, mut b, mut c, mut d, mut e) = (0.0, 0.0, 0.0, 0.0, 0.0);
-            for &Residual { square, slope_square: g } in residuals {
-                let weight = (g.mul_add(noise.displacement, noise.reading)).powi(-2);
-                a += weight;
-                b += weight * g;
-                c += weight * g * g;
-                d += weight * square;
-                e += weight * g * square;
+            let mut sums = LikelihoodSums::default();
+            for column in residuals {
+                sums = Arch::new().dispatch(Add { sums, noise, column });
             }
+            let [a, b, c, d, e] = sums.0.map(|lanes| lanes.iter().sum::<f64>());
             let Self { reading, displacement } = noise;
             let next = |old: f64, found: f64, expected: f64| {
                 if expected > 0.0 { (old * found / expected).max(LEAST) } else { old }
@@ -69,6 +74,38 @@ impl Noise {
                 displacement: next(displacement, e, b * reading + c * displacement),
             }
         })
+    }
+}
+
+/// Sums of `1`, `g`, `g²`, `r²` and `g·r²` over `v²`, with `g = (df/dq)²`, in interleaved lanes.
+#[derive(Clone, Copy, Default)]
+struct LikelihoodSums([[f64; MOST_LANES]; 5]);
+
+/// Adds the residuals of a sensor, inlined whole into code for the widest vectors of the machine.
+struct Add<'a> {
+    sums: LikelihoodSums,
+    noise: Noise,
+    column: &'a [Residual],
+}
+
+impl NullaryFnOnce for Add<'_> {
+    type Output = LikelihoodSums;
+
+    #[inline(always)]
+    fn call(self) -> LikelihoodSums {
+        let Self { sums: LikelihoodSums(mut sums), noise, column } = self;
+        let mut add = |lane: usize, &Residual { square, slope_square: g }: &Residual| {
+            let variance = g.mul_add(noise.displacement, noise.reading);
+            let weight = 1.0 / (variance * variance);
+            let terms = [weight, weight * g, weight * g * g, weight * square, weight * g * square];
+            sums.iter_mut().zip(terms).for_each(|(sum, term)| sum[lane] += term);
+        };
+        let (chunks, rest) = column.as_chunks::<MOST_LANES>();
+        for chunk in chunks {
+            chunk.iter().enumerate().for_each(|(lane, residual)| add(lane, residual));
+        }
+        rest.iter().enumerate().for_each(|(lane, residual)| add(lane, residual));
+        LikelihoodSums(sums)
     }
 }
 
@@ -84,7 +121,7 @@ mod tests {
             .map(|i| f64::from(i) / 300.0)
             .map(|slope| Residual { square: truth.variance(slope), slope_square: slope * slope })
             .collect();
-        let found = Noise::START.refine(&residuals, 500);
+        let found = Noise::START.refine(&[residuals], 500);
         assert!((found.reading / truth.reading - 1.0).abs() < 1e-6, "{found:?}");
         assert!((found.displacement / truth.displacement - 1.0).abs() < 1e-6);
     }

@@ -1,7 +1,9 @@
-//! What the sensors are fitted to: one mean of wrench and readings for each pose.
+//! What the sensors are fitted to: means of wrench and readings over rows of like wrench.
 //!
 //! Rows of a pose are one observation many times over, so their means are what the fit sees, each
-//! with the same weight. Rows without poses are averaged in cells of the wrench.
+//! with the same weight. Where the wrench changes within a group of rows, as in a push by hand, there
+//! is a mean for each cell of the wrench, [`CELL_WIDTH`] wide, with the group's mean in the middle of
+//! one: a pose of constant load is then a single cell.
 //!
 //! Sums are integers: every value is rounded once, to 2⁻⁶⁰ of the largest size of its column, and
 //! then added without error. So means do not depend on the order of the rows.
@@ -28,7 +30,7 @@ pub struct Observation {
     pub readings: Vec<f64>,
 }
 
-/// The means of groups of rows, in ascending order of their labels.
+/// The means of the cells of each group of rows, in ascending order of the groups' labels.
 ///
 /// `wrench` has six columns (N and N·m), `readings` one for each channel (counts), `groups` one label
 /// for each row.
@@ -43,13 +45,27 @@ pub fn group_means(
     wrench: &PerAxis<&[f64]>,
     readings: &[&[f64]],
 ) -> Result<Vec<Observation>, PhysicsError> {
-    let labelled = groups.iter().map(|&group| (group, [0; 6]));
-    means(labelled, groups.len(), wrench, readings)
+    let labels = || groups.iter().map(|&group| (group, [0; 6]));
+    let means = means(labels(), groups.len(), wrench, readings)?;
+    let middles: BTreeMap<u64, PerAxis<f64>> = means.iter().map(|o| (o.group, o.wrench)).collect();
+    let width = cell_width(wrench)?;
+    // Rows of a group are mostly neighbours.
+    let mut last = None;
+    let mut middle = |group: u64| match last {
+        Some((label, middle)) if label == group => middle,
+        _ => last.insert((group, middles[&group])).1,
+    };
+    let cells = groups.iter().enumerate().map(|(row, &group)| {
+        let middle = middle(group);
+        let cell = |axis: usize| place((wrench[axis][row] - middle[axis]) / width[axis]);
+        (group, std::array::from_fn(cell))
+    });
+    self::means(cells, groups.len(), wrench, readings)
 }
 
 /// The means of rows in cells of the wrench, [`CELL_WIDTH`] wide; every cell is a group of its own.
 ///
-/// For rows without a group column. Neighbours in time, which resemble each other, may still fall
+/// For rows without groups. Neighbours in time, which resemble each other, may still fall
 /// into different cells; errors held out by these groups are then too small.
 ///
 /// # Errors
@@ -61,22 +77,29 @@ pub fn cell_means(
     wrench: &PerAxis<&[f64]>,
     readings: &[&[f64]],
 ) -> Result<Vec<Observation>, PhysicsError> {
-    let rows = wrench[0].len();
+    let (rows, width) = (wrench[0].len(), cell_width(wrench)?);
+    let cell = |row: usize| std::array::from_fn(|axis| place(wrench[axis][row] / width[axis]));
+    let mut means = means((0..rows).map(|row| (0, cell(row))), rows, wrench, readings)?;
+    means.iter_mut().zip(0..).for_each(|(mean, place)| mean.group = place);
+    Ok(means)
+}
+
+fn place(x: f64) -> i64 {
+    x.round_ties_even() as i64
+}
+
+/// N and N·m.
+fn cell_width(wrench: &PerAxis<&[f64]>) -> Result<PerAxis<f64>, PhysicsError> {
     // Squares on the same grid, so that the width does not depend on the order of the rows either.
     let mut width = [1.0; 6];
     for (width, column) in width.iter_mut().zip(wrench) {
         let squares: Vec<f64> = column.iter().map(|x| x * x).collect();
         let grid = Grid::of(&squares)?;
         let sum: i128 = squares.iter().map(|&square| grid.place(square)).sum();
-        let rms = grid.mean(sum, rows.max(1)).sqrt();
+        let rms = grid.mean(sum, column.len().max(1)).sqrt();
         *width = if rms > 0.0 { CELL_WIDTH * rms } else { 1.0 };
     }
-    let cell = |row: usize| {
-        std::array::from_fn(|axis| (wrench[axis][row] / width[axis]).round_ties_even() as i64)
-    };
-    let mut means = means((0..rows).map(|row| (0, cell(row))), rows, wrench, readings)?;
-    means.iter_mut().zip(0..).for_each(|(mean, place)| mean.group = place);
-    Ok(means)
+    Ok(width)
 }
 
 fn means(

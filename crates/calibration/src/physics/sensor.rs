@@ -10,7 +10,8 @@
 //! *logit-linear* fit) and solves for b and a.
 
 use super::cholesky::Cholesky;
-use super::response::{Answer, PARAMETERS, Parameters, SHAPE, displacement};
+use super::response::{PARAMETERS, Parameters, SHAPE, displacement};
+use super::sums::Sums;
 use shell_data::wrench::PerAxis;
 
 /// Values of ν to start from, on either side of the logistic curve's 1.
@@ -39,13 +40,16 @@ impl Prior {
     }
 }
 
-/// What one sensor is fitted to.
+/// What one sensor is fitted to. Columns are as long as a multiple of
+/// [`MOST_LANES`](super::lanes::MOST_LANES) from `rows` on; what is added has no weight.
 #[derive(Clone, Debug)]
 pub(super) struct Data<'a> {
     /// Wrenches, in units of the model's scales.
-    pub(super) wrench: &'a [PerAxis<f64>],
+    pub(super) wrench: &'a PerAxis<Vec<f64>>,
     /// Readings, in ranges above the least.
     pub(super) readings: &'a [f64],
+    /// Rows of the data.
+    pub(super) rows: usize,
     /// Inverse variances.
     pub(super) weights: Vec<f64>,
 }
@@ -54,87 +58,71 @@ pub(super) struct Data<'a> {
 #[derive(Clone, Debug)]
 pub(super) struct Estimate {
     pub(super) parameters: Parameters,
-    /// The sum that is minimised.
-    pub(super) cost: f64,
     /// Marquardt's damping.
     damping: f64,
+}
+
+/// The sum that is minimised at some parameters, and where it falls.
+pub(super) struct Cost {
+    value: f64,
+    /// The inverse of the parameters' covariance: Gauss's and Newton's curvature of half the cost.
+    pub(super) information: [Parameters; PARAMETERS],
+    /// The steepest descent of half the cost.
+    descent: Parameters,
+}
+
+impl Estimate {
+    /// One at these parameters.
+    pub(super) fn at(parameters: Parameters) -> Self {
+        Self { parameters, damping: 1e-2 }
+    }
 }
 
 impl Data<'_> {
     /// The better of the fits from both starts, after `steps` steps each.
     pub(super) fn fit(&self, prior: &Prior, steps: usize) -> Estimate {
-        let [first, second] = STARTS.map(|nu| {
-            let mut estimate = self.begin(self.start(prior, nu), prior);
-            self.refine(&mut estimate, prior, steps);
-            estimate
+        let [(first, first_cost), (second, second_cost)] = STARTS.map(|nu| {
+            let mut estimate = Estimate::at(self.start(prior, nu));
+            let cost = self.refine(&mut estimate, prior, steps);
+            (estimate, cost)
         });
-        if second.cost < first.cost { second } else { first }
+        if second_cost < first_cost { second } else { first }
     }
 
-    /// An estimate at these parameters.
-    pub(super) fn begin(&self, parameters: Parameters, prior: &Prior) -> Estimate {
-        Estimate { parameters, cost: self.cost(&parameters, prior), damping: 1e-2 }
-    }
-
-    /// Makes `steps` steps, each of which lowers the cost or is not taken.
-    pub(super) fn refine(&self, estimate: &mut Estimate, prior: &Prior, steps: usize) {
-        estimate.cost = self.cost(&estimate.parameters, prior);
+    /// Makes `steps` steps, each of which lowers the cost or is not taken. Returns what it is then.
+    pub(super) fn refine(&self, estimate: &mut Estimate, prior: &Prior, steps: usize) -> f64 {
+        let mut cost = self.cost(&estimate.parameters, prior);
         for _ in 0..steps {
-            let (information, gradient) = self.normal_equations(&estimate.parameters, prior);
-            let mut damped = information;
+            let mut damped = cost.information;
             (0..PARAMETERS).for_each(|i| damped[i][i] *= 1.0 + estimate.damping);
             let mut next = estimate.parameters;
             if let Some(factor) = Cholesky::new(&damped) {
-                let step = factor.solve(&gradient);
+                let step = factor.solve(&cost.descent);
                 for (place, (next, step)) in next.iter_mut().zip(step).enumerate() {
                     // h and ν change at most by a factor of e: further the line is not straight.
                     *next += if place > SHAPE { step.clamp(-1.0, 1.0) } else { step };
                 }
             }
-            let cost = self.cost(&next, prior);
-            let better = cost < estimate.cost;
+            let next_cost = self.cost(&next, prior);
+            let better = next_cost.value < cost.value;
             if better {
-                (estimate.parameters, estimate.cost) = (next, cost);
+                (estimate.parameters, cost) = (next, next_cost);
             }
             let factor = if better { 0.2 } else { 5.0 };
             estimate.damping = (estimate.damping * factor).clamp(1e-12, 1e8);
         }
+        cost.value
     }
 
-    /// The inverse of the parameters' covariance: Gauss's and Newton's curvature of the cost, and
-    /// half its steepest descent.
-    pub(super) fn normal_equations(
-        &self,
-        p: &Parameters,
-        prior: &Prior,
-    ) -> ([Parameters; PARAMETERS], Parameters) {
-        let (mut information, mut descent) = ([[0.0; PARAMETERS]; PARAMETERS], [0.0; PARAMETERS]);
+    pub(super) fn cost(&self, p: &Parameters, prior: &Prior) -> Cost {
+        let Sums { mut information, mut descent, cost: mut value } = Sums::of(p, self);
         for i in 0..PARAMETERS {
-            let precision = prior.sd[i].powi(-2);
-            (information[i][i], descent[i]) = (precision, precision * (prior.mean[i] - p[i]));
+            let (precision, off) = (prior.sd[i].powi(-2), prior.mean[i] - p[i]);
+            information[i][i] += precision;
+            descent[i] += precision * off;
+            value += precision * off * off;
         }
-        for ((x, y), weight) in self.wrench.iter().zip(self.readings).zip(&self.weights) {
-            let answer = Answer::at(p, x);
-            let (gradient, residual) = (answer.gradient(x), y - answer.value);
-            for i in 0..PARAMETERS {
-                let weighted = weight * gradient[i];
-                descent[i] = weighted.mul_add(residual, descent[i]);
-                for j in 0..=i {
-                    information[i][j] = weighted.mul_add(gradient[j], information[i][j]);
-                }
-            }
-        }
-        (information, descent)
-    }
-
-    fn cost(&self, p: &Parameters, prior: &Prior) -> f64 {
-        let prior = (0..PARAMETERS).map(|i| ((p[i] - prior.mean[i]) / prior.sd[i]).powi(2));
-        let mut cost: f64 = prior.sum();
-        for ((x, y), weight) in self.wrench.iter().zip(self.readings).zip(&self.weights) {
-            let residual = y - Answer::at(p, x).value;
-            cost = (weight * residual).mul_add(residual, cost);
-        }
-        cost
+        Cost { value, information, descent }
     }
 
     /// The logit-linear fit at this ν and the prior's plateaus.
@@ -143,9 +131,10 @@ impl Data<'_> {
         p[SHAPE + 2] = libm::log(nu);
         let (lo, h) = (p[SHAPE], libm::exp(p[SHAPE + 1]));
         let (mut a, mut b) = ([[0.0; 7]; 7], [0.0; 7]);
-        for ((x, &y), weight) in self.wrench.iter().zip(self.readings).zip(&self.weights) {
+        for (i, (&y, weight)) in self.readings.iter().zip(&self.weights).enumerate() {
             let (q, slope) = displacement(y, lo, h, nu, MARGIN);
-            let row: [f64; 7] = std::array::from_fn(|i| if i == 0 { 1.0 } else { x[i - 1] });
+            let row: [f64; 7] =
+                std::array::from_fn(|k| if k == 0 { 1.0 } else { self.wrench[k - 1][i] });
             let weight = weight * slope * slope;
             for i in 0..7 {
                 b[i] += weight * row[i] * q;

@@ -14,7 +14,6 @@
 //! Computation 4, 1992).
 
 mod lane_cholesky;
-mod lanes;
 mod newton;
 mod ready;
 

@@ -6,9 +6,9 @@
 use pulp::{Simd, WithSimd};
 
 use super::lane_cholesky::LaneCholesky;
-use super::lanes::{Answers, MOST_LANES, load, store};
 use super::ready::Ready;
 use super::{Estimates, Inversion};
+use crate::physics::lanes::{Answers, MOST_LANES, load, store};
 use crate::physics::observations::MOST_CHANNELS;
 use crate::physics::response::PARAMETERS;
 use shell_data::wrench::PerAxis;
