@@ -1,6 +1,15 @@
-//! How the program is linked.
+//! How the program is linked, and which of its tests can run here.
+
+/// Names the directory of the real recordings, which are not part of the repository.
+const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
 fn main() {
+    // Tests on real recordings are built as ignored where there are none.
+    println!("cargo::rustc-check-cfg=cfg(real_data)");
+    println!("cargo::rerun-if-env-changed={REAL_DATA}");
+    if std::env::var_os(REAL_DATA).is_some() {
+        println!("cargo::rustc-cfg=real_data");
+    }
     println!("cargo::rerun-if-changed=build.rs");
     let target = |key: &str| std::env::var(format!("CARGO_CFG_TARGET_{key}")).unwrap_or_default();
     if target("OS") == "linux" && target("ENV") == "gnu" {

@@ -8,6 +8,7 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
+use system_tests::random::Random;
 
 fn main() {
     divan::main();
@@ -18,11 +19,8 @@ const ROWS: usize = 77_522;
 const BLOCK_ROWS: usize = 6_000;
 
 fn blocks() -> Vec<Block> {
-    let mut state = 1_u64;
-    let mut random = || {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 52) as f64
-    };
+    let mut random = Random(1);
+    let mut random = || random.bits(12) as f64;
     (0..ROWS)
         .step_by(BLOCK_ROWS)
         .map(|start| {

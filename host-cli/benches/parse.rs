@@ -17,6 +17,7 @@ use std::time::Instant;
 use divan::counter::BytesCount;
 use divan::{Bencher, black_box};
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use system_tests::random::Random;
 
 /// Rows of the paper's training set.
 const ROWS: usize = 77_522;
@@ -149,22 +150,15 @@ fn floor(path: &Path) -> f64 {
 
 /// Rows as the lab's training files have them: `1425168310.852012,1482,…,-0.0630686291217`.
 fn training_file() -> tempfile::NamedTempFile {
-    let mut state = 1_u64;
-    let mut next = move || {
-        // SplitMix64 (Steele, Lea, Flood 2014): any numbers of the right length will do.
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (state ^ state >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ z >> 31) as f64 / u64::MAX as f64
-    };
+    let mut random = Random(1);
     let mut text = String::new();
     for row in 0..ROWS {
         write!(text, "{:.6}", 1_425_168_310.852 + row as f64 * 0.002).expect("a string");
         for _ in 0..8 {
-            write!(text, ",{}", 900 + (next() * 1200.0) as u32).expect("a string");
+            write!(text, ",{}", 900 + (random.unit() * 1200.0) as u32).expect("a string");
         }
         for scale in [0.5, 0.5, 4.0, 0.3, 0.3, 0.3] {
-            let value = (next() - 0.5) * scale;
+            let value = (random.unit() - 0.5) * scale;
             // Twelve significant digits, as in the lab's files.
             let decimals = 11 - value.abs().log10().floor() as i32;
             write!(text, ",{value:.*}", decimals as usize).expect("a string");

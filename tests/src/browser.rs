@@ -14,9 +14,6 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-/// Names a Chromium that is not on the path.
-const CHROMIUM: &str = "SHELLCAL_CHROMIUM";
-const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 /// When to give up, which is no statement on how long it should take.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -30,30 +27,6 @@ pub struct Browser {
     next_id: u64,
     events: Vec<Value>,
     _profile: tempfile::TempDir,
-}
-
-/// A Chromium of this machine: the one that `SHELLCAL_CHROMIUM` names, or one on the path.
-pub fn find() -> Option<String> {
-    let named = std::env::var(CHROMIUM).ok();
-    let runs = |name: &String| {
-        let mut command = Command::new(name);
-        command.arg("--version").stdout(Stdio::null()).stderr(Stdio::null());
-        command.status().is_ok_and(|status| status.success())
-    };
-    named.into_iter().chain(NAMES.map(str::to_owned)).find(runs)
-}
-
-/// As [`find`]; where this machine has none, says that the test was skipped.
-#[expect(clippy::print_stdout, reason = "a skipped test says so")]
-pub fn chromium() -> Option<String> {
-    let found = find();
-    if found.is_none() {
-        println!(
-            "skipped: no Chromium on the path, nor named by {CHROMIUM}; on Debian it comes with \
-             `apt-get install chromium`"
-        );
-    }
-    found
 }
 
 impl Browser {

@@ -21,15 +21,13 @@ pub const COUNTED_TIME: [&str; 2] = ["-icount", "shift=4,sleep=off"];
 /// Names the image that tests run.
 pub const IMAGE: &str = "SHELLCAL_EMULATED_IMAGE";
 
-/// The image that tests run, which `cargo xtask test` builds; where there is none, says that the test
-/// was skipped.
-#[expect(clippy::print_stdout, reason = "a skipped test says so")]
-pub fn image() -> Option<PathBuf> {
-    let image = std::env::var_os(IMAGE).map(PathBuf::from);
-    if image.is_none() {
-        println!("skipped: {IMAGE} is not set; `cargo xtask test` sets it");
-    }
-    image
+/// The image that tests run, which `cargo xtask test` builds; tests that need it are ignored where
+/// there is none.
+///
+/// # Panics
+/// If there is none.
+pub fn image() -> PathBuf {
+    std::env::var_os(IMAGE).expect("SHELLCAL_EMULATED_IMAGE names an image").into()
 }
 
 /// What the front end plays, what the board is told, and where it keeps its calibration.

@@ -2,6 +2,7 @@
 //! receives them, and where the real recordings are.
 
 pub mod browser;
+pub mod chromium;
 pub mod emulation;
 pub mod flashed;
 pub mod program;
@@ -12,18 +13,18 @@ use std::path::PathBuf;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{Framing, Packet};
 
-/// The file `name` of the real recordings; where this machine has none, says that the test was
-/// skipped.
+/// The file `name` of the real recordings, for tests that are ignored where there are none.
 ///
 /// The recordings are not part of the repository: `SHELLCAL_REAL_DATA` names the directory that
 /// holds them.
-#[expect(clippy::print_stdout, reason = "a skipped test says so")]
-pub fn real_recording(name: &str) -> Option<PathBuf> {
-    let path = std::env::var_os("SHELLCAL_REAL_DATA").map(|root| PathBuf::from(root).join(name));
-    let path = path.filter(|path| path.exists());
-    if path.is_none() {
-        println!("skipped: SHELLCAL_REAL_DATA does not name a directory with `{name}`");
-    }
+///
+/// # Panics
+/// If the variable is not set, or there is no such file.
+pub fn real_recording(name: &str) -> PathBuf {
+    let root =
+        std::env::var_os("SHELLCAL_REAL_DATA").expect("SHELLCAL_REAL_DATA names a directory");
+    let path = PathBuf::from(root).join(name);
+    assert!(path.exists(), "there is no `{}`", path.display());
     path
 }
 

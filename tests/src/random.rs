@@ -1,4 +1,4 @@
-//! Pseudo-random numbers for faults and noise, the same on every machine.
+//! Pseudo-random numbers for tests and benchmarks, the same on every machine.
 
 /// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), from a seed.
 #[derive(Clone, Debug)]
@@ -13,6 +13,21 @@ impl Random {
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
         z ^ (z >> 31)
+    }
+
+    /// A number of at most this many bits, 1 to 64.
+    pub fn bits(&mut self, bits: u32) -> u64 {
+        self.next() >> (64 - bits)
+    }
+
+    /// A number in 0..1.
+    pub fn unit(&mut self) -> f64 {
+        self.bits(53) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// About normal, mean 0 and variance 1: the sum of twelve numbers in −½..½.
+    pub fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
     }
 
     /// A number below `bound`, which is not zero.

@@ -12,7 +12,7 @@ use shared_proto::{
     BoardId, Calibration, Command as Order, MAX_PIECE, Packet, Piece, Stream, crc32,
 };
 use system_tests::emulation::PlayedFrame;
-use system_tests::flashed::{FlashedBoard, IMAGE, Model, NO_MODEL, PYTHON, SERIAL};
+use system_tests::flashed::{FlashedBoard, IMAGE, Model, PYTHON, SERIAL};
 
 use crate::image::Image;
 use crate::measure::installed;
@@ -59,14 +59,15 @@ pub(crate) fn find() -> Result<Model> {
     Ok(Model { image, python })
 }
 
-/// What tests of the flashed image have to know: where the model is, or why there is none.
+/// What tests of the flashed image have to know: the image, and the Python that runs the model. Nothing
+/// where there is no model, and they are ignored.
 pub(crate) fn environment(with_board: bool) -> Vec<(&'static str, OsString)> {
     let model = if with_board { find() } else { Err(anyhow::anyhow!("run without the board")) };
     match model {
         Ok(Model { image, python }) => vec![(IMAGE, image.into()), (PYTHON, python.into())],
         Err(reason) => {
             eprintln!("{reason:#}: the tests of the flashed image are ignored");
-            vec![(NO_MODEL, format!("{reason:#}").into())]
+            Vec::new()
         }
     }
 }

@@ -1,7 +1,7 @@
 //! `cargo xtask setup`: all that the whole test run needs of a machine.
 
 use anyhow::{Result, bail};
-use system_tests::browser;
+use system_tests::chromium;
 
 use crate::measure::installed;
 use crate::need::{Need, Way};
@@ -29,7 +29,7 @@ const LINTER: Need = Need {
 /// For the tests of the report.
 pub(crate) const BROWSER: Need = Need {
     what: "Chromium",
-    is_met: || browser::find().is_some(),
+    is_met: || chromium::find().is_some(),
     ways: &[Way::Packages(&["chromium"])],
 };
 

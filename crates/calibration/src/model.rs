@@ -5,11 +5,8 @@
 //! s2, …); the models with cross terms go degree by degree, each degree in lexicographic order
 //! (s1, …, s8, s1², s1·s2, …). The intercept, the empty product, comes last.
 
-use serde::{Deserialize, Serialize};
-
 /// A family of features.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Basis {
     /// Each reading: 8 features for 8 channels.
     Linear,
@@ -59,7 +56,7 @@ impl Basis {
 pub const MAX_CHANNELS: usize = 255;
 
 /// The features of a calibration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Model {
     /// The family of features.
     pub basis: Basis,

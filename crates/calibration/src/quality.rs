@@ -3,7 +3,6 @@
 //! Everything is a [`RunningVariance`], computed block by block and merged.
 
 use pulp::{Arch, NullaryFnOnce};
-use serde::{Deserialize, Serialize};
 
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
@@ -17,7 +16,7 @@ pub struct AxisErrors {
 }
 
 /// How far predictions are from measurements, on one axis, in N or N·m.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisQuality {
     /// Root mean square of the error.
     pub rms: f64,

@@ -5,10 +5,8 @@
 //! integer readings of up to 16 bits every feature is an exact `f64`: a calibration is then a least
 //! squares fit to the very numbers that were recorded.
 
-use serde::{Deserialize, Serialize};
-
 /// How readings become standardised readings: `z = (s − centre) / scale`, channel by channel.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
     /// What is subtracted, in counts. Zero for models without an intercept.
     pub centre: Vec<f64>,

@@ -2,12 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::layout::Layout;
-use super::{CalibrationFile, Origin, Problem, SCHEMA_VERSION};
-use calibration::model::{Model, Term};
-use calibration::reading_ranges::ReadingRange;
-use calibration::scaling::Scaling;
-use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape, TriangularColumns};
+use super::layout::to_json;
+use super::stored::{
+    Stored, StoredCoefficientCovariance, StoredCovariance, StoredModel, StoredOrigin,
+    StoredReadingRange, StoredScaling,
+};
+use super::{CalibrationFile, Problem, SCHEMA_VERSION};
+use calibration::model::Term;
 use calibration::{Calibration, model};
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -15,14 +16,14 @@ use shell_data::wrench::{Axis, PerAxis};
 struct Document {
     schema_version: u64,
     #[serde(flatten)]
-    origin: Origin,
-    model: Model,
+    origin: StoredOrigin,
+    model: StoredModel,
     terms: Vec<String>,
-    scaling: Scaling,
+    scaling: StoredScaling,
     axes: PerAxis<String>,
     coefficients: Vec<PerAxis<f64>>,
-    covariance: Option<Covariance>,
-    valid_range: Option<Vec<ReadingRange>>,
+    covariance: Option<StoredCovariance>,
+    valid_range: Option<Vec<StoredReadingRange>>,
 }
 
 #[derive(Deserialize)]
@@ -34,20 +35,16 @@ pub(super) fn format(file: &CalibrationFile) -> String {
     let calibration = &file.calibration;
     let document = Document {
         schema_version: SCHEMA_VERSION,
-        origin: file.origin.clone(),
-        model: calibration.model(),
+        origin: Stored::of(&file.origin),
+        model: Stored::of(&calibration.model()),
         terms: calibration.model().terms().iter().map(Term::name).collect(),
-        scaling: calibration.scaling().clone(),
+        scaling: Stored::of(calibration.scaling()),
         axes: Axis::ALL.map(|axis| axis.column().to_owned()),
         coefficients: calibration.coefficients().to_vec(),
-        covariance: calibration.covariance.clone(),
-        valid_range: calibration.valid_range.clone(),
+        covariance: Stored::of(&calibration.covariance),
+        valid_range: Stored::of(&calibration.valid_range),
     };
-    let mut json = Vec::new();
-    let mut serializer = serde_json::Serializer::with_formatter(&mut json, Layout::default());
-    document.serialize(&mut serializer).expect("plain numbers and strings are always JSON");
-    json.push(b'\n');
-    String::from_utf8(json).expect("JSON is UTF-8")
+    to_json(&document)
 }
 
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
@@ -58,10 +55,11 @@ pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     }
     let document: Document = serde_json::from_slice(text).map_err(problem)?;
     document.check().map_err(Problem::Inconsistent)?;
-    let mut calibration = Calibration::new(document.model, document.scaling, document.coefficients);
-    calibration.covariance = document.covariance;
-    calibration.valid_range = document.valid_range;
-    Ok(CalibrationFile { calibration, origin: document.origin })
+    let (model, scaling) = (document.model.value(), document.scaling.value());
+    let mut calibration = Calibration::new(model, scaling, document.coefficients);
+    calibration.covariance = document.covariance.value();
+    calibration.valid_range = document.valid_range.value();
+    Ok(CalibrationFile { calibration, origin: document.origin.value() })
 }
 
 pub(super) fn problem(error: serde_json::Error) -> Problem {
@@ -83,7 +81,7 @@ impl Document {
             let most = model::MAX_CHANNELS;
             return Err(format!("`model.channels` is `{channels}`, expected 1 to {most}"));
         }
-        let terms = self.model.terms();
+        let terms = self.model.clone().value().terms();
         let count = |name: &str, found: usize, expected: usize| match found == expected {
             true => Ok(()),
             false => Err(format!("`{name}` has `{found}` entries, the model needs `{expected}`")),
@@ -114,7 +112,7 @@ impl Document {
             return Err("`scaling.centre` is not zero in a model without an intercept".to_owned());
         }
         if let Some(covariance) = &self.covariance {
-            let triangle = |name: &str, factor: &TriangularColumns| {
+            let triangle = |name: &str, factor: &[Vec<f64>]| {
                 count(name, factor.len(), terms.len())?;
                 factor
                     .iter()
@@ -122,10 +120,10 @@ impl Document {
                     .try_for_each(|(j, column)| count(&format!("{name}[{j}]"), column.len(), j + 1))
             };
             match &covariance.coefficients {
-                CoefficientCovariance::Rows { factor } => {
+                StoredCoefficientCovariance::Rows { factor } => {
                     triangle("covariance.coefficients.rows.factor", factor)?;
                 }
-                CoefficientCovariance::Groups { factors, .. } => {
+                StoredCoefficientCovariance::Groups { factors, .. } => {
                     for (axis, factor) in factors.iter().enumerate() {
                         let name = format!("covariance.coefficients.groups.factors[{axis}]");
                         triangle(&name, factor)?;
@@ -135,7 +133,7 @@ impl Document {
             if covariance.degrees_of_freedom == 0 {
                 return Err("`covariance.degrees_of_freedom` is `0`".to_owned());
             }
-            covariance.shape.as_ref().map_or(Ok(()), ErrorShape::check)?;
+            covariance.shape.clone().value().map_or(Ok(()), |shape| shape.check())?;
             if (0..6).any(|axis| covariance.residual[axis][axis] < 0.0) {
                 return Err("`covariance.residual` has a negative variance".to_owned());
             }
@@ -150,11 +148,14 @@ fn is_power_of_two(value: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Diagnostics, Role, SolverRecord, Source};
+    use super::super::{Diagnostics, Origin, Role, SolverRecord, Source};
     use super::*;
-    use calibration::model::Basis;
+    use calibration::model::{Basis, Model};
     use calibration::quality::AxisQuality;
+    use calibration::reading_ranges::ReadingRange;
+    use calibration::scaling::Scaling;
     use calibration::solver::SolverKind;
+    use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
 
     fn file() -> CalibrationFile {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };

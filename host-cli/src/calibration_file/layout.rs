@@ -2,11 +2,21 @@
 
 use std::io::{self, Write};
 
+use serde::Serialize;
 use serde_json::ser::Formatter;
+
+/// A document as text.
+pub(super) fn to_json(document: &impl Serialize) -> String {
+    let mut json = Vec::new();
+    let mut serializer = serde_json::Serializer::with_formatter(&mut json, Layout::default());
+    document.serialize(&mut serializer).expect("plain numbers and strings are always JSON");
+    json.push(b'\n');
+    String::from_utf8(json).expect("JSON is UTF-8")
+}
 
 /// Indents objects and the outermost array; writes arrays within arrays on one line.
 #[derive(Debug, Default)]
-pub(super) struct Layout {
+struct Layout {
     indent: usize,
     arrays: usize,
 }
@@ -83,18 +93,12 @@ impl Formatter for Layout {
 
 #[cfg(test)]
 mod tests {
-    use serde::Serialize;
-
     use super::*;
 
     #[test]
     fn rows_of_numbers_stay_on_one_line() {
         let value = serde_json::json!({"a": [[1, 2], [3, 4]], "b": {"c": []}});
-        let mut json = Vec::new();
-        let mut serializer = serde_json::Serializer::with_formatter(&mut json, Layout::default());
-        value.serialize(&mut serializer).unwrap();
-        let expected =
-            "{\n  \"a\": [\n    [1, 2],\n    [3, 4]\n  ],\n  \"b\": {\n    \"c\": [\n    ]\n  }\n}";
-        assert_eq!(String::from_utf8(json).unwrap(), expected);
+        let expected = "{\n  \"a\": [\n    [1, 2],\n    [3, 4]\n  ],\n  \"b\": {\n    \"c\": [\n    ]\n  }\n}\n";
+        assert_eq!(to_json(&value), expected);
     }
 }

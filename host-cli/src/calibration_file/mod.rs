@@ -20,20 +20,17 @@ mod document;
 mod layout;
 mod matlab;
 pub mod matrix;
+mod moments;
+mod origin;
 mod partial;
+pub mod stored;
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-
+pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
 pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
 use calibration::Calibration;
-use calibration::quality::AxisQuality;
-use calibration::solver::SolverKind;
-use calibration::validation::cross_validation::CrossValidation;
-use calibration::validation::excitation::Excitation;
-use calibration::validation::selection::Selection;
 use shell_data::wrench::PerAxis;
 
 /// The version of the document that this program writes and reads.
@@ -46,88 +43,6 @@ pub struct CalibrationFile {
     pub calibration: Calibration,
     /// Where it comes from.
     pub origin: Origin,
-}
-
-/// Where a calibration comes from.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Origin {
-    /// Program and version.
-    pub made_by: String,
-    /// When, in UTC, RFC 3339.
-    pub date: String,
-    /// The label of the sensor.
-    pub sensor_serial: Option<String>,
-    /// The solver; `None` for an imported matrix.
-    pub solver: Option<SolverRecord>,
-    /// How well the fit went; `None` for an imported matrix.
-    pub diagnostics: Option<Diagnostics>,
-    /// The files it was made from.
-    pub sources: Vec<Source>,
-}
-
-/// Which solver was used, and how.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SolverRecord {
-    /// Its name.
-    pub name: SolverKind,
-    /// The ridge parameter, 0 for none.
-    pub ridge: f64,
-    /// Directions are left out whose singular value is below this share of the largest.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub truncate: Option<f64>,
-}
-
-/// How well a fit went.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Diagnostics {
-    /// Rows fitted.
-    pub rows: u64,
-    /// Wrong rows that were left out.
-    pub skipped_rows: u64,
-    /// Rows whose readings repeat those of the row before.
-    pub repeated_rows: u64,
-    /// Independent features.
-    pub rank: usize,
-    /// Condition number of the features, columns scaled to norm one; `None` if infinite.
-    pub condition: Option<f64>,
-    /// Errors on the training data, per axis.
-    pub train: PerAxis<AxisQuality>,
-    /// Errors on the test data, per axis.
-    pub test: Option<PerAxis<AxisQuality>>,
-    /// Errors on training groups that were held out, if that was asked for.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cross_validation: Option<CrossValidation>,
-    /// What models were compared, if that was asked for.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub selection: Option<Selection>,
-    /// How well the training loads cover the six axes.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub excitation: Option<Excitation>,
-}
-
-/// A file that a calibration was made from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Source {
-    /// What it was used for.
-    pub role: Role,
-    /// The file as it was named.
-    pub path: PathBuf,
-    /// As [`log_file::checksum`] gives it.
-    pub checksum: Option<String>,
-    /// Rows used.
-    pub rows: u64,
-}
-
-/// What a source file was used for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Role {
-    /// Fitted to.
-    Train,
-    /// Tested on.
-    Test,
-    /// A coefficient matrix that was imported.
-    Matrix,
 }
 
 /// A calibration file that cannot be used.

@@ -17,7 +17,9 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::document::problem;
-use super::layout::Layout;
+use super::layout::to_json;
+use super::moments::MomentsDocument;
+use super::stored::{Stored, StoredModel, StoredSource};
 use super::{CalibrationFileError, Problem, Source};
 use calibration::exact::{ExactError, Moments};
 use calibration::model::Model;
@@ -26,9 +28,8 @@ use calibration::model::Model;
 pub const PARTIAL_SCHEMA_VERSION: u64 = 1;
 
 /// The exact sums over some rows, with their origin.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PartialFit {
-    partial_schema_version: u64,
     /// Program and version.
     pub made_by: String,
     /// When, in UTC, RFC 3339.
@@ -43,6 +44,19 @@ pub struct PartialFit {
     pub sources: Vec<Source>,
     /// The sums.
     pub moments: Moments,
+}
+
+/// The document.
+#[derive(Serialize, Deserialize)]
+struct Document {
+    partial_schema_version: u64,
+    made_by: String,
+    date: String,
+    model: StoredModel,
+    skipped_rows: u64,
+    repeated_rows: u64,
+    sources: Vec<StoredSource>,
+    moments: MomentsDocument,
 }
 
 #[derive(Deserialize)]
@@ -82,7 +96,6 @@ impl PartialFit {
     /// A partial fit of `model` with these sums, of unknown origin.
     pub fn new(model: Model, moments: Moments) -> Self {
         Self {
-            partial_schema_version: PARTIAL_SCHEMA_VERSION,
             made_by: String::new(),
             date: String::new(),
             model,
@@ -109,21 +122,35 @@ impl PartialFit {
         if found != PARTIAL_SCHEMA_VERSION {
             return Err(Problem::SchemaVersion { found });
         }
-        let partial: Self = serde_json::from_slice(text).map_err(problem)?;
-        let (model, moments) = (&partial.model, &partial.moments);
+        let document: Document = serde_json::from_slice(text).map_err(problem)?;
+        let model = document.model.value();
+        let moments = document.moments.value().map_err(Problem::Inconsistent)?;
         if model.channels != moments.channels() || model.basis != moments.basis() {
             return Err(Problem::Inconsistent("`moments` are not those of `model`".to_owned()));
         }
-        Ok(partial)
+        Ok(Self {
+            made_by: document.made_by,
+            date: document.date,
+            model,
+            skipped_rows: document.skipped_rows,
+            repeated_rows: document.repeated_rows,
+            sources: document.sources.value(),
+            moments,
+        })
     }
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        let mut json = Vec::new();
-        let mut serializer = serde_json::Serializer::with_formatter(&mut json, Layout::default());
-        self.serialize(&mut serializer).expect("plain numbers and strings are always JSON");
-        json.push(b'\n');
-        String::from_utf8(json).expect("JSON is UTF-8")
+        to_json(&Document {
+            partial_schema_version: PARTIAL_SCHEMA_VERSION,
+            made_by: self.made_by.clone(),
+            date: self.date.clone(),
+            model: Stored::of(&self.model),
+            skipped_rows: self.skipped_rows,
+            repeated_rows: self.repeated_rows,
+            sources: Stored::of(&self.sources),
+            moments: MomentsDocument::of(&self.moments),
+        })
     }
 
     /// Adds the rows of `other`.

@@ -339,6 +339,8 @@ pub fn figure(benches: &[ModelBench], kind: ErrorKind) -> Figure {
 
 #[cfg(test)]
 mod tests {
+    use system_tests::random::Random;
+
     use super::*;
 
     fn measured(seconds: f64, error: Option<f64>) -> Measurement {
@@ -367,11 +369,8 @@ mod tests {
 
     #[test]
     fn least_squares_solvers_agree_with_the_reference_and_the_exact_one_to_every_digit() {
-        let mut state = 1_u64;
-        let mut random = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 52) as f64
-        };
+        let mut random = Random(1);
+        let mut random = || random.bits(12) as f64;
         let mut columns = |n: usize| -> Vec<Vec<f64>> {
             (0..n).map(|_| (0..700).map(|_| random()).collect()).collect()
         };

@@ -18,7 +18,7 @@ mod solve;
 mod sums;
 
 pub use self::error::{ExactError, MAX_ROWS};
-pub use self::moments::Moments;
+pub use self::moments::{Moments, StoredIntegers, StoredMoments, StoredMomentsError, StoredRange};
 pub use self::solve::{
     Fit, GroupScatter, GroupScatterError, HeldOutErrors, PartMoments, PartitionedMoments, RankLoss,
     Relation, SolveError,

@@ -184,6 +184,8 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
 #[cfg(test)]
 mod tests {
     use super::super::{Dense, Method, solve_dense};
+    use system_tests::random::Random;
+
     use super::*;
 
     /// Brownlee's stack loss data: air flow, water temperature, acid concentration, loss.
@@ -251,11 +253,8 @@ mod tests {
 
     #[test]
     fn a_handful_of_rows_has_an_answer_that_solves_the_equations() {
-        let mut state = 7_u64;
-        let mut unit = move || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64
-        };
+        let mut random = Random(7);
+        let mut unit = move || random.unit();
         for case in 0..400 {
             let p = 1 + case % 5;
             // With fewer rows than twice the columns there is no telling which are wild.

@@ -1,9 +1,7 @@
 //! Rows and ranges of readings.
 
-use serde::{Deserialize, Serialize};
-
 /// The smallest and the largest reading of one channel, in counts.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadingRange {
     /// The smallest reading.
     pub min: f64,

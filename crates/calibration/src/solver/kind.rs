@@ -1,10 +1,7 @@
 //! The solvers by name.
 
-use serde::{Deserialize, Serialize};
-
 /// The solvers by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SolverKind {
     /// Exact sums of integer readings.

@@ -188,15 +188,14 @@ mod tests {
     use faer::Col;
     use proptest::prelude::*;
 
+    use system_tests::random::Random;
+
     use super::*;
 
     /// Values in [−1, 1] that look random, the same on every machine.
     fn noise(rows: usize, columns: usize, seed: u64) -> Mat<f64> {
-        let mut state = seed;
-        Mat::from_fn(rows, columns, |_, _| {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-        })
+        let mut random = Random(seed);
+        Mat::from_fn(rows, columns, |_, _| 2.0 * random.unit() - 1.0)
     }
 
     fn difference(a: &Mat<f64>, b: &Mat<f64>) -> f64 {

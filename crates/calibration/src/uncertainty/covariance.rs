@@ -1,7 +1,6 @@
 //! The covariance of errors and coefficients.
 
 use faer::Mat;
-use serde::{Deserialize, Serialize};
 
 use super::interval::{ErrorShape, normal_quantile, student_quantile};
 use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
@@ -12,7 +11,7 @@ use crate::validation::grouped::GroupedMoments;
 use shell_data::wrench::PerAxis;
 
 /// The covariance that standard errors of predictions are computed from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Covariance {
     /// `S`, the covariance of the errors of a row, in products of N and N·m.
     pub residual: PerAxis<PerAxis<f64>>,
@@ -21,7 +20,6 @@ pub struct Covariance {
     /// That of the coefficients.
     pub coefficients: CoefficientCovariance,
     /// How the training errors are distributed, where that is known.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<ErrorShape>,
 }
 
@@ -29,8 +27,7 @@ pub struct Covariance {
 pub type TriangularColumns = Vec<Vec<f64>>;
 
 /// The covariance of the coefficients, in factors.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Debug, PartialEq)]
 pub enum CoefficientCovariance {
     /// For errors that are independent from row to row.
     Rows {

@@ -13,7 +13,6 @@
 //! with z and `t_ν` the two-sided quantiles of the normal distribution and of Student's t with ν
 //! degrees of freedom: for normal errors `q = z`, and the formula is the textbook's.
 
-use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 use crate::magnitudes::Magnitudes;
@@ -26,7 +25,7 @@ const LEVELS: [f64; 12] = [0.1, 0.25, 0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0
 pub const HIGHEST_LEVEL: f64 = 0.999;
 
 /// How large errors are compared with their root mean square.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ErrorShape {
     /// Shares of the errors, ascending, above 0 and below 1.
     pub levels: Vec<f64>,

@@ -1,7 +1,5 @@
 //! Errors on groups that were not trained on, beside those on rows that were held out at random.
 
-use serde::{Deserialize, Serialize};
-
 use super::ValidationError;
 use super::grouped::{GroupedMoments, total};
 use crate::exact::{HeldOutErrors, Moments, PartitionedMoments, SolveError};
@@ -13,7 +11,7 @@ use shell_data::wrench::PerAxis;
 pub const SUSPICIOUS_RATIO: f64 = 2.0;
 
 /// Errors on rows that were held out, on one axis, N or N·m.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOutQuality {
     /// Root mean square.
     pub rms: f64,
@@ -22,7 +20,7 @@ pub struct HeldOutQuality {
 }
 
 /// What cross-validation has found. Errors are over all rows that were held out, each once.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CrossValidation {
     /// Groups of rows.
     pub groups: usize,

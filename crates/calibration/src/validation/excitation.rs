@@ -8,7 +8,6 @@
 
 use faer::{Mat, Side};
 use pulp::{Arch, NullaryFnOnce};
-use serde::{Deserialize, Serialize};
 
 use shell_data::statistics::MergeWeights;
 use shell_data::wrench::{Axis, PerAxis};
@@ -44,7 +43,7 @@ struct Sign {
 }
 
 /// How well the training loads cover the six axes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Excitation {
     /// Per axis.
     pub axes: PerAxis<AxisExcitation>,
@@ -55,7 +54,7 @@ pub struct Excitation {
 }
 
 /// How well one axis is covered, N or N·m.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisExcitation {
     /// The smallest value.
     pub min: f64,

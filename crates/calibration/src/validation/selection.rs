@@ -8,8 +8,6 @@
 //! of several ridges on these, the one with the smallest error: a ridge stronger than need be would
 //! bias every prediction and make no model smaller.
 
-use serde::{Deserialize, Serialize};
-
 use super::ValidationError;
 use super::cross_validation::{errors_on, fold_groups};
 use super::grouped::GroupedMoments;
@@ -24,7 +22,7 @@ pub const RIDGES: [f64; 5] = [0.0, 1e-8, 1e-6, 1e-4, 1e-2];
 pub const FOLDS: usize = 10;
 
 /// A model that was tried.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// The family of features.
     pub basis: Basis,
@@ -37,7 +35,7 @@ pub struct Candidate {
 }
 
 /// How well a model predicts groups that it was not trained on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CandidateErrors {
     /// Squared error relative to the variance of each axis, averaged.
     pub score: f64,
@@ -48,7 +46,7 @@ pub struct CandidateErrors {
 }
 
 /// What was tried and what was chosen.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Selection {
     /// Folds of groups.
     pub folds: usize,

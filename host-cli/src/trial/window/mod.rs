@@ -203,6 +203,8 @@ fn judge(
 
 #[cfg(test)]
 mod tests {
+    use system_tests::random::Random;
+
     use super::*;
     use crate::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 
@@ -212,17 +214,11 @@ mod tests {
         let trial = VirtualTrial::new(settings).unwrap();
         let end_s = trial.times_s()[trial.times_s().len() - 1];
         let time_s: Vec<f64> = (0..(end_s * 100.0) as u32).map(|i| 0.01 * f64::from(i)).collect();
-        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        let mut uniform = || {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-        };
-        // Sum of twelve: normal enough, sd 1.
-        let mut noise = || (0..12).map(|_| uniform()).sum::<f64>();
-        let drag_n =
-            time_s.iter().map(|&t| 0.006 - trial.wrench_at(t)[0] + 0.04 * noise()).collect();
+        let mut random = Random(seed);
+        let drag_n = time_s
+            .iter()
+            .map(|&t| 0.006 - trial.wrench_at(t)[0] + 0.04 * random.normal())
+            .collect();
         (trial, time_s, drag_n)
     }
 

@@ -1,12 +1,11 @@
 //! The unit and the range of the readings of a channel.
 
 use pulp::{Arch, NullaryFnOnce};
-use serde::{Deserialize, Serialize};
 
 use super::reading_unit::ReadingUnit;
 
 /// The unit and the range of the readings of a channel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ChannelRange {
     /// Readings are integers times this.
     pub(crate) unit: ReadingUnit,

@@ -3,11 +3,12 @@
 
 pub(crate) mod channel_range;
 pub(crate) mod digit_planes;
-mod document;
 pub(crate) mod layout;
 pub(crate) mod product_sums;
 pub(crate) mod reading_unit;
 pub(crate) mod rounding;
 pub(crate) mod scaled_integers;
+mod stored;
 
 pub use self::product_sums::Moments;
+pub use self::stored::{StoredIntegers, StoredMoments, StoredMomentsError, StoredRange};

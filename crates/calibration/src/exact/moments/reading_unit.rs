@@ -5,10 +5,8 @@
 //! in sixteenths, decimals in tenths or hundredths. The common unit of all rows does not depend on
 //! their order.
 
-use serde::{Deserialize, Serialize};
-
 /// The part of a count that readings are integer multiples of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ReadingUnit {
     pub(crate) twos: u32,
     pub(crate) fives: u32,

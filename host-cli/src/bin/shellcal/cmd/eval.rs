@@ -9,6 +9,7 @@ use log_file::{Log, ReadOptions};
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
+use shellcal::calibration_file::stored::{self, StoredQuality};
 use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::AtomicFile;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
@@ -63,6 +64,7 @@ struct Report {
     skipped_rows: u64,
     repeated_rows: u64,
     out_of_range_rows: u64,
+    #[serde(serialize_with = "stored::serialize::<PerAxis<StoredQuality>, _>")]
     errors: PerAxis<AxisQuality>,
 }
 

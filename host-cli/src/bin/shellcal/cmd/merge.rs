@@ -5,12 +5,12 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use calibration::exact::PartitionedMoments;
-use calibration::quality::AxisQuality;
 use calibration::solver::{SolverKind, solve_moments};
 use calibration::uncertainty::Covariance;
 use calibration::{Calibration, FitError};
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
+use shellcal::calibration_file::stored::{Stored, StoredQuality};
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
 use shellcal::output::AtomicFile;
 
@@ -48,7 +48,7 @@ pub(crate) struct MergeArgs {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Report<'a> {
+struct Report {
     model: String,
     partial_fits: usize,
     files: usize,
@@ -59,7 +59,7 @@ struct Report<'a> {
     condition: Option<f64>,
     axes: PerAxis<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    train: Option<&'a PerAxis<AxisQuality>>,
+    train: Option<PerAxis<StoredQuality>>,
 }
 
 impl MergeArgs {
@@ -150,7 +150,7 @@ impl MergeArgs {
                 repeated_rows: merged.repeated_rows,
                 condition: fit.and_then(|fit| fit.condition),
                 axes: Axis::ALL.map(Axis::column),
-                train: fit.map(|fit| &fit.train),
+                train: fit.map(|fit| Stored::of(&fit.train)),
             });
         }
         let mut summary = format!("{}: {rows} rows of {files} files", merged.model.name());

@@ -2,12 +2,13 @@
 
 use calibration::quality::AxisQuality;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
-use calibration::validation::cross_validation::CrossValidation;
-use calibration::validation::excitation::Excitation;
-use calibration::validation::selection::Selection;
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
-use shellcal::calibration_file::{CalibrationFile, SolverRecord};
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::calibration_file::stored::{
+    Stored, StoredCrossValidation, StoredExcitation, StoredQuality, StoredSelection,
+    StoredSolverRecord,
+};
 use shellcal::workflow::fit::Fit;
 
 use super::super::quality::{significant, table_row};
@@ -19,7 +20,7 @@ use crate::printer::Printer;
 #[derive(Serialize)]
 struct Report<'a> {
     model: String,
-    solver: SolverRecord,
+    solver: StoredSolverRecord,
     rows: u64,
     skipped_rows: u64,
     repeated_rows: u64,
@@ -29,13 +30,13 @@ struct Report<'a> {
     rank: usize,
     condition: Option<f64>,
     axes: PerAxis<&'static str>,
-    train: &'a PerAxis<AxisQuality>,
-    test: &'a Option<PerAxis<AxisQuality>>,
+    train: PerAxis<StoredQuality>,
+    test: Option<PerAxis<StoredQuality>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    cross_validation: &'a Option<CrossValidation>,
+    cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    selection: &'a Option<Selection>,
-    excitation: &'a Option<Excitation>,
+    selection: Option<StoredSelection>,
+    excitation: Option<StoredExcitation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<CovarianceReport<'a>>,
     time_s: f64,
@@ -98,7 +99,7 @@ pub(super) fn report(
     if printer.json() {
         return printer.document(&Report {
             model: model.name(),
-            solver,
+            solver: Stored::of(&solver),
             rows: diagnostics.rows,
             skipped_rows: diagnostics.skipped_rows,
             repeated_rows: diagnostics.repeated_rows,
@@ -108,11 +109,11 @@ pub(super) fn report(
             rank: diagnostics.rank,
             condition: diagnostics.condition,
             axes: Axis::ALL.map(Axis::column),
-            train: &diagnostics.train,
-            test: &diagnostics.test,
-            cross_validation: &diagnostics.cross_validation,
-            selection: &diagnostics.selection,
-            excitation: &diagnostics.excitation,
+            train: Stored::of(&diagnostics.train),
+            test: Stored::of(&diagnostics.test),
+            cross_validation: Stored::of(&diagnostics.cross_validation),
+            selection: Stored::of(&diagnostics.selection),
+            excitation: Stored::of(&diagnostics.excitation),
             covariance: covariance.map(CovarianceReport::of),
             time_s: seconds,
         });

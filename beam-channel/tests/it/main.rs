@@ -1,0 +1,8 @@
+//! The tests of the library, one module for each source of truth.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic and say why")]
+
+mod independent;
+mod quartic;
+mod reference;
+mod stress;

@@ -1,0 +1,137 @@
+//! Moments in the open, for programs that write them to files.
+
+use num_bigint::BigInt;
+
+use super::channel_range::ChannelRange;
+use super::product_sums::Moments;
+use super::reading_unit::ReadingUnit;
+use super::scaled_integers::ScaledIntegers;
+use crate::exact::error::MAX_ROWS;
+use crate::model::Basis;
+
+/// [`Moments`] as a file holds them: integers as decimal strings, since they exceed what readers of
+/// JSON take for numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredMoments {
+    /// The features that were summed.
+    pub basis: Basis,
+    /// Rows.
+    pub rows: u64,
+    /// The range of each channel.
+    pub channels: Vec<StoredRange>,
+    /// Sums of products of readings, one per distinct product.
+    pub readings: Vec<String>,
+    /// Sums of products of readings and one axis of the wrench, for each axis.
+    pub wrench: Vec<StoredIntegers>,
+    /// Sums of products of two axes of the wrench, for each pair.
+    pub squares: Vec<StoredIntegers>,
+}
+
+/// The readings of a channel: integers times a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StoredRange {
+    /// The unit is 2⁻ᵏ·5⁻ᵐ counts; this is k.
+    pub twos: u32,
+    /// And this is m.
+    pub fives: u32,
+    /// The smallest of the integers.
+    pub lowest: i64,
+    /// The largest; below `lowest` for zero rows.
+    pub highest: i64,
+}
+
+/// Integers times a power of two.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredIntegers {
+    /// Of two.
+    pub exponent: i32,
+    /// The integers, in decimal.
+    pub values: Vec<String>,
+}
+
+/// Stored moments that are none: what does not fit together.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct StoredMomentsError(String);
+
+impl From<ChannelRange> for StoredRange {
+    fn from(range: ChannelRange) -> Self {
+        let ChannelRange { unit, lowest, highest } = range;
+        Self { twos: unit.twos, fives: unit.fives, lowest, highest }
+    }
+}
+
+impl From<StoredRange> for ChannelRange {
+    fn from(range: StoredRange) -> Self {
+        let StoredRange { twos, fives, lowest, highest } = range;
+        Self { unit: ReadingUnit { twos, fives }, lowest, highest }
+    }
+}
+
+impl From<&Moments> for StoredMoments {
+    fn from(moments: &Moments) -> Self {
+        let stored = |scaled: &ScaledIntegers| StoredIntegers {
+            exponent: scaled.exponent,
+            values: scaled.values.iter().map(BigInt::to_string).collect(),
+        };
+        Self {
+            basis: moments.basis,
+            rows: moments.rows,
+            channels: moments.channels.iter().map(|&range| range.into()).collect(),
+            readings: moments.readings.iter().map(i128::to_string).collect(),
+            wrench: moments.wrench.iter().map(stored).collect(),
+            squares: moments.squares.iter().map(stored).collect(),
+        }
+    }
+}
+
+impl TryFrom<StoredMoments> for Moments {
+    type Error = StoredMomentsError;
+
+    fn try_from(stored: StoredMoments) -> Result<Self, StoredMomentsError> {
+        Self::of_stored(stored).map_err(StoredMomentsError)
+    }
+}
+
+impl Moments {
+    fn of_stored(stored: StoredMoments) -> Result<Self, String> {
+        let channels: Vec<ChannelRange> =
+            stored.channels.iter().map(|&range| range.into()).collect();
+        if stored.channels.is_empty() || stored.channels.len() > 255 {
+            return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
+        }
+        let mut moments = Moments::new(stored.basis, stored.channels.len());
+        let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();
+        if !channels.iter().all(sane) || stored.rows > MAX_ROWS {
+            return Err("ranges or rows beyond what can be summed exactly".to_owned());
+        }
+        let expect = |what: &str, found: usize, expected: usize| {
+            (found == expected)
+                .then_some(())
+                .ok_or_else(|| format!("`{found}` {what}, expected `{expected}`"))
+        };
+        expect("sums of readings", stored.readings.len(), moments.readings.len())?;
+        expect("axes", stored.wrench.len(), moments.wrench.len())?;
+        expect("products of axes", stored.squares.len(), moments.squares.len())?;
+        for (sum, text) in moments.readings.iter_mut().zip(&stored.readings) {
+            *sum = text.parse().map_err(|_| format!("`{text}` is not an integer of 128 bits"))?;
+        }
+        if moments.readings[0] != i128::from(stored.rows) {
+            return Err("the number of rows is not the sum of ones".to_owned());
+        }
+        let targets = moments.wrench.iter_mut().chain(&mut moments.squares);
+        for (sums, stored) in targets.zip(stored.wrench.iter().chain(&stored.squares)) {
+            expect("sums of an axis", stored.values.len(), sums.values.len())?;
+            for (value, text) in sums.values.iter_mut().zip(&stored.values) {
+                *value = text.parse().map_err(|_| format!("`{text}` is not an integer"))?;
+            }
+            if !(-4000..=4000).contains(&stored.exponent) {
+                return Err(format!("exponent `{}` is out of range", stored.exponent));
+            }
+            *sums = ScaledIntegers::new(stored.exponent, std::mem::take(&mut sums.values));
+        }
+        moments.rows = stored.rows;
+        moments.channels = channels;
+        Ok(moments)
+    }
+}

@@ -1,0 +1,324 @@
+//! What calibrations are made of, as documents hold it.
+//!
+//! The names of fields are those of the documents: the program may rename its own, and then the two
+//! are matched here. A field that the program adds or drops is an error of compilation.
+
+use std::path::PathBuf;
+
+use calibration::model::{Basis, Model};
+use calibration::quality::AxisQuality;
+use calibration::reading_ranges::ReadingRange;
+use calibration::scaling::Scaling;
+use calibration::solver::SolverKind;
+use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
+use calibration::validation::cross_validation::{CrossValidation, HeldOutQuality};
+use calibration::validation::excitation::{AxisExcitation, Excitation};
+use calibration::validation::selection::{Candidate, CandidateErrors, Selection};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use shell_data::wrench::PerAxis;
+
+use super::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
+
+/// What a document holds of a value.
+pub trait Stored: Sized {
+    /// The type that the program works with.
+    type Value;
+
+    /// What is written of a value.
+    fn of(value: &Self::Value) -> Self;
+
+    /// The value that was written.
+    fn value(self) -> Self::Value;
+}
+
+/// Writes what a document holds of a value, for `#[serde(serialize_with)]`.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn serialize<S, W>(value: &S::Value, serializer: W) -> Result<W::Ok, W::Error>
+where
+    S: Stored + Serialize,
+    W: Serializer,
+{
+    S::of(value).serialize(serializer)
+}
+
+/// Types that documents hold as they are.
+macro_rules! as_it_is {
+    ($($type:ty),*) => {$(
+        impl Stored for $type {
+            type Value = Self;
+
+            fn of(value: &Self) -> Self {
+                value.clone()
+            }
+
+            fn value(self) -> Self {
+                self
+            }
+        }
+    )*};
+}
+
+as_it_is!(bool, f64, u64, usize, String, Role);
+
+/// A path in a document. Names that are not Unicode, which JSON cannot hold, are written with
+/// replacement characters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct StoredPath(String);
+
+impl Stored for StoredPath {
+    type Value = PathBuf;
+
+    fn of(value: &PathBuf) -> Self {
+        Self(value.to_string_lossy().into_owned())
+    }
+
+    fn value(self) -> PathBuf {
+        self.0.into()
+    }
+}
+
+impl<S: Stored> Stored for Option<S> {
+    type Value = Option<S::Value>;
+
+    fn of(value: &Self::Value) -> Self {
+        value.as_ref().map(S::of)
+    }
+
+    fn value(self) -> Self::Value {
+        self.map(S::value)
+    }
+}
+
+impl<S: Stored> Stored for Vec<S> {
+    type Value = Vec<S::Value>;
+
+    fn of(value: &Self::Value) -> Self {
+        value.iter().map(S::of).collect()
+    }
+
+    fn value(self) -> Self::Value {
+        self.into_iter().map(S::value).collect()
+    }
+}
+
+impl<S: Stored> Stored for PerAxis<S> {
+    type Value = PerAxis<S::Value>;
+
+    fn of(value: &Self::Value) -> Self {
+        value.each_ref().map(S::of)
+    }
+
+    fn value(self) -> Self::Value {
+        self.map(S::value)
+    }
+}
+
+/// A type of the documents, field by field, and its conversions from and to the one that the program works
+/// with.
+macro_rules! stored {
+    ($name:ident of $value:ident { $($(#[$meta:meta])* $field:ident: $type:ty),* $(,)? }) => {
+        #[doc = concat!("[`", stringify!($value), "`] in a document.")]
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[allow(missing_docs, reason = "the fields are those of the program's type")]
+        pub struct $name { $($(#[$meta])* pub $field: $type),* }
+
+        impl Stored for $name {
+            type Value = $value;
+
+            fn of(value: &$value) -> Self {
+                Self { $($field: Stored::of(&value.$field)),* }
+            }
+
+            fn value(self) -> $value {
+                $value { $($field: self.$field.value()),* }
+            }
+        }
+    };
+}
+
+stored!(StoredOrigin of Origin {
+    made_by: String,
+    date: String,
+    sensor_serial: Option<String>,
+    solver: Option<StoredSolverRecord>,
+    diagnostics: Option<StoredDiagnostics>,
+    sources: Vec<StoredSource>,
+});
+stored!(StoredSolverRecord of SolverRecord {
+    name: Name<SolverKind>,
+    ridge: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    truncate: Option<f64>,
+});
+stored!(StoredDiagnostics of Diagnostics {
+    rows: u64,
+    skipped_rows: u64,
+    repeated_rows: u64,
+    rank: usize,
+    condition: Option<f64>,
+    train: PerAxis<StoredQuality>,
+    test: Option<PerAxis<StoredQuality>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cross_validation: Option<StoredCrossValidation>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    selection: Option<StoredSelection>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    excitation: Option<StoredExcitation>,
+});
+stored!(StoredSource of Source {
+    role: Role,
+    path: StoredPath,
+    checksum: Option<String>,
+    rows: u64,
+});
+
+stored!(StoredModel of Model { basis: Name<Basis>, intercept: bool, channels: usize });
+stored!(StoredScaling of Scaling { centre: Vec<f64>, scale: Vec<f64> });
+stored!(StoredReadingRange of ReadingRange { min: f64, max: f64 });
+
+stored!(StoredCovariance of Covariance {
+    residual: PerAxis<PerAxis<f64>>,
+    degrees_of_freedom: u64,
+    coefficients: StoredCoefficientCovariance,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    shape: Option<StoredErrorShape>,
+});
+stored!(StoredErrorShape of ErrorShape { levels: Vec<f64>, quantiles: PerAxis<Vec<f64>> });
+
+/// [`CoefficientCovariance`] in a document.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs, reason = "the fields are those of the program's type")]
+pub enum StoredCoefficientCovariance {
+    Rows { factor: Vec<Vec<f64>> },
+    Groups { groups: u64, factors: PerAxis<Vec<Vec<f64>>> },
+}
+
+impl Stored for StoredCoefficientCovariance {
+    type Value = CoefficientCovariance;
+
+    fn of(value: &CoefficientCovariance) -> Self {
+        match value.clone() {
+            CoefficientCovariance::Rows { factor } => Self::Rows { factor },
+            CoefficientCovariance::Groups { groups, factors } => Self::Groups { groups, factors },
+        }
+    }
+
+    fn value(self) -> CoefficientCovariance {
+        match self {
+            Self::Rows { factor } => CoefficientCovariance::Rows { factor },
+            Self::Groups { groups, factors } => CoefficientCovariance::Groups { groups, factors },
+        }
+    }
+}
+
+stored!(StoredQuality of AxisQuality {
+    rms: f64,
+    max: Option<f64>,
+    bias: f64,
+    r_squared: Option<f64>,
+});
+stored!(StoredHeldOutQuality of HeldOutQuality { rms: f64, bias: f64 });
+stored!(StoredCrossValidation of CrossValidation {
+    groups: usize,
+    folds: usize,
+    rows: u64,
+    undetermined: Vec<String>,
+    grouped: PerAxis<StoredHeldOutQuality>,
+    random_folds: usize,
+    random: Option<PerAxis<StoredHeldOutQuality>>,
+});
+
+stored!(StoredSelection of Selection {
+    folds: usize,
+    candidates: Vec<StoredCandidate>,
+    best: usize,
+    chosen: usize,
+});
+stored!(StoredCandidate of Candidate {
+    basis: Name<Basis>,
+    ridge: f64,
+    features: usize,
+    errors: Option<StoredCandidateErrors>,
+});
+stored!(StoredCandidateErrors of CandidateErrors {
+    score: f64,
+    standard_error: f64,
+    rms: PerAxis<f64>,
+});
+
+stored!(StoredExcitation of Excitation {
+    axes: PerAxis<StoredAxisExcitation>,
+    correlation: PerAxis<PerAxis<f64>>,
+    condition: Option<f64>,
+});
+stored!(StoredAxisExcitation of AxisExcitation {
+    min: f64,
+    max: f64,
+    rms: f64,
+    rows_positive: f64,
+    rows_negative: f64,
+    load_positive: f64,
+    load_negative: f64,
+});
+
+/// One of a list, by its name.
+pub trait Named: Copy + PartialEq + 'static {
+    /// The list.
+    const ALL: &'static [Self];
+
+    /// The name in documents.
+    fn name(self) -> &'static str;
+}
+
+impl Named for Basis {
+    const ALL: &'static [Self] = &Basis::ALL;
+
+    fn name(self) -> &'static str {
+        Basis::name(self)
+    }
+}
+
+impl Named for SolverKind {
+    const ALL: &'static [Self] = &SolverKind::ALL;
+
+    fn name(self) -> &'static str {
+        SolverKind::name(self)
+    }
+}
+
+/// A value that documents hold by its name.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Name<T>(T);
+
+impl<T: Named> Stored for Name<T> {
+    type Value = T;
+
+    fn of(value: &T) -> Self {
+        Self(*value)
+    }
+
+    fn value(self) -> T {
+        self.0
+    }
+}
+
+impl<T: Named> Serialize for Name<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.0.name())
+    }
+}
+
+impl<'de, T: Named> Deserialize<'de> for Name<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let name = String::deserialize(deserializer)?;
+        let named = T::ALL.iter().find(|value| value.name() == name);
+        named.map(|&value| Self(value)).ok_or_else(|| {
+            let names: Vec<String> = T::ALL.iter().map(|v| format!("`{}`", v.name())).collect();
+            de::Error::custom(format!("unknown `{name}`, expected one of {}", names.join(", ")))
+        })
+    }
+}

@@ -1,0 +1,141 @@
+//! `shellcal align` and `shellcal synth pair` as a user runs them.
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn shellcal(directory: &Path, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_shellcal"))
+        .current_dir(directory)
+        .args(arguments.split_whitespace())
+        .output()
+        .unwrap()
+}
+
+fn done(directory: &Path, arguments: &str) -> String {
+    let output = shellcal(directory, arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+const PAIR: &str = "synth pair ref.csv log.csv --duration 30 --rate 100 --reference-rate 1000";
+
+#[test]
+fn a_pair_becomes_a_training_log_that_can_be_fitted() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    done(at, &format!("{PAIR} --offset -75.5 --skew 120 --loss 0.02 --truth truth.json"));
+    let truth: Value =
+        serde_json::from_slice(&std::fs::read(at.join("truth.json")).unwrap()).unwrap();
+    let report = done(at, "align ref.csv log.csv -o train.csv --plot match.svg --json");
+    let report: Value = serde_json::from_str(&report).unwrap();
+    let clock = |name: &str| report["clock"][name].as_f64().unwrap();
+    let offset_s = truth["offset_s"].as_f64().unwrap() + 120e-6 * clock("pivot_s");
+    assert!((clock("offset_s") - offset_s).abs() < 200e-6);
+    assert!((report["skew_ppm"].as_f64().unwrap() - 120.0).abs() < 4.0 * 1e6 * clock("skew_se"));
+    assert_eq!(report["rows"]["uncovered"], 0);
+    assert_eq!(report["rows"]["written"], truth["log_rows"]);
+
+    // Every frame is in the training log as it was, with a wrench that the springs feel.
+    let training = std::fs::read_to_string(at.join("train.csv")).unwrap();
+    let log = std::fs::read_to_string(at.join("log.csv")).unwrap();
+    let mut lines = training.lines();
+    assert_eq!(
+        lines.next().unwrap(),
+        "t_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm"
+    );
+    for (row, frame) in lines.zip(log.lines().skip(1)) {
+        let row: Vec<f64> = row.split(',').map(|field| field.parse().unwrap()).collect();
+        let frame: Vec<f64> = frame.split(',').map(|field| field.parse().unwrap()).collect();
+        assert_eq!(row[..9], frame);
+    }
+    assert!(std::fs::read_to_string(at.join("match.svg")).unwrap().ends_with("</svg>\n"));
+    done(at, "fit train.csv --output cal.json");
+}
+
+#[test]
+fn units_and_names_of_either_file_can_be_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    done(at, PAIR);
+    let plain = done(at, "align ref.csv log.csv --quiet");
+    // Times in ms and moments in mN·m under other names; the log in µs.
+    let rewrite = |from: &str, to: &str, header: &str, scale: &[f64]| {
+        let text = std::fs::read_to_string(at.join(from)).unwrap();
+        let row = |line: &str| {
+            let fields = line.split(',').zip(scale);
+            let fields = fields.map(|(field, scale)| {
+                let scaled = field.parse::<f64>().unwrap() * scale;
+                format!("{scaled:.6}")
+            });
+            fields.collect::<Vec<_>>().join(",")
+        };
+        let rows: Vec<String> = text.lines().skip(1).map(row).collect();
+        std::fs::write(at.join(to), format!("{header}\n{}\n", rows.join("\n"))).unwrap();
+    };
+    let milli = [1e3, 1.0, 1.0, 1.0, 1e3, 1e3, 1e3];
+    rewrite("ref.csv", "ref2.csv", "clock,a,b,c,d,e,f", &milli);
+    rewrite("log.csv", "log2.csv", "tick,p,q,r,s,t,u,v,w", &[1e6, 1., 1., 1., 1., 1., 1., 1., 1.]);
+    let told = done(
+        at,
+        "align ref2.csv log2.csv --quiet --reference-time clock --reference-time-unit ms \
+         --wrench a,b,c,d,e,f --moment-unit mN·m --time tick --time-unit us --sensors 2-9",
+    );
+    let numbers = |text: &str| -> Vec<f64> {
+        text.lines().skip(1).flat_map(|l| l.split(',')).map(|f| f.parse().unwrap()).collect()
+    };
+    let (plain, told) = (numbers(&plain), numbers(&told));
+    assert_eq!(plain.len(), told.len());
+    for (a, b) in plain.into_iter().zip(told) {
+        // Values in other units are rounded otherwise, and so are the sums made of them.
+        assert!((a - b).abs() < 1e-5, "{a} {b}");
+    }
+}
+
+#[test]
+fn a_match_that_is_not_clear_writes_nothing_and_exits_with_1() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    done(at, &format!("{PAIR} --no-load"));
+    let output = shellcal(at, "align ref.csv log.csv -o train.csv");
+    assert_eq!(output.status.code(), Some(1));
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.starts_with("error: cannot align `log.csv` with `ref.csv`: "), "{message}");
+    assert!(message.contains("\nhint: "), "{message}");
+    assert!(!at.join("train.csv").exists());
+}
+
+#[test]
+fn what_cannot_be_read_exits_with_2() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    done(at, PAIR);
+    for (arguments, expected) in [
+        ("align log.csv ref.csv -o train.csv", "no columns"),
+        ("align ref.csv missing.csv -o train.csv", "cannot read `missing.csv`"),
+        ("align ref.csv log.csv -o log.csv", "would replace its own input"),
+        ("align ref.csv log.csv --json", "needs `--output`"),
+        ("align ref.csv log.csv --plot match.pdf", "expected `.svg` or `.png`"),
+        ("align ref.csv log.csv --averaging -1", "unexpected argument"),
+        ("synth pair a.csv b.csv --loss 1", "share of 1"),
+        ("synth pair a.csv b.csv --rate 0", "rate 0 Hz"),
+    ] {
+        let output = shellcal(at, arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(message.contains(expected), "{arguments}: {message}");
+    }
+    assert!(!at.join("train.csv").exists() && !at.join("a.csv").exists());
+}
+
+#[test]
+fn the_same_command_makes_the_same_pair() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    done(at, "synth pair a.csv b.csv --duration 3 --seed 7");
+    done(at, "synth pair c.csv d.csv --duration 3 --seed 7");
+    let read = |name: &str| std::fs::read(at.join(name)).unwrap();
+    assert!(read("a.csv") == read("c.csv") && read("b.csv") == read("d.csv"));
+    done(at, "synth pair c.csv d.csv --duration 3 --seed 8");
+    assert!(read("b.csv") != read("d.csv"));
+}

@@ -1,0 +1,360 @@
+//! `shellcal trial` and `shellcal batch` as a user meets them: what goes wrong, and what comes out.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+use shellcal::simulation::synthetic_trial::TrialLayout;
+use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+use shellcal::workflow::synthetic_trials::write_log;
+
+const HEADER: &str = "file,condition,t_enter_s,t_exit_s";
+const CALIBRATION: &str = "../calibration-data/synthetic-train.csv";
+
+fn shellcal(dir: &Path, arguments: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
+    command.args(arguments.split_whitespace()).current_dir(dir).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A fast trial of some three seconds and its window.
+fn write_trial(path: &Path, seed: u64, layout: TrialLayout, missing: f64) -> [f64; 2] {
+    let condition = Condition { specific_resistance: 15.0, ..Condition::PAPER[4] };
+    let settings = TrialSettings { missing, ..TrialSettings::new(condition, seed) };
+    let trial = VirtualTrial::new(settings).unwrap();
+    write_log(&mut fs::File::create(path).unwrap(), &trial, layout).unwrap();
+    trial.window_s()
+}
+
+/// A folder with a calibration, and logs `1.txt` to `N.txt`; the windows.
+fn folder(logs: u64) -> (tempfile::TempDir, Vec<[f64; 2]>) {
+    let dir = tempfile::tempdir().unwrap();
+    let train = fs::canonicalize(CALIBRATION).unwrap();
+    fs::copy(train, dir.path().join("train.csv")).unwrap();
+    let output = shellcal(dir.path(), "fit train.csv --output cal.json");
+    assert!(output.status.success(), "{}", said(&output));
+    let windows = (1..=logs)
+        .map(|seed| {
+            let path = dir.path().join(format!("{seed}.txt"));
+            write_trial(&path, seed, TrialLayout::Full, 0.0)
+        })
+        .collect();
+    (dir, windows)
+}
+
+fn batch(dir: &Path, rows: &str, arguments: &str) -> Output {
+    fs::write(dir.join("m.csv"), format!("{HEADER}\n{rows}")).unwrap();
+    shellcal(dir, &format!("batch m.csv {arguments}"))
+}
+
+/// Changes every row of a log: `change` is given the fields and the number of the row, from 0.
+fn rewrite(dir: &Path, from: &str, to: &str, change: impl Fn(usize, &mut Vec<String>)) {
+    let text = fs::read_to_string(dir.join(from)).unwrap();
+    let mut row = 0;
+    let lines = text.lines().map(|line| {
+        if line.starts_with('%') {
+            return line.to_owned();
+        }
+        let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+        change(row, &mut fields);
+        row += 1;
+        fields.join(",")
+    });
+    fs::write(dir.join(to), lines.collect::<Vec<_>>().join("\n")).unwrap();
+}
+
+#[test]
+fn a_bad_trial_is_told_with_its_place_and_the_others_are_finished() {
+    let (dir, windows) = folder(1);
+    let dir = dir.path();
+    let [enter, exit] = windows[0];
+    rewrite(dir, "1.txt", "back.txt", |row, fields| {
+        if row == 1500 {
+            fields[0] = "1000".to_owned();
+        }
+    });
+    for copy in ["a.txt", "b.txt", "c.txt"] {
+        fs::copy(dir.join("1.txt"), dir.join(copy)).unwrap();
+    }
+    let (early, late) = (enter + 0.1, exit - 0.1);
+    // What stands in the manifest, from line 2 on, and what is said of it.
+    let cases = [
+        (format!("1.txt,x,{enter},{exit}"), None),
+        (
+            format!("1.txt,x,{early},{late}"),
+            Some("3:9: `1.txt`: overlaps the trial of line 2: the same log from"),
+        ),
+        ("gone.txt,x,1,2".to_owned(), Some("4:1: cannot read `gone.txt`: No such file")),
+        ("1.txt,y,2,1".to_owned(), Some("5:11: the exit at `1` s is not after the entry at `2` s")),
+        (
+            "a.txt,x,1,99".to_owned(),
+            Some(
+                "6:11: `a.txt`: the window from `1` to `99` s is not within the log, which runs from `0.000302` to",
+            ),
+        ),
+        (
+            "b.txt,x,-1,2".to_owned(),
+            Some("7:9: `b.txt`: the window from `-1` to `2` s is not within the log"),
+        ),
+        ("back.txt,x,1,1.4".to_owned(), Some("8:1: `back.txt`: the clock jumps back from")),
+        (
+            "c.txt,x,1,soon".to_owned(),
+            Some("9:11: `t_exit_s` is `soon`, expected a time in s or `auto`"),
+        ),
+    ];
+    let rows: Vec<&str> = cases.iter().map(|(row, _)| row.as_str()).collect();
+    let output = batch(dir, &rows.join("\n"), "-c cal.json --json");
+    let said = said(&output);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for (row, message) in &cases {
+        if let Some(message) = message {
+            assert!(said.contains(&format!("error: m.csv:{message}")), "{row}: {said}");
+        }
+    }
+    assert!(said.contains("error: 7 of 8 trials could not be evaluated"), "{said}");
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(document["trials"].as_array().unwrap().len(), 1);
+    assert_eq!(document["failures"].as_array().unwrap().len(), 7);
+    assert_eq!(document["failures"][1]["line"], 4);
+}
+
+#[test]
+fn numbers_that_cannot_be_are_told_with_their_place() {
+    let (dir, windows) = folder(1);
+    let [enter, exit] = windows[0];
+    let rows = format!("1.txt,x,{enter},{exit},0\n");
+    fs::write(dir.path().join("m.csv"), format!("{HEADER},velocity_m_s\n{rows}")).unwrap();
+    let output = shellcal(dir.path(), "batch m.csv -c cal.json");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(said(&output).contains("`velocity_m_s` is `0`, expected a positive number"));
+    let one = format!("trial 1.txt --enter {enter} --exit {exit}");
+    for (arguments, message) in [
+        ("--velocity 0", "the velocity, m/s, is `0`, expected a positive number"),
+        ("--mass -1", "the mass, kg, is `-1`"),
+        ("--tare 100000 -c cal.json", "frames to tare on, `100000` wanted"),
+        (
+            "--lowpass 600 -c cal.json",
+            "cutoff `600` Hz is not between 0 and half the sampling rate",
+        ),
+    ] {
+        let output = shellcal(dir.path(), &format!("{one} {arguments}"));
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        assert!(said(&output).contains(message), "{arguments}: {}", said(&output));
+    }
+    let output = shellcal(dir.path(), "trial 1.txt --enter 1 --exit 99 -c cal.json");
+    assert!(said(&output).contains("hint: times are in s on the log's clock"), "{}", said(&output));
+}
+
+#[test]
+fn mistyped_conditions_and_columns_get_a_suggestion() {
+    let (dir, windows) = folder(1);
+    let dir = dir.path();
+    let [enter, exit] = windows[0];
+    let middle = 0.5 * (enter + exit);
+    let parts: Vec<String> = [("free", enter), ("free", enter + 0.2), ("fere", enter + 0.4)]
+        .map(|(name, from)| format!("1.txt,{name},{from},{}", from + 0.15))
+        .to_vec();
+    let rows = parts.join("\n");
+    let output = batch(dir, &rows, "-c cal.json");
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert!(said(&output).contains("warning: m.csv:4:7: condition `fere`, did you mean `free`?"));
+    let output = batch(dir, &rows, "-c cal.json --conditions free,3");
+    assert_eq!(output.status.code(), Some(1));
+    let expected =
+        "error: m.csv:4:7: `1.txt`: `fere` is none of the conditions, did you mean `free`?";
+    assert!(said(&output).contains(expected), "{}", said(&output));
+    let output = batch(dir, &rows, "-c cal.json --reference fre");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("did you mean `free`?"));
+    fs::write(
+        dir.join("m.csv"),
+        format!("file,conditon,t_enter_s,t_exit_s\n1.txt,a,{enter},{middle}"),
+    )
+    .unwrap();
+    let output = shellcal(dir, "batch m.csv");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        said(&output).contains("m.csv:1:6: unknown column `conditon`, did you mean `condition`?")
+    );
+}
+
+#[test]
+fn what_a_log_does_not_have_is_left_out_and_said() {
+    let (dir, _) = folder(0);
+    let dir = dir.path();
+    let window = write_trial(&dir.join("full.txt"), 5, TrialLayout::Full, 0.0);
+    write_trial(&dir.join("legs.txt"), 5, TrialLayout::WithoutSensors, 0.0);
+    write_trial(&dir.join("shell.csv"), 5, TrialLayout::WithoutTelemetry, 0.0);
+    rewrite(dir, "full.txt", "flat.txt", |_, fields| fields[15] = "0".to_owned());
+    let text = fs::read_to_string(dir.join("full.txt")).unwrap();
+    fs::write(dir.join("unnamed.txt"), text.replace("VBatt", "Volts")).unwrap();
+    let rows: Vec<String> = ["full.txt", "legs.txt", "shell.csv", "flat.txt", "unnamed.txt"]
+        .map(|file| format!("{file},x,{},{}", window[0], window[1]))
+        .to_vec();
+    let output = batch(dir, &rows.join("\n"), "-c cal.json --json");
+    let said = said(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let trials = document["trials"].as_array().unwrap();
+    let has = |trial: usize, key: &str| !trials[trial][key].is_null();
+    let keys = ["drag_energy_j", "electrical_energy_j", "specific_resistance", "strides"];
+    let expected = [
+        [true; 4],
+        [false, true, true, true],
+        [true, false, false, false],
+        [true, false, false, true],
+        [true, false, false, true],
+    ];
+    for (trial, expected) in expected.into_iter().enumerate() {
+        assert_eq!(keys.map(|key| has(trial, key)), expected, "{}", trials[trial]["file"]);
+    }
+    for message in [
+        "warning: m.csv:3: the log has no sensor columns: forces and drag energy are left out",
+        "m.csv:4: the log has no right motor duty, no left motor duty, no right back EMF, no left back EMF, no battery: electrical energy and specific resistance are left out",
+        "m.csv:5: the battery reads no voltage in ",
+    ] {
+        assert!(said.contains(message), "{message}: {said}");
+    }
+    // The same numbers from the same columns.
+    assert_eq!(trials[1]["electrical_energy_j"], trials[0]["electrical_energy_j"]);
+    assert_eq!(trials[3]["drag_energy_j"], trials[0]["drag_energy_j"]);
+}
+
+#[test]
+fn a_tenth_of_the_rows_missing_changes_little_as_all_is_by_time() {
+    let (dir, _) = folder(0);
+    let dir = dir.path();
+    let window = write_trial(&dir.join("full.txt"), 5, TrialLayout::Full, 0.0);
+    write_trial(&dir.join("holes.txt"), 5, TrialLayout::Full, 0.1);
+    let rows = ["full.txt", "holes.txt"].map(|f| format!("{f},x,{},{}", window[0], window[1]));
+    let output = batch(dir, &rows.join("\n"), "-c cal.json --json");
+    assert!(said(&output).contains("rows are missing; all is computed by time, not by row"));
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let value = |trial: usize, key: &str| document["trials"][trial][key].as_f64().unwrap();
+    assert_eq!(value(0, "strides"), value(1, "strides"));
+    for key in ["drag_mean_n", "electrical_energy_j", "specific_resistance"] {
+        // Power jumps from row to row as the controller does, by as much as it is: what 200 of 2000
+        // rows are not there to say is 1/√200 of that, times the share of them.
+        let ratio = value(1, key) / value(0, key);
+        assert!((ratio - 1.0).abs() < 0.01, "{key}: {ratio}");
+    }
+}
+
+#[test]
+fn results_are_the_same_bytes_for_any_number_of_threads() {
+    let (dir, windows) = folder(6);
+    let dir = dir.path();
+    let rows: Vec<String> = (windows.iter().enumerate())
+        .map(|(i, [enter, exit])| format!("{}.txt,{},{enter},{exit}", i + 1, i % 2))
+        .collect();
+    let mut first: Option<Vec<Vec<u8>>> = None;
+    for threads in [1, 2, 5] {
+        let out = format!(
+            "-c cal.json --reference 0 --csv csv --parquet pq --traces tr --json --threads {threads}"
+        );
+        let output = batch(dir, &rows.join("\n"), &out);
+        assert!(output.status.success(), "{}", said(&output));
+        let files = [
+            "csv/trials.csv",
+            "csv/strides.csv",
+            "csv/conditions.csv",
+            "pq/trials.parquet",
+            "pq/strides.parquet",
+            "tr/1.2.csv",
+            "tr/6.7.csv",
+        ];
+        let mut bytes: Vec<Vec<u8>> =
+            files.iter().map(|file| fs::read(dir.join(file)).unwrap()).collect();
+        bytes.push(output.stdout);
+        match &first {
+            None => first = Some(bytes),
+            Some(first) => assert!(*first == bytes, "{threads} threads"),
+        }
+    }
+    let trials = String::from_utf8(first.unwrap().swap_remove(0)).unwrap();
+    let header =
+        "file,condition,t_enter_s,t_exit_s,duration_s,velocity_m_s,rows,fresh_frames,drag_mean_n,";
+    assert!(trials.starts_with(header), "{trials}");
+    let files: Vec<&str> =
+        trials.lines().skip(1).map(|line| line.split(',').next().unwrap()).collect();
+    assert_eq!(files, ["1.txt", "2.txt", "3.txt", "4.txt", "5.txt", "6.txt"]);
+}
+
+#[test]
+fn a_manifest_in_toml_with_auto_and_exclude_is_taken() {
+    let (dir, windows) = folder(2);
+    let [enter, exit] = windows[0];
+    let text = format!(
+        "conditions = [\"3 cm\"]\n[[trial]]\nfile = \"1.txt\"\ncondition = \"3 cm\"\nt_enter_s = {enter}\n\
+         t_exit_s = {exit}\nmass_kg = 0.1\n\n[[trial]]\nfile = \"2.txt\"\ncondition = \"3 cm\"\n\
+         t_enter_s = \"auto\"\nt_exit_s = \"auto\"\nexclude = true\n"
+    );
+    fs::write(dir.path().join("m.toml"), text).unwrap();
+    let output = shellcal(dir.path(), "batch m.toml -c cal.json --json");
+    assert!(output.status.success(), "{}", said(&output));
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        (&document["excluded"], document["trials"].as_array().unwrap().len()),
+        (&1.into(), 1)
+    );
+    let row = &document["trials"][0];
+    let value = |key: &str| row[key].as_f64().unwrap();
+    let resistance = value("mean_power_w") / (0.1 * 9.81 * 0.28 / (exit - enter));
+    // A handful of roundings.
+    assert!((value("specific_resistance") / resistance - 1.0).abs() < 1e-12);
+    assert!(row["checksum"].as_str().unwrap().starts_with("xxh128:"));
+}
+
+#[test]
+fn a_watched_batch_evaluates_what_has_changed() {
+    let (dir, windows) = folder(2);
+    let dir = dir.path();
+    let [[enter, exit], second] = [windows[0], windows[1]];
+    let rows = |first_exit: f64| {
+        format!("{HEADER}\n1.txt,x,{enter},{first_exit}\n2.txt,x,{},{}\n", second[0], second[1])
+    };
+    fs::write(dir.join("m.csv"), rows(exit)).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_shellcal"))
+        .args("batch m.csv -c cal.json --csv out --watch".split_whitespace())
+        .current_dir(dir)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let wait_for = |what: &str| {
+        // However busy the machine is; a file is looked at three times a second.
+        for _ in 0..1200 {
+            std::thread::sleep(Duration::from_millis(100));
+            let table = fs::read_to_string(dir.join("out/trials.csv")).unwrap_or_default();
+            if table.contains(what) {
+                return true;
+            }
+        }
+        false
+    };
+    let first = wait_for(&format!(",{enter},{exit},"));
+    let earlier = exit - 0.25;
+    fs::write(dir.join("m.csv"), rows(earlier)).unwrap();
+    let second = wait_for(&format!(",{enter},{earlier},"));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(first && second);
+}
+
+#[test]
+fn statistics_of_a_table_are_printed_for_every_column() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("t.csv"), "cond,eta\na,1\na,2\na,3\nb,5\nb,9\n").unwrap();
+    let output = shellcal(dir.path(), "stats t.csv --reference a");
+    let printed = String::from_utf8(output.stdout.clone()).unwrap();
+    assert!(output.status.success() && printed.starts_with("eta by cond\n"), "{printed}");
+    assert!(printed.contains("less a"), "{printed}");
+    let output = shellcal(dir.path(), "stats t.csv --reference A");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("did you mean `a`?"));
+}

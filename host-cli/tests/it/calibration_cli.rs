@@ -1,0 +1,287 @@
+//! `shellcal fit`, `eval` and `import` as a user meets them: results, failures, exit codes.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use system_tests::random::Random;
+use system_tests::{program, real_recording};
+use tempfile::TempDir;
+
+const HEADER: &str = "s1,s2,s3,s4,s5,s6,s7,s8,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm";
+
+/// Readings in 0..4096 that look random, the same on every machine.
+fn readings(row: usize) -> [f64; 8] {
+    let mut random = Random(row as u64);
+    std::array::from_fn(|_| random.bits(12) as f64)
+}
+
+/// A wrench that is a cubic function of the readings, plus `noise` of alternating sign.
+fn wrench(s: &[f64; 8], noise: f64, row: usize) -> [f64; 6] {
+    let sign = if row.is_multiple_of(2) { noise } else { -noise };
+    std::array::from_fn(|axis| {
+        let z = |i: usize| s[i % 8] / 4096.0;
+        z(axis) + 0.5 * z(axis + 1).powi(2) - 0.25 * z(axis + 2).powi(3) + 0.125 + sign
+    })
+}
+
+/// A log of such rows, its readings changed by `change`.
+fn log(rows: usize, noise: f64, change: impl Fn(&mut [f64; 8])) -> String {
+    let mut text = format!("{HEADER}\n");
+    for row in 0..rows {
+        let mut s = readings(row);
+        change(&mut s);
+        let fields: Vec<String> =
+            s.iter().chain(&wrench(&s, noise, row)).map(f64::to_string).collect();
+        writeln!(text, "{}", fields.join(",")).unwrap();
+    }
+    text
+}
+
+fn shellcal(dir: &TempDir, arguments: &str) -> Output {
+    program::output(dir.path(), arguments)
+}
+
+fn with_files(files: &[(&str, &str)]) -> TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, text) in files {
+        fs::write(dir.path().join(name), text).unwrap();
+    }
+    dir
+}
+
+/// Runs a command that must not be able to run, and returns what it says.
+fn refused(dir: &TempDir, arguments: &str) -> String {
+    let before = names(dir.path());
+    let output = shellcal(dir, arguments);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments}: {error}");
+    assert!(output.stdout.is_empty());
+    assert_eq!(names(dir.path()), before, "nothing half-written");
+    error
+}
+
+fn names(dir: &Path) -> Vec<String> {
+    let name = |entry: std::io::Result<fs::DirEntry>| entry.unwrap().file_name();
+    let mut names: Vec<String> =
+        fs::read_dir(dir).unwrap().map(|e| name(e).into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn json(output: &Output) -> serde_json::Value {
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn a_model_that_holds_exactly_is_found_exactly() {
+    let dir =
+        with_files(&[("train.csv", &log(400, 0.0, |_| ())), ("test.csv", &log(50, 0.0, |_| ()))]);
+    let report = json(&shellcal(&dir, "fit train.csv --test test.csv -o cal.json --json"));
+    assert_eq!(report["rank"], 25);
+    assert_eq!(report["rows"], 400);
+    for set in ["train", "test"] {
+        for axis in 0..6 {
+            // Wrenches of about 1, their decimal text read to 2⁻⁵³.
+            assert!(report[set][axis]["rms"].as_f64().unwrap() < 1e-14);
+            assert!(report[set][axis]["r_squared"].as_f64().unwrap() > 1.0 - 1e-14);
+        }
+    }
+    let evaluated = json(&shellcal(&dir, "eval cal.json test.csv --json --max-rms 1e-12"));
+    assert_eq!(evaluated["all"]["errors"], report["test"]);
+}
+
+#[test]
+fn the_table_names_axes_figures_and_rows() {
+    let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
+    let output = shellcal(&dir, "fit train.csv --test train.csv");
+    let text = String::from_utf8(output.stdout).unwrap();
+    for word in ["RMS train", "RMS test", "max train", "R² test", "Fx", "Mz", "N·m"] {
+        assert!(text.contains(word), "{word} in {text}");
+    }
+    assert!(text.contains("cubic+1, solver exact: rank 25 of 25"), "{text}");
+    assert!(text.contains("400 rows used, 0 skipped, 0 repeated"), "{text}");
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let text = log(30_000, 0.01, |_| ());
+    let dir = with_files(&[("train.csv", &text)]);
+    let bytes = |threads: usize| {
+        let arguments = format!("fit train.csv --threads {threads} -o {threads}.json");
+        assert!(shellcal(&dir, &arguments).status.success());
+        fs::read(dir.path().join(format!("{threads}.json"))).unwrap()
+    };
+    let one = bytes(1);
+    assert_eq!(bytes(2), one);
+    assert_eq!(bytes(7), one);
+}
+
+#[test]
+fn an_exported_matrix_imports_to_the_same_wrench() {
+    let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
+    let fitted = json(&shellcal(&dir, "fit train.csv -o cal.json --export-matrix m.csv --json"));
+    assert!(shellcal(&dir, "import m.csv -o imported.json").status.success());
+    let evaluated = json(&shellcal(&dir, "eval imported.json train.csv --json"));
+    for axis in 0..6 {
+        let rms = |report: &serde_json::Value| report[axis]["rms"].as_f64().unwrap();
+        let (a, b) = (rms(&fitted["train"]), rms(&evaluated["all"]["errors"]));
+        // Terms of some 1 N, rounded at 2⁻⁵³, against a residual of 0.01 N.
+        assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+    }
+}
+
+#[test]
+fn a_limit_that_is_exceeded_is_exit_code_1() {
+    let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
+    assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());
+    let code = |arguments: &str| shellcal(&dir, arguments).status.code();
+    assert_eq!(code("eval cal.json train.csv --max-rms 0.02 --max-rms-moment 0.02"), Some(0));
+    assert_eq!(code("eval cal.json train.csv --max-rms 0.001"), Some(1));
+    assert_eq!(code("eval cal.json train.csv --max-rms-moment 0.001"), Some(1));
+    let output = shellcal(&dir, "eval cal.json train.csv --max-rms 0.001");
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(error.contains("the RMS error of `Fx`"), "{error}");
+}
+
+#[test]
+fn a_rank_loss_names_the_channels_and_what_to_do() {
+    let dir = with_files(&[
+        ("constant.csv", &log(400, 0.01, |s| s[2] = 1234.0)),
+        ("twice.csv", &log(400, 0.01, |s| s[1] = 2.0 * s[0])),
+        ("shifted.csv", &log(400, 0.01, |s| s[7] = 0.5 * s[4] + 100.0)),
+        ("same.csv", &log(400, 0.01, |s| *s = [100.0; 8])),
+        ("few.csv", &log(24, 0.01, |_| ())),
+        ("coarse.csv", &log(400, 0.01, |s| s[3] = f64::from(s[3] > 2000.0))),
+    ]);
+    let cases = [
+        ("fit constant.csv", "channel `s3` is constant (always `1234`)", "--ridge"),
+        ("fit twice.csv", "channels `s1` and `s2` are proportional (s2 = 2·s1)", "--ridge"),
+        ("fit twice.csv --no-intercept", "(s2 = 2·s1)", "--ridge"),
+        ("fit shifted.csv", "`s5` and `s8` move as one (s8 = 0.5·s5 + 100)", "--ridge"),
+        ("fit same.csv", "all `400` rows have the same readings", "cable"),
+        ("fit few.csv", "`24` rows are too few for the `25` coefficients", "--model"),
+        ("fit coarse.csv", "`s4", "--ridge"),
+    ];
+    for (arguments, expected, hint) in cases {
+        let error = refused(&dir, &format!("{arguments} -o cal.json"));
+        assert!(error.contains(expected), "{arguments}: {error}");
+        assert!(error.contains("hint: ") && error.contains(hint), "{arguments}: {error}");
+    }
+    let damped = json(&shellcal(&dir, "fit twice.csv --ridge 1e-9 --json"));
+    assert_eq!(damped["rank"], 22);
+    // What was noise of 0.01 N stays noise of 0.01 N.
+    assert!((damped["train"][4]["rms"].as_f64().unwrap() - 0.01).abs() < 1e-3);
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_found_before_the_work() {
+    let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
+    for flag in ["--output", "--export-matrix"] {
+        let error = refused(&dir, &format!("fit train.csv {flag} missing/out"));
+        assert!(error.contains("cannot write `missing/out`"), "{error}");
+    }
+    let error = refused(&dir, "fit train.csv --plot figure.gif");
+    assert!(error.contains("`figure.gif`"), "{error}");
+    let error = refused(&dir, "fit missing.csv -o cal.json");
+    assert!(error.contains("missing.csv"), "{error}");
+    let error = refused(&dir, "fit train.csv --ridge=-1");
+    assert!(error.contains("ridge parameter is `-1`"), "{error}");
+}
+
+#[test]
+fn calibrations_that_do_not_fit_are_refused() {
+    let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
+    assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());
+    let calibration = fs::read_to_string(dir.path().join("cal.json")).unwrap();
+    let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
+    write("later.json", &calibration.replace("\"schema_version\": 1", "\"schema_version\": 9"));
+    write("field.json", &calibration.replace("\"scaling\"", "\"scalling\""));
+    write("cut.json", &calibration[..calibration.len() / 2]);
+    write("not.json", "s1,s2\n1,2\n");
+    let cases = [
+        ("eval later.json train.csv", "its schema version is `9`", "later"),
+        ("eval field.json train.csv", "missing field `scaling`", ""),
+        ("eval cut.json train.csv", "line ", "shellcal fit --output"),
+        ("eval not.json train.csv", "line 1, column 1: not valid JSON", "shellcal import"),
+        ("eval missing.json train.csv", "`missing.json`: cannot read it", ""),
+        (
+            "eval cal.json train.csv --sensors s1,s2,s3",
+            "has `3` sensor channels, expected `8`",
+            "--sensors",
+        ),
+    ];
+    for (arguments, expected, hint) in cases {
+        let error = refused(&dir, arguments);
+        assert!(error.contains(expected), "{arguments}: {error}");
+        assert!(error.contains(hint), "{arguments}: {error}");
+    }
+    write("matrix.csv", "1,2\n3,4\n");
+    let error = refused(&dir, "import matrix.csv -o imported.json");
+    assert!(error.contains("`matrix.csv`: it is `2` by `2`"), "{error}");
+}
+
+#[test]
+fn repeated_rows_are_counted_and_left_out_on_request() {
+    let text = log(300, 0.01, |_| ());
+    let (header, rows) = text.split_once('\n').unwrap();
+    let twice: String = rows.lines().map(|row| format!("{row}\n{row}\n")).collect();
+    let dir = with_files(&[("train.csv", &format!("{header}\n{twice}"))]);
+    let all = json(&shellcal(&dir, "fit train.csv --json"));
+    assert_eq!((&all["rows"], &all["repeated_rows"]), (&600.into(), &300.into()));
+    let fresh = json(&shellcal(&dir, "fit train.csv --fresh --json"));
+    assert_eq!((&fresh["rows"], &fresh["repeated_rows"]), (&300.into(), &300.into()));
+}
+
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn the_lab_s_matrices_in_both_formats_make_the_same_calibration() {
+    let matrix = |extension| real_recording(&format!("skinproc/N_matrix_trial9.{extension}"));
+    let (csv, mat) = (matrix("csv"), matrix("mat"));
+    let dir = tempfile::tempdir().unwrap();
+    let import = |matrix: &Path| {
+        let output = dir.path().join("cal.json");
+        let arguments = [Path::new("import"), matrix, Path::new("-o"), &output];
+        let status = Command::new(env!("CARGO_BIN_EXE_shellcal")).args(arguments).output().unwrap();
+        assert!(status.status.success());
+        shellcal::calibration_file::CalibrationFile::read(&output).unwrap().calibration
+    };
+    let calibration = import(&csv);
+    assert_eq!(import(&mat), calibration);
+    assert_eq!(calibration.model().name(), "cubic");
+    // The first line of the file, moments in mN·m.
+    let expected = [-0.0036893645001891415, -0.011788310916859727, -0.0054612987129912085];
+    assert_eq!(calibration.coefficients()[0][..3], expected);
+    assert_eq!(calibration.coefficients()[0][3], 0.36303638238128627 / 1e3);
+}
+
+#[test]
+fn truncation_answers_where_rank_is_lost_and_says_so() {
+    let dir = with_files(&[("log.csv", &log(400, 1e-3, |s| s[1] = s[0]))]);
+    let error = refused(&dir, "fit log.csv --model linear --solver svd");
+    assert!(error.contains("only `8` of `9` features"), "{error}");
+    let output = shellcal(&dir, "fit log.csv --model linear --solver svd --truncate 1e-8 --json");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.contains("1 direction"), "{said}");
+    let fitted: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(fitted["rank"], 8);
+    let error = refused(&dir, "fit log.csv --truncate 1e-8");
+    assert!(error.contains("`--truncate` is for `--solver svd`"), "{error}");
+    let error = refused(&dir, "fit log.csv --solver svd --truncate 1");
+    assert!(error.contains("a share from 0 to 1"), "{error}");
+}
+
+#[test]
+fn an_error_that_is_not_a_number_fails_the_limit() {
+    let train = log(400, 1e-3, |_| {});
+    // A reading whose cube overflows: the wrench of its row is infinite less infinite.
+    let (header, rows) = train.split_once('\n').unwrap();
+    let (_, others) = rows.split_once(',').unwrap();
+    let corrupt = format!("{header}\n1e200,{others}");
+    let dir = with_files(&[("train.csv", &train), ("corrupt.csv", &corrupt)]);
+    assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());
+    let output = shellcal(&dir, "eval cal.json corrupt.csv --max-rms 1e9");
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stdout));
+}

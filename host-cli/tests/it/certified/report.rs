@@ -1,0 +1,62 @@
+//! The tables in `docs/certified-problems.md`, checked against what was measured.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use super::problem::ALL_DIGITS;
+
+/// One line: a label and the digits under each heading, `None` where there is no answer.
+pub(crate) type Line = (String, Vec<Option<f64>>);
+
+/// Digits may come out a little differently where vectors have another width; that many either
+/// way. All digits are all digits.
+const SLACK: f64 = 1.5;
+
+/// Compares the table between the marks `<!-- name -->` and `<!-- end -->` with `lines`. With the
+/// environment variable `SHELLCAL_WRITE_DOCS`, writes it.
+pub(crate) fn check(name: &str, headings: &[&str], lines: &[Line]) {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/certified-problems.md");
+    let page = std::fs::read_to_string(&path).unwrap();
+    let mark = format!("<!-- {name} -->\n");
+    let (before, rest) = page.split_once(&mark).expect("a place for the table in the page");
+    let (table, after) = rest.split_once("<!-- end -->").expect("an end of the table");
+    if std::env::var_os("SHELLCAL_WRITE_DOCS").is_some() {
+        let table = render(headings, lines);
+        std::fs::write(&path, format!("{before}{mark}{table}<!-- end -->{after}")).unwrap();
+        return;
+    }
+    let written: Vec<&str> = table.lines().skip(2).collect();
+    let remedy = "the page is out of date: run the test with SHELLCAL_WRITE_DOCS=1";
+    assert_eq!(written.len(), lines.len(), "{name}: {remedy}");
+    for (written, (label, digits)) in written.iter().zip(lines) {
+        let cells: Vec<&str> = written.trim_matches('|').split('|').map(str::trim).collect();
+        assert_eq!(cells[0], label, "{remedy}");
+        assert_eq!(cells.len() - 1, digits.len(), "{label}: {remedy}");
+        for (cell, digits) in cells[1..].iter().zip(digits) {
+            match (cell.parse::<f64>().ok(), digits) {
+                (None, None) => {}
+                (Some(told), Some(digits)) if (told - digits).abs() <= SLACK => {}
+                _ => panic!("{label}: `{cell}` in the page, {digits:?} measured: {remedy}"),
+            }
+        }
+    }
+}
+
+fn render(headings: &[&str], lines: &[Line]) -> String {
+    let mut table =
+        format!("| |{}\n", headings.iter().map(|h| format!(" {h} |")).collect::<String>());
+    writeln!(table, "| --- |{}", " ---: |".repeat(headings.len())).unwrap();
+    for (label, digits) in lines {
+        write!(table, "| {label} |").unwrap();
+        for digits in digits {
+            match digits {
+                // Rounded down: a digit that is not there is not told.
+                Some(d) => write!(table, " {:.1} |", (d.min(ALL_DIGITS) * 10.0).floor() / 10.0),
+                None => write!(table, " – |"),
+            }
+            .unwrap();
+        }
+        table.push('\n');
+    }
+    table
+}

@@ -1,0 +1,394 @@
+//! Logs converted to wrenches, against direct evaluation of the same formulas.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use calibration::scaling::Scaling;
+use calibration::uncertainty::{CoefficientCovariance, Covariance};
+use calibration::{Basis, Calibration, Model};
+use log_file::{Log, Mapping, ReadOptions};
+use shellcal::figures::WrenchTrace;
+use shellcal::forces::filter::{Butterworth, Filter, FilterError};
+use shellcal::forces::{ForceOptions, LowPass, TareRule};
+use shellcal::workflow::ChannelMismatch;
+use shellcal::workflow::convert::{
+    Columns, Conversion, ConvertError, ConvertOptions, ConvertSummary, convert,
+};
+use shellcal::workflow::selection::Rows;
+use system_tests::real_recording;
+
+/// Coefficients without any pattern, in N per count.
+fn linear(channels: usize) -> Calibration {
+    let model = Model { basis: Basis::Linear, intercept: false, channels };
+    let row = |channel: usize| {
+        std::array::from_fn(|axis| ((channel * 6 + axis) as f64 * 0.7).sin() / 100.0)
+    };
+    let rows = (0..channels).map(row).collect();
+    Calibration::new(model, Scaling::identity(channels), rows)
+}
+
+/// Reading of `channel` in frame `frame`, a whole number.
+fn reading(frame: usize, channel: usize) -> f64 {
+    (2000.0 + 900.0 * (frame as f64 * (0.003 + 0.001 * channel as f64)).sin()).round()
+}
+
+fn wrench(calibration: &Calibration, frame: usize) -> [f64; 6] {
+    let rows = calibration.coefficients().iter().enumerate();
+    rows.fold([0.0; 6], |sum, (channel, row)| {
+        std::array::from_fn(|axis| sum[axis] + row[axis] * reading(frame, channel))
+    })
+}
+
+/// A log at 1 kHz, three channels; every frame is written `repeats` times.
+fn csv(directory: &Path, frames: usize, repeats: usize) -> PathBuf {
+    let mut text = String::from("t_s,s1,s2,s3\n");
+    for row in 0..frames * repeats {
+        let [a, b, c] = [0, 1, 2].map(|channel| reading(row / repeats, channel));
+        writeln!(text, "{},{a},{b},{c}", row as f64 / 1000.0).unwrap();
+    }
+    let path = directory.join("log.csv");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+const ALL: Columns =
+    Columns { time: true, axes: [true; 6], standard_errors: false, interval: None, flags: true };
+
+fn options() -> ConvertOptions {
+    ConvertOptions { rows: Rows::All, forces: ForceOptions::RAW, columns: ALL, full_scale: None }
+}
+
+fn low_pass(cutoff_hz: f64, zero_phase: bool) -> Option<LowPass> {
+    Some(LowPass { cutoff_hz, order: 4, zero_phase })
+}
+
+fn tared(tare: TareRule) -> ForceOptions {
+    ForceOptions { tare, ..ForceOptions::RAW }
+}
+
+fn filtered(low_pass: Option<LowPass>) -> ForceOptions {
+    ForceOptions { low_pass, ..ForceOptions::RAW }
+}
+
+fn open(path: &Path) -> Log {
+    Log::open(path, &Mapping::default()).unwrap()
+}
+
+fn run_on(
+    log: &Log,
+    calibration: &Calibration,
+    options: &ConvertOptions,
+) -> Result<(String, ConvertSummary), ConvertError> {
+    let mut out = Vec::new();
+    let conversion = Conversion { log, calibration, options, read: ReadOptions::default() };
+    let summary = convert(&conversion, &mut out, None)?;
+    Ok((String::from_utf8(out).unwrap(), summary))
+}
+
+fn run(path: &Path, options: &ConvertOptions) -> Result<(String, ConvertSummary), ConvertError> {
+    run_on(&open(path), &linear(3), options)
+}
+
+/// The numbers of a table, row by row; empty fields are NaN.
+fn numbers(text: &str) -> Vec<Vec<f64>> {
+    let number = |field: &str| if field.is_empty() { f64::NAN } else { field.parse().unwrap() };
+    text.lines().skip(1).map(|line| line.split(',').map(number).collect()).collect()
+}
+
+/// The largest coefficient times the largest reading is 29 N; sums of three round to 1e-14 of that.
+const TOLERANCE: f64 = 1e-12;
+
+#[test]
+fn every_frame_gets_its_time_and_its_wrench() {
+    let directory = tempfile::tempdir().unwrap();
+    let (text, summary) = run(&csv(directory.path(), 500, 1), &options()).unwrap();
+    assert!(text.starts_with("t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,flags\n"));
+    let rows = numbers(&text);
+    assert_eq!((rows.len(), summary.frames, summary.rows), (500, 500, 500));
+    for (frame, row) in rows.iter().enumerate() {
+        assert_eq!(row[0], frame as f64 / 1000.0);
+        for (found, expected) in row[1..7].iter().zip(wrench(&linear(3), frame)) {
+            assert!((found - expected).abs() < TOLERANCE);
+        }
+    }
+    let fx: Vec<f64> = rows.iter().map(|row| row[1]).collect();
+    assert_eq!(summary.axes[0].max, fx.iter().copied().fold(f64::MIN, f64::max));
+    assert_eq!(summary.axes[0].min, fx.iter().copied().fold(f64::MAX, f64::min));
+}
+
+#[test]
+fn the_result_is_the_same_for_any_threads_and_blocks() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = csv(directory.path(), 400, 3);
+    for low_pass in [None, low_pass(20.0, false), low_pass(20.0, true)] {
+        let options = ConvertOptions {
+            rows: Rows::Fresh,
+            forces: ForceOptions { low_pass, ..tared(TareRule::First(50)) },
+            ..options()
+        };
+        let (whole, summary) = run(&path, &options).unwrap();
+        assert_eq!((summary.rows, summary.repeated_rows, summary.frames), (1200, 800, 400));
+        for (threads, bytes) in [(1, 100), (2, 1000), (3, 333)] {
+            let log = open(&path).with_chunk_bytes(bytes);
+            let read = ReadOptions { threads, ..ReadOptions::default() };
+            let mut out = Vec::new();
+            let calibration = linear(3);
+            let conversion =
+                Conversion { log: &log, calibration: &calibration, options: &options, read };
+            convert(&conversion, &mut out, None).unwrap();
+            assert!(String::from_utf8(out).unwrap() == whole, "{threads} {bytes}");
+        }
+    }
+}
+
+#[test]
+fn a_tare_subtracts_the_mean_of_its_window() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = csv(directory.path(), 500, 1);
+    let mean = |frames: std::ops::Range<usize>| {
+        let count = frames.len() as f64;
+        let sum = frames.fold([0.0; 6], |sum: [f64; 6], frame| {
+            std::array::from_fn(|axis| sum[axis] + wrench(&linear(3), frame)[axis])
+        });
+        sum.map(|sum| sum / count)
+    };
+    let by_time = TareRule::Between(0.1, 0.199);
+    for (tare, frames) in [(TareRule::First(50), 0..50), (by_time, 100..200)] {
+        let (text, summary) =
+            run(&path, &ConvertOptions { forces: tared(tare), ..options() }).unwrap();
+        let result = summary.tare.unwrap();
+        assert_eq!(result.frames, frames.len());
+        assert_eq!(result.start_s, Some(frames.start as f64 / 1000.0));
+        assert_eq!(result.end_s, Some((frames.end - 1) as f64 / 1000.0));
+        let mean = mean(frames);
+        for (frame, row) in numbers(&text).iter().enumerate() {
+            for axis in 0..6 {
+                let expected = wrench(&linear(3), frame)[axis] - mean[axis];
+                assert!((row[1 + axis] - expected).abs() < TOLERANCE);
+            }
+        }
+    }
+}
+
+#[test]
+fn low_passes_are_those_of_the_filter_module_at_the_rate_of_the_log() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = csv(directory.path(), 500, 1);
+    let unfiltered = numbers(&run(&path, &options()).unwrap().0);
+    for zero_phase in [false, true] {
+        let options = ConvertOptions { forces: filtered(low_pass(25.0, zero_phase)), ..options() };
+        let (text, summary) = run(&path, &options).unwrap();
+        let rate = summary.low_pass.unwrap().rate_hz;
+        assert!((rate - 1000.0).abs() < 1e-6, "{rate}");
+        let design = Butterworth::low_pass(4, 25.0, rate).unwrap();
+        let found = numbers(&text);
+        for axis in 1..7 {
+            let mut column: Vec<f64> = unfiltered.iter().map(|row| row[axis]).collect();
+            if zero_phase {
+                design.zero_phase(&mut column).unwrap();
+            } else {
+                let mut filter = Filter::new(&design);
+                filter.settle(column[0]);
+                filter.process(&mut column);
+            }
+            assert!(found.iter().map(|row| row[axis]).eq(column));
+        }
+    }
+}
+
+#[test]
+fn a_tared_causal_filter_starts_from_zero() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = csv(directory.path(), 500, 1);
+    let forces = ForceOptions { low_pass: low_pass(25.0, false), ..tared(TareRule::First(1)) };
+    let options = ConvertOptions { forces, ..options() };
+    let (text, _) = run(&path, &options).unwrap();
+    // The first frame is the tare: zero in, zero out.
+    assert_eq!(numbers(&text)[0][1..7], [0.0; 6]);
+}
+
+#[test]
+fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("log.csv");
+    std::fs::write(&path, "s1,s2,s3\n100,100,100\n100,4095,100\n300,100,0\n").unwrap();
+    let mut calibration = linear(3);
+    let range = calibration::reading_ranges::ReadingRange { min: 50.0, max: 200.0 };
+    calibration.valid_range = Some(vec![range; 3]);
+    let columns = Columns {
+        time: false,
+        axes: [false; 6],
+        standard_errors: false,
+        interval: None,
+        flags: true,
+    };
+    let options = ConvertOptions { columns, full_scale: Some(4095.0), ..options() };
+    let (text, summary) = run_on(&open(&path), &calibration, &options).unwrap();
+    assert_eq!(text, "flags\n\ns2:range s2:saturated\ns1:range s3:range s3:saturated\n");
+    assert_eq!((summary.out_of_range_frames, summary.saturated_frames), (2, 2));
+}
+
+#[test]
+fn standard_errors_are_those_of_the_calibration() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = csv(directory.path(), 100, 1);
+    let mut calibration = linear(3);
+    let residual = std::array::from_fn(|a| std::array::from_fn(|b| f64::from(a == b) * 0.25));
+    calibration.covariance = Some(Covariance {
+        residual,
+        degrees_of_freedom: 10,
+        coefficients: CoefficientCovariance::Rows {
+            factor: vec![vec![1e-4], vec![0.0, 2e-4], vec![0.0, 0.0, 3e-4]],
+        },
+        shape: None,
+    });
+    let columns = Columns { standard_errors: true, interval: Some(0.95), ..ALL };
+    let options = ConvertOptions { columns, ..options() };
+    let (text, _) = run_on(&open(&path), &calibration, &options).unwrap();
+    for (frame, row) in numbers(&text).iter().enumerate() {
+        let part = |channel: usize, scale: f64| (scale * reading(frame, channel)).powi(2);
+        let expected = 0.5 * (1.0 + part(0, 1e-4) + part(1, 2e-4) + part(2, 3e-4)).sqrt();
+        assert!(row[7..13].iter().all(|found| (found - expected).abs() < 1e-14));
+        for axis in 0..6 {
+            // Student's t for ten degrees of freedom, of which the tables give four digits.
+            let (value, half) = (row[1 + axis], 2.22814 * expected);
+            assert!((row[13 + axis] - (value - half)).abs() < 1e-5, "lower");
+            assert!((row[19 + axis] - (value + half)).abs() < 1e-5, "upper");
+        }
+    }
+}
+
+#[test]
+fn the_trace_sees_every_frame() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = csv(directory.path(), 300, 1);
+    let axes = [false, false, true, false, false, false];
+    let columns =
+        Columns { time: false, axes, standard_errors: false, interval: None, flags: false };
+    let options = ConvertOptions { columns, ..options() };
+    let mut trace = WrenchTrace::new();
+    let (log, calibration, read) = (open(&path), linear(3), ReadOptions::default());
+    let conversion = Conversion { log: &log, calibration: &calibration, options: &options, read };
+    convert(&conversion, &mut Vec::new(), Some(&mut trace)).unwrap();
+    let figure = shellcal::figures::trace_figure("log", &trace);
+    assert!(figure.svg().contains(">Fz (N)<"));
+}
+
+#[test]
+fn what_cannot_be_done_is_said_by_name() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = csv(directory.path(), 30, 2);
+    let error = |options: ConvertOptions| run(&path, &options).unwrap_err();
+    let tare = |tare| error(ConvertOptions { forces: tared(tare), ..options() });
+    assert!(matches!(
+        tare(TareRule::First(61)),
+        ConvertError::TareFrames { wanted: 61, found: 60, .. }
+    ));
+    let message = tare(TareRule::Between(1.0, 2.0)).to_string();
+    assert!(
+        message.ends_with(
+            "has no frame between `1` and `2` s to tare on: its frames run from `0` to `0.059` s"
+        ),
+        "{message}"
+    );
+    let filter = |low_pass| error(ConvertOptions { forces: filtered(low_pass), ..options() });
+    assert!(matches!(
+        filter(low_pass(500.1, false)),
+        ConvertError::Filter(FilterError::Cutoff { .. })
+    ));
+    let errors = Columns { standard_errors: true, ..ALL };
+    let no_covariance = error(ConvertOptions { columns: errors, ..options() });
+    assert!(matches!(no_covariance, ConvertError::NoCovariance));
+    let other = run_on(&open(&path), &linear(8), &options()).unwrap_err();
+    assert!(matches!(other, ConvertError::Channels(ChannelMismatch { expected: 8, found: 3, .. })));
+
+    let short = csv(directory.path(), 15, 1);
+    let forces = filtered(low_pass(20.0, true));
+    let options = || ConvertOptions { forces, ..options() };
+    let error = run(&short, &options()).unwrap_err();
+    let too_few = FilterError::TooFewSamples { samples: 15, needed: 16 };
+    assert!(matches!(error, ConvertError::Filter(error) if error == too_few));
+
+    std::fs::write(&short, "s1,s2,s3\n1,2,3\n4,5,6\n").unwrap();
+    let error =
+        run(&short, &ConvertOptions { columns: Columns { time: false, ..ALL }, ..options() });
+    assert!(matches!(error.unwrap_err(), ConvertError::NoRate { .. }));
+    std::fs::write(&short, "t_s,s1,s2,s3\n0,1e308,1e308,1e308\n").unwrap();
+    let error = run_on(&open(&short), &calibration_that_overflows(), &self::options());
+    assert!(matches!(error.unwrap_err(), ConvertError::NotFinite { frame: 1, .. }));
+}
+
+fn calibration_that_overflows() -> Calibration {
+    let model = Model { basis: Basis::Linear, intercept: false, channels: 3 };
+    Calibration::new(model, Scaling::identity(3), vec![[1e3; 6]; 3])
+}
+
+const TRIAL: &str =
+    "skinproc/velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";
+
+/// The lab's matrix: 24 features (s1, s1², s1³, s2, …) by six axes in N and mN·m.
+fn lab_matrix(path: &Path) -> Vec<[f64; 6]> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let row = |line: &str| -> [f64; 6] {
+        let values: Vec<f64> = line.split(',').skip(1).map(|f| f.parse().unwrap()).collect();
+        values.try_into().unwrap()
+    };
+    text.lines().skip(1).map(row).collect()
+}
+
+/// The trial of the lab: time in µs and eight readings of every row.
+fn lab_trial(path: &Path) -> Vec<(f64, [f64; 8])> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let row = |line: &str| {
+        let values: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
+        (values[0], values[16..24].try_into().unwrap())
+    };
+    text.lines().filter(|line| !line.starts_with('%')).map(row).collect()
+}
+
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn the_labs_trial_is_converted_as_by_direct_evaluation() {
+    let (matrix, trial) = (real_recording("skinproc/N_matrix_trial9.csv"), real_recording(TRIAL));
+    let (matrix, log) = (lab_matrix(&matrix), lab_trial(&trial));
+    // Feature by feature, in the order and the units of the lab, without any of the library.
+    let direct = |readings: &[f64; 8], axis: usize| -> (f64, f64) {
+        let unit = if axis < 3 { 1.0 } else { 1e-3 };
+        let mut sum = 0.0;
+        let mut largest = 0.0f64;
+        for (feature, row) in matrix.iter().enumerate() {
+            let term = readings[feature / 3].powi(feature as i32 % 3 + 1) * row[axis] * unit;
+            sum += term;
+            largest = largest.max(term.abs());
+        }
+        (sum, largest)
+    };
+
+    let model = Model { basis: Basis::Cubic, intercept: false, channels: 8 };
+    let si = |row: &[f64; 6]| std::array::from_fn(|i| row[i] * if i < 3 { 1.0 } else { 1e-3 });
+    let rows = matrix.iter().map(si).collect();
+    let calibration = Calibration::new(model, Scaling::identity(8), rows);
+    // The tare is of fresh frames, whichever rows are written.
+    let is_fresh = |&i: &usize| i == 0 || log[i].1 != log[i - 1].1;
+    let fresh: Vec<&(f64, [f64; 8])> = (0..log.len()).filter(is_fresh).map(|i| &log[i]).collect();
+    for rows in [Rows::All, Rows::Fresh] {
+        let used: Vec<&(f64, [f64; 8])> = match rows {
+            Rows::All => log.iter().collect(),
+            Rows::Fresh => fresh.clone(),
+        };
+        let options = ConvertOptions { rows, forces: tared(TareRule::First(50)), ..options() };
+        let (text, summary) = run_on(&open(&trial), &calibration, &options).unwrap();
+        let found = numbers(&text);
+        assert_eq!(found.len(), used.len());
+        assert_eq!((summary.rows, summary.frames), (9689, used.len() as u64));
+        for axis in 0..6 {
+            let tare = fresh[..50].iter().map(|row| direct(&row.1, axis).0).sum::<f64>() / 50.0;
+            for (found, (time_us, readings)) in found.iter().zip(&used) {
+                assert_eq!(found[0], time_us / 1e6);
+                let (sum, largest) = direct(readings, axis);
+                let error = (found[1 + axis] - (sum - tare)).abs();
+                assert!(error <= 1e-12 * largest, "{axis}: {error} of {largest}");
+            }
+        }
+    }
+}

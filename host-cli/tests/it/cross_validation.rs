@@ -1,0 +1,354 @@
+//! Held-out errors from sums against fits that never saw the rows; the choice of a model; the
+//! warning.
+
+use std::fs;
+use std::process::{Command, Output};
+
+use calibration::Calibration;
+use calibration::exact::{Accumulator, Moments, PartitionedMoments, SolveError};
+use calibration::model::{Basis, Model};
+use calibration::scaling::Scaling;
+use calibration::solver::{self, FitProblem, SolverKind, solve_moments};
+use calibration::validation::ValidationError;
+use calibration::validation::cross_validation::cross_validate;
+use calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
+use calibration::validation::selection::{self, select};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
+use system_tests::random::Random;
+use tempfile::TempDir;
+
+/// Rows in `groups` poses: the readings of each stay within `spread` counts of its own centre.
+/// Wrenches are `truth` of the readings over 1000, plus noise.
+fn poses(
+    seed: u64,
+    groups: usize,
+    rows_each: usize,
+    spread: f64,
+    noise: f64,
+    truth: impl Fn(&[f64], usize) -> f64,
+) -> Block {
+    let mut random = Random(seed);
+    let mut block = Block { rows: groups * rows_each, ..Block::default() };
+    block.readings = vec![Vec::new(); 4];
+    block.wrench = vec![Vec::new(); 6];
+    for group in 0..groups {
+        let centre: Vec<f64> = (0..4).map(|_| 1000.0 + 1000.0 * random.unit()).collect();
+        for _ in 0..rows_each {
+            let s: Vec<f64> =
+                centre.iter().map(|c| (c + spread * (random.unit() - 0.5)).round()).collect();
+            let z: Vec<f64> = s.iter().map(|s| s / 1000.0 - 1.5).collect();
+            s.iter().zip(&mut block.readings).for_each(|(&s, column)| column.push(s));
+            for (axis, column) in block.wrench.iter_mut().enumerate() {
+                column.push(truth(&z, axis) + noise * random.normal());
+            }
+        }
+        block.groups.push((format!("pose {group}"), rows_each));
+    }
+    block
+}
+
+/// The rows of some groups, by whether `keep` says so.
+fn rows_of(block: &Block, keep: impl Fn(usize) -> bool) -> Block {
+    let mut part = block.clone();
+    let runs = block.groups.iter().enumerate();
+    let flags: Vec<bool> =
+        runs.flat_map(|(group, (_, rows))| std::iter::repeat_n(keep(group), *rows)).collect();
+    part.retain_rows(&flags);
+    part
+}
+
+fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
+    let random = RandomSplit { folds: random_folds, held_out: random_folds, seed: 1 };
+    let mut all = GroupSums::new(basis, block.readings.len(), random);
+    let mut worker = all.worker();
+    all.add(worker.add(block, None).unwrap()).unwrap();
+    all.finish([worker]).unwrap()
+}
+
+fn moments(block: &Block, basis: Basis) -> Moments {
+    let mut sums = Accumulator::new(basis, block.readings.len());
+    sums.absorb(&block.readings, &block.wrench).unwrap();
+    sums.finish().unwrap()
+}
+
+/// Householder QR on the rows of `train`, predictions on those of `test`: squares and sums of the
+/// errors of every axis.
+fn brute_force(train: &Block, test: &Block, model: Model) -> PerAxis<(f64, f64)> {
+    let scaling = Scaling::of_sample(&train.readings, model.intercept);
+    let problem = FitProblem { model, scaling, ridge: 0.0 };
+    let (solution, ranges) =
+        solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(train)).unwrap();
+    errors(&Calibration::of_solution(&solution, &ranges), test)
+}
+
+fn errors(calibration: &Calibration, test: &Block) -> PerAxis<(f64, f64)> {
+    let mut predicted = PerAxis::default();
+    calibration.wrench(&test.readings, &mut predicted);
+    std::array::from_fn(|axis| {
+        let errors = predicted[axis].iter().zip(&test.wrench[axis]).map(|(p, m)| p - m);
+        errors.fold((0.0, 0.0), |(squares, sum), e| (squares + e * e, sum + e))
+    })
+}
+
+fn curved(z: &[f64], axis: usize) -> f64 {
+    z[axis % 4] + 0.7 * z[(axis + 1) % 4] * z[axis % 4] - 0.3 * z[(axis + 2) % 4].powi(3)
+}
+
+#[test]
+fn leaving_out_each_group_equals_refitting_without_its_rows() {
+    let block = poses(3, 14, 60, 400.0, 0.01, curved);
+    for (basis, intercept) in [
+        (Basis::Linear, true),
+        (Basis::Cubic, true),
+        (Basis::Quadratic, false),
+        (Basis::Poly3, true),
+    ] {
+        let model = Model { basis, intercept, channels: 4 };
+        let found = cross_validate(&sums(&block, basis, 0), &model, 0.0, None).unwrap();
+        assert_eq!((found.groups, found.folds, found.rows), (14, 14, 840));
+        let mut expected = [(0.0, 0.0); 6];
+        for group in 0..14 {
+            let train = rows_of(&block, |g| g != group);
+            let test = rows_of(&block, |g| g == group);
+            for (all, errors) in expected.iter_mut().zip(brute_force(&train, &test, model)) {
+                *all = (all.0 + errors.0, all.1 + errors.1);
+            }
+        }
+        for (axis, (squares, sum)) in expected.into_iter().enumerate() {
+            let (rms, bias) = (f64::sqrt(squares / 840.0), sum / 840.0);
+            // Householder QR at conditions up to 1e4 leaves eleven digits or so.
+            assert!((found.grouped[axis].rms / rms - 1.0).abs() < 1e-9, "{basis:?}");
+            assert!((found.grouped[axis].bias - bias).abs() < 1e-9 * rms, "{basis:?}");
+        }
+    }
+}
+
+#[test]
+fn folds_of_groups_equal_refits_and_sums_of_a_larger_basis_serve_a_smaller_one() {
+    let block = poses(4, 9, 80, 300.0, 0.02, curved);
+    let sums = sums(&block, Basis::Poly3, 0);
+    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4 };
+    let found = cross_validate(&sums, &model, 0.0, Some(3)).unwrap();
+    // Groups of one size are dealt in turns.
+    let mut squares = 0.0;
+    for fold in 0..3 {
+        let train = rows_of(&block, |g| g % 3 != fold);
+        let test = rows_of(&block, |g| g % 3 == fold);
+        squares += brute_force(&train, &test, model)[2].0;
+    }
+    let rms = (squares / block.rows as f64).sqrt();
+    assert_eq!(found.folds, 3);
+    assert!((found.grouped[2].rms / rms - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn groups_and_random_folds_both_add_up_to_all_rows_bit_for_bit() {
+    let block = poses(5, 70, 13, 300.0, 0.02, curved);
+    let sums = sums(&block, Basis::Cubic, 7);
+    let whole = moments(&block, Basis::Cubic);
+    assert_eq!(sums.groups.len(), 70);
+    assert_eq!(sums.total().unwrap(), &whole);
+    let mut random = sums.random[0].clone();
+    sums.random[1..].iter().for_each(|fold| random.merge(fold).unwrap());
+    assert_eq!(random, whole);
+    assert_eq!(sums.groups[3].1, moments(&rows_of(&block, |g| g == 3), Basis::Cubic));
+}
+
+#[test]
+fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
+    // An exact law under offsets a million times larger than what it leaves: 1e-6 of noise on
+    // wrenches near 1, that is 12 digits of the squares cancel.
+    let block = poses(6, 12, 100, 900.0, 1e-6, |z, axis| z[axis % 4] + 1.0);
+    let model = Model { basis: Basis::Poly3, intercept: true, channels: 4 };
+    let found = cross_validate(&sums(&block, Basis::Poly3, 0), &model, 0.0, None).unwrap();
+    let mut squares = 0.0;
+    for group in 0..12 {
+        let train = rows_of(&block, |g| g != group);
+        let test = rows_of(&block, |g| g == group);
+        let train = moments(&train, Basis::Poly3);
+        let solution = solve_moments(&train, &model, 0.0, &train.reading_ranges()).unwrap();
+        let calibration = Calibration::of_solution(&solution, &train.reading_ranges());
+        squares += errors(&calibration, &test)[0].0;
+    }
+    let rms = (squares / block.rows as f64).sqrt();
+    // Predictions near 1 in `f64` are good to 1e-15, and errors of 1e-6 to 1e-9 of themselves.
+    assert!((found.grouped[0].rms / rms - 1.0).abs() < 1e-8);
+}
+
+#[test]
+fn a_ridge_with_readings_that_hardly_move_still_answers() {
+    let block = poses(7, 6, 50, 0.0, 0.01, curved);
+    let sums = sums(&block, Basis::Quadratic, 0);
+    let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4 };
+    let error = cross_validate(&sums, &model, 0.0, None).unwrap_err();
+    assert!(matches!(error, ValidationError::Undetermined(SolveError::RankDeficient(_))));
+    let found = cross_validate(&sums, &model, 1e-3, None).unwrap();
+    assert!(found.grouped.iter().all(|axis| axis.rms.is_finite()));
+}
+
+#[test]
+fn a_group_that_alone_moves_a_channel_is_named_and_not_counted() {
+    let mut block = poses(8, 5, 40, 500.0, 0.01, curved);
+    // Channel 4 stands still except in the third pose.
+    for (row, reading) in block.readings[3].iter_mut().enumerate() {
+        if row / 40 != 2 {
+            *reading = 1500.0;
+        }
+    }
+    let model = Model { basis: Basis::Linear, intercept: true, channels: 4 };
+    let found = cross_validate(&sums(&block, Basis::Linear, 4), &model, 0.0, None).unwrap();
+    assert_eq!(found.undetermined, ["pose 2"]);
+    assert!(found.random.is_some());
+}
+
+#[test]
+fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
+    // Without the first group the features are almost dependent: channel 2 is channel 1, give or
+    // take one count in very few rows, and its square makes that worse.
+    let mut block = poses(9, 6, 200, 600.0, 0.01, |z, axis| z[axis % 2]);
+    let first = block.readings[0].clone();
+    for (row, (reading, first)) in block.readings[1].iter_mut().zip(&first).enumerate() {
+        if row >= 200 {
+            *reading = first + f64::from(u8::from(row % 150 == 7));
+        }
+    }
+    let model = Model { basis: Basis::Cubic, intercept: true, channels: 4 };
+    let whole = moments(&block, Basis::Cubic);
+    let parts = PartitionedMoments::new(&whole, &model).unwrap();
+    let left_out = rows_of(&block, |g| g == 0);
+    let part = moments(&left_out, Basis::Cubic);
+    match parts.held_out(&part, &parts.part(&part), 0.0) {
+        Ok(found) => {
+            let rest = moments(&rows_of(&block, |g| g != 0), Basis::Cubic);
+            let solution = solve_moments(&rest, &model, 0.0, &rest.reading_ranges()).unwrap();
+            let calibration = Calibration::of_solution(&solution, &rest.reading_ranges());
+            let expected = errors(&calibration, &left_out);
+            for axis in 0..6 {
+                // The prediction far outside, from `f64` coefficients of near-opposite features.
+                let ratio = (found[axis].squares / expected[axis].0).sqrt();
+                assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
+            }
+        }
+        Err(error) => assert!(matches!(error, SolveError::RankDeficient(_)), "{error}"),
+    }
+}
+
+#[test]
+fn the_smallest_model_that_holds_is_chosen() {
+    type Truth = fn(&[f64], usize) -> f64;
+    let cases: [(Basis, Truth); 4] = [
+        (Basis::Linear, |z, axis| z[axis % 4] - 0.5 * z[(axis + 1) % 4]),
+        (Basis::Cubic, |z, axis| z[axis % 4] + z[(axis + 1) % 4].powi(2) - z[axis % 4].powi(3)),
+        (Basis::Quadratic, |z, axis| z[axis % 4] + z[axis % 4] * z[(axis + 1) % 4]),
+        (Basis::Poly3, |z, axis| z[0] + z[axis % 4] * z[(axis + 1) % 4] * z[(axis + 2) % 4] * 4.0),
+    ];
+    for (planted, truth) in cases {
+        let block = poses(10, 60, 40, 300.0, 0.02, truth);
+        let found = select(&sums(&block, Basis::Poly3, 0), true, &selection::RIDGES).unwrap();
+        assert_eq!(found.candidates.len(), 20);
+        assert_eq!(found.candidates[found.chosen].basis, planted);
+        let errors = found.candidates[found.chosen].errors.unwrap();
+        // The noise that was put in, and a little for coefficients.
+        assert!(errors.rms.iter().all(|rms| (0.019..0.023).contains(rms)), "{errors:?}");
+    }
+}
+
+#[test]
+fn too_few_groups_and_impossible_folds_are_refused() {
+    let block = poses(11, 3, 60, 400.0, 0.01, curved);
+    let model = Model { basis: Basis::Linear, intercept: true, channels: 4 };
+    let one = sums(&rows_of(&block, |g| g == 0), Basis::Linear, 0);
+    let error = cross_validate(&one, &model, 0.0, None).unwrap_err();
+    assert_eq!(error, ValidationError::TooFewGroups { found: 1 });
+    let three = sums(&block, Basis::Linear, 0);
+    for folds in [0, 1, 4] {
+        let error = cross_validate(&three, &model, 0.0, Some(folds)).unwrap_err();
+        assert_eq!(error, ValidationError::Folds { folds, groups: 3 });
+    }
+    let cubic = Model { basis: Basis::Cubic, ..model };
+    assert!(matches!(
+        cross_validate(&three, &cubic, 0.0, None),
+        Err(ValidationError::Solve(SolveError::OtherFeatures { .. }))
+    ));
+}
+
+fn shellcal(dir: &TempDir, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_shellcal"))
+        .args(arguments.split_whitespace())
+        .current_dir(dir)
+        .output()
+        .unwrap()
+}
+
+/// A log with a group column.
+fn log(block: &Block) -> String {
+    let mut text = "s1,s2,s3,s4,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm,group\n".to_owned();
+    let labels = block.groups.iter().flat_map(|(name, rows)| std::iter::repeat_n(name, *rows));
+    for (row, label) in labels.enumerate() {
+        for column in block.readings.iter().chain(&block.wrench) {
+            text += &format!("{},", column[row]);
+        }
+        text += &format!("{label}\n");
+    }
+    text
+}
+
+#[test]
+fn few_poses_earn_a_warning_and_independent_rows_do_not() {
+    let dir = tempfile::tempdir().unwrap();
+    let few = poses(12, 12, 120, 60.0, 0.002, curved);
+    let many = poses(13, 1440, 1, 60.0, 0.002, curved);
+    fs::write(dir.path().join("few.csv"), log(&few)).unwrap();
+    fs::write(dir.path().join("many.csv"), log(&many)).unwrap();
+    let warning = "does not generalise to poses it was not trained on";
+    let output = shellcal(&dir, "fit few.csv --model cubic --cv");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(String::from_utf8_lossy(&output.stderr).contains(warning));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("12 groups held out each alone"));
+    let output = shellcal(&dir, "fit many.csv --model cubic --cv=10");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("generalise"));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("1440 groups held out in 10 folds"));
+}
+
+#[test]
+fn files_can_be_the_groups_and_results_do_not_depend_on_threads() {
+    let dir = tempfile::tempdir().unwrap();
+    for seed in 0..4 {
+        let block = poses(20 + seed, 20, 50, 400.0, 0.01, curved);
+        fs::write(dir.path().join(format!("{seed}.csv")), log(&block)).unwrap();
+    }
+    let report = |arguments: &str| -> serde_json::Value {
+        let output = shellcal(&dir, &format!("fit 0.csv 1.csv 2.csv 3.csv --json {arguments}"));
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let files = report("--cv=file --threads 1");
+    assert_eq!(files["cross_validation"]["groups"], 4);
+    assert_eq!(files["cross_validation"], report("--cv=file --threads 3")["cross_validation"]);
+    assert_eq!(report("--cv")["cross_validation"]["groups"], 20);
+    assert!(report("")["cross_validation"].is_null());
+    let auto = report("--model auto -o cal.json");
+    assert!(auto["cross_validation"].is_null());
+    let chosen = auto["selection"]["chosen"].as_u64().unwrap() as usize;
+    let chosen = &auto["selection"]["candidates"][chosen];
+    assert_eq!(auto["model"], format!("{}+1", chosen["basis"].as_str().unwrap()));
+    assert_eq!(auto["solver"]["ridge"], chosen["ridge"]);
+    // The calibration with these diagnostics reads back.
+    assert_eq!(shellcal(&dir, "eval cal.json 0.csv").status.code(), Some(0));
+}
+
+#[test]
+fn without_groups_there_is_nothing_to_hold_out() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = log(&poses(30, 5, 50, 400.0, 0.01, curved)).replace(",group", ",remark");
+    fs::write(dir.path().join("one.csv"), text).unwrap();
+    let output = shellcal(&dir, "fit one.csv --cv");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("nothing to hold out"));
+    let output = shellcal(&dir, "fit one.csv --cv=column");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("group"));
+    assert_eq!(shellcal(&dir, "fit one.csv --cv=0").status.code(), Some(2));
+}

@@ -1,0 +1,146 @@
+//! The fit against the exact least-squares optimum, found in rational arithmetic.
+//!
+//! Readings and wrenches in a file are dyadic rationals once they are `f64`, so the normal
+//! equations can be formed and solved without any rounding: the residual of that solution is the
+//! smallest there is.
+
+use calibration::Calibration;
+use calibration::model::{Basis, Model};
+use calibration::scaling::Scaling;
+use calibration::solver::{self, FitProblem, SolverKind};
+use num_bigint::BigInt;
+use num_rational::BigRational;
+use shell_data::block::Block;
+
+/// The rows of the lab's training recording: time, eight readings, six components of the wrench.
+fn recording() -> Block {
+    let path = system_tests::real_recording("skinproc/behavior4_2Hz.csv");
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut columns = vec![Vec::new(); 15];
+    for line in text.lines() {
+        for (column, field) in columns.iter_mut().zip(line.split(',')) {
+            column.push(field.parse().unwrap());
+        }
+    }
+    let wrench = columns.split_off(9);
+    let readings = columns.split_off(1);
+    Block { rows: readings[0].len(), readings, wrench, ..Block::default() }
+}
+
+fn exact(value: f64) -> BigRational {
+    BigRational::from_float(value).unwrap()
+}
+
+/// Bits after the binary point that hold every component of a wrench in the recording.
+const BITS: u32 = 80;
+
+/// Features and wrench as integers, the latter in units of 2^-[`BITS`], one column each.
+fn integers(block: &Block, model: Model) -> (Vec<Vec<BigInt>>, Vec<Vec<BigInt>>) {
+    let terms = model.terms();
+    let features = terms.iter().map(|term| {
+        let value = |row: usize| {
+            let factors = term.factors().iter().map(|&c| block.readings[usize::from(c)][row]);
+            factors.map(|s| BigInt::from(s as i64)).product()
+        };
+        (0..block.rows).map(value).collect()
+    });
+    let scaled = |w: &f64| {
+        let scaled = exact(*w) * BigRational::from_integer(BigInt::from(1) << BITS);
+        assert!(scaled.is_integer(), "a component of the wrench finer than 2^-{BITS}");
+        scaled.to_integer()
+    };
+    let wrench = block.wrench.iter().map(|axis| axis.iter().map(scaled).collect());
+    (features.collect(), wrench.collect())
+}
+
+fn dot(a: &[BigInt], b: &[BigInt]) -> BigInt {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// The smallest possible sum of squared residuals, by Bareiss's fraction-free elimination of the
+/// Gram matrix of `[X | w]`: its last pivot over the one before is the Schur complement.
+fn optimum(features: &[Vec<BigInt>], wrench: &Vec<BigInt>) -> BigRational {
+    let columns: Vec<&Vec<BigInt>> = features.iter().chain([wrench]).collect();
+    let n = columns.len();
+    let mut gram: Vec<Vec<BigInt>> =
+        columns.iter().map(|a| columns.iter().map(|b| dot(a, b)).collect()).collect();
+    let mut previous = BigInt::from(1);
+    for k in 0..n - 1 {
+        let pivot = gram[k][k].clone();
+        assert_ne!(pivot, BigInt::ZERO, "full rank");
+        for i in k + 1..n {
+            for j in k + 1..n {
+                gram[i][j] = (&gram[i][j] * &pivot - &gram[i][k] * &gram[k][j]) / &previous;
+            }
+        }
+        previous = pivot;
+    }
+    BigRational::new(gram[n - 1][n - 1].clone(), previous << (2 * BITS))
+}
+
+/// The exact sum of squared residuals of the coefficients of a calibration, per axis.
+fn residual(block: &Block, calibration: &Calibration) -> Vec<BigRational> {
+    let terms = calibration.model().terms();
+    let scaling = calibration.scaling();
+    let mut sums = vec![exact(0.0); 6];
+    for row in 0..block.rows {
+        let z: Vec<BigRational> = (0..block.readings.len())
+            .map(|c| {
+                let shifted = exact(block.readings[c][row]) - exact(scaling.centre[c]);
+                shifted / exact(scaling.scale[c])
+            })
+            .collect();
+        let features: Vec<BigRational> = terms
+            .iter()
+            .map(|term| term.factors().iter().map(|&c| &z[usize::from(c)]).product())
+            .collect();
+        for (axis, sum) in sums.iter_mut().enumerate() {
+            let predicted: BigRational = std::iter::zip(&features, calibration.coefficients())
+                .map(|(x, c)| x * exact(c[axis]))
+                .sum();
+            let error = predicted - exact(block.wrench[axis][row]);
+            *sum += &error * &error;
+        }
+    }
+    sums
+}
+
+/// A ratio as `f64`, by an integer quotient of about 64 bits.
+fn to_f64(value: &BigRational) -> f64 {
+    let shift = 64 + value.denom().bits() as i64 - value.numer().bits() as i64;
+    let quotient: BigInt = if shift >= 0 {
+        (value.numer() << shift) / value.denom()
+    } else {
+        value.numer() / (value.denom() << -shift)
+    };
+    i128::try_from(quotient).unwrap() as f64 * 2f64.powi(-shift as i32)
+}
+
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
+    let block = recording();
+    for intercept in [false, true] {
+        let model = Model { basis: Basis::Cubic, intercept, channels: 8 };
+        let scaling = Scaling::of_sample(&block.readings, intercept);
+        let problem = FitProblem { model, scaling, ridge: 0.0 };
+        let (solution, ranges) =
+            solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(&block)).unwrap();
+        let calibration = Calibration::of_solution(&solution, &ranges);
+        let (features, wrench) = integers(&block, model);
+        let reached = residual(&block, &calibration);
+        for (axis, (wrench, reached)) in wrench.iter().zip(&reached).enumerate() {
+            let optimum = optimum(&features, wrench);
+            // Exact: how much larger the sum of squares is than it has to be.
+            let excess = to_f64(&((reached - &optimum) / &optimum));
+            let rms = (to_f64(&optimum) / block.rows as f64).sqrt();
+            println!("{} axis {axis}: optimum {rms:.12e}, excess {excess:.1e}", model.name());
+            assert!(excess >= 0.0, "nothing is better than the optimum");
+            // The RMS has half the relative excess of the sum of squares. 1e-9 would do; the
+            // excess is of second order in the rounding of the coefficients, 1e-22 when measured.
+            assert!(excess / 2.0 < 1e-18, "{} axis {axis}: {excess:e}", model.name());
+            let told = solution.residual_products[(axis, axis)];
+            assert!((told / to_f64(reached) - 1.0).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Documents of version 1, as they were written when it came out: every later version reads them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use calibration::Basis;
+use calibration::uncertainty::CoefficientCovariance;
+use shellcal::calibration_file::{CalibrationFile, PartialFit};
+use shellcal::trial::manifest::{Entry, Manifest, Moment};
+
+fn golden(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/golden").join(name)
+}
+
+/// A field that was renamed, added or left out would change the document that is written.
+#[test]
+fn calibrations_are_read_and_written_as_they_were() {
+    for name in ["calibration-v1.json", "calibration-v1-rows.json"] {
+        let path = golden(name);
+        let file = CalibrationFile::read(&path).unwrap();
+        assert_eq!(file.to_json(), fs::read_to_string(&path).unwrap(), "{name}");
+    }
+}
+
+/// What the documents hold, by looking into them.
+#[test]
+fn the_parts_of_a_calibration_are_where_they_belong() {
+    let file = CalibrationFile::read(&golden("calibration-v1.json")).unwrap();
+    let diagnostics = file.origin.diagnostics.unwrap();
+    assert_eq!(file.origin.sensor_serial.as_deref(), Some("shell 7"));
+    assert_eq!(file.calibration.model().channels, 3);
+    assert_eq!((diagnostics.rows, diagnostics.rank), (2500, 4));
+    assert_eq!(diagnostics.cross_validation.unwrap().groups, 125);
+    let selection = diagnostics.selection.unwrap();
+    assert_eq!(selection.candidates[selection.chosen].basis, Basis::Linear);
+    let covariance = file.calibration.covariance.unwrap();
+    assert!(matches!(covariance.coefficients, CoefficientCovariance::Groups { groups: 125, .. }));
+
+    let file = CalibrationFile::read(&golden("calibration-v1-rows.json")).unwrap();
+    assert_eq!(file.origin.solver.unwrap().truncate, Some(1e-6));
+}
+
+#[test]
+fn partial_fits_are_read_and_written_as_they_were() {
+    let path = golden("partial-v1.json");
+    let partial = PartialFit::read(&path).unwrap();
+    assert_eq!(partial.to_json(), fs::read_to_string(&path).unwrap());
+    assert_eq!((partial.model.basis, partial.moments.rows()), (Basis::Cubic, 299));
+}
+
+#[test]
+fn manifests_mean_what_they_meant() {
+    let text = |name| fs::read_to_string(golden(name)).unwrap();
+    let csv = Manifest::parse(&text("manifest-v1.csv"), false).unwrap();
+    let toml = Manifest::parse(&text("manifest-v1.toml"), true).unwrap();
+    assert_eq!(toml.conditions, Some(vec!["free".to_owned(), "3 cm".to_owned()]));
+    for manifest in [csv, toml] {
+        let [first, second] = <[Entry; 2]>::try_from(
+            manifest.rows.into_iter().collect::<Result<Vec<_>, _>>().unwrap(),
+        )
+        .unwrap();
+        assert_eq!(
+            (first.file.value.as_str(), first.condition.value.as_str()),
+            ("free-1.txt", "free")
+        );
+        assert_eq!((first.enter.value, first.exit.value), (Moment::At(2.218), Moment::At(8.008)));
+        let constants = [first.velocity_m_s, first.mass_kg, first.channel_length_m];
+        assert_eq!(constants.map(|value| value.unwrap().value), [0.048, 0.0416, 0.28]);
+        assert!(first.notes.is_none() && !first.exclude);
+        assert_eq!((second.enter.value, second.exit.value), (Moment::Auto, Moment::Auto));
+        assert_eq!(second.notes.as_deref(), Some("slow, at first"));
+        assert!(second.exclude && second.mass_kg.is_none());
+    }
+}

@@ -1,0 +1,45 @@
+//! The tests of the library and of the program, one module for each subject.
+//!
+//! Tests on real recordings are ignored where `SHELLCAL_REAL_DATA` does not name their directory
+//! when the tests are built; see `build.rs`.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    unreachable_pub,
+    reason = "a test may panic and say why, and report its figures"
+)]
+
+mod align_accuracy;
+mod align_command;
+mod align_disturbed;
+mod batch_command;
+mod bench_command;
+mod calibration_cli;
+mod certified;
+mod convert;
+mod cross_validation;
+mod exact_coefficients;
+mod exact_optimum;
+mod exact_sums;
+mod golden;
+mod log_bad_input;
+mod log_formats;
+mod log_real;
+mod noise;
+mod one_pipeline;
+mod partial_fits;
+mod prediction_intervals;
+mod readme;
+#[cfg(unix)]
+mod record_port;
+mod record_replay;
+mod simulate_command;
+mod solver_identities;
+mod support;
+mod synth_command;
+mod synth_physics;
+mod trial_figures_command;
+mod trial_intervals;
+mod trial_real;
+mod virtual_trials;

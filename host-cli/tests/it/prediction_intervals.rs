@@ -1,0 +1,184 @@
+//! Whether 95 % intervals hold 95 %: on the sensor model, whose poses were not trained on, and
+//! where the truth is known by construction.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use calibration::solver::solve_moments;
+use calibration::uncertainty::{CoefficientCovariance, Covariance};
+use calibration::validation::grouped::{GroupSums, RandomSplit};
+use calibration::{Basis, Calibration, Model};
+use log_file::{Log, Mapping, ReadOptions};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
+use shellcal::simulation::sensor_model::{Kind, Recording, Sample, Settings};
+use shellcal::simulation::synthetic_log::SyntheticLayout;
+use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
+use shellcal::workflow::moments::{GroupBy, SumOptions, sum};
+use system_tests::random::Random;
+
+/// Rows of a pose at 10 Hz.
+const POSE_ROWS: usize = 20;
+
+/// One session on one instrument, its poses dealt at random into as many to train on and to test
+/// on.
+fn session(seed: u64, poses: usize) -> (Vec<Sample>, Vec<Sample>) {
+    let recording = Recording::new(Settings {
+        kind: Kind::Training,
+        rate_hz: 10.0,
+        start_time_s: 0.0,
+        seed,
+        unit_seed: seed,
+        noise_scale: 1.0,
+        adc_bits: 12,
+        elastic: false,
+    });
+    let mut random = Random(seed);
+    let mut order: Vec<u64> = (0..2 * poses as u64).collect();
+    for i in (1..order.len()).rev() {
+        order.swap(i, random.next() as usize % (i + 1));
+    }
+    let trained = &order[..poses];
+    recording
+        .unwrap()
+        .take(2 * poses * POSE_ROWS)
+        .partition(|sample| trained.contains(&sample.pose))
+}
+
+fn log(folder: &Path, samples: &[Sample]) -> PathBuf {
+    let path = folder.join("train.csv");
+    let mut out = BufWriter::new(File::create(&path).unwrap());
+    SyntheticLayout::Shellcal.write_header(&mut out, Kind::Training).unwrap();
+    for sample in samples {
+        SyntheticLayout::Shellcal.write_row(&mut out, Kind::Training, sample).unwrap();
+    }
+    out.flush().unwrap();
+    path
+}
+
+/// The shares of `samples` within their 95 % intervals.
+fn coverage(calibration: &Calibration, samples: &[Sample]) -> PerAxis<f64> {
+    let readings: Vec<Vec<f64>> = (0..8)
+        .map(|i| samples.iter().map(|sample| f64::from(sample.frame.readings[i])).collect())
+        .collect();
+    let (mut wrench, mut errors) = (PerAxis::default(), PerAxis::default());
+    calibration.wrench(&readings, &mut wrench);
+    assert!(calibration.standard_errors(&readings, None, &mut errors));
+    let factors = calibration.covariance.as_ref().unwrap().interval_factors(0.95);
+    std::array::from_fn(|axis| {
+        let holds = |row: &usize| {
+            let error = wrench[axis][*row] - samples[*row].wrench[axis];
+            error.abs() <= factors[axis] * errors[axis][*row]
+        };
+        (0..samples.len()).filter(holds).count() as f64 / samples.len() as f64
+    })
+}
+
+/// Mean over sessions, and its Monte-Carlo error.
+fn mean(sessions: &[f64]) -> (f64, f64) {
+    let n = sessions.len() as f64;
+    let mean = sessions.iter().sum::<f64>() / n;
+    let squares: f64 = sessions.iter().map(|x| (x - mean).powi(2)).sum();
+    (mean, (squares / (n * (n - 1.0))).sqrt())
+}
+
+#[test]
+fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    for (basis, poses, sessions) in [(Basis::Cubic, 60, 120), (Basis::Quadratic, 125, 60)] {
+        // By groups and by rows, for each axis and session.
+        let mut found = [0, 1].map(|_| PerAxis::<Vec<f64>>::default());
+        for seed in 1..=sessions {
+            let (train, test) = session(seed, poses);
+            let logs = [Log::open(&log(folder.path(), &train), &Mapping::default()).unwrap()];
+            let options = SumOptions {
+                basis,
+                group_by: GroupBy::Column,
+                random: RandomSplit::default(),
+                fresh: false,
+                read: ReadOptions::default(),
+            };
+            let (sums, _) = sum(&logs, &options).unwrap();
+            for (covariance, found) in
+                [CovarianceFrom::Groups(&sums), CovarianceFrom::Rows].into_iter().zip(&mut found)
+            {
+                let options = FitOptions { basis, covariance, ..FitOptions::default() };
+                let fitted = fit(&logs, &[], &options).unwrap();
+                assert_eq!(fitted.not_grouped, None);
+                let shares = coverage(&fitted.calibration, &test);
+                found.iter_mut().zip(shares).for_each(|(all, share)| all.push(share));
+            }
+        }
+        let [groups, rows] = found;
+        for axis in 0..6 {
+            let ((groups, error), (rows, _)) = (mean(&groups[axis]), mean(&rows[axis]));
+            println!("{basis:?}, {axis}: {groups:.4} ± {error:.4} by groups, {rows:.4} by rows");
+            // One percent either way is nearly four Monte-Carlo errors.
+            assert!(error < 0.0027, "{basis:?}, {axis}: {error}");
+            assert!((groups - 0.95).abs() < 0.01, "{basis:?}, {axis}: {groups}");
+            assert!(rows < 0.94, "{basis:?}, {axis}: {rows}, rows taken as independent");
+        }
+    }
+}
+
+#[test]
+fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_do_not() {
+    // Thirty poses of forty rows: an error of its own for every pose, and a smaller one for every
+    // row. What is asked for is the wrench at one set of readings, without its own error.
+    const SIMULATIONS: usize = 2000;
+    let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+    let truth = |s: [f64; 2]| 0.01 * s[0] - 0.02 * s[1] + 3.0;
+    let mut random = Random(1);
+    let mut held = [0, 0];
+    for _ in 0..SIMULATIONS {
+        let mut block = Block { rows: 1200, ..Block::default() };
+        (block.readings, block.wrench) = (vec![Vec::new(); 2], vec![Vec::new(); 6]);
+        for pose in 0..30 {
+            let centre = [0, 1].map(|_| 1500.0 + 800.0 * random.unit());
+            let shared = random.normal();
+            for _ in 0..40 {
+                let s = centre.map(|c| (c + 60.0 * random.unit()).round());
+                block.readings.iter_mut().zip(s).for_each(|(column, s)| column.push(s));
+                let measured = truth(s) + shared + 0.3 * random.normal();
+                block.wrench.iter_mut().for_each(|column| column.push(measured));
+            }
+            block.groups.push((pose.to_string(), 40));
+        }
+        let mut sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
+        let mut worker = sums.worker();
+        sums.add(worker.add(&block, None).unwrap()).unwrap();
+        let sums = sums.finish([worker]).unwrap();
+        let total = sums.total().unwrap();
+        let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
+        let calibration = Calibration::of_solution(&solution, &total.reading_ranges());
+        let at = [1700.0, 2100.0];
+        let x: Vec<f64> = (0..2)
+            .map(|c| (at[c] - calibration.scaling().centre[c]) / calibration.scaling().scale[c])
+            .chain([1.0])
+            .collect();
+        let mut predicted = PerAxis::default();
+        calibration.wrench(&at.map(|s| vec![s]), &mut predicted);
+        let covariances = [
+            Covariance::of_groups(&sums, &model, 0.0).unwrap(),
+            Covariance::of_rows(&solution).unwrap(),
+        ];
+        for (covariance, held) in covariances.iter().zip(&mut held) {
+            let (factor, variance) = match &covariance.coefficients {
+                CoefficientCovariance::Groups { factors, .. } => (&factors[0], 1.0),
+                CoefficientCovariance::Rows { factor } => (factor, covariance.residual[0][0]),
+            };
+            let product =
+                |column: &Vec<f64>| column.iter().zip(&x).map(|(f, x)| f * x).sum::<f64>();
+            let square: f64 = factor.iter().map(|column| product(column).powi(2)).sum();
+            let half = covariance.interval_factors(0.95)[0] * (variance * square).sqrt();
+            *held += usize::from((predicted[0][0] - truth(at)).abs() <= half);
+        }
+    }
+    let [groups, rows] = held.map(|held| held as f64 / SIMULATIONS as f64);
+    println!("{groups:.4} by groups, {rows:.4} by rows");
+    // Monte-Carlo error √(0.95·0.05/2000) = 0.5 %, two of which and half a percent for 30 poses.
+    assert!((groups - 0.95).abs() < 0.015, "{groups}");
+    // Rows of one pose count as forty: standard errors six times too small.
+    assert!(rows < 0.4, "{rows}");
+}

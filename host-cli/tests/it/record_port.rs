@@ -1,0 +1,586 @@
+//! `shellcal record` and `shellcal board` over a pty, with a board made of the protocol alone.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use crate::support::recording::{
+    assert_rows_are, calibration, column, frame, read_log, refused, run, shellcal, succeed,
+};
+use log_file::LogError;
+use serialport::{SerialPort, TTYPort};
+use shared_proto::{
+    Answer, Board, BoardId, Boot, Calibration, Command, Decoder, Event, Framing, Identity, Packet,
+    Refusal, ResetCause, Status, Stream, crc32,
+};
+use system_tests::on_the_wire;
+use system_tests::program::start;
+
+/// The board's end of a pty, and the name of the other.
+fn pty() -> (TTYPort, String) {
+    let (mut board, host) = TTYPort::pair().unwrap();
+    board.set_timeout(Duration::from_millis(10)).unwrap();
+    (board, host.name().unwrap())
+}
+
+/// Records from the port `adapter` once that is there. The program is started before the pty is made:
+/// what is started later inherits the board's end, and would keep it open.
+fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
+    std::process::Command::new("sh")
+        .arg("-c")
+        .arg("while [ ! -e adapter ]; do sleep 0.02; done; exec \"$0\" \"$@\"")
+        .arg(shellcal(dir).get_program())
+        .args(arguments.split_whitespace())
+        .current_dir(dir)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Sends frame after frame at 200 Hz; the first go out once somebody has opened the port.
+struct Sender {
+    stop: Arc<AtomicBool>,
+    /// How many are sent, and when the last of them was.
+    sent: Arc<AtomicU64>,
+    thread: JoinHandle<TTYPort>,
+}
+
+impl Sender {
+    fn start(mut board: TTYPort, first: u64) -> Self {
+        let (stop, sent) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(first)));
+        let (stopped, count) = (Arc::clone(&stop), Arc::clone(&sent));
+        let thread = thread::spawn(move || {
+            while !stopped.load(Ordering::Relaxed) {
+                if board.write_all(&frame(count.load(Ordering::Relaxed))).is_ok() {
+                    count.fetch_add(1, Ordering::Relaxed);
+                }
+                thread::sleep(Duration::from_millis(5));
+            }
+            board
+        });
+        Self { stop, sent, thread }
+    }
+
+    fn sent(&self) -> u64 {
+        self.sent.load(Ordering::Relaxed)
+    }
+
+    fn wait_for(&self, count: u64) {
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while self.sent() < count {
+            assert!(Instant::now() < deadline, "nobody has opened the port");
+            thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    fn stop(self) -> TTYPort {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap()
+    }
+}
+
+fn signal(child: &Child, name: &str) {
+    let kill = std::process::Command::new("kill").args([name, &child.id().to_string()]).status();
+    assert!(kill.unwrap().success());
+}
+
+#[test]
+fn ctrl_c_ends_a_recording_with_every_frame_in_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let (board, port) = pty();
+    let child = start(dir.path(), &format!("record {port} -o log.csv --raw raw"));
+    let sender = Sender::start(board, 0);
+    sender.wait_for(100);
+    let sent_count = sender.sent.clone();
+    let _board = sender.stop();
+    // Time for the last bytes to be read.
+    thread::sleep(Duration::from_secs(1));
+    signal(&child, "-INT");
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let sent = sent_count.load(Ordering::Relaxed);
+    assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), 0..sent);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.starts_with(&format!("{sent} frames")) && said.ends_with("nothing lost\n"));
+    succeed(dir.path(), "record --replay raw -o again.csv");
+    let file = |name| fs::read(dir.path().join(name)).unwrap();
+    assert_eq!(file("log.csv"), file("again.csv"));
+}
+
+#[test]
+fn a_duration_ends_a_recording() {
+    let dir = tempfile::tempdir().unwrap();
+    let (board, port) = pty();
+    let sender = Sender::start(board, 0);
+    succeed(dir.path(), &format!("record {port} -o log.csv --duration 1 --framing cobs"));
+    sender.stop();
+    let log = read_log(&dir.path().join("log.csv")).unwrap();
+    // The first frame is the first that was sent after the port was open, and none is missing.
+    let first: u64 = column(&dir.path().join("log.csv"), "index")[0].parse().unwrap();
+    assert!(log.rows > 10);
+    assert_rows_are(&log, first..first + log.rows as u64);
+}
+
+#[test]
+fn a_recording_killed_at_any_moment_keeps_all_but_its_last_second() {
+    let kills = 100;
+    let moments = (0..kills).map(|i| Duration::from_millis(300 + 2200 * (i * 7 % kills) / kills));
+    let moments = Mutex::new(moments.collect::<Vec<_>>());
+    thread::scope(|scope| {
+        for _ in 0..10 {
+            scope.spawn(|| {
+                while let Some(moment) = { moments.lock().unwrap().pop() } {
+                    kill_after(moment);
+                }
+            });
+        }
+    });
+}
+
+/// How long this thread, where it asks for 5 ms, or a byte on its way through a pty may be held up
+/// while a recording runs: a machine that is so busy holds up the recording too, and what that had
+/// received nobody knows.
+const BUSY: Duration = Duration::from_millis(50);
+
+/// Bytes that go through a pty of their own, one after the other, as those of the recording do: a
+/// process of the kernel carries them, which has to wait its turn where others are busy.
+struct Canary {
+    near: TTYPort,
+    far: TTYPort,
+    sent_at: Instant,
+    slowest: Duration,
+}
+
+impl Canary {
+    fn new() -> Self {
+        let (mut near, far) = TTYPort::pair().unwrap();
+        near.write_all(b"c").unwrap();
+        Self { near, far, sent_at: Instant::now(), slowest: Duration::ZERO }
+    }
+
+    /// Looks whether the byte has arrived, and sends the next.
+    fn look(&mut self) {
+        self.slowest = self.slowest.max(self.sent_at.elapsed());
+        if self.far.bytes_to_read().unwrap() > 0 {
+            self.far.read_exact(&mut [0]).unwrap();
+            self.near.write_all(b"c").unwrap();
+            self.sent_at = Instant::now();
+        }
+    }
+}
+
+/// Kills a recording some time after its first frame. On a busy machine no frame is due in the log,
+/// which has to be whole all the same.
+fn kill_after(moment: Duration) {
+    let dir = tempfile::tempdir().unwrap();
+    let (board, port) = pty();
+    let path = dir.path().join("log.csv");
+    let mut child = start(dir.path(), &format!("record {port} -o log.csv"));
+    // The program makes the log when it has opened the port; until then the pty would keep frames
+    // for it if another test's program has inherited its other end.
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !path.exists() {
+        assert!(Instant::now() < deadline, "nobody has opened the port");
+        thread::sleep(Duration::from_millis(2));
+    }
+    let sender = Sender::start(board, 0);
+    sender.wait_for(1);
+    let (began, mut history, mut canary) = (Instant::now(), Vec::new(), Canary::new());
+    while began.elapsed() < moment {
+        history.push((Instant::now(), sender.sent()));
+        canary.look();
+        thread::sleep(Duration::from_millis(5));
+    }
+    let killed = Instant::now();
+    history.push((killed, sender.sent()));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    sender.stop();
+    let is_busy =
+        canary.slowest > BUSY || history.windows(2).any(|pair| pair[1].0 - pair[0].0 > BUSY);
+    let due = history.iter().rfind(|(at, _)| killed - *at >= Duration::from_secs(1));
+    let due = due.filter(|_| !is_busy).map_or(0, |&(_, sent)| sent);
+    match read_log(&path) {
+        Ok(log) => {
+            assert!(log.rows as u64 >= due, "{} rows, {due} frames were due", log.rows);
+            assert_rows_are(&log, 0..log.rows as u64);
+        }
+        Err(LogError::Empty { .. } | LogError::NoRows { .. }) => assert_eq!(due, 0),
+        Err(error) => panic!("{error}"),
+    }
+}
+
+#[test]
+fn an_unplugged_adapter_is_an_error_and_the_log_is_whole() {
+    let dir = tempfile::tempdir().unwrap();
+    let child = start_before_the_port(dir.path(), "record adapter -o log.csv");
+    let (board, port) = pty();
+    std::os::unix::fs::symlink(&port, dir.path().join("adapter")).unwrap();
+    let sender = Sender::start(board, 0);
+    sender.wait_for(80);
+    let sent = sender.sent.clone();
+    let board = sender.stop();
+    thread::sleep(Duration::from_secs(1));
+    drop(board);
+    let output = child.wait_with_output().unwrap();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert!(error.contains("is gone") && error.contains("--reconnect"), "{error}");
+    let log = read_log(&dir.path().join("log.csv")).unwrap();
+    assert_rows_are(&log, 0..sent.load(Ordering::Relaxed));
+}
+
+#[test]
+fn an_adapter_that_comes_back_goes_on_in_the_same_log() {
+    let dir = tempfile::tempdir().unwrap();
+    let link = dir.path().join("adapter");
+    let child = start_before_the_port(dir.path(), "record adapter -o log.csv --reconnect");
+    let (board, port) = pty();
+    std::os::unix::fs::symlink(&port, &link).unwrap();
+    let sender = Sender::start(board, 0);
+    sender.wait_for(80);
+    let board = sender.stop();
+    thread::sleep(Duration::from_secs(1));
+    // The new pty first, so that it does not get the name of the old one.
+    let (again, port) = pty();
+    drop(board);
+    fs::remove_file(&link).unwrap();
+    std::os::unix::fs::symlink(&port, &link).unwrap();
+    let sender = Sender::start(again, 1000);
+    sender.wait_for(1060);
+    let sent = sender.sent.clone();
+    let _board = sender.stop();
+    thread::sleep(Duration::from_secs(1));
+    signal(&child, "-TERM");
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let path = dir.path().join("log.csv");
+    let indices: Vec<u64> =
+        column(&path, "index").iter().map(|index| index.parse().unwrap()).collect();
+    let after = indices.iter().position(|&index| index >= 1000).unwrap();
+    assert!(after >= 80);
+    let expected = (0..after as u64).chain(1000..sent.load(Ordering::Relaxed));
+    assert_rows_are(&read_log(&path).unwrap(), expected);
+    assert_eq!(column(&path, "missing")[after], (1000 - after).to_string());
+}
+
+#[test]
+fn ports_that_cannot_be_opened_are_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let error = refused(dir.path(), "record /dev/no-such-port -o log.csv");
+    assert!(error.contains("there is no port `/dev/no-such-port`"), "{error}");
+    assert!(error.contains("shellcal ports"), "{error}");
+    let (_board, port) = pty();
+    let _held = serialport::new(&port, 57_600).open().unwrap();
+    let error = refused(dir.path(), &format!("record {port} -o log.csv --duration 5"));
+    assert!(error.contains("is in use by another program"), "{error}");
+    fs::write(dir.path().join("file"), "no port").unwrap();
+    let error = refused(dir.path(), "board file identify");
+    assert!(error.contains("cannot open port `file`"), "{error}");
+    assert!(!dir.path().join("log.csv").exists());
+    assert_eq!(run(dir.path(), "ports").status.code(), Some(0));
+}
+
+#[test]
+fn a_silent_port_and_a_wrong_baud_rate_are_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut board, port) = pty();
+    let error = refused(dir.path(), &format!("record {port} -o log.csv --duration 0.3"));
+    assert!(error.contains("nothing arrived") && error.contains("--start"), "{error}");
+    let child = start(dir.path(), &format!("record {port} -o log.csv"));
+    let began = Instant::now();
+    let mut state = 7_u32;
+    let noise = thread::spawn(move || {
+        while began.elapsed() < Duration::from_secs(5) {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let _ = board.write_all(&state.to_le_bytes());
+            thread::sleep(Duration::from_millis(5));
+        }
+    });
+    let output = child.wait_with_output().unwrap();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert!(error.contains("no valid frame") && error.contains("--baud"), "{error}");
+    assert!(!dir.path().join("log.csv").exists());
+    noise.join().unwrap();
+}
+
+#[test]
+fn a_board_that_is_there_but_stopped_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut board, port) = pty();
+    let child = start(dir.path(), &format!("record {port} -o log.csv --duration 1.5"));
+    let boot = Boot { board: Board::Simulated, firmware: [1, 2, 3], cause: ResetCause::Power };
+    let announcement = on_the_wire(&Packet::Boot(boot), Framing::Cobs);
+    let began = Instant::now();
+    while began.elapsed() < Duration::from_secs(1) {
+        let _ = board.write_all(&announcement);
+        thread::sleep(Duration::from_millis(50));
+    }
+    let output = child.wait_with_output().unwrap();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert!(error.contains("sends no frames") && error.contains("--start"), "{error}");
+    assert!(!dir.path().join("log.csv").exists());
+}
+
+/// A board that obeys, but hears only every second frame, and streams noise and old answers between.
+struct FakeBoard {
+    stop: Arc<AtomicBool>,
+    heard: Arc<Mutex<Vec<Command>>>,
+    thread: JoinHandle<()>,
+}
+
+impl FakeBoard {
+    fn start(mut port: TTYPort, deaf: bool, keeps: bool) -> Self {
+        let (stop, heard) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
+        let (stopped, commands) = (Arc::clone(&stop), Arc::clone(&heard));
+        let thread = thread::spawn(move || {
+            let mut decoder = Decoder::new(Framing::Cobs);
+            let (mut upload, mut crc, mut arrivals) = (Vec::new(), 0, 0);
+            let (mut last, mut reply) = (None, Answer::Done);
+            let mut buffer = [0; 256];
+            while !stopped.load(Ordering::Relaxed) {
+                let Ok(count) = port.read(&mut buffer) else {
+                    thread::sleep(Duration::from_millis(1));
+                    continue;
+                };
+                let mut asked = Vec::new();
+                decoder.feed(&buffer[..count], |event| {
+                    if let Event::Command { number, to, command } = event {
+                        let ours = to.map_or(command.is_for_all(), |to| to == id());
+                        assert!(ours, "{command:?} does not name the board");
+                        asked.push((number, command));
+                    }
+                });
+                for (number, command) in asked {
+                    arrivals += 1;
+                    if deaf || arrivals % 2 == 1 {
+                        continue;
+                    }
+                    // A repeat of what was answered too late, on a busy machine, is answered again.
+                    if last != Some(number) {
+                        last = Some(number);
+                        commands.lock().unwrap().push(command);
+                        reply = answer(&command, &mut upload, &mut crc, keeps);
+                    }
+                    let stale = Answer::Refused(Refusal::OutOfRange);
+                    let stale = Packet::Answer { number: number.wrapping_sub(1), answer: stale };
+                    for packet in [stale, Packet::Answer { number, answer: reply }] {
+                        let _ = port.write_all(&frame(7));
+                        let _ = port.write_all(&packet.encode());
+                    }
+                }
+            }
+        });
+        Self { stop, heard, thread }
+    }
+
+    fn stop(self) -> Vec<Command> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap();
+        std::mem::take(&mut *self.heard.lock().unwrap())
+    }
+}
+
+const SERIAL: [u8; 12] = *b"serialnumber";
+
+fn id() -> BoardId {
+    BoardId::of_serial(&SERIAL)
+}
+
+fn answer(command: &Command, upload: &mut Vec<u8>, crc: &mut u32, keeps: bool) -> Answer {
+    match command {
+        Command::Identify => Answer::Identity(Identity {
+            board: Board::Simulated,
+            firmware: [1, 2, 3],
+            serial: SERIAL,
+            min_period_us: 1000,
+        }),
+        Command::Status => Answer::Status(Status {
+            streaming: true,
+            calibrated: *crc != 0,
+            zeroed: false,
+            stream: Stream::Raw,
+            reset_cause: ResetCause::Watchdog,
+            period_us: 10_000,
+            conversions: 16,
+            settling_us: 200,
+            uptime_s: 12,
+            frames: 1234,
+            late: 1,
+            overflowed: 2,
+            damaged: 3,
+            longest_frame_us: 4567,
+            calibration_crc32: *crc,
+            foreign: 4,
+        }),
+        Command::SetPeriod { period_us } if *period_us < 1000 => {
+            Answer::Refused(Refusal::PeriodTooShort { shortest_us: 3_000 })
+        }
+        Command::CalibrationPiece { offset, data } => {
+            upload.truncate(usize::from(*offset));
+            upload.extend_from_slice(data);
+            Answer::Done
+        }
+        Command::CommitCalibration => {
+            *crc = if keeps { crc32(upload) } else { 1 };
+            Answer::Done
+        }
+        _ => Answer::Done,
+    }
+}
+
+#[test]
+fn commands_are_repeated_until_they_are_answered() {
+    let dir = tempfile::tempdir().unwrap();
+    let (port, name) = pty();
+    let board = FakeBoard::start(port, false, true);
+    let said = succeed(dir.path(), &format!("board {name} identify"));
+    assert!(said.contains("simulated") && said.contains("1.2.3") && said.contains("1000 Hz"));
+    let said = succeed(dir.path(), &format!("board {name} status"));
+    assert!(said.contains("streams readings at 100 Hz") && said.contains("watchdog"), "{said}");
+    let said = succeed(dir.path(), &format!("--json board {name} status"));
+    let said: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!((&said["frames"], &said["rate_hz"]), (&1234.into(), &100.0.into()));
+    let sampling = "sampling --conversions 8 --settling 30";
+    for order in ["start", "stop", "rate 250", sampling, "mode wrench", "zero --frames 20"] {
+        succeed(dir.path(), &format!("board {name} {order}"));
+    }
+    let error = refused(dir.path(), &format!("board {name} rate 2000"));
+    assert!(error.contains("refuses `period 500 µs`: conversions and settling"), "{error}");
+    assert!(error.contains("333.3 Hz would do"), "{error}");
+    let mut heard = board.stop();
+    // Whoever changes the board asks it for its name first.
+    assert_eq!(heard.iter().filter(|command| **command == Command::Identify).count(), 6);
+    heard.retain(|command| *command != Command::Identify);
+    let expected = [
+        Command::Status,
+        Command::Status,
+        Command::Start,
+        Command::Stop,
+        Command::SetPeriod { period_us: 4000 },
+        Command::SetOversampling { conversions: 8 },
+        Command::SetSettling { settling_us: 30 },
+        Command::SetStream(Stream::Wrench),
+        Command::Zero { frames: 20 },
+        Command::SetPeriod { period_us: 500 },
+    ];
+    assert_eq!(heard, expected);
+}
+
+#[test]
+fn a_board_is_told_to_start_until_it_does_and_to_stop_at_the_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let (port, name) = pty();
+    // It hears every second command: the second start and the second stop.
+    let board = FakeBoard::start(port, false, true);
+    succeed(dir.path(), &format!("record {name} -o log.csv --duration 1.5 --start"));
+    // It looks for commands every few ms.
+    thread::sleep(Duration::from_secs(1));
+    let mut heard = board.stop();
+    // On a busy machine answers may come late, and commands be repeated.
+    heard.dedup();
+    assert_eq!(heard, [Command::Start, Command::Stop]);
+    // Each answer comes with frame 7, twice.
+    assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), [7]);
+}
+
+#[test]
+fn an_upload_arrives_whole_and_is_checked() {
+    let dir = tempfile::tempdir().unwrap();
+    calibration(dir.path());
+    let (port, name) = pty();
+    let board = FakeBoard::start(port, false, true);
+    succeed(dir.path(), &format!("board {name} upload cal.json"));
+    let heard = board.stop();
+    let pieces = heard.iter().filter_map(|command| match command {
+        Command::CalibrationPiece { data, .. } => Some(data.to_vec()),
+        _ => None,
+    });
+    let bytes: Vec<u8> = pieces.flatten().collect();
+    let uploaded = Calibration::from_bytes(bytes.as_slice().try_into().unwrap()).unwrap();
+    assert!(uploaded.centre.iter().all(|&centre| (1.0..65_536.0).contains(&centre)));
+    let begin = Command::BeginCalibration { size: bytes.len() as u32, crc32: crc32(&bytes) };
+    assert_eq!(heard[..2], [Command::Identify, begin]);
+
+    let (port, name) = pty();
+    let board = FakeBoard::start(port, false, false);
+    let error = refused(dir.path(), &format!("board {name} upload cal.json"));
+    assert!(error.contains("after the upload the board has calibration 0x00000001"), "{error}");
+    board.stop();
+}
+
+#[test]
+fn of_two_boards_one_has_to_be_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let other = *b"another one.";
+    let (mut port, name) = pty();
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = Arc::clone(&stop);
+    // Two boards behind one port: both answer to a question, and one to an order that names it.
+    let thread = thread::spawn(move || {
+        let (mut decoder, mut orders) = (Decoder::new(Framing::Cobs), Vec::new());
+        let mut buffer = [0; 256];
+        while !stopped.load(Ordering::Relaxed) {
+            let Ok(count) = port.read(&mut buffer) else {
+                thread::sleep(Duration::from_millis(1));
+                continue;
+            };
+            let mut replies = Vec::new();
+            decoder.feed(&buffer[..count], |event| {
+                let Event::Command { number, to, command } = event else { return };
+                for serial in [SERIAL, other] {
+                    let is_ours = to.is_none_or(|to| to == BoardId::of_serial(&serial));
+                    if !is_ours {
+                        continue;
+                    }
+                    let answer = match answer(&command, &mut Vec::new(), &mut 0, true) {
+                        Answer::Identity(identity) => {
+                            Answer::Identity(Identity { serial, ..identity })
+                        }
+                        answer => answer,
+                    };
+                    if !command.is_for_all() {
+                        orders.push((serial, command));
+                    }
+                    replies.push(Packet::Answer { number, answer });
+                }
+            });
+            for reply in replies {
+                let _ = port.write_all(&reply.encode());
+            }
+        }
+        orders
+    });
+    let error = refused(dir.path(), &format!("board {name} rate 250"));
+    assert!(error.contains("2 boards answer") && error.contains("--board SERIAL"), "{error}");
+    let serial: String = other.iter().map(|byte| format!("{byte:02x}")).collect();
+    assert!(error.contains(&serial), "{error}");
+    succeed(dir.path(), &format!("board {name} --board {serial} rate 250"));
+    stop.store(true, Ordering::Relaxed);
+    let mut orders = thread.join().unwrap();
+    // On a busy machine an answer may come late, and the command be repeated.
+    orders.dedup();
+    assert_eq!(orders, [(other, Command::SetPeriod { period_us: 4000 })]);
+}
+
+#[test]
+fn a_deaf_board_and_a_calibration_not_for_it_are_errors() {
+    let dir = tempfile::tempdir().unwrap();
+    calibration(dir.path());
+    succeed(dir.path(), "fit training.csv --model quadratic --output quadratic.json");
+    let (port, name) = pty();
+    let board = FakeBoard::start(port, true, true);
+    let error = refused(dir.path(), &format!("board {name} identify"));
+    assert!(error.contains("no answer to `identify`") && error.contains("not a byte"), "{error}");
+    let error = refused(dir.path(), &format!("board {name} upload quadratic.json"));
+    assert!(error.contains("`quadratic`") && error.contains("--model cubic"), "{error}");
+    board.stop();
+}

@@ -1,0 +1,5 @@
+//! What several groups of tests share.
+
+pub(crate) mod alignment;
+pub(crate) mod rational;
+pub(crate) mod recording;

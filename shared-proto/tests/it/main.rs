@@ -1,0 +1,9 @@
+//! The tests of the protocol, one module for each subject.
+
+#![allow(unreachable_pub, reason = "modules of a test have no outside")]
+
+mod common;
+mod damage;
+mod detect;
+mod golden;
+mod stream;

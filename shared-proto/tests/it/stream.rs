@@ -1,0 +1,180 @@
+//! What a decoder makes of a stream does not depend on how the stream is cut, and damage costs
+//! what it hits.
+
+use proptest::prelude::*;
+use shared_proto::{Decoder, Event, Framing, MAX_FRAME, Packet};
+
+use crate::common::{any_packet, any_sample, decode, on_the_wire};
+
+/// The packet that an event came from.
+fn packet(event: &Event) -> Packet {
+    match *event {
+        Event::Sample { sample, .. } => Packet::Sample(sample),
+        Event::Command { number, to, command } => Packet::Command { number, to, command },
+        Event::Answer { number, answer } => Packet::Answer { number, answer },
+        Event::Boot(boot) => Packet::Boot(boot),
+        ref other => panic!("not a packet of this version: {other:?}"),
+    }
+}
+
+fn packets(decoder: &mut Decoder, bytes: &[u8]) -> Vec<Packet> {
+    decode(decoder, bytes).iter().map(packet).collect()
+}
+
+/// Packets in bytes: a NaN in a wrench differs from itself.
+fn encoded(packets: &[Packet]) -> Vec<Vec<u8>> {
+    packets.iter().map(|packet| packet.encode().to_vec()).collect()
+}
+
+proptest! {
+    #[test]
+    fn every_packet_comes_back_however_the_stream_is_cut(
+        sent in prop::collection::vec(any_packet(), 0..30),
+        framing in prop::sample::select(&Framing::ALL[..]),
+        pieces in prop::collection::vec(1..90_usize, 1..20),
+    ) {
+        let stream: Vec<u8> = sent.iter().flat_map(|p| on_the_wire(p, framing)).collect();
+        let mut decoder = Decoder::new(framing);
+        let (mut rest, mut received) = (&stream[..], Vec::new());
+        for piece in pieces.iter().cycle() {
+            let (bytes, after) = rest.split_at(rest.len().min(*piece));
+            received.extend(packets(&mut decoder, bytes));
+            rest = after;
+            if rest.is_empty() {
+                break;
+            }
+        }
+        prop_assert_eq!(encoded(&received), encoded(&sent));
+        let counters = decoder.counters();
+        prop_assert_eq!(counters.packets, sent.len() as u64);
+        prop_assert_eq!((counters.bad_crc, counters.malformed, counters.bad_api_frames), (0, 0, 0));
+    }
+
+    #[test]
+    fn a_damaged_byte_costs_one_packet_and_only_that(
+        sent in prop::collection::vec(any_packet(), 3),
+        at in any::<prop::sample::Index>(),
+        by in 1..=255_u8,
+        piece in 1..200_usize,
+    ) {
+        let wires: Vec<_> = sent.iter().map(|p| on_the_wire(p, Framing::Cobs)).collect();
+        let mut damaged = wires.clone();
+        let at = at.index(damaged[1].len());
+        damaged[1][at] ^= by;
+        let mut decoder = Decoder::new(Framing::Cobs);
+        let received: Vec<_> =
+            damaged.concat().chunks(piece).flat_map(|bytes| packets(&mut decoder, bytes)).collect();
+        prop_assert_eq!(encoded(&received), encoded(&[sent[0], sent[2]]));
+        let counters = decoder.counters();
+        // A byte that becomes a delimiter cuts the packet in two, unless it stands next to one.
+        let pieces = damaged[1].split(|&byte| byte == 0).filter(|piece| !piece.is_empty());
+        prop_assert_eq!(counters.bad_crc + counters.malformed, pieces.count() as u64);
+    }
+
+    #[test]
+    fn lost_bytes_cost_the_packets_they_are_of(
+        sent in prop::collection::vec(any_packet(), 3),
+        from in any::<prop::sample::Index>(),
+        count in 1..40_usize,
+        framing in prop::sample::select(&Framing::ALL[..]),
+    ) {
+        let wires: Vec<_> = sent.iter().map(|p| on_the_wire(p, framing)).collect();
+        let from = from.index(wires[1].len());
+        let to = (from + count).min(wires[1].len());
+        let mut cut = wires.clone();
+        cut[1].drain(from..to);
+        let mut decoder = Decoder::new(framing);
+        // In plain API mode a frame cut short waits for bytes that may never come; more pushes it
+        // out.
+        let mut stream = cut.concat();
+        stream.extend([0; 140]);
+        let received = packets(&mut decoder, &stream);
+        prop_assert_eq!(encoded(&received), encoded(&[sent[0], sent[2]]));
+    }
+
+    #[test]
+    fn a_transparent_module_may_cut_the_stream_into_radio_packets_anywhere(
+        sent in prop::collection::vec(any_sample(), 1..20),
+        cuts in prop::collection::vec(1..=100_usize, 1..20),
+    ) {
+        use shared_proto::xbee::{Address, ApiFrame, Mode};
+        let sent: Vec<_> = sent.into_iter().map(Packet::Sample).collect();
+        let stream: Vec<u8> = sent.iter().flat_map(|p| p.encode().to_vec()).collect();
+        let mut decoder = Decoder::new(Framing::Xbee(Mode::Escaped));
+        let (mut rest, mut received) = (&stream[..], Vec::new());
+        for cut in cuts.iter().cycle() {
+            let (payload, after) = rest.split_at(rest.len().min(*cut));
+            let from = Address::Long(0x0013_A200_400A_0127);
+            let frame = ApiFrame::Receive { from, rssi: None, payload };
+            received.extend(packets(&mut decoder, &frame.encode(Mode::Escaped).unwrap()));
+            rest = after;
+            if rest.is_empty() {
+                break;
+            }
+        }
+        prop_assert_eq!(encoded(&received), encoded(&sent));
+    }
+
+    #[test]
+    fn listening_in_at_any_point_loses_only_the_packet_under_way(
+        sent in prop::collection::vec(any_packet(), 2),
+        from in any::<prop::sample::Index>(),
+    ) {
+        let wires: Vec<_> = sent.iter().map(|p| on_the_wire(p, Framing::Cobs)).collect();
+        let from = 1 + from.index(wires[0].len() - 1);
+        let mut decoder = Decoder::new(Framing::Cobs);
+        let received = packets(&mut decoder, &wires.concat()[from..]);
+        prop_assert_eq!(encoded(&received), encoded(&sent[1..]));
+        prop_assert_eq!((decoder.counters().bad_crc, decoder.counters().malformed), (0, 0));
+    }
+}
+
+#[test]
+fn a_packet_right_after_endless_noise_without_a_delimiter_is_found() {
+    let packet = Packet::Command { number: 1, to: None, command: shared_proto::Command::Start };
+    let mut decoder = Decoder::new(Framing::Cobs);
+    assert!(decode(&mut decoder, &[0]).is_empty());
+    for _ in 0..1000 {
+        assert!(decode(&mut decoder, &[0xFF; MAX_FRAME + 7]).is_empty());
+    }
+    assert_eq!(packets(&mut decoder, &packet.encode()), [packet]);
+    assert_eq!(decoder.counters().malformed, 1);
+}
+
+#[test]
+fn a_restart_shows_in_a_clock_that_goes_back_while_the_numbers_go_on() {
+    use shared_proto::{Sample, Values};
+    let sample = |sequence, clock_us| {
+        let values = Values::Readings([0; 8]);
+        Packet::Sample(Sample { sequence, clock_us, values, saturated: 0, dropped: 0 }).encode()
+    };
+    let mut decoder = Decoder::new(Framing::Cobs);
+    // Late samples and a clock that wraps are no restarts; the numbers wrap as well.
+    let run =
+        [(65_533, u32::MAX - 20_000), (65_535, u32::MAX), (65_534, u32::MAX - 10_000), (0, 9)];
+    for (sequence, clock_us) in run {
+        decode(&mut decoder, &sample(sequence, clock_us));
+    }
+    assert_eq!((decoder.counters().restarts, decoder.counters().missing), (0, 0));
+    decode(&mut decoder, &sample(1, 20_000_000));
+    decode(&mut decoder, &sample(20_000, 500));
+    decode(&mut decoder, &sample(20_001, 10_500));
+    let counters = decoder.counters();
+    assert_eq!((counters.restarts, counters.missing, counters.gaps), (1, 0, 1));
+}
+
+#[test]
+fn a_boot_announces_that_the_numbering_begins_anew() {
+    use shared_proto::{Board, Boot, ResetCause, Sample, Values};
+    let sample = |sequence| {
+        let values = Values::Readings([0; 8]);
+        Packet::Sample(Sample { sequence, clock_us: 0, values, saturated: 0, dropped: 0 }).encode()
+    };
+    let boot = Boot { board: Board::SkinProc, firmware: [0, 1, 0], cause: ResetCause::Watchdog };
+    let mut decoder = Decoder::new(Framing::Cobs);
+    for bytes in [sample(40_000), Packet::Boot(boot).encode(), sample(0), sample(1)] {
+        decode(&mut decoder, &bytes);
+    }
+    let counters = decoder.counters();
+    assert_eq!((counters.missing, counters.gaps, counters.restarts), (0, 0, 1));
+}

@@ -1,0 +1,168 @@
+//! Between the serial port of the emulated board and a pty for `shellcal`.
+//!
+//! The emulator counts time in instructions and waits for nobody: it gives minutes of samples in
+//! seconds. So what the board sends is taken at once and kept until `shellcal` has read it, and
+//! while too much is kept the emulator is stopped, which the board cannot notice. Nothing is lost
+//! here, however long the host stalls.
+
+use std::collections::VecDeque;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Condvar, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use serialport::{SerialPort, TTYPort};
+use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
+use system_tests::emulation::{COUNTED_TIME, Memory};
+
+/// Bytes that are kept before the emulator is stopped, and until it goes on.
+const HIGH_WATER: usize = 1 << 14;
+const LOW_WATER: usize = 1 << 12;
+
+/// A payload of a radio packet.
+const RADIO_PACKET: usize = 100;
+
+/// What is at the host's end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BaseStation {
+    /// A wire, or an XBee in transparent mode.
+    Transparent,
+    /// An XBee in API mode; the board's own is transparent.
+    Api(Mode),
+}
+
+/// A board in the emulator, and a pty that leads to it.
+pub struct EmulatedBoard {
+    emulator: Child,
+    /// The host's end of the pty.
+    pub port: String,
+}
+
+struct Shared {
+    emulator: Pid,
+    outgoing: Mutex<VecDeque<u8>>,
+    arrived: Condvar,
+}
+
+impl EmulatedBoard {
+    /// Starts an image in QEMU; `dir` is for what lies in its memory.
+    pub fn start(image: &Path, memory: &Memory, base: BaseStation, dir: &Path) -> Self {
+        Self::start_with(base, |address| {
+            let mut qemu = memory.start(image, dir).unwrap();
+            qemu.args(COUNTED_TIME).args(["-serial", &format!("tcp:{address},nodelay=on")]);
+            qemu
+        })
+    }
+
+    /// Starts an emulator by the command that connects its serial line to an address.
+    pub fn start_with(base: BaseStation, command: impl FnOnce(SocketAddr) -> Command) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let mut command = command(listener.local_addr().unwrap());
+        let emulator = command.stdin(Stdio::null()).spawn().expect("the emulator is installed");
+        let (serial, _) = listener.accept().unwrap();
+        let (mut pty, host) = TTYPort::pair().unwrap();
+        pty.set_timeout(Duration::from_millis(20)).unwrap();
+        let port = host.name().unwrap();
+        let shared = Arc::new(Shared {
+            emulator: Pid::from_raw(emulator.id().cast_signed()),
+            outgoing: Mutex::default(),
+            arrived: Condvar::new(),
+        });
+        let (from_board, from_host) =
+            (serial.try_clone().unwrap(), pty.try_clone_native().unwrap());
+        let here = Arc::clone(&shared);
+        thread::spawn(move || here.take_from_board(from_board, base));
+        thread::spawn(move || shared.give_to_host(pty));
+        thread::spawn(move || give_to_board(from_host, serial, base));
+        Self { emulator, port }
+    }
+}
+
+impl Drop for EmulatedBoard {
+    fn drop(&mut self) {
+        _ = self.emulator.kill();
+        _ = self.emulator.wait();
+    }
+}
+
+impl Shared {
+    fn take_from_board(&self, mut serial: TcpStream, base: BaseStation) {
+        let mut bytes = [0; 4096];
+        while let Ok(count @ 1..) = serial.read(&mut bytes) {
+            let bytes = &bytes[..count];
+            let mut outgoing = self.outgoing.lock().unwrap();
+            match base {
+                BaseStation::Transparent => outgoing.extend(bytes),
+                BaseStation::Api(mode) => bytes.chunks(RADIO_PACKET).for_each(|payload| {
+                    let from = Address::Short(0x2052);
+                    let frame = ApiFrame::Receive { from, rssi: Some(40), payload };
+                    outgoing.extend(frame.encode(mode).unwrap().iter());
+                }),
+            }
+            if outgoing.len() > HIGH_WATER {
+                _ = kill(self.emulator, Signal::SIGSTOP);
+            }
+            drop(outgoing);
+            self.arrived.notify_one();
+        }
+    }
+
+    /// What nobody reads yet is tried again: the pty does not take it as long as its other end is
+    /// not open.
+    fn give_to_host(&self, mut pty: TTYPort) {
+        loop {
+            let mut outgoing = self.outgoing.lock().unwrap();
+            while outgoing.is_empty() {
+                outgoing = self.arrived.wait(outgoing).unwrap();
+            }
+            let count = outgoing.len().min(512);
+            let bytes: Vec<u8> = outgoing.iter().take(count).copied().collect();
+            drop(outgoing);
+            match pty.write(&bytes) {
+                Ok(written) => {
+                    let mut outgoing = self.outgoing.lock().unwrap();
+                    outgoing.drain(..written);
+                    if outgoing.len() < LOW_WATER {
+                        _ = kill(self.emulator, Signal::SIGCONT);
+                    }
+                }
+                Err(_) => thread::sleep(Duration::from_millis(2)),
+            }
+        }
+    }
+}
+
+fn give_to_board(mut pty: TTYPort, mut serial: TcpStream, base: BaseStation) {
+    let mut deframer = match base {
+        BaseStation::Transparent => None,
+        BaseStation::Api(mode) => Some(Deframer::new(mode)),
+    };
+    let mut bytes = [0; 256];
+    loop {
+        let Ok(count) = pty.read(&mut bytes) else {
+            thread::sleep(Duration::from_millis(2));
+            continue;
+        };
+        let bytes = &bytes[..count];
+        let sent = match &mut deframer {
+            None => serial.write_all(bytes),
+            Some(deframer) => {
+                let mut payloads = Vec::new();
+                deframer.feed(bytes, |frame| {
+                    if let ApiFrame::Transmit { payload, .. } = frame {
+                        payloads.extend_from_slice(payload);
+                    }
+                });
+                serial.write_all(&payloads)
+            }
+        };
+        if sent.is_err() {
+            return; // the emulator has ended
+        }
+    }
+}

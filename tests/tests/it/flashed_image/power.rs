@@ -1,0 +1,88 @@
+//! Power that goes, a converter that dies, code that cannot be executed.
+
+use shared_proto::{Answer, Command, ResetCause};
+use system_tests::flashed::Model;
+
+use super::host::{Host, calibration, crc_of};
+
+/// One page erased, and a slot of 680 bytes in double words.
+const OPERATIONS: u64 = 1 + 680 / 8;
+
+/// What an operation has done that the power was cut during.
+const OUTCOMES: [&str; 4] = ["nothing", "some bits", "unreadable", "complete"];
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
+    let model = &Model::find();
+    let [old, new, third] = [1, 2, 3].map(calibration);
+    let mut host = Host::new(model);
+    assert_eq!(host.upload(&old), Some(Answer::Done));
+    assert_eq!(host.last.operations, OPERATIONS);
+    host.begin_upload(&new);
+    for operation in 0..OPERATIONS {
+        for outcome in OUTCOMES {
+            let complete = operation == OPERATIONS - 1 && outcome == "complete";
+            let expected = crc_of(if complete { &new } else { &old });
+            host.branch(|host| {
+                let boots = host.boots.len();
+                host.board.cut_power(operation, outcome);
+                assert_eq!(host.ask(Command::CommitCalibration), None, "{operation} {outcome}");
+                host.board.restore_power();
+                host.run(0.03);
+                assert_eq!(host.boots.len(), boots + 1, "{operation} {outcome}: bricked");
+                let found = host.status().calibration_crc32;
+                assert_eq!(found, expected, "{operation} {outcome}");
+                // What was left half done is no hindrance to the next upload.
+                if [0, 1, 40, OPERATIONS - 1].contains(&operation) {
+                    assert_eq!(host.upload(&third), Some(Answer::Done), "{operation} {outcome}");
+                    assert_eq!(host.status().calibration_crc32, crc_of(&third));
+                }
+                // No reset but those by power.
+                let by_power = host.resets.iter().all(|cause| cause == "power");
+                assert!(by_power, "{operation} {outcome}: {:?}", host.resets);
+            });
+        }
+    }
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn a_dead_converter_is_reset_by_the_watchdog() {
+    let model = &Model::find();
+    let mut host = Host::new(model);
+    host.order(Command::Start);
+    host.run(0.1);
+    host.board.kill_converter();
+    host.run(1.3);
+    assert_eq!(host.resets, ["power", "watchdog"]);
+    let status = host.status();
+    assert_eq!((status.reset_cause, status.streaming), (ResetCause::Watchdog, false));
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn a_fault_of_the_core_is_reported_with_its_place() {
+    let model = &Model::find();
+    let mut host = Host::new(model);
+    assert_eq!(host.last_words(), "");
+    // There is nothing at this address.
+    host.board.jump(0x3000_0000);
+    host.run(0.1);
+    assert_eq!(host.resets, ["power", "software"]);
+    assert_eq!(host.status().reset_cause, ResetCause::Fault);
+    let words = host.last_words();
+    // Whatever the link register held when the core went astray.
+    assert!(words.starts_with("fault at 0x30000000, called from 0x"), "{words}");
+    // IBUSERR (Arm DDI0403, B3.2.15).
+    assert!(words.ends_with("CFSR 0x00000100"), "{words}");
+}

@@ -1,0 +1,71 @@
+//! The real `shellcal` at the other end of the flashed board's line.
+
+use shared_proto::xbee::Mode;
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::link::for_board;
+use std::path::Path;
+use system_tests::flashed::Model;
+use system_tests::program::{
+    Recording, finish, interrupt, run, run_patiently, start, wait_for_rows,
+};
+
+use super::host::{crc_of, played};
+use super::wires::{code, expected};
+use crate::bridge::{BaseStation, EmulatedBoard};
+
+const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
+
+/// Starts a board behind a base station; it plays a script of 53 frames.
+fn start_board(model: &Model, base: BaseStation, dir: &Path) -> EmulatedBoard {
+    let script = played(53, code);
+    EmulatedBoard::start_with(base, |address| {
+        let mut command = model.command(&script, dir);
+        command.args(["--connect", &address.to_string()]);
+        command
+    })
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn shellcal_sets_the_board_up_and_records_it_whole() {
+    let model = &Model::find();
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let board = start_board(model, BaseStation::Api(Mode::Escaped), dir);
+    let identify = format!("board {} --framing xbee-ap2 identify", board.port);
+    assert!(run_patiently(dir, &identify, 0).contains("skinproc"));
+
+    let board = start_board(model, BaseStation::Transparent, dir);
+    let command =
+        |what: &str, code| run_patiently(dir, &format!("board {} {what}", board.port), code);
+    assert!(command("identify", 0).contains("skinproc"));
+    command("sampling --settling 100", 0);
+    command("rate 150", 0);
+    // 5,820 bytes per second do not carry 30 of each of 400 samples.
+    command("sampling --conversions 4 --settling 30", 0);
+    assert!(command("rate 400", 2).contains("Hz would do"));
+
+    let log = dir.join("log.csv");
+    let arguments = format!("record {} --start -o log.csv", board.port);
+    let child = start(dir, &arguments);
+    wait_for_rows(&log, 300);
+    interrupt(&child);
+    finish(child, &arguments, 0);
+    let log = Recording::read(&log);
+    // Readings are in steps of the converter, of which the board sends sixteenths.
+    let frames: Vec<_> =
+        (0..log.rows()).map(|i| expected(i % 53).map(|counts| f64::from(counts) / 16.0)).collect();
+    assert_eq!(log.table(READINGS), frames);
+    let index = log.numbers("index");
+    assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0));
+
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
+    run(dir, &format!("fit {} --output cal.json", data.join("synthetic-train.csv").display()), 0);
+    command("upload cal.json", 0);
+    let calibration = CalibrationFile::read(&dir.join("cal.json")).unwrap().calibration;
+    let crc = crc_of(&for_board(&calibration).unwrap());
+    assert!(command("--json status", 0).contains(&format!("{crc:#010x}")));
+}

@@ -1,0 +1,205 @@
+//! The serial line: what comes over it, and what is done to it.
+
+use shared_proto::{Answer, Board, Command, Refusal, ResetCause, Stream, Values};
+use system_tests::flashed::{Model, SERIAL};
+
+use super::host::{Host, Random, played};
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn the_image_says_what_it_is_and_answers_under_its_serial_number() {
+    let model = &Model::find();
+    let mut host = Host::new(model);
+    assert_eq!(host.boots.len(), 1);
+    assert_eq!((host.boots[0].board, host.boots[0].cause), (Board::SkinProc, ResetCause::Power));
+    let Some(Answer::Identity(identity)) = host.ask(Command::Identify) else { panic!() };
+    assert_eq!((identity.board, identity.serial), (Board::SkinProc, SERIAL));
+    let status = host.status();
+    assert!(!status.streaming && !status.calibrated);
+}
+
+/// The readings of a script, as the firmware is to measure them.
+pub fn code(frame: usize, channel: usize) -> (u16, u16) {
+    let dark = (frame * 7 + channel * 31) % 300;
+    (dark as u16, (dark + 500 + (frame * 13 + channel * 401) % 3_000) as u16)
+}
+
+pub fn expected(frame: usize) -> [u16; 8] {
+    std::array::from_fn(|channel| {
+        let (dark, lit) = code(frame, channel);
+        16 * (lit - dark)
+    })
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn a_stream_is_what_the_converter_gave() {
+    let model = &Model::find();
+    let mut host = Host::start(model, &played(53, code));
+    host.order(Command::Start);
+    host.run(1.0);
+    host.order(Command::Stop);
+    assert!(host.samples.len() >= 100);
+    let first_us = host.samples[0].clock_us;
+    for (i, sample) in host.samples.iter().enumerate() {
+        assert_eq!(usize::from(sample.sequence), i);
+        // The first conversion after a pause is wrong in the model, as it may be on the chip.
+        assert_eq!(sample.values, Values::Readings(expected(i % 53)), "frame {i}");
+        assert_eq!((sample.saturated, sample.dropped), (0, 0));
+        // The firmware counts a frame that starts more than 0.1 ms after its slot as late.
+        let due_us = first_us + 10_000 * i as u32;
+        assert!(sample.clock_us.abs_diff(due_us) <= 100, "frame {i}");
+    }
+    let status = host.status();
+    assert_eq!((status.late, status.overflowed, status.damaged), (0, 0, 0));
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn a_line_that_is_held_up_costs_the_oldest_samples() {
+    let model = &Model::find();
+    let mut host = Host::new(model);
+    host.order(Command::Start);
+    host.board.set_cts("high");
+    host.run(2.0);
+    let before = host.samples.len();
+    host.run(0.1);
+    assert_eq!(host.samples.len(), before, "the board sends though it is held up");
+    host.board.set_cts("low");
+    let released_us = (host.last.time_s * 1e6) as u32;
+    host.run(0.5);
+    host.order(Command::Stop);
+    let sequence: Vec<u16> = host.samples.iter().map(|sample| sample.sequence).collect();
+    assert_eq!(sequence, (0..host.samples.len() as u16).collect::<Vec<_>>());
+    // What the driver had already been given is old: 256 bytes, nine frames, and one on its way.
+    // All others are from the 160 ms that the outbox holds, or newer.
+    let stale = host.samples[before..].iter();
+    let stale = stale.filter(|sample| sample.clock_us + 180_000 < released_us).count();
+    assert!(stale <= 10, "{stale} samples of before");
+    let status = host.status();
+    assert_eq!(status.frames, host.samples.len() as u32 + status.overflowed);
+    assert!((150..250).contains(&status.overflowed), "{}", status.overflowed);
+    assert_eq!(host.samples.last().unwrap().dropped, status.overflowed as u8);
+    assert_eq!(host.resets, ["power"], "the watchdog is fed");
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn three_wires_are_enough() {
+    let model = &Model::find();
+    let mut host = Host::new(model);
+    assert_eq!(host.last.pulls, ["up", "down"]);
+    host.board.set_cts("open");
+    host.order(Command::Start);
+    host.run(0.5);
+    assert!(host.samples.len() >= 50);
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn the_books_balance_over_two_thousand_frames_behind_a_bad_line() {
+    let model = &Model::find();
+    let mut host = Host::new(model);
+    host.order(Command::SetSettling { settling_us: 100 });
+    host.order(Command::SetOversampling { conversions: 4 });
+    host.order(Command::Start);
+    let mut random = Random(18);
+    while host.last.time_s < 21.0 {
+        // One byte in some hundred is changed on its way; now and then the line is held up.
+        let held_up = random.next().is_multiple_of(40);
+        if held_up {
+            host.board.set_cts("high");
+            host.run(0.3);
+            host.board.set_cts("low");
+        }
+        host.run_behind(0.1, |bytes| {
+            for byte in bytes {
+                if random.next().is_multiple_of(300) {
+                    *byte ^= 1 << (random.next() % 8);
+                }
+            }
+        });
+    }
+    host.order(Command::Stop);
+    host.run(0.2);
+    let status = host.status();
+    assert!(status.frames >= 2_000, "{}", status.frames);
+    let counters = host.decoder.counters();
+    assert!(counters.bad_crc > 50 && status.overflowed > 0);
+    // Every frame has arrived, or is missing by its number, or was dropped by the board's count.
+    let arrived = host.samples.len() as u64;
+    let last = u64::from(host.samples.last().unwrap().sequence);
+    assert_eq!(arrived + counters.missing, last + 1);
+    // The last samples may have been damaged with nothing after them that would show it.
+    let sent = u64::from(status.frames - status.overflowed);
+    assert!(sent - (last + 1) <= 3, "{sent} sent, {last} the last number");
+    assert_eq!(status.late, 0);
+    assert_eq!(host.resets, ["power"]);
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn five_hundred_random_strings_do_no_harm() {
+    let model = &Model::find();
+    let mut host = Host::new(model);
+    let mut random = Random(81);
+    for _ in 0..500 {
+        let len = random.next() % 60;
+        // One byte in eight is a delimiter, so that many strings end within themselves.
+        let bytes = (0..len).map(|_| match random.next() {
+            bits if bits.is_multiple_of(8) => 0,
+            bits => (bits >> 8) as u8,
+        });
+        let bytes: Vec<u8> = bytes.collect();
+        host.board.send(&bytes);
+        host.run(0.012);
+    }
+    host.board.send(&[0]);
+    let status = host.status();
+    assert_eq!(host.resets, ["power"]);
+    assert!(status.damaged > 500, "{}", status.damaged);
+    assert_eq!((status.period_us, status.conversions, status.settling_us), (10_000, 16, 200));
+    assert!(!status.streaming);
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn rates_that_the_line_does_not_carry_are_refused() {
+    let model = &Model::find();
+    let mut host = Host::new(model);
+    host.order(Command::SetSettling { settling_us: 30 });
+    host.order(Command::SetOversampling { conversions: 4 });
+    let answer = host.ask(Command::SetPeriod { period_us: 1_000 });
+    let Some(Answer::Refused(Refusal::LineTooSlow { shortest_us })) = answer else {
+        panic!("{answer:?}")
+    };
+    // What is said to fit does.
+    host.order(Command::SetPeriod { period_us: shortest_us });
+    assert_eq!(host.status().stream, Stream::Raw);
+    host.order(Command::Start);
+    host.run(1.0);
+    let status = host.status();
+    assert_eq!((status.overflowed, status.late), (0, 0));
+    assert!(status.frames > 175, "{}", status.frames);
+}

@@ -1,0 +1,23 @@
+//! The tests across the crates, one module for each subject.
+//!
+//! What a test needs and this machine lacks is the reason that it is reported as ignored for; see
+//! `build.rs`.
+
+#![allow(
+    clippy::unwrap_used,
+    unreachable_pub,
+    reason = "a test may panic and say why; modules of a test have no outside"
+)]
+
+#[cfg(unix)]
+mod bridge;
+#[cfg(unix)]
+mod emulated_board;
+#[cfg(unix)]
+mod flashed_image;
+mod lossy_radio;
+mod original_board;
+mod published_results;
+mod report;
+#[cfg(unix)]
+mod simulated_board;

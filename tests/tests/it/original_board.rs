@@ -1,0 +1,35 @@
+//! Payloads that a base station logged from an original board, with the readings it printed.
+
+use shared_proto::skinproc::{Decoder, Scan, decode_scan};
+use system_tests::real_recording;
+
+/// The numbers in brackets at the end of a line.
+fn numbers<T: std::str::FromStr>(line: &str) -> Option<Vec<T>> {
+    let (_, list) = line.strip_suffix(']')?.split_once('[')?;
+    let words = list.split([',', ' ']).filter(|word| !word.is_empty());
+    words.map(|word| word.parse().ok()).collect()
+}
+
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn logged_payloads_give_the_readings_that_the_base_station_printed() {
+    let path = real_recording("skinproc/stream_log_excerpt.txt");
+    let log = std::fs::read_to_string(path).unwrap();
+    let (mut scans, mut stream) = (Vec::new(), Vec::new());
+    for line in log.lines().map(str::trim_end) {
+        if line.starts_with("SRC:") {
+            let Some(payload) = numbers::<u8>(line) else { continue };
+            scans.extend(decode_scan(&payload));
+            stream.extend(payload);
+        } else if line.starts_with('[') {
+            let printed: Vec<u16> = numbers(line).unwrap();
+            assert_eq!(scans.last().unwrap().readings[..], printed);
+        }
+    }
+    assert_eq!(scans.len(), 150);
+    // The same payloads as one stream of bytes, other answers included.
+    let (mut decoder, mut streamed) = (Decoder::new(), Vec::<Scan>::new());
+    stream.chunks(7).for_each(|bytes| decoder.feed(bytes, |scan| streamed.push(scan)));
+    decoder.finish(|scan| streamed.push(scan));
+    assert_eq!(streamed, scans);
+}

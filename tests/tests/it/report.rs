@@ -1,0 +1,137 @@
+//! A report of trials in a headless browser: it loads without a complaint or a request, draws its
+//! plots, and can be used by mouse and by keyboard, on a phone, and on paper.
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use system_tests::browser::Browser;
+use system_tests::chromium;
+use system_tests::program::run;
+
+/// A name that would be harmful if it were taken for markup, or for a tag of the plotting library.
+const NASTY: &str = "<img src=x onerror=alert(1)></script><b>";
+
+/// Ten trials in all five conditions, and their report.
+fn report(dir: &Path) -> PathBuf {
+    run(dir, "synth trials trials --per-condition 2", 0);
+    run(dir, "synth train --rows 5000 --output train.csv", 0);
+    run(dir, "fit train.csv --output calibration.json", 0);
+    // One more trial, with a name, a condition and a note that are to be shown as they are, and one
+    // whose log is not there.
+    let log = format!("{}.txt", NASTY.replace('/', "_"));
+    fs::copy(dir.join("trials/free-1.txt"), dir.join("trials").join(&log)).unwrap();
+    let manifest = fs::read_to_string(dir.join("trials/manifest.csv")).unwrap();
+    let (header, rows) = manifest.split_once('\n').unwrap();
+    let rows: String = rows.lines().map(|row| format!("{row},\n")).collect();
+    let more = format!("\"{log}\",\"{NASTY}\",2.3,7.9,\"{NASTY}\"\nmissing{NASTY},free,1,2,\n");
+    fs::write(dir.join("trials/manifest.csv"), format!("{header},notes\n{rows}{more}")).unwrap();
+    run(dir, "report trials/manifest.csv --calibration calibration.json --output report.html", 1);
+    dir.join("report.html")
+}
+
+/// Opens a report and waits for its plots.
+fn open(chromium: &str, report: &Path, size: [u32; 2], mobile: bool) -> Browser {
+    let mut browser = Browser::start(chromium, size, mobile);
+    browser.open(report);
+    browser.wait_for("document.documentElement.dataset.plots === 'drawn'");
+    browser
+}
+
+fn keep(base64: &str, name: &str) {
+    // For a look: `SHELLCAL_SCREENSHOTS` names a directory to keep them in.
+    if let Some(folder) = std::env::var_os("SHELLCAL_SCREENSHOTS") {
+        fs::write(Path::new(&folder).join(name), base64).unwrap();
+    }
+}
+
+#[test]
+#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+fn a_report_works_in_a_browser() {
+    let chromium = chromium::find().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let report = report(dir.path());
+    let mut browser = open(&chromium, &report, [1200, 900], false);
+
+    // Six box plots, two of phase, two of the trial that is open.
+    assert_eq!(
+        browser.evaluate("document.querySelectorAll('.js-plotly-plot .main-svg').length > 0"),
+        true
+    );
+    let drawn = browser.evaluate("[...document.querySelectorAll('.js-plotly-plot')].filter((p) => p.querySelector('.trace, .boxes, .scatterlayer .lines')).length");
+    assert_eq!(drawn, 10);
+    // Each has a description for who does not see it, and none is empty.
+    let described = "[...document.querySelectorAll('.plot')].every((p) => p.getAttribute('role') === 'img' && p.getAttribute('aria-label').length > 20)";
+    assert_eq!(browser.evaluate(described), true);
+
+    // Names are text.
+    let shown = browser.evaluate("[...document.querySelectorAll('td')].filter((c) => c.textContent.includes('onerror')).length > 0");
+    assert_eq!(shown, true);
+    assert_eq!(browser.evaluate("document.querySelectorAll('main img, main b').length"), 0);
+
+    // A click hides a trace, another shows it.
+    let button = "document.querySelector('#forces-0').parentNode.querySelector('.keys button')";
+    let visible = "document.querySelector('#forces-0').data[0].visible !== false && document.querySelectorAll('#forces-0 .scatterlayer .trace').length === 4";
+    let pressed = format!("{button}.getAttribute('aria-pressed')");
+    assert_eq!(browser.evaluate(visible), true);
+    browser.click(button);
+    browser.wait_for("document.querySelectorAll('#forces-0 .scatterlayer .trace').length === 3");
+    assert_eq!(browser.evaluate(&pressed), "false");
+    browser.click(button);
+    browser.wait_for(visible);
+
+    // So does the space bar; the button shows that it has the focus.
+    browser.evaluate(&format!("{button}.focus()"));
+    browser.press(" ");
+    browser.wait_for(&format!("{pressed} === 'false'"));
+    browser.press("Tab");
+    let next = browser.evaluate("document.activeElement.tagName === 'BUTTON' && getComputedStyle(document.activeElement).outlineStyle");
+    assert_eq!(next, "solid");
+
+    // Zoom by button, and all of it again.
+    let range = "document.querySelector('#forces-0')._fullLayout.xaxis.range";
+    let before = browser.evaluate(range);
+    let by_label = |label: &str| {
+        format!(
+            "[...document.querySelector('#forces-0').parentNode.querySelectorAll('.keys button')].find((b) => b.textContent === '{label}')"
+        )
+    };
+    browser.click(&by_label("+"));
+    let width = |range: &Value| range[1].as_f64().unwrap() - range[0].as_f64().unwrap();
+    let zoomed = browser.evaluate(range);
+    assert!((width(&zoomed) / width(&before) - 0.5).abs() < 1e-6, "{before} {zoomed}");
+    browser.click(&by_label("reset"));
+    browser.wait_for(&format!("Math.abs({range}[0] - {}) < 1e-6", before[0]));
+
+    // A trial is drawn when it is opened.
+    browser.click("document.querySelectorAll('details[data-trial] > summary')[3]");
+    browser.wait_for("!!document.querySelector('#forces-3.js-plotly-plot') && !!document.querySelector('#stack-3.js-plotly-plot')");
+
+    // Text stands out from white as WCAG 2.2 AA asks for: 4.5 to 1.
+    let contrast = "(() => { const luminance = (c) => c.match(/[\\d.]+/g).slice(0, 3).map((v) => v / 255)\
+        .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))\
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);\
+        return Math.min(...[...document.querySelectorAll('main p, main li, main a, main td, main th, figcaption, caption, summary, button, .quiet, strong')]\
+        .map((e) => 1.05 / (luminance(getComputedStyle(e).color) + 0.05))); })()";
+    let contrast = browser.evaluate(contrast).as_f64().unwrap();
+    assert!(contrast > 4.5, "{contrast}");
+
+    keep(&browser.screenshot(), "report.png.base64");
+    keep(&browser.print(), "report.pdf.base64");
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+    assert_eq!(browser.requests(), Vec::<String>::new());
+}
+
+#[test]
+#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+fn a_report_fits_on_a_phone() {
+    let chromium = chromium::find().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let report = report(dir.path());
+    let mut browser = open(&chromium, &report, [360, 740], true);
+    // Nothing is wider than the screen but tables, which scroll on their own.
+    assert_eq!(browser.evaluate("document.documentElement.scrollWidth"), 360);
+    let widest = browser.evaluate("Math.max(...[...document.querySelectorAll('.plot .main-svg')].map((p) => p.getBoundingClientRect().right))");
+    assert!(widest.as_f64().unwrap() <= 360.0, "{widest}");
+    keep(&browser.screenshot(), "phone.png.base64");
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+}
