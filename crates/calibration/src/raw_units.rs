@@ -7,8 +7,8 @@
 
 use std::collections::HashMap;
 
-use super::conversion::Calibration;
 use super::model::Term;
+use super::polynomial::Polynomial;
 use crate::double_double::DoubleDouble;
 use shell_data::wrench::PerAxis;
 
@@ -16,12 +16,12 @@ use shell_data::wrench::PerAxis;
 ///
 /// A feature is `Π (sᵢ − cᵢ)/kᵢ` over its factors; choosing `sᵢ` or `−cᵢ` from each gives the raw
 /// terms it contributes to.
-pub fn coefficients(calibration: &Calibration) -> Vec<PerAxis<f64>> {
-    let terms = calibration.model().terms();
-    let scaling = calibration.scaling();
+pub fn coefficients(polynomial: &Polynomial) -> Vec<PerAxis<f64>> {
+    let terms = polynomial.model().terms();
+    let scaling = polynomial.scaling();
     let position: HashMap<Term, usize> = terms.iter().copied().zip(0..).collect();
     let mut raw = vec![PerAxis::<DoubleDouble>::default(); terms.len()];
-    for (term, coefficients) in terms.iter().zip(calibration.coefficients()) {
+    for (term, coefficients) in terms.iter().zip(polynomial.coefficients()) {
         let factors = term.factors();
         // Scales are powers of two: dividing by them is exact.
         let scale: f64 = factors.iter().map(|&c| scaling.scale[usize::from(c)]).product();

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 use calibration::model::{Basis, MAX_CHANNELS, Model, Term};
 use calibration::scaling::Scaling;
-use calibration::{Calibration, raw_units};
+use calibration::{Calibration, Polynomial, raw_units};
 use shell_data::wrench::MomentUnit;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -98,10 +98,10 @@ const BARE_CHANNELS: usize = 8;
 const MILLI: f64 = 1e3;
 
 /// The coefficients for raw readings as CSV in the lab's format, moments in mN·m.
-pub fn to_csv(calibration: &Calibration) -> String {
+pub fn to_csv(polynomial: &Polynomial) -> String {
     let mut csv = HEADER.join(",") + "\n";
-    let rows = raw_units::coefficients(calibration);
-    for (term, row) in calibration.model().terms().iter().zip(rows) {
+    let rows = raw_units::coefficients(polynomial);
+    for (term, row) in polynomial.model().terms().iter().zip(rows) {
         csv += &feature_name(term);
         for (axis, coefficient) in Axis::ALL.into_iter().zip(row) {
             let unit = if axis.is_moment() { MILLI } else { 1.0 };

@@ -83,6 +83,8 @@ pub struct ModelChoice {
     pub cross_validation: Option<CrossValidation>,
     /// The sums of the training rows, by group, where they were made.
     pub sums: Option<GroupedMoments>,
+    /// What the groups of those are.
+    pub group_by: Option<GroupBy>,
     /// Whether the covariance is to come from the groups.
     pub by_group: bool,
     /// Why it cannot, though there are groups.
@@ -103,6 +105,7 @@ pub fn choose(
         selection: None,
         cross_validation: None,
         sums: None,
+        group_by: None,
         by_group: false,
         not_grouped: None,
     };
@@ -112,6 +115,7 @@ pub fn choose(
         Some(HeldOut::Folds(folds)) => (moments::group_by(train), Some(folds)),
         Some(HeldOut::Auto) | None => (moments::group_by(train), None),
     };
+    choice.group_by = group_by;
     choice.by_group = options.wants_groups(group_by);
     let validates = options.basis.is_none() || options.cross_validation.is_some();
     if !validates && !choice.by_group {

@@ -2,20 +2,15 @@
 //!
 //! Each candidate is fitted without a fold of whole groups and scored by its squared error on them,
 //! relative to the mean square of each axis, averaged over the axes. The candidate of the least
-//! score is chosen and fitted to all. Fits without a fold start from the fit to all, which is near;
-//! [`Choice::held_out`] starts afresh and chooses λ and width again without the group, so that its
-//! errors owe nothing to it.
+//! score is chosen and fitted to all. Fits without a fold start from the fit to all, which is near.
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
-
 use super::PhysicsError;
 use super::fit::{fit, fit_from};
-use super::inversion::{Estimate, Inversion};
+use super::inversion::Inversion;
 use super::model::{PhysicsModel, check};
 use super::observations::Observation;
-use shell_data::wrench::PerAxis;
 
 /// The λ that are tried: half decades around a tenth of what Bayes' rule would take for normal loads.
 pub const LAMBDAS: [f64; 5] = [0.01, 0.03, 0.1, 0.3, 1.0];
@@ -31,7 +26,7 @@ const FOLDS: usize = 10;
 const MOST_TRIED: usize = 600;
 
 /// A candidate and its score.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
     /// λ.
     pub lambda: f64,
@@ -42,25 +37,23 @@ pub struct Trial {
 }
 
 /// The chosen model and what it was chosen from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
     /// The model, fitted to all observations.
     pub model: PhysicsModel,
     /// All candidates, widths ascending, then λ.
     pub trials: Vec<Trial>,
-    /// Folds of groups that were held out.
-    pub folds: usize,
+    /// The chosen candidate without each fold of groups.
+    pub fold_models: Vec<FoldModel>,
 }
 
-/// An observation converted by a model that did not see its group.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HeldOut {
-    /// Its group.
-    pub group: u64,
-    /// Prediction less reference, N and N·m.
-    pub error: PerAxis<f64>,
-    /// What the model says of it.
-    pub estimate: Estimate,
+/// The chosen candidate without one of the folds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FoldModel {
+    /// The groups that were held out.
+    pub groups: Vec<u64>,
+    /// Fitted to the others.
+    pub model: PhysicsModel,
 }
 
 impl Choice {
@@ -70,21 +63,6 @@ impl Choice {
     /// [`PhysicsError`] if there are too few observations, groups or channels.
     pub fn fit(observations: &[Observation]) -> Result<Self, PhysicsError> {
         Self::of(&observations.iter().collect::<Vec<_>>())
-    }
-
-    /// Every observation converted by a model fitted, choice of λ and width included, without its
-    /// group, in ascending order of groups.
-    ///
-    /// # Errors
-    /// As [`Self::fit`], of any part that is left.
-    pub fn held_out(observations: &[Observation]) -> Result<Vec<HeldOut>, PhysicsError> {
-        let all: Vec<&Observation> = observations.iter().collect();
-        let mut held_out = Vec::with_capacity(all.len());
-        for fold in folds(&all, usize::MAX) {
-            let choice = Self::of(&fold.rest)?;
-            held_out.extend(convert(&choice.model, &fold.held_out));
-        }
-        Ok(held_out)
     }
 
     fn of(observations: &[&Observation]) -> Result<Self, PhysicsError> {
@@ -99,20 +77,20 @@ impl Choice {
         }
         let mut trials = Vec::with_capacity(WIDTHS.len() * LAMBDAS.len());
         let mut fits = Vec::with_capacity(WIDTHS.len());
-        for width in WIDTHS {
+        // One model for each candidate and fold.
+        let mut models = vec![Vec::with_capacity(folds.len()); WIDTHS.len() * LAMBDAS.len()];
+        for (width, models) in WIDTHS.into_iter().zip(models.chunks_mut(LAMBDAS.len())) {
             let whole = fit(&data, width);
             let mut squares = [0.0; LAMBDAS.len()];
             for fold in &folds {
                 let rest = scales.apply(&fold.rest);
                 let fitted = fit_from(&rest, width, &whole);
-                for (square, lambda) in squares.iter_mut().zip(LAMBDAS) {
+                let candidates = squares.iter_mut().zip(LAMBDAS).zip(&mut *models);
+                for ((square, lambda), models) in candidates {
                     let at = (lambda, width);
                     let model = PhysicsModel::of_fit(channels, &scales, &rest, &fitted, at);
-                    let relative = convert(&model, &fold.held_out).map(|held_out| {
-                        let axes = held_out.error.iter().zip(&scales.wrench);
-                        axes.map(|(error, scale)| (error / scale).powi(2)).sum::<f64>()
-                    });
-                    *square += relative.sum::<f64>();
+                    *square += relative_square(&model, &fold.held_out);
+                    models.push(model);
                 }
             }
             let count = 6.0 * tried.len() as f64;
@@ -132,11 +110,15 @@ impl Choice {
         } else {
             PhysicsModel::of_fit(channels, &scales, &data, fitted, at)
         };
-        Ok(Self { model, trials, folds: folds.len() })
+        let held_out = folds.iter().map(|fold| fold.groups.clone());
+        let fold_models = held_out.zip(models.swap_remove(best));
+        let fold_models = fold_models.map(|(groups, model)| FoldModel { groups, model }).collect();
+        Ok(Self { model, trials, fold_models })
     }
 }
 
 struct Fold<'a> {
+    groups: Vec<u64>,
     held_out: Vec<&'a Observation>,
     rest: Vec<&'a Observation>,
 }
@@ -149,21 +131,21 @@ fn folds<'a>(observations: &[&'a Observation], most_alone: usize) -> Vec<Fold<'a
     places.values_mut().zip((0..folds).cycle()).for_each(|(place, fold)| *place = fold);
     let fold = |fold: usize| {
         let (held_out, rest) = observations.iter().partition(|o| places[&o.group] == fold);
-        Fold { held_out, rest }
+        let groups = places.iter().filter(|(_, place)| **place == fold);
+        Fold { groups: groups.map(|(group, _)| *group).collect(), held_out, rest }
     };
     (0..folds).map(fold).collect()
 }
 
-fn convert<'a>(
-    model: &PhysicsModel,
-    observations: &'a [&'a Observation],
-) -> impl Iterator<Item = HeldOut> + use<'a> {
+/// The sum over observations and axes of squared errors in the model's scales.
+fn relative_square(model: &PhysicsModel, observations: &[&Observation]) -> f64 {
     let columns = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
     let readings: Vec<Vec<f64>> = (0..model.channels).map(columns).collect();
     let estimates = Inversion::new(model).estimates(&readings);
-    observations.iter().enumerate().map(move |(row, o)| {
-        let estimate = estimates.row(row);
-        let error = std::array::from_fn(|axis| estimate.wrench[axis] - o.wrench[axis]);
-        HeldOut { group: o.group, error, estimate }
-    })
+    let square = |(row, o): (usize, &&Observation)| {
+        let relative =
+            |axis: usize| (estimates.wrench[axis][row] - o.wrench[axis]) / model.wrench_scale[axis];
+        (0..6).map(|axis| relative(axis).powi(2)).sum::<f64>()
+    };
+    observations.iter().enumerate().map(square).sum()
 }

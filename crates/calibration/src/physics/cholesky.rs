@@ -50,12 +50,6 @@ impl<const N: usize> Cholesky<N> {
         x
     }
 
-    /// `bᵀ·A⁻¹·b`.
-    #[inline]
-    pub(super) fn quadratic(&self, b: &[f64; N]) -> f64 {
-        self.forward(b).iter().map(|x| x * x).sum()
-    }
-
     /// `A⁻¹`.
     pub(super) fn inverse(&self) -> [[f64; N]; N] {
         std::array::from_fn(|j| {
@@ -92,8 +86,6 @@ mod tests {
             let product: f64 = (0..3).map(|j| full(i, j) * x[j]).sum();
             assert!((product - b[i]).abs() < 1e-14);
         }
-        let product: f64 = x.iter().zip(b).map(|(x, b)| x * b).sum();
-        assert!((factor.quadratic(&b) - product).abs() < 1e-14);
         assert!((factor.inverse()[0][1] - factor.inverse()[1][0]).abs() < 1e-16);
     }
 

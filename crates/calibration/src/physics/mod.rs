@@ -14,23 +14,31 @@
 //!
 //! Left out: play and creep as states (they are in the noise), and temperature.
 
+mod calibration;
 mod choice;
 mod cholesky;
 mod fit;
+pub mod intervals;
 mod inversion;
 mod lanes;
 mod model;
 mod noise;
 pub mod observations;
 pub mod response;
+mod rows;
 mod sensor;
 mod sums;
+mod validation;
 
-pub use self::choice::{Choice, HeldOut, LAMBDAS, Trial, WIDTHS};
+pub use self::calibration::PhysicsCalibration;
+pub use self::choice::{Choice, FoldModel, LAMBDAS, Trial, WIDTHS};
+pub use self::intervals::{GroupIntervals, TooFewGroups};
 pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
 pub use self::model::{PhysicsModel, Sensor};
 pub use self::noise::Noise;
-pub use self::observations::{Observation, cell_means, group_means};
+pub use self::observations::{Observation, group_means};
+pub use self::rows::{STRETCHES, TrainingRows};
+pub use self::validation::{COVERAGE_LEVEL, GroupErrors, PhysicsValidation};
 
 /// Why a physics model cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -1,6 +1,4 @@
-//! The fitted model as a document.
-
-use serde::{Deserialize, Serialize};
+//! The fitted model.
 
 use super::PhysicsError;
 use super::cholesky::Cholesky;
@@ -14,7 +12,7 @@ use shell_data::wrench::PerAxis;
 const LEAST_LOAD: f64 = 1e-6;
 
 /// All that is needed to convert readings.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsModel {
     /// Channels of a frame, those without a sensor here included.
     pub channels: usize,
@@ -33,7 +31,7 @@ pub struct PhysicsModel {
 }
 
 /// One sensor of a [`PhysicsModel`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     /// Its channel, from 0.
     pub channel: usize,

@@ -13,17 +13,15 @@
 //! is `r² + gᵀCg`, with `C` the covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat.
 //! Soc. B 39, 1977).
 
-use pulp::{Arch, NullaryFnOnce};
-use serde::{Deserialize, Serialize};
-
 use super::lanes::MOST_LANES;
+use pulp::{Arch, NullaryFnOnce};
 
 /// Least variances, of a reading in units of its range: a thousandth squared, less than one count
 /// of ten bits.
 const LEAST: f64 = 1e-6;
 
 /// The two variances.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
     /// `σ²`, in squared ranges of a channel.
     pub reading: f64,

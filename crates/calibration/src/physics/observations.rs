@@ -63,27 +63,6 @@ pub fn group_means(
     self::means(cells, groups.len(), wrench, readings)
 }
 
-/// The means of rows in cells of the wrench, [`CELL_WIDTH`] wide; every cell is a group of its own.
-///
-/// For rows without groups. Neighbours in time, which resemble each other, may still fall
-/// into different cells; errors held out by these groups are then too small.
-///
-/// # Errors
-/// As [`group_means`].
-///
-/// # Panics
-/// As [`group_means`].
-pub fn cell_means(
-    wrench: &PerAxis<&[f64]>,
-    readings: &[&[f64]],
-) -> Result<Vec<Observation>, PhysicsError> {
-    let (rows, width) = (wrench[0].len(), cell_width(wrench)?);
-    let cell = |row: usize| std::array::from_fn(|axis| place(wrench[axis][row] / width[axis]));
-    let mut means = means((0..rows).map(|row| (0, cell(row))), rows, wrench, readings)?;
-    means.iter_mut().zip(0..).for_each(|(mean, place)| mean.group = place);
-    Ok(means)
-}
-
 fn place(x: f64) -> i64 {
     x.round_ties_even() as i64
 }
@@ -180,11 +159,20 @@ mod tests {
         };
         let forward: Vec<u64> = (0..200).collect();
         let backward: Vec<u64> = (0..200).rev().collect();
-        let groups = of(&forward, group_means).unwrap();
-        assert_eq!(groups.len(), 5);
-        assert_eq!(Ok(groups), of(&backward, group_means));
-        let cells: Reduce = |_, w, s| cell_means(w, s);
-        assert_eq!(of(&forward, cells), of(&backward, cells));
+        let found = of(&forward, group_means).unwrap();
+        assert!(found.len() > 5 && found.iter().all(|o| o.group < 5));
+        assert_eq!(Ok(found), of(&backward, group_means));
+    }
+
+    #[test]
+    fn a_pose_of_constant_load_is_one_observation_wherever_it_lies() {
+        let groups: Vec<u64> = (0..40).map(|row| row / 10).collect();
+        let load = |&group: &u64| 3.1 * group as f64;
+        let column: Vec<f64> = groups.iter().map(load).collect();
+        let wrench: PerAxis<&[f64]> = [&column; 6];
+        let found = group_means(&groups, &wrench, &[&column]).unwrap();
+        assert_eq!(found.len(), 4);
+        assert!(found.iter().all(|o| (o.wrench[0] - load(&o.group)).abs() < 1e-12));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod choice;
 mod partial;
+mod physics;
 mod report;
 
 use std::io::Write;
@@ -17,7 +18,7 @@ use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{
     CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
 };
-use shellcal::figures::{Format, fit_figure};
+use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::AtomicFile;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
@@ -135,6 +136,12 @@ enum CovarianceArg {
     None,
 }
 
+/// What is fitted to, and tested on.
+struct Logs {
+    train: Vec<Log>,
+    test: Vec<Log>,
+}
+
 /// The files that are written, opened before the work.
 struct Outputs {
     calibration: Option<AtomicFile>,
@@ -158,8 +165,16 @@ impl FitArgs {
         }
         let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let outputs = self.open_outputs()?;
+        if matches!(self.model, ModelArg::Physics) {
+            self.run_physics(&Logs { train, test }, outputs, start, printer)?;
+            return Ok(Outcome::Done);
+        }
 
         let choice = self.choose(&train, printer)?;
+        if self.takes_physics(&train, &choice, printer)? {
+            self.run_physics(&Logs { train, test }, outputs, start, printer)?;
+            return Ok(Outcome::Done);
+        }
         let bar = printer.progress("fit", fit::bytes_to_read(&train, &test));
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions {
@@ -177,7 +192,7 @@ impl FitArgs {
         if let Some(reason) = choice.not_grouped.as_ref().or(fitted.not_grouped.as_ref()) {
             self.tell_not_grouped(reason, printer)?;
         }
-        let left_out = fitted.calibration.model().term_count() - fitted.solution.rank;
+        let left_out = fitted.solution.model.term_count() - fitted.solution.rank;
         if left_out > 0 {
             let s = if left_out > 1 { "s" } else { "" };
             printer.warning(format!(
@@ -185,7 +200,7 @@ impl FitArgs {
             ));
         }
         let file = self.calibration_file(&fitted, choice)?;
-        self.write(outputs, &file, &fitted)?;
+        self.write(outputs, &file, fitted.plots.as_ref())?;
         let seconds = start.elapsed().as_secs_f64();
         report(printer, &fitted, &file, seconds)?;
         Ok(Outcome::Done)
@@ -260,17 +275,6 @@ impl FitArgs {
         choice: ModelChoice,
     ) -> anyhow::Result<CalibrationFile> {
         let (train, test) = (total(&fitted.train), total(&fitted.test));
-        let sources = |role, paths: &[PathBuf], evaluations: &[Evaluation]| -> Vec<Source> {
-            let source = |(path, evaluation): (&PathBuf, &Evaluation)| Source {
-                role,
-                path: path.clone(),
-                checksum: evaluation.checksum.clone(),
-                rows: evaluation.rows,
-            };
-            std::iter::zip(paths, evaluations).map(source).collect()
-        };
-        let mut files = sources(Role::Train, &self.train, &fitted.train);
-        files.extend(sources(Role::Test, &self.test, &fitted.test));
         let condition = fitted.solution.condition;
         Ok(CalibrationFile {
             calibration: fitted.calibration.clone(),
@@ -295,23 +299,46 @@ impl FitArgs {
                     selection: choice.selection,
                     excitation: fitted.loads.excitation(),
                 }),
-                sources: files,
+                sources: self.sources(&fitted.train, &fitted.test),
             },
         })
     }
 
-    fn write(&self, outputs: Outputs, file: &CalibrationFile, fitted: &Fit) -> anyhow::Result<()> {
+    /// The files, with what their evaluations know of them.
+    fn sources(&self, train: &[Evaluation], test: &[Evaluation]) -> Vec<Source> {
+        let sources = |role, paths: &[PathBuf], evaluations: &[Evaluation]| -> Vec<Source> {
+            let source = |(path, evaluation): (&PathBuf, &Evaluation)| Source {
+                role,
+                path: path.clone(),
+                checksum: evaluation.checksum.clone(),
+                rows: evaluation.rows,
+            };
+            std::iter::zip(paths, evaluations).map(source).collect()
+        };
+        let mut files = sources(Role::Train, &self.train, train);
+        files.extend(sources(Role::Test, &self.test, test));
+        files
+    }
+
+    fn write(
+        &self,
+        outputs: Outputs,
+        file: &CalibrationFile,
+        plots: Option<&(FitPlot, FitPlot)>,
+    ) -> anyhow::Result<()> {
         if let Some(mut output) = outputs.calibration {
             output.write_all(file.to_json().as_bytes())?;
             output.commit()?;
         }
-        if let Some(mut output) = outputs.matrix {
-            output.write_all(matrix::to_csv(&file.calibration).as_bytes())?;
+        if let (Some(mut output), Some(polynomial)) =
+            (outputs.matrix, file.calibration.polynomial())
+        {
+            output.write_all(matrix::to_csv(polynomial).as_bytes())?;
             output.commit()?;
         }
-        if let (Some((mut output, format)), Some((train, test))) = (outputs.plot, &fitted.plots) {
-            let title = format!("Calibration {}", fitted.calibration.model().name());
-            let test = (!fitted.test.is_empty()).then_some(test);
+        if let (Some((mut output, format)), Some((train, test))) = (outputs.plot, plots) {
+            let title = format!("Calibration {}", file.calibration.name());
+            let test = (!self.test.is_empty()).then_some(test);
             output.write_all(&fit_figure(&title, train, test).render(format)?)?;
             output.commit()?;
         }
