@@ -29,6 +29,7 @@ mod log_real;
 mod noise;
 mod one_pipeline;
 mod partial_fits;
+mod physics_command;
 mod prediction_intervals;
 mod readme;
 #[cfg(unix)]

@@ -126,3 +126,104 @@ impl Estimates {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Sensor;
+    use super::super::response::{Answer, PARAMETERS, Parameters};
+    use super::*;
+
+    fn parameters(sensor: usize) -> Parameters {
+        let gain = |axis: usize| match (sensor + 3 * axis) % 7 {
+            0 => 1.5,
+            place => 0.4 * (place as f64 - 3.5),
+        };
+        let [fx, fy, fz, mx, my, mz] = std::array::from_fn(gain);
+        [0.2 * sensor as f64 - 0.8, fx, fy, fz, mx, my, mz, 0.05, -0.1, 0.2]
+    }
+
+    /// Eight sensors, hardly any noise and prior; the second channel is dead.
+    fn model() -> PhysicsModel {
+        let sensor = |place: usize| Sensor {
+            channel: if place == 0 { 0 } else { place + 1 },
+            least: 200.0,
+            range: 700.0,
+            parameters: parameters(place),
+            covariance: [[0.0; PARAMETERS]; PARAMETERS],
+        };
+        PhysicsModel {
+            channels: 9,
+            wrench_scale: [2.0, 3.0, 4.0, 0.1, 0.2, 0.3],
+            load_precision: std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 })
+            }),
+            lambda: 1e-9,
+            prior_width: 1.0,
+            noise: Noise { reading: 1e-8, displacement: 0.0 },
+            sensors: (0..8).map(sensor).collect(),
+        }
+    }
+
+    /// What the sensors read at wrenches in units of the scales.
+    fn readings(wrenches: &[PerAxis<f64>]) -> Vec<Vec<f64>> {
+        let of = |place: usize| -> Vec<f64> {
+            let answer = |x: &PerAxis<f64>| Answer::at(&parameters(place), x).value;
+            wrenches.iter().map(|x| 700.0f64.mul_add(answer(x), 200.0)).collect()
+        };
+        let mut columns: Vec<Vec<f64>> = (0..8).map(of).collect();
+        columns.insert(1, vec![1234.0; wrenches.len()]);
+        columns
+    }
+
+    fn wrenches(rows: usize) -> Vec<PerAxis<f64>> {
+        let value = |row: usize, axis: usize| ((row * 31 + axis * 17) % 23) as f64 / 15.0 - 0.75;
+        (0..rows).map(|row| std::array::from_fn(|axis| value(row, axis))).collect()
+    }
+
+    #[test]
+    fn readings_of_known_wrenches_give_them_back() {
+        let (model, wrenches) = (model(), wrenches(100));
+        let found = Inversion::new(&model).estimates(&readings(&wrenches));
+        for (row, x) in wrenches.iter().enumerate() {
+            let estimate = found.row(row);
+            assert!(estimate.flags.converged, "{row}");
+            assert_eq!(estimate.flags.left_out, 0b10);
+            for axis in 0..6 {
+                let error = estimate.wrench[axis] / model.wrench_scale[axis] - x[axis];
+                // Steps end a thousandth of a standard error from rest, of 1e-4 over the slopes.
+                let size = estimate.standard_errors[axis] / model.wrench_scale[axis];
+                assert!(error.abs() < 0.01 * size, "{row} {axis}: {error:e} {size:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_row_has_the_same_bits_whatever_rows_are_beside_it() {
+        let readings = readings(&wrenches(53));
+        let inversion = Inversion::new(&model());
+        let all = inversion.estimates(&readings);
+        for row in 0..53 {
+            let frame: Vec<f64> = readings.iter().map(|column| column[row]).collect();
+            assert_eq!(inversion.invert(&frame), all.row(row));
+        }
+    }
+
+    #[test]
+    fn a_sensor_on_its_plateau_is_told_and_the_others_do_without() {
+        let (model, mut wrench) = (model(), [0.1; 6]);
+        // Along the gains of one sensor, up its curve.
+        let gains: PerAxis<f64> = std::array::from_fn(|axis| parameters(4)[1 + axis]);
+        let square: f64 = gains.iter().map(|gain| gain * gain).sum();
+        (0..6).for_each(|axis| wrench[axis] += 7.0 * gains[axis] / square);
+        let mut frame: Vec<f64> = readings(&[wrench]).iter().map(|column| column[0]).collect();
+        let inversion = Inversion::new(&model);
+        assert!(inversion.invert(&frame).flags.saturated & 1 << 5 != 0);
+        frame = readings(&[[0.1; 6]]).iter().map(|column| column[0]).collect();
+        frame[5] = f64::NAN;
+        let estimate = inversion.invert(&frame);
+        assert_eq!(estimate.flags.left_out, 0b10_0010);
+        for axis in 0..6 {
+            assert!((estimate.wrench[axis] / model.wrench_scale[axis] - 0.1).abs() < 1e-3);
+        }
+    }
+}

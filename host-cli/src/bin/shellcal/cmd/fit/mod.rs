@@ -24,7 +24,9 @@ use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
 use shellcal::workflow::model_choice::{HeldOut, ModelChoice};
+use shellcal::workflow::weighing::Weighing;
 
+use self::physics::Weighed;
 use self::report::report;
 use super::choices::{ModelArg, SolverArg};
 use super::mapping::MappingArgs;
@@ -166,13 +168,15 @@ impl FitArgs {
         let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let outputs = self.open_outputs()?;
         if matches!(self.model, ModelArg::Physics) {
-            self.run_physics(&Logs { train, test }, outputs, start, printer)?;
+            self.run_physics(&Logs { train, test }, outputs, Weighed::default(), start, printer)?;
             return Ok(Outcome::Done);
         }
 
         let choice = self.choose(&train, printer)?;
-        if self.takes_physics(&train, &choice, printer)? {
-            self.run_physics(&Logs { train, test }, outputs, start, printer)?;
+        let weighing = self.weigh_physics(&train, &choice, printer);
+        if weighing.as_ref().is_some_and(Weighing::physics_is_better) {
+            let weighed = Weighed { selection: choice.selection, weighing };
+            self.run_physics(&Logs { train, test }, outputs, weighed, start, printer)?;
             return Ok(Outcome::Done);
         }
         let bar = printer.progress("fit", fit::bytes_to_read(&train, &test));
@@ -202,7 +206,7 @@ impl FitArgs {
         let file = self.calibration_file(&fitted, choice)?;
         self.write(outputs, &file, fitted.plots.as_ref())?;
         let seconds = start.elapsed().as_secs_f64();
-        report(printer, &fitted, &file, seconds)?;
+        report(printer, &fitted, &file, weighing.as_ref(), seconds)?;
         Ok(Outcome::Done)
     }
 

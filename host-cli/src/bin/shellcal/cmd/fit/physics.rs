@@ -6,11 +6,13 @@ use anyhow::Context;
 use calibration::Kind;
 use calibration::physics::{COVERAGE_LEVEL, PhysicsCalibration, PhysicsValidation};
 use calibration::solver::SolverKind;
+use calibration::validation::selection::Selection;
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::stored::{
     Stored, StoredCrossValidation, StoredExcitation, StoredGroupIntervals, StoredQuality,
+    StoredSelection,
 };
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin};
 use shellcal::workflow::model_choice::ModelChoice;
@@ -20,7 +22,7 @@ use shellcal::workflow::weighing::Weighing;
 use super::super::choices::ModelArg;
 use super::super::origin;
 use super::super::quality::significant;
-use super::super::validation::{print_cross_validation, print_excitation};
+use super::super::validation::{print_cross_validation, print_excitation, print_selection};
 use super::report::{note_range, print_errors};
 use super::{FitArgs, Logs, Outputs, total};
 use crate::printer::Printer;
@@ -44,6 +46,10 @@ struct Report {
     test: Option<PerAxis<StoredQuality>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     cross_validation: Option<StoredCrossValidation>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    selection: Option<StoredSelection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    weighing: Option<WeighingReport>,
     /// Median over the groups of the size of their mean error, N and N·m.
     #[serde(skip_serializing_if = "Option::is_none")]
     median_of_groups: Option<PerAxis<f64>>,
@@ -55,30 +61,70 @@ struct Report {
     time_s: f64,
 }
 
+/// What led `auto` to the physics model.
+#[derive(Debug, Default)]
+pub(super) struct Weighed {
+    pub(super) selection: Option<Selection>,
+    pub(super) weighing: Option<Weighing>,
+}
+
+/// What `--json` prints of a weighing.
+#[derive(Serialize)]
+pub(super) struct WeighingReport {
+    folds: usize,
+    polynomial: String,
+    /// On the same held-out rows, N and N·m.
+    physics_rms: PerAxis<f64>,
+    polynomial_rms: PerAxis<f64>,
+    /// Squared errors of physics less those of the polynomial, relative to the variance, over all axes.
+    difference: f64,
+    standard_error: f64,
+    /// The same for each axis.
+    axes: PerAxis<[f64; 2]>,
+    physics_is_better: bool,
+}
+
+impl WeighingReport {
+    pub(super) fn of(weighing: &Weighing) -> Self {
+        let comparison = &weighing.comparison;
+        let [physics_rms, polynomial_rms] = comparison.rms;
+        Self {
+            folds: weighing.folds,
+            polynomial: weighing.model.name(),
+            physics_rms,
+            polynomial_rms,
+            difference: comparison.all.value,
+            standard_error: comparison.all.standard_error,
+            axes: comparison.axes.map(|axis| [axis.value, axis.standard_error]),
+            physics_is_better: weighing.physics_is_better(),
+        }
+    }
+}
+
 impl FitArgs {
-    /// Whether `auto` takes the physics model; says why or why not.
-    pub(super) fn takes_physics(
+    /// For `auto`, the physics model weighed against the polynomial that was chosen, and what follows
+    /// said in words.
+    pub(super) fn weigh_physics(
         &self,
         train: &[Log],
         choice: &ModelChoice,
         printer: &mut Printer,
-    ) -> anyhow::Result<bool> {
+    ) -> Option<Weighing> {
         if !matches!(self.model, ModelArg::Auto) {
-            return Ok(false);
+            return None;
         }
         if let Err(reason) = self.check_physics() {
             printer.note(format!("physics was not weighed: {reason}"));
-            return Ok(false);
+            return None;
         }
-        match self.weigh(train, choice, printer) {
-            None => Ok(false),
-            Some(Err(reason)) => {
+        match self.weigh(train, choice, printer)? {
+            Err(reason) => {
                 printer.note(format!("physics was not weighed: {reason}"));
-                Ok(false)
+                None
             }
-            Some(Ok(weighing)) => {
+            Ok(weighing) => {
                 printer.note(in_words(&weighing));
-                Ok(weighing.physics_is_better())
+                Some(weighing)
             }
         }
     }
@@ -101,6 +147,7 @@ impl FitArgs {
         &self,
         logs: &Logs,
         outputs: Outputs,
+        weighed: Weighed,
         start: Instant,
         printer: &mut Printer,
     ) -> anyhow::Result<()> {
@@ -122,12 +169,16 @@ impl FitArgs {
         };
         let fitted = physics::fit(train, test, &options).map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
-        let file = self.physics_file(&fitted)?;
+        let file = self.physics_file(&fitted, weighed.selection)?;
         self.write(outputs, &file, fitted.plots.as_ref())?;
-        report(printer, &fitted, &file, start.elapsed().as_secs_f64())
+        report(printer, &fitted, &file, weighed.weighing.as_ref(), start.elapsed().as_secs_f64())
     }
 
-    fn physics_file(&self, fitted: &PhysicsFit) -> anyhow::Result<CalibrationFile> {
+    fn physics_file(
+        &self,
+        fitted: &PhysicsFit,
+        selection: Option<Selection>,
+    ) -> anyhow::Result<CalibrationFile> {
         let (train, test) = (total(&fitted.train), total(&fitted.test));
         Ok(CalibrationFile {
             calibration: fitted.calibration.clone(),
@@ -145,7 +196,7 @@ impl FitArgs {
                     train: train.quality().context("no training rows are left")?,
                     test: test.quality(),
                     cross_validation: fitted.cross_validation(),
-                    selection: None,
+                    selection,
                     excitation: fitted.loads.excitation(),
                 }),
                 sources: self.sources(&fitted.train, &fitted.test),
@@ -204,6 +255,7 @@ fn report(
     printer: &mut Printer,
     fitted: &PhysicsFit,
     file: &CalibrationFile,
+    weighing: Option<&Weighing>,
     seconds: f64,
 ) -> anyhow::Result<()> {
     let test = total(&fitted.test);
@@ -228,12 +280,17 @@ fn report(
             train: Stored::of(&diagnostics.train),
             test: Stored::of(&diagnostics.test),
             cross_validation: Stored::of(&diagnostics.cross_validation),
+            selection: Stored::of(&diagnostics.selection),
+            weighing: weighing.map(WeighingReport::of),
             median_of_groups: fitted.validation.as_ref().map(PhysicsValidation::median),
             coverage_95: coverage.map(|of| of.map(|(share, _)| share)),
             intervals: Stored::of(&physics.intervals),
             excitation: Stored::of(&diagnostics.excitation),
             time_s: seconds,
         });
+    }
+    if let Some(selection) = &diagnostics.selection {
+        print_selection(printer, selection)?;
     }
     print_errors(printer, diagnostics)?;
     printer.line(format!(

@@ -11,9 +11,11 @@ use shellcal::calibration_file::stored::{
 use shellcal::calibration_file::{CalibrationFile, Diagnostics};
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::Fit;
+use shellcal::workflow::weighing::Weighing;
 
 use super::super::quality::{significant, table_row};
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};
+use super::physics::WeighingReport;
 use super::total;
 use crate::printer::Printer;
 
@@ -37,6 +39,8 @@ struct Report<'a> {
     cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     selection: Option<StoredSelection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    weighing: Option<WeighingReport>,
     excitation: Option<StoredExcitation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<CovarianceReport<'a>>,
@@ -114,6 +118,7 @@ pub(super) fn report(
     printer: &mut Printer,
     fitted: &Fit,
     file: &CalibrationFile,
+    weighing: Option<&Weighing>,
     seconds: f64,
 ) -> anyhow::Result<()> {
     let test = total(&fitted.test);
@@ -139,6 +144,7 @@ pub(super) fn report(
             test: Stored::of(&diagnostics.test),
             cross_validation: Stored::of(&diagnostics.cross_validation),
             selection: Stored::of(&diagnostics.selection),
+            weighing: weighing.map(WeighingReport::of),
             excitation: Stored::of(&diagnostics.excitation),
             covariance: covariance.map(CovarianceReport::of),
             time_s: seconds,
