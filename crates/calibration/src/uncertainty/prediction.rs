@@ -125,7 +125,8 @@ pub struct Trust {
     pub standard_errors: PerAxis<Vec<f64>>,
     /// Channels on a plateau of their curve, which say nothing about the wrench.
     pub saturated: Vec<u64>,
-    /// Channels that a model left out: constant in its training data, or not a number.
+    /// Channels that a model left out: constant in its training data, not a number, or at odds with all
+    /// others.
     pub left_out: Vec<u64>,
 }
 

@@ -10,6 +10,10 @@
 //! displacement and solves the linear problem that is left. Nothing is carried from frame to frame:
 //! results do not depend on the order of rows, on the rows beside them or on the width of vectors.
 //!
+//! **A sensor that has died** reads what no wrench explains. Where a reading is [`FAR`](newton::FAR) from its
+//! curve and eight sensors or more are in use, the row is solved without each of them in turn, and without
+//! the one that leaves the least sum if then all fit; that one is told as left out.
+//!
 //! Standard errors are those of Laplace's approximation, the curvature at the end (MacKay, Neural
 //! Computation 4, 1992).
 
@@ -41,7 +45,8 @@ pub struct Estimate {
 pub struct Flags {
     /// Channels on a plateau of their curve: they say nothing about this wrench.
     pub saturated: u16,
-    /// Channels that were left out: constant in the training data, or not a number in this frame.
+    /// Channels that were left out: constant in the training data, not a number in this frame, or at
+    /// odds with all others.
     pub left_out: u16,
     /// Channels whose reading is far from what the others say.
     pub misfit: u16,
@@ -59,6 +64,10 @@ pub struct Estimates {
     /// What is to be said of each row.
     pub flags: Vec<Flags>,
 }
+
+/// Sensors in use of which one may be left out: without it there must be more than axes to show that
+/// the others agree.
+const LEAVE_OUT_OF: u32 = 8;
 
 /// A model made ready to convert frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,18 +113,69 @@ impl Inversion {
         assert_eq!(readings.len(), self.channels, "one column per channel");
         let rows = readings.first().map_or(0, Vec::len);
         assert!(readings.iter().all(|column| column.len() == rows), "columns of one length");
+        let (mut out, _) = self.solve(readings);
+        self.leave_out_dead(readings, &mut out);
+        out
+    }
+
+    /// The wrenches with all sensors that have a reading, and the least sum of each row.
+    fn solve(&self, readings: &[Vec<f64>]) -> (Estimates, Vec<f64>) {
+        let rows = readings.first().map_or(0, Vec::len);
         let column = || vec![0.0; rows];
         let mut out = Estimates {
             wrench: std::array::from_fn(|_| column()),
             standard_errors: std::array::from_fn(|_| column()),
             flags: vec![Flags::default(); rows],
         };
-        Arch::new().dispatch(Invert { inversion: self, readings, out: &mut out });
-        out
+        let mut sums = column();
+        let invert = Invert { inversion: self, readings, out: &mut out, sums: &mut sums };
+        Arch::new().dispatch(invert);
+        (out, sums)
+    }
+
+    /// Solves rows with a reading that does not fit again, without the sensor that leaves the least
+    /// sum, where that makes all others fit.
+    fn leave_out_dead(&self, readings: &[Vec<f64>], out: &mut Estimates) {
+        let is_wanted = |row: &usize| {
+            let flags = out.flags[*row];
+            let in_use = self.channels as u32 - flags.left_out.count_ones();
+            flags.misfit != 0 && in_use >= LEAVE_OUT_OF
+        };
+        let rows: Vec<usize> = (0..out.flags.len()).filter(is_wanted).collect();
+        if rows.is_empty() {
+            return;
+        }
+        let pick = |column: &Vec<f64>| rows.iter().map(|&row| column[row]).collect();
+        let mut some: Vec<Vec<f64>> = readings.iter().map(pick).collect();
+        let mut best: Vec<Option<(f64, Estimate)>> = vec![None; rows.len()];
+        for sensor in &self.sensors {
+            let nothing = vec![f64::NAN; rows.len()];
+            let kept = std::mem::replace(&mut some[sensor.channel], nothing);
+            let (found, sums) = self.solve(&some);
+            for (place, (best, sum)) in best.iter_mut().zip(sums).enumerate() {
+                if best.is_none_or(|(least, _)| sum < least) {
+                    *best = Some((sum, found.row(place)));
+                }
+            }
+            some[sensor.channel] = kept;
+        }
+        for (&row, best) in rows.iter().zip(&best) {
+            if let Some((_, estimate)) = best.filter(|(_, estimate)| estimate.flags.misfit == 0) {
+                out.set(row, &estimate);
+            }
+        }
     }
 }
 
 impl Estimates {
+    fn set(&mut self, row: usize, estimate: &Estimate) {
+        for axis in 0..6 {
+            self.wrench[axis][row] = estimate.wrench[axis];
+            self.standard_errors[axis][row] = estimate.standard_errors[axis];
+        }
+        self.flags[row] = estimate.flags;
+    }
+
     /// One row.
     pub fn row(&self, row: usize) -> Estimate {
         let of = |columns: &PerAxis<Vec<f64>>| std::array::from_fn(|axis| columns[axis][row]);
@@ -224,6 +284,21 @@ mod tests {
         assert_eq!(estimate.flags.left_out, 0b10_0010);
         for axis in 0..6 {
             assert!((estimate.wrench[axis] / model.wrench_scale[axis] - 0.1).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn a_sensor_that_reads_what_no_wrench_explains_is_left_out_and_told() {
+        let model = model();
+        let wrench = [0.1, -0.2, 0.3, 0.2, -0.1, 0.05];
+        let mut columns = readings(&[wrench, wrench]);
+        columns[6][1] = 260.0;
+        let found = Inversion::new(&model).estimates(&columns);
+        assert_eq!(found.row(0).flags.left_out, 0b10);
+        assert_eq!(found.row(1).flags.left_out, 0b100_0010);
+        for axis in 0..6 {
+            let x = found.row(1).wrench[axis] / model.wrench_scale[axis];
+            assert!((x - wrench[axis]).abs() < 1e-3, "{axis}: {x}");
         }
     }
 }

@@ -23,7 +23,7 @@ const REST: f64 = 1e-6;
 const HALVINGS: f64 = 4.0;
 
 /// A reading this many standard deviations from its curve does not belong to the wrench found.
-const FAR: f64 = 5.0;
+pub(super) const FAR: f64 = 5.0;
 
 /// The rows of some columns, inlined whole into code for the widest vectors of the machine.
 pub(super) struct Invert<'a> {
@@ -31,6 +31,8 @@ pub(super) struct Invert<'a> {
     /// One column per channel, counts.
     pub(super) readings: &'a [Vec<f64>],
     pub(super) out: &'a mut Estimates,
+    /// The sum that was minimised.
+    pub(super) sums: &'a mut [f64],
 }
 
 impl WithSimd for Invert<'_> {
@@ -44,6 +46,8 @@ impl WithSimd for Invert<'_> {
             let frames = Frames::<S>::new(simd, self.inversion, self.readings, first, count);
             let found = self.inversion.descend(simd, &frames);
             self.inversion.write(simd, &frames, &found, (first, count), self.out);
+            let sum = store::<S>(found.sum);
+            self.sums[first..first + count].copy_from_slice(&sum[..count]);
         }
     }
 }
@@ -75,6 +79,8 @@ struct Found<S: Simd> {
     state: State<S>,
     /// The last step, too short for the curves to be looked at again.
     rest: PerAxis<S::f64s>,
+    /// The sum at `state`.
+    sum: S::f64s,
     /// One where the steps came to rest.
     converged: S::f64s,
 }
@@ -160,7 +166,7 @@ impl Inversion {
                 break;
             }
         }
-        Found { state, rest, converged }
+        Found { state, rest, sum: before, converged }
     }
 
     /// The wrench of the displacements that the readings alone say.

@@ -23,7 +23,7 @@ use shellcal::output::AtomicFile;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
-use shellcal::workflow::model_choice::{HeldOut, ModelChoice};
+use shellcal::workflow::model_choice::{FewGroups, HeldOut, ModelChoice};
 use shellcal::workflow::weighing::Weighing;
 
 use self::physics::Weighed;
@@ -196,6 +196,14 @@ impl FitArgs {
         if let Some(reason) = choice.not_grouped.as_ref().or(fitted.not_grouped.as_ref()) {
             self.tell_not_grouped(reason, printer)?;
         }
+        if let Some(FewGroups { features, groups }) = choice.few_groups {
+            printer.warning(format!(
+                "no standard errors and intervals: {features} features for {groups} groups of rows; it \
+                 takes twice as many groups as features, {}, for the groups to tell how far to trust \
+                 the rest. Record more, or take a smaller model or `--model physics`",
+                2 * features
+            ));
+        }
         let left_out = fitted.solution.model.term_count() - fitted.solution.rank;
         if left_out > 0 {
             let s = if left_out > 1 { "s" } else { "" };
@@ -232,6 +240,7 @@ impl FitArgs {
             total: choice.sums.as_ref().and_then(GroupedMoments::total),
             covariance: match &choice.sums {
                 _ if !self.wants_covariance() => CovarianceFrom::Nothing,
+                _ if choice.few_groups.is_some() => CovarianceFrom::Nothing,
                 Some(sums) if choice.by_group => CovarianceFrom::Groups(sums),
                 _ => CovarianceFrom::Rows,
             },
