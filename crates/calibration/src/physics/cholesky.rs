@@ -14,6 +14,7 @@ pub(super) struct Cholesky<const N: usize> {
 impl<const N: usize> Cholesky<N> {
     /// `None` if `a` is not positive definite in floating point.
     #[inline]
+    #[expect(clippy::needless_range_loop, reason = "indices as in the formulas")]
     pub(super) fn new(a: &[[f64; N]; N]) -> Option<Self> {
         let (mut l, mut inverse) = (*a, [0.0; N]);
         for j in 0..N {
@@ -82,9 +83,9 @@ mod tests {
         let factor = Cholesky::new(&a).unwrap();
         let b = [1.0, -2.0, 0.5];
         let x = factor.solve(&b);
-        for i in 0..3 {
+        for (i, b) in b.iter().enumerate() {
             let product: f64 = (0..3).map(|j| full(i, j) * x[j]).sum();
-            assert!((product - b[i]).abs() < 1e-14);
+            assert!((product - b).abs() < 1e-14);
         }
         assert!((factor.inverse()[0][1] - factor.inverse()[1][0]).abs() < 1e-16);
     }

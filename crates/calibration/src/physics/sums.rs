@@ -101,9 +101,9 @@ impl WithSimd for SumsOf<'_> {
             let weight = S::as_simd_f64s(&data.weights[first..first + S::F64_LANES]).0[0];
             add(&mut cost, simd.mul_f64s(weight, rows.residual), rows.residual);
             let mut place = 0;
-            for i in 0..PARAMETERS {
+            for (i, descent) in descent.iter_mut().enumerate() {
                 let weighted = simd.mul_f64s(weight, rows.gradient[i]);
-                add(&mut descent[i], weighted, rows.residual);
+                add(descent, weighted, rows.residual);
                 for &g in &rows.gradient[..=i] {
                     add(&mut information[place], weighted, g);
                     place += 1;

@@ -248,8 +248,8 @@ mod tests {
             let estimate = found.row(row);
             assert!(estimate.flags.converged, "{row}");
             assert_eq!(estimate.flags.left_out, 0b10);
-            for axis in 0..6 {
-                let error = estimate.wrench[axis] / model.wrench_scale[axis] - x[axis];
+            for (axis, x) in x.iter().enumerate() {
+                let error = estimate.wrench[axis] / model.wrench_scale[axis] - x;
                 // Steps end a thousandth of a standard error from rest, of 1e-4 over the slopes.
                 let size = estimate.standard_errors[axis] / model.wrench_scale[axis];
                 assert!(error.abs() < 0.01 * size, "{row} {axis}: {error:e} {size:e}");
@@ -296,9 +296,9 @@ mod tests {
         let found = Inversion::new(&model).estimates(&columns);
         assert_eq!(found.row(0).flags.left_out, 0b10);
         assert_eq!(found.row(1).flags.left_out, 0b100_0010);
-        for axis in 0..6 {
+        for (axis, expected) in wrench.iter().enumerate() {
             let x = found.row(1).wrench[axis] / model.wrench_scale[axis];
-            assert!((x - wrench[axis]).abs() < 1e-3, "{axis}: {x}");
+            assert!((x - expected).abs() < 1e-3, "{axis}: {x}");
         }
     }
 }

@@ -249,11 +249,11 @@ impl Inversion {
     ) {
         let (curvature, _) = self.equations(simd, &found.state);
         let variances = LaneCholesky::new(simd, &curvature).inverse_diagonal(simd);
-        for axis in 0..6 {
+        for (axis, &variance) in variances.iter().enumerate() {
             let scale = simd.splat_f64s(self.scale[axis]);
             let x = simd.add_f64s(found.state.x[axis], found.rest[axis]);
             let wrench = store::<S>(simd.mul_f64s(x, scale));
-            let error = store::<S>(simd.mul_f64s(simd.sqrt_f64s(variances[axis]), scale));
+            let error = store::<S>(simd.mul_f64s(simd.sqrt_f64s(variance), scale));
             out.wrench[axis][first..first + count].copy_from_slice(&wrench[..count]);
             out.standard_errors[axis][first..first + count].copy_from_slice(&error[..count]);
         }
@@ -345,9 +345,8 @@ fn add<S: Simd>(
         let gain = simd.splat_f64s(sensor.gains[i]);
         b[i] = simd.mul_add_f64s(pull, gain, b[i]);
         let weighted = simd.mul_f64s(weight, gain);
-        for j in 0..=i {
-            let other = simd.splat_f64s(sensor.gains[j]);
-            a[i][j] = simd.mul_add_f64s(weighted, other, a[i][j]);
+        for (sum, &other) in a[i][..=i].iter_mut().zip(&sensor.gains) {
+            *sum = simd.mul_add_f64s(weighted, simd.splat_f64s(other), *sum);
         }
     }
 }
