@@ -1,9 +1,10 @@
 //! Applying a calibration: from readings to wrenches.
 
-use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce};
 
-use super::features::{Features, LANES, RowLanes};
 use super::model::Model;
+use super::physics::PhysicsCalibration;
+use super::polynomial::Polynomial;
 use super::reading_ranges::{ReadingRange, ReadingRanges};
 use super::scaling::Scaling;
 use super::solver::Solution;
@@ -13,12 +14,20 @@ use shell_data::wrench::PerAxis;
 /// A fitted model and what is needed to apply and to trust it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    features: Features,
-    coefficients: Vec<PerAxis<f64>>,
-    /// The covariance of errors and coefficients, where it is known.
+    kind: Kind,
+    /// The covariance of errors and coefficients of a polynomial, where it is known.
     pub covariance: Option<Covariance>,
     /// The range of each channel in the training data, where that is known.
     pub valid_range: Option<Vec<ReadingRange>>,
+}
+
+/// How a calibration gets from readings to wrenches.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    /// By a polynomial in the readings.
+    Polynomial(Polynomial),
+    /// By a model of what the sensors answer to a wrench, inverted.
+    Physics(Box<PhysicsCalibration>),
 }
 
 impl Calibration {
@@ -29,9 +38,12 @@ impl Calibration {
     /// # Panics
     /// If there are not as many coefficients as terms, or as many scalings as channels.
     pub fn new(model: Model, scaling: Scaling, coefficients: Vec<PerAxis<f64>>) -> Self {
-        let features = Features::new(model, scaling);
-        assert_eq!(coefficients.len(), features.len(), "one row of coefficients per term");
-        Self { features, coefficients, covariance: None, valid_range: None }
+        Self::of(Kind::Polynomial(Polynomial::new(model, scaling, coefficients)))
+    }
+
+    /// A calibration of this kind, without a covariance and valid for any reading.
+    pub fn of(kind: Kind) -> Self {
+        Self { kind, covariance: None, valid_range: None }
     }
 
     /// The calibration that a solver has found, valid over the ranges of its training data, without
@@ -45,39 +57,48 @@ impl Calibration {
         }
     }
 
-    /// The model.
-    pub fn model(&self) -> Model {
-        self.features.model()
+    /// How it gets from readings to wrenches.
+    pub fn kind(&self) -> &Kind {
+        &self.kind
     }
 
-    /// The scaling of the readings.
-    pub fn scaling(&self) -> &Scaling {
-        self.features.scaling()
+    /// The polynomial, if it is one.
+    pub fn polynomial(&self) -> Option<&Polynomial> {
+        match &self.kind {
+            Kind::Polynomial(polynomial) => Some(polynomial),
+            Kind::Physics(_) => None,
+        }
     }
 
-    /// The features that the coefficients are for.
-    pub fn features(&self) -> &Features {
-        &self.features
+    /// The model that people read: `cubic+1`, `physics`.
+    pub fn name(&self) -> String {
+        match &self.kind {
+            Kind::Polynomial(polynomial) => polynomial.model().name(),
+            Kind::Physics(_) => "physics".to_owned(),
+        }
     }
 
-    /// One row per [term](Model::terms), in N and N·m per unit of the feature of standardised
-    /// readings.
-    pub fn coefficients(&self) -> &[PerAxis<f64>] {
-        &self.coefficients
+    /// Number of channels of a frame.
+    pub fn channels(&self) -> usize {
+        match &self.kind {
+            Kind::Polynomial(polynomial) => polynomial.model().channels,
+            Kind::Physics(physics) => physics.model().channels,
+        }
     }
 
-    /// The wrench of every row, untared: `W = X(s)·C`, N and N·m.
+    /// The wrench of every row, untared: N and N·m.
     ///
     /// `readings` has one column per channel, in counts; `wrench` is made as long as they are. The
-    /// sum over features is one fused multiply-add each, so the bits are the same on any machine.
+    /// bits are the same on any machine, and those of a row do not depend on the rows beside it.
     ///
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.
     pub fn wrench(&self, readings: &[Vec<f64>], wrench: &mut PerAxis<Vec<f64>>) {
         let rows = self.rows_of(readings);
-        wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
-        let features = vec![[0.0; LANES]; self.features.len()];
-        Arch::new().dispatch(Convert { calibration: self, readings, rows, features, wrench });
+        match &self.kind {
+            Kind::Polynomial(polynomial) => polynomial.wrench(readings, rows, wrench),
+            Kind::Physics(physics) => *wrench = physics.estimates(readings).wrench,
+        }
     }
 
     /// For every row, the channels whose reading lies outside the range of the training data: bit
@@ -115,54 +136,10 @@ impl Calibration {
 
     /// Number of rows, after a check of the shape that callers promise.
     pub(super) fn rows_of(&self, readings: &[Vec<f64>]) -> usize {
-        assert_eq!(readings.len(), self.model().channels, "one column per channel");
+        assert_eq!(readings.len(), self.channels(), "one column per channel");
         let rows = readings.first().map_or(0, Vec::len);
         assert!(readings.iter().all(|column| column.len() == rows), "columns of one length");
         rows
-    }
-}
-
-/// The loop over rows, inlined whole into code for the widest vectors of the machine.
-struct Convert<'a> {
-    calibration: &'a Calibration,
-    readings: &'a [Vec<f64>],
-    rows: usize,
-    features: Vec<RowLanes>,
-    wrench: &'a mut PerAxis<Vec<f64>>,
-}
-
-impl WithSimd for Convert<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Convert { calibration, readings, rows, mut features, wrench } = self;
-        for start in (0..rows).step_by(LANES) {
-            calibration.features.lanes(readings, start, &mut features);
-            let mut sums = [[0.0; LANES]; 6];
-            // Two vectors of rows at a time: their twelve sums stay in registers, and are as many as
-            // it takes for none to wait for its last addition.
-            for vector in (0..LANES / S::F64_LANES).step_by(2) {
-                let mut vectors = [[simd.splat_f64s(0.0); 2]; 6];
-                for (feature, coefficients) in features.iter().zip(&calibration.coefficients) {
-                    let feature = S::as_simd_f64s(feature).0;
-                    let x = [feature[vector], feature[vector + 1]];
-                    for (sums, &c) in vectors.iter_mut().zip(coefficients) {
-                        let c = simd.splat_f64s(c);
-                        *sums = [0, 1].map(|i| simd.mul_add_f64s(x[i], c, sums[i]));
-                    }
-                }
-                for (lanes, sums) in sums.iter_mut().zip(vectors) {
-                    S::as_mut_simd_f64s(lanes).0[vector..vector + 2].copy_from_slice(&sums);
-                }
-            }
-            for (axis, sums) in wrench.iter_mut().zip(&sums) {
-                match axis[start..].first_chunk_mut() {
-                    Some(lanes) => *lanes = *sums,
-                    None => axis[start..].copy_from_slice(&sums[..rows - start]),
-                }
-            }
-        }
     }
 }
 
@@ -201,6 +178,7 @@ mod tests {
     fn every_row_gets_the_sum_of_its_terms_whatever_the_number_of_rows() {
         for basis in Basis::ALL {
             let calibration = calibration(basis, 3);
+            let polynomial = calibration.polynomial().unwrap();
             for rows in [0, 1, 7, 8, 9, 23] {
                 let readings: Vec<Vec<f64>> = (0..3)
                     .map(|c| (0..rows).map(|row| ((row * 31 + c * 17) % 100) as f64).collect())
@@ -212,7 +190,7 @@ mod tests {
                     for axis in 0..6 {
                         // Dyadic numbers of few bits: every operation is exact.
                         let expected: f64 =
-                            std::iter::zip(calibration.model().terms(), calibration.coefficients())
+                            std::iter::zip(polynomial.model().terms(), polynomial.coefficients())
                                 .map(|(term, c)| {
                                     c[axis] * term.factors().iter().map(z).product::<f64>()
                                 })

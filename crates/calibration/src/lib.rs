@@ -1,7 +1,8 @@
-//! The least-squares calibration from sensor readings to a wrench.
+//! The calibration from sensor readings to a wrench.
 //!
 //! `W ≈ X(s)·C`: `X` holds one [feature](model) per column, products of up to three readings, `W`
-//! the six axes of the wrench.
+//! the six axes of the wrench. Or the other way round: a model of what each sensor answers to a wrench
+//! ([physics]), inverted.
 //!
 //! A [solver] reduces [blocks](shell_data::Block) of rows to a [`solver::Solution`]: by [exact] sums of
 //! integer readings, or by a [least-squares method](least_squares) on the features. A
@@ -42,6 +43,8 @@ pub mod features;
 pub mod least_squares;
 pub mod magnitudes;
 pub mod model;
+pub mod physics;
+pub mod polynomial;
 pub mod quality;
 pub mod rank_loss;
 pub mod raw_units;
@@ -54,6 +57,7 @@ pub mod validation;
 mod vectors;
 mod wide_features;
 
-pub use self::conversion::Calibration;
+pub use self::conversion::{Calibration, Kind};
 pub use self::error::FitError;
 pub use self::model::{Basis, Model};
+pub use self::polynomial::Polynomial;

@@ -7,8 +7,8 @@
 
 use std::collections::HashMap;
 
-use super::conversion::Calibration;
 use super::model::Term;
+use super::polynomial::Polynomial;
 use crate::double_double::DoubleDouble;
 use shell_data::wrench::PerAxis;
 
@@ -16,12 +16,12 @@ use shell_data::wrench::PerAxis;
 ///
 /// A feature is `Π (sᵢ − cᵢ)/kᵢ` over its factors; choosing `sᵢ` or `−cᵢ` from each gives the raw
 /// terms it contributes to.
-pub fn coefficients(calibration: &Calibration) -> Vec<PerAxis<f64>> {
-    let terms = calibration.model().terms();
-    let scaling = calibration.scaling();
+pub fn coefficients(polynomial: &Polynomial) -> Vec<PerAxis<f64>> {
+    let terms = polynomial.model().terms();
+    let scaling = polynomial.scaling();
     let position: HashMap<Term, usize> = terms.iter().copied().zip(0..).collect();
     let mut raw = vec![PerAxis::<DoubleDouble>::default(); terms.len()];
-    for (term, coefficients) in terms.iter().zip(calibration.coefficients()) {
+    for (term, coefficients) in terms.iter().zip(polynomial.coefficients()) {
         let factors = term.factors();
         // Scales are powers of two: dividing by them is exact.
         let scale: f64 = factors.iter().map(|&c| scaling.scale[usize::from(c)]).product();
@@ -47,6 +47,7 @@ pub fn coefficients(calibration: &Calibration) -> Vec<PerAxis<f64>> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::conversion::Calibration;
     use super::super::model::{Basis, Model};
     use super::super::scaling::Scaling;
     use super::*;
@@ -64,7 +65,7 @@ mod tests {
                 .map(|j| std::array::from_fn(|axis| ((j * 37 + axis * 11) as f64).sin()))
                 .collect();
             let calibration = Calibration::new(model, scaling, coefficients);
-            let raw = super::coefficients(&calibration);
+            let raw = super::coefficients(calibration.polynomial().unwrap());
             let readings: Vec<Vec<f64>> = (0..8)
                 .map(|c| (0..50).map(|row| f64::from((row * 619 + c * 257) % 4096)).collect())
                 .collect();
@@ -90,7 +91,7 @@ mod tests {
     fn a_calibration_that_is_raw_already_stays_as_it_is() {
         let model = Model { basis: Basis::Cubic, intercept: false, channels: 2 };
         let coefficients: Vec<PerAxis<f64>> = (1..=6).map(|j| [0.1 * f64::from(j); 6]).collect();
-        let calibration = Calibration::new(model, Scaling::identity(2), coefficients.clone());
-        assert_eq!(super::coefficients(&calibration), coefficients);
+        let polynomial = Polynomial::new(model, Scaling::identity(2), coefficients.clone());
+        assert_eq!(super::coefficients(&polynomial), coefficients);
     }
 }

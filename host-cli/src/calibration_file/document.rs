@@ -7,9 +7,9 @@ use super::stored::{
     Stored, StoredCoefficientCovariance, StoredCovariance, StoredModel, StoredOrigin,
     StoredReadingRange, StoredScaling,
 };
-use super::{CalibrationFile, Problem, SCHEMA_VERSION};
+use super::{CalibrationFile, PHYSICS_SCHEMA_VERSION, Problem, SCHEMA_VERSION, physics_document};
 use calibration::model::Term;
-use calibration::{Calibration, model};
+use calibration::{Calibration, Polynomial, model};
 use shell_data::wrench::{Axis, PerAxis};
 
 #[derive(Serialize, Deserialize)]
@@ -31,16 +31,17 @@ struct Version {
     schema_version: u64,
 }
 
-pub(super) fn format(file: &CalibrationFile) -> String {
+/// Of a polynomial.
+pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String {
     let calibration = &file.calibration;
     let document = Document {
         schema_version: SCHEMA_VERSION,
         origin: Stored::of(&file.origin),
-        model: Stored::of(&calibration.model()),
-        terms: calibration.model().terms().iter().map(Term::name).collect(),
-        scaling: Stored::of(calibration.scaling()),
+        model: Stored::of(&polynomial.model()),
+        terms: polynomial.model().terms().iter().map(Term::name).collect(),
+        scaling: Stored::of(polynomial.scaling()),
         axes: Axis::ALL.map(|axis| axis.column().to_owned()),
-        coefficients: calibration.coefficients().to_vec(),
+        coefficients: polynomial.coefficients().to_vec(),
         covariance: Stored::of(&calibration.covariance),
         valid_range: Stored::of(&calibration.valid_range),
     };
@@ -50,8 +51,10 @@ pub(super) fn format(file: &CalibrationFile) -> String {
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     // The version first: a document of another version may differ in any other field.
     let Version { schema_version } = serde_json::from_slice(text).map_err(problem)?;
-    if schema_version != SCHEMA_VERSION {
-        return Err(Problem::SchemaVersion { found: schema_version });
+    match schema_version {
+        SCHEMA_VERSION => {}
+        PHYSICS_SCHEMA_VERSION => return physics_document::parse(text),
+        found => return Err(Problem::SchemaVersion { found }),
     }
     let document: Document = serde_json::from_slice(text).map_err(problem)?;
     document.check().map_err(Problem::Inconsistent)?;
@@ -254,7 +257,7 @@ mod tests {
 
     #[test]
     fn another_schema_version_is_told_whatever_else_the_file_holds() {
-        let Err(Problem::SchemaVersion { found: 2 }) = parse(b"{\"schema_version\": 2}") else {
+        let Err(Problem::SchemaVersion { found: 3 }) = parse(b"{\"schema_version\": 3}") else {
             panic!()
         };
     }

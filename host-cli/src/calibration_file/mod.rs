@@ -15,6 +15,15 @@
 //! | `covariance` | see [`calibration::uncertainty`] |
 //! | `valid_range` | the smallest and largest reading of each channel in the training data |
 //! | `sources` | files, their checksums and rows |
+//!
+//! That of a physics model has [`PHYSICS_SCHEMA_VERSION`] and instead of terms, scaling, coefficients and
+//! covariance:
+//!
+//! | field | content |
+//! |---|---|
+//! | `model` | `physics` |
+//! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`] |
+//! | `intervals` | standard errors of an interval by level and axis, see [`calibration::physics::intervals`] |
 
 mod document;
 mod layout;
@@ -23,6 +32,7 @@ pub mod matrix;
 mod moments;
 mod origin;
 mod partial;
+mod physics_document;
 pub mod stored;
 
 use std::io;
@@ -32,11 +42,14 @@ use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
 pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
 use crate::input::{self, Document};
-use calibration::Calibration;
+use calibration::{Calibration, Kind};
 use shell_data::wrench::PerAxis;
 
-/// The version of the document that this program writes and reads.
+/// The version of the documents of polynomials that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
+
+/// The version of the documents of physics models.
+pub const PHYSICS_SCHEMA_VERSION: u64 = 2;
 
 /// A calibration with its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,7 +99,9 @@ pub enum Problem {
         message: String,
     },
     /// Written by a program of another time.
-    #[error("its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`")]
+    #[error(
+        "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}` and `{PHYSICS_SCHEMA_VERSION}`"
+    )]
     SchemaVersion {
         /// The version of the file.
         found: u64,
@@ -121,7 +136,10 @@ impl CalibrationFile {
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        document::format(self)
+        match self.calibration.kind() {
+            Kind::Polynomial(polynomial) => document::format(self, polynomial),
+            Kind::Physics(physics) => physics_document::format(self, physics),
+        }
     }
 
     /// Makes a calibration from the coefficient matrix at `path`: CSV, or MATLAB 5 if the file
@@ -146,7 +164,7 @@ impl CalibrationFile {
             matrix::parse_csv(&bytes, options)
         };
         let calibration = calibration.map_err(|error| problem(Problem::Matrix(error)))?;
-        let rows = calibration.coefficients().len() as u64;
+        let rows = calibration.polynomial().map_or(0, |p| p.coefficients().len()) as u64;
         let source = Source { role: Role::Matrix, path: path.into(), checksum: None, rows };
         let origin = Origin { sources: vec![source], ..Origin::default() };
         Ok(Self { calibration, origin })

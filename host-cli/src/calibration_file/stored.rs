@@ -6,6 +6,8 @@
 use std::path::PathBuf;
 
 use calibration::model::{Basis, Model};
+use calibration::physics::response::{PARAMETERS, Parameters};
+use calibration::physics::{GroupIntervals, Noise, PhysicsModel, Sensor};
 use calibration::quality::AxisQuality;
 use calibration::reading_ranges::ReadingRange;
 use calibration::scaling::Scaling;
@@ -60,7 +62,7 @@ macro_rules! as_it_is {
     )*};
 }
 
-as_it_is!(bool, f64, u64, usize, String, Role);
+as_it_is!(bool, f64, u64, usize, String, Role, Parameters, [Parameters; PARAMETERS]);
 
 /// A path in a document. Names that are not Unicode, which JSON cannot hold, are written with
 /// replacement characters.
@@ -187,6 +189,29 @@ stored!(StoredCovariance of Covariance {
     shape: Option<StoredErrorShape>,
 });
 stored!(StoredErrorShape of ErrorShape { levels: Vec<f64>, quantiles: PerAxis<Vec<f64>> });
+
+stored!(StoredPhysicsModel of PhysicsModel {
+    channels: usize,
+    wrench_scale: PerAxis<f64>,
+    load_precision: PerAxis<PerAxis<f64>>,
+    lambda: f64,
+    prior_width: f64,
+    noise: StoredNoise,
+    sensors: Vec<StoredSensor>,
+});
+stored!(StoredNoise of Noise { reading: f64, displacement: f64 });
+stored!(StoredSensor of Sensor {
+    channel: usize,
+    least: f64,
+    range: f64,
+    parameters: Parameters,
+    covariance: [Parameters; PARAMETERS],
+});
+stored!(StoredGroupIntervals of GroupIntervals {
+    groups: usize,
+    levels: Vec<f64>,
+    factors: PerAxis<Vec<f64>>,
+});
 
 /// [`CoefficientCovariance`] in a document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -202,6 +202,7 @@ fn mean_of_both(a: &Tare, b: &Tare) -> Tare {
         frames,
         features: a.features.iter().zip(&b.features).map(|(&a, &b)| mean(a, b)).collect(),
         wrench: std::array::from_fn(|axis| mean(a.wrench[axis], b.wrench[axis])),
+        variance: std::array::from_fn(|axis| mean(a.variance[axis], b.variance[axis])),
     }
 }
 

@@ -8,7 +8,7 @@ use calibration::{Basis, Calibration};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NotForBoard {
-    /// It has cross terms, which the board does not compute.
+    /// It is of a kind that the board does not compute.
     #[error("the board computes models `linear` and `cubic`, this calibration is `{basis}`")]
     Basis {
         /// Its basis.
@@ -31,14 +31,15 @@ pub enum NotForBoard {
 /// # Errors
 /// [`NotForBoard`].
 pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration, NotForBoard> {
-    let model = calibration.model();
+    let polynomial = calibration.polynomial().ok_or(NotForBoard::Basis { basis: "physics" })?;
+    let model = polynomial.model();
     if model.channels != CHANNELS {
         return Err(NotForBoard::Channels { channels: model.channels });
     }
     if !matches!(model.basis, Basis::Linear | Basis::Cubic) {
         return Err(NotForBoard::Basis { basis: model.basis.name() });
     }
-    let scaling = calibration.scaling();
+    let scaling = polynomial.scaling();
     let counts = f64::from(COUNTS_PER_LSB);
     let mut board = shared_proto::Calibration {
         centre: std::array::from_fn(|i| (scaling.centre[i] * counts) as f32),
@@ -46,7 +47,7 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
         coefficients: [[0.0; AXES]; FEATURES],
         intercept: [0.0; AXES],
     };
-    for (term, row) in model.terms().iter().zip(calibration.coefficients()) {
+    for (term, row) in model.terms().iter().zip(polynomial.coefficients()) {
         let row = row.map(|value| value as f32);
         match term.factors() {
             [] => board.intercept = row,

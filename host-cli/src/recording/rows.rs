@@ -54,7 +54,7 @@ impl RowWriter {
         forces: Option<LiveForces>,
     ) -> Result<Self, UnsuitableCalibration> {
         if let Some(forces) = &forces {
-            let found = forces.calibration.model().channels;
+            let found = forces.calibration.channels();
             if found != CHANNELS {
                 return Err(UnsuitableCalibration::Channels { found });
             }

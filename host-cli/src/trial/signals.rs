@@ -91,7 +91,7 @@ fn find_forces(
         diagnostics.push(Diagnostic::NoCalibration);
         return Ok(None);
     };
-    let expected = calibration.model().channels;
+    let expected = calibration.channels();
     if found > 0 && found != expected {
         return Err(TrialError::Channels { expected, found });
     }

@@ -19,8 +19,8 @@
 use super::forces::TrialForces;
 use super::integral::Span;
 use crate::forces::TareFrames;
-use calibration::Calibration;
 use calibration::uncertainty::{CoefficientCovariance, Tare, student_quantile};
+use calibration::{Calibration, Polynomial};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The share of the truth that intervals are to hold.
@@ -49,10 +49,11 @@ pub(super) struct MeanForce<'a> {
 pub(super) fn half_widths(mean: &MeanForce<'_>, axes: &[Axis]) -> Option<PerAxis<f64>> {
     let MeanForce { calibration, tare, forces, span, unexplained } = *mean;
     let covariance = calibration.covariance.as_ref()?;
+    let polynomial = calibration.polynomial()?;
     // What each frame counts for in the mean.
     let mut shares = vec![0.0; forces.frames.first().map_or(0, Vec::len)];
     span.shares().for_each(|(row, share)| shares[forces.frame_of_row[row]] += share);
-    let mut difference = mean_features(calibration, &forces.frames, &shares);
+    let mut difference = mean_features(polynomial, &forces.frames, &shares);
     let mut of_tare = PerAxis::default();
     if let Some((frames, tare)) = tare {
         difference.iter_mut().zip(&tare.features).for_each(|(x, tare)| *x -= tare);
@@ -92,10 +93,10 @@ pub(super) fn half_widths(mean: &MeanForce<'_>, axes: &[Axis]) -> Option<PerAxis
 }
 
 /// `Σ share·x` of the features x of each frame.
-fn mean_features(calibration: &Calibration, frames: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
+fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     /// Frames whose features are held at once.
     const FRAMES: usize = 256;
-    let features = calibration.features();
+    let features = polynomial.features();
     let mut mean = vec![0.0; features.len()];
     let mut columns = vec![0.0; FRAMES * features.len()];
     let counted = |share: &f64| *share != 0.0;

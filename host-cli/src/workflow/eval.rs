@@ -126,7 +126,7 @@ pub fn eval(
 ) -> Result<Evaluation, WorkflowError> {
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
     log.require(&wanted)?;
-    super::check_channels(log, calibration.model().channels)?;
+    super::check_channels(log, calibration.channels())?;
     let is_drawn = plot.is_some();
     let mut all = Evaluation::default();
     let map = |block: &mut Block| {

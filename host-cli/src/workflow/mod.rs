@@ -14,16 +14,19 @@ pub mod log_summary;
 pub mod model_choice;
 pub mod moments;
 pub mod noise;
+pub mod physics;
 pub mod report;
 pub mod sampling;
 pub mod selection;
 pub mod simulate;
 pub mod synthetic_trials;
 pub mod trial;
+pub mod weighing;
 
 use std::path::PathBuf;
 
 use calibration::FitError;
+use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
 use log_file::{Log, LogError};
 
@@ -37,6 +40,9 @@ pub enum WorkflowError {
     /// The rows do not determine a calibration.
     #[error(transparent)]
     Fit(#[from] FitError),
+    /// The rows do not determine a physics model.
+    #[error(transparent)]
+    Physics(#[from] PhysicsError),
     /// A log has another number of channels than the calibration, or than the first log.
     #[error(transparent)]
     Channels(#[from] ChannelMismatch),

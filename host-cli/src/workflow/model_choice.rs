@@ -83,10 +83,30 @@ pub struct ModelChoice {
     pub cross_validation: Option<CrossValidation>,
     /// The sums of the training rows, by group, where they were made.
     pub sums: Option<GroupedMoments>,
+    /// What the groups of those are.
+    pub group_by: Option<GroupBy>,
     /// Whether the covariance is to come from the groups.
     pub by_group: bool,
     /// Why it cannot, though there are groups.
     pub not_grouped: Option<ValidationError>,
+    /// Why there should be no covariance at all, unless it is asked for by name.
+    pub few_groups: Option<FewGroups>,
+}
+
+/// More than half as many features as groups: whatever the rank, what the groups leave to tell errors
+/// from is too little.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FewGroups {
+    /// Features of the model.
+    pub features: usize,
+    /// Groups of rows.
+    pub groups: usize,
+}
+
+impl FewGroups {
+    fn of(features: usize, groups: usize) -> Option<Self> {
+        (2 * features > groups).then_some(Self { features, groups })
+    }
 }
 
 /// Chooses the model, validates it, and sums by group: as much of it as is asked for.
@@ -103,8 +123,10 @@ pub fn choose(
         selection: None,
         cross_validation: None,
         sums: None,
+        group_by: None,
         by_group: false,
         not_grouped: None,
+        few_groups: None,
     };
     let (group_by, folds) = match options.cross_validation {
         Some(HeldOut::File) => (Some(GroupBy::File), None),
@@ -112,6 +134,7 @@ pub fn choose(
         Some(HeldOut::Folds(folds)) => (moments::group_by(train), Some(folds)),
         Some(HeldOut::Auto) | None => (moments::group_by(train), None),
     };
+    choice.group_by = group_by;
     choice.by_group = options.wants_groups(group_by);
     let validates = options.basis.is_none() || options.cross_validation.is_some();
     if !validates && !choice.by_group {
@@ -141,9 +164,12 @@ pub fn choose(
         (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
         choice.selection = Some(selection);
     }
+    let channels = train.first().map_or(0, Log::channels);
+    let model = Model { basis: choice.basis, intercept: options.intercept, channels };
+    if options.covariance == CovarianceRule::Auto && group_by == Some(GroupBy::Column) {
+        choice.few_groups = FewGroups::of(model.term_count(), sums.groups.len());
+    }
     if options.cross_validation.is_some() {
-        let channels = train.first().map_or(0, Log::channels);
-        let model = Model { basis: choice.basis, intercept: options.intercept, channels };
         choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
     }
     choice.sums = Some(sums);

@@ -84,7 +84,7 @@ pub fn noise(
     let path = || log.path().display().to_string();
     let wanted = Wanted { readings: true, time: options.window.is_some(), ..Wanted::default() };
     log.require(&wanted)?;
-    check_channels(log, calibration.model().channels)?;
+    check_channels(log, calibration.channels())?;
     let pipeline = ForcePipeline::raw();
     let mut axes = PerAxis::<ColumnStatistics>::default();
     let mut channels = vec![ColumnStatistics::default(); log.channels()];

@@ -46,7 +46,7 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
         ("file", path.to_owned()),
         ("made by", origin.made_by.clone()),
         ("date", origin.date.clone()),
-        ("model", calibration.model().name()),
+        ("model", calibration.name()),
     ];
     if let Some(serial) = &origin.sensor_serial {
         facts.push(("sensor", serial.clone()));

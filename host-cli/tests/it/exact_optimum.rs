@@ -80,8 +80,9 @@ fn optimum(features: &[Vec<BigInt>], wrench: &Vec<BigInt>) -> BigRational {
 
 /// The exact sum of squared residuals of the coefficients of a calibration, per axis.
 fn residual(block: &Block, calibration: &Calibration) -> Vec<BigRational> {
-    let terms = calibration.model().terms();
-    let scaling = calibration.scaling();
+    let polynomial = calibration.polynomial().unwrap();
+    let terms = polynomial.model().terms();
+    let scaling = polynomial.scaling();
     let mut sums = vec![exact(0.0); 6];
     for row in 0..block.rows {
         let z: Vec<BigRational> = (0..block.readings.len())
@@ -95,7 +96,7 @@ fn residual(block: &Block, calibration: &Calibration) -> Vec<BigRational> {
             .map(|term| term.factors().iter().map(|&c| &z[usize::from(c)]).product())
             .collect();
         for (axis, sum) in sums.iter_mut().enumerate() {
-            let predicted: BigRational = std::iter::zip(&features, calibration.coefficients())
+            let predicted: BigRational = std::iter::zip(&features, polynomial.coefficients())
                 .map(|(x, c)| x * exact(c[axis]))
                 .sum();
             let error = predicted - exact(block.wrench[axis][row]);

@@ -28,7 +28,7 @@ fn the_parts_of_a_calibration_are_where_they_belong() {
     let file = CalibrationFile::read(&golden("calibration-v1.json")).unwrap();
     let diagnostics = file.origin.diagnostics.unwrap();
     assert_eq!(file.origin.sensor_serial.as_deref(), Some("shell 7"));
-    assert_eq!(file.calibration.model().channels, 3);
+    assert_eq!(file.calibration.channels(), 3);
     assert_eq!((diagnostics.rows, diagnostics.rank), (2500, 4));
     assert_eq!(diagnostics.cross_validation.unwrap().groups, 125);
     let selection = diagnostics.selection.unwrap();

@@ -31,6 +31,7 @@ mod noise;
 mod one_pipeline;
 mod outages;
 mod partial_fits;
+mod physics_command;
 mod prediction_intervals;
 mod readme;
 #[cfg(unix)]

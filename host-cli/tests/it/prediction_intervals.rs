@@ -153,10 +153,9 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
         let calibration = Calibration::of_solution(&solution, &total.reading_ranges());
         let at = [1700.0, 2100.0];
-        let x: Vec<f64> = (0..2)
-            .map(|c| (at[c] - calibration.scaling().centre[c]) / calibration.scaling().scale[c])
-            .chain([1.0])
-            .collect();
+        let scaling = calibration.polynomial().unwrap().scaling();
+        let x: Vec<f64> =
+            (0..2).map(|c| (at[c] - scaling.centre[c]) / scaling.scale[c]).chain([1.0]).collect();
         let mut predicted = PerAxis::default();
         calibration.wrench(&at.map(|s| vec![s]), &mut predicted);
         let covariances = [

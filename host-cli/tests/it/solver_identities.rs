@@ -92,7 +92,7 @@ fn the_raw_export_of_a_fit_evaluates_to_the_same_wrench() {
     for basis in Basis::ALL {
         for intercept in [false, true] {
             let (_, calibration) = fit(&problem(basis, intercept, &block), &block).unwrap();
-            let raw = raw_units::coefficients(&calibration);
+            let raw = raw_units::coefficients(calibration.polynomial().unwrap());
             let mut wrench = PerAxis::default();
             calibration.wrench(&block.readings, &mut wrench);
             for row in (0..block.rows).step_by(100) {
@@ -101,8 +101,15 @@ fn the_raw_export_of_a_fit_evaluates_to_the_same_wrench() {
                         let s = |&c: &u8| block.readings[usize::from(c)][row];
                         c[axis] * term.factors().iter().map(s).product::<f64>()
                     };
-                    let terms: Vec<f64> =
-                        calibration.model().terms().iter().zip(&raw).map(term).collect();
+                    let terms: Vec<f64> = calibration
+                        .polynomial()
+                        .unwrap()
+                        .model()
+                        .terms()
+                        .iter()
+                        .zip(&raw)
+                        .map(term)
+                        .collect();
                     let largest = terms.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
                     let difference = terms.iter().sum::<f64>() - wrench[axis][row];
                     assert!(difference.abs() < 1e-12 * largest, "{basis:?} {difference:e}");

@@ -31,4 +31,4 @@ mod prediction;
 
 pub use self::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
 pub use self::interval::{ErrorShape, HIGHEST_LEVEL, student_quantile};
-pub use self::prediction::Tare;
+pub use self::prediction::{Tare, Trust};

@@ -3,8 +3,9 @@
 use pulp::{Arch, NullaryFnOnce};
 
 use super::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
-use crate::conversion::Calibration;
+use crate::conversion::{Calibration, Kind};
 use crate::features::{Features, LANES, RowLanes};
+use crate::physics::Flags;
 use shell_data::wrench::PerAxis;
 
 /// The unloaded state that later samples are measured from.
@@ -16,6 +17,9 @@ pub struct Tare {
     pub features: Vec<f64>,
     /// Their mean wrench, N and N·m, to be subtracted.
     pub wrench: PerAxis<f64>,
+    /// For a physics model the mean variance of the error at their pose, squares of N and N·m, which
+    /// does not fall with more frames; zero for a polynomial, where the features say it.
+    pub variance: PerAxis<f64>,
 }
 
 impl Calibration {
@@ -28,16 +32,52 @@ impl Calibration {
         if frames == 0 {
             return None;
         }
-        let mut columns = vec![0.0; frames * self.features().len()];
-        self.features().fill(readings, 0..frames, &mut columns, frames);
         let mean = |column: &[f64]| column.iter().sum::<f64>() / frames as f64;
-        let mut wrench = PerAxis::default();
-        self.wrench(readings, &mut wrench);
-        Some(Tare {
-            frames,
-            features: columns.chunks_exact(frames).map(mean).collect(),
-            wrench: wrench.map(|axis| mean(&axis)),
-        })
+        let (features, wrench, variance) = match self.kind() {
+            Kind::Polynomial(polynomial) => {
+                let features = polynomial.features();
+                let mut columns = vec![0.0; frames * features.len()];
+                features.fill(readings, 0..frames, &mut columns, frames);
+                let mut wrench = PerAxis::default();
+                self.wrench(readings, &mut wrench);
+                (columns.chunks_exact(frames).map(mean).collect(), wrench, PerAxis::default())
+            }
+            Kind::Physics(physics) => {
+                let estimates = physics.estimates(readings);
+                let square = |errors: Vec<f64>| {
+                    errors.iter().map(|error| error * error).sum::<f64>() / frames as f64
+                };
+                (Vec::new(), estimates.wrench, estimates.standard_errors.map(square))
+            }
+        };
+        Some(Tare { frames, features, wrench: wrench.map(|axis| mean(&axis)), variance })
+    }
+
+    /// Whether it knows standard errors.
+    pub fn has_standard_errors(&self) -> bool {
+        self.covariance.is_some() || matches!(self.kind(), Kind::Physics(_))
+    }
+
+    /// How far to trust every row: standard errors, if they are wanted and known, and channels that
+    /// say nothing.
+    ///
+    /// # Panics
+    /// If `readings` are not the model's channels, or of different lengths.
+    pub fn trust(&self, readings: &[Vec<f64>], tare: Option<&Tare>, errors: bool) -> Trust {
+        let mut standard_errors = PerAxis::default();
+        let Kind::Physics(physics) = self.kind() else {
+            if errors {
+                self.standard_errors(readings, tare, &mut standard_errors);
+            }
+            return Trust { standard_errors, ..Trust::default() };
+        };
+        let found = physics.estimates(readings);
+        let mask = |of: fn(&Flags) -> u16| found.flags.iter().map(|f| u64::from(of(f))).collect();
+        Trust {
+            saturated: mask(|flags| flags.saturated),
+            left_out: mask(|flags| flags.left_out),
+            standard_errors: tared(found.standard_errors, tare),
+        }
     }
 
     /// The standard error of every row and axis, N and N·m; see the module for the formulas.
@@ -55,10 +95,17 @@ impl Calibration {
     ) -> bool {
         let rows = self.rows_of(readings);
         errors.iter_mut().for_each(Vec::clear);
+        let polynomial = match self.kind() {
+            Kind::Polynomial(polynomial) => polynomial,
+            Kind::Physics(physics) => {
+                *errors = tared(physics.estimates(readings).standard_errors, tare);
+                return true;
+            }
+        };
         let Some(covariance) = &self.covariance else { return false };
-        let features = vec![[0.0; LANES]; self.features().len()];
+        let features = vec![[0.0; LANES]; polynomial.features().len()];
         Arch::new().dispatch(Errors {
-            features: self.features(),
+            features: polynomial.features(),
             covariance,
             readings,
             rows,
@@ -68,6 +115,30 @@ impl Calibration {
         });
         true
     }
+}
+
+/// How far to trust some rows. Masks have bit `i` for channel `i`; there are none where the model
+/// does not tell.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trust {
+    /// N and N·m.
+    pub standard_errors: PerAxis<Vec<f64>>,
+    /// Channels on a plateau of their curve, which say nothing about the wrench.
+    pub saturated: Vec<u64>,
+    /// Channels that a model left out: constant in its training data, not a number, or at odds with all
+    /// others.
+    pub left_out: Vec<u64>,
+}
+
+/// The standard errors of differences from the tare: the errors of two poses have nothing to do with
+/// each other.
+fn tared(mut errors: PerAxis<Vec<f64>>, tare: Option<&Tare>) -> PerAxis<Vec<f64>> {
+    if let Some(tare) = tare {
+        for (column, variance) in errors.iter_mut().zip(tare.variance) {
+            column.iter_mut().for_each(|error| *error = (*error * *error + variance).sqrt());
+        }
+    }
+    errors
 }
 
 /// The loop over rows, inlined whole into code for the widest vectors of the machine.

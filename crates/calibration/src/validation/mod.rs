@@ -9,6 +9,7 @@
 //! Left out: readings that the exact solver cannot take. Without exact sums, taking a group away
 //! from the whole would cancel.
 
+pub mod comparison;
 pub mod cross_validation;
 pub mod excitation;
 pub mod grouped;

@@ -99,6 +99,33 @@ pub fn select(
     Ok(Selection { folds: folds.len(), candidates, best, chosen })
 }
 
+/// The folds that [`select`] holds out, as places of groups in `sums`.
+///
+/// # Errors
+/// [`ValidationError`] if there are too few groups.
+pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, ValidationError> {
+    fold_groups(sums, sums.groups.len().min(FOLDS))
+}
+
+/// The errors of a model on each of [`folds`]; `None` if it cannot be fitted without one of them.
+///
+/// # Errors
+/// [`ValidationError`] if there are too few groups.
+pub fn errors_by_fold(
+    sums: &GroupedMoments,
+    model: &Model,
+    ridge: f64,
+) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, ValidationError> {
+    let whole = sums.total().filter(|_| sums.groups.len() > 1);
+    let whole = whole.ok_or(ValidationError::TooFewGroups { found: sums.groups.len() })?;
+    let parts = PartitionedMoments::new(whole, model)?;
+    let errors = folds(sums)?
+        .iter()
+        .map(|fold| errors_on(&parts, &sums.groups, fold, ridge))
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok(errors.into_iter().collect::<Result<_, _>>().ok())
+}
+
 fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> CandidateErrors {
     let varying: Vec<usize> = (0..6).filter(|&axis| variances[axis] > 0.0).collect();
     let mut all = PerAxis::<HeldOutErrors>::default();

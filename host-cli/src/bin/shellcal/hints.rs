@@ -109,7 +109,7 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
             "filter forward only with `--causal`, or not at all with `--no-lowpass`"
         }
         ConvertError::NoCovariance => {
-            "leave out `--interval`, and `se` of `--columns`; calibrations made by `shellcal fit` have a covariance"
+            "leave out `--interval`, and `se` of `--columns`; `shellcal fit` puts a covariance into the calibration unless there are fewer than twice as many groups as features, or `--covariance none`"
         }
         _ => return None,
     })

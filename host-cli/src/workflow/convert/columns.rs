@@ -15,7 +15,8 @@ pub struct Columns {
     /// the wrench as written, as wide as that of the frame before filtering.
     pub interval: Option<f64>,
     /// Which channels cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at
-    /// an end of the converter; empty when all is well.
+    /// an end of the converter or on a plateau of its curve, `s3:left-out` not used by the model; empty
+    /// when all is well.
     pub flags: bool,
 }
 

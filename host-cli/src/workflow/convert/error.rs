@@ -7,6 +7,7 @@ use crate::forces::ForceError;
 use crate::forces::filter::FilterError;
 use crate::workflow::ChannelMismatch;
 use crate::workflow::selection::TimeWindow;
+use calibration::physics::TooFewGroups;
 use log_file::LogError;
 
 /// A log that cannot be converted as asked.
@@ -76,6 +77,9 @@ pub enum ConvertError {
     /// Standard errors were asked for by name, and cannot be given.
     #[error("the calibration carries no covariance, from which standard errors and intervals come")]
     NoCovariance,
+    /// An interval was asked for that the calibration's groups cannot tell.
+    #[error(transparent)]
+    TooFewGroups(#[from] TooFewGroups),
     /// Readings so large that the wrench overflows.
     #[error("`{path}`: the wrench of frame `{frame}` is not finite")]
     NotFinite {

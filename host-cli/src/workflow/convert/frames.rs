@@ -16,8 +16,10 @@ pub(super) struct ConvertedFrames {
     /// The channels outside the range of the training data: bit `i` for channel `i` from 0, all from
     /// 63 up sharing the last bit.
     pub(super) out_of_range: Vec<u64>,
-    /// The saturated channels, likewise.
+    /// The channels at an end of the converter or on a plateau of their curve, likewise.
     pub(super) saturated: Vec<u64>,
+    /// The channels that the model left out, likewise; empty where it leaves none out.
+    pub(super) left_out: Vec<u64>,
 }
 
 /// Consecutive rows of a log, and the frames that are written of them.
@@ -51,6 +53,7 @@ impl ConvertedFrames {
         self.time_s.append(&mut next.time_s);
         self.out_of_range.append(&mut next.out_of_range);
         self.saturated.append(&mut next.saturated);
+        self.left_out.append(&mut next.left_out);
         for (column, next) in self.standard_errors.iter_mut().zip(&mut next.standard_errors) {
             column.append(next);
         }
@@ -67,6 +70,7 @@ impl ConvertedFrames {
             standard_errors: self.standard_errors.each_mut().map(|column| first(column, count)),
             out_of_range: first(&mut self.out_of_range, count),
             saturated: first(&mut self.saturated, count),
+            left_out: first(&mut self.left_out, count),
         }
     }
 }
@@ -110,17 +114,18 @@ impl Converter<'_> {
             time_s: std::mem::take(&mut block.time_s),
             ..ConvertedFrames::default()
         };
-        if options.columns.need_errors() {
-            let errors = &mut frames.standard_errors;
-            let known = calibration.standard_errors(&block.readings, pipeline.tare(), errors);
-            debug_assert!(known, "checked before the work");
-        }
+        let errors = options.columns.need_errors();
+        let trust = calibration.trust(&block.readings, pipeline.tare(), errors);
+        (frames.standard_errors, frames.left_out) = (trust.standard_errors, trust.left_out);
         // Flagged frames are counted, whether or not the flags are written.
         frames.out_of_range = calibration.out_of_range(&block.readings);
         frames.saturated = match options.full_scale {
             Some(full_scale) => saturated(&block.readings, full_scale),
             None => vec![0; block.rows],
         };
+        for (flags, plateau) in frames.saturated.iter_mut().zip(trust.saturated) {
+            *flags |= plateau;
+        }
         frames
     }
 }

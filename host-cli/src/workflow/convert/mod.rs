@@ -27,11 +27,27 @@ pub use summary::{AxisSummary, ConvertSummary};
 
 use super::check_channels;
 use crate::figures::WrenchTrace;
+use calibration::{Calibration, Kind};
 use frames::Converter;
 use log_file::Wanted;
+use shell_data::wrench::PerAxis;
 use survey::survey;
 use table::Table;
 use writer::Writer;
+
+/// How many standard errors an interval of this level reaches either way.
+fn interval_factors(calibration: &Calibration, level: f64) -> Result<PerAxis<f64>, ConvertError> {
+    match calibration.kind() {
+        Kind::Polynomial(_) => {
+            let covariance = calibration.covariance.as_ref().ok_or(ConvertError::NoCovariance)?;
+            Ok(covariance.interval_factors(level))
+        }
+        Kind::Physics(physics) => {
+            let intervals = physics.intervals.as_ref().ok_or(ConvertError::NoCovariance)?;
+            Ok(intervals.factors(level)?)
+        }
+    }
+}
 
 /// Converts a log and writes the result to `out` as CSV; `trace` is given the wrench as well.
 ///
@@ -44,16 +60,16 @@ pub fn convert(
 ) -> Result<ConvertSummary, ConvertError> {
     let Conversion { log, calibration, options, read } = *conversion;
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
-    check_channels(log, calibration.model().channels)?;
-    if options.columns.need_errors() && calibration.covariance.is_none() {
+    check_channels(log, calibration.channels())?;
+    if options.columns.need_errors() && !calibration.has_standard_errors() {
         return Err(ConvertError::NoCovariance);
     }
     let pipeline = survey(conversion)?;
     let time = options.columns.time || trace.is_some() || pipeline.low_pass().is_some();
     let wanted = Wanted { readings: true, time, ..Wanted::default() };
     log.require(&wanted)?;
-    let covariance = calibration.covariance.as_ref().zip(options.columns.interval);
-    let factors = covariance.map(|(covariance, level)| covariance.interval_factors(level));
+    let factors = options.columns.interval.map(|level| interval_factors(calibration, level));
+    let factors = factors.transpose()?;
     let table = Table::new(options.columns, factors.unwrap_or_default());
     let converter = Converter { calibration, pipeline: &pipeline, options };
     let mut writer = Writer::new(log.path(), &table, &pipeline, out, trace);
@@ -90,6 +106,7 @@ pub fn convert(
         sampling,
         out_of_range_frames: totals.out_of_range,
         saturated_frames: totals.saturated,
+        left_out_frames: totals.left_out,
         axes: totals.axes(),
     })
 }

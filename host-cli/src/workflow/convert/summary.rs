@@ -29,9 +29,16 @@ pub struct ConvertSummary {
     pub out_of_range_frames: u64,
     /// ConvertedFrames with a saturated reading.
     pub saturated_frames: u64,
+    /// ConvertedFrames with a channel that the model left out.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub left_out_frames: u64,
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: PerAxis<AxisSummary>,
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// The values of one axis over all frames, N or N·m.
@@ -51,6 +58,7 @@ pub(super) struct Totals {
     pub(super) frames: u64,
     pub(super) out_of_range: u64,
     pub(super) saturated: u64,
+    pub(super) left_out: u64,
     axes: PerAxis<Option<(f64, f64, f64)>>,
 }
 
@@ -77,6 +85,7 @@ impl Totals {
         self.frames += frames.len() as u64;
         self.out_of_range += marked(&frames.out_of_range);
         self.saturated += marked(&frames.saturated);
+        self.left_out += marked(&frames.left_out);
         Ok(())
     }
 

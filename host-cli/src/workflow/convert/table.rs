@@ -90,9 +90,10 @@ impl Table {
                 if !columns.is_empty() {
                     text.push(b',');
                 }
-                let (range, saturated) = (frames.out_of_range[row], frames.saturated[row]);
-                if range | saturated != 0 {
-                    write_flags(range, saturated, text);
+                let left_out = frames.left_out.get(row).copied().unwrap_or(0);
+                let masks = [frames.out_of_range[row], frames.saturated[row], left_out];
+                if masks != [0; 3] {
+                    write_flags(masks, text);
                 }
             }
             text.push(b'\n');
@@ -100,10 +101,11 @@ impl Table {
     }
 }
 
-fn write_flags(out_of_range: u64, saturated: u64, text: &mut Vec<u8>) {
+/// Channels out of range, saturated and left out.
+fn write_flags(masks: [u64; 3], text: &mut Vec<u8>) {
     let start = text.len();
     for channel in 0..64 {
-        for (flags, what) in [(out_of_range, "range"), (saturated, "saturated")] {
+        for (flags, what) in masks.into_iter().zip(["range", "saturated", "left-out"]) {
             if flags >> channel & 1 == 1 {
                 let space = if text.len() > start { " " } else { "" };
                 text.extend_from_slice(format!("{space}s{}:{what}", channel + 1).as_bytes());
@@ -123,6 +125,7 @@ mod tests {
             standard_errors: std::array::from_fn(|_| vec![0.5, 1e-20]),
             out_of_range: vec![0, 0b101],
             saturated: vec![0, 0b100],
+            left_out: Vec::new(),
         }
     }
 

@@ -91,7 +91,7 @@ impl<'a> Reading<'a> {
         let (kinds, others): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         let readings = instrument.calibration.is_some() && channels > 0;
         let calibration = instrument.calibration;
-        let calibration = calibration.filter(|of| of.model().channels == channels);
+        let calibration = calibration.filter(|of| of.channels() == channels);
         let setup = |of| (of, PipelineSetup::keeping_frames(options.forces));
         let telemetry = kinds.iter().map(|kind| (*kind, Vec::new())).collect();
         Ok(Self {

@@ -13,10 +13,11 @@ pub(super) struct BasisArg(pub(super) Basis);
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SolverArg(pub(super) SolverKind);
 
-/// A family of features, or the best of them.
+/// A family of features, the physics model, or the best of them.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum ModelArg {
     Given(Basis),
+    Physics,
     Auto,
 }
 
@@ -48,11 +49,13 @@ impl ValueEnum for ModelArg {
     fn to_possible_value(&self) -> Option<PossibleValue> {
         match self {
             Self::Given(basis) => BasisArg(*basis).to_possible_value(),
-            Self::Auto => {
-                Some(PossibleValue::new("auto").help(
-                    "The smallest that predicts new groups as well as the best, with its ridge",
-                ))
-            }
+            Self::Physics => Some(PossibleValue::new("physics").help(
+                "A monotone response of each sensor to a displacement, inverted: for few poses",
+            )),
+            Self::Auto => Some(PossibleValue::new("auto").help(
+                "The smallest that predicts new groups as well as the best, with its ridge, or \
+                 physics where that predicts them better",
+            )),
         }
     }
 }
@@ -79,8 +82,9 @@ const fn wrap_solvers() -> [SolverArg; SolverKind::ALL.len()] {
     wrapped
 }
 
-const fn wrap_choices() -> [ModelArg; Basis::ALL.len() + 1] {
-    let mut wrapped = [ModelArg::Auto; Basis::ALL.len() + 1];
+const fn wrap_choices() -> [ModelArg; Basis::ALL.len() + 2] {
+    let mut wrapped = [ModelArg::Auto; Basis::ALL.len() + 2];
+    wrapped[Basis::ALL.len()] = ModelArg::Physics;
     let mut i = 0;
     while i < Basis::ALL.len() {
         wrapped[i] = ModelArg::Given(Basis::ALL[i]);

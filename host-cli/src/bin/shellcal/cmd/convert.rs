@@ -207,7 +207,7 @@ impl ConvertArgs {
             None => Columns {
                 time: log.has_time(),
                 axes: [true; 6],
-                standard_errors: calibration.covariance.is_some(),
+                standard_errors: calibration.has_standard_errors(),
                 interval: self.interval,
                 flags: true,
             },
@@ -298,6 +298,7 @@ fn report(printer: &mut Printer, log: &Log, summary: &ConvertSummary) {
     for (count, what) in [
         (summary.out_of_range_frames, "outside the calibrated range"),
         (summary.saturated_frames, "saturated"),
+        (summary.left_out_frames, "left out by the model"),
     ] {
         if count > 0 {
             let share = 100.0 * count as f64 / frames.max(1) as f64;

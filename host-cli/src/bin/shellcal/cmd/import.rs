@@ -62,7 +62,8 @@ impl ImportArgs {
         output.write_all(file.to_json().as_bytes())?;
         output.commit()?;
 
-        let model = file.calibration.model();
+        let polynomial = file.calibration.polynomial().expect("a matrix is one of a polynomial");
+        let model = polynomial.model();
         let (channels, features) = (model.channels, model.term_count());
         if printer.json() {
             printer.document(&Report { model: model.name(), channels, features })?;

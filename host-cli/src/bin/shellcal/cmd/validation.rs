@@ -46,10 +46,11 @@ pub(super) fn print_cross_validation(
     } else {
         format!("in {} folds", cv.folds)
     };
-    printer.line(format!(
-        "{} groups held out {each}, {} rows; beside it {} random parts of the same rows",
-        cv.groups, cv.rows, cv.random_folds
-    ))?;
+    let beside = match cv.random_folds {
+        0 => String::new(),
+        folds => format!("; beside it {folds} random parts of the same rows"),
+    };
+    printer.line(format!("{} groups held out {each}, {} rows{beside}", cv.groups, cv.rows))?;
     if !cv.undetermined.is_empty() {
         /// More names do not help to find the cause.
         const SHOWN: usize = 5;

@@ -1,7 +1,10 @@
 //! What `shellcal fit` asks of the choice of a model.
 
+use calibration::Model;
 use log_file::{Log, ReadOptions};
+use shellcal::workflow::WorkflowError;
 use shellcal::workflow::model_choice::{self, CovarianceRule, ModelChoice, ModelChoiceOptions};
+use shellcal::workflow::weighing::{Weighing, weigh};
 
 use super::super::choices::ModelArg;
 use super::{CovarianceArg, FitArgs};
@@ -19,7 +22,7 @@ impl FitArgs {
         let options = ModelChoiceOptions {
             basis: match self.model {
                 ModelArg::Given(basis) => Some(basis),
-                ModelArg::Auto => None,
+                ModelArg::Auto | ModelArg::Physics => None,
             },
             intercept: !self.no_intercept,
             ridge: self.ridge,
@@ -40,5 +43,26 @@ impl FitArgs {
         let choice = model_choice::choose(train, &options);
         bar.finish_and_clear();
         Ok(choice?)
+    }
+
+    /// Weighs the physics model against the polynomial that was chosen; an error says why it cannot
+    /// be.
+    pub(super) fn weigh(
+        &self,
+        train: &[Log],
+        choice: &ModelChoice,
+        printer: &mut Printer,
+    ) -> Option<Result<Weighing, WorkflowError>> {
+        let (sums, group_by) = choice.sums.as_ref().zip(choice.group_by)?;
+        choice.selection.as_ref()?;
+        let bar = printer.progress("physics", train.iter().map(Log::bytes).sum());
+        let progress = |bytes| bar.set_position(bytes);
+        let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+        let channels = train.first().map_or(0, Log::channels);
+        let model = Model { basis: choice.basis, intercept: !self.no_intercept, channels };
+        let candidate = (model, choice.ridge);
+        let weighing = weigh(train, sums, group_by, candidate, self.fresh, &read);
+        bar.finish_and_clear();
+        Some(weighing)
     }
 }

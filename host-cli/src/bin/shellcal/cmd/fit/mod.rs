@@ -2,6 +2,7 @@
 
 mod choice;
 mod partial;
+mod physics;
 mod report;
 
 use std::io::Write;
@@ -16,13 +17,15 @@ use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{
     CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
 };
-use shellcal::figures::{Format, fit_figure};
+use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::{AtomicFile, Outputs};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
-use shellcal::workflow::model_choice::{HeldOut, ModelChoice};
+use shellcal::workflow::model_choice::{FewGroups, HeldOut, ModelChoice};
+use shellcal::workflow::weighing::Weighing;
 
+use self::physics::Weighed;
 use self::report::report;
 use super::choices::{ModelArg, SolverArg};
 use super::mapping::MappingArgs;
@@ -135,6 +138,12 @@ enum CovarianceArg {
     None,
 }
 
+/// What is fitted to, and tested on.
+struct Logs {
+    train: Vec<Log>,
+    test: Vec<Log>,
+}
+
 /// The files that are written, opened before the work.
 struct Opened {
     calibration: Option<AtomicFile>,
@@ -162,8 +171,18 @@ impl FitArgs {
         }
         let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let opened = self.open_outputs(outputs)?;
+        if matches!(self.model, ModelArg::Physics) {
+            self.run_physics(&Logs { train, test }, opened, Weighed::default(), start, printer)?;
+            return Ok(Outcome::Done);
+        }
 
         let choice = self.choose(&train, printer)?;
+        let weighing = self.weigh_physics(&train, &choice, printer);
+        if weighing.as_ref().is_some_and(Weighing::physics_is_better) {
+            let weighed = Weighed { selection: choice.selection, weighing };
+            self.run_physics(&Logs { train, test }, opened, weighed, start, printer)?;
+            return Ok(Outcome::Done);
+        }
         let bar = printer.progress("fit", fit::bytes_to_read(&train, &test));
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions {
@@ -181,7 +200,15 @@ impl FitArgs {
         if let Some(reason) = choice.not_grouped.as_ref().or(fitted.not_grouped.as_ref()) {
             self.tell_not_grouped(reason, printer)?;
         }
-        let left_out = fitted.calibration.model().term_count() - fitted.solution.rank;
+        if let Some(FewGroups { features, groups }) = choice.few_groups {
+            printer.warning(format!(
+                "no standard errors and intervals: {features} features for {groups} groups of rows; it \
+                 takes twice as many groups as features, {}, for the groups to tell how far to trust \
+                 the rest. Record more, or take a smaller model or `--model physics`",
+                2 * features
+            ));
+        }
+        let left_out = fitted.solution.model.term_count() - fitted.solution.rank;
         if left_out > 0 {
             let s = if left_out > 1 { "s" } else { "" };
             printer.warning(format!(
@@ -197,9 +224,9 @@ impl FitArgs {
             ));
         }
         let file = self.calibration_file(&fitted, choice)?;
-        self.write(opened, &file, &fitted)?;
+        self.write(opened, &file, fitted.plots.as_ref())?;
         let seconds = start.elapsed().as_secs_f64();
-        report(printer, &fitted, &file, seconds)?;
+        report(printer, &fitted, &file, weighing.as_ref(), seconds)?;
         Ok(Outcome::Done)
     }
 
@@ -225,6 +252,7 @@ impl FitArgs {
             total: choice.sums.as_ref().and_then(GroupedMoments::total),
             covariance: match &choice.sums {
                 _ if !self.wants_covariance() => CovarianceFrom::Nothing,
+                _ if choice.few_groups.is_some() => CovarianceFrom::Nothing,
                 Some(sums) if choice.by_group => CovarianceFrom::Groups(sums),
                 _ => CovarianceFrom::Rows,
             },
@@ -273,17 +301,6 @@ impl FitArgs {
         choice: ModelChoice,
     ) -> anyhow::Result<CalibrationFile> {
         let (train, test) = (total(&fitted.train), total(&fitted.test));
-        let sources = |role, paths: &[InputPath], evaluations: &[Evaluation]| -> Vec<Source> {
-            let source = |(path, evaluation): (&InputPath, &Evaluation)| Source {
-                role,
-                path: path.to_path_buf(),
-                checksum: evaluation.checksum.clone(),
-                rows: evaluation.rows,
-            };
-            std::iter::zip(paths, evaluations).map(source).collect()
-        };
-        let mut files = sources(Role::Train, &self.train, &fitted.train);
-        files.extend(sources(Role::Test, &self.test, &fitted.test));
         let condition = fitted.solution.condition;
         Ok(CalibrationFile {
             calibration: fitted.calibration.clone(),
@@ -308,23 +325,45 @@ impl FitArgs {
                     selection: choice.selection,
                     excitation: fitted.loads.excitation(),
                 }),
-                sources: files,
+                sources: self.sources(&fitted.train, &fitted.test),
             },
         })
     }
 
-    fn write(&self, opened: Opened, file: &CalibrationFile, fitted: &Fit) -> anyhow::Result<()> {
+    /// The files, with what their evaluations know of them.
+    fn sources(&self, train: &[Evaluation], test: &[Evaluation]) -> Vec<Source> {
+        let sources = |role, paths: &[InputPath], evaluations: &[Evaluation]| -> Vec<Source> {
+            let source = |(path, evaluation): (&InputPath, &Evaluation)| Source {
+                role,
+                path: path.to_path_buf(),
+                checksum: evaluation.checksum.clone(),
+                rows: evaluation.rows,
+            };
+            std::iter::zip(paths, evaluations).map(source).collect()
+        };
+        let mut files = sources(Role::Train, &self.train, train);
+        files.extend(sources(Role::Test, &self.test, test));
+        files
+    }
+
+    fn write(
+        &self,
+        opened: Opened,
+        file: &CalibrationFile,
+        plots: Option<&(FitPlot, FitPlot)>,
+    ) -> anyhow::Result<()> {
         if let Some(mut output) = opened.calibration {
             output.write_all(file.to_json().as_bytes())?;
             output.commit()?;
         }
-        if let Some(mut output) = opened.matrix {
-            output.write_all(matrix::to_csv(&file.calibration).as_bytes())?;
+        if let (Some(mut output), Some(polynomial)) = (opened.matrix, file.calibration.polynomial())
+        {
+            output.write_all(matrix::to_csv(polynomial).as_bytes())?;
             output.commit()?;
         }
-        if let (Some((mut output, format)), Some((train, test))) = (opened.plot, &fitted.plots) {
-            let title = format!("Calibration {}", fitted.calibration.model().name());
-            let test = (!fitted.test.is_empty()).then_some(test);
+        if let (Some((mut output, format)), Some((train, test))) = (opened.plot, plots) {
+            let title = format!("Calibration {}", file.calibration.name());
+            let test = (!self.test.is_empty()).then_some(test);
             output.write_all(&fit_figure(&title, train, test).render(format)?)?;
             output.commit()?;
         }

@@ -4,15 +4,18 @@ use calibration::quality::AxisQuality;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
-use shellcal::calibration_file::CalibrationFile;
 use shellcal::calibration_file::stored::{
     Stored, StoredCrossValidation, StoredExcitation, StoredQuality, StoredSelection,
     StoredSolverRecord,
 };
+use shellcal::calibration_file::{CalibrationFile, Diagnostics};
+use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::Fit;
+use shellcal::workflow::weighing::Weighing;
 
 use super::super::quality::{significant, table_row};
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};
+use super::physics::WeighingReport;
 use super::total;
 use crate::printer::Printer;
 
@@ -36,6 +39,8 @@ struct Report<'a> {
     cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     selection: Option<StoredSelection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    weighing: Option<WeighingReport>,
     excitation: Option<StoredExcitation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<CovarianceReport<'a>>,
@@ -84,17 +89,43 @@ fn print_covariance(printer: &mut Printer, covariance: &Covariance) -> anyhow::R
     printer.line(format!("95 % intervals, from {of}: {}", Axis::ALL.map(half).join(", ")))
 }
 
+/// The table of errors on training and test rows.
+pub(super) fn print_errors(printer: &mut Printer, diagnostics: &Diagnostics) -> anyhow::Result<()> {
+    let sets: Vec<&PerAxis<AxisQuality>> =
+        [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
+    let mut header = vec!["axis"];
+    for (train, test) in
+        [("RMS train", "RMS test"), ("max train", "max test"), ("R² train", "R² test")]
+    {
+        header.extend([train, test].iter().take(sets.len()));
+    }
+    header.push("unit");
+    let rows: Vec<Vec<String>> = Axis::ALL.map(|axis| table_row(axis, &sets)).to_vec();
+    printer.table(&header, &rows)
+}
+
+/// Says how many test rows the calibration does not reach.
+pub(super) fn note_range(printer: &mut Printer, test: &Evaluation) {
+    if test.out_of_range_rows > 0 {
+        printer.note(format!(
+            "{} of {} test rows have a reading outside the range of the training data",
+            test.out_of_range_rows, test.rows
+        ));
+    }
+}
+
 pub(super) fn report(
     printer: &mut Printer,
     fitted: &Fit,
     file: &CalibrationFile,
+    weighing: Option<&Weighing>,
     seconds: f64,
 ) -> anyhow::Result<()> {
     let test = total(&fitted.test);
     let (Some(diagnostics), Some(solver)) = (&file.origin.diagnostics, file.origin.solver) else {
         return Ok(());
     };
-    let model = fitted.calibration.model();
+    let model = fitted.solution.model;
     let covariance = fitted.calibration.covariance.as_ref();
     if printer.json() {
         return printer.document(&Report {
@@ -113,6 +144,7 @@ pub(super) fn report(
             test: Stored::of(&diagnostics.test),
             cross_validation: Stored::of(&diagnostics.cross_validation),
             selection: Stored::of(&diagnostics.selection),
+            weighing: weighing.map(WeighingReport::of),
             excitation: Stored::of(&diagnostics.excitation),
             covariance: covariance.map(CovarianceReport::of),
             time_s: seconds,
@@ -121,17 +153,7 @@ pub(super) fn report(
     if let Some(selection) = &diagnostics.selection {
         print_selection(printer, selection)?;
     }
-    let sets: Vec<&PerAxis<AxisQuality>> =
-        [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
-    let mut header = vec!["axis"];
-    for (train, test) in
-        [("RMS train", "RMS test"), ("max train", "max test"), ("R² train", "R² test")]
-    {
-        header.extend([train, test].iter().take(sets.len()));
-    }
-    header.push("unit");
-    let rows: Vec<Vec<String>> = Axis::ALL.map(|axis| table_row(axis, &sets)).to_vec();
-    printer.table(&header, &rows)?;
+    print_errors(printer, diagnostics)?;
     let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
     printer.line(format!(
         "{}, solver {}: rank {} of {}, condition {condition}",
@@ -156,11 +178,6 @@ pub(super) fn report(
     if let Some(covariance) = covariance {
         print_covariance(printer, covariance)?;
     }
-    if test.out_of_range_rows > 0 {
-        printer.note(format!(
-            "{} of {} test rows have a reading outside the range of the training data",
-            test.out_of_range_rows, test.rows
-        ));
-    }
+    note_range(printer, &test);
     Ok(())
 }

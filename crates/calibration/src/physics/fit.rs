@@ -1,0 +1,200 @@
+//! All sensors together: plateaus and shapes near a common mean, noise of greatest likelihood.
+//!
+//! Sensors of one make resemble each other. The parameters of the curve (lo, ln h, ln ν) of each
+//! have a normal prior about a mean that all share, which itself has the weak prior of
+//! [`Prior::weak`], ten times as wide in variance (a hierarchical model; Gelman et al., Bayesian
+//! Data Analysis, 3rd ed., §5.4). Rounds of steps over the sensors' parameters, the common means
+//! and the two variances of [`Noise`] each raise the posterior density.
+
+use super::cholesky::Cholesky;
+use super::lanes::MOST_LANES;
+use super::noise::{Noise, Residual};
+use super::observations::Observation;
+use super::response::{PARAMETERS, Parameters, SHAPE};
+use super::sensor::{Data, Estimate, Prior};
+use super::sums::residuals;
+use shell_data::wrench::PerAxis;
+
+/// Variance of the prior of a common mean, over that of a sensor about it.
+const MEAN_VARIANCE: f64 = 10.0;
+
+/// Effort of a fit. Predictions of more rounds differ by a twentieth of their standard errors.
+const FIRST_STEPS: usize = 15;
+const ROUNDS: usize = 12;
+const STEPS: usize = 4;
+
+/// Rounds from the fit to nearly the same observations.
+const WARM_ROUNDS: usize = 4;
+
+/// Steps of the variances in a round.
+const NOISE_STEPS: usize = 20;
+
+/// Wrenches and readings in the scales of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Scales {
+    /// Root mean square of each axis, N and N·m; 1 for one that is never loaded.
+    pub(super) wrench: PerAxis<f64>,
+    /// Least reading and range of each channel that varies, with its place.
+    pub(super) channels: Vec<(usize, f64, f64)>,
+}
+
+/// The training data in these scales.
+#[derive(Clone, Debug)]
+pub(super) struct Scaled {
+    /// Rows; columns go on with zeros to a multiple of [`MOST_LANES`].
+    pub(super) rows: usize,
+    /// One column per axis.
+    pub(super) wrench: PerAxis<Vec<f64>>,
+    /// One column per channel that varies.
+    pub(super) readings: Vec<Vec<f64>>,
+}
+
+/// The parameters of all sensors.
+#[derive(Clone, Debug)]
+pub(super) struct Fitted {
+    pub(super) parameters: Vec<Parameters>,
+    /// The covariance of each sensor's parameters.
+    pub(super) covariance: Vec<[Parameters; PARAMETERS]>,
+    pub(super) noise: Noise,
+}
+
+impl Scales {
+    /// Those of some observations.
+    pub(super) fn of(observations: &[&Observation]) -> Self {
+        let n = observations.len() as f64;
+        let wrench = std::array::from_fn(|axis| {
+            let squares: f64 = observations.iter().map(|o| o.wrench[axis].powi(2)).sum();
+            if squares > 0.0 { (squares / n).sqrt() } else { 1.0 }
+        });
+        let channels = observations.first().map_or(0, |o| o.readings.len());
+        let range = |channel: usize| {
+            let readings = observations.iter().map(|o| o.readings[channel]);
+            let (least, most) =
+                readings.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), s| (l.min(s), m.max(s)));
+            (channel, least, most - least)
+        };
+        Self { wrench, channels: (0..channels).map(range).filter(|range| range.2 > 0.0).collect() }
+    }
+
+    /// Observations in these scales.
+    pub(super) fn apply(&self, observations: &[&Observation]) -> Scaled {
+        let rows = observations.len();
+        let padded = |mut column: Vec<f64>| {
+            column.resize(rows.next_multiple_of(MOST_LANES), 0.0);
+            column
+        };
+        let axis =
+            |i: usize| padded(observations.iter().map(|o| o.wrench[i] / self.wrench[i]).collect());
+        let channel = |&(channel, least, range): &(usize, f64, f64)| {
+            padded(observations.iter().map(|o| (o.readings[channel] - least) / range).collect())
+        };
+        Scaled {
+            rows,
+            wrench: std::array::from_fn(axis),
+            readings: self.channels.iter().map(channel).collect(),
+        }
+    }
+}
+
+/// Fits all sensors, from the start.
+pub(super) fn fit(data: &Scaled, width: f64) -> Fitted {
+    let prior = Prior::weak(width);
+    let mut sensors = sensors(data);
+    let estimates = sensors.iter().map(|s| s.fit(&prior, FIRST_STEPS)).collect();
+    rounds(&mut sensors, estimates, Noise::START, width, ROUNDS)
+}
+
+/// Fits all sensors, from what was found for nearly the same observations in the same scales.
+pub(super) fn fit_from(data: &Scaled, width: f64, start: &Fitted) -> Fitted {
+    let estimates = start.parameters.iter().map(|&p| Estimate::at(p)).collect();
+    let mut sensors = sensors(data);
+    for (sensor, &p) in sensors.iter_mut().zip(&start.parameters) {
+        let nothing = [[0.0; PARAMETERS]; PARAMETERS];
+        weigh(sensor, &residuals(&p, &nothing, sensor), start.noise);
+    }
+    rounds(&mut sensors, estimates, start.noise, width, WARM_ROUNDS)
+}
+
+fn sensors(data: &Scaled) -> Vec<Data<'_>> {
+    // The slope of a curve that runs through its range over some six units of q.
+    let weight = Noise::START.variance(0.15).recip();
+    let sensor = |readings: &'_ Vec<f64>| {
+        let mut weights = vec![weight; data.rows];
+        weights.resize(readings.len(), 0.0);
+        weights
+    };
+    let with_weights = data.readings.iter().map(|readings| (readings, sensor(readings)));
+    with_weights
+        .map(|(readings, weights)| Data {
+            wrench: &data.wrench,
+            readings,
+            rows: data.rows,
+            weights,
+        })
+        .collect()
+}
+
+/// Weights by the noise where the curve is as steep as these residuals say.
+fn weigh(sensor: &mut Data<'_>, residuals: &[Residual], noise: Noise) {
+    for (weight, residual) in sensor.weights.iter_mut().zip(residuals) {
+        *weight = noise.variance_at(residual.slope_square).recip();
+    }
+}
+
+fn rounds(
+    sensors: &mut [Data<'_>],
+    mut estimates: Vec<Estimate>,
+    mut noise: Noise,
+    width: f64,
+    rounds: usize,
+) -> Fitted {
+    let mut prior = Prior::weak(width);
+    let mut covariance = covariances(sensors, &estimates, &prior);
+    for _ in 0..rounds {
+        let of = |((sensor, estimate), covariance): ((&Data<'_>, &Estimate), _)| {
+            residuals(&estimate.parameters, covariance, sensor)
+        };
+        let all: Vec<Vec<Residual>> =
+            sensors.iter().zip(&estimates).zip(&covariance).map(of).collect();
+        noise = noise.refine(&all, NOISE_STEPS);
+        for (sensor, residuals) in sensors.iter_mut().zip(&all) {
+            weigh(sensor, residuals, noise);
+        }
+        prior.mean = common_means(&estimates, width);
+        for (sensor, estimate) in sensors.iter().zip(&mut estimates) {
+            sensor.refine(estimate, &prior, STEPS);
+        }
+        covariance = covariances(sensors, &estimates, &prior);
+    }
+    let parameters = estimates.iter().map(|estimate| estimate.parameters).collect();
+    Fitted { parameters, covariance, noise }
+}
+
+/// The most likely common means, given the sensors.
+fn common_means(estimates: &[Estimate], width: f64) -> Parameters {
+    let mut mean = Prior::weak(width).mean;
+    let own = MEAN_VARIANCE.recip();
+    for (place, mean) in mean.iter_mut().enumerate().skip(SHAPE) {
+        let sum: f64 = estimates.iter().map(|estimate| estimate.parameters[place]).sum();
+        *mean = own.mul_add(*mean, sum) / (estimates.len() as f64 + own);
+    }
+    mean
+}
+
+fn covariances(
+    sensors: &[Data<'_>],
+    estimates: &[Estimate],
+    prior: &Prior,
+) -> Vec<[Parameters; PARAMETERS]> {
+    let of = |(sensor, estimate): (&Data<'_>, &Estimate)| {
+        let information = sensor.cost(&estimate.parameters, prior).information;
+        // The prior makes it positive definite; where rounding does not, the prior is what is left.
+        Cholesky::new(&information).map_or_else(|| prior_covariance(prior), |f| f.inverse())
+    };
+    sensors.iter().zip(estimates).map(of).collect()
+}
+
+fn prior_covariance(prior: &Prior) -> [Parameters; PARAMETERS] {
+    let diagonal = |i: usize, j: usize| if i == j { prior.sd[i].powi(2) } else { 0.0 };
+    std::array::from_fn(|i| std::array::from_fn(|j| diagonal(i, j)))
+}

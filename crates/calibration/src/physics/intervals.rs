@@ -1,0 +1,142 @@
+//! Intervals from errors on groups that were held out.
+//!
+//! A group is one observation, however many rows it has. The score of a row is its error in standard
+//! errors. With G groups, each has the mass `1/(G + 1)`, spread evenly over its rows, and what a new
+//! group may do has the rest, at infinity: the quantile of level L of that distribution holds the
+//! score of a row of a new group with a probability of L at least, whatever the errors' distribution,
+//! if groups are exchangeable (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal
+//! prediction; Lei et al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row a group). Scores of
+//! models that were trained without a fold, not without one group alone, keep it nearly.
+
+use std::collections::BTreeMap;
+
+use shell_data::wrench::PerAxis;
+
+/// The levels that are kept; for one between, the next above.
+pub const LEVELS: [f64; 10] = [0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
+
+/// How many standard errors hold which share of the errors on new groups.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroupIntervals {
+    /// Groups that were held out.
+    pub groups: usize,
+    /// Those of [`LEVELS`] that so many groups can tell.
+    pub levels: Vec<f64>,
+    /// For each axis and level, standard errors.
+    pub factors: PerAxis<Vec<f64>>,
+}
+
+/// The level is higher than the groups can tell.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "an interval of {} % takes `{needed}` groups that were held out, there were `{groups}`",
+    100.0 * level
+)]
+pub struct TooFewGroups {
+    /// What was asked for.
+    pub level: f64,
+    /// Groups that it takes.
+    pub needed: usize,
+    /// Groups that there are.
+    pub groups: usize,
+}
+
+/// Scores of rows, by group.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scores(BTreeMap<u64, PerAxis<Vec<f64>>>);
+
+impl Scores {
+    /// Adds a row: its error and the standard error of each axis, N and N·m.
+    pub(super) fn add(&mut self, group: u64, error: &PerAxis<f64>, standard_error: &PerAxis<f64>) {
+        let scores = self.0.entry(group).or_default();
+        for (axis, scores) in scores.iter_mut().enumerate() {
+            let score = (error[axis] / standard_error[axis]).abs();
+            scores.push(if score.is_nan() { f64::INFINITY } else { score });
+        }
+    }
+
+    /// The intervals.
+    pub(super) fn intervals(&self) -> GroupIntervals {
+        let groups = self.0.len();
+        let levels: Vec<f64> =
+            LEVELS.iter().copied().filter(|&level| groups_needed(level) <= groups).collect();
+        let factors = std::array::from_fn(|axis| {
+            let mut scores = Vec::new();
+            for of_group in self.0.values() {
+                let mass = ((groups + 1) as f64 * of_group[axis].len() as f64).recip();
+                scores.extend(of_group[axis].iter().map(|&score| (score, mass)));
+            }
+            scores.sort_by(|a, b| a.0.total_cmp(&b.0));
+            quantiles(&scores, &levels)
+        });
+        GroupIntervals { groups, levels, factors }
+    }
+}
+
+/// The least G with `G/(G + 1) ≥ level`.
+fn groups_needed(level: f64) -> usize {
+    // A level such as 0.95 is not quite 0.95.
+    (level / (1.0 - level) - 1e-9).ceil() as usize
+}
+
+/// For each level, ascending, the least score that with those below has that mass.
+fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
+    let (mut rest, mut mass, mut quantile) = (scores.iter(), 0.0, 0.0);
+    let mut of_level = |&level: &f64| {
+        while mass < level - 1e-9 {
+            let Some(&(score, more)) = rest.next() else { break };
+            (quantile, mass) = (score, mass + more);
+        }
+        quantile
+    };
+    levels.iter().map(&mut of_level).collect()
+}
+
+impl GroupIntervals {
+    /// How many standard errors an interval of this level reaches either way, per axis.
+    ///
+    /// # Errors
+    /// [`TooFewGroups`].
+    pub fn factors(&self, level: f64) -> Result<PerAxis<f64>, TooFewGroups> {
+        let place = self.levels.iter().position(|&kept| kept >= level - 1e-9);
+        let too_few = TooFewGroups { level, needed: groups_needed(level), groups: self.groups };
+        let place = place.ok_or(too_few)?;
+        Ok(self.factors.each_ref().map(|factors| factors[place]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scores(groups: &[&[f64]]) -> GroupIntervals {
+        let mut all = Scores::default();
+        for (group, errors) in groups.iter().enumerate() {
+            errors.iter().for_each(|&error| all.add(group as u64, &[error; 6], &[1.0; 6]));
+        }
+        all.intervals()
+    }
+
+    #[test]
+    fn with_one_row_a_group_it_is_the_conformal_quantile() {
+        let sizes: Vec<[f64; 1]> = (1..=39).map(|i| [f64::from(i)]).collect();
+        let groups: Vec<&[f64]> = sizes.iter().map(|size| &size[..]).collect();
+        // ⌈(39 + 1)·0.95⌉ = 38, ⌈40·0.5⌉ = 20.
+        let intervals = scores(&groups);
+        assert_eq!(intervals.factors(0.95), Ok([38.0; 6]));
+        assert_eq!(intervals.factors(0.5), Ok([20.0; 6]));
+        // With nineteen groups it is the largest, with fewer there is none.
+        assert_eq!(scores(&groups[..19]).factors(0.95), Ok([19.0; 6]));
+        let refused = scores(&groups[..18]).factors(0.95).unwrap_err();
+        assert_eq!((refused.needed, refused.groups), (19, 18));
+    }
+
+    #[test]
+    fn a_group_of_many_rows_counts_no_more_than_one_of_few() {
+        let many = vec![5.0; 1000];
+        let intervals = scores(&[&[1.0], &[2.0], &[3.0], &many]);
+        // Masses of a fifth: the third makes 0.6.
+        assert_eq!(intervals.factors(0.5), Ok([3.0; 6]));
+        assert_eq!(intervals.factors(0.8), Ok([5.0; 6]));
+    }
+}

@@ -1,0 +1,352 @@
+//! Gauss's and Newton's steps of several rows at a time.
+//!
+//! A lane takes the steps that its row needs and then rests, so no row's result depends on those
+//! beside it.
+
+use pulp::{Simd, WithSimd};
+
+use super::lane_cholesky::LaneCholesky;
+use super::ready::Ready;
+use super::{Estimates, Inversion};
+use crate::physics::lanes::{Answers, MOST_LANES, load, store};
+use crate::physics::observations::MOST_CHANNELS;
+use crate::physics::response::PARAMETERS;
+use shell_data::wrench::PerAxis;
+
+/// Most steps, halved ones among them; five or six are usual.
+const STEPS: usize = 16;
+
+/// Rest: a step that is shorter than this many standard errors, squared.
+const REST: f64 = 1e-6;
+
+/// Halvings of a step that does not lower the sum.
+const HALVINGS: f64 = 4.0;
+
+/// A reading this many standard deviations from its curve does not belong to the wrench found.
+pub(super) const FAR: f64 = 5.0;
+
+/// The rows of some columns, inlined whole into code for the widest vectors of the machine.
+pub(super) struct Invert<'a> {
+    pub(super) inversion: &'a Inversion,
+    /// One column per channel, counts.
+    pub(super) readings: &'a [Vec<f64>],
+    pub(super) out: &'a mut Estimates,
+    /// The sum that was minimised.
+    pub(super) sums: &'a mut [f64],
+}
+
+impl WithSimd for Invert<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let rows = self.readings.first().map_or(0, Vec::len);
+        for first in (0..rows).step_by(S::F64_LANES) {
+            let count = S::F64_LANES.min(rows - first);
+            let frames = Frames::<S>::new(simd, self.inversion, self.readings, first, count);
+            let found = self.inversion.descend(simd, &frames);
+            self.inversion.write(simd, &frames, &found, (first, count), self.out);
+            let sum = store::<S>(found.sum);
+            self.sums[first..first + count].copy_from_slice(&sum[..count]);
+        }
+    }
+}
+
+/// A frame of readings per lane. Lanes without a row repeat the first.
+struct Frames<S: Simd> {
+    /// Scaled readings, by place of the sensor; zero where not in use.
+    y: [S::f64s; MOST_CHANNELS],
+    /// One where the sensor is in use, zero where its reading is not a number.
+    used: [S::f64s; MOST_CHANNELS],
+    /// The displacement less b that the reading alone says, and its weight.
+    start: [(S::f64s, S::f64s); MOST_CHANNELS],
+}
+
+/// The curves at one wrench per lane, and the equations of the next step.
+#[derive(Clone, Copy)]
+struct State<S: Simd> {
+    x: PerAxis<S::f64s>,
+    residual: [S::f64s; MOST_CHANNELS],
+    slope: [S::f64s; MOST_CHANNELS],
+    /// Inverse variances; zero of a sensor that is not in use.
+    weight: [S::f64s; MOST_CHANNELS],
+    /// `xᵀPx`, of the prior.
+    held_back: S::f64s,
+}
+
+/// Where the steps of each lane ended.
+struct Found<S: Simd> {
+    state: State<S>,
+    /// The last step, too short for the curves to be looked at again.
+    rest: PerAxis<S::f64s>,
+    /// The sum at `state`.
+    sum: S::f64s,
+    /// One where the steps came to rest.
+    converged: S::f64s,
+}
+
+/// The curvature of half the sum, lower triangle, and its descent.
+type Equations<S> = (PerAxis<PerAxis<<S as Simd>::f64s>>, PerAxis<<S as Simd>::f64s>);
+
+impl<S: Simd> Frames<S> {
+    #[inline(always)]
+    fn new(
+        simd: S,
+        inversion: &Inversion,
+        readings: &[Vec<f64>],
+        first: usize,
+        count: usize,
+    ) -> Self {
+        let zero = simd.splat_f64s(0.0);
+        let mut frames = Self {
+            y: [zero; MOST_CHANNELS],
+            used: [zero; MOST_CHANNELS],
+            start: [(zero, zero); MOST_CHANNELS],
+        };
+        for (place, sensor) in inversion.sensors.iter().enumerate() {
+            let mut lanes = [[0.0; MOST_LANES]; 4];
+            let column = &readings[sensor.channel][first..];
+            for lane in 0..S::F64_LANES {
+                let y = sensor.scaled(column[if lane < count { lane } else { 0 }]);
+                if y.is_finite() {
+                    let (q, weight) = sensor.start(y);
+                    [y, 1.0, q, weight].iter().zip(&mut lanes).for_each(|(x, l)| l[lane] = *x);
+                }
+            }
+            let [y, used, q, weight] = lanes.each_ref().map(load::<S>);
+            (frames.y[place], frames.used[place], frames.start[place]) = (y, used, (q, weight));
+        }
+        frames
+    }
+}
+
+impl Inversion {
+    /// Steps from the start until each lane rests.
+    #[inline(always)]
+    fn descend<S: Simd>(&self, simd: S, frames: &Frames<S>) -> Found<S> {
+        let (zero, one, half) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0), simd.splat_f64s(0.5));
+        let mut state = self.state(simd, frames, &self.start(simd, frames));
+        let mut before = state.held_back;
+        for place in 0..self.sensors.len() {
+            before = add_square(simd, before, state.residual[place], state.weight[place]);
+        }
+        let mut step = self.step(simd, &state).0;
+        let mut rest = [zero; 6];
+        let (mut active, mut converged, mut halvings) = (one, zero, zero);
+        for _ in 0..STEPS {
+            let at = std::array::from_fn(|axis| simd.add_f64s(state.x[axis], step[axis]));
+            let next = self.state(simd, frames, &at);
+            // The sum with the variances of before says whether this is a step down; with those of
+            // now, it is what the next step is compared with.
+            let (mut by_old, mut by_new) = (next.held_back, next.held_back);
+            for place in 0..self.sensors.len() {
+                by_old = add_square(simd, by_old, next.residual[place], state.weight[place]);
+                by_new = add_square(simd, by_new, next.residual[place], next.weight[place]);
+            }
+            let is_down = simd.less_than_or_equal_f64s(by_old, before);
+            let down = simd.select_f64s(is_down, active, zero);
+            let taken = simd.greater_than_f64s(down, zero);
+            state.take(simd, taken, &next, self.sensors.len());
+            before = simd.select_f64s(taken, by_new, before);
+
+            let (next_step, length) = self.step(simd, &next);
+            let is_short = simd.less_than_f64s(length, simd.splat_f64s(REST));
+            let rests = simd.select_f64s(is_short, down, zero);
+            let is_resting = simd.greater_than_f64s(rests, zero);
+            for axis in 0..6 {
+                rest[axis] = simd.select_f64s(is_resting, next_step[axis], rest[axis]);
+                let halved = simd.mul_f64s(half, step[axis]);
+                step[axis] = simd.select_f64s(taken, next_step[axis], halved);
+            }
+            converged = simd.add_f64s(converged, rests);
+            halvings = simd.select_f64s(taken, zero, simd.add_f64s(halvings, one));
+            let is_stuck = simd.greater_than_or_equal_f64s(halvings, simd.splat_f64s(HALVINGS));
+            active = simd.select_f64s(is_stuck, zero, simd.sub_f64s(active, rests));
+            if simd.reduce_max_f64s(active) <= 0.0 {
+                break;
+            }
+        }
+        Found { state, rest, sum: before, converged }
+    }
+
+    /// The wrench of the displacements that the readings alone say.
+    #[inline(always)]
+    fn start<S: Simd>(&self, simd: S, frames: &Frames<S>) -> PerAxis<S::f64s> {
+        let zero = simd.splat_f64s(0.0);
+        let mut equations = (self.prior.map(|row| row.map(|p| simd.splat_f64s(p))), [zero; 6]);
+        for (sensor, &(q, weight)) in self.sensors.iter().zip(&frames.start) {
+            add::<S>(simd, &mut equations, sensor, weight, simd.mul_f64s(weight, q));
+        }
+        LaneCholesky::new(simd, &equations.0).solve(simd, &equations.1)
+    }
+
+    #[inline(always)]
+    fn state<S: Simd>(&self, simd: S, frames: &Frames<S>, x: &PerAxis<S::f64s>) -> State<S> {
+        let zeros = [simd.splat_f64s(0.0); MOST_CHANNELS];
+        let mut state = State {
+            x: *x,
+            residual: zeros,
+            slope: zeros,
+            weight: zeros,
+            held_back: simd.splat_f64s(0.0),
+        };
+        for (place, sensor) in self.sensors.iter().enumerate() {
+            let mut q = simd.splat_f64s(sensor.offset);
+            for (&gain, &x) in sensor.gains.iter().zip(x) {
+                q = simd.mul_add_f64s(simd.splat_f64s(gain), x, q);
+            }
+            let answers = Answers::at(simd, q, sensor.h, sensor.nu);
+            let value = simd.add_f64s(answers.height, simd.splat_f64s(sensor.lo));
+            let slope_square = simd.mul_f64s(answers.slope, answers.slope);
+            let displacement = simd.splat_f64s(self.noise.displacement);
+            let reading = simd.splat_f64s(self.noise.reading);
+            let noise = simd.mul_add_f64s(slope_square, displacement, reading);
+            let variance = simd.add_f64s(noise, parameter_variance(simd, sensor, &answers, x));
+            state.residual[place] = simd.sub_f64s(frames.y[place], value);
+            state.slope[place] = answers.slope;
+            state.weight[place] = simd.div_f64s(frames.used[place], variance);
+        }
+        for (row, &xi) in self.prior.iter().zip(x) {
+            let product = inner(simd, row, x);
+            state.held_back = simd.mul_add_f64s(xi, product, state.held_back);
+        }
+        state
+    }
+
+    #[inline(always)]
+    fn equations<S: Simd>(&self, simd: S, state: &State<S>) -> Equations<S> {
+        let mut equations = (
+            self.prior.map(|row| row.map(|p| simd.splat_f64s(p))),
+            self.prior.map(|row| simd.neg_f64s(inner(simd, &row, &state.x))),
+        );
+        for (place, sensor) in self.sensors.iter().enumerate() {
+            let weighted = simd.mul_f64s(state.weight[place], state.slope[place]);
+            let pull = simd.mul_f64s(weighted, state.residual[place]);
+            let weight = simd.mul_f64s(weighted, state.slope[place]);
+            add::<S>(simd, &mut equations, sensor, weight, pull);
+        }
+        equations
+    }
+
+    /// The step to take from `state`, and its length in standard errors, squared.
+    #[inline(always)]
+    fn step<S: Simd>(&self, simd: S, state: &State<S>) -> (PerAxis<S::f64s>, S::f64s) {
+        let (curvature, descent) = self.equations(simd, state);
+        let step = LaneCholesky::new(simd, &curvature).solve(simd, &descent);
+        let zero = simd.splat_f64s(0.0);
+        let pairs = step.iter().zip(&descent);
+        (step, pairs.fold(zero, |sum, (&s, &d)| simd.mul_add_f64s(s, d, sum)))
+    }
+
+    #[inline(always)]
+    fn write<S: Simd>(
+        &self,
+        simd: S,
+        frames: &Frames<S>,
+        found: &Found<S>,
+        (first, count): (usize, usize),
+        out: &mut Estimates,
+    ) {
+        let (curvature, _) = self.equations(simd, &found.state);
+        let variances = LaneCholesky::new(simd, &curvature).inverse_diagonal(simd);
+        for (axis, &variance) in variances.iter().enumerate() {
+            let scale = simd.splat_f64s(self.scale[axis]);
+            let x = simd.add_f64s(found.state.x[axis], found.rest[axis]);
+            let wrench = store::<S>(simd.mul_f64s(x, scale));
+            let error = store::<S>(simd.mul_f64s(simd.sqrt_f64s(variance), scale));
+            out.wrench[axis][first..first + count].copy_from_slice(&wrench[..count]);
+            out.standard_errors[axis][first..first + count].copy_from_slice(&error[..count]);
+        }
+        let converged = store::<S>(found.converged);
+        let flags = &mut out.flags[first..first + count];
+        for (flags, converged) in flags.iter_mut().zip(converged) {
+            *flags = super::Flags { left_out: self.dead, ..super::Flags::default() };
+            flags.converged = converged > 0.0;
+        }
+        for (place, sensor) in self.sensors.iter().enumerate() {
+            let bit = 1 << sensor.channel;
+            let state = &found.state;
+            let (used, slope) = (store::<S>(frames.used[place]), store::<S>(state.slope[place]));
+            let square = simd.mul_f64s(state.residual[place], state.residual[place]);
+            let square = store::<S>(simd.mul_f64s(square, state.weight[place]));
+            for (lane, flags) in flags.iter_mut().enumerate() {
+                let mask = |is: bool| if is { bit } else { 0 };
+                let is_used = used[lane] > 0.0;
+                flags.left_out |= mask(!is_used);
+                flags.saturated |= mask(is_used && slope[lane] < sensor.flat);
+                flags.misfit |= mask(is_used && square[lane] > FAR * FAR);
+            }
+        }
+    }
+}
+
+impl<S: Simd> State<S> {
+    /// Becomes `next` in the lanes of `taken`.
+    #[inline(always)]
+    fn take(&mut self, simd: S, taken: S::m64s, next: &Self, sensors: usize) {
+        for axis in 0..6 {
+            self.x[axis] = simd.select_f64s(taken, next.x[axis], self.x[axis]);
+        }
+        for place in 0..sensors {
+            let choose = |new, old| simd.select_f64s(taken, new, old);
+            self.residual[place] = choose(next.residual[place], self.residual[place]);
+            self.slope[place] = choose(next.slope[place], self.slope[place]);
+            self.weight[place] = choose(next.weight[place], self.weight[place]);
+        }
+    }
+}
+
+/// `gᵀCg`, the variance of an answer that comes from the parameters.
+#[inline(always)]
+fn parameter_variance<S: Simd>(
+    simd: S,
+    sensor: &Ready,
+    answers: &Answers<S>,
+    x: &PerAxis<S::f64s>,
+) -> S::f64s {
+    let (zero, slope) = (simd.splat_f64s(0.0), answers.slope);
+    let mut g = [slope; PARAMETERS];
+    for (g, &x) in g[1..].iter_mut().zip(x) {
+        *g = simd.mul_f64s(slope, x);
+    }
+    g[7..].copy_from_slice(&[simd.splat_f64s(1.0), answers.height, answers.by_shape]);
+    let mut variance = zero;
+    for (i, row) in sensor.covariance.iter().enumerate() {
+        let mut sum = zero;
+        for (&c, &g) in row[..=i].iter().zip(&g) {
+            sum = simd.mul_add_f64s(simd.splat_f64s(c), g, sum);
+        }
+        variance = simd.mul_add_f64s(g[i], sum, variance);
+    }
+    simd.max_f64s(variance, zero)
+}
+
+#[inline(always)]
+fn add_square<S: Simd>(simd: S, sum: S::f64s, residual: S::f64s, weight: S::f64s) -> S::f64s {
+    simd.mul_add_f64s(simd.mul_f64s(weight, residual), residual, sum)
+}
+
+#[inline(always)]
+fn inner<S: Simd>(simd: S, a: &PerAxis<f64>, b: &PerAxis<S::f64s>) -> S::f64s {
+    let zero = simd.splat_f64s(0.0);
+    a.iter().zip(b).fold(zero, |sum, (&a, &b)| simd.mul_add_f64s(simd.splat_f64s(a), b, sum))
+}
+
+/// `A += weight·g·gᵀ` (lower triangle), `b += pull·g`.
+#[inline(always)]
+fn add<S: Simd>(
+    simd: S,
+    (a, b): &mut Equations<S>,
+    sensor: &Ready,
+    weight: S::f64s,
+    pull: S::f64s,
+) {
+    for i in 0..6 {
+        let gain = simd.splat_f64s(sensor.gains[i]);
+        b[i] = simd.mul_add_f64s(pull, gain, b[i]);
+        let weighted = simd.mul_f64s(weight, gain);
+        for (sum, &other) in a[i][..=i].iter_mut().zip(&sensor.gains) {
+            *sum = simd.mul_add_f64s(weighted, simd.splat_f64s(other), *sum);
+        }
+    }
+}

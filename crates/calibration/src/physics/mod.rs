@@ -1,0 +1,76 @@
+//! A forward model of the sensors' physics, fitted sensor by sensor and inverted for the wrench.
+//!
+//! A reflective photointerrupter answers one displacement, monotonically; the displacement is linear
+//! in the wrench. So each sensor is ten parameters, `y = lo + h·σ(b + aᵀx)^ν` ([`response`]), fitted
+//! from the wrench to the reading: the noise is in the readings, the reference is good. Conversion
+//! inverts all sensors at once ([`Inversion`]).
+//!
+//! ```text
+//! rows → one mean per pose → sensors (priors, noise) → λ and prior width by held-out poses → model
+//! ```
+//!
+//! Polynomials in the readings need a coefficient per power and axis and go astray between poses;
+//! this has 80 numbers for eight sensors, all with a meaning, and flattens where sensors saturate.
+//!
+//! Left out: play and creep as states (they are in the noise), and temperature.
+
+mod calibration;
+mod choice;
+mod cholesky;
+mod fit;
+pub mod intervals;
+mod inversion;
+mod lanes;
+mod model;
+mod noise;
+pub mod observations;
+pub mod response;
+mod rows;
+mod sensor;
+mod sums;
+mod validation;
+
+pub use self::calibration::PhysicsCalibration;
+pub use self::choice::{Choice, FoldModel, LAMBDAS, Trial, WIDTHS};
+pub use self::intervals::{GroupIntervals, TooFewGroups};
+pub use self::inversion::{Estimate, Estimates, Flags, Inversion};
+pub use self::model::{PhysicsModel, Sensor};
+pub use self::noise::Noise;
+pub use self::observations::{Observation, group_means};
+pub use self::rows::{STRETCHES, TrainingRows};
+pub use self::validation::{COVERAGE_LEVEL, GroupErrors, PhysicsValidation};
+
+/// Why a physics model cannot be fitted.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PhysicsError {
+    /// Fewer observations than parameters of a sensor.
+    #[error("`{found}` poses are too few for the `{needed}` parameters of a sensor")]
+    TooFewObservations {
+        /// Observations.
+        found: usize,
+        /// Parameters.
+        needed: usize,
+    },
+    /// Fewer channels that vary than axes.
+    #[error("`{found}` channels vary, at least `6` are needed for six axes")]
+    TooFewChannels {
+        /// Channels that vary.
+        found: usize,
+    },
+    /// Too many channels, or none.
+    #[error("expected `1` to `16` channels, found `{found}`")]
+    Channels {
+        /// Channels.
+        found: usize,
+    },
+    /// Nothing to hold out.
+    #[error("at least `2` groups are needed to choose the priors, found `{found}`")]
+    TooFewGroups {
+        /// Groups.
+        found: usize,
+    },
+    /// An infinite value or one that is not a number.
+    #[error("a reading or wrench is not a finite number")]
+    NotFinite,
+}

@@ -1,0 +1,123 @@
+//! The fitted model.
+
+use super::PhysicsError;
+use super::cholesky::Cholesky;
+use super::fit::{Fitted, Scaled, Scales};
+use super::noise::Noise;
+use super::observations::Observation;
+use super::response::{PARAMETERS, Parameters};
+use shell_data::wrench::PerAxis;
+
+/// A share of the identity that keeps the prior of an axis that is never loaded finite.
+const LEAST_LOAD: f64 = 1e-6;
+
+/// All that is needed to convert readings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PhysicsModel {
+    /// Channels of a frame, those without a sensor here included.
+    pub channels: usize,
+    /// What a wrench is divided by, N and N·m: the root mean square of the training loads.
+    pub wrench_scale: PerAxis<f64>,
+    /// `Σ_w⁻¹`, the inverse second moments of the training loads, in these scales.
+    pub load_precision: PerAxis<PerAxis<f64>>,
+    /// λ, how strongly that holds the wrench back.
+    pub lambda: f64,
+    /// Standard deviation of the priors of lo, ln h and ln ν.
+    pub prior_width: f64,
+    /// Variances of an answer.
+    pub noise: Noise,
+    /// The channels that vary.
+    pub sensors: Vec<Sensor>,
+}
+
+/// One sensor of a [`PhysicsModel`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensor {
+    /// Its channel, from 0.
+    pub channel: usize,
+    /// The least reading of the training data, counts.
+    pub least: f64,
+    /// The greatest less the least, counts; `y = (reading − least)/range`.
+    pub range: f64,
+    /// b, a (six), lo, ln h, ln ν.
+    pub parameters: Parameters,
+    /// Their covariance.
+    pub covariance: [Parameters; PARAMETERS],
+}
+
+impl PhysicsModel {
+    /// What a fit has found, with the λ and width that it was asked for.
+    pub(super) fn of_fit(
+        channels: usize,
+        scales: &Scales,
+        data: &Scaled,
+        fitted: &Fitted,
+        (lambda, prior_width): (f64, f64),
+    ) -> Self {
+        let sensor = |i: usize| {
+            let (channel, least, range) = scales.channels[i];
+            let (parameters, covariance) = (fitted.parameters[i], fitted.covariance[i]);
+            Sensor { channel, least, range, parameters, covariance }
+        };
+        Self {
+            channels,
+            wrench_scale: scales.wrench,
+            load_precision: load_precision(data),
+            lambda,
+            prior_width,
+            noise: fitted.noise,
+            sensors: (0..scales.channels.len()).map(sensor).collect(),
+        }
+    }
+
+    /// Fits with the λ and prior width given; see [`Choice`](super::Choice) for choosing them.
+    ///
+    /// # Errors
+    /// [`PhysicsError`] if there are too few observations or channels.
+    pub fn fit(
+        observations: &[Observation],
+        lambda: f64,
+        width: f64,
+    ) -> Result<Self, PhysicsError> {
+        let chosen: Vec<&Observation> = observations.iter().collect();
+        let (scales, channels) = check(&chosen)?;
+        let data = scales.apply(&chosen);
+        let fitted = super::fit::fit(&data, width);
+        Ok(Self::of_fit(channels, &scales, &data, &fitted, (lambda, width)))
+    }
+}
+
+/// The scales of observations that a model can be fitted to, and their channels.
+pub(super) fn check(observations: &[&Observation]) -> Result<(Scales, usize), PhysicsError> {
+    let found = observations.len();
+    if found < PARAMETERS {
+        return Err(PhysicsError::TooFewObservations { found, needed: PARAMETERS });
+    }
+    let channels = observations.iter().map(|o| o.readings.len()).max().unwrap_or(0);
+    if channels == 0 || channels > super::observations::MOST_CHANNELS {
+        return Err(PhysicsError::Channels { found: channels });
+    }
+    let finite = |o: &&Observation| {
+        o.readings.len() == channels && o.wrench.iter().chain(&o.readings).all(|x| x.is_finite())
+    };
+    if !observations.iter().all(finite) {
+        return Err(PhysicsError::NotFinite);
+    }
+    let scales = Scales::of(observations);
+    if scales.channels.len() < 6 {
+        return Err(PhysicsError::TooFewChannels { found: scales.channels.len() });
+    }
+    Ok((scales, channels))
+}
+
+fn load_precision(data: &Scaled) -> PerAxis<PerAxis<f64>> {
+    let moment = |i: usize, j: usize| {
+        let products = data.wrench[i].iter().zip(&data.wrench[j]).map(|(a, b)| a * b);
+        products.sum::<f64>() / data.rows as f64
+    };
+    let mut moments: PerAxis<PerAxis<f64>> =
+        std::array::from_fn(|i| std::array::from_fn(|j| moment(i, j)));
+    (0..6).for_each(|i| moments[i][i] += LEAST_LOAD);
+    let identity = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
+    Cholesky::new(&moments).map_or(identity, |factor| factor.inverse())
+}

@@ -1,0 +1,127 @@
+//! What one sensor answers to a wrench, and how that changes with its parameters.
+//!
+//! ```text
+//! y = lo + h·σ(q)^ν      q = b + aᵀx      σ(q) = 1/(1 + e⁻ᵠ)
+//! ```
+//!
+//! The displacement `q` of the reflector before a sensor is linear in the wrench; the answer of a
+//! reflective photointerrupter to it is monotone between two plateaus, which ν makes unlike at its
+//! ends (Richards, J. Exp. Botany 10, 1959, with Q = 1). `h` and `ν` are positive and are kept as
+//! logarithms. `y` and `x` are without unit: readings and wrench in the scales of the model.
+//! `exp` and `ln` are those of `libm`, the same bits on every machine.
+
+use shell_data::wrench::PerAxis;
+
+/// Parameters of a sensor: b, a (six), lo, ln h, ln ν.
+pub const PARAMETERS: usize = 10;
+
+/// The parameters in this order.
+pub type Parameters = [f64; PARAMETERS];
+
+/// Place of b.
+pub(super) const OFFSET: usize = 0;
+/// Place of lo; ln h and ln ν follow.
+pub(super) const SHAPE: usize = 7;
+
+/// The answer at one wrench.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// `y`.
+    pub value: f64,
+    /// `dy/dq`.
+    pub slope: f64,
+    /// `y − lo`, also the derivative by ln h.
+    height: f64,
+    /// The derivative by ln ν.
+    by_shape: f64,
+}
+
+impl Answer {
+    /// The answer of a sensor with parameters `p` to the wrench `x`.
+    #[inline]
+    pub fn at(p: &Parameters, x: &PerAxis<f64>) -> Self {
+        let q = (0..6).fold(p[OFFSET], |q, axis| p[1 + axis].mul_add(x[axis], q));
+        let (h, nu) = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
+        Self::at_displacement(q, p[SHAPE], h, nu)
+    }
+
+    /// The answer at the displacement `q`.
+    #[inline]
+    pub(super) fn at_displacement(q: f64, lo: f64, h: f64, nu: f64) -> Self {
+        // e^(−|q|) never overflows; beyond 40 the curve is a plateau to the last bit of its height.
+        let e = libm::exp(-q.abs().min(700.0));
+        let ln_sigma = q.min(0.0) - libm::log1p(e);
+        // 1 − σ(q).
+        let rest = if q >= 0.0 { e / (1.0 + e) } else { 1.0 / (1.0 + e) };
+        let height = h * libm::exp(nu * ln_sigma);
+        Self {
+            value: lo + height,
+            slope: nu * height * rest,
+            height,
+            by_shape: nu * height * ln_sigma,
+        }
+    }
+
+    /// `dy/dp` for every parameter.
+    #[inline]
+    pub fn gradient(&self, x: &PerAxis<f64>) -> Parameters {
+        let s = self.slope;
+        let by = |axis: usize| s * x[axis];
+        [s, by(0), by(1), by(2), by(3), by(4), by(5), 1.0, self.height, self.by_shape]
+    }
+}
+
+/// The displacement at which the answer is `y`, by inverting the curve, and the slope there. `y` is
+/// first brought to within `margin·h` of the plateaus, where the inverse would be infinite.
+#[inline]
+pub(super) fn displacement(y: f64, lo: f64, h: f64, nu: f64, margin: f64) -> (f64, f64) {
+    let share = ((y - lo) / h).clamp(margin, 1.0 - margin);
+    let ln_sigma = libm::log(share) / nu;
+    let sigma = libm::exp(ln_sigma);
+    // 1 − σ without cancellation where σ is nearly 1.
+    let rest = -libm::expm1(ln_sigma);
+    (ln_sigma - libm::log(rest), h * nu * share * (1.0 - sigma))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const P: Parameters = [0.3, 0.5, -1.2, 0.7, 0.1, -0.4, 0.9, -0.05, 0.1, -0.3];
+
+    #[test]
+    fn gradient_is_that_of_central_differences() {
+        for x in [[0.0; 6], [0.3, -0.8, 1.1, 0.2, -0.5, 0.4], [-3.0, 2.0, 1.0, -1.0, 2.0, -2.0]] {
+            let gradient = Answer::at(&P, &x).gradient(&x);
+            for place in 0..PARAMETERS {
+                let step = 1e-5;
+                let (mut up, mut down) = (P, P);
+                up[place] += step;
+                down[place] -= step;
+                let rise = Answer::at(&up, &x).value - Answer::at(&down, &x).value;
+                // Third derivatives of order 1 times step², and rounding 1e-16/step.
+                let error = (rise / (2.0 * step) - gradient[place]).abs();
+                assert!(error < 1e-9, "{place}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_plateaus_are_finite_and_flat() {
+        for q in [-1e6, -800.0, 800.0, 1e6] {
+            let answer = Answer::at_displacement(q, 0.1, 0.8, 0.7);
+            let plateau = if q < 0.0 { 0.1 } else { 0.9 };
+            assert!((answer.value - plateau).abs() < 1e-12, "{q}: {answer:?}");
+            assert!(answer.slope.abs() < 1e-12 && answer.by_shape.is_finite());
+        }
+    }
+
+    #[test]
+    fn displacement_inverts_the_curve() {
+        for q in [-2.0, -0.1, 0.0, 1.3, 4.0] {
+            let answer = Answer::at_displacement(q, -0.2, 1.3, 1.7);
+            let (found, slope) = displacement(answer.value, -0.2, 1.3, 1.7, 1e-3);
+            assert!((found - q).abs() < 1e-12 && (slope - answer.slope).abs() < 1e-12, "{q}");
+        }
+    }
+}

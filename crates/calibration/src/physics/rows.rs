@@ -1,0 +1,101 @@
+//! The rows that a model is trained on, in groups that are held out together.
+
+use std::collections::BTreeSet;
+
+use super::observations::{Observation, group_means};
+use super::{PhysicsError, PhysicsModel};
+use crate::physics::inversion::{Estimates, Inversion};
+use shell_data::wrench::PerAxis;
+
+/// Stretches of time that rows without groups are held out in.
+pub const STRETCHES: usize = 40;
+
+/// Rows for training, all of them in memory: some 8 bytes for each number.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TrainingRows {
+    /// The group of each row: rows of one pose, push or file.
+    pub groups: Vec<u64>,
+    /// N and N·m, one column per axis.
+    pub wrench: PerAxis<Vec<f64>>,
+    /// Counts, one column per channel.
+    pub readings: Vec<Vec<f64>>,
+}
+
+/// Rows converted by a model that has not seen them.
+pub(super) struct HeldOutRows {
+    /// Their groups.
+    pub(super) groups: Vec<u64>,
+    /// Predicted less measured, N and N·m.
+    pub(super) errors: PerAxis<Vec<f64>>,
+    /// What the model says of them.
+    pub(super) estimates: Estimates,
+}
+
+impl TrainingRows {
+    /// Makes [`STRETCHES`] stretches of time the groups, for rows that have none.
+    pub fn group_by_time(&mut self) {
+        let rows = self.wrench[0].len();
+        self.groups = (0..rows).map(|row| (row * STRETCHES / rows) as u64).collect();
+    }
+
+    /// Number of groups.
+    pub fn group_count(&self) -> usize {
+        self.groups.iter().collect::<BTreeSet<_>>().len()
+    }
+
+    /// The observations that these rows are.
+    ///
+    /// # Errors
+    /// As [`group_means`].
+    ///
+    /// # Panics
+    /// If the columns are of different lengths.
+    pub fn observations(&self) -> Result<Vec<Observation>, PhysicsError> {
+        let wrench = self.wrench.each_ref().map(Vec::as_slice);
+        let readings: Vec<&[f64]> = self.readings.iter().map(Vec::as_slice).collect();
+        group_means(&self.groups, &wrench, &readings)
+    }
+
+    /// The rows of all other groups.
+    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> Self {
+        let keep: Vec<bool> = self.groups.iter().map(|group| !groups.contains(group)).collect();
+        let pick = |column: &Vec<f64>| {
+            let kept = column.iter().zip(&keep).filter(|(_, keep)| **keep);
+            kept.map(|(value, _)| *value).collect()
+        };
+        Self {
+            groups: self.groups.iter().copied().filter(|group| !groups.contains(group)).collect(),
+            wrench: self.wrench.each_ref().map(pick),
+            readings: self.readings.iter().map(pick).collect(),
+        }
+    }
+
+    /// The groups, dealt into folds: each alone, or in turn, in the order of their labels.
+    pub fn folds(&self, folds: usize) -> Vec<Vec<u64>> {
+        let groups: BTreeSet<u64> = self.groups.iter().copied().collect();
+        let mut dealt = vec![Vec::new(); folds.min(groups.len())];
+        for (place, group) in groups.into_iter().enumerate() {
+            let fold = place % dealt.len();
+            dealt[fold].push(group);
+        }
+        dealt
+    }
+
+    /// Converts the rows of some groups.
+    pub(super) fn convert(&self, groups: &BTreeSet<u64>, model: &PhysicsModel) -> HeldOutRows {
+        let rows = 0..self.groups.len();
+        let rows: Vec<usize> = rows.filter(|&row| groups.contains(&self.groups[row])).collect();
+        let pick = |column: &Vec<f64>| rows.iter().map(|&row| column[row]).collect::<Vec<_>>();
+        let readings: Vec<Vec<f64>> = self.readings.iter().map(pick).collect();
+        let estimates = Inversion::new(model).estimates(&readings);
+        let error = |axis: usize| {
+            let pairs = rows.iter().zip(&estimates.wrench[axis]);
+            pairs.map(|(&row, predicted)| predicted - self.wrench[axis][row]).collect()
+        };
+        HeldOutRows {
+            groups: rows.iter().map(|&row| self.groups[row]).collect(),
+            errors: std::array::from_fn(error),
+            estimates,
+        }
+    }
+}

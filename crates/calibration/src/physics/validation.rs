@@ -1,0 +1,129 @@
+//! Errors of the whole procedure on groups that it has not seen.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::PhysicsError;
+use super::calibration::PhysicsCalibration;
+use super::rows::TrainingRows;
+use crate::exact::HeldOutErrors;
+use shell_data::wrench::PerAxis;
+
+/// The level of the intervals whose coverage is counted.
+pub const COVERAGE_LEVEL: f64 = 0.95;
+
+/// Groups whose rows were each converted by a model that was fitted, choice of λ and prior width
+/// included, without their fold.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PhysicsValidation {
+    /// For each fold, its groups in ascending order.
+    pub folds: Vec<Vec<GroupErrors>>,
+}
+
+/// Errors on one group.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GroupErrors {
+    /// The group.
+    pub group: u64,
+    /// Predicted less measured.
+    pub errors: PerAxis<HeldOutErrors>,
+    /// Rows within their intervals of [`COVERAGE_LEVEL`]; `None` if those could not be given.
+    pub covered: Option<PerAxis<u64>>,
+    /// Sum over the rows of half the width of those, N and N·m.
+    pub half_widths: PerAxis<f64>,
+}
+
+impl PhysicsValidation {
+    /// Fits without each of `folds` of groups, and converts their rows.
+    ///
+    /// # Errors
+    /// [`PhysicsError`], of any part that is left.
+    pub fn of(rows: &TrainingRows, folds: &[Vec<u64>]) -> Result<Self, PhysicsError> {
+        let of_fold = |fold: &Vec<u64>| {
+            let held_out: BTreeSet<u64> = fold.iter().copied().collect();
+            let (fitted, _) = PhysicsCalibration::fit(&rows.without(&held_out))?;
+            Ok(errors(rows, &held_out, &fitted))
+        };
+        Ok(Self { folds: folds.iter().map(of_fold).collect::<Result<_, _>>()? })
+    }
+
+    /// All groups.
+    pub fn groups(&self) -> impl Iterator<Item = &GroupErrors> {
+        self.folds.iter().flatten()
+    }
+
+    /// The errors on all rows.
+    pub fn total(&self) -> PerAxis<HeldOutErrors> {
+        merged(self.groups())
+    }
+
+    /// The errors on the rows of each fold.
+    pub fn by_fold(&self) -> Vec<PerAxis<HeldOutErrors>> {
+        self.folds.iter().map(|fold| merged(fold.iter())).collect()
+    }
+
+    /// The median over the groups of the size of their mean error, N and N·m.
+    pub fn median(&self) -> PerAxis<f64> {
+        std::array::from_fn(|axis| {
+            let mut sizes: Vec<f64> =
+                self.groups().map(|group| group.errors[axis].bias().abs()).collect();
+            sizes.sort_by(f64::total_cmp);
+            let middle = sizes.len() / 2;
+            match sizes.len() {
+                0 => f64::NAN,
+                n if n % 2 == 1 => sizes[middle],
+                _ => f64::midpoint(sizes[middle - 1], sizes[middle]),
+            }
+        })
+    }
+
+    /// The share of rows within their intervals of [`COVERAGE_LEVEL`], each group with the same
+    /// weight, and half the mean width of those; `None` if they could not be given.
+    pub fn coverage(&self) -> Option<PerAxis<(f64, f64)>> {
+        let mut sums = PerAxis::<(f64, f64)>::default();
+        let mut count = 0.0;
+        for group in self.groups() {
+            let (covered, rows) = (group.covered?, group.errors[0].rows as f64);
+            count += 1.0;
+            for (axis, sum) in sums.iter_mut().enumerate() {
+                sum.0 += covered[axis] as f64 / rows;
+                sum.1 += group.half_widths[axis] / rows;
+            }
+        }
+        Some(sums.map(|(covered, width)| (covered / count, width / count)))
+    }
+}
+
+fn errors(
+    rows: &TrainingRows,
+    held_out: &BTreeSet<u64>,
+    fitted: &PhysicsCalibration,
+) -> Vec<GroupErrors> {
+    let found = rows.convert(held_out, fitted.model());
+    let factors = fitted.intervals.as_ref().and_then(|of| of.factors(COVERAGE_LEVEL).ok());
+    let mut groups = BTreeMap::<u64, GroupErrors>::new();
+    for (row, &group) in found.groups.iter().enumerate() {
+        let of = groups.entry(group).or_insert_with(|| GroupErrors {
+            group,
+            covered: factors.map(|_| PerAxis::default()),
+            ..GroupErrors::default()
+        });
+        for axis in 0..6 {
+            let error = found.errors[axis][row];
+            let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
+            of.errors[axis].merge(&one);
+            if let (Some(covered), Some(factors)) = (&mut of.covered, &factors) {
+                let half = factors[axis] * found.estimates.standard_errors[axis][row];
+                covered[axis] += u64::from(error.abs() <= half);
+                of.half_widths[axis] += half;
+            }
+        }
+    }
+    groups.into_values().collect()
+}
+
+fn merged<'a>(groups: impl Iterator<Item = &'a GroupErrors>) -> PerAxis<HeldOutErrors> {
+    groups.fold(PerAxis::default(), |mut all: PerAxis<HeldOutErrors>, group| {
+        all.iter_mut().zip(&group.errors).for_each(|(all, errors)| all.merge(errors));
+        all
+    })
+}

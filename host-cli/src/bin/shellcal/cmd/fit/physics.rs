@@ -1,0 +1,376 @@
+//! `shellcal fit --model physics`, and `auto` where it takes that model.
+
+use std::time::Instant;
+
+use anyhow::Context;
+use calibration::Kind;
+use calibration::physics::{COVERAGE_LEVEL, PhysicsCalibration, PhysicsValidation};
+use calibration::solver::SolverKind;
+use calibration::validation::selection::Selection;
+use log_file::{Log, ReadOptions};
+use serde::Serialize;
+use shell_data::wrench::{Axis, PerAxis};
+use shellcal::calibration_file::stored::{
+    Stored, StoredCrossValidation, StoredExcitation, StoredGroupIntervals, StoredQuality,
+    StoredSelection,
+};
+use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin};
+use shellcal::workflow::model_choice::ModelChoice;
+use shellcal::workflow::physics::{self, GroupsAre, PhysicsFit, PhysicsOptions};
+use shellcal::workflow::weighing::Weighing;
+
+use super::super::choices::ModelArg;
+use super::super::origin;
+use super::super::quality::significant;
+use super::super::validation::{print_cross_validation, print_excitation, print_selection};
+use super::report::{note_range, print_errors};
+use super::{FitArgs, Logs, Opened, total};
+use crate::printer::Printer;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report {
+    model: String,
+    rows: u64,
+    skipped_rows: u64,
+    repeated_rows: u64,
+    test_rows: u64,
+    test_rows_out_of_range: u64,
+    observations: usize,
+    groups: usize,
+    parameters: usize,
+    lambda: f64,
+    prior_width: f64,
+    axes: PerAxis<&'static str>,
+    train: PerAxis<StoredQuality>,
+    test: Option<PerAxis<StoredQuality>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_validation: Option<StoredCrossValidation>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    selection: Option<StoredSelection>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    weighing: Option<WeighingReport>,
+    /// Median over the groups of the size of their mean error, N and N·m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    median_of_groups: Option<PerAxis<f64>>,
+    /// Share of held-out rows within their 95 % intervals, each group with the same weight.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    coverage_95: Option<PerAxis<f64>>,
+    intervals: Option<StoredGroupIntervals>,
+    excitation: Option<StoredExcitation>,
+    time_s: f64,
+}
+
+/// What led `auto` to the physics model.
+#[derive(Debug, Default)]
+pub(super) struct Weighed {
+    pub(super) selection: Option<Selection>,
+    pub(super) weighing: Option<Weighing>,
+}
+
+/// What `--json` prints of a weighing.
+#[derive(Serialize)]
+pub(super) struct WeighingReport {
+    folds: usize,
+    polynomial: String,
+    /// On the same held-out rows, N and N·m.
+    physics_rms: PerAxis<f64>,
+    polynomial_rms: PerAxis<f64>,
+    /// Squared errors of physics less those of the polynomial, relative to the variance, over all axes.
+    difference: f64,
+    standard_error: f64,
+    /// The same for each axis.
+    axes: PerAxis<[f64; 2]>,
+    physics_is_better: bool,
+}
+
+impl WeighingReport {
+    pub(super) fn of(weighing: &Weighing) -> Self {
+        let comparison = &weighing.comparison;
+        let [physics_rms, polynomial_rms] = comparison.rms;
+        Self {
+            folds: weighing.folds,
+            polynomial: weighing.model.name(),
+            physics_rms,
+            polynomial_rms,
+            difference: comparison.all.value,
+            standard_error: comparison.all.standard_error,
+            axes: comparison.axes.map(|axis| [axis.value, axis.standard_error]),
+            physics_is_better: weighing.physics_is_better(),
+        }
+    }
+}
+
+impl FitArgs {
+    /// For `auto`, the physics model weighed against the polynomial that was chosen, and what follows
+    /// said in words.
+    pub(super) fn weigh_physics(
+        &self,
+        train: &[Log],
+        choice: &ModelChoice,
+        printer: &mut Printer,
+    ) -> Option<Weighing> {
+        if !matches!(self.model, ModelArg::Auto) {
+            return None;
+        }
+        if let Err(reason) = self.check_physics() {
+            printer.note(format!("physics was not weighed: {reason}"));
+            return None;
+        }
+        match self.weigh(train, choice, printer)? {
+            Err(reason) => {
+                printer.note(format!("physics was not weighed: {reason}"));
+                None
+            }
+            Ok(weighing) => {
+                printer.note(in_words(&weighing));
+                Some(weighing)
+            }
+        }
+    }
+
+    /// Whether the options are of use with a physics model.
+    fn check_physics(&self) -> anyhow::Result<()> {
+        let only_polynomials = [
+            (self.export_matrix.is_some(), "--export-matrix"),
+            (self.ridge > 0.0, "--ridge"),
+            (self.solver.0 != SolverKind::Exact, "--solver"),
+            (self.no_intercept, "--no-intercept"),
+        ];
+        for (given, option) in only_polynomials {
+            anyhow::ensure!(!given, "`{option}` is for polynomials in the readings");
+        }
+        Ok(())
+    }
+
+    pub(super) fn run_physics(
+        &self,
+        logs: &Logs,
+        opened: Opened,
+        weighed: Weighed,
+        start: Instant,
+        printer: &mut Printer,
+    ) -> anyhow::Result<()> {
+        self.check_physics()?;
+        let Logs { train, test } = logs;
+        let bytes = |logs: &[Log]| logs.iter().map(Log::bytes).sum::<u64>();
+        let bar = printer.progress("fit", bytes(train) + bytes(test));
+        let progress = |bytes| bar.set_position(bytes);
+        let read = ReadOptions {
+            checksum: self.output.is_some(),
+            progress: Some(&progress),
+            ..self.mapping.read_options()
+        };
+        let options = PhysicsOptions {
+            cross_validation: self.cv,
+            fresh: self.fresh,
+            plot: self.plot.is_some(),
+            read,
+        };
+        let fitted = physics::fit(train, test, &options).map_err(|error| self.name_logs(error))?;
+        bar.finish_and_clear();
+        let file = self.physics_file(&fitted, weighed.selection)?;
+        self.write(opened, &file, fitted.plots.as_ref())?;
+        report(printer, &fitted, &file, weighed.weighing.as_ref(), start.elapsed().as_secs_f64())
+    }
+
+    fn physics_file(
+        &self,
+        fitted: &PhysicsFit,
+        selection: Option<Selection>,
+    ) -> anyhow::Result<CalibrationFile> {
+        let (train, test) = (total(&fitted.train), total(&fitted.test));
+        Ok(CalibrationFile {
+            calibration: fitted.calibration.clone(),
+            origin: Origin {
+                made_by: origin::program(),
+                date: origin::date()?,
+                sensor_serial: self.serial.clone(),
+                solver: None,
+                diagnostics: Some(Diagnostics {
+                    rows: fitted.rows,
+                    skipped_rows: train.skipped_rows,
+                    repeated_rows: train.repeated_rows,
+                    rank: parameters(physics_of(fitted)),
+                    condition: None,
+                    train: train.quality().context("no training rows are left")?,
+                    test: test.quality(),
+                    cross_validation: fitted.cross_validation(),
+                    selection,
+                    excitation: fitted.loads.excitation(),
+                }),
+                sources: self.sources(&fitted.train, &fitted.test),
+            },
+        })
+    }
+}
+
+fn physics_of(fitted: &PhysicsFit) -> &PhysicsCalibration {
+    match fitted.calibration.kind() {
+        Kind::Physics(physics) => physics,
+        Kind::Polynomial(_) => unreachable!("a physics fit makes a physics calibration"),
+    }
+}
+
+fn parameters(physics: &PhysicsCalibration) -> usize {
+    physics.model().sensors.iter().map(|sensor| sensor.parameters.len()).sum()
+}
+
+/// Which model `auto` takes, and why.
+fn in_words(weighing: &Weighing) -> String {
+    let Weighing { model, ridge, comparison, folds } = weighing;
+    let errors = |of: usize| {
+        let error = |axis: Axis| {
+            let rms = significant(comparison.rms[of][axis.index()], 3);
+            format!("{} {rms} {}", axis.name(), axis.unit())
+        };
+        Axis::ALL.map(error).join(", ")
+    };
+    let (name, all) = (model.name(), comparison.all);
+    let (difference, error) = (significant(all.value, 2), significant(all.standard_error, 2));
+    let verdict = match (weighing.physics_is_better(), all.value < 0.0) {
+        (true, _) => "so physics is taken".to_owned(),
+        (false, true) => format!("which is no more than chance does, so {name} is kept"),
+        (false, false) => format!("so {name} is kept"),
+    };
+    let better: Vec<&str> = (Axis::ALL.iter())
+        .filter(|axis| comparison.axes[axis.index()].first_is_better())
+        .map(|axis| axis.name())
+        .collect();
+    let where_better = match better.len() {
+        0 => "on no axis by more than a standard error".to_owned(),
+        6 => "on every axis by more than a standard error".to_owned(),
+        _ => format!("by more than a standard error on {}", better.join(", ")),
+    };
+    format!(
+        "on the same {folds} folds of held-out groups physics errs by {}; {name} with ridge {ridge:e} by \
+         {}. The paired difference of squared errors, relative to the variance, is {difference} ± {error}, \
+         {verdict}; physics is better {where_better}",
+        errors(0),
+        errors(1),
+    )
+}
+
+fn report(
+    printer: &mut Printer,
+    fitted: &PhysicsFit,
+    file: &CalibrationFile,
+    weighing: Option<&Weighing>,
+    seconds: f64,
+) -> anyhow::Result<()> {
+    let test = total(&fitted.test);
+    let Some(diagnostics) = &file.origin.diagnostics else { return Ok(()) };
+    let physics = physics_of(fitted);
+    let model = physics.model();
+    let coverage = fitted.validation.as_ref().and_then(PhysicsValidation::coverage);
+    if printer.json() {
+        return printer.document(&Report {
+            model: file.calibration.name(),
+            rows: diagnostics.rows,
+            skipped_rows: diagnostics.skipped_rows,
+            repeated_rows: diagnostics.repeated_rows,
+            test_rows: test.rows,
+            test_rows_out_of_range: test.out_of_range_rows,
+            observations: fitted.observations,
+            groups: fitted.groups,
+            parameters: parameters(physics),
+            lambda: model.lambda,
+            prior_width: model.prior_width,
+            axes: Axis::ALL.map(Axis::column),
+            train: Stored::of(&diagnostics.train),
+            test: Stored::of(&diagnostics.test),
+            cross_validation: Stored::of(&diagnostics.cross_validation),
+            selection: Stored::of(&diagnostics.selection),
+            weighing: weighing.map(WeighingReport::of),
+            median_of_groups: fitted.validation.as_ref().map(PhysicsValidation::median),
+            coverage_95: coverage.map(|of| of.map(|(share, _)| share)),
+            intervals: Stored::of(&physics.intervals),
+            excitation: Stored::of(&diagnostics.excitation),
+            time_s: seconds,
+        });
+    }
+    if let Some(selection) = &diagnostics.selection {
+        print_selection(printer, selection)?;
+    }
+    print_errors(printer, diagnostics)?;
+    printer.line(format!(
+        "physics: {} parameters of {} sensors, fitted to {} means of {} groups; λ {}, prior width {}, \
+         both chosen by held-out groups",
+        parameters(physics),
+        model.sensors.len(),
+        fitted.observations,
+        fitted.groups,
+        model.lambda,
+        model.prior_width,
+    ))?;
+    printer.line(format!(
+        "{} rows used, {} skipped, {} repeated; {:.0} ms",
+        diagnostics.rows,
+        diagnostics.skipped_rows,
+        diagnostics.repeated_rows,
+        seconds * 1e3,
+    ))?;
+    if let Some(excitation) = &diagnostics.excitation {
+        print_excitation(printer, excitation)?;
+    }
+    if let (Some(found), Some(validation)) =
+        (&diagnostics.cross_validation, fitted.validation.as_ref())
+    {
+        print_cross_validation(printer, found)?;
+        let medians = validation.median();
+        let median = |axis: Axis| {
+            format!("{} {} {}", axis.name(), significant(medians[axis.index()], 3), axis.unit())
+        };
+        printer.line(format!("median error of a group: {}", Axis::ALL.map(median).join(", ")))?;
+    }
+    print_intervals(printer, physics, coverage)?;
+    if fitted.groups_are == GroupsAre::Stretches {
+        printer.note(format!(
+            "the logs have no groups: the rows were held out in {} stretches of time; give groups \
+             (`--group`) if poses last longer",
+            fitted.groups
+        ));
+    }
+    let dead: Vec<String> = (0..model.channels)
+        .filter(|channel| model.sensors.iter().all(|sensor| sensor.channel != *channel))
+        .map(|channel| format!("s{}", channel + 1))
+        .collect();
+    if !dead.is_empty() {
+        printer.warning(format!("left out, because they never change: {}", dead.join(", ")));
+    }
+    note_range(printer, &test);
+    Ok(())
+}
+
+/// Says what intervals `convert` will give, or why it will not.
+fn print_intervals(
+    printer: &mut Printer,
+    physics: &PhysicsCalibration,
+    coverage: Option<PerAxis<(f64, f64)>>,
+) -> anyhow::Result<()> {
+    let Some(intervals) = &physics.intervals else { return Ok(()) };
+    match intervals.factors(COVERAGE_LEVEL) {
+        Err(reason) => printer.warning(format!("{reason}: none will be given")),
+        Ok(factors) => {
+            let factor =
+                |axis: Axis| format!("{} {}", axis.name(), significant(factors[axis.index()], 3));
+            printer.line(format!(
+                "95 % intervals, from {} groups held out, in standard errors of each frame: {}",
+                intervals.groups,
+                Axis::ALL.map(factor).join(", ")
+            ))?;
+        }
+    }
+    if let Some(coverage) = coverage {
+        let of = |axis: Axis| {
+            let (share, half) = coverage[axis.index()];
+            let (half, unit) = (significant(half, 3), axis.unit());
+            format!("{} {:.1} % within ±{half} {unit}", axis.name(), 100.0 * share)
+        };
+        printer.line(format!(
+            "what 95 % intervals held of groups that were held out: {}",
+            Axis::ALL.map(of).join(", ")
+        ))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,164 @@
+//! The JSON document of a physics model.
+
+use serde::{Deserialize, Serialize};
+
+use super::document::problem;
+use super::layout::to_json;
+use super::stored::{
+    Stored, StoredGroupIntervals, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
+};
+use super::{CalibrationFile, PHYSICS_SCHEMA_VERSION, Problem};
+use calibration::physics::PhysicsCalibration;
+use calibration::physics::observations::MOST_CHANNELS;
+use calibration::{Calibration, Kind};
+use shell_data::wrench::{Axis, PerAxis};
+
+/// What `model` says.
+const NAME: &str = "physics";
+
+#[derive(Serialize, Deserialize)]
+struct Document {
+    schema_version: u64,
+    #[serde(flatten)]
+    origin: StoredOrigin,
+    model: String,
+    axes: PerAxis<String>,
+    physics: StoredPhysicsModel,
+    intervals: Option<StoredGroupIntervals>,
+    valid_range: Option<Vec<StoredReadingRange>>,
+}
+
+pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
+    to_json(&Document {
+        schema_version: PHYSICS_SCHEMA_VERSION,
+        origin: Stored::of(&file.origin),
+        model: NAME.to_owned(),
+        axes: Axis::ALL.map(|axis| axis.column().to_owned()),
+        physics: Stored::of(physics.model()),
+        intervals: Stored::of(&physics.intervals),
+        valid_range: Stored::of(&file.calibration.valid_range),
+    })
+}
+
+/// Parses a document whose version is known to be [`PHYSICS_SCHEMA_VERSION`].
+pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
+    let document: Document = serde_json::from_slice(text).map_err(problem)?;
+    document.check().map_err(Problem::Inconsistent)?;
+    let mut physics = PhysicsCalibration::new(document.physics.value());
+    physics.intervals = document.intervals.value();
+    let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
+    calibration.valid_range = document.valid_range.value();
+    Ok(CalibrationFile { calibration, origin: document.origin.value() })
+}
+
+impl Document {
+    /// Whether the parts fit together, as the rest of the program takes for granted.
+    fn check(&self) -> Result<(), String> {
+        if self.model != NAME {
+            return Err(format!("`model` is `{}`, expected `{NAME}`", self.model));
+        }
+        for (found, axis) in self.axes.iter().zip(Axis::ALL) {
+            if found != axis.column() {
+                let expected = axis.column();
+                return Err(format!("`axes` has `{found}` where `{expected}` is expected"));
+            }
+        }
+        let channels = self.physics.channels;
+        if !(1..=MOST_CHANNELS).contains(&channels) {
+            return Err(format!(
+                "`physics.channels` is `{channels}`, expected 1 to {MOST_CHANNELS}"
+            ));
+        }
+        if let Some(range) = self.valid_range.as_ref().filter(|range| range.len() != channels) {
+            let found = range.len();
+            return Err(format!("`valid_range` has `{found}` entries, expected `{channels}`"));
+        }
+        let mut next = 0;
+        for (place, sensor) in self.physics.sensors.iter().enumerate() {
+            if !(next..channels).contains(&sensor.channel) {
+                return Err(format!(
+                    "`physics.sensors[{place}].channel` is `{}`, expected `{next}` to `{}`",
+                    sensor.channel,
+                    channels - 1
+                ));
+            }
+            if sensor.range <= 0.0 {
+                return Err(format!("`physics.sensors[{place}].range` is `{}`", sensor.range));
+            }
+            next = sensor.channel + 1;
+        }
+        if self.physics.wrench_scale.iter().any(|&scale| scale <= 0.0) {
+            return Err("`physics.wrench_scale` is not above zero".to_owned());
+        }
+        if let Some(intervals) = &self.intervals {
+            let levels = &intervals.levels;
+            let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
+            if !ascending || intervals.factors.iter().any(|f| f.len() != levels.len()) {
+                return Err("`intervals.factors` are not one for each ascending level".to_owned());
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use calibration::physics::{GroupIntervals, Noise, PhysicsModel, Sensor};
+
+    use super::super::Origin;
+    use super::super::document;
+    use super::*;
+
+    fn file() -> CalibrationFile {
+        let sensor = |channel: usize| Sensor {
+            channel,
+            least: 100.5,
+            range: 1.0 / 3.0 + channel as f64,
+            parameters: std::array::from_fn(|i| (i as f64 - 4.2) / 7.0),
+            covariance: std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == j { 1e-3 / 7.0 } else { 1e-300 })
+            }),
+        };
+        let model = PhysicsModel {
+            channels: 8,
+            wrench_scale: [3.0, 4.0, 5.0, 0.1, 0.2, 0.3],
+            load_precision: [[1.0 / 3.0; 6]; 6],
+            lambda: 0.1,
+            prior_width: 0.5,
+            noise: Noise { reading: 1e-4, displacement: 0.01 },
+            sensors: (1..8).map(sensor).collect(),
+        };
+        let mut physics = PhysicsCalibration::new(model);
+        let factors = std::array::from_fn(|axis| vec![0.7, 1.9 + axis as f64 / 3.0]);
+        physics.intervals = Some(GroupIntervals { groups: 12, levels: vec![0.5, 0.9], factors });
+        let calibration = Calibration::of(Kind::Physics(Box::new(physics)));
+        CalibrationFile { calibration, origin: Origin::default() }
+    }
+
+    #[test]
+    fn a_file_reads_back_to_the_last_bit() {
+        let file = file();
+        assert_eq!(document::parse(file.to_json().as_bytes()).unwrap(), file);
+    }
+
+    #[test]
+    fn parts_that_do_not_fit_together_are_refused() {
+        let cases = [
+            ("\"physics\"", "\"magic\"", "`model` is `magic`"),
+            ("\"fx_n\"", "\"fx_lbf\"", "`axes` has `fx_lbf`"),
+            ("\"channels\": 8", "\"channels\": 17", "`physics.channels` is `17`"),
+            ("\"channel\": 2", "\"channel\": 1", "`physics.sensors[1].channel` is `1`"),
+            ("[0.7, 1.9]", "[0.7]", "`intervals.factors`"),
+        ];
+        for (from, to, expected) in cases {
+            let text = file().to_json();
+            assert!(text.contains(from), "{from} in {text}");
+            match document::parse(text.replacen(from, to, 1).as_bytes()) {
+                Err(Problem::Inconsistent(message)) => {
+                    assert!(message.contains(expected), "{message}");
+                }
+                other => panic!("{from} → {to}: {other:?}"),
+            }
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! From training logs to a calibration by the physics model.
+
+use std::collections::HashMap;
+
+use super::eval::{EvalOptions, Evaluation, eval};
+use super::model_choice::HeldOut;
+use super::moments::{self, GroupBy};
+use super::{WorkflowError, check_channels};
+use crate::figures::FitPlot;
+use calibration::physics::{
+    Choice, PhysicsCalibration, PhysicsError, PhysicsValidation, TrainingRows,
+};
+use calibration::reading_ranges::ReadingRange;
+use calibration::validation::cross_validation::{CrossValidation, HeldOutQuality};
+use calibration::validation::excitation::WrenchSums;
+use calibration::{Calibration, Kind};
+use log_file::{Log, ReadOptions, Wanted};
+use shell_data::block::Block;
+
+/// Up to this many groups `--cv` holds each out alone, more in [`FOLDS`] folds: a fit for each.
+const MOST_ALONE: usize = 40;
+const FOLDS: usize = 10;
+
+/// What is asked for.
+#[derive(Clone, Copy, Default)]
+pub struct PhysicsOptions<'a> {
+    /// Find the errors on groups that were held out, by fits without them.
+    pub cross_validation: Option<HeldOut>,
+    /// Use only rows whose readings differ from those of the row before.
+    pub fresh: bool,
+    /// Reduce predictions and measurements to what a figure needs.
+    pub plot: bool,
+    /// How logs are read. Progress counts the bytes of the training logs twice.
+    pub read: ReadOptions<'a>,
+}
+
+/// What rows were held out together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroupsAre {
+    /// The rows with one label in the logs' group column.
+    Labels,
+    /// The rows of a file.
+    Files,
+    /// The rows of a stretch of time, in logs that have neither.
+    Stretches,
+}
+
+/// The training rows, and what their groups are called.
+#[derive(Clone, Debug)]
+pub struct GroupedRows {
+    /// The rows; groups are places in `labels`.
+    pub rows: TrainingRows,
+    /// Label of each group.
+    pub labels: Vec<String>,
+    /// What a group is.
+    pub groups_are: GroupsAre,
+}
+
+/// A calibration by the physics model, and how well it does.
+#[derive(Debug)]
+pub struct PhysicsFit {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// What the priors were chosen from.
+    pub choice: Choice,
+    /// Rows fitted.
+    pub rows: u64,
+    /// Means that those were reduced to.
+    pub observations: usize,
+    /// Groups.
+    pub groups: usize,
+    /// What a group is.
+    pub groups_are: GroupsAre,
+    /// Errors on groups that were held out, where that was asked for.
+    pub validation: Option<PhysicsValidation>,
+    /// Errors on each training log.
+    pub train: Vec<Evaluation>,
+    /// The wrench that the training logs have measured.
+    pub loads: WrenchSums,
+    /// Errors on each test log.
+    pub test: Vec<Evaluation>,
+    /// What a figure needs of training and test logs.
+    pub plots: Option<(FitPlot, FitPlot)>,
+}
+
+impl PhysicsFit {
+    /// What a calibration file says of the held-out errors.
+    pub fn cross_validation(&self) -> Option<CrossValidation> {
+        let validation = self.validation.as_ref()?;
+        let total = validation.total();
+        Some(CrossValidation {
+            groups: self.groups,
+            folds: validation.folds.len(),
+            rows: total[0].rows,
+            undetermined: Vec::new(),
+            grouped: total.map(|of| HeldOutQuality { rms: of.rms(), bias: of.bias() }),
+            random_folds: 0,
+            random: None,
+        })
+    }
+}
+
+/// Reads all rows of `train`, with what is held out together: as asked, or groups of a column, files,
+/// or stretches of time, whichever there is first.
+///
+/// # Errors
+/// [`WorkflowError`] if a log cannot be read or the logs differ in their number of channels.
+pub fn read_rows(
+    train: &[Log],
+    held_out: Option<HeldOut>,
+    fresh: bool,
+    read: &ReadOptions<'_>,
+) -> Result<GroupedRows, WorkflowError> {
+    let first = train.first().ok_or(WorkflowError::NoLogs)?;
+    let group_by = match held_out {
+        Some(HeldOut::File) => Some(GroupBy::File),
+        Some(HeldOut::Column) => Some(GroupBy::Column),
+        _ => moments::group_by(train),
+    };
+    let groups = group_by == Some(GroupBy::Column);
+    let wanted = Wanted { readings: true, wrench: true, groups, ..Wanted::default() };
+    for log in train {
+        log.require(&wanted)?;
+        check_channels(log, first.channels())?;
+    }
+    let (mut rows, mut labels) = (TrainingRows::default(), Labels::default());
+    rows.readings.resize_with(first.channels(), Vec::new);
+    let logs: Vec<&Log> = train.iter().collect();
+    let map = |(): &mut (), _: usize, block: &mut Block| -> Result<Block, WorkflowError> {
+        if fresh {
+            block.retain_rows(&block.fresh_rows());
+        }
+        Ok(std::mem::take(block))
+    };
+    let fold = |log: usize, block: Result<Block, WorkflowError>| -> Result<(), WorkflowError> {
+        let block = block?;
+        let columns = rows.wrench.iter_mut().chain(&mut rows.readings);
+        for (column, more) in columns.zip(block.wrench.iter().chain(&block.readings)) {
+            column.extend_from_slice(more);
+        }
+        if groups {
+            for (label, count) in &block.groups {
+                rows.groups.extend(std::iter::repeat_n(labels.place(label), *count));
+            }
+        } else {
+            let label = train[log].path().display().to_string();
+            rows.groups.extend(std::iter::repeat_n(labels.place(&label), block.rows));
+        }
+        Ok(())
+    };
+    log_file::read_all(&logs, &wanted, read, || (), map, fold)?;
+    let groups_are = match group_by {
+        Some(GroupBy::Column) => GroupsAre::Labels,
+        Some(GroupBy::File) => GroupsAre::Files,
+        None => {
+            rows.group_by_time();
+            labels.names = (0..rows.group_count()).map(|i| (i + 1).to_string()).collect();
+            GroupsAre::Stretches
+        }
+    };
+    Ok(GroupedRows { rows, labels: labels.names, groups_are })
+}
+
+/// Names of groups, in the order of their first rows.
+#[derive(Default)]
+struct Labels {
+    names: Vec<String>,
+    places: HashMap<String, u64>,
+}
+
+impl Labels {
+    fn place(&mut self, label: &str) -> u64 {
+        if let Some(&place) = self.places.get(label) {
+            return place;
+        }
+        let place = self.names.len() as u64;
+        self.names.push(label.to_owned());
+        self.places.insert(label.to_owned(), place);
+        place
+    }
+}
+
+/// Fits the physics model to `train` and finds its errors there and on `test`.
+///
+/// All training rows are held in memory.
+///
+/// # Errors
+/// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the
+/// rows do not determine the model.
+pub fn fit(
+    train: &[Log],
+    test: &[Log],
+    options: &PhysicsOptions<'_>,
+) -> Result<PhysicsFit, WorkflowError> {
+    let channels = train.first().ok_or(WorkflowError::NoLogs)?.channels();
+    for log in test {
+        log.require(&Wanted { readings: true, wrench: true, ..Wanted::default() })?;
+        check_channels(log, channels)?;
+    }
+    let read = ReadOptions { checksum: false, ..options.read };
+    let grouped = read_rows(train, options.cross_validation, options.fresh, &read)?;
+    let rows = &grouped.rows;
+    let (physics, choice) = PhysicsCalibration::fit(rows)?;
+    let validation =
+        options.cross_validation.map(|held_out| validate(rows, held_out)).transpose()?;
+    let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
+    calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
+    let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
+    let eval_options =
+        EvalOptions { fresh: options.fresh, read: options.read, ..EvalOptions::default() };
+    let mut evaluations = Vec::with_capacity(train.len() + test.len());
+    for (place, log) in train.iter().chain(test).enumerate() {
+        let plot = plots.as_mut().map(|(of_train, of_test)| match place < train.len() {
+            true => of_train,
+            false => of_test,
+        });
+        evaluations.push(eval(&calibration, log, &eval_options, plot)?);
+    }
+    let test_errors = evaluations.split_off(train.len());
+    Ok(PhysicsFit {
+        calibration,
+        choice,
+        rows: rows.groups.len() as u64,
+        observations: rows.observations()?.len(),
+        groups: rows.group_count(),
+        groups_are: grouped.groups_are,
+        validation,
+        train: evaluations,
+        loads: WrenchSums::of(&rows.wrench),
+        test: test_errors,
+        plots,
+    })
+}
+
+fn validate(rows: &TrainingRows, held_out: HeldOut) -> Result<PhysicsValidation, PhysicsError> {
+    let groups = rows.group_count();
+    let folds = match held_out {
+        HeldOut::Folds(folds) => folds,
+        _ if groups <= MOST_ALONE => groups,
+        _ => FOLDS,
+    };
+    PhysicsValidation::of(rows, &rows.folds(folds))
+}
+
+fn range(column: &[f64]) -> ReadingRange {
+    let range = ReadingRange { min: f64::INFINITY, max: f64::NEG_INFINITY };
+    column.iter().fold(range, |range, &reading| ReadingRange {
+        min: range.min.min(reading),
+        max: range.max.max(reading),
+    })
+}
