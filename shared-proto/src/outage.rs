@@ -86,7 +86,7 @@ impl Period {
             return;
         }
         // Another rate, by more than an eighth: what came before says nothing about it.
-        let expected = self.span_us * samples;
+        let expected = self.span_us.saturating_mul(samples);
         if (span_us * self.samples).abs_diff(expected) > expected / 8 {
             *self = Self::new();
         }
@@ -100,8 +100,9 @@ impl Period {
 
     /// Periods in a time, to the nearest.
     fn count(&self, us: u64) -> u64 {
-        let periods = u128::from(us) * u128::from(self.samples) + u128::from(self.span_us / 2);
-        u64::try_from(periods / u128::from(self.span_us.max(1))).unwrap_or(u64::MAX)
+        // In 64 bits: a week of 2²⁰ samples, and a board does not divide longer numbers by itself.
+        let periods = us.saturating_mul(self.samples).saturating_add(self.span_us / 2);
+        periods / self.span_us.max(1)
     }
 
     /// What the silence before a sample was.

@@ -20,10 +20,13 @@ impl Fingerprint {
         let mut hashes = vec![0_u64; block.rows];
         for column in block.readings.iter().chain(&block.wrench) {
             for (hash, value) in hashes.iter_mut().zip(column) {
-                // One multiplication and shift of xxHash's finish for each number.
-                let mixed = (*hash ^ value.to_bits()).wrapping_mul(0x9e37_79b1_85eb_ca87);
-                *hash = mixed ^ (mixed >> 29);
+                *hash = hash.wrapping_mul(0x9e37_79b1_85eb_ca87).wrapping_add(value.to_bits());
             }
+        }
+        // As xxHash finishes, so that sums of rows say which rows they are.
+        for hash in &mut hashes {
+            *hash = (*hash ^ (*hash >> 29)).wrapping_mul(0x1656_67b1_9e37_79f9);
+            *hash ^= *hash >> 32;
         }
         let squares = hashes.iter().map(|hash| hash.wrapping_mul(*hash | 1));
         Self {

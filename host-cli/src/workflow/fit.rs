@@ -152,9 +152,11 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     // Training rows are within the range that they define: there is nothing to look for.
     let mut without_range = calibration.clone();
     without_range.valid_range = None;
+    let is_alone = train.len() + test.len() == 1;
     let mut fingerprints = vec![Fingerprint::default(); train.len() + test.len()];
     let map = |log: usize, block: &Block| {
-        let fingerprint = Fingerprint::of(block);
+        // A log by itself is a copy of none.
+        let fingerprint = if is_alone { Fingerprint::default() } else { Fingerprint::of(block) };
         match log < train.len() {
             true => {
                 let errors = BlockErrors::of(&without_range, block, size_unit.as_ref(), is_drawn);
