@@ -16,9 +16,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::document::problem;
 use super::layout::to_json;
 use super::moments::MomentsDocument;
+use super::problem::problem;
 use super::stored::{Stored, StoredModel, StoredSource};
 use super::{CalibrationFileError, Problem, Source};
 use calibration::exact::{ExactError, Moments};
