@@ -1,4 +1,4 @@
-//! Body, beams and channel: what the model is told.
+//! Body, beams and channel: the inputs of the model.
 
 use crate::SetupError;
 

@@ -1,4 +1,4 @@
-//! What the board has been told: (session, command) → (session, answer).
+//! Commands to the board: (session, command) → (session, answer).
 
 use crate::board::Storage;
 use crate::limits::Limits;

@@ -5,7 +5,7 @@
 //! - *pure core*: the crates [`shell_data`] and [`calibration`], and [`alignment`], [`figures`],
 //!   [`forces`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices and matrices
 //!   in, values out; no files, no clocks, no printing;
-//! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`link`], [`output`]: the world to
+//! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`input`], [`link`], [`output`]: the world to
 //!   core types and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
@@ -36,6 +36,7 @@ pub mod alignment;
 pub mod calibration_file;
 pub mod figures;
 pub mod forces;
+pub mod input;
 pub mod link;
 pub mod output;
 mod random;

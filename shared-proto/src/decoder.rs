@@ -4,6 +4,7 @@ use crate::bytes::Bytes;
 use crate::command::{Answer, BoardId, Command};
 use crate::error::DecodeError;
 use crate::frame::MAX_FRAME;
+use crate::outage::{Gap, Period, Silence, Verdict};
 use crate::packet::{self, Boot, Packet, Sample};
 use crate::sequence::{Arrival, Tracker};
 use crate::xbee::{ApiFrame, Deframer, Mode, TransmitStatus};
@@ -35,6 +36,8 @@ pub enum Event {
         index: i64,
         /// How it arrived.
         arrival: Arrival,
+        /// What the silence before it was.
+        silence: Silence,
     },
     /// A request of the host.
     Command {
@@ -90,6 +93,8 @@ pub struct Counters {
     pub reordered: u64,
     /// Times that the board's numbering began anew.
     pub restarts: u64,
+    /// Silences in which more may have been lost than is counted as missing.
+    pub uncertain: u64,
 }
 
 /// Turns bytes into packets and counts what was lost.
@@ -124,6 +129,12 @@ impl Decoder {
         });
     }
 
+    /// Says when the bytes arrive that are fed from now on, by a clock of the host that does not go
+    /// back, in µs: the length of long silences follows from it.
+    pub fn arrived_at(&mut self, host_us: u64) {
+        self.stream.host_us = Some(host_us);
+    }
+
     /// What arrived so far, and what did not.
     pub fn counters(&self) -> Counters {
         let tracker = &self.stream.tracker;
@@ -148,9 +159,31 @@ struct Stream {
     /// beginning nobody sent here.
     synchronised: bool,
     tracker: Tracker,
-    /// Sequence number and clock of the newest sample.
-    newest: Option<(u16, u32)>,
+    newest: Option<Newest>,
+    period: Period,
+    /// The host's time now, µs, where it is known.
+    host_us: Option<u64>,
     counters: Counters,
+}
+
+/// What is known of the newest sample.
+#[derive(Clone, Copy, Debug)]
+struct Newest {
+    sequence: u16,
+    clock_us: u32,
+    dropped: u8,
+    host_us: Option<u64>,
+}
+
+impl Newest {
+    fn gap(&self, sample: &Sample, host_us: Option<u64>) -> Gap {
+        Gap {
+            sequence: sample.sequence.wrapping_sub(self.sequence),
+            clock_us: sample.clock_us.wrapping_sub(self.clock_us),
+            dropped: sample.dropped.wrapping_sub(self.dropped),
+            host_us: host_us.zip(self.host_us).map(|(now, then)| now.saturating_sub(then)),
+        }
+    }
 }
 
 impl Stream {
@@ -160,6 +193,8 @@ impl Stream {
             synchronised: false,
             tracker: Tracker::new(),
             newest: None,
+            period: Period::new(),
+            host_us: None,
             counters: Counters {
                 packets: 0,
                 bad_crc: 0,
@@ -172,6 +207,7 @@ impl Stream {
                 duplicates: 0,
                 reordered: 0,
                 restarts: 0,
+                uncertain: 0,
             },
         }
     }
@@ -233,37 +269,63 @@ impl Stream {
         self.counters.packets += 1;
         sink(match packet {
             Packet::Sample(sample) => {
-                if self.has_restarted(&sample) {
-                    self.tracker.restart();
-                }
-                let (index, arrival) = self.tracker.place(sample.sequence);
-                if matches!(arrival, Arrival::InOrder { .. }) {
-                    self.newest = Some((sample.sequence, sample.clock_us));
-                }
-                Event::Sample { sample, index, arrival }
+                let (index, arrival, silence) = self.place(&sample);
+                Event::Sample { sample, index, arrival, silence }
             }
             Packet::Command { number, to, command } => Event::Command { number, to, command },
             Packet::Answer { number, answer } => Event::Answer { number, answer },
             Packet::Boot(boot) => {
                 self.tracker.restart();
                 self.newest = None;
+                self.period = Period::new();
                 Event::Boot(boot)
             }
         });
     }
 
-    /// Whether a sample shows that the board has started anew and word of it was lost: its number
-    /// is ahead of the newest, its clock behind.
-    fn has_restarted(&self, sample: &Sample) -> bool {
-        self.newest.is_some_and(|(sequence, clock_us)| {
-            let ahead = sample.sequence.wrapping_sub(sequence).cast_signed() > 0;
-            let behind = sample.clock_us.wrapping_sub(clock_us).cast_signed() < 0;
-            ahead && behind
-        })
+    /// Where a sample belongs among those before it.
+    fn place(&mut self, sample: &Sample) -> (i64, Arrival, Silence) {
+        let gap = self.newest.map(|newest| newest.gap(sample, self.host_us));
+        let verdict = gap.map(|gap| self.period.judge(&gap));
+        let silence = verdict.map_or(Silence::Short, |verdict| verdict.silence);
+        let (index, arrival) = match verdict {
+            Some(Verdict { silence: Silence::Long { .. }, sent, certain }) => {
+                self.counters.uncertain += u64::from(!certain);
+                self.tracker.advance(sent)
+            }
+            _ => {
+                let before = self.tracker.restarts;
+                if silence == Silence::Restart || gap.is_some_and(|gap| has_restarted(&gap)) {
+                    self.tracker.restart();
+                }
+                let placed = self.tracker.place(sample.sequence);
+                let restarts = self.tracker.restarts - before;
+                let certain = restarts == 0 && verdict.is_none_or(|verdict| verdict.certain);
+                self.counters.uncertain += u64::from(!certain);
+                if restarts > 0 {
+                    self.period = Period::new();
+                }
+                placed
+            }
+        };
+        if matches!(arrival, Arrival::InOrder { .. }) {
+            if let (Some(gap), Silence::Short) = (&gap, silence) {
+                self.period.observe(gap);
+            }
+            let Sample { sequence, clock_us, dropped, .. } = *sample;
+            self.newest = Some(Newest { sequence, clock_us, dropped, host_us: self.host_us });
+        }
+        (index, arrival, silence)
     }
 }
 
-/// The packet at the end of a piece that is none as a whole: where a delimiter was damaged, the
+/// Whether a step shows that the board has started anew and word of it was lost: the number is ahead
+/// of the newest, the clock behind.
+fn has_restarted(gap: &Gap) -> bool {
+    gap.sequence.cast_signed() > 0 && gap.clock_us.cast_signed() < 0
+}
+
+/// The packet at the end of a piece that is no packet as a whole: where a delimiter was damaged, the
 /// frame after it stands there unharmed.
 fn last_packet(piece: &[u8]) -> Option<Packet> {
     let tail = &piece[piece.len().saturating_sub(MAX_FRAME)..];

@@ -44,6 +44,7 @@ mod decoder;
 mod detect;
 mod error;
 mod frame;
+mod outage;
 mod packet;
 mod sequence;
 pub mod skinproc;
@@ -59,6 +60,7 @@ pub use decoder::{Counters, Decoder, Event, Framing};
 pub use detect::{Protocol, detect};
 pub use error::DecodeError;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
+pub use outage::Silence;
 pub use packet::{
     Boot, COUNTS_PER_LSB, Packet, READINGS_FRAME, Sample, VERSION, Values, WRENCH_FRAME,
 };

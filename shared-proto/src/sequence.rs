@@ -1,6 +1,6 @@
 //! Putting numbered samples back in order: what is missing, double or late.
 
-/// How far behind the newest sample one may arrive and still be told from a repeat.
+/// How far behind the newest sample one may arrive and still be distinguished from a repeat.
 ///
 /// XBee modules hold a few packets for repeated transmission, never this many.
 pub const WINDOW: u32 = u128::BITS;
@@ -11,7 +11,7 @@ pub enum Arrival {
     /// Newer than any before.
     InOrder {
         /// Samples between it and the newest before that have not arrived (yet).
-        missing: u16,
+        missing: u64,
     },
     /// After a newer one; it was counted as missing until now.
     Late,
@@ -22,7 +22,7 @@ pub enum Arrival {
 /// Unwraps 16-bit sequence numbers and counts what is missing, double or late.
 ///
 /// A window of bits over the newest numbers, as in the anti-replay service of RFC 4303 §3.4.3. A
-/// step of 32,768 or more cannot be told from one backwards.
+/// step of 32,768 or more cannot be distinguished from one backwards.
 #[derive(Clone, Debug, Default)]
 pub struct Tracker {
     /// Newest index; `None` before the first sample.
@@ -79,6 +79,16 @@ impl Tracker {
         self.offset = newest + 1;
     }
 
+    /// Takes a sample that was sent so many after the newest, which its number alone does not tell.
+    pub(crate) fn advance(&mut self, sent: u64) -> (i64, Arrival) {
+        let index = self.newest.unwrap_or(self.offset - 1).saturating_add_unsigned(sent);
+        self.newest = Some(index);
+        self.arrived = 1;
+        self.distinct += 1;
+        self.gaps += u64::from(sent > 1);
+        (index, Arrival::InOrder { missing: sent.saturating_sub(1) })
+    }
+
     /// The index of a sample, which does not wrap, and how it arrived.
     ///
     /// The first index is the sequence number itself; a sample that comes late can precede it.
@@ -99,7 +109,7 @@ impl Tracker {
             self.newest = Some(index);
             self.distinct += 1;
             self.gaps += u64::from(step > 1);
-            return (index, Arrival::InOrder { missing: step - 1 });
+            return (index, Arrival::InOrder { missing: u64::from(step - 1) });
         }
         let back = u32::from(step.unsigned_abs());
         if back >= WINDOW {
@@ -121,8 +131,8 @@ impl Tracker {
 
 /// Unwraps the board's 32-bit clock, which comes round every 71.6 min.
 ///
-/// A time is taken to be the one nearest to that before it, so samples may be out of order; a
-/// silence of more than 35 min makes the result ambiguous.
+/// A time is taken to be the one nearest to that before it, so samples may be out of order; how long
+/// a silence of more than 35 min was has to be known otherwise, see [`at`](Self::at).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clock {
     last_us: Option<i64>,
@@ -132,6 +142,11 @@ impl Clock {
     /// No time has been seen.
     pub const fn new() -> Self {
         Self { last_us: None }
+    }
+
+    /// The time before was this.
+    pub const fn at(time_us: i64) -> Self {
+        Self { last_us: Some(time_us) }
     }
 
     /// Unwrapped time in µs; the first is as it stands.

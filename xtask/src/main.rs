@@ -9,6 +9,7 @@ mod emulator;
 mod firmware;
 mod flash;
 mod fuzz;
+mod hostile;
 mod image;
 mod instructions;
 mod layers;
@@ -47,6 +48,8 @@ enum Task {
     Cross,
     /// Run every fuzz target for some time
     Fuzz(fuzz::Args),
+    /// Run random commands over damaged files and see that nothing fails open
+    Hostile(hostile::Args),
     /// Check licences, duplicates and sources of the dependencies against `deny.toml`
     Licences,
     /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
@@ -78,6 +81,7 @@ fn main() -> ExitCode {
         Task::Cross => cross::check(),
         Task::Test(args) => test::run(&args),
         Task::Fuzz(args) => fuzz::run(&args),
+        Task::Hostile(args) => hostile::run(&args),
         Task::Licences => licences::check(),
         Task::Layers(args) => layers::run(&args),
         Task::Firmware => firmware::check().map(drop),

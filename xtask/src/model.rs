@@ -51,7 +51,7 @@ fn set_up() -> Result<PathBuf> {
 /// The model with the image that was built last.
 ///
 /// # Errors
-/// Why there is none.
+/// Why the model cannot run.
 pub(crate) fn find() -> Result<Model> {
     let image = Image::SkinProc.path();
     ensure!(image.exists(), "the board's image has not been built");

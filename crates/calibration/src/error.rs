@@ -3,6 +3,7 @@
 use super::exact::ExactError;
 use super::features::Features;
 use super::least_squares::LeastSquaresError;
+use super::model::TooLarge;
 use super::rank_loss::RankLoss;
 use super::reading_ranges::ReadingRanges;
 
@@ -24,6 +25,9 @@ pub enum FitError {
         /// Rows used.
         rows: u64,
     },
+    /// More coefficients than are fitted.
+    #[error(transparent)]
+    TooLarge(#[from] TooLarge),
     /// The features are not independent.
     #[error("{0}")]
     RankDeficient(RankLoss),

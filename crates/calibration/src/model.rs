@@ -55,6 +55,31 @@ impl Basis {
 /// The largest number of channels: their indices are bytes.
 pub const MAX_CHANNELS: usize = 255;
 
+/// The most coefficients of an axis that are fitted: their equations take some 40 MB, and their time
+/// grows with the cube.
+pub const MAX_TERMS: usize = 2200;
+
+/// A model of more coefficients than are fitted.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "`{}` of `{}` channels has `{}` coefficients, more than the `{MAX_TERMS}` that are fitted; {}",
+    model.name(), model.channels, model.term_count(), fitting(model)
+)]
+pub struct TooLarge {
+    model: Model,
+}
+
+/// Which models of the same channels would do.
+fn fitting(model: &Model) -> String {
+    let fits = |&basis: &Basis| Model { basis, ..*model }.check_size().is_ok();
+    let names: Vec<_> = Basis::ALL.iter().copied().filter(fits).map(Basis::name).collect();
+    let channels = (1..=model.channels).rev();
+    let most =
+        channels.map(|channels| Model { channels, ..*model }).find(|m| m.check_size().is_ok());
+    let most = most.map_or(0, |model| model.channels);
+    format!("`{}` would do, or `{most}` channels", names.join("`, `"))
+}
+
 /// The features of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Model {
@@ -146,6 +171,14 @@ impl Model {
         features + usize::from(self.intercept)
     }
 
+    /// Whether its coefficients are few enough to be fitted. Found without listing them.
+    ///
+    /// # Errors
+    /// [`TooLarge`].
+    pub fn check_size(&self) -> Result<(), TooLarge> {
+        if self.term_count() > MAX_TERMS { Err(TooLarge { model: *self }) } else { Ok(()) }
+    }
+
     /// The name people read: `cubic`, or `cubic+1` with an intercept.
     pub fn name(&self) -> String {
         format!("{}{}", self.basis.name(), if self.intercept { "+1" } else { "" })
@@ -171,6 +204,19 @@ mod tests {
         let counted =
             Basis::ALL.map(|basis| Model { basis, intercept: true, channels: 8 }.term_count());
         assert_eq!(counted, [9, 25, 45, 165]);
+    }
+
+    #[test]
+    fn a_model_that_is_too_large_is_told_with_what_would_do() {
+        let model = Model { basis: Basis::Poly3, intercept: true, channels: 64 };
+        let error = model.check_size().unwrap_err().to_string();
+        assert!(error.contains("`47905` coefficients"), "{error}");
+        assert!(
+            error.ends_with("`linear`, `cubic`, `quadratic` would do, or `21` channels"),
+            "{error}"
+        );
+        assert!(Model { channels: 21, ..model }.check_size().is_ok());
+        assert!(Model { channels: 22, ..model }.check_size().is_err());
     }
 
     #[test]

@@ -27,10 +27,21 @@ impl Scaling {
     /// powers of a shifted reading span the powers of the reading only together with a constant,
     /// so a shift would change the model and not only its basis.
     pub fn of_sample(readings: &[Vec<f64>], intercept: bool) -> Self {
-        let centre_of = |column: &Vec<f64>| if intercept { rounded_mean(column) } else { 0.0 };
-        let centre: Vec<f64> = readings.iter().map(centre_of).collect();
-        let scale = readings.iter().zip(&centre).map(|(column, &c)| scale_about(column, c));
-        Self { scale: scale.collect(), centre }
+        Self::of_channels(readings.iter().map(|column| ChannelSample::of(column)), intercept)
+    }
+
+    /// The same from what is known of all rows.
+    pub(crate) fn of_channels(
+        channels: impl Iterator<Item = ChannelSample>,
+        intercept: bool,
+    ) -> Self {
+        let (centre, scale) = channels
+            .map(|channel| {
+                let centre = if intercept { channel.rounded_mean() } else { 0.0 };
+                (centre, channel.scale_about(centre))
+            })
+            .unzip();
+        Self { centre, scale }
     }
 
     /// Number of channels.
@@ -39,24 +50,40 @@ impl Scaling {
     }
 }
 
-/// The mean, rounded to an integer; where readings carry decimals and stay within a few counts, to
-/// a fraction of their range that is a power of two, which keeps the subtraction exact.
-fn rounded_mean(column: &[f64]) -> f64 {
-    let (min, max) = column
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &s| (min.min(s), max.max(s)));
-    if min > max {
-        return 0.0;
-    }
-    let mean = column.iter().map(|s| s - min).sum::<f64>() / column.len() as f64 + min;
-    let integers = column.iter().all(|s| s.fract() == 0.0);
-    let grid = if integers || max == min { 1.0 } else { power_of_two_above(max - min) / 16.0 };
-    let rounded = (mean / grid.min(1.0)).round() * grid.min(1.0);
-    if rounded.is_finite() { rounded } else { 0.0 }
+/// The readings of a channel, in short.
+pub(crate) struct ChannelSample {
+    pub(crate) min: f64,
+    pub(crate) max: f64,
+    pub(crate) mean: f64,
+    /// Whether all of them are.
+    pub(crate) integers: bool,
 }
 
-fn scale_about(column: &[f64], centre: f64) -> f64 {
-    power_of_two_above(column.iter().fold(0.0, |largest, s| f64::max(largest, (s - centre).abs())))
+impl ChannelSample {
+    fn of(column: &[f64]) -> Self {
+        let (min, max) = column
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &s| (min.min(s), max.max(s)));
+        let mean = column.iter().map(|s| s - min).sum::<f64>() / column.len() as f64 + min;
+        Self { min, max, mean, integers: column.iter().all(|s| s.fract() == 0.0) }
+    }
+
+    /// The mean, rounded to an integer; where readings carry decimals and stay within a few counts, to
+    /// a fraction of their range that is a power of two, which keeps the subtraction exact.
+    fn rounded_mean(&self) -> f64 {
+        let Self { min, max, mean, integers } = *self;
+        if min > max {
+            return 0.0;
+        }
+        let grid = if integers || max == min { 1.0 } else { power_of_two_above(max - min) / 16.0 };
+        let rounded = (mean / grid.min(1.0)).round() * grid.min(1.0);
+        if rounded.is_finite() { rounded } else { 0.0 }
+    }
+
+    fn scale_about(&self, centre: f64) -> f64 {
+        let reach = f64::max((self.min - centre).abs(), (self.max - centre).abs());
+        power_of_two_above(if self.min > self.max { 0.0 } else { reach })
+    }
 }
 
 /// The smallest power of two that is not below `value`; 1 for zero and where there is none.

@@ -62,7 +62,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
     },
-    /// A file of numbers without a header that is none of the known layouts.
+    /// A file of numbers without a header, in none of the known layouts.
     #[error(
         "`{}`, line {line}: {found} columns and no header, expected 15 (time, eight sensors, six wrench \
          columns) or 12 (two to drop, time, six wrench columns, three accelerations)",
@@ -160,6 +160,16 @@ pub enum RowProblem {
         /// Its content.
         found: String,
     },
+    /// A reading is beyond what any converter gives: damage, or another quantity.
+    #[error("{field}: expected a reading of at most {largest} counts, found `{found}`")]
+    Unbelievable {
+        /// Which.
+        field: Field,
+        /// Its content.
+        found: String,
+        /// The largest magnitude that there is.
+        largest: String,
+    },
     /// A field is empty.
     #[error("{field}: expected a number, found nothing")]
     EmptyField {
@@ -177,7 +187,7 @@ pub enum RowProblem {
     /// A quoted field does not end on its line.
     #[error("expected a closing quote on the same line")]
     OpenQuote,
-    /// A payload begins like a scan and is none.
+    /// A payload begins like a scan, but is not one.
     #[error(
         "expected a scan of {expected} bytes (0 to 255) with readings below 4096, found `{found}`"
     )]

@@ -15,8 +15,9 @@
 //! win by chance. A match counts if R² is large there and no other peak of the score comes near.
 
 use faer::{Mat, Side as Triangle};
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex;
+use rustfft::algorithm::Radix4;
+use rustfft::num_complex::Complex;
+use rustfft::{Fft as _, FftDirection, Length as _};
 
 use super::error::AlignError;
 use super::recording::Clean;
@@ -212,7 +213,7 @@ struct Correlation {
 
 impl Correlation {
     fn new(x: &Changes, y: &Changes) -> Self {
-        let mut fft = Fft::new(x.bins + y.bins - 1, y.bins);
+        let fft = Fft::new(x.bins + y.bins - 1, y.bins);
         let xs: Vec<_> = x.columns.iter().map(|column| fft.forward(column)).collect();
         let mut squared = vec![0.0; x.bins + y.bins - 1];
         for column in &y.columns {
@@ -223,7 +224,7 @@ impl Correlation {
                 }
             }
         }
-        let mut correlate = |x: &[f64], y: &[f64]| {
+        let correlate = |x: &[f64], y: &[f64]| {
             let (x, y) = (fft.forward(x), fft.forward(y));
             fft.correlate(&x, &y).collect::<Vec<f64>>()
         };
@@ -236,12 +237,10 @@ impl Correlation {
     }
 }
 
-/// Transforms of one length.
+/// Transforms of one length, a power of two.
 struct Fft {
-    forward: std::sync::Arc<dyn realfft::RealToComplex<f64>>,
-    inverse: std::sync::Arc<dyn realfft::ComplexToReal<f64>>,
-    input: Vec<f64>,
-    product: Vec<Complex<f64>>,
+    forward: Radix4<f64>,
+    inverse: Radix4<f64>,
     lags: usize,
     /// The smallest offset is minus this, plus one.
     behind: usize,
@@ -250,33 +249,23 @@ struct Fft {
 impl Fft {
     fn new(lags: usize, behind: usize) -> Self {
         let length = lags.next_power_of_two();
-        let mut planner = RealFftPlanner::new();
-        let forward = planner.plan_fft_forward(length);
-        let inverse = planner.plan_fft_inverse(length);
-        let (input, product) = (forward.make_input_vec(), inverse.make_input_vec());
-        Self { forward, inverse, input, product, lags, behind }
+        let [forward, inverse] = [FftDirection::Forward, FftDirection::Inverse]
+            .map(|direction| Radix4::new(length, direction));
+        Self { forward, inverse, lags, behind }
     }
 
-    fn forward(&mut self, values: &[f64]) -> Vec<Complex<f64>> {
-        self.input[..values.len()].copy_from_slice(values);
-        self.input[values.len()..].fill(0.0);
-        let mut spectrum = self.forward.make_output_vec();
-        self.forward.process(&mut self.input, &mut spectrum).expect("buffers made by the plan");
+    fn forward(&self, values: &[f64]) -> Vec<Complex<f64>> {
+        let mut spectrum: Vec<_> = values.iter().map(|&value| Complex::new(value, 0.0)).collect();
+        spectrum.resize(self.forward.len(), Complex::ZERO);
+        self.forward.process(&mut spectrum);
         spectrum
     }
 
     /// `Σ_k x[k + l] y[k]` for l from −(behind − 1) on.
-    fn correlate(&mut self, x: &[Complex<f64>], y: &[Complex<f64>]) -> impl Iterator<Item = f64> {
-        for ((product, x), y) in self.product.iter_mut().zip(x).zip(y) {
-            *product = x * y.conj();
-        }
-        // The first and the last are real by symmetry; rounding must not say otherwise.
-        for end in [0, self.product.len() - 1] {
-            self.product[end].im = 0.0;
-        }
-        self.inverse.process(&mut self.product, &mut self.input).expect("buffers made by the plan");
-        let (length, behind) = (self.input.len(), self.behind);
-        let values = &self.input;
-        (0..self.lags).map(move |i| values[(i + length + 1 - behind) % length] / length as f64)
+    fn correlate(&self, x: &[Complex<f64>], y: &[Complex<f64>]) -> impl Iterator<Item = f64> {
+        let mut product: Vec<_> = x.iter().zip(y).map(|(x, y)| x * y.conj()).collect();
+        self.inverse.process(&mut product);
+        let (length, behind) = (product.len(), self.behind);
+        (0..self.lags).map(move |i| product[(i + length + 1 - behind) % length].re / length as f64)
     }
 }

@@ -63,17 +63,22 @@ impl Document {
             let most = model::MAX_CHANNELS;
             return Err(format!("`model.channels` is `{channels}`, expected 1 to {most}"));
         }
-        let terms = self.model.clone().value().terms();
+        let model = self.model.clone().value();
         let count = |name: &str, found: usize, expected: usize| match found == expected {
             true => Ok(()),
             false => Err(format!("`{name}` has `{found}` entries, the model needs `{expected}`")),
         };
-        count("terms", self.terms.len(), terms.len())?;
+        // Before the terms are listed, of which there may be millions.
+        count("terms", self.terms.len(), model.term_count())?;
+        let terms = model.terms();
         count("coefficients", self.coefficients.len(), terms.len())?;
         count("scaling.centre", self.scaling.centre.len(), channels)?;
         count("scaling.scale", self.scaling.scale.len(), channels)?;
         if let Some(range) = &self.valid_range {
             count("valid_range", range.len(), channels)?;
+            if range.iter().any(|range| range.min > range.max) {
+                return Err("`valid_range` has a `min` above its `max`".to_owned());
+            }
         }
         for (found, term) in self.terms.iter().zip(&terms) {
             if *found != term.name() {
@@ -116,6 +121,14 @@ impl Document {
                 return Err("`covariance.degrees_of_freedom` is `0`".to_owned());
             }
             covariance.shape.clone().value().map_or(Ok(()), |shape| shape.check())?;
+            let residual = &covariance.residual;
+            let is_symmetric = |a: usize, b: usize| {
+                let size = (residual[a][a] * residual[b][b]).abs().sqrt();
+                (residual[a][b] - residual[b][a]).abs() <= 1e-6 * size
+            };
+            if !(0..36).all(|place| is_symmetric(place / 6, place % 6)) {
+                return Err("`covariance.residual` is not symmetric".to_owned());
+            }
             if (0..6).any(|axis| covariance.residual[axis][axis] < 0.0) {
                 return Err("`covariance.residual` has a negative variance".to_owned());
             }

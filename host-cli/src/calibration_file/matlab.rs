@@ -1,5 +1,8 @@
 //! Coefficient matrices in MATLAB 5 files, plain or compressed.
 
+use std::io::{self, Read};
+
+use flate2::read::ZlibDecoder;
 use matfile::{MatFile, NumericData};
 
 use super::matrix::{ImportOptions, MatrixError, from_values};
@@ -14,6 +17,11 @@ pub(super) fn is_matlab(bytes: &[u8]) -> bool {
 }
 
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
+    if bytes.starts_with(b"MATLAB 7.3") {
+        let message = "it is of version 7.3; save it with `-v6` or `-v7`";
+        return Err(MatrixError::Matlab(message.to_owned()));
+    }
+    check_size(bytes)?;
     let file = MatFile::parse(bytes).map_err(|error| MatrixError::Matlab(error.to_string()))?;
     let found: Vec<String> = file.arrays().iter().map(|a| a.name().to_owned()).collect();
     let array = match (&options.variable, file.arrays().as_slice()) {
@@ -41,6 +49,37 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
     }
     // MATLAB stores columns one after the other.
     from_values(rows, columns, |row, column| values[column * rows + row], options)
+}
+
+/// Whether what is compressed is of a size that a matrix may have: a megabyte can hold a gigabyte of
+/// zeros.
+fn check_size(bytes: &[u8]) -> Result<(), MatrixError> {
+    /// Of one variable.
+    const BUDGET: u64 = 16 << 20;
+    /// That of a compressed element.
+    const COMPRESSED: u32 = 15;
+    let little = bytes.get(126..128) == Some(b"IM");
+    let word = |bytes: &[u8]| -> Option<u32> {
+        let word = bytes.first_chunk().copied()?;
+        Some(if little { u32::from_le_bytes(word) } else { u32::from_be_bytes(word) })
+    };
+    let mut rest = bytes.get(128..).unwrap_or_default();
+    while let (Some(kind), Some(length)) = (word(rest), rest.get(4..).and_then(word)) {
+        let content = rest.get(8..).unwrap_or_default();
+        let length = usize::try_from(length).unwrap_or(usize::MAX).min(content.len());
+        let (element, behind) = content.split_at(length);
+        if kind == COMPRESSED {
+            let mut inflated = ZlibDecoder::new(element).take(BUDGET + 1);
+            // A damaged stream is told by the reader, with its reason.
+            let size = io::copy(&mut inflated, &mut io::sink()).unwrap_or(0);
+            if size > BUDGET {
+                let message = format!("a variable is larger than {} MB", BUDGET >> 20);
+                return Err(MatrixError::Matlab(message));
+            }
+        }
+        rest = behind;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -40,8 +40,10 @@ mod version;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
 pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
+use crate::input::{self, Document};
 use calibration::{Calibration, Kind};
 use shell_data::wrench::PerAxis;
 
@@ -109,7 +111,7 @@ pub enum Problem {
     /// Parts that do not fit together.
     #[error("{0}")]
     Inconsistent(String),
-    /// A coefficient matrix that is none.
+    /// A coefficient matrix that cannot be read as one.
     #[error("{0}")]
     Matrix(matrix::MatrixError),
 }
@@ -129,7 +131,8 @@ impl CalibrationFile {
     /// [`CalibrationFileError`] if it cannot be read or is no calibration of this version.
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let text =
+            input::read(path, Document::Json).map_err(|error| problem(Problem::Io(error)))?;
         version::parse(&text).map_err(problem)
     }
 
@@ -152,9 +155,13 @@ impl CalibrationFile {
         options: &matrix::ImportOptions,
     ) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let bytes = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let bytes =
+            input::read(path, Document::Matrix).map_err(|error| problem(Problem::Io(error)))?;
         let calibration = if matlab::is_matlab(&bytes) {
             matlab::parse(&bytes, options)
+        } else if bytes.contains(&0) {
+            let message = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
+            Err(MatrixError::Matlab(message.to_owned()))
         } else {
             matrix::parse_csv(&bytes, options)
         };

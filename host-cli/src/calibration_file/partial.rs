@@ -11,16 +11,19 @@
 //! | `skipped_rows`, `repeated_rows` | wrong rows left out, rows that repeat their readings |
 //! | `sources` | files, their checksums and rows |
 //! | `moments` | rows, the range of each channel, and the sums, as decimal integers |
+//! | `checksum` | XXH3 of 128 bits of all bytes before it; absent in files of earlier programs |
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use twox_hash::XxHash3_128;
 
 use super::layout::to_json;
 use super::moments::MomentsDocument;
 use super::problem::problem;
 use super::stored::{Stored, StoredModel, StoredSource};
 use super::{CalibrationFileError, Problem, Source};
+use crate::input;
 use calibration::exact::{ExactError, Moments};
 use calibration::model::Model;
 
@@ -112,7 +115,8 @@ impl PartialFit {
     /// [`CalibrationFileError`] if it cannot be read or is no partial fit of this version.
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text = std::fs::read(path).map_err(|error| problem(Problem::Io(error)))?;
+        let text = input::read(path, input::Document::Json)
+            .map_err(|error| problem(Problem::Io(error)))?;
         Self::parse(&text).map_err(problem)
     }
 
@@ -122,6 +126,7 @@ impl PartialFit {
         if found != PARTIAL_SCHEMA_VERSION {
             return Err(Problem::SchemaVersion { found });
         }
+        check(text).map_err(Problem::Inconsistent)?;
         let document: Document = serde_json::from_slice(text).map_err(problem)?;
         let model = document.model.value();
         let moments = document.moments.value().map_err(Problem::Inconsistent)?;
@@ -141,7 +146,7 @@ impl PartialFit {
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        to_json(&Document {
+        with_checksum(to_json(&Document {
             partial_schema_version: PARTIAL_SCHEMA_VERSION,
             made_by: self.made_by.clone(),
             date: self.date.clone(),
@@ -150,7 +155,7 @@ impl PartialFit {
             repeated_rows: self.repeated_rows,
             sources: Stored::of(&self.sources),
             moments: MomentsDocument::of(&self.moments),
-        })
+        }))
     }
 
     /// Adds the rows of `other`.
@@ -176,5 +181,28 @@ impl PartialFit {
         self.repeated_rows += other.repeated_rows;
         self.sources.extend(other.sources.iter().cloned());
         Ok(())
+    }
+}
+
+/// How every document ends.
+const END: &str = "\n}\n";
+
+/// What stands before the checksum, which is of all that stands before this.
+const CHECKSUM: &str = ",\n  \"checksum\": \"xxh128:";
+
+/// The document with a checksum as its last field.
+fn with_checksum(document: String) -> String {
+    let content = document.strip_suffix(END).unwrap_or(&document);
+    format!("{content}{CHECKSUM}{:032x}\"{END}", XxHash3_128::oneshot(content.as_bytes()))
+}
+
+/// Whether the document is what its checksum is of, where it has one.
+fn check(document: &[u8]) -> Result<(), String> {
+    let Some(at) = memchr::memmem::rfind(document, CHECKSUM.as_bytes()) else { return Ok(()) };
+    let (content, end) = document.split_at(at);
+    let expected = format!("{CHECKSUM}{:032x}\"{END}", XxHash3_128::oneshot(content));
+    match expected.as_bytes() == end {
+        true => Ok(()),
+        false => Err("it is not what was written: the checksum does not match".to_owned()),
     }
 }

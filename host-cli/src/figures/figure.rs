@@ -1,15 +1,14 @@
 //! A finished picture and its file formats.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
 
-use resvg::tiny_skia::{Pixmap, Transform};
-use resvg::usvg::{Options, Tree, fontdb};
+use super::pixels;
+use super::svg::Drawing;
 
 /// A finished picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    svg: String,
+    drawing: Drawing,
 }
 
 /// A file format for pictures.
@@ -55,13 +54,13 @@ impl Format {
 }
 
 impl Figure {
-    pub(super) fn new(svg: String) -> Self {
-        Self { svg }
+    pub(super) fn new(drawing: Drawing) -> Self {
+        Self { drawing }
     }
 
     /// The picture as an SVG document.
     pub fn svg(&self) -> &str {
-        &self.svg
+        &self.drawing.svg
     }
 
     /// The picture as the content of a file.
@@ -70,40 +69,18 @@ impl Figure {
     /// [`PlotError::Render`] if the picture is too large to be drawn as pixels.
     pub fn render(&self, format: Format) -> Result<Vec<u8>, PlotError> {
         match format {
-            Format::Svg => Ok(self.svg.as_bytes().to_vec()),
-            Format::Png => self.png(),
+            Format::Svg => Ok(self.svg().as_bytes().to_vec()),
+            Format::Png => {
+                pixels::png(&self.drawing).map_err(|reason| PlotError::Render { reason })
+            }
         }
     }
-
-    fn png(&self) -> Result<Vec<u8>, PlotError> {
-        const PIXELS_PER_UNIT: f32 = 2.0;
-        let failed = |reason: String| PlotError::Render { reason };
-        let options = Options { fontdb: fonts(), ..Options::default() };
-        let tree = Tree::from_str(&self.svg, &options).map_err(|e| failed(e.to_string()))?;
-        let size = tree.size().to_int_size().scale_by(PIXELS_PER_UNIT);
-        let mut pixels = size
-            .and_then(|size| Pixmap::new(size.width(), size.height()))
-            .ok_or_else(|| failed("it is too large".to_owned()))?;
-        let scale = Transform::from_scale(PIXELS_PER_UNIT, PIXELS_PER_UNIT);
-        resvg::render(&tree, scale, &mut pixels.as_mut());
-        pixels.encode_png().map_err(|e| failed(e.to_string()))
-    }
-}
-
-/// The fonts of the program, and no others: the same picture on every machine.
-fn fonts() -> Arc<fontdb::Database> {
-    static FONTS: OnceLock<Arc<fontdb::Database>> = OnceLock::new();
-    let load = || {
-        let mut fonts = fontdb::Database::new();
-        fonts.load_font_data(include_bytes!("../../assets/DejaVuSans-subset.ttf").to_vec());
-        fonts.load_font_data(include_bytes!("../../assets/DejaVuSans-Bold-subset.ttf").to_vec());
-        Arc::new(fonts)
-    };
-    Arc::clone(FONTS.get_or_init(load))
 }
 
 #[cfg(test)]
 mod tests {
+    use tiny_skia::Pixmap;
+
     use super::super::svg::{Canvas, Style};
     use super::*;
 

@@ -1,16 +1,79 @@
-//! A canvas that writes SVG: a handful of shapes, coordinates in CSS pixels, y down.
+//! A canvas that writes SVG: a handful of shapes, coordinates in CSS pixels, y down. It remembers the
+//! shapes, to be painted as pixels.
 
 use std::fmt::Write;
 
 use super::palette;
 
-/// What a canvas draws on.
+/// What figures draw on.
 #[derive(Debug)]
 pub(super) struct Canvas {
     width: f64,
     height: f64,
     body: String,
     clips: usize,
+    shapes: Vec<Shape>,
+}
+
+/// A finished drawing.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Drawing {
+    pub(super) width: f64,
+    pub(super) height: f64,
+    pub(super) svg: String,
+    pub(super) shapes: Vec<Shape>,
+}
+
+/// A shape, as the SVG has it. Paths are in SVG path syntax, of lines only; colours are `#rrggbb`.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Shape {
+    Stroke {
+        path: String,
+        colour: String,
+        pen: Pen,
+    },
+    Fill {
+        path: String,
+        colour: String,
+    },
+    Disc {
+        centre: (f64, f64),
+        radius: f64,
+        colour: String,
+    },
+    Ring {
+        centre: (f64, f64),
+        radius: f64,
+        colour: String,
+    },
+    Text {
+        at: (f64, f64),
+        text: String,
+        style: Style,
+    },
+    /// All that follows is cut off at the edges of the rectangle.
+    Clip(Rect),
+    /// And no longer.
+    EndClip,
+}
+
+/// How a path is stroked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Pen {
+    pub(super) width: f64,
+    pub(super) kind: PenKind,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PenKind {
+    /// A line with mitred corners.
+    Plain,
+    /// A line with round corners.
+    Round,
+    /// Five pixels drawn, three left out.
+    Dashed,
+    /// Whole pixels, without smooth edges.
+    Crisp,
 }
 
 /// A rectangle, from its upper left corner.
@@ -30,10 +93,16 @@ impl Rect {
     pub(super) fn bottom(&self) -> f64 {
         self.top + self.height
     }
+
+    /// Its edge in path syntax.
+    pub(super) fn path(&self) -> String {
+        let [right, bottom, left] = [self.right(), self.bottom(), self.left].map(number);
+        format!("M{}H{right}V{bottom}H{left}Z", point(self.left, self.top))
+    }
 }
 
 /// Which point of a text is at the position given.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
     Middle,
@@ -41,7 +110,7 @@ pub(super) enum Anchor {
 }
 
 /// How a text is set.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Style {
     pub(super) size: f64,
     pub(super) anchor: Anchor,
@@ -68,7 +137,7 @@ pub(super) fn text_width(text: &str, size: f64) -> f64 {
 
 impl Canvas {
     pub(super) fn new(width: f64, height: f64) -> Self {
-        Self { width, height, body: String::new(), clips: 0 }
+        Self { width, height, body: String::new(), clips: 0, shapes: Vec::new() }
     }
 
     pub(super) fn line(&mut self, from: (f64, f64), to: (f64, f64), colour: &str, width: f64) {
@@ -88,6 +157,12 @@ impl Canvas {
             r#"<path d="{path}" fill="none" stroke="{colour}" stroke-width="{}" stroke-linejoin="round"/>"#,
             number(width)
         );
+        self.remember_stroke(path, colour, width, PenKind::Round);
+    }
+
+    fn remember_stroke(&mut self, path: &str, colour: &str, width: f64, kind: PenKind) {
+        let (path, colour) = (path.to_owned(), colour.to_owned());
+        self.shapes.push(Shape::Stroke { path, colour, pen: Pen { width, kind } });
     }
 
     /// As [`Self::stroke`], broken into dashes.
@@ -97,6 +172,7 @@ impl Canvas {
             r#"<path d="{path}" fill="none" stroke="{colour}" stroke-width="{}" stroke-dasharray="5 3"/>"#,
             number(width)
         );
+        self.remember_stroke(path, colour, width, PenKind::Dashed);
     }
 
     /// Strokes rows of cells that must meet without seams, `height` high.
@@ -106,29 +182,35 @@ impl Canvas {
             r#"<path d="{path}" stroke="{colour}" stroke-width="{}" shape-rendering="crispEdges"/>"#,
             number(height)
         );
+        self.remember_stroke(path, colour, height, PenKind::Crisp);
     }
 
     /// Fills a path given in SVG path syntax.
     pub(super) fn fill(&mut self, path: &str, colour: &str) {
         let _ = writeln!(self.body, r#"<path d="{path}" fill="{colour}"/>"#);
+        self.shapes.push(Shape::Fill { path: path.to_owned(), colour: colour.to_owned() });
     }
 
     pub(super) fn frame(&mut self, rect: Rect, colour: &str) {
+        let path = rect.path();
         let Rect { left, top, width, height } = rect;
         let [left, top, width, height] = [left, top, width, height].map(number);
         let _ = writeln!(
             self.body,
             r#"<rect x="{left}" y="{top}" width="{width}" height="{height}" fill="none" stroke="{colour}"/>"#
         );
+        self.remember_stroke(&path, colour, 1.0, PenKind::Plain);
     }
 
     pub(super) fn circle(&mut self, centre: (f64, f64), radius: f64, colour: &str) {
+        self.shapes.push(Shape::Disc { centre, radius, colour: colour.to_owned() });
         let [x, y, radius] = [centre.0, centre.1, radius].map(number);
         let _ = writeln!(self.body, r#"<circle cx="{x}" cy="{y}" r="{radius}" fill="{colour}"/>"#);
     }
 
     /// A circle that is not filled.
     pub(super) fn ring(&mut self, centre: (f64, f64), radius: f64, colour: &str) {
+        self.shapes.push(Shape::Ring { centre, radius, colour: colour.to_owned() });
         let [x, y, radius] = [centre.0, centre.1, radius].map(number);
         let _ = writeln!(
             self.body,
@@ -137,6 +219,7 @@ impl Canvas {
     }
 
     pub(super) fn text(&mut self, at: (f64, f64), text: &str, style: Style) {
+        self.shapes.push(Shape::Text { at, text: text.to_owned(), style });
         let [x, y, size] = [at.0, at.1, style.size].map(number);
         let anchor = match style.anchor {
             Anchor::Start => "",
@@ -158,6 +241,7 @@ impl Canvas {
 
     /// Draws what `draw` draws, cut off at the edges of `rect`.
     pub(super) fn clipped(&mut self, rect: Rect, draw: impl FnOnce(&mut Self)) {
+        self.shapes.push(Shape::Clip(rect));
         self.clips += 1;
         let id = self.clips;
         let [left, top, width, height] = [rect.left, rect.top, rect.width, rect.height].map(number);
@@ -168,19 +252,21 @@ impl Canvas {
         );
         draw(self);
         self.body.push_str("</g>\n");
+        self.shapes.push(Shape::EndClip);
     }
 
     /// The finished document, on white.
-    pub(super) fn finish(self) -> String {
+    pub(super) fn finish(self) -> Drawing {
         let [width, height] = [self.width, self.height].map(number);
-        format!(
+        let svg = format!(
             r#"<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" font-family="'DejaVu Sans', Verdana, sans-serif" fill="{}">
 <path d="M0 0H{width}V{height}H0Z" fill="white"/>
 {}</svg>
 "#,
             palette::INK,
             self.body
-        )
+        );
+        Drawing { width: self.width, height: self.height, svg, shapes: self.shapes }
     }
 }
 

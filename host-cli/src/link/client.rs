@@ -1,4 +1,4 @@
-//! Asking the board: commands, and answers that are told by their numbers.
+//! Asking the board: commands, and answers that are matched by their numbers.
 
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};

@@ -48,7 +48,7 @@ impl Journal {
                 regular: !is_device,
                 failed: false,
             }),
-            Err(source) => Err(OutputError { path, source }),
+            Err(source) => Err(OutputError::failed(path, source)),
         }
     }
 
@@ -82,7 +82,7 @@ impl Journal {
                 self.failed = true;
                 // If even that fails, a part of a line stays at the end; nothing else can be done.
                 let _ = self.cut();
-                Err(OutputError { path: self.path.clone(), source })
+                Err(OutputError::failed(&self.path, source))
             }
         }
     }
@@ -95,9 +95,17 @@ impl Journal {
         }
         let closed = match self.length {
             0 => fs::remove_file(&self.path),
-            _ => self.file.sync_all(),
+            _ => self.file.sync_all().and_then(|()| self.check_there()),
         };
-        flushed.and(closed.map_err(|source| OutputError { path: self.path, source }))
+        flushed.and(closed.map_err(|source| OutputError::failed(self.path, source)))
+    }
+
+    /// Whether the file still has a name: where it was removed while it grew, all in it is lost.
+    fn check_there(&self) -> io::Result<()> {
+        match is_removed(&self.file)? {
+            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile")),
+            false => Ok(()),
+        }
     }
 
     fn cut(&mut self) -> io::Result<()> {
@@ -108,4 +116,16 @@ impl Journal {
         }
         Ok(())
     }
+}
+
+#[cfg(unix)]
+fn is_removed(file: &File) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    Ok(file.metadata()?.nlink() == 0)
+}
+
+/// Elsewhere a file that is open cannot be removed.
+#[cfg(not(unix))]
+fn is_removed(_: &File) -> io::Result<bool> {
+    Ok(false)
 }

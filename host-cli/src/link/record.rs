@@ -261,6 +261,9 @@ impl Session<'_> {
         match &mut self.stage {
             Stage::Receiving(_, reception) => {
                 let before = self.batch.len();
+                if let Some(arrival) = source.arrival() {
+                    reception.arrived_at(arrival);
+                }
                 reception.feed(bytes, &mut self.batch);
                 self.count(before);
                 Ok(())

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use serialport::SerialPort;
 
@@ -17,6 +17,7 @@ const RETRY: Duration = Duration::from_millis(500);
 pub struct Source {
     inner: Inner,
     started: Instant,
+    wall: SystemTime,
     /// Times that a port that was gone has come back.
     pub reconnections: u64,
 }
@@ -66,7 +67,7 @@ impl Source {
     }
 
     fn of(inner: Inner) -> Self {
-        Self { inner, started: Instant::now(), reconnections: 0 }
+        Self { inner, started: Instant::now(), wall: SystemTime::now(), reconnections: 0 }
     }
 
     /// Time since the start; a replay takes none.
@@ -75,6 +76,13 @@ impl Source {
             Inner::Port { .. } => self.started.elapsed(),
             Inner::Replay { .. } => Duration::ZERO,
         }
+    }
+
+    /// When bytes that are read now were sent, or so, since the start; of a replay nobody knows.
+    pub(super) fn arrival(&self) -> Option<Duration> {
+        // While a computer sleeps, only the clock on its wall goes on.
+        let on_the_wall = self.wall.elapsed().unwrap_or_default();
+        matches!(self.inner, Inner::Port { .. }).then(|| self.started.elapsed().max(on_the_wall))
     }
 
     /// Whether the port is there.

@@ -1,9 +1,11 @@
 //! Bytes to frames with unwrapped index and clock, and the books of what was lost.
 
+use std::time::Duration;
+
 use serde::Serialize;
 use shared_proto::{
     AXES, Arrival, Boot, CHANNELS, COUNTS_PER_LSB, Clock, Counters, Decoder, Event, Protocol,
-    Sample, Values, skinproc,
+    Sample, Silence, Values, skinproc,
 };
 
 /// Largest code of the original board's 12-bit converter.
@@ -70,6 +72,14 @@ pub struct Losses {
     pub dropped_on_board: u64,
     /// Times that the board restarted.
     pub restarts: u64,
+    /// Silences in which more may have been lost than is counted as missing.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub uncertain: u64,
+}
+
+/// Recordings without long silences say nothing about them.
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// Turns the bytes of one protocol into frames.
@@ -104,14 +114,22 @@ impl Reception {
         }
     }
 
+    /// Says when the bytes arrive that are fed from now on, by a clock of the host that does not go
+    /// back: the length of long silences follows from it.
+    pub fn arrived_at(&mut self, now: Duration) {
+        if let AnyDecoder::Packets(decoder) = &mut self.decoder {
+            decoder.arrived_at(u64::try_from(now.as_micros()).unwrap_or(u64::MAX));
+        }
+    }
+
     /// Takes bytes, in slices of any size, and appends the frames in them, duplicates left out.
     pub fn feed(&mut self, bytes: &[u8], frames: &mut Vec<BoardFrame>) {
         let Self { decoder, timeline, last_dropped, dropped_on_board, boot } = self;
         match decoder {
             AnyDecoder::Packets(decoder) => decoder.feed(bytes, |event| match event {
                 Event::Sample { arrival: Arrival::Duplicate, .. } => {}
-                Event::Sample { sample, index, arrival } => {
-                    let (time_us, restarted) = timeline.place(sample.clock_us, arrival);
+                Event::Sample { sample, index, arrival, silence } => {
+                    let (time_us, restarted) = timeline.place(sample.clock_us, arrival, silence);
                     if restarted {
                         *last_dropped = None;
                     }
@@ -168,6 +186,7 @@ impl Reception {
                     duplicates,
                     reordered,
                     restarts,
+                    uncertain,
                     ..
                 } = decoder.counters();
                 Losses {
@@ -181,6 +200,7 @@ impl Reception {
                     unknown: unknown_version + unknown_kind,
                     dropped_on_board,
                     restarts,
+                    uncertain,
                 }
             }
             AnyDecoder::Original(decoder) => Losses {
@@ -213,7 +233,8 @@ impl BoardFrame {
     }
 
     fn of_scan(scan: &skinproc::Scan, index: i64, timeline: &mut Timeline) -> Self {
-        let (time_us, restarted) = timeline.place(scan.clock_us, Arrival::InOrder { missing: 0 });
+        let (time_us, restarted) =
+            timeline.place(scan.clock_us, Arrival::InOrder { missing: 0 }, Silence::Short);
         let saturated = (0..CHANNELS)
             .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
             .fold(0, |mask, channel| mask | 1 << channel);
@@ -241,12 +262,18 @@ impl Timeline {
     }
 
     /// The time of a frame, and whether the board has restarted before it.
-    fn place(&mut self, clock_us: u32, arrival: Arrival) -> (i64, bool) {
+    fn place(&mut self, clock_us: u32, arrival: Arrival, silence: Silence) -> (i64, bool) {
+        if let (Silence::Long { elapsed_us }, Some((_, newest_us))) = (silence, self.newest) {
+            let time_us = newest_us.saturating_add_unsigned(elapsed_us);
+            self.clock = Clock::at(time_us - self.offset_us);
+            self.newest = Some((clock_us, time_us));
+            return (time_us, false);
+        }
         let is_late = arrival == Arrival::Late;
         let went_back = self
             .newest
             .is_some_and(|(newest, _)| !is_late && clock_us.wrapping_sub(newest).cast_signed() < 0);
-        let restarted = went_back || self.pending_restart;
+        let restarted = went_back || self.pending_restart || silence == Silence::Restart;
         if restarted {
             self.pending_restart = false;
             self.restarts += 1;

@@ -29,7 +29,7 @@ pub struct Faults {
     pub delay_us: u64,
 }
 
-/// A share that is none.
+/// A fault that cannot be simulated.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{what} of {value}, where {wanted} is wanted")]
 pub struct BadFault {

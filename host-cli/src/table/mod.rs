@@ -1,6 +1,6 @@
 //! Tables of results, and their bytes as CSV and Parquet.
 //!
-//! Numbers in CSV have the fewest digits that read back as the same number; what there is not is
+//! Numbers in CSV have the fewest digits that read back as the same number; missing values are
 //! empty, and null in Parquet.
 
 mod parquet;

@@ -1,5 +1,8 @@
 //! Tables of values by condition, such as are published: one row a stride or a trial.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
 use super::manifest::{ManifestProblem, Place, suggest};
 use super::statistics::{Difference, Sample, Statistics};
 
@@ -10,6 +13,8 @@ pub struct ValueTable {
     pub by: String,
     /// The columns of values, by name.
     pub quantities: Vec<String>,
+    /// Cells of each quantity that are empty, and so missing.
+    pub empty: Vec<usize>,
     /// The conditions in the order in which they are first named, with one sample a quantity.
     pub conditions: Vec<(String, Vec<Sample>)>,
 }
@@ -34,18 +39,28 @@ type Trials<'a> = Vec<(&'a str, Vec<&'a csv::StringRecord>)>;
 /// Conditions, then trials, in the order in which they are named; the columns by number.
 fn group(rows: &[csv::StringRecord], by: usize, trial: Option<usize>) -> Vec<(&str, Trials<'_>)> {
     let mut grouped: Vec<(&str, Trials<'_>)> = Vec::new();
+    // Where each condition and each of its trials stands.
+    let (mut places, mut places_of_trials) = (HashMap::new(), HashMap::new());
     for row in rows {
-        let place = grouped.iter().position(|(name, _)| *name == &row[by]);
-        let place = place.unwrap_or_else(|| {
+        let place = *places.entry(&row[by]).or_insert_with(|| {
             grouped.push((&row[by], Vec::new()));
             grouped.len() - 1
         });
         let trials = &mut grouped[place].1;
-        let of_trial =
-            trial.and_then(|trial| trials.iter().position(|(name, _)| *name == &row[trial]));
-        match of_trial {
-            Some(at) => trials[at].1.push(row),
-            None => trials.push((trial.map_or("", |trial| &row[trial]), vec![row])),
+        let Some(trial) = trial else {
+            trials.push(("", vec![row]));
+            continue;
+        };
+        let name = &row[trial];
+        match places_of_trials.entry((place, name)) {
+            Entry::Occupied(at) => {
+                let at: &usize = at.get();
+                trials[*at].1.push(row);
+            }
+            Entry::Vacant(at) => {
+                at.insert(trials.len());
+                trials.push((name, vec![row]));
+            }
         }
     }
     grouped
@@ -123,6 +138,10 @@ impl ValueTable {
         });
         Ok(Self {
             by: header[by].clone(),
+            empty: columns
+                .iter()
+                .map(|&column| rows.iter().filter(|row| row[column].is_empty()).count())
+                .collect(),
             conditions: conditions.collect(),
             quantities: columns.iter().map(|&column| header[column].clone()).collect(),
         })

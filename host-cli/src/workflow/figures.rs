@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::figures::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
 use crate::figures::{Figure, Format};
-use crate::output::{OutputError, write_atomically};
+use crate::output::{OutputError, Outputs};
 use crate::trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialResult, TrialRow};
 
 /// Strides that a telemetry figure shows where the window has many.
@@ -15,22 +15,27 @@ const STRIDES: usize = 10;
 const THIN_S: f64 = 0.01;
 
 /// A directory of figures.
-#[derive(Clone, Debug)]
-pub struct FigureFolder {
+#[derive(Debug)]
+pub struct FigureFolder<'a> {
+    outputs: &'a Outputs,
     directory: PathBuf,
     formats: Vec<Format>,
 }
 
-impl FigureFolder {
+impl<'a> FigureFolder<'a> {
     /// In `directory`, which is made if it is not there; each figure in every one of the formats.
     ///
     /// # Errors
     /// [`OutputError`] if the directory cannot be made.
-    pub fn create(directory: &Path, formats: &[Format]) -> Result<Self, OutputError> {
+    pub fn create(
+        outputs: &'a Outputs,
+        directory: &Path,
+        formats: &[Format],
+    ) -> Result<Self, OutputError> {
         let directory = directory.to_owned();
         match std::fs::create_dir_all(&directory) {
-            Ok(()) => Ok(Self { directory, formats: formats.to_vec() }),
-            Err(source) => Err(OutputError { path: directory, source }),
+            Ok(()) => Ok(Self { outputs, directory, formats: formats.to_vec() }),
+            Err(source) => Err(OutputError::failed(directory, source)),
         }
     }
 
@@ -79,11 +84,9 @@ impl FigureFolder {
                 Format::Png => "png",
             };
             let path = self.directory.join(format!("{name}.{extension}"));
-            let bytes = figure.render(format).map_err(|error| OutputError {
-                path: path.clone(),
-                source: io::Error::other(error),
-            })?;
-            write_atomically(path, &bytes)?;
+            let rendered = figure.render(format);
+            let bytes = rendered.map_err(|e| OutputError::failed(&path, io::Error::other(e)))?;
+            self.outputs.write(path, &bytes)?;
         }
         Ok(())
     }

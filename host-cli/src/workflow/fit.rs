@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{BlockErrors, Evaluation};
+use super::fingerprint::Fingerprint;
 use super::log_rows::{LogRows, store};
 use super::{WorkflowError, check_channels};
 use crate::figures::FitPlot;
@@ -10,7 +11,7 @@ use calibration::exact::{ExactError, Moments};
 use calibration::least_squares::Method;
 use calibration::reading_ranges::ReadingRanges;
 use calibration::scaling::Scaling;
-use calibration::solver::{self, FitProblem, Solution, SolverKind};
+use calibration::solver::{self, Blocks, Centring, FitProblem, Solution, SolverKind};
 use calibration::uncertainty::{Covariance, ErrorShape};
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
@@ -151,15 +152,20 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     // Training rows are within the range that they define: there is nothing to look for.
     let mut without_range = calibration.clone();
     without_range.valid_range = None;
-    let map = |log: usize, block: &Block| match log < train.len() {
-        true => {
-            let errors = BlockErrors::of(&without_range, block, size_unit.as_ref(), is_drawn);
-            Ok((errors, Some(WrenchSums::of(&block.wrench))))
+    let mut fingerprints = vec![Fingerprint::default(); train.len() + test.len()];
+    let map = |log: usize, block: &Block| {
+        let fingerprint = Fingerprint::of(block);
+        match log < train.len() {
+            true => {
+                let errors = BlockErrors::of(&without_range, block, size_unit.as_ref(), is_drawn);
+                Ok((errors, Some(WrenchSums::of(&block.wrench)), fingerprint))
+            }
+            false => Ok((BlockErrors::of(&calibration, block, None, is_drawn), None, fingerprint)),
         }
-        false => Ok((BlockErrors::of(&calibration, block, None, is_drawn), None)),
     };
     read_before.store(train_bytes, Ordering::Relaxed);
-    let summaries = rows.each_block(map, |log, (block, of_block)| {
+    let summaries = rows.each_block(map, |log, (block, of_block, fingerprint)| {
+        fingerprints[log].merge(fingerprint);
         let plot = plots.as_mut().map(|(of_train, of_test)| match log < train.len() {
             true => of_train,
             false => of_test,
@@ -172,8 +178,19 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     for (evaluation, summary) in evaluations.iter_mut().zip(summaries) {
         evaluation.note(summary);
     }
+    if let Some((earlier, later)) = Fingerprint::first_copy(&fingerprints) {
+        let logs: Vec<&Log> = train.iter().chain(test).collect();
+        let path = |log: usize| logs[log].path().to_path_buf();
+        return Err(WorkflowError::Copy { earlier: path(earlier), later: path(later) });
+    }
     let test_errors = evaluations.split_off(train.len());
     let train_errors = evaluations;
+    let is_finite = |of: &Evaluation| {
+        of.quality().is_none_or(|axes| axes.iter().all(|axis| axis.rms.is_finite()))
+    };
+    if !train_errors.iter().chain(&test_errors).all(is_finite) {
+        return Err(FitError::Overflow.into());
+    }
     calibration.covariance = covariance;
     if let (Some(covariance), Some(unit)) = (&mut calibration.covariance, size_unit) {
         covariance.shape = shape(&train_errors, &unit);
@@ -205,9 +222,17 @@ fn solve(
         let solution = solver::solve_moments(total, &model, options.ridge, &ranges)?;
         return Ok((solution, ranges));
     }
-    // The exact solver chooses its own centre and scale; for the others, a sample tells.
+    // The exact solver chooses its own centre and scale. For the others a sample tells, unless the
+    // answer depends on it.
+    let is_penalised = options.ridge > 0.0
+        || solver == SolverKind::RidgeGcv
+        || (solver == SolverKind::Svd && options.truncate.is_some());
     let scaling = match solver {
         SolverKind::Exact => Scaling::identity(channels),
+        _ if is_penalised => {
+            let centring = Centring { channels, intercept: model.intercept };
+            centring.scaling(&rows.pass(&centring)?)
+        }
         _ => {
             let sample = first.sample(&Wanted { readings: true, ..Wanted::default() })?;
             Scaling::of_sample(&sample.readings, model.intercept)

@@ -7,6 +7,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::WorkflowError;
+use super::batch::{Stamp, stamp};
 use super::kept_rows::{KeptBlock, Room, Steps, Store};
 use calibration::FitError;
 use calibration::solver::{Blocks, Pass, PassWorker};
@@ -30,6 +31,8 @@ pub(super) struct LogRows<'a> {
     /// Use only rows whose readings differ from those of the row before.
     fresh: bool,
     read: ReadOptions<'a>,
+    /// What their files are before they are read.
+    stamps: Vec<Stamp>,
     /// What the first of the logs were, as far as they have been read.
     summaries: Vec<ReadSummary>,
     /// The rows of the first of the logs, as far as they are kept.
@@ -54,8 +57,9 @@ impl<'a> LogRows<'a> {
         room: Room<'a>,
     ) -> Self {
         let logs: Vec<&Log> = train.iter().chain(test).collect();
+        let stamps = logs.iter().map(|log| stamp(log.path())).collect();
         let (summaries, kept) = (Vec::new(), Vec::new());
-        Self { logs, train: train.len(), fresh, read, summaries, kept, room }
+        Self { logs, train: train.len(), fresh, read, stamps, summaries, kept, room }
     }
 
     /// Passes over the rows of all logs: `map` gets blocks and the log that they are from on any
@@ -86,6 +90,7 @@ impl<'a> LogRows<'a> {
         if kept < known {
             let read = ReadOptions { checksum: false, ..self.read };
             states.extend(self.read_logs(kept..known, &read, &init, map, &mut fold)?.1);
+            self.check_unchanged(kept..known)?;
         }
         if known < logs {
             let read = self.read;
@@ -94,6 +99,15 @@ impl<'a> LogRows<'a> {
             states.extend(new);
         }
         Ok(states)
+    }
+
+    /// Whether some logs that were read again are still what they were.
+    fn check_unchanged(&self, logs: Range<usize>) -> Result<(), WorkflowError> {
+        let has_changed = |&log: &usize| stamp(self.logs[log].path()) != self.stamps[log];
+        match logs.into_iter().find(has_changed) {
+            Some(log) => Err(WorkflowError::Changed { path: self.logs[log].path().to_path_buf() }),
+            None => Ok(()),
+        }
     }
 
     fn pass_over_kept<S: Send, T: Send>(

@@ -6,6 +6,7 @@ pub mod bench;
 pub mod convert;
 pub mod eval;
 pub mod figures;
+mod fingerprint;
 pub mod fit;
 mod kept_rows;
 mod log_rows;
@@ -53,6 +54,20 @@ pub enum WorkflowError {
         "there is nothing to hold out: give several logs, or logs with a group column (`--group`)"
     )]
     NoGroups,
+    /// A log is a copy of another, and would be counted twice or tested on itself.
+    #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
+    Copy {
+        /// The one that was given first.
+        earlier: PathBuf,
+        /// The other.
+        later: PathBuf,
+    },
+    /// A log was read twice, and in between it became another.
+    #[error("`{}` has changed while it was being read", path.display())]
+    Changed {
+        /// The log.
+        path: PathBuf,
+    },
     /// There was nothing to work on.
     #[error("no logs were given")]
     NoLogs,

@@ -2,7 +2,7 @@
 
 use super::{WorkflowError, check_channels};
 use calibration::FitError;
-use calibration::model::Basis;
+use calibration::model::{Basis, Model};
 use calibration::reading_ranges::ReadingRanges;
 use calibration::validation::ValidationError;
 use calibration::validation::grouped::{
@@ -62,6 +62,8 @@ pub fn sum(
         check_channels(log, first.channels())?;
     }
     let channels = first.channels();
+    let model = Model { basis: options.basis, intercept: true, channels };
+    model.check_size().map_err(FitError::from)?;
     let mut sums = GroupSums::new(options.basis, channels, options.random);
     let labels: Vec<String> = logs.iter().map(|log| log.path().display().to_string()).collect();
     let empty = sums.worker();

@@ -34,7 +34,7 @@ impl Rows {
 }
 
 /// For every row of a block, whether it is a frame: where repeats of the row before are stale, by the
-/// kind of log or because only fresh rows are used, a repeat is none.
+/// kind of log or because only fresh rows are used, a repeat is not used.
 pub(super) fn fresh_rows(log: &Log, used: Rows, block: &Block) -> Vec<bool> {
     match log.repeats_are_stale() || used == Rows::Fresh {
         true => block.fresh_rows(),

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::output::{AtomicFile, OutputError, write_atomically};
+use crate::output::{OutputError, Outputs};
 use crate::simulation::sensor_model::ModelError;
 use crate::simulation::synthetic_log::{write_frame, write_frame_header};
 use crate::simulation::synthetic_trial::{
@@ -103,6 +103,7 @@ pub const MANIFEST: &str = "manifest.csv";
 /// # Errors
 /// [`SyntheticTrialError`] if the settings make no trial or a file cannot be written.
 pub fn write_set(
+    outputs: &Outputs,
     directory: &Path,
     base: TrialSettings,
     per_condition: u64,
@@ -118,17 +119,17 @@ pub fn write_set(
             let trial = VirtualTrial::new(TrialSettings { condition, seed, ..base })?;
             let stem = format!("{}-{run}", condition.name.replace(' ', ""));
             let (file, truth_file) = (format!("{stem}.txt"), format!("{stem}.truth.json"));
-            let mut out = AtomicFile::create(directory.join(&file))?;
+            let mut out = outputs.create(directory.join(&file))?;
             let rows = write_log(&mut out, &trial, TrialLayout::Full)?;
             out.commit()?;
             let truth = trial.truth();
-            write_atomically(directory.join(&truth_file), &truth_json(&truth))?;
+            outputs.write(directory.join(&truth_file), &truth_json(&truth))?;
             let [enter_s, exit_s] = trial.window_s();
             manifest += &format!("{file},{},{enter_s},{exit_s}\n", condition.name);
             trials.push(SetTrial { file, truth_file, rows, truth });
             progress(trials.len() as u64);
         }
     }
-    write_atomically(directory.join(MANIFEST), manifest.as_bytes())?;
+    outputs.write(directory.join(MANIFEST), manifest.as_bytes())?;
     Ok(trials)
 }

@@ -113,7 +113,7 @@ fn what_cannot_be_read_exits_with_2() {
     for (arguments, expected) in [
         ("align log.csv ref.csv -o train.csv", "no columns"),
         ("align ref.csv missing.csv -o train.csv", "cannot read `missing.csv`"),
-        ("align ref.csv log.csv -o log.csv", "would replace its own input"),
+        ("align ref.csv log.csv -o log.csv", "would replace the input"),
         ("align ref.csv log.csv --json", "needs `--output`"),
         ("align ref.csv log.csv --plot match.pdf", "expected `.svg` or `.png`"),
         ("align ref.csv log.csv --averaging -1", "unexpected argument"),

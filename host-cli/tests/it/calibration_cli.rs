@@ -95,8 +95,10 @@ fn a_model_that_holds_exactly_is_found_exactly() {
 
 #[test]
 fn the_table_names_axes_figures_and_rows() {
-    let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    let output = shellcal(&dir, "fit train.csv --test train.csv");
+    let rows = log(400, 0.01, |_| ());
+    let test: String = rows.lines().take(300).map(|line| format!("{line}\n")).collect();
+    let dir = with_files(&[("train.csv", &rows), ("test.csv", &test)]);
+    let output = shellcal(&dir, "fit train.csv --test test.csv");
     let text = String::from_utf8(output.stdout).unwrap();
     for word in ["RMS train", "RMS test", "max train", "R² test", "Fx", "Mz", "N·m"] {
         assert!(text.contains(word), "{word} in {text}");
@@ -276,12 +278,11 @@ fn truncation_answers_where_rank_is_lost_and_says_so() {
 #[test]
 fn an_error_that_is_not_a_number_fails_the_limit() {
     let train = log(400, 1e-3, |_| {});
-    // A reading whose cube overflows: the wrench of its row is infinite less infinite.
-    let (header, rows) = train.split_once('\n').unwrap();
-    let (_, others) = rows.split_once(',').unwrap();
-    let corrupt = format!("{header}\n1e200,{others}");
+    // A wrench whose square overflows.
+    let (rows, last) = train.trim_end().rsplit_once(',').unwrap();
+    let corrupt = format!("{rows},{last}e300\n");
     let dir = with_files(&[("train.csv", &train), ("corrupt.csv", &corrupt)]);
     assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());
-    let output = shellcal(&dir, "eval cal.json corrupt.csv --max-rms 1e9");
+    let output = shellcal(&dir, "eval cal.json corrupt.csv --max-rms-moment 1e9");
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stdout));
 }

@@ -313,14 +313,14 @@ fn what_cannot_be_done_is_said_by_name() {
     let error =
         run(&short, &ConvertOptions { columns: Columns { time: false, ..ALL }, ..options() });
     assert!(matches!(error.unwrap_err(), ConvertError::NoRate { .. }));
-    std::fs::write(&short, "t_s,s1,s2,s3\n0,1e308,1e308,1e308\n").unwrap();
+    std::fs::write(&short, "t_s,s1,s2,s3\n0,4e9,4e9,4e9\n").unwrap();
     let error = run_on(&open(&short), &calibration_that_overflows(), &self::options());
     assert!(matches!(error.unwrap_err(), ConvertError::NotFinite { frame: 1, .. }));
 }
 
 fn calibration_that_overflows() -> Calibration {
     let model = Model { basis: Basis::Linear, intercept: false, channels: 3 };
-    Calibration::new(model, Scaling::identity(3), vec![[1e3; 6]; 3])
+    Calibration::new(model, Scaling::identity(3), vec![[1e300; 6]; 3])
 }
 
 const TRIAL: &str =

@@ -42,7 +42,7 @@ struct Place<'a> {
 }
 
 impl Modules {
-    /// No crates yet; the paths of files are told from `base`.
+    /// No crates yet; the paths of files are relative to `base`.
     pub(super) fn new(base: &Path) -> Self {
         Self { base: base.to_path_buf(), ..Self::default() }
     }

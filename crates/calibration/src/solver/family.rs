@@ -79,6 +79,7 @@ fn fit_exactly<B: Blocks>(
     problem: &FitProblem,
     blocks: &mut B,
 ) -> Result<(Solution, ReadingRanges), B::Error> {
+    problem.model.check_size().map_err(FitError::from)?;
     let mut exact = Exact::new(problem)?;
     if let Some(sample) = blocks.sample() {
         exact.expect(&sample);
@@ -124,6 +125,7 @@ pub fn fit_by<B: Blocks>(
     blocks: &mut B,
 ) -> Result<(Solution, ReadingRanges), B::Error> {
     let FitProblem { model, scaling, ridge: lambda } = problem;
+    model.check_size().map_err(FitError::from)?;
     if !(lambda >= 0.0 && lambda.is_finite()) {
         return Err(FitError::Ridge(lambda).into());
     }

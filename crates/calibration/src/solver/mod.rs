@@ -4,6 +4,7 @@
 //! and solves what is left. Memory does not grow with the number of rows, and blocks may be
 //! reduced on several threads.
 
+mod centring;
 mod exact;
 mod family;
 mod kind;
@@ -12,6 +13,7 @@ mod pass_worker;
 mod problem;
 mod solution;
 
+pub use self::centring::{Centring, ReadingSums};
 pub use self::exact::{Exact, ExactPartial, solve_moments};
 pub use self::family::{Blocks, fit, fit_by};
 pub use self::kind::SolverKind;

@@ -86,6 +86,13 @@ pub(super) fn normal_quantile(level: f64) -> f64 {
 
 /// The same of Student's t.
 pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
+    /// From here on the search for the quantile, whose steps are ever smaller, does not end.
+    const MANY: f64 = 1e7;
+    if degrees_of_freedom > MANY {
+        // The next term is below 1e-13 (Abramowitz & Stegun, 26.7.5).
+        let z = normal_quantile(level);
+        return z + (z.powi(3) + z) / (4.0 * degrees_of_freedom);
+    }
     let t = StudentsT::new(0.0, 1.0, degrees_of_freedom.max(1.0)).expect("one degree or more");
     t.inverse_cdf(0.5 + level / 2.0)
 }
@@ -104,6 +111,8 @@ mod tests {
         for (nu, expected) in [(1.0, 12.706), (4.0, 2.776), (10.0, 2.228), (120.0, 1.980)] {
             assert!((student_quantile(0.95, nu) - expected).abs() < 6e-4, "{nu}");
         }
+        let (below, above) = (student_quantile(0.95, 1e7), student_quantile(0.95, 1.0001e7));
+        assert!((below - above).abs() < 1e-9, "{below} {above}");
     }
 
     fn covariance(shape: Option<ErrorShape>) -> Covariance {

@@ -7,6 +7,7 @@ use super::columns::{Column, ColumnRoles, ColumnsError, recognise};
 use super::mapping::{Format, Mapping};
 use crate::error::LogError;
 use crate::parse::number::{NumberError, parse_field};
+use crate::stream::clock_turns::ClockTurns;
 use crate::stream::source::LogSource;
 
 /// How much of a file is looked at. A header must fit.
@@ -23,6 +24,15 @@ pub(crate) struct FileLayout {
     pub(crate) rows_start: u64,
     /// The line that names the columns, or the first row where none does.
     pub(crate) names_line: u64,
+}
+
+impl FileLayout {
+    /// The clock, where it is one of 32 bits that comes round: the robot's, in µs.
+    pub(crate) fn clock(&self) -> Option<ClockTurns> {
+        let column = self.roles.time.filter(|_| self.format == Format::Telemetry)?;
+        let in_us = self.columns[column].meaning.per_si_unit() == 1e6;
+        in_us.then(|| ClockTurns::new(self.separator, column))
+    }
 }
 
 /// What the lines before the rows say.

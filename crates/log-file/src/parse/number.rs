@@ -12,6 +12,8 @@ pub(crate) enum NumberError {
     Empty,
     NotANumber,
     NotFinite,
+    /// A number that a reading cannot be.
+    Unbelievable,
 }
 
 /// The number that starts at `bytes[at]` if it is a plain decimal (`-12`, `-0.125`), and where it

@@ -8,7 +8,14 @@ use crate::format::layout::FileLayout;
 use crate::format::mapping::Format;
 use crate::read::request::Wanted;
 use crate::stream::chunk::Chunk;
+use crate::stream::clock_turns;
 use shell_data::block::Block;
+
+/// The largest reading in the robot's telemetry, whose converter has at most 16 bits.
+const LARGEST_LOGGED: f64 = 65_535.0;
+
+/// The largest reading anywhere: no converter has more than 32 bits.
+const LARGEST_READING: f64 = 4_294_967_295.0;
 
 /// How the rows of one log become blocks.
 #[derive(Debug)]
@@ -17,6 +24,8 @@ pub(crate) struct ReadPlan {
     /// How many columns are parsed.
     numbers: usize,
     time: Option<OutputColumn>,
+    /// Whether the clock comes round.
+    clock_turns: bool,
     readings: Vec<OutputColumn>,
     wrench: Vec<OutputColumn>,
     others: Vec<OutputColumn>,
@@ -53,7 +62,7 @@ impl BlockBuffer {
         skip_bad_rows: bool,
     ) -> Result<(), RowError> {
         plan.parse(chunk.lines(), skip_bad_rows, &mut self.parsed)?;
-        plan.fill(&mut self.block, &mut self.parsed, &chunk.context);
+        plan.fill(&mut self.block, &mut self.parsed, &chunk.context, chunk.turns);
         Ok(())
     }
 }
@@ -83,6 +92,7 @@ impl ReadPlan {
         Self {
             numbers: places.len(),
             time: roles.time.filter(|_| wanted.time).as_ref().map(output),
+            clock_turns: layout.clock().is_some(),
             readings: outputs(wanted.readings, &roles.sensors),
             wrench: outputs(wanted.wrench, &wrench),
             others: outputs(true, &wanted.others),
@@ -93,8 +103,13 @@ impl ReadPlan {
                     uses: column_uses(
                         layout.columns.len(),
                         &places,
+                        if wanted.readings { &roles.sensors } else { &[] },
                         roles.group.filter(|_| wanted.groups),
                     ),
+                    largest_reading: match layout.format {
+                        Format::Telemetry => LARGEST_LOGGED,
+                        _ => LARGEST_READING,
+                    },
                     names: layout.columns.iter().map(|column| column.name.clone()).collect(),
                 }),
             },
@@ -124,14 +139,24 @@ impl ReadPlan {
         }
     }
 
-    /// Makes a block of what was parsed; `context` holds the lines before it. The columns change
-    /// places with those that `block` had, which can be used again.
-    pub(crate) fn fill(&self, block: &mut Block, parsed: &mut ParsedRows, context: &[u8]) {
+    /// Makes a block of what was parsed; `context` holds the lines before it, and the clock, if it comes
+    /// round, has done so `turns` times. The columns change places with those that `block` had, which
+    /// can be used again.
+    pub(crate) fn fill(
+        &self,
+        block: &mut Block,
+        parsed: &mut ParsedRows,
+        context: &[u8],
+        turns: u32,
+    ) {
         block.rows = parsed.rows;
         // The others come first and may share a column; all else has its own.
         block.others.resize_with(self.others.len(), Vec::new);
         for (column, output) in block.others.iter_mut().zip(&self.others) {
             column.clone_from(&parsed.columns[output.slot]);
+        }
+        if let (true, Some(output)) = (self.clock_turns, &self.time) {
+            clock_turns::unwrap(&mut parsed.columns[output.slot], turns);
         }
         let mut take = |column: &mut Vec<f64>, output: &OutputColumn| {
             std::mem::swap(column, &mut parsed.columns[output.slot]);
@@ -168,10 +193,18 @@ impl ReadPlan {
 }
 
 /// The use of each column.
-fn column_uses(columns: usize, places: &[usize], group: Option<usize>) -> Vec<ColumnUse> {
+fn column_uses(
+    columns: usize,
+    places: &[usize],
+    readings: &[usize],
+    group: Option<usize>,
+) -> Vec<ColumnUse> {
     let mut column_uses = vec![ColumnUse::Skip; columns];
     for &place in places {
         column_uses[place] = ColumnUse::Number;
+    }
+    for &place in readings {
+        column_uses[place] = ColumnUse::Reading;
     }
     if let Some(group) = group {
         column_uses[group] = ColumnUse::Group;

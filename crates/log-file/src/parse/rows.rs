@@ -22,6 +22,8 @@ pub(crate) struct RowPlan {
     pub(crate) uses: Vec<ColumnUse>,
     /// Names of all columns.
     pub(crate) names: Vec<String>,
+    /// No converter gives a reading of a larger magnitude.
+    pub(crate) largest_reading: f64,
 }
 
 /// The use of a column.
@@ -30,8 +32,16 @@ pub(crate) enum ColumnUse {
     Skip,
     /// Parse it into the next column of the result.
     Number,
+    /// The same, and refuse what no converter gives.
+    Reading,
     /// Keep it as the label of the row's group.
     Group,
+}
+
+impl ColumnUse {
+    fn is_number(self) -> bool {
+        matches!(self, Self::Number | Self::Reading)
+    }
 }
 
 /// Rows, column by column.
@@ -124,8 +134,26 @@ impl RowPlan {
         parsed: &mut ParsedRows,
     ) -> Result<(), RowError> {
         if memchr(b'"', lines).is_some() {
+            // Quotes around whole fields say nothing; where all is right without them, it is with them.
+            if let Some(plain) = without_quotes(lines, self.separator) {
+                let (rows, skipped, groups) = (parsed.rows, parsed.skipped, parsed.groups.clone());
+                if self.parse_unquoted(set, &plain, skip_bad_rows, parsed).is_ok() {
+                    return Ok(());
+                }
+                (parsed.rows, parsed.skipped, parsed.groups) = (rows, skipped, groups);
+            }
             return self.parse_quoted(lines, skip_bad_rows, parsed);
         }
+        self.parse_unquoted(set, lines, skip_bad_rows, parsed)
+    }
+
+    fn parse_unquoted(
+        &self,
+        set: impl InstructionSet,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), RowError> {
         let mut ends = FieldEnds::default();
         let mut at = 0;
         while at < lines.len() {
@@ -139,10 +167,13 @@ impl RowPlan {
             if !line.trim_ascii().is_empty() {
                 let fields = line.split(|&byte| byte == self.separator);
                 let result = self.parse_fields(fields, parsed);
-                let may_skip = skip_bad_rows || is_cut(&result, end == lines.len());
+                let may_skip =
+                    skip_bad_rows || is_cut(&result, self.names.len(), end == lines.len());
                 finish_row(result, at, may_skip, parsed)?;
             }
             at = end + 1;
+            // More blank lines cost no more than their bytes.
+            at += lines.get(at..).map_or(0, blank_lines);
         }
         Ok(())
     }
@@ -191,9 +222,7 @@ impl RowPlan {
         let mut right = rows;
         let count = self.uses.len();
         let mut columns = parsed.columns.iter_mut();
-        for (column, _) in
-            self.uses.iter().enumerate().filter(|(_, step)| **step == ColumnUse::Number)
-        {
+        for (column, step) in self.uses.iter().enumerate().filter(|(_, step)| step.is_number()) {
             let Some(values) = columns.next() else { break };
             let rows = parsed.rows..parsed.rows + right;
             if values.len() < rows.end {
@@ -206,6 +235,9 @@ impl RowPlan {
                 || parse_column(set, lines, fields, values),
             );
             right = wrong.unwrap_or(right);
+            if *step == ColumnUse::Reading {
+                right = self.believable(&values[..right]);
+            }
         }
         if let Some(group) = self.uses.iter().position(|step| *step == ColumnUse::Group) {
             let fields = ends.of_column(group, count);
@@ -215,6 +247,16 @@ impl RowPlan {
             }
         }
         right
+    }
+
+    /// How many readings there are before the first that no converter gives.
+    fn believable(&self, readings: &[f64]) -> usize {
+        let is_believable = |reading: &f64| reading.abs() <= self.largest_reading;
+        // As a rule all of them, which is found without a branch for each.
+        match readings.iter().fold(true, |all, reading| all & is_believable(reading)) {
+            true => readings.len(),
+            false => readings.iter().take_while(|reading| is_believable(reading)).count(),
+        }
     }
 
     /// The same for lines with quotes, by the csv crate.
@@ -240,7 +282,8 @@ impl RowPlan {
                     true => self.parse_fields(record.iter(), parsed),
                     false => Err((RowProblem::OpenQuote, false)),
                 };
-                let may_skip = skip_bad_rows || is_cut(&result, !line.ends_with(b"\n"));
+                let may_skip =
+                    skip_bad_rows || is_cut(&result, self.names.len(), !line.ends_with(b"\n"));
                 finish_row(result, start, may_skip, parsed)?;
             }
             start = end;
@@ -262,8 +305,13 @@ impl RowPlan {
         for (column, field) in fields.enumerate() {
             found += 1;
             match self.uses.get(column) {
-                Some(ColumnUse::Number) => {
+                Some(step @ (ColumnUse::Number | ColumnUse::Reading)) => {
+                    let is_reading = *step == ColumnUse::Reading;
                     match parse_field(field) {
+                        Ok(value) if is_reading && self.believable(&[value]) == 0 => {
+                            let error = NumberError::Unbelievable;
+                            problem = problem.or_else(|| Some(self.problem(error, column, field)));
+                        }
                         Ok(value) => parsed.put(slot, value),
                         Err(error) => {
                             problem = problem.or_else(|| Some(self.problem(error, column, field)));
@@ -303,15 +351,54 @@ impl RowPlan {
             NumberError::Empty => RowProblem::EmptyField { field: field_at },
             NumberError::NotANumber => RowProblem::NotANumber { field: field_at, found: found() },
             NumberError::NotFinite => RowProblem::NotFinite { field: field_at, found: found() },
+            NumberError::Unbelievable => RowProblem::Unbelievable {
+                field: field_at,
+                found: found(),
+                largest: self.largest_reading.to_string(),
+            },
         }
     }
 }
 
+/// Lines without their quotes, if each stands around a whole field that needs none.
+fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
+    let ends_field = |byte: u8| byte == separator || byte == b'\n' || byte == b'\r';
+    let mut plain = Vec::with_capacity(lines.len());
+    let mut quotes = memchr_iter(b'"', lines);
+    let mut copied = 0;
+    while let Some(open) = quotes.next() {
+        let close = quotes.next()?;
+        let begins = open.checked_sub(1).is_none_or(|before| ends_field(lines[before]));
+        let ends = lines.get(close + 1).is_none_or(|&after| ends_field(after));
+        let field = &lines[open + 1..close];
+        if !begins || !ends || field.iter().any(|&byte| ends_field(byte)) {
+            return None;
+        }
+        plain.extend_from_slice(&lines[copied..open]);
+        plain.extend_from_slice(field);
+        copied = close + 1;
+    }
+    plain.extend_from_slice(&lines[copied..]);
+    Some(plain)
+}
+
+/// The bytes of the blank lines at the start of some lines.
+fn blank_lines(lines: &[u8]) -> usize {
+    let is_blank = |byte: &u8| matches!(byte, b'\n' | b'\r');
+    let blank = lines.iter().position(|byte| !is_blank(byte)).unwrap_or(lines.len());
+    memchr::memrchr(b'\n', &lines[..blank]).map_or(0, |end| end + 1)
+}
+
 /// Whether a row is cut off: the end of a file whose writer was killed or lost power. Such a row is
 /// skipped and is not an error.
-fn is_cut(result: &Result<(), (RowProblem, bool)>, is_open: bool) -> bool {
-    let Err((RowProblem::ColumnCount { expected, found }, _)) = result else { return false };
-    is_open && found < expected
+fn is_cut(result: &Result<(), (RowProblem, bool)>, columns: usize, is_open: bool) -> bool {
+    let is_short = match result {
+        Err((RowProblem::ColumnCount { expected, found }, _)) => found < expected,
+        // Right after a separator.
+        Err((RowProblem::EmptyField { field }, _)) => field.column + 1 == columns,
+        _ => false,
+    };
+    is_open && is_short
 }
 
 fn finish_row(
@@ -370,7 +457,7 @@ mod tests {
     fn plan() -> RowPlan {
         let names = ["time", "group", "talk", "fx"].map(str::to_owned).to_vec();
         let uses = vec![ColumnUse::Number, ColumnUse::Group, ColumnUse::Skip, ColumnUse::Number];
-        RowPlan { separator: b',', uses, names }
+        RowPlan { separator: b',', uses, names, largest_reading: 65_535.0 }
     }
 
     fn parse(
@@ -396,7 +483,8 @@ mod tests {
             if !text.trim_ascii().is_empty() {
                 let fields = text.split(|&byte| byte == plan.separator);
                 let result = plan.parse_fields(fields, &mut parsed);
-                let skip = skip || is_cut(&result, offset + line.len() == lines.len());
+                let skip =
+                    skip || is_cut(&result, plan.names.len(), offset + line.len() == lines.len());
                 if let Err(error) = finish_row(result, offset, skip, &mut parsed) {
                     return (Err(error), parsed);
                 }
@@ -466,6 +554,27 @@ mod tests {
     }
 
     #[test]
+    fn readings_that_no_converter_gives_are_wrong() {
+        let uses = vec![ColumnUse::Number, ColumnUse::Reading];
+        let names = ["t", "s1"].map(str::to_owned).to_vec();
+        let plan = RowPlan { separator: b',', uses, names, largest_reading: 65_535.0 };
+        let right = "1e63,1063\n";
+        for place in [0, 1, 40, 300] {
+            for wrong in ["1,1e63", "1,-65536", "1,65535.1"] {
+                let lines = format!("{}{wrong}\n{right}", right.repeat(place));
+                let mut parsed = ParsedRows::default();
+                parsed.clear(2, 0);
+                let error = plan.parse_lines(lines.as_bytes(), false, &mut parsed).unwrap_err();
+                assert!(matches!(error.problem, RowProblem::Unbelievable { .. }), "{error:?}");
+                assert_eq!(error.offset, place * right.len());
+                parsed.clear(2, 0);
+                plan.parse_lines(lines.as_bytes(), true, &mut parsed).unwrap();
+                assert_eq!((parsed.rows, parsed.skipped), (place + 1, 1));
+            }
+        }
+    }
+
+    #[test]
     fn a_last_row_that_is_cut_off_is_left_out() {
         for (lines, rows, is_right) in [
             ("1,a,,2\n3,a", 1, true),
@@ -473,7 +582,8 @@ mod tests {
             ("1,a,,2\n3,a,,4", 2, true),
             ("1,a,,2\n3,a\n", 1, false),
             ("1,a,,2\n3,a,,4,5", 1, false),
-            ("1,a,,2\n3,a,,", 1, false),
+            ("1,a,,2\n3,a,,", 1, true),
+            ("1,a,,2\n,a,,4", 1, false),
         ] {
             let (result, parsed) = parse(Portable, lines.as_bytes(), false);
             assert_eq!((parsed.rows, result.is_ok()), (rows, is_right), "{lines}");

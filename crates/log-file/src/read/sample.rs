@@ -28,7 +28,7 @@ impl Log {
         };
         let BlockBuffer { mut parsed, mut block } = BlockBuffer::default();
         plan.parse(&lines, true, &mut parsed).map_err(|error| self.row_error(0, error))?;
-        plan.fill(&mut block, &mut parsed, &[]);
+        plan.fill(&mut block, &mut parsed, &[], 0);
         Ok(block)
     }
 

@@ -49,7 +49,8 @@ impl Log {
         let bytes_read = Arc::default();
         let stream = self.source.open_counting(options.checksum, &bytes_read)?;
         let chunk_bytes = self.chunk_bytes.min(SELECTED_BYTES);
-        let mut chunks = ChunkStream::new(stream, self.layout.rows_start, chunk_bytes);
+        let chunks = ChunkStream::new(stream, self.layout.rows_start, chunk_bytes);
+        let mut chunks = chunks.with_clock(self.layout.clock());
         let mut chunk = Chunk::default();
         let (mut clock, mut rows) = (BlockBuffer::default(), BlockBuffer::default());
         let mut summary = ReadSummary::default();

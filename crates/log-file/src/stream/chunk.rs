@@ -7,6 +7,8 @@ use std::io::{self, Read};
 
 use memchr::{memchr, memrchr};
 
+use super::clock_turns::ClockTurns;
+
 /// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing,
 /// with what they are parsed into.
 pub(crate) const CHUNK_BYTES: usize = 96 << 10;
@@ -27,6 +29,8 @@ pub(crate) struct Chunk {
     pub(crate) offset: u64,
     /// The lines just before the chunk, a few kilobytes of them.
     pub(crate) context: Vec<u8>,
+    /// How often a clock that comes round has done so before the chunk.
+    pub(crate) turns: u32,
     buffer: Vec<u8>,
     length: usize,
 }
@@ -57,6 +61,7 @@ pub(crate) struct ChunkStream<R> {
     skip: u64,
     carry: Vec<u8>,
     context: Vec<u8>,
+    clock: Option<ClockTurns>,
     has_begun: bool,
     ended: bool,
 }
@@ -72,9 +77,15 @@ impl<R: Read> ChunkStream<R> {
             skip,
             carry: Vec::new(),
             context: Vec::new(),
+            clock: None,
             has_begun: false,
             ended: false,
         }
+    }
+
+    /// Looks at a clock that may come round.
+    pub(crate) fn with_clock(self, clock: Option<ClockTurns>) -> Self {
+        Self { clock, ..self }
     }
 
     pub(crate) fn stream(&self) -> &R {
@@ -137,6 +148,7 @@ impl<R: Read> ChunkStream<R> {
         chunk.offset = self.offset;
         std::mem::swap(&mut chunk.context, &mut self.context);
         self.keep_context(&chunk.buffer[..length]);
+        chunk.turns = self.clock.as_mut().map_or(0, |clock| clock.before(&chunk.buffer[..length]));
         self.offset += length as u64;
         Ok(length > 0)
     }

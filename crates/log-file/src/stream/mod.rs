@@ -1,6 +1,7 @@
 //! Streaming: from a file to chunks of whole lines, and from chunks to results on several threads.
 
 pub(crate) mod chunk;
+pub(crate) mod clock_turns;
 pub(crate) mod log_chunks;
 pub mod pipeline;
 pub(crate) mod source;

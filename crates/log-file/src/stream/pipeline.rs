@@ -187,7 +187,7 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
         }
     }
 
-    /// Takes a piece, works on it, files the result; `false` if there is none.
+    /// Takes a piece, works on it, files the result; `false` at the end of the stream.
     fn work_on_next<S>(
         &self,
         state: &mut S,

@@ -1,4 +1,4 @@
-//! What the board is told before it starts, so that a run needs nobody at its serial port and is the
+//! Orders to the board before it starts, so that a run needs nobody at its serial port and is the
 //! same every time.
 //!
 //! In memory, where QEMU's `-device loader` puts it: the number of frames after which the board

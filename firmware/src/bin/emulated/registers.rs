@@ -11,7 +11,7 @@ impl Block {
     pub(crate) const DUAL_TIMER: Self = Self(0x4000_2000);
     /// What the front end plays.
     pub(crate) const SCRIPT: Self = Self(0x2100_0000);
-    /// What the board is told before it starts.
+    /// Orders to the board before it starts.
     pub(crate) const ORDERS: Self = Self(0x2170_0000);
     /// Takes the place of the flash page for the calibration.
     pub(crate) const STORAGE: Self = Self(0x2180_0000);

@@ -29,6 +29,10 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
         Some(WorkflowError::Log(error)) => after_log(error),
         Some(WorkflowError::Fit(error)) => after_fit(error),
         Some(WorkflowError::Channels(_)) => Some(CHANNELS),
+        Some(WorkflowError::Copy { .. }) => {
+            Some("leave one of them out: errors on a copy say nothing about other data")
+        }
+        Some(WorkflowError::Changed { .. }) => Some("wait until it is written, and fit again"),
         Some(WorkflowError::Validation(error)) => after_validation(error),
         _ => known(cause, after_log)
             .or_else(|| known(cause, after_calibration))
@@ -234,7 +238,14 @@ fn after_not_for_board(error: &NotForBoard) -> Option<&'static str> {
 }
 
 fn after_output(error: &OutputError) -> Option<&'static str> {
-    Some(match error.source.kind() {
+    let source = match error {
+        OutputError::Failed { source, .. } => source,
+        OutputError::IsInput { .. } | OutputError::Twice { .. } => {
+            return Some("choose another name for it");
+        }
+        _ => return None,
+    };
+    Some(match source.kind() {
         io::ErrorKind::AlreadyExists => "choose another name, or `--overwrite` it",
         io::ErrorKind::StorageFull => "what was written until then is whole; make room",
         _ => return None,
@@ -291,6 +302,9 @@ fn after_fit(error: &FitError) -> Option<&'static str> {
         FitError::RankDeficient(_) | FitError::NearlyDependent => {
             "record loads that move the channels independently, drop a channel with `--sensors`, \
              choose a smaller `--model`, or accept a damped answer with `--ridge 1e-6`"
+        }
+        FitError::TooLarge(_) => {
+            "choose a smaller `--model`, or name fewer columns with `--sensors`"
         }
         FitError::Overflow => "check the units of the readings and of the wrench",
         _ => return None,

@@ -2,18 +2,29 @@
 
 mod args;
 mod cmd;
+mod files;
 mod hints;
 mod outcome;
 mod printer;
+mod signals;
 
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
 
 fn main() -> ExitCode {
-    let args = args::Args::parse();
+    let mut command = args::Args::command();
+    let matches = command.get_matches_mut();
+    let args = match args::Args::from_arg_matches(&matches) {
+        Ok(args) => args,
+        Err(error) => error.format(&mut command).exit(),
+    };
+    signals::listen();
     let mut printer = printer::Printer::new(args.output);
-    match args.command.run(&mut printer) {
+    let ran = files::outputs(&matches)
+        .map_err(anyhow::Error::from)
+        .and_then(|outputs| args.command.run(&mut printer, &outputs));
+    match ran {
         Ok(outcome) => outcome.into(),
         Err(error) if hints::is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {

@@ -1,5 +1,6 @@
 //! The only place that writes to the terminal: results to stdout, talk to stderr.
 
+use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
@@ -55,7 +56,7 @@ impl Printer {
 
     /// Prints one line of a result that people read.
     pub(crate) fn line(&mut self, text: impl AsRef<str>) -> anyhow::Result<()> {
-        writeln!(io::stdout().lock(), "{}", text.as_ref())?;
+        writeln!(io::stdout().lock(), "{}", harmless(text.as_ref()))?;
         Ok(())
     }
 
@@ -75,7 +76,7 @@ impl Printer {
         Ok(())
     }
 
-    /// Says something about the work on stderr, unless told to be quiet.
+    /// Writes a note about the work to stderr, but not with `--quiet`.
     pub(crate) fn note(&mut self, text: impl AsRef<str>) {
         if !self.options.quiet {
             self.talk(text.as_ref());
@@ -143,6 +144,30 @@ impl Printer {
 
     /// A closed stderr leaves nobody to tell.
     fn talk(&self, text: &str) {
-        let _ = writeln!(io::stderr().lock(), "{text}");
+        let _ = writeln!(io::stderr().lock(), "{}", harmless(text));
+    }
+}
+
+/// A text whose control characters do nothing to a terminal: names of files and columns may hold any.
+fn harmless(text: &str) -> Cow<'_, str> {
+    let is_harmful = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    if !text.contains(is_harmful) {
+        return Cow::Borrowed(text);
+    }
+    let escaped = text.chars().map(|c| match is_harmful(c) {
+        true => c.escape_default().to_string(),
+        false => c.to_string(),
+    });
+    Cow::Owned(escaped.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_shown_and_do_nothing() {
+        assert_eq!(harmless("a\tµ\n"), "a\tµ\n");
+        assert_eq!(harmless("\u{1b}[2J\u{9b}1m\r"), "\\u{1b}[2J\\u{9b}1m\\r");
     }
 }

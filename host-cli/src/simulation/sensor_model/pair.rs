@@ -50,6 +50,9 @@ pub struct Pair {
     load: LoadScript,
 }
 
+/// Clocks that differ by more are none: steps of one would be years of the other.
+const MOST_SKEW: f64 = 0.1;
+
 impl Pair {
     /// Sets a session up.
     ///
@@ -64,7 +67,7 @@ impl Pair {
             }
         }
         for time_s in [settings.duration_s, settings.margin_s, settings.skew] {
-            if !(time_s.is_finite() && settings.skew > -1.0) {
+            if !(time_s.is_finite() && settings.skew.abs() <= MOST_SKEW) {
                 return Err(ModelError::Timing { rate_hz: board_rate_hz, start_time_s: time_s });
             }
         }

@@ -17,11 +17,9 @@ mod line;
 pub use clock::PacedClock;
 pub use instrument::{Instrument, Load};
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use embassy_executor::{Executor, Spawner};
 use firmware::{LastWords, Link, Parts, RECORD, Record, Storage, StorageError, VERSION, Watchdog};
 use shared_proto::{Board, Identity, ResetCause};
 
@@ -57,9 +55,6 @@ pub enum SimulationError {
     /// The pty.
     #[error("cannot make a pty: {0}")]
     Pty(#[from] serialport::Error),
-    /// The firmware's task is there once.
-    #[error("this process has a simulated board already")]
-    Second,
 }
 
 /// A board that runs until the process ends.
@@ -86,20 +81,11 @@ impl SimulatedBoard {
         // The two ways of the radio fail independently.
         let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
         let radios = [radio(0)?, radio(1)?];
-        static STARTED: AtomicBool = AtomicBool::new(false);
-        if STARTED.swap(true, Ordering::Relaxed) {
-            return Err(SimulationError::Second);
-        }
         let Line { port, sender, receiver } = Line::open(&radios)?;
         thread::spawn(move || {
-            // The executor runs as long as the process.
-            let executor = Box::leak(Box::new(Executor::new()));
-            executor.run(|spawner: Spawner| {
-                let clock = PacedClock::start();
-                let front_end = Instrument::new(sensor, load, clock.clone());
-                let task = board(front_end, clock, receiver, sender);
-                spawner.spawn(task.expect("one board to a process"));
-            })
+            let clock = PacedClock::start();
+            let front_end = Instrument::new(sensor, load, clock.clone());
+            pollster::block_on(board(front_end, clock, receiver, sender));
         });
         Ok(Self { port, radios })
     }
@@ -115,7 +101,6 @@ impl SimulatedBoard {
     }
 }
 
-#[embassy_executor::task]
 async fn board(front_end: Instrument, clock: PacedClock, receiver: Receiver, sender: Sender) {
     firmware::run(Parts {
         front_end,

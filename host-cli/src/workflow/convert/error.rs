@@ -17,6 +17,12 @@ pub enum ConvertError {
     /// The log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
+    /// All rows were left out.
+    #[error("`{path}`: no row is left to convert")]
+    NoFrames {
+        /// The log.
+        path: String,
+    },
     /// The calibration is for another sensor.
     #[error(transparent)]
     Channels(#[from] ChannelMismatch),

@@ -92,6 +92,9 @@ pub fn convert(
         },
     )?;
     let (totals, sampling) = writer.finish()?;
+    if totals.frames == 0 {
+        return Err(ConvertError::NoFrames { path: log.path().display().to_string() });
+    }
     Ok(ConvertSummary {
         rows: summary.rows,
         repeated_rows: summary.repeated_rows,

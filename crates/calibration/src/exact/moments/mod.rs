@@ -4,6 +4,7 @@
 pub(crate) mod channel_range;
 pub(crate) mod digit_planes;
 pub(crate) mod layout;
+mod possible;
 pub(crate) mod product_sums;
 pub(crate) mod reading_unit;
 pub(crate) mod rounding;

@@ -7,7 +7,7 @@ use super::product_sums::Moments;
 use super::reading_unit::ReadingUnit;
 use super::scaled_integers::ScaledIntegers;
 use crate::exact::error::MAX_ROWS;
-use crate::model::Basis;
+use crate::model::{Basis, Model};
 
 /// [`Moments`] as a file holds them: integers as decimal strings, since they exceed what readers of
 /// JSON take for numbers.
@@ -100,6 +100,8 @@ impl Moments {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
+        let model = Model { basis: stored.basis, intercept: true, channels: stored.channels.len() };
+        model.check_size().map_err(|error| error.to_string())?;
         let mut moments = Moments::new(stored.basis, stored.channels.len());
         let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();
         if !channels.iter().all(sane) || stored.rows > MAX_ROWS {
@@ -132,6 +134,7 @@ impl Moments {
         }
         moments.rows = stored.rows;
         moments.channels = channels;
+        moments.check_possible()?;
         Ok(moments)
     }
 }

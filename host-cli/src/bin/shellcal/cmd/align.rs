@@ -1,21 +1,20 @@
 //! `shellcal align`: a reference's recording and a board log to one training log.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use serde::Serialize;
 use shellcal::alignment::{Aligned, ClockMap, LeftOut};
 use shellcal::figures::{Format, match_figure};
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, TrainingRows, align_logs, write_training,
 };
 
-use super::convert::is_same_file;
 use super::frames::{FrameArgs, note_rows};
 use super::mapping::{FormatArg, MappingArgs, TimeUnitArg, parse_column};
+use crate::files::{InputPath, OutputPath};
 use crate::hints;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -24,19 +23,19 @@ use crate::printer::Printer;
 pub(crate) struct AlignArgs {
     /// Recording of the reference sensor: time and six wrench columns, plain or gzip
     #[arg(value_name = "REFERENCE")]
-    reference: PathBuf,
+    reference: InputPath,
 
     /// Log of the board: time and readings, plain or gzip
     #[arg(value_name = "LOG")]
-    log: PathBuf,
+    log: InputPath,
 
     /// Write the training log to a file [default: standard output]
     #[arg(long, short, value_name = "FILE")]
-    output: Option<PathBuf>,
+    output: Option<OutputPath>,
 
     /// Draw the match, to .svg or .png
     #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    plot: Option<OutputPath>,
 
     /// Time that the board averages a frame over, in s: the reference is averaged likewise
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_exposure)]
@@ -94,22 +93,16 @@ struct Report<'a> {
 const POOR: f64 = 0.9;
 
 impl AlignArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         if printer.json() && self.output.is_none() {
             bail!("`--json` needs `--output`: the training log would go to the same place");
-        }
-        for path in self.output.iter().chain(&self.plot) {
-            let inputs = [&self.reference, &self.log];
-            if let Some(input) = inputs.into_iter().find(|input| is_same_file(input, path)) {
-                bail!("the output would replace its own input `{}`", input.display());
-            }
         }
         let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
         let (reference_mapping, log_mapping) = self.mappings()?;
         let reference = Log::open(&self.reference, &reference_mapping)?;
         let log = Log::open(&self.log, &log_mapping)?;
-        let mut output = self.output.as_ref().map(AtomicFile::create).transpose()?;
-        let plot = self.plot.as_ref().map(AtomicFile::create).transpose()?;
+        let mut output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let plot = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?;
 
         let rows = self.frames.rows(&log);
         let options = AlignOptions { exposure_s: self.averaging, rows };

@@ -1,19 +1,20 @@
 //! `shellcal bench`: every solver on the same rows.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use calibration::Basis;
 use calibration::solver::SolverKind;
 use log_file::{Log, LogError, Wanted};
 use shell_data::block::Block;
 use shellcal::figures::Format;
-use shellcal::output::AtomicFile;
+use shellcal::output::{AtomicFile, Outputs};
 use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 
 use super::choices::{BasisArg, SolverArg};
 use super::mapping::MappingArgs;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -28,7 +29,7 @@ Examples:
 pub(crate) struct BenchArgs {
     /// Training logs, plain or gzip [default: rows of the sensor model]
     #[arg(value_name = "TRAIN")]
-    train: Vec<PathBuf>,
+    train: Vec<InputPath>,
 
     /// Rows of the sensor model, where no logs are given
     #[arg(long, value_name = "N", default_value_t = 77_522, conflicts_with = "train")]
@@ -49,15 +50,15 @@ pub(crate) struct BenchArgs {
     /// Draw run time against the error of coefficients (SVG or PNG), and beside it, with
     /// `-prediction` added to its name, against that of predictions
     #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    plot: Option<OutputPath>,
 
     #[command(flatten)]
     mapping: MappingArgs,
 }
 
 impl BenchArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let outputs = self.open_plots()?;
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let opened = self.open_plots(outputs)?;
         let blocks = self.blocks(printer)?;
         let bases: Vec<Basis> = match &self.model[..] {
             [] => Basis::ALL.to_vec(),
@@ -76,7 +77,7 @@ impl BenchArgs {
             }
         }
         anyhow::ensure!(!benches.is_empty(), "the rows determine none of the models");
-        for (kind, mut file, format) in outputs {
+        for (kind, mut file, format) in opened {
             file.write_all(&bench::figure(&benches, kind).render(format)?)?;
             file.commit()?;
         }
@@ -89,10 +90,13 @@ impl BenchArgs {
         Ok(Outcome::Done)
     }
 
-    fn open_plots(&self) -> anyhow::Result<Vec<(ErrorKind, AtomicFile, Format)>> {
+    fn open_plots(
+        &self,
+        outputs: &Outputs,
+    ) -> anyhow::Result<Vec<(ErrorKind, AtomicFile, Format)>> {
         let Some(path) = &self.plot else { return Ok(Vec::new()) };
         let format = Format::of(path)?;
-        let open = |kind, path: &Path| anyhow::Ok((kind, AtomicFile::create(path)?, format));
+        let open = |kind, path: &Path| anyhow::Ok((kind, outputs.create(path)?, format));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let extension = path.extension().unwrap_or_default().to_string_lossy();
         let beside = path.with_file_name(format!("{stem}-prediction.{extension}"));

@@ -1,7 +1,6 @@
 //! `shellcal board`: asks a board and tells it what to do.
 
 use std::io::{Read, Write};
-use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
@@ -13,6 +12,7 @@ use shellcal::calibration_file::CalibrationFile;
 use shellcal::link::{Client, Uplink, for_board, serial_text};
 
 use super::serial::{FramingArg, SerialArgs};
+use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -86,7 +86,7 @@ enum Action {
     Upload {
         /// Calibration file, of model `cubic` or `linear`
         #[arg(value_name = "CAL")]
-        calibration: PathBuf,
+        calibration: InputPath,
     },
 }
 

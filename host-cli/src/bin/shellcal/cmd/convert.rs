@@ -1,7 +1,6 @@
 //! `shellcal convert`: from logs of readings to tables of wrenches.
 
-use std::collections::HashSet;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -13,11 +12,12 @@ use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::figures::{Format, WrenchTrace, trace_figure};
 use shellcal::forces::{AppliedLowPass, RowRule};
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::workflow::convert::{Columns, Conversion, ConvertOptions, ConvertSummary, convert};
 
 use super::frames::{ForceArgs, FrameArgs, note_rows};
 use super::mapping::MappingArgs;
+use crate::files::{InputPath, OutputPath, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -33,19 +33,19 @@ Examples:
 pub(crate) struct ConvertArgs {
     /// Calibration file
     #[arg(value_name = "CAL")]
-    calibration: PathBuf,
+    calibration: InputPath,
 
     /// Logs, plain or gzip
     #[arg(required = true, value_name = "LOG")]
-    logs: Vec<PathBuf>,
+    logs: Vec<InputPath>,
 
     /// Write the table of one log to a file [default: standard output]
     #[arg(long, short, value_name = "FILE", conflicts_with = "output_dir")]
-    output: Option<PathBuf>,
+    output: Option<OutputPath>,
 
     /// Write a table `NAME.wrench.csv` for each log into a directory
     #[arg(long, value_name = "DIR")]
-    output_dir: Option<PathBuf>,
+    output_dir: Option<OutputPlace>,
 
     /// What to write, of t, fx, fy, fz, mx, my, mz, se (standard errors), flags [default: all there
     /// is]
@@ -66,7 +66,7 @@ pub(crate) struct ConvertArgs {
 
     /// Draw the wrench over time, to .svg or .png
     #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    plot: Option<OutputPath>,
 
     #[command(flatten)]
     forces: ForceArgs,
@@ -97,19 +97,20 @@ enum ColumnArg {
 }
 
 impl ConvertArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let targets = self.targets(printer.json())?;
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let targets = self.targets(printer.json(), outputs)?;
         let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
         let calibration = CalibrationFile::read(&self.calibration)?.calibration;
         let mapping = self.mapping.mapping()?;
-        let open = |path: &PathBuf| Log::open(path, &mapping);
+        let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-        let mut plot = self.plot.as_ref().map(AtomicFile::create).transpose()?;
+        let mut plot = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?;
 
         let mut conversions = Vec::new();
         for (log, target) in logs.iter().zip(targets) {
             let mut trace = plot.is_some().then(WrenchTrace::new);
-            let summary = self.convert(log, &calibration, &target, trace.as_mut(), printer)?;
+            let summary =
+                self.convert(log, &calibration, &target, trace.as_mut(), printer, outputs)?;
             if let (Some(trace), Some(format), Some(mut file)) = (trace, plot_format, plot.take()) {
                 let figure = trace_figure(&file_name(log), &trace);
                 file.write_all(&figure.render(format)?).context("cannot write the picture")?;
@@ -139,6 +140,7 @@ impl ConvertArgs {
         target: &Target,
         trace: Option<&mut WrenchTrace>,
         printer: &mut Printer,
+        outputs: &Outputs,
     ) -> anyhow::Result<ConvertSummary> {
         let options = self.options(log, calibration);
         let bar = printer.progress(&log.path().display().to_string(), log.bytes());
@@ -152,7 +154,7 @@ impl ConvertArgs {
                 summary.and_then(|summary| Ok(out.flush().map(|()| summary)?))
             }
             Target::File(path) => {
-                let mut file = AtomicFile::create(path)?;
+                let mut file = outputs.create(path)?;
                 let summary = convert(&conversion, &mut file, trace)?;
                 file.commit()?;
                 Ok(summary)
@@ -163,12 +165,12 @@ impl ConvertArgs {
     }
 
     /// Where each log's table goes; every clash is found here, before any work.
-    fn targets(&self, json: bool) -> anyhow::Result<Vec<Target>> {
+    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<Target>> {
         if self.plot.is_some() && self.logs.len() > 1 {
             bail!("`--plot` draws one log, `{}` were given", self.logs.len());
         }
         let targets: Vec<Target> = match (&self.output, &self.output_dir) {
-            (Some(file), _) if self.logs.len() == 1 => vec![Target::File(file.clone())],
+            (Some(file), _) if self.logs.len() == 1 => vec![Target::File(file.to_path_buf())],
             (None, None) if self.logs.len() == 1 => vec![Target::Stdout],
             (_, Some(directory)) => {
                 std::fs::create_dir_all(directory)
@@ -182,17 +184,11 @@ impl ConvertArgs {
                 "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
             );
         }
-        let mut seen = HashSet::new();
-        for path in targets.iter().filter_map(Target::path) {
-            if !seen.insert(path) {
-                bail!("two of the logs would be written to `{}`", path.display());
-            }
-            let replaces = |input: &&PathBuf| is_same_file(input, path);
-            if let Some(input) = self.logs.iter().chain([&self.calibration]).find(replaces) {
-                bail!("the table would replace its own input `{}`", input.display());
-            }
-            AtomicFile::create(path)?;
+        // Those in a folder are not named on the command line.
+        if self.output_dir.is_some() {
+            targets.iter().filter_map(Target::path).try_for_each(|path| outputs.announce(path))?;
         }
+        targets.iter().filter_map(Target::path).try_for_each(|path| outputs.probe(path))?;
         Ok(targets)
     }
 
@@ -261,11 +257,6 @@ fn table_name(log: &Path) -> String {
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     format!("{stem}.wrench.csv")
-}
-
-pub(super) fn is_same_file(a: &Path, b: &Path) -> bool {
-    let canonical: io::Result<_> = a.canonicalize().and_then(|a| Ok(a == b.canonicalize()?));
-    canonical.unwrap_or(false)
 }
 
 /// The end of a 12-bit converter, or of a 16-bit one if the calibration has seen more than that.

@@ -2,7 +2,6 @@
 
 use std::cmp::Ordering;
 use std::io::Write;
-use std::path::PathBuf;
 
 use calibration::quality::AxisQuality;
 use log_file::{Log, ReadOptions};
@@ -11,11 +10,12 @@ use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::calibration_file::stored::{self, StoredQuality};
 use shellcal::figures::{FitPlot, Format, fit_figure};
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
 
 use super::mapping::MappingArgs;
 use super::quality::{significant, table_row};
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -29,11 +29,11 @@ Examples:
 pub(crate) struct EvalArgs {
     /// The calibration
     #[arg(value_name = "CAL.json")]
-    calibration: PathBuf,
+    calibration: InputPath,
 
     /// Logs with readings and a measured wrench
     #[arg(required = true, value_name = "LOG")]
-    logs: Vec<PathBuf>,
+    logs: Vec<InputPath>,
 
     /// Fail when the RMS error of Fx, Fy or Fz is above this many N
     #[arg(long, value_name = "N", value_parser = limit)]
@@ -49,7 +49,7 @@ pub(crate) struct EvalArgs {
 
     /// Draw predicted against measured, and the residuals, over all logs
     #[arg(long, value_name = "FILE.svg|png")]
-    plot: Option<PathBuf>,
+    plot: Option<OutputPath>,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -59,7 +59,7 @@ pub(crate) struct EvalArgs {
 #[derive(Serialize)]
 struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
-    log: Option<PathBuf>,
+    log: Option<String>,
     rows: u64,
     skipped_rows: u64,
     repeated_rows: u64,
@@ -77,13 +77,13 @@ struct Document {
 }
 
 impl EvalArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let calibration = CalibrationFile::read(&self.calibration)?.calibration;
         let mapping = self.mapping.mapping()?;
-        let open = |path: &PathBuf| Log::open(path, &mapping);
+        let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let format = self.plot.as_ref().map(Format::of).transpose()?;
-        let output = self.plot.as_ref().map(AtomicFile::create).transpose()?.zip(format);
+        let output = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?.zip(format);
         let mut plot = output.is_some().then(FitPlot::new);
 
         let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());
@@ -95,7 +95,7 @@ impl EvalArgs {
             let options = EvalOptions { fresh: self.fresh, read, ..Default::default() };
             let evaluation = eval(&calibration, log, &options, plot.as_mut())?;
             all.merge(&evaluation);
-            reports.push(report(Some(log.path().to_path_buf()), &evaluation)?);
+            reports.push(report(Some(log.path().display().to_string()), &evaluation)?);
             read_before += log.bytes();
         }
         bar.finish_and_clear();
@@ -142,10 +142,10 @@ impl EvalArgs {
     }
 }
 
-fn report(log: Option<PathBuf>, evaluation: &Evaluation) -> anyhow::Result<Report> {
+fn report(log: Option<String>, evaluation: &Evaluation) -> anyhow::Result<Report> {
     let Some(errors) = evaluation.quality() else {
         let log = log.unwrap_or_default();
-        anyhow::bail!("`{}`: no rows are left to compare", log.display());
+        anyhow::bail!("`{log}`: no rows are left to compare");
     };
     Ok(Report {
         log,
@@ -158,7 +158,7 @@ fn report(log: Option<PathBuf>, evaluation: &Evaluation) -> anyhow::Result<Repor
 }
 
 fn print(printer: &mut Printer, report: &Report) -> anyhow::Result<()> {
-    let name = report.log.as_ref().map_or("all logs".to_owned(), |log| log.display().to_string());
+    let name = report.log.as_deref().unwrap_or("all logs");
     printer.line(format!(
         "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",
         report.rows, report.skipped_rows, report.repeated_rows, report.out_of_range_rows

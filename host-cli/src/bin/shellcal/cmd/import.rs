@@ -1,14 +1,14 @@
 //! `shellcal import`: a calibration from a coefficient matrix.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use serde::Serialize;
 use shellcal::calibration_file::{CalibrationFile, matrix::ImportOptions};
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 
 use super::mapping::MomentUnitArg;
 use super::origin;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -22,11 +22,11 @@ Examples:
 pub(crate) struct ImportArgs {
     /// The matrix
     #[arg(value_name = "FILE.csv|mat")]
-    matrix: PathBuf,
+    matrix: InputPath,
 
     /// Write the calibration (JSON)
     #[arg(long, short, value_name = "CAL.json")]
-    output: PathBuf,
+    output: OutputPath,
 
     /// The variable of a MATLAB file [default: the only one, else N or C]
     #[arg(long, value_name = "NAME")]
@@ -49,8 +49,8 @@ struct Report {
 }
 
 impl ImportArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let mut output = AtomicFile::create(&self.output)?;
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let mut output = outputs.create(&self.output)?;
         let options = ImportOptions {
             moment_unit: self.moment_unit.map(Into::into),
             variable: self.variable.clone(),

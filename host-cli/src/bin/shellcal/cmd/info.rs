@@ -1,13 +1,12 @@
 //! `shellcal info`: what a log is, before anything is computed from it.
 
-use std::path::PathBuf;
-
 use log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
 use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::log_summary::{ColumnSummary, LogSummary};
 
 use super::mapping::MappingArgs;
+use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -21,7 +20,7 @@ Examples:
 pub(crate) struct InfoArgs {
     /// Logs, plain or gzip
     #[arg(required = true, value_name = "FILE")]
-    files: Vec<PathBuf>,
+    files: Vec<InputPath>,
 
     #[command(flatten)]
     mapping: MappingArgs,

@@ -1,7 +1,6 @@
 //! `shellcal merge`: from partial fits to a calibration.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use anyhow::Context;
 use calibration::exact::PartitionedMoments;
@@ -12,10 +11,11 @@ use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::stored::{Stored, StoredQuality};
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 
 use super::origin;
 use super::quality::{significant, table_row};
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -23,15 +23,15 @@ use crate::printer::Printer;
 pub(crate) struct MergeArgs {
     /// Partial fits
     #[arg(required = true, value_name = "PARTIAL")]
-    partials: Vec<PathBuf>,
+    partials: Vec<InputPath>,
 
     /// Write the calibration (JSON)
     #[arg(long, short, value_name = "CAL.json")]
-    output: Option<PathBuf>,
+    output: Option<OutputPath>,
 
     /// Write what has been merged as one partial fit, and fit nothing
     #[arg(long, value_name = "FILE.json", conflicts_with_all = ["output", "ridge"])]
-    partial: Option<PathBuf>,
+    partial: Option<OutputPath>,
 
     /// Penalise large coefficients: λ, relative to features of norm one, such as 1e-6
     #[arg(long, value_name = "LAMBDA", default_value_t = 0.0, hide_default_value = true)]
@@ -63,8 +63,9 @@ struct Report {
 }
 
 impl MergeArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let open = |path: &Option<PathBuf>| path.as_ref().map(AtomicFile::create).transpose();
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let open =
+            |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
         let (output, partial) = (open(&self.output)?, open(&self.partial)?);
         let merged = self.merged()?;
         if let Some(mut partial) = partial {

@@ -29,6 +29,7 @@ mod trials;
 mod validation;
 
 use clap::Subcommand;
+use shellcal::output::Outputs;
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -99,7 +100,7 @@ pub(crate) enum Command {
 
     /// Evaluate all trials of a manifest: per trial, per stride, and by condition
     ///
-    /// One bad trial does not hold up the others: it is told, left out, and the exit code is 1.
+    /// One bad trial does not hold up the others: it is named and left out, and the exit code is 1.
     Batch(Deferred<trials::batch::BatchArgs>),
 
     /// Propose entry into the channel and exit from it: onset and end of sustained drag
@@ -157,29 +158,29 @@ pub(crate) enum Command {
 }
 
 impl Command {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match self {
             Command::Ports(args) => args.run(printer),
             Command::Board(args) => args.run(printer),
             Command::Record(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
-            Command::Align(args) => args.run(printer),
-            Command::Fit(args) => args.run(printer),
-            Command::Merge(args) => args.run(printer),
-            Command::Eval(args) => args.run(printer),
-            Command::Convert(args) => args.run(printer),
+            Command::Align(args) => args.run(printer, outputs),
+            Command::Fit(args) => args.run(printer, outputs),
+            Command::Merge(args) => args.run(printer, outputs),
+            Command::Eval(args) => args.run(printer, outputs),
+            Command::Convert(args) => args.run(printer, outputs),
             Command::Noise(args) => args.run(printer),
-            Command::Trial(args) => args.run(printer),
-            Command::Batch(args) => args.run(printer),
-            Command::Window(args) => args.run(printer),
-            Command::Plot(args) => args.run(printer),
-            Command::Report(args) => args.run(printer),
+            Command::Trial(args) => args.run(printer, outputs),
+            Command::Batch(args) => args.run(printer, outputs),
+            Command::Window(args) => args.run(printer, outputs),
+            Command::Plot(args) => args.run(printer, outputs),
+            Command::Report(args) => args.run(printer, outputs),
             Command::Stats(args) => args.run(printer),
             Command::Profile(args) => args.run(printer),
-            Command::Import(args) => args.run(printer),
-            Command::Bench(args) => args.run(printer),
-            Command::Synth(args) => args.run(printer),
-            Command::Simulate(args) => args.run(printer),
+            Command::Import(args) => args.run(printer, outputs),
+            Command::Bench(args) => args.run(printer, outputs),
+            Command::Synth(args) => args.run(printer, outputs),
+            Command::Simulate(args) => args.run(printer, outputs),
         }
     }
 }

@@ -1,7 +1,5 @@
 //! `shellcal noise`: how much an unloaded sensor scatters.
 
-use std::path::PathBuf;
-
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
 use shell_data::wrench::Axis;
@@ -11,6 +9,7 @@ use shellcal::workflow::selection::TimeWindow;
 
 use super::frames::{FrameArgs, note_rows, parse_window};
 use super::mapping::MappingArgs;
+use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -24,11 +23,11 @@ Examples:
 pub(crate) struct NoiseArgs {
     /// Calibration file
     #[arg(value_name = "CAL")]
-    calibration: PathBuf,
+    calibration: InputPath,
 
     /// Logs of the unloaded sensor, plain or gzip
     #[arg(required = true, value_name = "LOG")]
-    logs: Vec<PathBuf>,
+    logs: Vec<InputPath>,
 
     /// Use only what lies between two times, in s on the log's clock
     #[arg(long, value_name = "START:END", value_parser = parse_window)]

@@ -1,8 +1,5 @@
 //! `shellcal record`: from a port, or bytes recorded before, to a log.
 
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::Context;
@@ -15,8 +12,10 @@ use shellcal::recording::{LiveForces, Losses, protocol_name};
 
 use super::frames::{describe_forces, parse_count};
 use super::serial::{FramingArg, SerialArgs};
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
+use crate::signals;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct RecordArgs {
@@ -26,15 +25,15 @@ pub(crate) struct RecordArgs {
 
     /// Take bytes that `--raw` has written instead of those of a port
     #[arg(long, value_name = "RAW", conflicts_with_all = ["port", "duration", "reconnect", "start"])]
-    replay: Option<PathBuf>,
+    replay: Option<InputPath>,
 
     /// Log to write
     #[arg(long, short, value_name = "LOG", required_unless_present = "raw")]
-    output: Option<PathBuf>,
+    output: Option<OutputPath>,
 
     /// Write the bytes as they arrive, for `--replay`
     #[arg(long, value_name = "RAW")]
-    raw: Option<PathBuf>,
+    raw: Option<OutputPath>,
 
     /// Replace files that are there
     #[arg(long)]
@@ -50,7 +49,7 @@ pub(crate) struct RecordArgs {
 
     /// Calibration for forces beside the readings
     #[arg(long, value_name = "CAL", requires = "output")]
-    calibration: Option<PathBuf>,
+    calibration: Option<InputPath>,
 
     /// Subtract the mean wrench of the first N frames from the forces after them [default: 50]
     #[arg(long, value_name = "N", requires = "calibration", value_parser = parse_count)]
@@ -87,7 +86,8 @@ pub(crate) struct RecordArgs {
 
 impl RecordArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let calibration = self.calibration.as_deref().map(CalibrationFile::read).transpose()?;
+        let calibration =
+            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
         let options = RecordOptions {
             protocol: self.framing.map(FramingArg::protocol),
             forces: calibration.map(|file| self.forces(file.calibration)),
@@ -97,16 +97,13 @@ impl RecordArgs {
         if let Some(forces) = &options.forces {
             printer.note(describe_forces(&forces.options));
         }
-        let stop = Arc::new(AtomicBool::new(false));
-        let heard = Arc::clone(&stop);
-        ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed))
-            .context("cannot listen for Ctrl-C")?;
+        let stop = signals::stop_flag()?;
         let mut source = match (&self.port, &self.replay) {
             (Some(port), _) => Source::port(self.serial.port(port), self.reconnect)?,
             (None, Some(path)) => Source::replay(path)?,
             (None, None) => anyhow::bail!("neither a port nor a file to replay"),
         };
-        let journal = |path: &PathBuf| Journal::create(path, self.overwrite);
+        let journal = |path: &OutputPath| Journal::create(path, self.overwrite);
         let sinks = Sinks {
             log: self.output.as_ref().map(journal).transpose()?,
             raw: self.raw.as_ref().map(journal).transpose()?,
@@ -191,7 +188,15 @@ fn list_losses(losses: &Losses) -> String {
         (losses.restarts, "restarts"),
     ];
     let lost = counts.iter().filter(|(count, _)| *count > 0);
-    lost.map(|(count, what)| format!("{count} {what}")).collect::<Vec<_>>().join(", ")
+    let mut lost: Vec<String> = lost.map(|(count, what)| format!("{count} {what}")).collect();
+    // Nobody can tell what was sent before an unannounced restart and did not arrive.
+    if losses.uncertain > 0 {
+        match losses.missing {
+            0 => lost.insert(0, "at least 0 missing".to_owned()),
+            _ => lost[0].insert_str(0, "at least "),
+        }
+    }
+    lost.join(", ")
 }
 
 fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {

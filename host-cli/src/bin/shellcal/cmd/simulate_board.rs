@@ -1,8 +1,7 @@
 //! `shellcal board --simulate`: is a board, until Ctrl-C.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -14,8 +13,10 @@ use shellcal::simulation::radio::{Books, Faults};
 use shellcal::simulation::sensor_model::LoadTable;
 use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
 
+use crate::files::{InputPath, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
+use crate::signals;
 
 /// A simulated board
 #[derive(Debug, clap::Args)]
@@ -24,7 +25,7 @@ pub(crate) struct SimulationArgs {
     /// Load over time, on straight lines between rows and over and over: a log with time and wrench
     /// [default: 5 s of rest, then hands]
     #[arg(long, conflicts_with = "port", value_name = "LOG")]
-    load: Option<PathBuf>,
+    load: Option<InputPath>,
 
     /// Which recording: its noise, light, hands, and the faults of the radio
     #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 60))]
@@ -64,7 +65,7 @@ pub(crate) struct SimulationArgs {
 
     /// Make a symbolic link to the port, for a name that does not change
     #[arg(long, conflicts_with = "port", value_name = "PATH")]
-    symlink: Option<PathBuf>,
+    symlink: Option<OutputPlace>,
 
     /// End after so many seconds
     #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::record::parse_duration)]
@@ -80,10 +81,7 @@ impl SimulationArgs {
             Some(path) => Load::Table(read_load(path)?),
             None => Load::hands(self.seed),
         };
-        let stop = Arc::new(AtomicBool::new(false));
-        let heard = Arc::clone(&stop);
-        ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed))
-            .context("cannot listen for Ctrl-C")?;
+        let stop = signals::stop_flag()?;
         let board = SimulatedBoard::start(Settings {
             load,
             seed: self.seed,
@@ -156,8 +154,13 @@ struct Symlink(PathBuf);
 
 impl Symlink {
     fn make(path: &Path, port: &str) -> anyhow::Result<Self> {
-        // One that leads nowhere is what a board leaves that was killed.
-        if path.is_symlink() && !path.exists() {
+        // One that leads nowhere is what a board leaves that was killed, and so is one to a port like ours:
+        // its number is given out again.
+        let leads_to_port = || {
+            let (target, port) = (std::fs::read_link(path), Path::new(port));
+            target.is_ok_and(|target| target.parent() == port.parent())
+        };
+        if path.is_symlink() && (!path.exists() || leads_to_port()) {
             std::fs::remove_file(path).ok();
         }
         std::os::unix::fs::symlink(port, path)

@@ -1,16 +1,16 @@
 //! `shellcal synth`: recordings made from physics.
 
 use std::io::{self, BufWriter, Write};
-use std::path::PathBuf;
 
 use clap::{Subcommand, ValueEnum};
 use serde::Serialize;
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
 use shellcal::simulation::synthetic_log;
 
 use super::synth_pair::PairArgs;
 use super::synth_trial::{TrialArgs, TrialsArgs};
+use crate::files::OutputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -73,7 +73,7 @@ struct RecordingArgs {
 
     /// File to write (default: standard output)
     #[arg(long, short, value_name = "FILE")]
-    output: Option<PathBuf>,
+    output: Option<OutputPath>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -99,7 +99,7 @@ impl From<LayoutArg> for synthetic_log::SyntheticLayout {
 /// What was made, for `--json`.
 #[derive(Serialize)]
 struct Summary<'a> {
-    file: &'a std::path::Path,
+    file: &'a OutputPath,
     rows: u64,
     bytes: u64,
     rows_saturated: u64,
@@ -108,21 +108,27 @@ struct Summary<'a> {
 }
 
 impl SynthArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match &self.kind {
             // The paper's sizes; for noise, less than a minute.
-            KindArgs::Train(args) => args.run(Kind::Training, 77_522, printer),
-            KindArgs::Test(args) => args.run(Kind::Test, 19_932, printer),
-            KindArgs::Pair(args) => args.run(printer),
-            KindArgs::Trial(args) => args.run(printer),
-            KindArgs::Trials(args) => args.run(printer),
-            KindArgs::Zero(args) => args.run(Kind::Zero, 5_000, printer),
+            KindArgs::Train(args) => args.run(Kind::Training, 77_522, printer, outputs),
+            KindArgs::Test(args) => args.run(Kind::Test, 19_932, printer, outputs),
+            KindArgs::Pair(args) => args.run(printer, outputs),
+            KindArgs::Trial(args) => args.run(printer, outputs),
+            KindArgs::Trials(args) => args.run(printer, outputs),
+            KindArgs::Zero(args) => args.run(Kind::Zero, 5_000, printer, outputs),
         }
     }
 }
 
 impl RecordingArgs {
-    fn run(&self, kind: Kind, default_rows: u64, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    fn run(
+        &self,
+        kind: Kind,
+        default_rows: u64,
+        printer: &mut Printer,
+        outputs: &Outputs,
+    ) -> anyhow::Result<Outcome> {
         let rows = self.rows.unwrap_or(default_rows);
         let recording = Recording::new(Settings {
             kind,
@@ -144,13 +150,19 @@ impl RecordingArgs {
             out.flush()?;
             return Ok(Outcome::Done);
         };
-        let mut out = AtomicFile::create(path)?;
+        let mut out = outputs.create(path)?;
         let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
         out.commit()?;
         let Self { seed, unit_seed, .. } = *self;
         if printer.json() {
-            let file = path.as_path();
-            printer.document(&Summary { file, rows, bytes, rows_saturated, seed, unit_seed })?;
+            printer.document(&Summary {
+                file: path,
+                rows,
+                bytes,
+                rows_saturated,
+                seed,
+                unit_seed,
+            })?;
         } else {
             printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
         }

@@ -1,15 +1,15 @@
 //! `shellcal synth pair`: one session on two clocks.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use serde::Serialize;
-use shellcal::output::{AtomicFile, write_atomically};
+use shellcal::output::Outputs;
 use shellcal::simulation::sensor_model::{Pair, PairSettings};
 use shellcal::simulation::synthetic_log::{
     write_frame, write_frame_header, write_wrench_header, write_wrench_row,
 };
 
+use crate::files::OutputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -18,11 +18,11 @@ use crate::printer::Printer;
 pub(crate) struct PairArgs {
     /// The reference's recording: t_s,fx_n..mz_nm
     #[arg(value_name = "REFERENCE")]
-    reference: PathBuf,
+    reference: OutputPath,
 
     /// The board's log: t_s,s1..s8
     #[arg(value_name = "LOG")]
-    log: PathBuf,
+    log: OutputPath,
 
     /// What the reference's clock shows when the board's shows 0
     #[arg(long, value_name = "S", default_value_t = 12.3456789, allow_negative_numbers = true)]
@@ -70,7 +70,7 @@ pub(crate) struct PairArgs {
 
     /// Write offset, skew and all else that is known, as JSON
     #[arg(long, value_name = "FILE")]
-    truth: Option<PathBuf>,
+    truth: Option<OutputPath>,
 }
 
 /// What is known of a pair.
@@ -85,7 +85,7 @@ struct Truth {
 }
 
 impl PairArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let settings = PairSettings {
             seed: self.seed,
             unit_seed: self.unit_seed,
@@ -101,7 +101,7 @@ impl PairArgs {
         };
         let pair = Pair::new(settings)?;
         let (mut reference, mut log) =
-            (AtomicFile::create(&self.reference)?, AtomicFile::create(&self.log)?);
+            (outputs.create(&self.reference)?, outputs.create(&self.log)?);
         let (mut reference_rows, mut log_rows) = (0, 0);
         write_wrench_header(&mut reference)?;
         for (time_s, wrench) in pair.reference() {
@@ -126,7 +126,7 @@ impl PairArgs {
         if let Some(path) = &self.truth {
             let mut text = serde_json::to_vec_pretty(&truth)?;
             text.push(b'\n');
-            write_atomically(path, &text)?;
+            outputs.write(path, &text)?;
         }
         if printer.json() {
             printer.document(&truth)?;

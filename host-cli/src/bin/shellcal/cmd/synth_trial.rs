@@ -1,16 +1,16 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use serde::Serialize;
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::simulation::synthetic_trial::TrialLayout;
 use shellcal::simulation::virtual_robot::{Condition, Counter, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
 
+use crate::files::{OutputPath, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -75,11 +75,11 @@ pub(super) struct TrialArgs {
 
     /// Write the truth of every result, as JSON
     #[arg(long, value_name = "FILE")]
-    truth: Option<PathBuf>,
+    truth: Option<OutputPath>,
 
     /// File to write (default: standard output)
     #[arg(long, short, value_name = "FILE")]
-    output: Option<PathBuf>,
+    output: Option<OutputPath>,
 }
 
 /// An example set: trials in all five conditions, their truth, and a manifest for `shellcal batch`
@@ -88,7 +88,7 @@ pub(super) struct TrialArgs {
 pub(super) struct TrialsArgs {
     /// Directory to write into; made if it is not there
     #[arg(value_name = "DIR")]
-    directory: PathBuf,
+    directory: OutputPlace,
 
     /// Trials in each condition
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=10_000))]
@@ -169,7 +169,7 @@ impl From<CounterArg> for Counter {
 /// What was made, for `--json`.
 #[derive(Serialize)]
 struct Made<'a> {
-    file: &'a Path,
+    file: &'a OutputPath,
     rows: u64,
     truth: shellcal::simulation::virtual_robot::Truth,
 }
@@ -177,7 +177,7 @@ struct Made<'a> {
 /// The set that was made, for `--json`.
 #[derive(Serialize)]
 struct MadeSet<'a> {
-    manifest: PathBuf,
+    manifest: String,
     trials: &'a [SetTrial],
 }
 
@@ -196,7 +196,7 @@ impl CommonArgs {
 }
 
 impl TrialArgs {
-    pub(super) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let mut condition = self.condition.0;
         condition.drag_n = self.drag.unwrap_or(condition.drag_n);
         condition.lift_n = self.lift.unwrap_or(condition.lift_n);
@@ -213,7 +213,7 @@ impl TrialArgs {
             _ => TrialLayout::Full,
         };
         let truth = trial.truth();
-        let truth_file = self.truth.as_ref().map(AtomicFile::create).transpose()?;
+        let truth_file = self.truth.as_ref().map(|path| outputs.create(path)).transpose()?;
         if let Some(mut file) = truth_file {
             file.write_all(&truth_json(&truth))?;
             file.commit()?;
@@ -226,7 +226,7 @@ impl TrialArgs {
             write_log(&mut io::stdout().lock(), &trial, layout)?;
             return Ok(Outcome::Done);
         };
-        let mut out = AtomicFile::create(path)?;
+        let mut out = outputs.create(path)?;
         let rows = write_log(&mut out, &trial, layout)?;
         out.commit()?;
         if printer.json() {
@@ -246,26 +246,24 @@ impl TrialArgs {
 }
 
 impl TrialsArgs {
-    pub(super) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let base = self.common.settings(Condition::PAPER[0]);
         let count = self.per_condition * Condition::PAPER.len() as u64;
         /// Of a trial, about.
         const BYTES: u64 = 1_000_000;
         let bar = printer.progress("making trials", count * BYTES);
-        let trials = write_set(&self.directory, base, self.per_condition, |done| {
+        let trials = write_set(outputs, &self.directory, base, self.per_condition, |done| {
             bar.set_position(done * BYTES)
         });
         bar.finish_and_clear();
         let trials = trials?;
-        let manifest = self.directory.join(MANIFEST);
+        let manifest = self.directory.join(MANIFEST).display().to_string();
         if printer.json() {
             printer.document(&MadeSet { manifest, trials: &trials })?;
         } else {
             let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
-            printer.line(format!(
-                "{count} synthetic trials, {rows} rows; manifest `{}`",
-                manifest.display()
-            ))?;
+            printer
+                .line(format!("{count} synthetic trials, {rows} rows; manifest `{}`", manifest))?;
         }
         Ok(Outcome::Done)
     }

@@ -7,7 +7,6 @@ mod report;
 mod weighing;
 
 use std::io::Write;
-use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context;
@@ -20,7 +19,7 @@ use shellcal::calibration_file::{
     CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
 };
 use shellcal::figures::{FitPlot, Format, fit_figure};
-use shellcal::output::AtomicFile;
+use shellcal::output::{AtomicFile, Outputs};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
@@ -33,6 +32,7 @@ use super::choices::{ModelArg, SolverArg};
 use super::mapping::MappingArgs;
 use super::origin;
 use super::validation::parse_cv;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -47,11 +47,11 @@ Examples:
 pub(crate) struct FitArgs {
     /// Logs to fit to
     #[arg(required = true, value_name = "TRAIN")]
-    train: Vec<PathBuf>,
+    train: Vec<InputPath>,
 
     /// Logs to test on
     #[arg(long, value_name = "TEST", num_args = 1..)]
-    test: Vec<PathBuf>,
+    test: Vec<InputPath>,
 
     /// Features of the readings
     #[arg(long, value_name = "MODEL", default_value = "cubic")]
@@ -80,7 +80,7 @@ pub(crate) struct FitArgs {
 
     /// Write the calibration (JSON)
     #[arg(long, short, value_name = "CAL.json")]
-    output: Option<PathBuf>,
+    output: Option<OutputPath>,
 
     /// Find the errors on groups of rows that were held out: each group of the group column, or
     /// each file; a number K deals the groups into K folds
@@ -104,15 +104,15 @@ pub(crate) struct FitArgs {
         value_name = "FILE.json",
         conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "truncate", "cv"]
     )]
-    partial: Option<PathBuf>,
+    partial: Option<OutputPath>,
 
     /// Write the coefficients for raw readings, one row per feature, moments in mN·m (CSV)
     #[arg(long, value_name = "FILE.csv")]
-    export_matrix: Option<PathBuf>,
+    export_matrix: Option<OutputPath>,
 
     /// Draw predicted against measured, and the residuals
     #[arg(long, value_name = "FILE.svg|png")]
-    plot: Option<PathBuf>,
+    plot: Option<OutputPath>,
 
     /// Which rows have errors of their own, for the standard errors and intervals of `convert`
     #[arg(long, value_name = "OF", default_value = "auto")]
@@ -146,30 +146,34 @@ struct Logs {
 }
 
 /// The files that are written, opened before the work.
-struct Outputs {
+struct Opened {
     calibration: Option<AtomicFile>,
     matrix: Option<AtomicFile>,
     plot: Option<(AtomicFile, Format)>,
 }
 
 impl FitArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let start = Instant::now();
         anyhow::ensure!(
             self.truncate.is_none() || self.solver.0 == SolverKind::Svd,
             "`--truncate` is for `--solver svd`"
         );
+        anyhow::ensure!(
+            self.ridge == 0.0 || self.solver.0 != SolverKind::RidgeGcv,
+            "`--solver ridge-gcv` finds the parameter itself: leave out `--ridge`"
+        );
         let mapping = self.mapping.mapping()?;
-        let open = |path: &PathBuf| Log::open(path, &mapping);
+        let open = |path: &InputPath| Log::open(path, &mapping);
         let train = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         if let Some(path) = &self.partial {
-            self.write_partial(path, &train, printer)?;
+            self.write_partial(path, &train, printer, outputs)?;
             return Ok(Outcome::Done);
         }
         let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-        let outputs = self.open_outputs()?;
+        let opened = self.open_outputs(outputs)?;
         if matches!(self.model, ModelArg::Physics) {
-            self.run_physics(&Logs { train, test }, outputs, Weighed::default(), start, printer)?;
+            self.run_physics(&Logs { train, test }, opened, Weighed::default(), start, printer)?;
             return Ok(Outcome::Done);
         }
 
@@ -177,7 +181,7 @@ impl FitArgs {
         let weighing = self.weigh_physics(&train, &choice, printer);
         if weighing.as_ref().is_some_and(Weighing::physics_is_better) {
             let weighed = Weighed { selection: choice.selection, weighing };
-            self.run_physics(&Logs { train, test }, outputs, weighed, start, printer)?;
+            self.run_physics(&Logs { train, test }, opened, weighed, start, printer)?;
             return Ok(Outcome::Done);
         }
         let bar = printer.progress("fit", fit::bytes_to_read(&train, &test));
@@ -212,8 +216,16 @@ impl FitArgs {
                 "left out {left_out} direction{s} in which the data hardly move the readings"
             ));
         }
+        // A fit of as many coefficients as rows goes through every point, whatever they are.
+        let (rows, rank) = (fitted.solution.rows, fitted.solution.rank as u64);
+        if rows < 2 * rank {
+            printer.warning(format!(
+                "{rows} rows for {rank} coefficients: the errors on the training logs say little; \
+                 record more poses or choose a smaller `--model`"
+            ));
+        }
         let file = self.calibration_file(&fitted, choice)?;
-        self.write(outputs, &file, fitted.plots.as_ref())?;
+        self.write(opened, &file, fitted.plots.as_ref())?;
         let seconds = start.elapsed().as_secs_f64();
         report(printer, &fitted, &file, weighing.as_ref(), seconds)?;
         Ok(Outcome::Done)
@@ -273,10 +285,11 @@ impl FitArgs {
         Ok(())
     }
 
-    fn open_outputs(&self) -> anyhow::Result<Outputs> {
-        let open = |path: &Option<PathBuf>| path.as_ref().map(AtomicFile::create).transpose();
+    fn open_outputs(&self, outputs: &Outputs) -> anyhow::Result<Opened> {
+        let open =
+            |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
         let format = self.plot.as_ref().map(Format::of).transpose()?;
-        Ok(Outputs {
+        Ok(Opened {
             calibration: open(&self.output)?,
             matrix: open(&self.export_matrix)?,
             plot: open(&self.plot)?.zip(format),
@@ -320,10 +333,10 @@ impl FitArgs {
 
     /// The files, with what their evaluations know of them.
     fn sources(&self, train: &[Evaluation], test: &[Evaluation]) -> Vec<Source> {
-        let sources = |role, paths: &[PathBuf], evaluations: &[Evaluation]| -> Vec<Source> {
-            let source = |(path, evaluation): (&PathBuf, &Evaluation)| Source {
+        let sources = |role, paths: &[InputPath], evaluations: &[Evaluation]| -> Vec<Source> {
+            let source = |(path, evaluation): (&InputPath, &Evaluation)| Source {
                 role,
-                path: path.clone(),
+                path: path.to_path_buf(),
                 checksum: evaluation.checksum.clone(),
                 rows: evaluation.rows,
             };
@@ -336,21 +349,20 @@ impl FitArgs {
 
     fn write(
         &self,
-        outputs: Outputs,
+        opened: Opened,
         file: &CalibrationFile,
         plots: Option<&(FitPlot, FitPlot)>,
     ) -> anyhow::Result<()> {
-        if let Some(mut output) = outputs.calibration {
+        if let Some(mut output) = opened.calibration {
             output.write_all(file.to_json().as_bytes())?;
             output.commit()?;
         }
-        if let (Some(mut output), Some(polynomial)) =
-            (outputs.matrix, file.calibration.polynomial())
+        if let (Some(mut output), Some(polynomial)) = (opened.matrix, file.calibration.polynomial())
         {
             output.write_all(matrix::to_csv(polynomial).as_bytes())?;
             output.commit()?;
         }
-        if let (Some((mut output, format)), Some((train, test))) = (outputs.plot, plots) {
+        if let (Some((mut output, format)), Some((train, test))) = (opened.plot, plots) {
             let title = format!("Calibration {}", file.calibration.name());
             let test = (!self.test.is_empty()).then_some(test);
             output.write_all(&fit_figure(&title, train, test).render(format)?)?;

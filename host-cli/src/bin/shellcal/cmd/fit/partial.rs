@@ -1,14 +1,14 @@
 //! `shellcal fit --partial`: sums for `shellcal merge`, and no fit.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::Path;
 
 use anyhow::Context;
 use calibration::Model;
 use calibration::validation::grouped::RandomSplit;
 use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{PartialFit, Role, Source};
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::workflow::moments::{self, GroupBy, SumOptions};
 
 use super::super::choices::ModelArg;
@@ -19,14 +19,15 @@ use crate::printer::Printer;
 impl FitArgs {
     pub(super) fn write_partial(
         &self,
-        path: &PathBuf,
+        path: &Path,
         train: &[Log],
         printer: &mut Printer,
+        outputs: &Outputs,
     ) -> anyhow::Result<()> {
         let ModelArg::Given(basis) = self.model else {
             anyhow::bail!("`--partial` needs one model, not `--model auto`");
         };
-        let mut output = AtomicFile::create(path)?;
+        let mut output = outputs.create(path)?;
         let options = SumOptions {
             basis,
             group_by: GroupBy::File,

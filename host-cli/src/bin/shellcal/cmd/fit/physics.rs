@@ -25,7 +25,7 @@ use super::super::quality::significant;
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};
 use super::report::{note_range, print_errors};
 use super::weighing::{WeighingReport, in_words};
-use super::{FitArgs, Logs, Outputs, total};
+use super::{FitArgs, Logs, Opened, total};
 use crate::printer::Printer;
 
 /// What `--json` prints.
@@ -114,7 +114,7 @@ impl FitArgs {
     pub(super) fn run_physics(
         &self,
         logs: &Logs,
-        outputs: Outputs,
+        opened: Opened,
         weighed: Weighed,
         start: Instant,
         printer: &mut Printer,
@@ -138,7 +138,7 @@ impl FitArgs {
         let fitted = physics::fit(train, test, &options).map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
         let file = self.physics_file(&fitted, weighed.selection)?;
-        self.write(outputs, &file, fitted.plots.as_ref())?;
+        self.write(opened, &file, fitted.plots.as_ref())?;
         report(printer, &fitted, &file, weighed.weighing.as_ref(), start.elapsed().as_secs_f64())
     }
 

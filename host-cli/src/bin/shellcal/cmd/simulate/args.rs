@@ -1,13 +1,12 @@
 //! The options of `shellcal simulate`.
 
-use std::path::PathBuf;
-
 use beam_channel::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup};
 use shellcal::workflow::simulate::{GridAxis, Uncertain};
 
 use super::quantity::{
     angle, grid_axis, length, positive_length, pressure, share, speed, uncertain,
 };
+use crate::files::{InputPath, OutputPath};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -113,20 +112,20 @@ pub(super) struct SweepArgs {
     /// Write drag, side force, moment and contacts at every position, as CSV; with `--grid`, the
     /// figures of every combination
     #[arg(long, short, value_name = "FILE")]
-    pub(super) output: Option<PathBuf>,
+    pub(super) output: Option<OutputPath>,
 
     /// Write the force of every beam that touches, at every position, as CSV
     #[arg(long, value_name = "FILE")]
-    pub(super) beam_forces: Option<PathBuf>,
+    pub(super) beam_forces: Option<OutputPath>,
 
     /// Draw drag over position and contact counts, to .svg or .png
     #[arg(long, value_name = "FILE")]
-    pub(super) plot: Option<PathBuf>,
+    pub(super) plot: Option<OutputPath>,
 
     /// Draw a measured trace too: CSV with columns `x_m` or, with `--speed`, `t_s`, and `drag_n` or
     /// `fx_n`, such as `shellcal convert` writes
     #[arg(long, value_name = "FILE", requires = "plot")]
-    pub(super) overlay: Vec<PathBuf>,
+    pub(super) overlay: Vec<InputPath>,
 
     /// When the body of a measured trace with times first touched a beam, in s [default: at its
     /// first row]
@@ -192,7 +191,7 @@ pub(super) struct TrialArgs {
     /// Table of trials with columns `condition` and `drag_mean_n`, as CSV: prints measured and
     /// simulated drag of every condition. A condition is a deflection (`3 cm`) or `free`
     #[arg(long, value_name = "FILE")]
-    pub(super) compare: Option<PathBuf>,
+    pub(super) compare: Option<InputPath>,
 
     /// The width of a condition's channel, where its name does not tell: NAME=WIDTH
     #[arg(long, value_name = "NAME=WIDTH", value_parser = condition, requires = "compare")]

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use anyhow::ensure;
 use serde::Serialize;
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::workflow::simulate::{Cell, GridAxis, Parameter, Summary, grid};
 
 use super::args::SimulateArgs;
@@ -28,7 +28,11 @@ struct CellReport {
 }
 
 impl SimulateArgs {
-    pub(super) fn run_grid(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(super) fn run_grid(
+        &self,
+        printer: &mut Printer,
+        outputs: &Outputs,
+    ) -> anyhow::Result<Outcome> {
         let (base, axes) = self.axes();
         let count: f64 = axes.iter().map(|axis| axis.values.len() as f64).product();
         ensure!(count <= MOST_CELLS, "the grid would have {count:.1e} combinations");
@@ -36,7 +40,7 @@ impl SimulateArgs {
             let twice = axes[..i].iter().any(|other| other.parameter == axis.parameter);
             ensure!(!twice, "`--grid {}` is given twice", axis.parameter.name());
         }
-        let mut output = self.sweep.output.as_ref().map(AtomicFile::create).transpose()?;
+        let mut output = self.sweep.output.as_ref().map(|path| outputs.create(path)).transpose()?;
         let names: Vec<String> = axes.iter().map(|axis| axis.parameter.column()).collect();
         if let Some(file) = &mut output {
             writeln!(

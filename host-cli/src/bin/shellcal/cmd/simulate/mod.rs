@@ -12,6 +12,7 @@ mod report;
 use anyhow::Context;
 use beam_channel::{Model, Setup};
 use serde::Serialize;
+use shellcal::output::Outputs;
 use shellcal::workflow::simulate::{Course, monte_carlo};
 
 pub(crate) use args::SimulateArgs;
@@ -20,7 +21,7 @@ use crate::outcome::Outcome;
 use crate::printer::Printer;
 use channel::ChannelReport;
 use comparison::Comparison;
-use outputs::Outputs;
+use outputs::SweepFiles;
 
 /// Room on either side of the contacts that a sweep shows by itself, in m.
 const MARGIN_M: f64 = 0.01;
@@ -39,14 +40,14 @@ struct Document<'a> {
 }
 
 impl SimulateArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         if !self.study.grid.is_empty() {
-            return self.run_grid(printer);
+            return self.run_grid(printer, outputs);
         }
         let setups = self.setups();
         let models = setups.iter().map(model).collect::<anyhow::Result<Vec<_>>>()?;
         let course = self.course(&models)?;
-        let mut outputs = Outputs::open(&self.sweep)?;
+        let mut files = SweepFiles::open(&self.sweep, outputs)?;
         let comparison = self.compare()?;
         comparison::warn(printer, comparison.as_deref().unwrap_or_default());
 
@@ -54,7 +55,7 @@ impl SimulateArgs {
         for (model, setup) in models.iter().zip(&setups) {
             let mut report = ChannelReport::new(model, self.sweep.at);
             report.warn(printer);
-            outputs.sweep(printer, model, &course)?;
+            files.sweep(printer, model, &course)?;
             if printer.json() {
                 report.positions = Some(course.rows(model).collect());
             }
@@ -70,8 +71,8 @@ impl SimulateArgs {
             }
             reports.push(report);
         }
-        outputs.draw(&models, &course, &self.sweep)?;
-        outputs.commit()?;
+        files.draw(&models, &course, &self.sweep)?;
+        files.commit()?;
 
         if printer.json() {
             let setup = report::SetupReport::new(&self.geometry.setup());

@@ -1,20 +1,20 @@
 //! The files that a simulation writes: opened before the work, put in place after it.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use anyhow::Context;
 use beam_channel::Model;
 use shellcal::figures::{Format, channel_figure};
-use shellcal::output::AtomicFile;
+use shellcal::output::{AtomicFile, Outputs};
 use shellcal::workflow::simulate::{Course, Passage, beam_rows, curve, read_trace};
 
 use super::args::SweepArgs;
 use super::format::cm;
+use crate::files::OutputPath;
 use crate::printer::Printer;
 
 /// What is written.
-pub(super) struct Outputs {
+pub(super) struct SweepFiles {
     sweep: Option<AtomicFile>,
     beams: Option<AtomicFile>,
     plot: Option<(AtomicFile, Format)>,
@@ -23,10 +23,11 @@ pub(super) struct Outputs {
 /// Rows between two reports of progress.
 const CHUNK: usize = 1024;
 
-impl Outputs {
-    pub(super) fn open(args: &SweepArgs) -> anyhow::Result<Self> {
+impl SweepFiles {
+    pub(super) fn open(args: &SweepArgs, outputs: &Outputs) -> anyhow::Result<Self> {
         let format = args.plot.as_ref().map(Format::of).transpose()?;
-        let open = |path: &Option<PathBuf>| path.as_ref().map(AtomicFile::create).transpose();
+        let open =
+            |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
         let (mut sweep, mut beams) = (open(&args.output)?, open(&args.beam_forces)?);
         let time = if args.speed.is_some() { "t_s," } else { "" };
         if let Some(file) = &mut sweep {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use serde::Serialize;
+use shellcal::output::Outputs;
 use shellcal::trial::manifest::Manifest;
 use shellcal::trial::{ConditionRow, TrialOptions, TrialResult};
 use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
@@ -11,6 +12,7 @@ use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
 use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::OutputArgs;
 use super::{manifest, show, watch};
+use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -29,7 +31,7 @@ tables. Times are in s on the log's clock, or `auto`. Files are relative to the 
 pub(crate) struct BatchArgs {
     /// Which trials there are: CSV, or TOML if it is called so
     #[arg(value_name = "MANIFEST")]
-    manifest: PathBuf,
+    manifest: InputPath,
 
     /// The condition that the others are compared with
     #[arg(long, value_name = "NAME")]
@@ -57,8 +59,8 @@ pub(crate) struct BatchArgs {
 /// What `--json` says.
 #[derive(Serialize)]
 struct Document<'a> {
-    manifest: &'a Path,
-    calibration: Option<&'a Path>,
+    manifest: &'a InputPath,
+    calibration: Option<&'a InputPath>,
     profile: &'a shellcal::trial::Profile,
     options: TrialOptions,
     trials: Vec<TrialDocument<'a>>,
@@ -93,10 +95,10 @@ struct Run {
 }
 
 impl BatchArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        self.output.prepare()?;
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        self.output.prepare(outputs)?;
         if !self.watch {
-            return self.once(printer, None).map(|(_, outcome)| outcome);
+            return self.once(printer, outputs, None).map(|(_, outcome)| outcome);
         }
         if printer.json() {
             bail!("`--watch` prints tables again and again, `--json` one document");
@@ -104,10 +106,11 @@ impl BatchArgs {
         let mut before: Option<(Vec<Stamp>, Batch)> = None;
         let files = || self.watched();
         watch::run(printer, files, |printer| {
+            outputs.renew();
             let equipment: Vec<Stamp> = self.evaluation.files().map(stamp).collect();
             // Under another calibration or profile all results are others.
             let kept = before.take().filter(|(files, _)| *files == equipment);
-            match self.once(printer, kept.as_ref().map(|(_, batch)| batch)) {
+            match self.once(printer, outputs, kept.as_ref().map(|(_, batch)| batch)) {
                 Ok((batch, _)) => before = Some((equipment, batch)),
                 Err(error) => printer.error(&error, None),
             }
@@ -117,24 +120,25 @@ impl BatchArgs {
     /// The files that the results depend on.
     fn watched(&self) -> Vec<PathBuf> {
         let folder = manifest::folder(&self.manifest);
-        let logs = manifest::read(&self.manifest).map(|manifest| {
+        let logs = manifest::parse(&self.manifest).map(|manifest| {
             let entries = manifest.rows.into_iter().flatten();
             entries.map(|entry| folder.join(entry.file.value)).collect::<Vec<_>>()
         });
         let own = self.evaluation.files().map(Path::to_path_buf);
-        let own = own.chain([self.manifest.clone()]);
+        let own = own.chain([self.manifest.to_path_buf()]);
         own.chain(logs.unwrap_or_default()).collect()
     }
 
     fn once(
         &self,
         printer: &mut Printer,
+        outputs: &Outputs,
         before: Option<&Batch>,
     ) -> anyhow::Result<(Batch, Outcome)> {
         let equipment = self.evaluation.equipment()?;
-        let manifest = manifest::read(&self.manifest)?;
+        let manifest = manifest::read(&self.manifest, outputs)?;
         manifest::check_reference(&manifest, self.reference.as_deref())?;
-        let run = self.evaluate(printer, &manifest, &equipment, before)?;
+        let run = self.evaluate(printer, outputs, &manifest, &equipment, before)?;
         let is_whole = run.batch.failures.is_empty();
         self.show(printer, &equipment, &run)?;
         Ok((run.batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
@@ -147,11 +151,12 @@ impl BatchArgs {
     fn evaluate(
         &self,
         printer: &mut Printer,
+        outputs: &Outputs,
         manifest: &Manifest,
         equipment: &Equipment,
         before: Option<&Batch>,
     ) -> anyhow::Result<Run> {
-        let figures = self.output.figure_folder()?;
+        let figures = self.output.figure_folder(outputs)?;
         let bar = printer.progress_of("trials", manifest.rows.len() as u64);
         let progress = |done: usize| bar.set_position(done as u64);
         let options = BatchOptions {
@@ -168,12 +173,18 @@ impl BatchArgs {
             equipment.instrument(),
             &options,
             |place, result| {
-                self.output.write_trial(place, result, figures.as_ref(), &equipment.profile)
+                self.output.write_trial(
+                    outputs,
+                    place,
+                    result,
+                    figures.as_ref(),
+                    &equipment.profile,
+                )
             },
         );
         bar.finish_and_clear();
         let conditions = batch.statistics(self.reference.as_deref(), self.seed);
-        self.output.write_tables(&batch, &conditions)?;
+        self.output.write_tables(outputs, &batch, &conditions)?;
         if let Some(figures) = &figures {
             figures.write_batch(&conditions, &batch.phases())?;
             if let Some(note) = manifest::slow_filter(&batch, &self.options(equipment)) {
@@ -232,7 +243,7 @@ impl BatchArgs {
             });
             return printer.document(&Document {
                 manifest: &self.manifest,
-                calibration: self.evaluation.calibration(),
+                calibration: self.evaluation.calibration_file(),
                 profile: &equipment.profile,
                 options: self.options(equipment),
                 trials: trials.collect(),

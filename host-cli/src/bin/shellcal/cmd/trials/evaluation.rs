@@ -1,15 +1,17 @@
 //! The flags of every command that evaluates trials.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context;
 use log_file::{Mapping, ReadOptions};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::forces::RowRule;
+use shellcal::input;
 use shellcal::trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::MappingArgs;
+use crate::files::InputPath;
 use crate::printer::Printer;
 
 /// How trials are evaluated.
@@ -17,11 +19,11 @@ use crate::printer::Printer;
 pub(crate) struct EvaluationArgs {
     /// Calibration file; without one there are energies but no forces
     #[arg(long, short, value_name = "CAL")]
-    calibration: Option<PathBuf>,
+    calibration: Option<InputPath>,
 
     /// Robot profile, in TOML [default: the built-in `velociroach`; see `shellcal profile`]
     #[arg(long, value_name = "FILE")]
-    profile: Option<PathBuf>,
+    profile: Option<InputPath>,
 
     /// Evaluate rows as the lab's notebooks did: each is a sample, the filter steps once a row and
     /// lags behind, the tare is taken over rows, and energy is summed up row by row
@@ -56,7 +58,8 @@ impl Equipment {
 
 impl EvaluationArgs {
     pub(crate) fn equipment(&self) -> anyhow::Result<Equipment> {
-        let calibration = self.calibration.as_deref().map(CalibrationFile::read).transpose()?;
+        let calibration =
+            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
         let profile = match &self.profile {
             None => Profile::velociroach(),
             Some(path) => read_profile(path)?,
@@ -85,24 +88,28 @@ impl EvaluationArgs {
         ReadOptions { checksum: true, ..self.mapping.read_options() }
     }
 
+    pub(crate) fn calibration_file(&self) -> Option<&InputPath> {
+        self.calibration.as_ref()
+    }
+
     pub(crate) fn calibration(&self) -> Option<&Path> {
-        self.calibration.as_deref()
+        self.calibration.as_ref().map(|path| path.as_path())
     }
 
     /// The files that results depend on beside manifest and logs, and what they are.
     pub(crate) fn files_by_role(&self) -> impl Iterator<Item = (&'static str, &Path)> {
-        let calibration = self.calibration.iter().map(|path| ("calibration", &**path));
-        calibration.chain(self.profile.iter().map(|path| ("profile", &**path)))
+        let calibration = self.calibration.iter().map(|path| ("calibration", path.as_path()));
+        calibration.chain(self.profile.iter().map(|path| ("profile", path.as_path())))
     }
 
     /// The files that results depend on beside manifest and logs.
     pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
-        self.calibration.iter().chain(&self.profile).map(PathBuf::as_path)
+        self.calibration.iter().chain(&self.profile).map(|path| path.as_path())
     }
 }
 
 fn read_profile(path: &Path) -> anyhow::Result<Profile> {
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("cannot read `{}`", path.display()))?;
+    let text =
+        input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))?;
     Profile::parse(&text).map_err(|error| anyhow::anyhow!("`{}`, {error}", path.display()))
 }

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use shellcal::output::OutputError;
+use shellcal::input;
+use shellcal::output::{OutputError, Outputs};
 use shellcal::trial::manifest::{Manifest, Place, suggest};
 use shellcal::trial::{TraceExtent, TrialOptions, TrialResult};
 use shellcal::workflow::batch::{self, Batch, BatchOptions};
@@ -11,10 +12,19 @@ use shellcal::workflow::batch::{self, Batch, BatchOptions};
 use super::evaluation::{Equipment, EvaluationArgs};
 use crate::printer::Printer;
 
-/// Reads a manifest: TOML if it is called so, else CSV.
-pub(super) fn read(path: &Path) -> anyhow::Result<Manifest> {
+/// Reads a manifest, and sees to it that no output replaces its logs.
+pub(super) fn read(path: &Path, outputs: &Outputs) -> anyhow::Result<Manifest> {
+    let manifest = parse(path)?;
+    for entry in manifest.rows.iter().flatten() {
+        outputs.protect(&folder(path).join(&entry.file.value))?;
+    }
+    Ok(manifest)
+}
+
+/// A manifest from its file: TOML if it is called so, else CSV.
+pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
     let shown = path.display();
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read `{shown}`"))?;
+    let text = input::read_text(path).with_context(|| format!("cannot read `{shown}`"))?;
     let is_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{shown}:{problem}"))
 }

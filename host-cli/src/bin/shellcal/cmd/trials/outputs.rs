@@ -1,10 +1,8 @@
 //! Where the tables of a batch go.
 
-use std::path::PathBuf;
-
 use anyhow::Context;
 use shellcal::figures::Format;
-use shellcal::output::{OutputError, write_atomically};
+use shellcal::output::{OutputError, Outputs};
 use shellcal::table::Table;
 use shellcal::trial::manifest::Place;
 use shellcal::trial::tables::{conditions_table, strides_table, trace_table, trials_table};
@@ -13,6 +11,10 @@ use shellcal::workflow::batch::Batch;
 use shellcal::workflow::figures::{FigureFolder, reduce_trace};
 
 use super::manifest;
+use crate::files::OutputPlace;
+
+/// The tables of a batch, which are also the names of their files.
+const TABLES: [&str; 3] = ["trials", "strides", "conditions"];
 
 /// What is written, and where.
 #[derive(Debug, clap::Args)]
@@ -20,15 +22,15 @@ use super::manifest;
 pub(crate) struct OutputArgs {
     /// Write trials.csv, strides.csv and conditions.csv into a directory
     #[arg(long, value_name = "DIR")]
-    csv: Option<PathBuf>,
+    csv: Option<OutputPlace>,
 
     /// Write trials.parquet, strides.parquet and conditions.parquet into a directory
     #[arg(long, value_name = "DIR")]
-    parquet: Option<PathBuf>,
+    parquet: Option<OutputPlace>,
 
     /// Write what happened in each window, row by row, into a directory: `LOG.LINE.csv`
     #[arg(long, value_name = "DIR")]
-    pub(crate) traces: Option<PathBuf>,
+    pub(crate) traces: Option<OutputPlace>,
 
     /// Let traces run over the whole log
     #[arg(long, requires = "traces")]
@@ -37,7 +39,7 @@ pub(crate) struct OutputArgs {
     /// Draw every figure into a directory: `boxes`, `phase`, and of each trial `LOG.LINE.drag` and
     /// `LOG.LINE.telemetry`
     #[arg(long, value_name = "DIR")]
-    pub(crate) figures: Option<PathBuf>,
+    pub(crate) figures: Option<OutputPlace>,
 
     /// The formats of figures
     #[arg(long, value_name = "FORMATS", value_enum, value_delimiter = ',', default_values_t = [FormatArg::Svg, FormatArg::Png], requires = "figures")]
@@ -62,20 +64,29 @@ impl From<FormatArg> for Format {
 }
 
 impl OutputArgs {
-    /// Makes the directories, before any work.
-    pub(crate) fn prepare(&self) -> anyhow::Result<()> {
+    /// Makes the directories and finds out whether tables can be written, before any work.
+    pub(crate) fn prepare(&self, outputs: &Outputs) -> anyhow::Result<()> {
         for directory in [&self.csv, &self.parquet, &self.traces].into_iter().flatten() {
             std::fs::create_dir_all(directory)
                 .with_context(|| format!("cannot create `{}`", directory.display()))?;
+        }
+        for (directory, extension) in [(&self.csv, "csv"), (&self.parquet, "parquet")] {
+            let Some(directory) = directory else { continue };
+            for name in TABLES {
+                outputs.probe(&directory.join(format!("{name}.{extension}")))?;
+            }
         }
         Ok(())
     }
 
     /// The directory of figures, made if it is not there.
-    pub(crate) fn figure_folder(&self) -> anyhow::Result<Option<FigureFolder>> {
+    pub(crate) fn figure_folder<'a>(
+        &self,
+        outputs: &'a Outputs,
+    ) -> anyhow::Result<Option<FigureFolder<'a>>> {
         let Some(directory) = &self.figures else { return Ok(None) };
         let formats: Vec<Format> = self.figure_format.iter().map(|&format| format.into()).collect();
-        Ok(Some(FigureFolder::create(directory, &formats)?))
+        Ok(Some(FigureFolder::create(outputs, directory, &formats)?))
     }
 
     /// What has to be kept of a log for the outputs.
@@ -91,15 +102,16 @@ impl OutputArgs {
     /// Writes figures and trace of a trial, and lets the trace go.
     pub(crate) fn write_trial(
         &self,
+        outputs: &Outputs,
         place: Place,
         result: &mut TrialResult,
-        figures: Option<&FigureFolder>,
+        figures: Option<&FigureFolder<'_>>,
         profile: &Profile,
     ) -> Result<(), OutputError> {
         if let (Some(figures), Some(trace)) = (figures, &result.trace) {
             figures.write_trial(&manifest::stem(place, result), &result.row, trace, profile)?;
         }
-        self.write_trace(place, result)?;
+        self.write_trace(outputs, place, result)?;
         match figures {
             Some(_) => reduce_trace(result, profile, false),
             None => result.trace = None,
@@ -108,7 +120,12 @@ impl OutputArgs {
     }
 
     /// Writes the trace of a trial.
-    fn write_trace(&self, place: Place, result: &TrialResult) -> Result<(), OutputError> {
+    fn write_trace(
+        &self,
+        outputs: &Outputs,
+        place: Place,
+        result: &TrialResult,
+    ) -> Result<(), OutputError> {
         let (Some(directory), Some(trace)) = (&self.traces, &result.trace) else {
             return Ok(());
         };
@@ -117,12 +134,13 @@ impl OutputArgs {
             true => trace_table(trace),
             false => trace_table(&trace.within(result.row.t_enter_s, result.row.t_exit_s)),
         };
-        write_atomically(path, &table.to_csv())
+        outputs.write(path, &table.to_csv())
     }
 
     /// Writes the tables.
     pub(crate) fn write_tables(
         &self,
+        outputs: &Outputs,
         batch: &Batch,
         conditions: &[ConditionRow],
     ) -> anyhow::Result<()> {
@@ -130,18 +148,15 @@ impl OutputArgs {
             return Ok(());
         }
         let results = batch.trials.iter().map(|trial| &trial.evaluated.result);
-        let tables: [(&str, Table); 3] = [
-            ("trials", trials_table(results.clone())),
-            ("strides", strides_table(results)),
-            ("conditions", conditions_table(conditions)),
-        ];
-        for (name, table) in &tables {
+        let tables: [Table; 3] =
+            [trials_table(results.clone()), strides_table(results), conditions_table(conditions)];
+        for (name, table) in TABLES.iter().zip(&tables) {
             if let Some(directory) = &self.csv {
-                write_atomically(directory.join(format!("{name}.csv")), &table.to_csv())?;
+                outputs.write(directory.join(format!("{name}.csv")), &table.to_csv())?;
             }
             if let Some(directory) = &self.parquet {
                 let bytes = table.to_parquet()?;
-                write_atomically(directory.join(format!("{name}.parquet")), &bytes)?;
+                outputs.write(directory.join(format!("{name}.parquet")), &bytes)?;
             }
         }
         Ok(())

@@ -1,13 +1,13 @@
 //! `shellcal plot`: one figure.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::bail;
 use clap::Subcommand;
 use log_file::Log;
 use shellcal::figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
 use shellcal::figures::{Figure, Format};
-use shellcal::output::{AtomicFile, write_atomically};
+use shellcal::output::Outputs;
 use shellcal::trial::{TraceExtent, Trial, TrialRow};
 use shellcal::workflow::figures::{passage, reduce_trace, some_strides, title};
 use shellcal::workflow::selection::TimeWindow;
@@ -16,6 +16,7 @@ use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 use super::evaluation::EvaluationArgs;
 use super::manifest;
 use crate::cmd::frames::parse_window;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -50,7 +51,7 @@ enum Kind {
 struct OneArgs {
     /// Log of the trial, plain or gzip
     #[arg(value_name = "LOG")]
-    log: PathBuf,
+    log: InputPath,
 
     /// When the robot enters the channel, on the log's clock [default: found in the drag]
     #[arg(long, value_name = "S", requires = "exit", allow_negative_numbers = true)]
@@ -71,7 +72,7 @@ struct OneArgs {
 
     /// File to write: `.svg` or `.png`
     #[arg(long, short, value_name = "FILE")]
-    output: PathBuf,
+    output: OutputPath,
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
@@ -81,7 +82,7 @@ struct OneArgs {
 struct ManyArgs {
     /// Which trials there are: CSV, or TOML if it is called so
     #[arg(value_name = "MANIFEST")]
-    manifest: PathBuf,
+    manifest: InputPath,
 
     /// Title of the figure
     #[arg(long, value_name = "TEXT")]
@@ -89,28 +90,33 @@ struct ManyArgs {
 
     /// File to write: `.svg` or `.png`
     #[arg(long, short, value_name = "FILE")]
-    output: PathBuf,
+    output: OutputPath,
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
 }
 
 impl PlotArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match &self.kind {
-            Kind::Drag(args) => args.run(printer, false),
-            Kind::Telemetry(args) => args.run(printer, true),
-            Kind::Phase(args) => args.run(printer, true),
-            Kind::Boxes(args) => args.run(printer, false),
+            Kind::Drag(args) => args.run(printer, outputs, false),
+            Kind::Telemetry(args) => args.run(printer, outputs, true),
+            Kind::Phase(args) => args.run(printer, outputs, true),
+            Kind::Boxes(args) => args.run(printer, outputs, false),
         }
     }
 }
 
 impl OneArgs {
-    fn run(&self, printer: &mut Printer, telemetry: bool) -> anyhow::Result<Outcome> {
+    fn run(
+        &self,
+        printer: &mut Printer,
+        outputs: &Outputs,
+        telemetry: bool,
+    ) -> anyhow::Result<Outcome> {
         let format = Format::of(&self.output)?;
         // A path that cannot be written is an error before the work.
-        drop(AtomicFile::create(&self.output)?);
+        outputs.probe(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let log = Log::open(&self.log, &equipment.mapping)?;
         let options = self.evaluation.options(&equipment, TraceExtent::Log);
@@ -143,16 +149,21 @@ impl OneArgs {
                 drag_lift_figure(&title, &shown, &passage)
             }
         };
-        write(printer, &self.output, format, &figure, Some(row))
+        write(printer, outputs, &self.output, format, &figure, Some(row))
     }
 }
 
 impl ManyArgs {
-    fn run(&self, printer: &mut Printer, phase: bool) -> anyhow::Result<Outcome> {
+    fn run(
+        &self,
+        printer: &mut Printer,
+        outputs: &Outputs,
+        phase: bool,
+    ) -> anyhow::Result<Outcome> {
         let format = Format::of(&self.output)?;
-        drop(AtomicFile::create(&self.output)?);
+        outputs.probe(&self.output)?;
         let equipment = self.evaluation.equipment()?;
-        let manifest = manifest::read(&self.manifest)?;
+        let manifest = manifest::read(&self.manifest, outputs)?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, false);
             Ok(())
@@ -180,22 +191,24 @@ impl ManyArgs {
             }
             box_figure(&title("Energies and specific resistance"), &conditions)
         };
-        let outcome = write(printer, &self.output, format, &figure, None)?;
+        let outcome = write(printer, outputs, &self.output, format, &figure, None)?;
         Ok(if failed { Outcome::CheckFailed } else { outcome })
     }
 }
 
 fn write(
     printer: &mut Printer,
+    outputs: &Outputs,
     path: &Path,
     format: Format,
     figure: &Figure,
     row: Option<&TrialRow>,
 ) -> anyhow::Result<Outcome> {
-    write_atomically(path, &figure.render(format)?)?;
+    outputs.write(path, &figure.render(format)?)?;
     if printer.json() {
         let window = row.map(|row| [row.t_enter_s, row.t_exit_s]);
-        printer.document(&serde_json::json!({ "file": path, "window_s": window }))?;
+        printer
+            .document(&serde_json::json!({ "file": path.to_string_lossy(), "window_s": window }))?;
     } else {
         printer.note(format!("figure in `{}`", path.display()));
     }

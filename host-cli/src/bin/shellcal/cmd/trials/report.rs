@@ -1,10 +1,10 @@
 //! `shellcal report`: a batch of trials as one HTML file.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context;
-use shellcal::output::AtomicFile;
+use shellcal::output::Outputs;
 use shellcal::report::{Input, Report};
 use shellcal::trial::{TraceExtent, TrialResult};
 use shellcal::workflow::figures::reduce_trace;
@@ -13,6 +13,7 @@ use shellcal::workflow::report;
 use super::evaluation::EvaluationArgs;
 use super::manifest;
 use crate::cmd::origin;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -26,11 +27,11 @@ Examples:
 pub(crate) struct ReportArgs {
     /// Which trials there are: CSV, or TOML if it is called so
     #[arg(value_name = "MANIFEST")]
-    manifest: PathBuf,
+    manifest: InputPath,
 
     /// File to write
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
-    output: PathBuf,
+    output: OutputPath,
 
     /// Title of the report [default: the manifest's name]
     #[arg(long, value_name = "TEXT")]
@@ -49,11 +50,11 @@ pub(crate) struct ReportArgs {
 }
 
 impl ReportArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let mut out = AtomicFile::create(&self.output)?;
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let mut out = outputs.create(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let path = &self.manifest;
-        let manifest = manifest::read(path)?;
+        let manifest = manifest::read(path, outputs)?;
         manifest::check_reference(&manifest, self.reference.as_deref())?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, true);

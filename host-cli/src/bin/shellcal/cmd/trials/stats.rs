@@ -1,12 +1,12 @@
 //! `shellcal stats`: statistics of a table of values by condition.
 
-use std::path::PathBuf;
-
 use anyhow::{Context, bail};
+use shellcal::input;
 use shellcal::trial::ValueTable;
 use shellcal::trial::manifest::suggest;
 
 use super::show;
+use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -20,7 +20,7 @@ Examples:
 pub(crate) struct StatsArgs {
     /// Table, as CSV with a header
     #[arg(value_name = "TABLE")]
-    table: PathBuf,
+    table: InputPath,
 
     /// The column of conditions [default: the first]
     #[arg(long, value_name = "COLUMN")]
@@ -46,8 +46,8 @@ pub(crate) struct StatsArgs {
 impl StatsArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let path = self.table.display();
-        let text = std::fs::read_to_string(&self.table)
-            .with_context(|| format!("cannot read `{path}`"))?;
+        let text =
+            input::read_text(&self.table).with_context(|| format!("cannot read `{path}`"))?;
         let (by, trial) = (self.by.as_deref(), self.trial.as_deref());
         let table = ValueTable::parse(&text, by, trial, self.of.as_deref())
             .map_err(|problem| anyhow::anyhow!("{path}:{problem}"))?;
@@ -58,6 +58,11 @@ impl StatsArgs {
                 let hint =
                     hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
                 bail!("no row has the condition `{reference}` of `--reference`{hint}");
+            }
+        }
+        for (quantity, &empty) in table.quantities.iter().zip(&table.empty) {
+            if empty > 0 {
+                printer.note(format!("{quantity}: {empty} empty cells are left out"));
             }
         }
         let rows = table.statistics(self.reference.as_deref(), self.seed);

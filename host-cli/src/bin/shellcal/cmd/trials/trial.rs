@@ -1,16 +1,15 @@
 //! `shellcal trial`: the results of one trial.
 
-use std::path::PathBuf;
-
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shellcal::output::{AtomicFile, write_atomically};
+use shellcal::output::Outputs;
 use shellcal::trial::tables::{strides_table, trace_table};
 use shellcal::trial::{TraceExtent, Trial, TrialOptions, TrialResult};
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 
 use super::evaluation::EvaluationArgs;
 use super::show;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -25,7 +24,7 @@ Examples:
 pub(crate) struct TrialArgs {
     /// Log of the trial, plain or gzip
     #[arg(value_name = "LOG")]
-    log: PathBuf,
+    log: InputPath,
 
     /// When the robot enters the channel, on the log's clock
     #[arg(long, value_name = "S", requires = "exit", allow_negative_numbers = true)]
@@ -49,7 +48,7 @@ pub(crate) struct TrialArgs {
 
     /// Write what happened in the window, row by row, as CSV
     #[arg(long, value_name = "FILE")]
-    trace: Option<PathBuf>,
+    trace: Option<OutputPath>,
 
     /// Let the trace run over the whole log
     #[arg(long, requires = "trace")]
@@ -57,7 +56,7 @@ pub(crate) struct TrialArgs {
 
     /// Write the strides as CSV
     #[arg(long, value_name = "FILE")]
-    strides: Option<PathBuf>,
+    strides: Option<OutputPath>,
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
@@ -74,7 +73,7 @@ struct Document<'a> {
 }
 
 impl TrialArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let equipment = self.evaluation.equipment()?;
         let trace = match (&self.trace, self.whole_log) {
             (None, _) => TraceExtent::Nothing,
@@ -83,7 +82,7 @@ impl TrialArgs {
         };
         let options = self.evaluation.options(&equipment, trace);
         let log = Log::open(&self.log, &equipment.mapping)?;
-        let trace_file = self.trace.as_ref().map(AtomicFile::create).transpose()?;
+        let trace_file = self.trace.as_ref().map(|path| outputs.create(path)).transpose()?;
         let read = self.evaluation.read_options();
         let name = self.log.display().to_string();
         let trial = Trial {
@@ -106,7 +105,7 @@ impl TrialArgs {
             file.commit()?;
         }
         if let Some(path) = &self.strides {
-            write_atomically(path, &strides_table(std::iter::once(result)).to_csv())?;
+            outputs.write(path, &strides_table(std::iter::once(result)).to_csv())?;
         }
         self.evaluation.note_forces(printer, &options);
         show::diagnostics(printer, &[(name, result)]);

@@ -1,16 +1,15 @@
 //! `shellcal window`: when the robot was in the channel.
 
-use std::path::PathBuf;
-
 use log_file::Log;
 use serde::Serialize;
 use shellcal::figures::Format;
 use shellcal::figures::trial::window_figure;
-use shellcal::output::write_atomically;
+use shellcal::output::Outputs;
 use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
 use shellcal::workflow::trial::{TrialJob, WindowSearch, search_window};
 
 use super::evaluation::EvaluationArgs;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -27,11 +26,11 @@ at the figure where it is below 0.8; below 0.5 nothing is proposed, and the exit
 pub(crate) struct WindowArgs {
     /// Logs of trials, plain or gzip
     #[arg(required = true, value_name = "LOG")]
-    logs: Vec<PathBuf>,
+    logs: Vec<InputPath>,
 
     /// Draw the drag and what was found in it, as SVG or PNG; of one log
     #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
+    plot: Option<OutputPath>,
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
@@ -45,12 +44,12 @@ struct Found {
     proposal: Option<Proposal>,
     /// Whether it can be used without a look at it.
     good: bool,
-    /// Why there is none.
+    /// Why no window was found.
     reason: Option<String>,
 }
 
 impl WindowArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let equipment = self.evaluation.equipment()?;
         anyhow::ensure!(
             equipment.calibration.is_some(),
@@ -72,7 +71,7 @@ impl WindowArgs {
             let name = path.display().to_string();
             if let (Some(file), Some(format)) = (&self.plot, format) {
                 let figure = window_figure(&name, &time_s, &drag_n, proposal.as_ref());
-                write_atomically(file, &figure.render(format)?)?;
+                outputs.write(file, &figure.render(format)?)?;
             }
             found.push(Found::new(name, proposal));
         }

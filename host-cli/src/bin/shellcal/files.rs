@@ -1,0 +1,107 @@
+//! The files on the command line, and what is done with them.
+//!
+//! What an argument is for is in its type, so that no command has to remember to say it: before one
+//! runs, all that are given are collected, and no output may be an input or another output.
+
+use std::ffi::OsString;
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+
+use clap::ArgMatches;
+use serde::{Serialize, Serializer};
+use shellcal::output::{OutputError, Outputs};
+
+/// A file that is read.
+#[derive(Clone, Debug)]
+pub(crate) struct InputPath(PathBuf);
+
+/// A file that is written.
+#[derive(Clone, Debug)]
+pub(crate) struct OutputPath(PathBuf);
+
+/// A folder that files are written into, or a link that is made.
+#[derive(Clone, Debug)]
+pub(crate) struct OutputPlace(PathBuf);
+
+macro_rules! path {
+    ($($name:ident),*) => {$(
+        impl From<OsString> for $name {
+            fn from(path: OsString) -> Self {
+                Self(path.into())
+            }
+        }
+
+        impl Deref for $name {
+            type Target = PathBuf;
+
+            fn deref(&self) -> &PathBuf {
+                &self.0
+            }
+        }
+
+        impl Serialize for $name {
+            /// JSON cannot hold names that are not Unicode: they get replacement characters.
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.serialize_str(&self.0.to_string_lossy())
+            }
+        }
+
+        impl AsRef<Path> for $name {
+            fn as_ref(&self) -> &Path {
+                &self.0
+            }
+        }
+    )*};
+}
+
+path!(InputPath, OutputPath, OutputPlace);
+
+/// All files that the command line names.
+///
+/// # Errors
+/// [`OutputError`] if an output is an input or another output.
+pub(crate) fn outputs(mut matches: &ArgMatches) -> Result<Outputs, OutputError> {
+    let outputs = Outputs::new();
+    loop {
+        values::<InputPath>(matches).try_for_each(|path| outputs.protect(path))?;
+        values::<OutputPath>(matches).try_for_each(|path| outputs.announce(path))?;
+        match matches.subcommand() {
+            Some((_, subcommand)) => matches = subcommand,
+            None => return Ok(outputs),
+        }
+    }
+}
+
+/// The values of a type that were given, of all arguments of one command.
+fn values<T: Clone + Send + Sync + 'static>(matches: &ArgMatches) -> impl Iterator<Item = &T> {
+    let of_argument = |id: &clap::Id| matches.try_get_many::<T>(id.as_str()).ok().flatten();
+    matches.ids().filter_map(of_argument).flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::any::TypeId;
+
+    use clap::{Command, CommandFactory};
+
+    use crate::args::Args;
+
+    /// A path without a role would be left out of the collection.
+    #[test]
+    fn every_path_on_the_command_line_says_what_it_is_for() {
+        fn look_at(command: &Command, found: &mut usize) {
+            for argument in command.get_arguments() {
+                let kind = argument.get_value_parser().type_id();
+                let (name, of) = (argument.get_id(), command.get_name());
+                assert!(kind != TypeId::of::<std::path::PathBuf>(), "`{name}` of `{of}`");
+                *found += usize::from(kind == TypeId::of::<super::InputPath>());
+            }
+            command.get_subcommands().for_each(|command| look_at(command, found));
+        }
+        let mut command = Args::command();
+        command.build();
+        let mut found = 0;
+        look_at(&command, &mut found);
+        assert!(found > 20, "{found} inputs: are subcommands looked into?");
+    }
+}

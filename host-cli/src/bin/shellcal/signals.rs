@@ -1,0 +1,116 @@
+//! What happens when somebody ends the program: Ctrl-C, TERM, HUP.
+//!
+//! A command that runs until then asks for a flag. All others end as they would without this, but for
+//! their temporary files, which are removed first.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use anyhow::Context;
+
+/// Set by a signal, once somebody has asked for it.
+static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
+/// Listens from now on. A program that could not would leave temporary files and nothing worse.
+pub(crate) fn listen() {
+    let _ = platform::listen(platform::wanted());
+}
+
+/// A flag that a signal sets, in place of ending the program.
+pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let flag = Arc::clone(STOP.get_or_init(Arc::default));
+    // Whoever wants to be stopped can be, even where a shell has it started in the background.
+    platform::listen(platform::unwanted()).context("cannot listen for Ctrl-C")?;
+    Ok(flag)
+}
+
+/// Whether the program goes on.
+fn is_heard() -> bool {
+    match STOP.get() {
+        Some(flag) => {
+            flag.store(true, Ordering::Relaxed);
+            true
+        }
+        None => {
+            shellcal::output::remove_unfinished();
+            false
+        }
+    }
+}
+
+#[cfg(unix)]
+mod platform {
+    use std::ffi::c_int;
+    use std::{io, thread};
+
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    use signal_hook::iterator::Signals;
+    use signal_hook::low_level::emulate_default_handler;
+
+    /// Those that end the program, as things are.
+    pub(super) fn wanted() -> Vec<c_int> {
+        let ignored = ignored();
+        [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|&signal| !is_in(ignored, signal)).collect()
+    }
+
+    /// Those that would not, and are still meant for a command that waits for them.
+    pub(super) fn unwanted() -> Vec<c_int> {
+        let ignored = ignored();
+        [SIGINT, SIGTERM].into_iter().filter(|&signal| is_in(ignored, signal)).collect()
+    }
+
+    pub(super) fn listen(signals: Vec<c_int>) -> io::Result<()> {
+        if signals.is_empty() {
+            return Ok(());
+        }
+        let mut signals = Signals::new(signals)?;
+        let wait = move || {
+            for signal in signals.forever() {
+                if !super::is_heard() {
+                    let _ = emulate_default_handler(signal);
+                }
+            }
+        };
+        thread::Builder::new().name("signals".to_owned()).spawn(wait).map(drop)
+    }
+
+    fn is_in(mask: u64, signal: c_int) -> bool {
+        mask >> (signal - 1) & 1 == 1
+    }
+
+    /// The signals that whoever started us wants to be ignored: `nohup`, a background job.
+    /// Where the system does not say, none.
+    fn ignored() -> u64 {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+        let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+        mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
+    }
+}
+
+#[cfg(not(unix))]
+mod platform {
+    use std::io;
+
+    /// What a program returns that was ended by Ctrl-C.
+    const ENDED: i32 = 130;
+
+    pub(super) fn wanted() -> bool {
+        true
+    }
+
+    pub(super) fn unwanted() -> bool {
+        false
+    }
+
+    pub(super) fn listen(wanted: bool) -> io::Result<()> {
+        if !wanted {
+            return Ok(());
+        }
+        let handler = || {
+            if !super::is_heard() {
+                std::process::exit(ENDED);
+            }
+        };
+        ctrlc::set_handler(handler).map_err(io::Error::other)
+    }
+}

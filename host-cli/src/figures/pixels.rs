@@ -1,0 +1,155 @@
+//! Drawings painted as pixels.
+
+use tiny_skia::{
+    Color, FillRule, LineJoin, Mask, Paint, Path, PathBuilder, Pixmap, Stroke, StrokeDash,
+    Transform,
+};
+
+use super::lettering;
+use super::palette;
+use super::svg::{Drawing, Pen, PenKind, Shape};
+
+/// Pixels to a CSS pixel.
+const SCALE: f32 = 2.0;
+
+/// The drawing on white, as a PNG file.
+///
+/// # Errors
+/// A message, if it is too large.
+pub(super) fn png(drawing: &Drawing) -> Result<Vec<u8>, String> {
+    let [width, height] = [drawing.width, drawing.height].map(|side| (side as f32 * SCALE).ceil());
+    let mut pixels =
+        Pixmap::new(width as u32, height as u32).ok_or_else(|| "it is too large".to_owned())?;
+    pixels.fill(Color::WHITE);
+    let mut painter = Painter { pixels, clip: None };
+    drawing.shapes.iter().for_each(|shape| painter.paint(shape));
+    painter.pixels.encode_png().map_err(|error| error.to_string())
+}
+
+struct Painter {
+    pixels: Pixmap,
+    clip: Option<Mask>,
+}
+
+impl Painter {
+    fn paint(&mut self, shape: &Shape) {
+        match shape {
+            Shape::Stroke { path, colour, pen } => self.stroke(outline(path), colour, *pen),
+            Shape::Fill { path, colour } => self.fill(outline(path), colour, whole()),
+            Shape::Disc { centre, radius, colour } => {
+                self.fill(circle(*centre, *radius), colour, whole());
+            }
+            Shape::Ring { centre, radius, colour } => {
+                let pen = Pen { width: 1.0, kind: PenKind::Plain };
+                self.stroke(circle(*centre, *radius), colour, pen);
+            }
+            Shape::Text { at, text, style } => {
+                if let Some((path, place)) = lettering::outline(text, *at, *style) {
+                    self.fill(Some(path), palette::INK, whole().pre_concat(place));
+                }
+            }
+            Shape::Clip(rect) => {
+                let mask = Mask::new(self.pixels.width(), self.pixels.height());
+                self.clip = mask.zip(outline(&rect.path())).map(|(mut mask, path)| {
+                    mask.fill_path(&path, FillRule::Winding, true, whole());
+                    mask
+                });
+            }
+            Shape::EndClip => self.clip = None,
+        }
+    }
+
+    fn fill(&mut self, path: Option<Path>, colour: &str, place: Transform) {
+        if let Some(path) = path {
+            let (paint, clip) = (paint(colour), self.clip.as_ref());
+            self.pixels.fill_path(&path, &paint, FillRule::Winding, place, clip);
+        }
+    }
+
+    fn stroke(&mut self, path: Option<Path>, colour: &str, pen: Pen) {
+        let Some(path) = path else { return };
+        let round = pen.kind == PenKind::Round;
+        let stroke = Stroke {
+            width: pen.width as f32,
+            line_join: if round { LineJoin::Round } else { LineJoin::Miter },
+            dash: match pen.kind {
+                PenKind::Dashed => StrokeDash::new(vec![5.0, 3.0], 0.0),
+                PenKind::Plain | PenKind::Round | PenKind::Crisp => None,
+            },
+            ..Stroke::default()
+        };
+        let paint = Paint { anti_alias: pen.kind != PenKind::Crisp, ..paint(colour) };
+        self.pixels.stroke_path(&path, &paint, &stroke, whole(), self.clip.as_ref());
+    }
+}
+
+/// From CSS pixels to pixels.
+fn whole() -> Transform {
+    Transform::from_scale(SCALE, SCALE)
+}
+
+/// Paint of a colour `#rrggbb`.
+fn paint(colour: &str) -> Paint<'static> {
+    let byte = |at: usize| {
+        colour.get(at..at + 2).and_then(|hex| u8::from_str_radix(hex, 16).ok()).unwrap_or(0)
+    };
+    let mut paint = Paint::default();
+    paint.set_color_rgba8(byte(1), byte(3), byte(5), 255);
+    paint
+}
+
+fn circle(centre: (f64, f64), radius: f64) -> Option<Path> {
+    PathBuilder::from_circle(centre.0 as f32, centre.1 as f32, radius as f32)
+}
+
+/// The path that SVG path syntax describes: absolute and relative lines.
+fn outline(path: &str) -> Option<Path> {
+    let mut builder = PathBuilder::new();
+    let (mut x, mut y) = (0.0, 0.0);
+    for (command, numbers) in commands_of(path) {
+        match (command, numbers.as_slice()) {
+            ('M' | 'L', &[to_x, to_y]) => (x, y) = (to_x, to_y),
+            ('l', &[by_x, by_y]) => (x, y) = (x + by_x, y + by_y),
+            ('H', &[to_x]) => x = to_x,
+            ('h', &[by_x]) => x += by_x,
+            ('V', &[to_y]) => y = to_y,
+            ('v', &[by_y]) => y += by_y,
+            ('Z', []) => {
+                builder.close();
+                continue;
+            }
+            _ => return None,
+        }
+        if command == 'M' { builder.move_to(x, y) } else { builder.line_to(x, y) }
+    }
+    builder.finish()
+}
+
+/// Commands, each with its numbers.
+fn commands_of(path: &str) -> impl Iterator<Item = (char, Vec<f32>)> + '_ {
+    let starts = path.char_indices().filter(|(_, c)| c.is_ascii_alphabetic());
+    starts.map(|(at, command)| {
+        let rest = &path[at + 1..];
+        let end = rest.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(rest.len());
+        let numbers = rest[..end].split([' ', ',']).filter_map(|number| number.parse().ok());
+        (command, numbers.collect())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_those_of_the_syntax() {
+        let points = |path: &str| {
+            let path = outline(path).unwrap();
+            path.points().iter().map(|point| (point.x, point.y)).collect::<Vec<_>>()
+        };
+        let absolute = [(1.0, 2.0), (5.0, 2.0), (5.0, -3.0), (1.0, -3.0)];
+        assert_eq!(points("M1 2H5V-3L1 -3Z"), absolute);
+        assert_eq!(points("M1 2h4v-5l-4 0Z"), absolute);
+        assert!(outline("M1 2C3 4").is_none());
+        assert!(outline("").is_none());
+    }
+}

@@ -1,0 +1,72 @@
+//! Temporary files, and the list of them: a signal ends the program without running destructors.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use tempfile::NamedTempFile;
+
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    // Whoever panicked while holding it has left the list whole: each change is one call.
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the temporary files of all outputs that are not finished.
+///
+/// For the end of the program by a signal: whoever opens or finishes an output afterwards waits for
+/// ever.
+pub fn remove_unfinished() {
+    let unfinished = unfinished();
+    for path in unfinished.iter() {
+        // It may be gone already; there is nobody to tell, either.
+        let _ = std::fs::remove_file(path);
+    }
+    std::mem::forget(unfinished);
+}
+
+/// A file that is removed unless it is put in place.
+#[derive(Debug)]
+pub(super) struct Temporary {
+    /// `None` once it is in place.
+    file: Option<NamedTempFile>,
+}
+
+impl Temporary {
+    pub(super) fn create_in(directory: &Path) -> io::Result<Self> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".shellcal-");
+        // Temporary files are private by default; a result is as open as the umask allows. Elsewhere
+        // a new file has the permissions of its folder.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut unfinished = unfinished();
+        let file = builder.tempfile_in(directory)?;
+        unfinished.insert(file.path().to_path_buf());
+        Ok(Self { file: Some(file) })
+    }
+
+    /// The file itself, whose errors do not name it: its name says nothing to a user.
+    pub(super) fn file(&mut self) -> io::Result<&mut File> {
+        let file = self.file.as_mut().ok_or(io::ErrorKind::NotFound)?;
+        Ok(file.as_file_mut())
+    }
+
+    pub(super) fn rename(mut self, path: &Path) -> io::Result<()> {
+        let mut unfinished = unfinished();
+        let Some(file) = self.file.take() else { return Ok(()) };
+        unfinished.remove(file.path());
+        file.persist(path).map(drop).map_err(|error| error.error)
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        if let Some(file) = self.file.take() {
+            unfinished().remove(file.path());
+        }
+    }
+}

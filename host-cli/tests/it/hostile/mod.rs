@@ -1,0 +1,13 @@
+//! What must not happen, whatever the files, names, arguments and signals.
+//!
+//! [`cases`] are single ones that went wrong once; [`random`] draws commands over damaged files from
+//! seeds. Among the other tests it draws a few hundred; `cargo xtask hostile` draws as many as one
+//! has time for.
+
+mod cases;
+#[cfg(target_os = "linux")]
+mod files;
+#[cfg(target_os = "linux")]
+mod random;
+#[cfg(target_os = "linux")]
+mod run;

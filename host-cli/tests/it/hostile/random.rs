@@ -1,0 +1,177 @@
+//! Random commands over damaged files.
+
+use std::ffi::OsString;
+use std::fs;
+use std::os::unix::ffi::OsStringExt;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use system_tests::random::Random;
+
+use super::files;
+use super::run::{Blow, run};
+
+/// How many are drawn among the other tests.
+const AMONG_TESTS: u64 = 300;
+
+/// Commands; capitals are files of that kind, `O.x` an output, `?` any number.
+const COMMANDS: [&str; 44] = [
+    "info T",
+    "info R Z",
+    "fit T -o O.json",
+    "fit T --test E -o O.json --export-matrix O.csv",
+    "fit T E --cv=file --model quadratic",
+    "fit T --cv=? --cv-seed ? --json",
+    "fit T --model auto -o O.json --covariance groups",
+    "fit T --solver tsqr --ridge ? -o O.json",
+    "fit T --solver svd --truncate ? --plot O.svg",
+    "fit T --solver huber --fresh --skip-bad-rows --json",
+    "fit T --sensors 2-? --wrench 10-15 --model linear",
+    "fit T --partial O.json",
+    "fit T --model linear --partial O.json --fresh",
+    "merge P -o O.json",
+    "merge P P --partial O.json",
+    "merge P --ridge ? --json",
+    "eval C E --max-rms ?",
+    "eval C E T --json --fresh",
+    "eval C T --plot O.svg --skip-bad-rows",
+    "convert C Z -o O.csv",
+    "convert C R -o O.csv --interval=?",
+    "convert C E --lowpass ? --order ? -o O.csv",
+    "convert C Z R --output-dir out/tables --no-tare",
+    "convert C E --tare ? --full-scale ? --skip-bad-rows -o O.csv",
+    "convert C Z --plot O.svg --columns t,fx,flags",
+    "noise C Z --json",
+    "trial R --calibration C --trace O.csv --strides O.csv",
+    "trial R --enter ? --exit ? --calibration C --json",
+    "trial R --calibration C --mass ? --velocity ?",
+    "batch M --calibration C --csv out/tables",
+    "batch M --calibration C --traces out/traces --json",
+    "window R --calibration C",
+    "plot drag R --calibration C -o O.svg",
+    "report M --calibration C -o O.html",
+    "stats S",
+    "stats S --by condition --trial file --json",
+    "stats E --seed ?",
+    "import X -o O.json",
+    "import C -o O.json",
+    "align T Z -o O.csv",
+    "synth train --rows ? --rate ? --seed ? -o O.csv",
+    "synth zero --rows ? --adc-bits ? --noise-scale ? -o O.csv",
+    "record --replay Z -o O.csv --calibration C",
+    "record --replay P --raw O.raw --framing cobs",
+];
+
+const NUMBERS: [&str; 14] =
+    ["0", "1", "2", "5", "-1", "1e-6", "0.5", "1e300", "-1e300", "nan", "inf", "1000", "95", "x"];
+
+fn pick<'a>(of: &[&'a str], random: &mut Random) -> &'a str {
+    of[random.below(of.len() as u64) as usize]
+}
+
+/// Files are called anything that a file can be called.
+fn name(random: &mut Random, extension: &str) -> OsString {
+    let stem: &[u8] = match random.below(8) {
+        0 => b"with space",
+        1 => b"\xff\xfe",
+        2 => b"\x1b[31m",
+        3 => "µ\u{202e}".as_bytes(),
+        _ => b"file",
+    };
+    let mut name = format!("{}-", random.below(1000)).into_bytes();
+    name.extend(stem);
+    name.extend(extension.as_bytes());
+    OsString::from_vec(name)
+}
+
+/// One case.
+fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
+    let mut arguments: Vec<OsString> = Vec::new();
+    let mut inputs: Vec<OsString> = Vec::new();
+    fs::create_dir(dir.join("out")).unwrap();
+    let command = pick(&COMMANDS, random);
+    if command.split(' ').any(|word| word == "M") {
+        // Manifests name logs beside them.
+        for log in ["0cm-1.txt", "1cm-1.txt", "2cm-1.txt", "3cm-1.txt", "free-1.txt"] {
+            fs::hard_link(seeds.join("trials").join(log), dir.join(log)).unwrap();
+        }
+    }
+    for word in command.split(' ') {
+        let kind = |word: &str| match word {
+            "T" => Some(("train.csv", ".csv")),
+            "E" => Some(("test.csv", ".csv")),
+            "Z" => Some(("zero.csv", ".csv")),
+            "R" => Some(("trials/3cm-1.txt", ".txt")),
+            "M" => Some(("trials/manifest.csv", ".csv")),
+            "C" => Some(("cal.json", ".json")),
+            "P" => Some(("partial.json", ".json")),
+            "X" => Some(("matrix.csv", ".csv")),
+            "S" => Some(("results/strides.csv", ".csv")),
+            _ => None,
+        };
+        if let Some((seed, extension)) = kind(word) {
+            // Now and then a file of another kind.
+            let seed = if random.percent(5) { pick(&files::SEEDS, random) } else { seed };
+            let name = name(random, extension);
+            fs::write(dir.join(&name), files::damaged(seeds, seed, random)).unwrap();
+            inputs.push(name.clone());
+            arguments.push(name);
+        } else if let Some(extension) = word.strip_prefix('O').filter(|_| word.contains('.')) {
+            // Now and then an output that is an input.
+            let input = inputs.last().filter(|_| random.percent(10));
+            let new = || Path::new("out").join(name(&mut random.clone(), extension)).into();
+            let path = input.cloned().unwrap_or_else(new);
+            random.next();
+            arguments.push(path);
+        } else if word.contains('?') {
+            arguments.push(word.replace('?', pick(&NUMBERS, random)).into());
+        } else {
+            arguments.push(word.into());
+        }
+    }
+    arguments
+}
+
+fn blow(random: &mut Random) -> Option<Blow> {
+    let (name, number) = [("-INT", 2), ("-TERM", 15), ("-HUP", 1)][random.below(3) as usize];
+    let after = Duration::from_micros(random.below(40_000));
+    random.percent(10).then_some(Blow { name, number, after })
+}
+
+/// What goes wrong with one seed.
+fn violation(seeds: &Path, seed: u64) -> Option<String> {
+    let mut random = Random(seed);
+    let dir = tempfile::tempdir().unwrap();
+    let arguments = draw(seeds, dir.path(), &mut random);
+    let problem = run(dir.path(), &arguments, blow(&mut random)).err()?;
+    Some(format!("seed {seed}: {arguments:?}: {problem}"))
+}
+
+fn setting(name: &str) -> Option<u64> {
+    std::env::var(name).ok().and_then(|text| text.parse().ok())
+}
+
+#[test]
+fn nothing_fails_open() {
+    let seeds = tempfile::tempdir().unwrap();
+    files::make(seeds.path());
+    let cases = setting("SHELLCAL_HOSTILE_CASES");
+    let limit = setting("SHELLCAL_HOSTILE_SECONDS").map(Duration::from_secs);
+    let first = setting("SHELLCAL_HOSTILE_SEED").unwrap_or(1);
+    let cases = cases.unwrap_or(if limit.is_some() { u64::MAX } else { AMONG_TESTS });
+    let started = Instant::now();
+    let mut violations = Vec::new();
+    let mut done = 0;
+    while done < cases && limit.is_none_or(|limit| started.elapsed() < limit) {
+        if let Some(violation) = violation(seeds.path(), first.wrapping_add(done)) {
+            println!("{violation}");
+            violations.push(violation);
+        }
+        done += 1;
+        if done % 1000 == 0 {
+            println!("{done} cases, {} violations", violations.len());
+        }
+    }
+    println!("seeds {first} to {}: {} violations", first.wrapping_add(done - 1), violations.len());
+    assert!(violations.is_empty(), "{}", violations.join("\n"));
+}

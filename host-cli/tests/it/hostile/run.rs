@@ -1,0 +1,155 @@
+//! Runs the program within limits, and looks at what is left.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fs;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// What a command takes at most.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Its data and stacks in KiB.
+const MEMORY: u64 = 400 << 10;
+
+/// A signal, and when it is sent.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Blow {
+    pub(super) name: &'static str,
+    pub(super) number: i32,
+    pub(super) after: Duration,
+}
+
+/// Runs the program with some arguments.
+///
+/// # Errors
+/// What must not happen.
+pub(super) fn run(dir: &Path, arguments: &[OsString], blow: Option<Blow>) -> Result<(), String> {
+    let before = contents(dir);
+    let limit = format!("ulimit -d {MEMORY}; exec \"$0\" \"$@\"");
+    let mut command = Command::new("sh");
+    command
+        .args(["-c", &limit])
+        .arg(env!("CARGO_BIN_EXE_shellcal"))
+        .args(arguments)
+        .current_dir(dir);
+    let (stdout, stderr) = (dir.join(".stdout"), dir.join(".stderr"));
+    let create = |path: &PathBuf| fs::File::create(path).map_err(|error| error.to_string());
+    command.stdin(Stdio::null()).stdout(create(&stdout)?).stderr(create(&stderr)?);
+    let mut child = command.spawn().map_err(|error| error.to_string())?;
+    let status = wait(&mut child, blow)?;
+    let take = |path: &PathBuf| {
+        let bytes = fs::read(path).unwrap_or_default();
+        fs::remove_file(path).map(|()| bytes).map_err(|error| error.to_string())
+    };
+    take(&stdout)?;
+    let stderr = take(&stderr)?;
+    let stderr = String::from_utf8_lossy(&stderr).into_owned();
+    let is_ours = blow.is_some_and(|blow| status.signal() == Some(blow.number));
+    if !is_ours && !matches!(status.code(), Some(0..=2)) {
+        return Err(format!("it ended with {status}: {stderr}"));
+    }
+    if stderr.contains("panicked at") {
+        return Err(format!("it panicked: {stderr}"));
+    }
+    check(&before, &contents(dir), status.success())
+}
+
+fn wait(child: &mut Child, blow: Option<Blow>) -> Result<std::process::ExitStatus, String> {
+    let started = Instant::now();
+    let mut blow = blow;
+    loop {
+        if let Some(status) = child.try_wait().map_err(|error| error.to_string())? {
+            return Ok(status);
+        }
+        if let Some(due) = blow.take_if(|blow| started.elapsed() >= blow.after) {
+            let _ = Command::new("kill")
+                .args([due.name, &child.id().to_string()])
+                .stderr(Stdio::null())
+                .status();
+        }
+        if started.elapsed() > PATIENCE {
+            let _ = child.kill();
+            let _ = child.wait();
+            return Err(format!("it took longer than {} s", PATIENCE.as_secs()));
+        }
+        thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// All files of a folder.
+fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![dir.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let bytes = fs::read(&path).unwrap_or_default();
+                files.insert(path, bytes);
+            }
+        }
+    }
+    files
+}
+
+/// Whether what was there is as it was, and what is new is whole.
+fn check(
+    before: &BTreeMap<PathBuf, Vec<u8>>,
+    after: &BTreeMap<PathBuf, Vec<u8>>,
+    succeeded: bool,
+) -> Result<(), String> {
+    // Outputs are called so by who draws the commands; all else is input.
+    let is_output = |path: &Path| path.components().any(|part| part.as_os_str() == "out");
+    if let Some((path, _)) =
+        before.iter().find(|(path, bytes)| !is_output(path) && after.get(*path) != Some(*bytes))
+    {
+        return Err(format!("the input `{}` is not what it was", path.display()));
+    }
+    for (path, bytes) in after.iter().filter(|(path, _)| !before.contains_key(*path)) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with(".shellcal-") {
+            return Err(format!("`{name}` is left over"));
+        }
+        if !is_output(path) {
+            return Err(format!("`{}` was not asked for", path.display()));
+        }
+        if succeeded {
+            is_believable(&name, bytes)?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether an output that is said to be good is whole, and its numbers are numbers.
+fn is_believable(name: &str, bytes: &[u8]) -> Result<(), String> {
+    let text = String::from_utf8_lossy(bytes);
+    let name_ends_csv = name.ends_with(".csv");
+    let is_text = [".csv", ".json", ".txt"].iter().any(|extension| name.ends_with(extension));
+    let not_a_number = |word: &str| matches!(word, "NaN" | "nan" | "inf" | "-inf" | "Infinity");
+    // What is copied from an input as a name may be called so.
+    let header: Vec<&str> = text.lines().next().unwrap_or_default().split(',').collect();
+    let is_name = |place: usize| {
+        let name = header.get(place).copied().unwrap_or_default();
+        matches!(name, "file" | "condition" | "notes" | "flags") && name_ends_csv
+    };
+    let is_wrong = |line: &str| {
+        let words = line.split([',', ' ', '|', ':', '[', ']']).enumerate();
+        words.into_iter().any(|(place, word)| not_a_number(word) && !is_name(place))
+    };
+    if is_text && text.lines().any(is_wrong) {
+        return Err(format!("`{name}` holds what is not a number"));
+    }
+    if is_text && !text.is_empty() && !text.ends_with('\n') {
+        return Err(format!("`{name}` ends within a line"));
+    }
+    if name.ends_with(".json") && serde_json::from_str::<serde_json::Value>(&text).is_err() {
+        return Err(format!("`{name}` is not JSON"));
+    }
+    Ok(())
+}

@@ -1,0 +1,198 @@
+//! Silences of a board, from one frame to a day: what was lost and how long it took.
+
+use std::time::Duration;
+
+use proptest::prelude::*;
+use shared_proto::{Boot, CHANNELS, Framing, Packet, Protocol, Sample, Values};
+use shellcal::recording::{BoardFrame, Losses, Reception};
+
+/// A board that sends frames at a steady rate, and a link that is silent for a while.
+#[derive(Clone, Copy, Debug)]
+struct Outage {
+    period_us: u64,
+    /// Number and clock of the first frame.
+    sequence: u16,
+    clock_us: u32,
+    /// Frames that arrive before the silence.
+    before: u64,
+    lost: u64,
+    /// Frames that the board drops during the silence.
+    dropped: u8,
+    /// The board's clock against the host's, in 10⁻⁶.
+    drift: i64,
+    /// How late bytes arrive at the end of the silence.
+    delay_us: u64,
+    live: bool,
+    /// In which frame of the silence the board starts anew.
+    restart: Option<u64>,
+}
+
+struct Board {
+    outage: Outage,
+    reception: Reception,
+    frames: Vec<BoardFrame>,
+}
+
+impl Board {
+    fn send(&mut self, time_us: u64, [sequence, clock_us]: [u64; 2], dropped: u8) {
+        let sample = Sample {
+            sequence: sequence as u16,
+            clock_us: clock_us as u32,
+            values: Values::Readings([16_000; CHANNELS]),
+            saturated: 0,
+            dropped,
+        };
+        if self.outage.live {
+            let host_us = time_us as i64 + time_us as i64 * self.outage.drift / 1_000_000;
+            self.reception.arrived_at(Duration::from_micros(host_us as u64 + 1));
+        }
+        self.reception.feed(&Packet::Sample(sample).encode(), &mut self.frames);
+    }
+}
+
+/// What is told of an outage: losses, and the time from the last frame before it to the first after.
+fn told(outage: Outage) -> (Losses, u64, usize) {
+    let reception = Reception::new(Protocol::Packets(Framing::Cobs));
+    let mut board = Board { outage, reception, frames: Vec::new() };
+    // The first delimiter, after which a decoder counts.
+    board.reception.feed(&[0], &mut board.frames);
+    let at = |frame: u64| frame * outage.period_us;
+    let (sequence, clock) = (u64::from(outage.sequence), u64::from(outage.clock_us));
+    for frame in 0..outage.before {
+        board.send(at(frame), [sequence + frame, clock + at(frame)], 7);
+    }
+    let dropped = u64::from(outage.dropped);
+    let after = outage.before + outage.lost;
+    for frame in after..after + 20 {
+        let time_us = at(frame + dropped) + outage.delay_us;
+        let now = match outage.restart {
+            None => [sequence + frame, clock + at(frame + dropped)],
+            Some(restart) => {
+                let since = frame - outage.before - restart;
+                [since, 1_500_000 + at(since)]
+            }
+        };
+        board.send(time_us, now, 7_u8.wrapping_add(outage.dropped));
+    }
+    let last = board.frames[outage.before as usize - 1].time_us;
+    let silence_us = board.frames[outage.before as usize].time_us - last;
+    (board.reception.losses(), silence_us as u64, board.frames.len())
+}
+
+fn outages() -> impl Strategy<Value = Outage> {
+    let lengths =
+        prop_oneof![1..=1_000_000_u64, 1..=100_000_u64, 30_000..=140_000_u64, 1..=300_u64];
+    let link = (0..=40_u8, -100..=100_i64, 0..200_000_u64, any::<bool>());
+    (1_000..=100_000_u64, any::<u16>(), any::<u32>(), 200..=400_u64, lengths, link).prop_map(
+        |(period_us, sequence, clock_us, before, lost, (dropped, drift, delay_us, live))| Outage {
+            period_us,
+            sequence,
+            clock_us,
+            before,
+            lost,
+            dropped,
+            drift,
+            delay_us,
+            live,
+            restart: None,
+        },
+    )
+}
+
+const TURN_US: u64 = 1 << 32;
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 10_000,
+        failure_persistence: None,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..ProptestConfig::default() })]
+
+    // The clock of the board tells up to its turn, the host's time beyond: the truth, or "at least".
+    #[test]
+    fn the_length_of_a_silence_is_told(outage in outages()) {
+        let (losses, silence_us, frames) = told(outage);
+        let elapsed_us = (outage.lost + 1 + u64::from(outage.dropped)) * outage.period_us;
+        prop_assert_eq!(frames as u64, outage.before + 20);
+        prop_assert_eq!(losses.duplicates + losses.reordered, 0);
+        prop_assert!(losses.missing <= outage.lost, "{:?}", losses);
+        // Where a turn of the clock is whole turns of the numbers, a restart looks the same in a replay.
+        let turn = (TURN_US / outage.period_us) % 65_536;
+        let is_ambiguous = turn.min(65_536 - turn) < 2000 && elapsed_us > TURN_US / 2;
+        if outage.live || (elapsed_us < TURN_US && !is_ambiguous) {
+            prop_assert_eq!(losses.missing, outage.lost, "{:?}", losses);
+            prop_assert_eq!((losses.restarts, losses.uncertain), (0, 0));
+            prop_assert_eq!(silence_us, elapsed_us);
+            prop_assert_eq!(losses.dropped_on_board, u64::from(outage.dropped));
+        }
+    }
+
+    // What was sent before the restart nobody can tell.
+    #[test]
+    fn a_restart_in_a_silence_is_told(outage in outages(), place in 0.0..1.0_f64) {
+        let restart = (place * outage.lost as f64) as u64;
+        let (losses, _, frames) = told(Outage { restart: Some(restart), dropped: 0, ..outage });
+        prop_assert_eq!(frames as u64, outage.before + 20);
+        if !outage.live {
+            return Ok(());
+        }
+        // By chance the clock of the new run may stand where that of the old one would.
+        let elapsed_us = (outage.lost + 1) * outage.period_us;
+        let since_us = 1_500_000 + (outage.lost - restart) * outage.period_us;
+        let last_us = u64::from(outage.clock_us) + (outage.before - 1) * outage.period_us;
+        let apart_us = (last_us + elapsed_us).abs_diff(since_us) % TURN_US;
+        let near_us = 5_000_000 + elapsed_us / 60;
+        let is_near = apart_us.min(TURN_US - apart_us) < near_us;
+        prop_assert!(losses.missing <= outage.lost || is_near, "{:?}", losses);
+        if elapsed_us > 200 * outage.period_us + 10_000_000 {
+            prop_assert!(losses.uncertain == 1 || is_near, "{:?}", losses);
+            prop_assert!(losses.restarts == 1 || is_near, "{:?}", losses);
+        }
+    }
+}
+
+#[test]
+fn a_paused_board_has_lost_nothing() {
+    let reception = Reception::new(Protocol::Packets(Framing::Cobs));
+    let outage = Outage {
+        period_us: 10_000,
+        sequence: 0,
+        clock_us: 0,
+        before: 300,
+        lost: 0,
+        dropped: 0,
+        drift: 0,
+        delay_us: 0,
+        live: true,
+        restart: None,
+    };
+    for live in [true, false] {
+        let mut board = Board {
+            outage: Outage { live, ..outage },
+            reception: reception.clone(),
+            frames: vec![],
+        };
+        for frame in 0..600_u64 {
+            let time_us = frame * 10_000 + if frame < 300 { 0 } else { 1_800_000_000 };
+            board.send(time_us, [frame, time_us], 0);
+        }
+        let losses = board.reception.losses();
+        assert_eq!((losses.missing, losses.restarts, losses.uncertain), (0, 0, 0), "{losses:?}");
+    }
+}
+
+#[test]
+fn an_announced_restart_is_certain() {
+    let mut reception = Reception::new(Protocol::Packets(Framing::Cobs));
+    let mut frames = Vec::new();
+    let boot = Boot {
+        board: shared_proto::Board::from_code(1),
+        firmware: [0, 1, 0],
+        cause: shared_proto::ResetCause::from_code(0),
+    };
+    for (sequence, clock_us) in [(0, 0), (1, 10_000)] {
+        let values = Values::Readings([1; CHANNELS]);
+        let sample = Sample { sequence, clock_us, values, saturated: 0, dropped: 0 };
+        reception.feed(&Packet::Sample(sample).encode(), &mut frames);
+        reception.feed(&Packet::Boot(boot).encode(), &mut frames);
+    }
+    assert_eq!((reception.losses().restarts, reception.losses().uncertain), (2, 0));
+}
