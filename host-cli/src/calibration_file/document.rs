@@ -3,11 +3,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::layout::to_json;
+use super::problem::problem;
 use super::stored::{
     Stored, StoredCoefficientCovariance, StoredCovariance, StoredModel, StoredOrigin,
     StoredReadingRange, StoredScaling,
 };
-use super::{CalibrationFile, PHYSICS_SCHEMA_VERSION, Problem, SCHEMA_VERSION, physics_document};
+use super::{CalibrationFile, Problem, SCHEMA_VERSION};
 use calibration::model::Term;
 use calibration::{Calibration, Polynomial, model};
 use shell_data::wrench::{Axis, PerAxis};
@@ -24,11 +25,6 @@ struct Document {
     coefficients: Vec<PerAxis<f64>>,
     covariance: Option<StoredCovariance>,
     valid_range: Option<Vec<StoredReadingRange>>,
-}
-
-#[derive(Deserialize)]
-struct Version {
-    schema_version: u64,
 }
 
 /// Of a polynomial.
@@ -48,14 +44,8 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
     to_json(&document)
 }
 
+/// Parses a document whose version is known to be [`SCHEMA_VERSION`].
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
-    // The version first: a document of another version may differ in any other field.
-    let Version { schema_version } = serde_json::from_slice(text).map_err(problem)?;
-    match schema_version {
-        SCHEMA_VERSION => {}
-        PHYSICS_SCHEMA_VERSION => return physics_document::parse(text),
-        found => return Err(Problem::SchemaVersion { found }),
-    }
     let document: Document = serde_json::from_slice(text).map_err(problem)?;
     document.check().map_err(Problem::Inconsistent)?;
     let (model, scaling) = (document.model.value(), document.scaling.value());
@@ -63,17 +53,6 @@ pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     calibration.covariance = document.covariance.value();
     calibration.valid_range = document.valid_range.value();
     Ok(CalibrationFile { calibration, origin: document.origin.value() })
-}
-
-pub(super) fn problem(error: serde_json::Error) -> Problem {
-    let (line, column) = (error.line(), error.column());
-    let text = error.to_string();
-    let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
-    if error.is_data() {
-        Problem::Field { line, column, message }
-    } else {
-        Problem::NotJson { line, column, message }
-    }
 }
 
 impl Document {
@@ -253,13 +232,6 @@ mod tests {
         let text = file().to_json().replace("\"scaling\"", "\"scalling\"");
         let Err(Problem::Field { message, .. }) = parse(text.as_bytes()) else { panic!() };
         assert!(message.contains("missing field `scaling`"), "{message}");
-    }
-
-    #[test]
-    fn another_schema_version_is_told_whatever_else_the_file_holds() {
-        let Err(Problem::SchemaVersion { found: 3 }) = parse(b"{\"schema_version\": 3}") else {
-            panic!()
-        };
     }
 
     #[test]

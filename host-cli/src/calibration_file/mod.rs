@@ -33,7 +33,9 @@ mod moments;
 mod origin;
 mod partial;
 mod physics_document;
+mod problem;
 pub mod stored;
+mod version;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -131,7 +133,7 @@ impl CalibrationFile {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
         let text =
             input::read(path, Document::Json).map_err(|error| problem(Problem::Io(error)))?;
-        document::parse(&text).map_err(problem)
+        version::parse(&text).map_err(problem)
     }
 
     /// The JSON document.

@@ -18,9 +18,9 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_128;
 
-use super::document::problem;
 use super::layout::to_json;
 use super::moments::MomentsDocument;
+use super::problem::problem;
 use super::stored::{Stored, StoredModel, StoredSource};
 use super::{CalibrationFileError, Problem, Source};
 use crate::input;

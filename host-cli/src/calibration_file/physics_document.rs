@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::document::problem;
 use super::layout::to_json;
+use super::problem::problem;
 use super::stored::{
     Stored, StoredGroupIntervals, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
 };
@@ -106,7 +106,6 @@ mod tests {
     use calibration::physics::{GroupIntervals, Noise, PhysicsModel, Sensor};
 
     use super::super::Origin;
-    use super::super::document;
     use super::*;
 
     fn file() -> CalibrationFile {
@@ -138,7 +137,7 @@ mod tests {
     #[test]
     fn a_file_reads_back_to_the_last_bit() {
         let file = file();
-        assert_eq!(document::parse(file.to_json().as_bytes()).unwrap(), file);
+        assert_eq!(parse(file.to_json().as_bytes()).unwrap(), file);
     }
 
     #[test]
@@ -153,7 +152,7 @@ mod tests {
         for (from, to, expected) in cases {
             let text = file().to_json();
             assert!(text.contains(from), "{from} in {text}");
-            match document::parse(text.replacen(from, to, 1).as_bytes()) {
+            match parse(text.replacen(from, to, 1).as_bytes()) {
                 Err(Problem::Inconsistent(message)) => {
                     assert!(message.contains(expected), "{message}");
                 }

@@ -29,13 +29,13 @@ const LEVEL: f64 = 0.95;
 /// median of what they are drawn from with a chance of 1 − 2¹⁻ⁿ, 94 % of five.
 const FEWEST: usize = 5;
 
-/// The most trials that are drawn again and again. Of more the distribution of the mean is normal but
-/// for its skewness, which is known, and drawing takes minutes.
-const MOST_DRAWN: usize = 5000;
-
 /// The fewest trials of which the bootstrap's interval is taken: below, it holds 91 % of five normal
 /// values, and Student's 95 %.
 const FEWEST_BOOTSTRAPPED: usize = 8;
+
+/// The most trials that are drawn again and again. Of more the distribution of the mean is normal but
+/// for its skewness, which is known, and drawing takes minutes.
+const MOST_DRAWN: usize = 5000;
 
 /// Values of one quantity in one condition.
 #[derive(Clone, Debug, Default, PartialEq)]

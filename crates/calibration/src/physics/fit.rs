@@ -7,11 +7,12 @@
 //! and the two variances of [`Noise`] each raise the posterior density.
 
 use super::cholesky::Cholesky;
+use super::data::Data;
 use super::lanes::MOST_LANES;
 use super::noise::{Noise, Residual};
 use super::observations::Observation;
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::{Data, Estimate, Prior};
+use super::sensor::{Estimate, Prior};
 use super::sums::residuals;
 use shell_data::wrench::PerAxis;
 

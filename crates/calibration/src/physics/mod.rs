@@ -17,6 +17,7 @@
 mod calibration;
 mod choice;
 mod cholesky;
+mod data;
 mod fit;
 pub mod intervals;
 mod inversion;

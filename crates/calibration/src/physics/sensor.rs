@@ -10,9 +10,9 @@
 //! *logit-linear* fit) and solves for b and a.
 
 use super::cholesky::Cholesky;
+use super::data::Data;
 use super::response::{PARAMETERS, Parameters, SHAPE, displacement};
 use super::sums::Sums;
-use shell_data::wrench::PerAxis;
 
 /// Values of ν to start from, on either side of the logistic curve's 1.
 const STARTS: [f64; 2] = [0.7, 1.6];
@@ -38,20 +38,6 @@ impl Prior {
             sd: [wide, wide, wide, wide, wide, wide, wide, width, width, width],
         }
     }
-}
-
-/// What one sensor is fitted to. Columns are as long as a multiple of
-/// [`MOST_LANES`](super::lanes::MOST_LANES) from `rows` on; what is added has no weight.
-#[derive(Clone, Debug)]
-pub(super) struct Data<'a> {
-    /// Wrenches, in units of the model's scales.
-    pub(super) wrench: &'a PerAxis<Vec<f64>>,
-    /// Readings, in ranges above the least.
-    pub(super) readings: &'a [f64],
-    /// Rows of the data.
-    pub(super) rows: usize,
-    /// Inverse variances.
-    pub(super) weights: Vec<f64>,
 }
 
 /// Parameters under way.

@@ -5,10 +5,10 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
+use super::data::Data;
 use super::lanes::{Answers, MOST_LANES};
 use super::noise::Residual;
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::Data;
 
 /// Places of the lower triangle of a matrix of the parameters.
 const TRIANGLE: usize = PARAMETERS * (PARAMETERS + 1) / 2;

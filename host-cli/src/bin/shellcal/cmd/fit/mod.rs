@@ -4,6 +4,7 @@ mod choice;
 mod partial;
 mod physics;
 mod report;
+mod weighing;
 
 use std::io::Write;
 use std::time::Instant;

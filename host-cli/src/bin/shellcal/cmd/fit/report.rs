@@ -15,8 +15,8 @@ use shellcal::workflow::weighing::Weighing;
 
 use super::super::quality::{significant, table_row};
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};
-use super::physics::WeighingReport;
 use super::total;
+use super::weighing::WeighingReport;
 use crate::printer::Printer;
 
 /// What `--json` prints.
