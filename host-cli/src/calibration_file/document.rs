@@ -27,6 +27,9 @@ struct Document {
     valid_range: Option<Vec<StoredReadingRange>>,
 }
 
+/// The largest number that is believed: squares and products of such are still numbers.
+const LARGEST: f64 = 1e100;
+
 /// Of a polynomial.
 pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String {
     let calibration = &file.calibration;
@@ -98,7 +101,20 @@ impl Document {
         if !self.model.intercept && self.scaling.centre.iter().any(|&centre| centre != 0.0) {
             return Err("`scaling.centre` is not zero in a model without an intercept".to_owned());
         }
+        let is_too_large = |value: &f64| value.abs() > LARGEST;
+        if self.coefficients.iter().flatten().any(is_too_large) {
+            return Err(format!("`coefficients` has a number beyond {LARGEST:e}"));
+        }
         if let Some(covariance) = &self.covariance {
+            let shape = covariance.shape.iter().flat_map(|shape| shape.quantiles.iter().flatten());
+            let factors: Vec<&Vec<Vec<f64>>> = match &covariance.coefficients {
+                StoredCoefficientCovariance::Rows { factor } => vec![factor],
+                StoredCoefficientCovariance::Groups { factors, .. } => factors.iter().collect(),
+            };
+            let factors = factors.into_iter().flatten().flatten();
+            if covariance.residual.iter().flatten().chain(shape).chain(factors).any(is_too_large) {
+                return Err(format!("`covariance` has a number beyond {LARGEST:e}"));
+            }
             let triangle = |name: &str, factor: &[Vec<f64>]| {
                 count(name, factor.len(), terms.len())?;
                 factor

@@ -126,13 +126,14 @@ impl PartialFit {
         if found != PARTIAL_SCHEMA_VERSION {
             return Err(Problem::SchemaVersion { found });
         }
-        check(text).map_err(Problem::Inconsistent)?;
         let document: Document = serde_json::from_slice(text).map_err(problem)?;
         let model = document.model.value();
         let moments = document.moments.value().map_err(Problem::Inconsistent)?;
         if model.channels != moments.channels() || model.basis != moments.basis() {
             return Err(Problem::Inconsistent("`moments` are not those of `model`".to_owned()));
         }
+        // Last: what can be named says more.
+        check(text).map_err(Problem::Inconsistent)?;
         Ok(Self {
             made_by: document.made_by,
             date: document.date,

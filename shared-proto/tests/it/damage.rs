@@ -127,5 +127,5 @@ fn ten_million_random_strings_do_no_harm() {
     // piece in 256 has a length and header that fit, one in 65,536 of those a CRC.
     assert!(events < 100, "{events}");
     // All that a decoder remembers is in place: it has nowhere to grow.
-    assert!(size_of::<Decoder>() <= 512);
+    assert!(size_of::<Decoder>() <= 640);
 }

@@ -21,7 +21,7 @@ fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     says(&dir, "synth train --rows 2600 --seed 3 -o train.csv", 0);
     says(&dir, "synth test --rows 800 -o test.csv", 0);
-    says(&dir, "fit train.csv -o cal.json", 0);
+    says(&dir, "fit train.csv -o cal.json --covariance rows", 0);
     dir
 }
 
@@ -293,13 +293,13 @@ fn partial_fits_that_were_changed_are_refused() {
     write(&dir, "old.json", &content);
     says(&dir, "merge old.json", 0);
     let document: serde_json::Value = serde_json::from_str(&content).unwrap();
-    for (field, index) in [("readings", 1), ("readings", 12), ("readings", 40)] {
-        for change in ["0", "-170141183460469231731687303715884105728", "99999999999999999999"] {
+    for index in [1, 12, 40] {
+        for change in ["-170141183460469231731687303715884105728", "99999999999999999999"] {
             let mut changed = document.clone();
-            changed["moments"][field][index] = change.into();
+            changed["moments"]["readings"][index] = change.into();
             write(&dir, "changed.json", changed.to_string());
             let said = says(&dir, "merge changed.json", 2);
-            assert!(said.contains("`moments`"), "{field}[{index}] = {change}: {said}");
+            assert!(said.contains("`moments`"), "{index}: {change}: {said}");
         }
     }
     let mut changed = document.clone();

@@ -26,7 +26,7 @@ pub(super) fn make(dir: &Path) {
         "synth test --rows 200 -o test.csv",
         "synth zero --rows 200 -o zero.csv",
         "synth trials trials --per-condition 1",
-        "fit train.csv --model cubic -o cal.json --export-matrix matrix.csv",
+        "fit train.csv --model cubic --covariance rows -o cal.json --export-matrix matrix.csv",
         "fit train.csv --model linear --partial partial.json",
         "batch trials/manifest.csv --calibration cal.json --csv results",
     ] {

@@ -139,11 +139,11 @@ fn is_believable(name: &str, bytes: &[u8]) -> Result<(), String> {
         matches!(name, "file" | "condition" | "notes" | "flags") && name_ends_csv
     };
     let is_wrong = |line: &str| {
-        let words = line.split([',', ' ', '|', ':', '[', ']']).enumerate();
-        words.into_iter().any(|(place, word)| not_a_number(word) && !is_name(place))
+        let mut cells = line.split(',').enumerate().filter(|(place, _)| !is_name(*place));
+        cells.any(|(_, cell)| cell.split([' ', '|', ':', '[', ']']).any(not_a_number))
     };
-    if is_text && text.lines().any(is_wrong) {
-        return Err(format!("`{name}` holds what is not a number"));
+    if let Some(line) = text.lines().find(|line| is_text && is_wrong(line)) {
+        return Err(format!("`{name}` holds what is not a number: {line}"));
     }
     if is_text && !text.is_empty() && !text.ends_with('\n') {
         return Err(format!("`{name}` ends within a line"));

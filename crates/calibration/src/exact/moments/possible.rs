@@ -30,7 +30,9 @@ impl Moments {
             }
         }
         let bounds = self.bounds();
-        if let Some(i) = (0..bounds.len()).find(|&i| self.readings[i].abs() as f64 > bounds[i]) {
+        if let Some(i) =
+            (0..bounds.len()).find(|&i| self.readings[i].unsigned_abs() as f64 > bounds[i])
+        {
             return Err(format!("the sum of readings {i} is larger than the ranges allow"));
         }
         // About the mean, as they are solved.
