@@ -95,6 +95,6 @@ mod tests {
         let (head, tail) = column.split_at(311);
         assert_eq!(scaling(&[&column]), scaling(&[&sorted]));
         assert_eq!(scaling(&[&column]), scaling(&[tail, head]));
-        assert_eq!(scaling(&[&column]), Scaling::of_sample(&[column.clone()], true));
+        assert_eq!(scaling(&[&column]), Scaling::of_sample(std::slice::from_ref(&column), true));
     }
 }
