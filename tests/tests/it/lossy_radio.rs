@@ -126,7 +126,7 @@ fn receive(framing: Framing, stream: &[u8]) -> Received {
     };
     for bytes in stream.chunks(1000) {
         decoder.feed(bytes, |event| match event {
-            Event::Sample { sample: got, index, arrival } => {
+            Event::Sample { sample: got, index, arrival, .. } => {
                 let right = u64::try_from(index).is_ok_and(|index| got == sample(index));
                 received.wrong += u64::from(!right);
                 received.indices.extend(u64::try_from(index));
