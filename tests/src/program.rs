@@ -20,13 +20,17 @@ fn shellcal() -> PathBuf {
     program
 }
 
-/// Starts a command in a directory; arguments are told apart by spaces. Calibrations that it makes
-/// are of a day in 2017.
+/// The program in a directory, without arguments. Calibrations that it makes are of a day in 2017.
+pub fn command(dir: &Path) -> Command {
+    let mut command = Command::new(shellcal());
+    command.current_dir(dir).env("SOURCE_DATE_EPOCH", "1500000000");
+    command
+}
+
+/// Starts a command in a directory; spaces separate its arguments.
 pub fn start(dir: &Path, arguments: &str) -> Child {
-    Command::new(shellcal())
+    command(dir)
         .args(arguments.split_whitespace())
-        .current_dir(dir)
-        .env("SOURCE_DATE_EPOCH", "1500000000")
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()

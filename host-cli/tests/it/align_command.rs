@@ -1,19 +1,11 @@
 //! `shellcal align` and `shellcal synth pair` as a user runs them.
 use std::path::Path;
-use std::process::{Command, Output};
 
 use serde_json::Value;
-
-fn shellcal(directory: &Path, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_shellcal"))
-        .current_dir(directory)
-        .args(arguments.split_whitespace())
-        .output()
-        .unwrap()
-}
+use system_tests::program;
 
 fn done(directory: &Path, arguments: &str) -> String {
-    let output = shellcal(directory, arguments);
+    let output = program::output(directory, arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
@@ -97,7 +89,7 @@ fn a_match_that_is_not_clear_writes_nothing_and_exits_with_1() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     done(at, &format!("{PAIR} --no-load"));
-    let output = shellcal(at, "align ref.csv log.csv -o train.csv");
+    let output = program::output(at, "align ref.csv log.csv -o train.csv");
     assert_eq!(output.status.code(), Some(1));
     let message = String::from_utf8(output.stderr).unwrap();
     assert!(message.starts_with("error: cannot align `log.csv` with `ref.csv`: "), "{message}");
@@ -120,7 +112,7 @@ fn what_cannot_be_read_exits_with_2() {
         ("synth pair a.csv b.csv --loss 1", "share of 1"),
         ("synth pair a.csv b.csv --rate 0", "rate 0 Hz"),
     ] {
-        let output = shellcal(at, arguments);
+        let output = program::output(at, arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments}");
         let message = String::from_utf8(output.stderr).unwrap();
         assert!(message.contains(expected), "{arguments}: {message}");

@@ -2,21 +2,17 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
 use shellcal::simulation::synthetic_trial::TrialLayout;
 use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::write_log;
+use system_tests::program;
 
 const HEADER: &str = "file,condition,t_enter_s,t_exit_s";
 const CALIBRATION: &str = "../calibration-data/synthetic-train.csv";
-
-fn shellcal(dir: &Path, arguments: &str) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
-    command.args(arguments.split_whitespace()).current_dir(dir).output().unwrap()
-}
 
 fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
@@ -36,7 +32,7 @@ fn folder(logs: u64) -> (tempfile::TempDir, Vec<[f64; 2]>) {
     let dir = tempfile::tempdir().unwrap();
     let train = fs::canonicalize(CALIBRATION).unwrap();
     fs::copy(train, dir.path().join("train.csv")).unwrap();
-    let output = shellcal(dir.path(), "fit train.csv --output cal.json");
+    let output = program::output(dir.path(), "fit train.csv --output cal.json");
     assert!(output.status.success(), "{}", said(&output));
     let windows = (1..=logs)
         .map(|seed| {
@@ -49,7 +45,7 @@ fn folder(logs: u64) -> (tempfile::TempDir, Vec<[f64; 2]>) {
 
 fn batch(dir: &Path, rows: &str, arguments: &str) -> Output {
     fs::write(dir.join("m.csv"), format!("{HEADER}\n{rows}")).unwrap();
-    shellcal(dir, &format!("batch m.csv {arguments}"))
+    program::output(dir, &format!("batch m.csv {arguments}"))
 }
 
 /// Changes every row of a log: `change` is given the fields and the number of the row, from 0.
@@ -129,7 +125,7 @@ fn numbers_that_cannot_be_are_told_with_their_place() {
     let [enter, exit] = windows[0];
     let rows = format!("1.txt,x,{enter},{exit},0\n");
     fs::write(dir.path().join("m.csv"), format!("{HEADER},velocity_m_s\n{rows}")).unwrap();
-    let output = shellcal(dir.path(), "batch m.csv -c cal.json");
+    let output = program::output(dir.path(), "batch m.csv -c cal.json");
     assert_eq!(output.status.code(), Some(1));
     assert!(said(&output).contains("`velocity_m_s` is `0`, expected a positive number"));
     let one = format!("trial 1.txt --enter {enter} --exit {exit}");
@@ -142,11 +138,11 @@ fn numbers_that_cannot_be_are_told_with_their_place() {
             "cutoff `600` Hz is not between 0 and half the sampling rate",
         ),
     ] {
-        let output = shellcal(dir.path(), &format!("{one} {arguments}"));
+        let output = program::output(dir.path(), &format!("{one} {arguments}"));
         assert_eq!(output.status.code(), Some(2), "{arguments}");
         assert!(said(&output).contains(message), "{arguments}: {}", said(&output));
     }
-    let output = shellcal(dir.path(), "trial 1.txt --enter 1 --exit 99 -c cal.json");
+    let output = program::output(dir.path(), "trial 1.txt --enter 1 --exit 99 -c cal.json");
     assert!(said(&output).contains("hint: times are in s on the log's clock"), "{}", said(&output));
 }
 
@@ -176,7 +172,7 @@ fn mistyped_conditions_and_columns_get_a_suggestion() {
         format!("file,conditon,t_enter_s,t_exit_s\n1.txt,a,{enter},{middle}"),
     )
     .unwrap();
-    let output = shellcal(dir, "batch m.csv");
+    let output = program::output(dir, "batch m.csv");
     assert_eq!(output.status.code(), Some(2));
     assert!(
         said(&output).contains("m.csv:1:6: unknown column `conditon`, did you mean `condition`?")
@@ -295,7 +291,7 @@ fn a_manifest_in_toml_with_auto_and_exclude_is_taken() {
          t_enter_s = \"auto\"\nt_exit_s = \"auto\"\nexclude = true\n"
     );
     fs::write(dir.path().join("m.toml"), text).unwrap();
-    let output = shellcal(dir.path(), "batch m.toml -c cal.json --json");
+    let output = program::output(dir.path(), "batch m.toml -c cal.json --json");
     assert!(output.status.success(), "{}", said(&output));
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(
@@ -319,9 +315,8 @@ fn a_watched_batch_evaluates_what_has_changed() {
         format!("{HEADER}\n1.txt,x,{enter},{first_exit}\n2.txt,x,{},{}\n", second[0], second[1])
     };
     fs::write(dir.join("m.csv"), rows(exit)).unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_shellcal"))
+    let mut child = program::command(dir)
         .args("batch m.csv -c cal.json --csv out --watch".split_whitespace())
-        .current_dir(dir)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
@@ -350,11 +345,11 @@ fn a_watched_batch_evaluates_what_has_changed() {
 fn statistics_of_a_table_are_printed_for_every_column() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("t.csv"), "cond,eta\na,1\na,2\na,3\nb,5\nb,9\n").unwrap();
-    let output = shellcal(dir.path(), "stats t.csv --reference a");
+    let output = program::output(dir.path(), "stats t.csv --reference a");
     let printed = String::from_utf8(output.stdout.clone()).unwrap();
     assert!(output.status.success() && printed.starts_with("eta by cond\n"), "{printed}");
     assert!(printed.contains("less a"), "{printed}");
-    let output = shellcal(dir.path(), "stats t.csv --reference A");
+    let output = program::output(dir.path(), "stats t.csv --reference A");
     assert_eq!(output.status.code(), Some(2));
     assert!(said(&output).contains("did you mean `a`?"));
 }

@@ -1,20 +1,13 @@
 //! `shellcal bench` as a user meets it.
 
-use std::path::Path;
-use std::process::{Command, Output};
-
 use serde_json::Value;
-
-fn shellcal(dir: &Path, arguments: &str) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
-    command.args(arguments.split_whitespace()).current_dir(dir).output().unwrap()
-}
+use system_tests::program;
 
 #[test]
 fn solvers_are_compared_on_rows_of_the_sensor_model_and_drawn() {
     let dir = tempfile::tempdir().unwrap();
     let arguments = "bench --rows 2000 --model linear,cubic --json --plot bench.svg";
-    let output = shellcal(dir.path(), arguments);
+    let output = program::output(dir.path(), arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let benches: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(
@@ -43,12 +36,13 @@ fn solvers_are_compared_on_rows_of_the_sensor_model_and_drawn() {
 #[test]
 fn a_model_that_the_rows_do_not_determine_is_left_out_with_the_reason() {
     let dir = tempfile::tempdir().unwrap();
-    let output = shellcal(dir.path(), "bench --rows 100 --model linear,poly3 --solver exact,gram");
+    let output =
+        program::output(dir.path(), "bench --rows 100 --model linear,poly3 --solver exact,gram");
     let (stdout, stderr) =
         (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
     assert!(output.status.success());
     assert!(stderr.contains("warning: poly3+1: `100` rows are too few for the `165` coefficients"));
     assert!(stdout.contains("linear+1: 9 features, 100 rows") && !stdout.contains("poly3"));
-    let output = shellcal(dir.path(), "bench --rows 100 --model poly3");
+    let output = program::output(dir.path(), "bench --rows 100 --model poly3");
     assert_eq!(output.status.code(), Some(2));
 }

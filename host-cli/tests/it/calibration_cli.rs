@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use system_tests::random::Random;
 use system_tests::{program, real_recording};
@@ -246,7 +246,7 @@ fn the_lab_s_matrices_in_both_formats_make_the_same_calibration() {
     let import = |matrix: &Path| {
         let output = dir.path().join("cal.json");
         let arguments = [Path::new("import"), matrix, Path::new("-o"), &output];
-        let status = Command::new(env!("CARGO_BIN_EXE_shellcal")).args(arguments).output().unwrap();
+        let status = program::command(dir.path()).args(arguments).output().unwrap();
         assert!(status.status.success());
         shellcal::calibration_file::CalibrationFile::read(&output).unwrap().calibration
     };

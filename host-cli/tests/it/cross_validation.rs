@@ -2,7 +2,7 @@
 //! warning.
 
 use std::fs;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use calibration::Calibration;
 use calibration::exact::{Accumulator, Moments, PartitionedMoments, SolveError};
@@ -15,6 +15,7 @@ use calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, select};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
+use system_tests::program;
 use system_tests::random::Random;
 use tempfile::TempDir;
 
@@ -274,11 +275,7 @@ fn too_few_groups_and_impossible_folds_are_refused() {
 }
 
 fn shellcal(dir: &TempDir, arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_shellcal"))
-        .args(arguments.split_whitespace())
-        .current_dir(dir)
-        .output()
-        .unwrap()
+    program::output(dir.path(), arguments)
 }
 
 /// A log with a group column.

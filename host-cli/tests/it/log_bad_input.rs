@@ -2,9 +2,10 @@
 
 use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use system_tests::program;
 
 fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
     let mut file = tempfile::NamedTempFile::new().unwrap();
@@ -149,7 +150,7 @@ fn a_line_without_end_is_refused() {
 
 fn info(bytes: &[u8], args: &[&str]) -> Output {
     let file = file(bytes);
-    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
+    let mut command = program::command(Path::new("."));
     command.arg("info").arg(file.path()).args(args).output().unwrap()
 }
 

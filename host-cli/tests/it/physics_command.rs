@@ -2,20 +2,19 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use calibration::physics::PhysicsValidation;
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::physics::read_rows;
+use system_tests::program;
 use system_tests::real_recording;
 use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data");
 
 fn shellcal(dir: &TempDir, arguments: &str) -> Output {
-    let arguments = arguments.replace("DATA", DATA);
-    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
-    command.current_dir(dir.path()).args(arguments.split_whitespace()).output().unwrap()
+    program::output(dir.path(), &arguments.replace("DATA", DATA))
 }
 
 fn succeed(dir: &TempDir, arguments: &str) -> Output {

@@ -10,7 +10,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use crate::support::recording::{
-    assert_rows_are, calibration, column, frame, read_log, refused, run, shellcal, succeed,
+    assert_rows_are, calibration, column, frame, read_log, refused, succeed,
 };
 use log_file::LogError;
 use serialport::{SerialPort, TTYPort};
@@ -19,6 +19,7 @@ use shared_proto::{
     Refusal, ResetCause, Status, Stream, crc32,
 };
 use system_tests::on_the_wire;
+use system_tests::program;
 use system_tests::program::start;
 
 /// The board's end of a pty, and the name of the other.
@@ -34,7 +35,7 @@ fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
     std::process::Command::new("sh")
         .arg("-c")
         .arg("while [ ! -e adapter ]; do sleep 0.02; done; exec \"$0\" \"$@\"")
-        .arg(shellcal(dir).get_program())
+        .arg(program::command(dir).get_program())
         .args(arguments.split_whitespace())
         .current_dir(dir)
         .stdout(Stdio::piped())
@@ -284,7 +285,7 @@ fn ports_that_cannot_be_opened_are_told_apart() {
     let error = refused(dir.path(), "board file identify");
     assert!(error.contains("cannot open port `file`"), "{error}");
     assert!(!dir.path().join("log.csv").exists());
-    assert_eq!(run(dir.path(), "ports").status.code(), Some(0));
+    assert_eq!(program::output(dir.path(), "ports").status.code(), Some(0));
 }
 
 #[test]

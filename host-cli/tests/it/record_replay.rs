@@ -4,13 +4,13 @@ use std::fs;
 use std::path::Path;
 
 use crate::support::recording::{
-    assert_rows_are, calibration, column, read_log, readings, refused, run, sample, shellcal,
-    stream, succeed,
+    assert_rows_are, calibration, column, read_log, readings, refused, sample, stream, succeed,
 };
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
 use shell_data::wrench::PerAxis;
 use shellcal::calibration_file::CalibrationFile;
 use system_tests::on_the_wire;
+use system_tests::program;
 
 fn replay(dir: &Path, bytes: &[u8], arguments: &str) -> String {
     fs::write(dir.join("raw"), bytes).unwrap();
@@ -284,7 +284,7 @@ fn a_log_that_is_there_is_not_replaced_unasked() {
     assert!(error.contains("missing/log.csv"), "{error}");
     let error = refused(dir.path(), "record --replay nothing -o other.csv");
     assert!(error.contains("`nothing`"), "{error}");
-    assert_eq!(run(dir.path(), "record --replay raw").status.code(), Some(2));
+    assert_eq!(program::output(dir.path(), "record --replay raw").status.code(), Some(2));
 }
 
 #[cfg(target_os = "linux")]
@@ -296,7 +296,7 @@ fn a_full_disk_is_a_clear_error_and_the_log_is_whole_up_to_then() {
     assert!(error.contains("cannot write `/dev/full`: No space left"), "{error}");
 
     // A limit on the size of files stands for the end of the disk, in blocks of 512 or 1024 bytes.
-    let program = shellcal(dir.path()).get_program().to_owned();
+    let program = program::command(dir.path()).get_program().to_owned();
     let output = std::process::Command::new("sh")
         .arg("-c")
         .arg("trap '' XFSZ; ulimit -f 900; exec \"$0\" record --replay raw -o log.csv")

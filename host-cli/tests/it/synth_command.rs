@@ -2,16 +2,13 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 
 use sha2::{Digest, Sha256};
+use system_tests::program;
 
 fn synth(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_shellcal"))
-        .arg("synth")
-        .args(args)
-        .output()
-        .expect("a program to run")
+    program::command(Path::new(".")).arg("synth").args(args).output().expect("a program to run")
 }
 
 fn stdout(args: &[&str]) -> String {
@@ -142,7 +139,7 @@ fn what_cannot_be_made_is_refused_before_the_work_and_leaves_nothing() {
 
 #[test]
 fn a_reader_that_goes_away_is_no_error() {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
+    let mut command = program::command(Path::new("."));
     command.args(["synth", "train", "--rows", "100000000"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(child.stdout.take());

@@ -1,19 +1,15 @@
 //! `synth trial`, `window`, `plot`, `report` and `batch --figures` as a user runs them.
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use log_file::checksum;
 use log_file::{Format, Log, Mapping};
 use serde_json::Value;
+use system_tests::program;
 
 fn shellcal(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_shellcal"))
-        .args(arguments)
-        .current_dir(folder)
-        .env("SOURCE_DATE_EPOCH", "1500000000")
-        .output()
-        .unwrap()
+    program::command(folder).args(arguments).output().unwrap()
 }
 
 /// Runs a command that must end with this exit code; what it prints, and what it says.

@@ -206,11 +206,7 @@ fn names_that_are_not_unicode_are_names() {
     ] {
         let arguments =
             arguments.iter().map(|&word| if word == "X" { name } else { word.as_ref() });
-        let output = std::process::Command::new(env!("CARGO_BIN_EXE_shellcal"))
-            .args(arguments)
-            .current_dir(dir.path())
-            .output()
-            .unwrap();
+        let output = program::command(dir.path()).args(arguments).output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(0), "{said}");
     }

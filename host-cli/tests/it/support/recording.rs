@@ -2,12 +2,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use shared_proto::{Framing, Packet, Sample, Values};
 use shell_data::block::Block;
 use system_tests::on_the_wire;
+use system_tests::program;
 use system_tests::random::Random;
 
 /// Frame `index` of a board at 100 Hz: its readings tell which it is.
@@ -38,26 +38,16 @@ pub fn stream(indices: impl IntoIterator<Item = u64>) -> Vec<u8> {
     indices.into_iter().flat_map(frame).collect()
 }
 
-pub fn shellcal(dir: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_shellcal"));
-    command.current_dir(dir);
-    command
-}
-
-pub fn run(dir: &Path, arguments: &str) -> Output {
-    shellcal(dir).args(arguments.split_whitespace()).output().unwrap()
-}
-
 /// Runs a command that must succeed, and returns what it prints.
 pub fn succeed(dir: &Path, arguments: &str) -> String {
-    let output = run(dir, arguments);
+    let output = program::output(dir, arguments);
     assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
 
 /// Runs a command that must not be able to, and returns what it says.
 pub fn refused(dir: &Path, arguments: &str) -> String {
-    let output = run(dir, arguments);
+    let output = program::output(dir, arguments);
     let error = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(2), "{arguments}: {error}");
     error
