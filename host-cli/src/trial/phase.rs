@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::trace::Trace;
+use shell_data::statistics::RunningVariance;
 use shell_data::wrench::Axis;
 
 /// Stretches that a stride is averaged in.
@@ -62,23 +63,22 @@ impl PhaseProfile {
 }
 
 impl PhaseProfile {
-    /// Of the strides of both: Chan, Golub and LeVeque's update (The American Statistician 37, 242,
-    /// 1983) in every stretch of the phase.
+    /// Of the strides of both.
     pub fn merged(&self, other: &Self) -> Self {
-        let (n, m) = (self.strides as f64, other.strides as f64);
+        let strides = self.strides + other.strides;
         let force = |a: &PhaseForce, b: &PhaseForce| {
-            let means = a.mean_n.iter().zip(&b.mean_n);
-            let mean_n = means.clone().map(|(a, b)| (n * a + m * b) / (n + m)).collect();
-            let squares = a.sd_n.iter().zip(&b.sd_n).zip(means).map(|((sd_a, sd_b), (a, b))| {
-                sd_a * sd_a * (n - 1.0)
-                    + sd_b * sd_b * (m - 1.0)
-                    + (b - a).powi(2) * n * m / (n + m)
+            let merged = (0..PHASES).map(|i| {
+                let mut all = a.at(i, self.strides);
+                all.merge(&b.at(i, other.strides));
+                all
             });
-            let sd_n = squares.map(|square| (square / (n + m - 1.0)).sqrt()).collect();
-            PhaseForce { mean_n, sd_n }
+            let (mean_n, squares): (Vec<f64>, Vec<f64>) =
+                merged.map(|all| (all.mean, all.squares)).unzip();
+            let sd = |square: f64| (square / (strides as f64 - 1.0)).sqrt();
+            PhaseForce { mean_n, sd_n: squares.into_iter().map(sd).collect() }
         };
         Self {
-            strides: self.strides + other.strides,
+            strides,
             phase_rad: self.phase_rad.clone(),
             drag: force(&self.drag, &other.drag),
             lift: force(&self.lift, &other.lift),
@@ -87,6 +87,12 @@ impl PhaseProfile {
 }
 
 impl PhaseForce {
+    /// Mean and squared deviations over so many strides in stretch `i` of the phase.
+    fn at(&self, i: usize, strides: usize) -> RunningVariance {
+        let squares = self.sd_n[i] * self.sd_n[i] * (strides as f64 - 1.0);
+        RunningVariance { count: strides as u64, mean: self.mean_n[i], squares }
+    }
+
     fn of(strides: &[[f64; PHASES]]) -> Self {
         let n = strides.len() as f64;
         let mean = |i: usize| strides.iter().map(|stride| stride[i]).sum::<f64>() / n;

@@ -116,12 +116,7 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the
 /// rows do not determine the coefficients.
 pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit, WorkflowError> {
-    let first = train.first().ok_or(WorkflowError::NoLogs)?;
-    let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-    for log in train.iter().chain(test) {
-        log.require(&wanted)?;
-        check_channels(log, first.channels())?;
-    }
+    let first = check(train, test)?;
     let train_bytes: u64 = train.iter().map(Log::bytes).sum();
     let read_before = AtomicU64::new(0);
     let report = |bytes: u64| {
@@ -142,33 +137,67 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
     let (solution, ranges) = solved?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
-    let Uncertainty { covariance, not_grouped } = Uncertainty::of(&solution, solver, options);
+    let Uncertainty { mut covariance, not_grouped } = Uncertainty::of(&solution, solver, options);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
+    read_before.store(train_bytes, Ordering::Relaxed);
+    let errors = errors(&calibration, &mut rows, size_unit.as_ref(), options.plot)?;
+    if let (Some(covariance), Some(unit)) = (&mut covariance, size_unit) {
+        covariance.shape = shape(&errors.train, &unit);
+    }
+    calibration.covariance = covariance;
+    let Errors { train, loads, test, plots } = errors;
+    Ok(Fit { calibration, solution, solver, not_exact, not_grouped, train, loads, test, plots })
+}
 
-    let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
+/// The first of the training logs, if all logs have what a fit needs.
+fn check<'a>(train: &'a [Log], test: &[Log]) -> Result<&'a Log, WorkflowError> {
+    let first = train.first().ok_or(WorkflowError::NoLogs)?;
+    let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+    for log in train.iter().chain(test) {
+        log.require(&wanted)?;
+        check_channels(log, first.channels())?;
+    }
+    Ok(first)
+}
+
+/// How a calibration does on the logs of a fit; see [`Fit`].
+struct Errors {
+    train: Vec<Evaluation>,
+    loads: WrenchSums,
+    test: Vec<Evaluation>,
+    plots: Option<(FitPlot, FitPlot)>,
+}
+
+/// Passes over all rows once more. Sizes of training errors are counted in `size_unit`, if there is one.
+fn errors(
+    calibration: &Calibration,
+    rows: &mut LogRows<'_>,
+    size_unit: Option<&PerAxis<f64>>,
+    plot: bool,
+) -> Result<Errors, WorkflowError> {
+    let logs = rows.logs().to_vec();
+    let train = rows.train();
+    let mut plots = plot.then(|| (FitPlot::new(), FitPlot::new()));
     let mut loads = WrenchSums::default();
-    let mut evaluations = vec![Evaluation::default(); train.len() + test.len()];
-    let is_drawn = plots.is_some();
+    let mut evaluations = vec![Evaluation::default(); logs.len()];
+    let mut fingerprints = vec![Fingerprint::default(); logs.len()];
     // Training rows are within the range that they define: there is nothing to look for.
     let mut without_range = calibration.clone();
     without_range.valid_range = None;
-    let is_alone = train.len() + test.len() == 1;
-    let mut fingerprints = vec![Fingerprint::default(); train.len() + test.len()];
+    // A log by itself is a copy of none.
+    let is_alone = logs.len() == 1;
     let map = |log: usize, block: &Block| {
-        // A log by itself is a copy of none.
         let fingerprint = if is_alone { Fingerprint::default() } else { Fingerprint::of(block) };
-        match log < train.len() {
-            true => {
-                let errors = BlockErrors::of(&without_range, block, size_unit.as_ref(), is_drawn);
-                Ok((errors, Some(WrenchSums::of(&block.wrench)), fingerprint))
-            }
-            false => Ok((BlockErrors::of(&calibration, block, None, is_drawn), None, fingerprint)),
-        }
+        let is_train = log < train;
+        let errors = match is_train {
+            true => BlockErrors::of(&without_range, block, size_unit, plot),
+            false => BlockErrors::of(calibration, block, None, plot),
+        };
+        Ok((errors, is_train.then(|| WrenchSums::of(&block.wrench)), fingerprint))
     };
-    read_before.store(train_bytes, Ordering::Relaxed);
     let summaries = rows.each_block(map, |log, (block, of_block, fingerprint)| {
         fingerprints[log].merge(fingerprint);
-        let plot = plots.as_mut().map(|(of_train, of_test)| match log < train.len() {
+        let plot = plots.as_mut().map(|(of_train, of_test)| match log < train {
             true => of_train,
             false => of_test,
         });
@@ -181,33 +210,17 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         evaluation.note(summary);
     }
     if let Some((earlier, later)) = Fingerprint::first_copy(&fingerprints) {
-        let logs: Vec<&Log> = train.iter().chain(test).collect();
         let path = |log: usize| logs[log].path().to_path_buf();
         return Err(WorkflowError::Copy { earlier: path(earlier), later: path(later) });
     }
-    let test_errors = evaluations.split_off(train.len());
-    let train_errors = evaluations;
     let is_finite = |of: &Evaluation| {
         of.quality().is_none_or(|axes| axes.iter().all(|axis| axis.rms.is_finite()))
     };
-    if !train_errors.iter().chain(&test_errors).all(is_finite) {
+    if !evaluations.iter().all(is_finite) {
         return Err(FitError::Overflow.into());
     }
-    calibration.covariance = covariance;
-    if let (Some(covariance), Some(unit)) = (&mut calibration.covariance, size_unit) {
-        covariance.shape = shape(&train_errors, &unit);
-    }
-    Ok(Fit {
-        calibration,
-        solution,
-        solver,
-        not_exact,
-        not_grouped,
-        train: train_errors,
-        loads,
-        test: test_errors,
-        plots,
-    })
+    let test = evaluations.split_off(train);
+    Ok(Errors { train: evaluations, loads, test, plots })
 }
 
 /// Solves by the solver of that name.

@@ -62,6 +62,16 @@ impl<'a> LogRows<'a> {
         Self { logs, train: train.len(), fresh, read, stamps, summaries, kept, room }
     }
 
+    /// The training logs, then the test logs.
+    pub(super) fn logs(&self) -> &[&'a Log] {
+        &self.logs
+    }
+
+    /// How many of them are training logs.
+    pub(super) fn train(&self) -> usize {
+        self.train
+    }
+
     /// Passes over the rows of all logs: `map` gets blocks and the log that they are from on any
     /// thread, `fold` gets the results of `map`, in order. Returns summaries of the logs.
     pub(super) fn each_block<T: Send>(
