@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::LARGEST;
 use super::layout::to_json;
 use super::problem::problem;
 use super::stored::{
@@ -26,9 +27,6 @@ struct Document {
     covariance: Option<StoredCovariance>,
     valid_range: Option<Vec<StoredReadingRange>>,
 }
-
-/// The largest number that is believed: squares and products of such are still numbers.
-const LARGEST: f64 = 1e100;
 
 /// Of a polynomial.
 pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String {

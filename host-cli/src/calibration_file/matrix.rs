@@ -13,6 +13,8 @@ use calibration::{Calibration, Polynomial, raw_units};
 use shell_data::wrench::MomentUnit;
 use shell_data::wrench::{Axis, PerAxis};
 
+use super::LARGEST;
+
 /// What a matrix file does not say itself.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
@@ -76,6 +78,9 @@ pub enum MatrixError {
         /// Columns.
         columns: usize,
     },
+    /// A coefficient that no sensor has.
+    #[error("a coefficient is `{0}`, beyond what calibrations can have")]
+    TooLarge(String),
     /// A MATLAB file that cannot be read.
     #[error("cannot be read as a MATLAB 5 file: {0}")]
     Matlab(String),
@@ -179,7 +184,7 @@ fn named(
     let no_model = MatrixError::NoModel(coefficients.len());
     let model = model_of(&coefficients).ok_or(no_model)?;
     let ordered = model.terms().iter().map(|term| coefficients[term]).collect();
-    Ok(Calibration::new(model, Scaling::identity(model.channels), ordered))
+    of_raw_readings(model, ordered)
 }
 
 fn bare(
@@ -222,7 +227,18 @@ pub(super) fn from_values(
         if axis.is_moment() { value / unit } else { value }
     };
     let coefficients = (0..features).map(|j| Axis::ALL.map(|axis| coefficient(j, axis))).collect();
-    Ok(Calibration::new(model, Scaling::identity(model.channels), coefficients))
+    of_raw_readings(model, coefficients)
+}
+
+/// The calibration of raw readings with these coefficients.
+fn of_raw_readings(
+    model: Model,
+    coefficients: Vec<PerAxis<f64>>,
+) -> Result<Calibration, MatrixError> {
+    match coefficients.iter().flatten().find(|value| value.abs() > LARGEST) {
+        Some(value) => Err(MatrixError::TooLarge(value.to_string())),
+        None => Ok(Calibration::new(model, Scaling::identity(model.channels), coefficients)),
+    }
 }
 
 /// The model that has exactly these terms.

@@ -47,6 +47,9 @@ use crate::input::{self, Document};
 use calibration::{Calibration, Kind};
 use shell_data::wrench::PerAxis;
 
+/// The largest number that a document may have: squares and products of such are still numbers.
+pub const LARGEST: f64 = 1e100;
+
 /// The version of the documents of polynomials that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
 

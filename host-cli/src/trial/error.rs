@@ -1,5 +1,8 @@
 //! Why a trial cannot be evaluated.
 
+/// The fewest periods of a log in a window.
+pub(super) const FEWEST_PERIODS: f64 = 10.0;
+
 /// A trial that cannot be evaluated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -34,6 +37,19 @@ pub enum TrialError {
         enter: f64,
         /// Exit, s.
         exit: f64,
+    },
+    /// The window is too short for a mean over its rows.
+    #[error(
+        "the window from `{enter}` to `{exit}` s is shorter than {FEWEST_PERIODS} periods of the log, \
+         `{period}` s each"
+    )]
+    Short {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+        /// The log's period, s.
+        period: f64,
     },
     /// A velocity, mass or length that nothing can be computed with.
     #[error("{what} is `{value}`, expected a positive number")]

@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use super::diagnose::count_fresh;
 use super::diagnostic::Diagnostic;
-use super::error::TrialError;
+use super::error::{FEWEST_PERIODS, TrialError};
 use super::input::TrialInput;
 use super::integral::{Span, rows_within};
 use super::leg::Strides;
@@ -65,15 +65,18 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
 /// Checks the window of a trial against the times of its log.
 ///
 /// # Errors
-/// [`TrialError::ExitBeforeEntry`], [`TrialError::OutsideLog`].
+/// [`TrialError::ExitBeforeEntry`], [`TrialError::OutsideLog`], [`TrialError::Short`].
 pub fn check_window(trial: &Trial, times: &LogTimes) -> Result<(), TrialError> {
     let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
     if enter.is_nan() || exit.is_nan() || exit <= enter {
         return Err(TrialError::ExitBeforeEntry { enter, exit });
     }
-    let LogTimes { first_s: first, last_s: last, .. } = *times;
+    let LogTimes { first_s: first, last_s: last, period_s: period } = *times;
     if enter < first || exit > last {
         return Err(TrialError::OutsideLog { enter, exit, first, last });
+    }
+    if exit - enter < FEWEST_PERIODS * period {
+        return Err(TrialError::Short { enter, exit, period });
     }
     Ok(())
 }

@@ -6,9 +6,11 @@ use super::eval::{BlockErrors, Evaluation};
 use super::fingerprint::Fingerprint;
 use super::log_rows::{LogRows, store};
 use super::{WorkflowError, check_channels};
+use crate::calibration_file::LARGEST;
 use crate::figures::FitPlot;
 use calibration::exact::{ExactError, Moments};
 use calibration::least_squares::Method;
+use calibration::quality::AxisQuality;
 use calibration::reading_ranges::ReadingRanges;
 use calibration::scaling::Scaling;
 use calibration::solver::{self, Blocks, Centring, FitProblem, Solution, SolverKind};
@@ -16,7 +18,7 @@ use calibration::uncertainty::{Covariance, ErrorShape};
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
 use calibration::validation::grouped::GroupedMoments;
-use calibration::{Basis, Calibration, FitError, Model};
+use calibration::{Basis, Calibration, FitError, Model, Polynomial};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
@@ -213,10 +215,14 @@ fn errors(
         let path = |log: usize| logs[log].path().to_path_buf();
         return Err(WorkflowError::Copy { earlier: path(earlier), later: path(later) });
     }
-    let is_finite = |of: &Evaluation| {
-        of.quality().is_none_or(|axes| axes.iter().all(|axis| axis.rms.is_finite()))
+    // Products of two errors are part of a calibration's document.
+    let is_sane = |of: &Evaluation| {
+        let is_small = |axis: &AxisQuality| axis.rms * axis.rms <= LARGEST;
+        of.quality().is_none_or(|axes| axes.iter().all(is_small))
     };
-    if !evaluations.iter().all(is_finite) {
+    let coefficients = calibration.polynomial().map_or(&[][..], Polynomial::coefficients);
+    let is_large = |coefficient: &f64| coefficient.abs() > LARGEST;
+    if !evaluations.iter().all(is_sane) || coefficients.iter().flatten().any(is_large) {
         return Err(FitError::Overflow.into());
     }
     let test = evaluations.split_off(train);

@@ -239,7 +239,7 @@ fn meaning_of(name: &str, format: Format) -> Meaning {
         return Meaning::Telemetry(telemetry);
     }
     let digits = name.strip_prefix("sensor").or_else(|| name.strip_prefix('s'));
-    match digits.filter(|digits| (1..=2).contains(&digits.len())).map(str::parse) {
+    match digits.filter(|digits| (1..=3).contains(&digits.len())).map(str::parse) {
         Some(Ok(channel)) => Meaning::Sensor(channel),
         _ => Meaning::Other,
     }

@@ -82,6 +82,14 @@ pub enum ModelError {
         /// The start asked for.
         start_time_s: f64,
     },
+    /// Two clocks that are no clocks of one session.
+    #[error("clocks that differ by {skew} of themselves, where {most} at most can be modelled")]
+    Skew {
+        /// The skew asked for.
+        skew: f64,
+        /// The largest.
+        most: f64,
+    },
     /// Not all frames, nor less than none, can get lost.
     #[error("a share of {share} of the frames lost, where 0 to 1 (excluded) is wanted")]
     Loss {

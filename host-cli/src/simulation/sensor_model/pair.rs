@@ -66,8 +66,11 @@ impl Pair {
                 return Err(ModelError::Timing { rate_hz, start_time_s: offset_s });
             }
         }
-        for time_s in [settings.duration_s, settings.margin_s, settings.skew] {
-            if !(time_s.is_finite() && settings.skew.abs() <= MOST_SKEW) {
+        if settings.skew.is_nan() || settings.skew.abs() > MOST_SKEW {
+            return Err(ModelError::Skew { skew: settings.skew, most: MOST_SKEW });
+        }
+        for time_s in [settings.duration_s, settings.margin_s] {
+            if !time_s.is_finite() {
                 return Err(ModelError::Timing { rate_hz: board_rate_hz, start_time_s: time_s });
             }
         }

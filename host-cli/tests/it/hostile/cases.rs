@@ -324,7 +324,8 @@ fn terminals_are_not_commanded_by_names() {
 
 #[test]
 fn a_skew_that_no_clock_has_is_refused() {
-    says(&folder(), "synth pair a.csv b.csv --skew=1e300", 2);
+    let said = says(&folder(), "synth pair a.csv b.csv --skew=1e300", 2);
+    assert!(said.contains("clocks that differ"), "{said}");
 }
 
 #[test]
@@ -368,4 +369,12 @@ fn a_clock_of_32_bits_comes_round_in_telemetry() {
     };
     let offset_s = (TURN_US - BEFORE_US) as f64 / 1e6;
     close(energy("run.txt", 0.0), energy("turned.txt", offset_s));
+}
+
+#[test]
+fn windows_of_no_length_are_refused() {
+    let dir = folder();
+    says(&dir, "synth trial -o trial.txt", 0);
+    let said = says(&dir, "trial trial.txt --calibration cal.json --enter 3 --exit 3.0001", 2);
+    assert!(said.contains("shorter than 10 periods of the log"), "{said}");
 }
