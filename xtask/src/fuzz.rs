@@ -7,7 +7,6 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use cargo_metadata::{MetadataCommand, TargetKind};
@@ -33,9 +32,18 @@ pub(crate) const NEED: Need = Need {
     ways: &[Way::Packages(&["g++"])],
 };
 
-/// How long a target runs among the tests: that it builds, that its seeds pass, and what is found in
-/// some thousand inputs more.
-const AMONG_TESTS: Duration = Duration::from_secs(4);
+/// How much is tried of a target.
+#[derive(Clone, Copy, Debug)]
+enum Effort {
+    /// Other inputs in every run, for so many seconds.
+    Seconds(u64),
+    /// So many inputs, the same in every run.
+    Inputs(u64),
+}
+
+/// What a target does among the tests: that it builds, that its seeds pass, and what is found in some
+/// thousand inputs more. They are the same in every run: a change fails by what it does, not by chance.
+const AMONG_TESTS: Effort = Effort::Inputs(4000);
 
 /// Counters of branches taken and of values compared (LLVM, "SanitizerCoverage"), and the checks of a
 /// debug build. Unlike `cargo fuzz`, without `-Clink-dead-code`, with which `pulp` does not compile.
@@ -54,7 +62,7 @@ const FLAGS: [&str; 8] = [
 const LIMITS: [&str; 2] = ["-timeout=10", "-rss_limit_mb=2048"];
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    run_each(Duration::from_secs(args.seconds), args.target.as_deref().unwrap_or_default())
+    run_each(Effort::Seconds(args.seconds), args.target.as_deref().unwrap_or_default())
 }
 
 /// The short run among the tests.
@@ -62,7 +70,7 @@ pub(crate) fn check() -> Result<()> {
     run_each(AMONG_TESTS, "")
 }
 
-fn run_each(time: Duration, name: &str) -> Result<()> {
+fn run_each(effort: Effort, name: &str) -> Result<()> {
     NEED.meet()?;
     let mut failed = Vec::new();
     for folder in folders()? {
@@ -73,8 +81,8 @@ fn run_each(time: Duration, name: &str) -> Result<()> {
         }
         let programs = build(&folder)?;
         for target in targets {
-            eprintln!("\n==> fuzz {target} for {} s", time.as_secs());
-            let output = fuzzer(&programs, &folder, &target, time)?.output();
+            eprintln!("\n==> fuzz {target}");
+            let output = fuzzer(&programs, &folder, &target, effort)?.output();
             let output = output.with_context(|| format!("cannot start `{target}`"))?;
             let said = String::from_utf8_lossy(&output.stderr);
             if output.status.success() {
@@ -125,14 +133,18 @@ fn build(folder: &Path) -> Result<PathBuf> {
     Ok(kept("", "").join(host).join("release"))
 }
 
-fn fuzzer(programs: &Path, folder: &Path, target: &str, time: Duration) -> Result<Command> {
+fn fuzzer(programs: &Path, folder: &Path, target: &str, effort: Effort) -> Result<Command> {
     let (found, failures) = (kept("inputs", target), kept("failures", target));
     for folder in [&found, &failures] {
         std::fs::create_dir_all(folder).with_context(|| format!("no `{}`", folder.display()))?;
     }
     let mut fuzzer = Command::new(programs.join(target));
     fuzzer.arg(&found).args(Some(folder.join("seeds").join(target)).filter(|it| it.is_dir()));
-    fuzzer.arg(format!("-max_total_time={}", time.as_secs())).args(LIMITS);
+    match effort {
+        Effort::Seconds(seconds) => fuzzer.arg(format!("-max_total_time={seconds}")),
+        Effort::Inputs(inputs) => fuzzer.args([format!("-runs={inputs}"), "-seed=1".to_owned()]),
+    };
+    fuzzer.args(LIMITS);
     fuzzer.args(["-max_len=8192", "-verbosity=0", "-print_final_stats=1"]);
     fuzzer.arg(format!("-artifact_prefix={}/", failures.display()));
     Ok(fuzzer)
