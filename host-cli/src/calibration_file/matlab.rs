@@ -1,10 +1,6 @@
 //! Coefficient matrices in MATLAB 5 files, plain or compressed.
 
-use std::io::{self, Read};
-
-use flate2::read::ZlibDecoder;
-use matfile::{MatFile, NumericData};
-
+use super::mat5;
 use super::matrix::{ImportOptions, MatrixError, from_values};
 use calibration::Calibration;
 
@@ -21,65 +17,28 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
         let message = "it is of version 7.3; save it with `-v6` or `-v7`";
         return Err(MatrixError::Matlab(message.to_owned()));
     }
-    check_size(bytes)?;
-    let file = MatFile::parse(bytes).map_err(|error| MatrixError::Matlab(error.to_string()))?;
-    let found: Vec<String> = file.arrays().iter().map(|a| a.name().to_owned()).collect();
-    let array = match (&options.variable, file.arrays().as_slice()) {
-        (Some(name), _) => file.find_by_name(name),
+    let arrays = mat5::arrays(bytes).map_err(MatrixError::Matlab)?;
+    let found = || arrays.iter().map(|array| array.name.clone()).collect();
+    let named = |name: &str| arrays.iter().find(|array| array.name == name);
+    let array = match (&options.variable, arrays.as_slice()) {
+        (Some(name), _) => named(name),
         (None, [only]) => Some(only),
-        (None, _) => USUAL_NAMES.iter().find_map(|name| file.find_by_name(name)),
+        (None, _) => USUAL_NAMES.iter().find_map(|name| named(name)),
     };
     let wanted = || options.variable.clone().unwrap_or_else(|| USUAL_NAMES.join("` or `"));
-    let array = array.ok_or_else(|| MatrixError::Variable { wanted: wanted(), found })?;
-    let &[rows, columns] = array.size().as_slice() else {
-        let message = format!("`{}` has more than two dimensions", array.name());
-        return Err(MatrixError::Matlab(message));
+    let array = array.ok_or_else(|| MatrixError::Variable { wanted: wanted(), found: found() })?;
+    let wrong = |what: &str| MatrixError::Matlab(format!("`{}` {what}", array.name));
+    let &[rows, columns] = array.size.as_slice() else {
+        return Err(wrong("has more than two dimensions"));
     };
-    let values = match array.data() {
-        NumericData::Double { real, imag: None } => real.clone(),
-        NumericData::Single { real, imag: None } => real.iter().map(|&x| x.into()).collect(),
-        _ => {
-            let message = format!("`{}` does not hold real floating-point numbers", array.name());
-            return Err(MatrixError::Matlab(message));
-        }
-    };
-    if values.len() != rows * columns || values.iter().any(|value| !value.is_finite()) {
-        let message = format!("`{}` has missing or infinite elements", array.name());
-        return Err(MatrixError::Matlab(message));
+    let values = array.values.as_ref();
+    let values = values.ok_or_else(|| wrong("does not hold real floating-point numbers"))?;
+    let is_whole = rows.checked_mul(columns) == Some(values.len());
+    if !is_whole || values.iter().any(|value| !value.is_finite()) {
+        return Err(wrong("has missing or infinite elements"));
     }
     // MATLAB stores columns one after the other.
     from_values(rows, columns, |row, column| values[column * rows + row], options)
-}
-
-/// Whether what is compressed is of a size that a matrix may have: a megabyte can hold a gigabyte of
-/// zeros.
-fn check_size(bytes: &[u8]) -> Result<(), MatrixError> {
-    /// Of one variable.
-    const BUDGET: u64 = 16 << 20;
-    /// That of a compressed element.
-    const COMPRESSED: u32 = 15;
-    let little = bytes.get(126..128) == Some(b"IM");
-    let word = |bytes: &[u8]| -> Option<u32> {
-        let word = bytes.first_chunk().copied()?;
-        Some(if little { u32::from_le_bytes(word) } else { u32::from_be_bytes(word) })
-    };
-    let mut rest = bytes.get(128..).unwrap_or_default();
-    while let (Some(kind), Some(length)) = (word(rest), rest.get(4..).and_then(word)) {
-        let content = rest.get(8..).unwrap_or_default();
-        let length = usize::try_from(length).unwrap_or(usize::MAX).min(content.len());
-        let (element, behind) = content.split_at(length);
-        if kind == COMPRESSED {
-            let mut inflated = ZlibDecoder::new(element).take(BUDGET + 1);
-            // A damaged stream is told by the reader, with its reason.
-            let size = io::copy(&mut inflated, &mut io::sink()).unwrap_or(0);
-            if size > BUDGET {
-                let message = format!("a variable is larger than {} MB", BUDGET >> 20);
-                return Err(MatrixError::Matlab(message));
-            }
-        }
-        rest = behind;
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -27,6 +27,7 @@
 
 mod document;
 mod layout;
+mod mat5;
 mod matlab;
 pub mod matrix;
 mod moments;
