@@ -2,6 +2,7 @@
 //!
 //! - [`wrench`]: the six axes, their order, names and units;
 //! - [`block`]: a run of consecutive log rows, column by column;
+//! - [`fingerprint`]: whether two logs hold the same rows;
 //! - [`statistics`]: mean and variance, block by block;
 //! - [`telemetry`]: the columns of a robot's telemetry.
 //!
@@ -23,6 +24,7 @@
 #![forbid(unsafe_code)]
 
 pub mod block;
+pub mod fingerprint;
 pub mod statistics;
 pub mod telemetry;
 pub mod wrench;

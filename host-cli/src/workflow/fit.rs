@@ -3,7 +3,6 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{BlockErrors, Evaluation};
-use super::fingerprint::Fingerprint;
 use super::log_rows::{LogRows, store};
 use super::{WorkflowError, check_channels};
 use crate::calibration_file::LARGEST;
@@ -21,6 +20,7 @@ use calibration::validation::grouped::GroupedMoments;
 use calibration::{Basis, Calibration, FitError, Model, Polynomial};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::block::Block;
+use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::PerAxis;
 
 /// What is to be fitted, and how.

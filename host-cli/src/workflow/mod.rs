@@ -6,7 +6,6 @@ pub mod bench;
 pub mod convert;
 pub mod eval;
 pub mod figures;
-mod fingerprint;
 pub mod fit;
 mod kept_rows;
 mod log_rows;

@@ -3,11 +3,13 @@
 //! A copy of a log among the training logs counts its rows twice; held out against its original, or
 //! tested on, it makes errors look far smaller than they are.
 
-use shell_data::block::Block;
+use pulp::{Arch, NullaryFnOnce};
+
+use crate::Block;
 
 /// What is left of the rows of a log: equal for equal rows in any order, and for others hardly ever.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Fingerprint {
+pub struct Fingerprint {
     rows: u64,
     sum: u64,
     /// Sum of the squares of what `sum` adds up.
@@ -16,39 +18,52 @@ pub(super) struct Fingerprint {
 
 impl Fingerprint {
     /// Of readings and wrench of the rows of a block.
-    pub(super) fn of(block: &Block) -> Self {
-        let mut hashes = vec![0_u64; block.rows];
-        for column in block.readings.iter().chain(&block.wrench) {
-            for (hash, value) in hashes.iter_mut().zip(column) {
-                *hash = hash.wrapping_mul(0x9e37_79b1_85eb_ca87).wrapping_add(value.to_bits());
-            }
-        }
-        // As xxHash finishes, so that sums of rows say which rows they are.
-        for hash in &mut hashes {
-            *hash = (*hash ^ (*hash >> 29)).wrapping_mul(0x1656_67b1_9e37_79f9);
-            *hash ^= *hash >> 32;
-        }
-        let squares = hashes.iter().map(|hash| hash.wrapping_mul(*hash | 1));
-        Self {
-            rows: block.rows as u64,
-            squares: squares.fold(0, u64::wrapping_add),
-            sum: hashes.iter().copied().fold(0, u64::wrapping_add),
-        }
+    pub fn of(block: &Block) -> Self {
+        Arch::new().dispatch(OfBlock(block))
     }
 
-    pub(super) fn merge(&mut self, other: Self) {
+    /// Counts the rows of `other` in: of the same log, in any order.
+    pub fn merge(&mut self, other: Self) {
         self.rows += other.rows;
         self.sum = self.sum.wrapping_add(other.sum);
         self.squares = self.squares.wrapping_add(other.squares);
     }
 
     /// Which of some logs is the first with the rows of one before it, and which that is.
-    pub(super) fn first_copy(logs: &[Self]) -> Option<(usize, usize)> {
+    pub fn first_copy(logs: &[Self]) -> Option<(usize, usize)> {
         let copy_of = |(later, fingerprint): (usize, &Self)| {
             let earlier = logs[..later].iter().position(|earlier| earlier == fingerprint);
             earlier.filter(|_| fingerprint.rows > 0).map(|earlier| (earlier, later))
         };
         logs.iter().enumerate().find_map(copy_of)
+    }
+}
+
+/// [`Fingerprint::of`], inlined whole into code for the widest vectors of the processor.
+struct OfBlock<'a>(&'a Block);
+
+impl NullaryFnOnce for OfBlock<'_> {
+    type Output = Fingerprint;
+
+    #[inline(always)]
+    fn call(self) -> Fingerprint {
+        let block = self.0;
+        let mut hashes = vec![0_u64; block.rows];
+        // Rotated and added: every processor has both for vectors of 64 bits, few have the product.
+        for column in block.readings.iter().chain(&block.wrench) {
+            for (hash, value) in hashes.iter_mut().zip(column) {
+                *hash = hash.rotate_left(23).wrapping_add(value.to_bits());
+            }
+        }
+        let mut fingerprint = Fingerprint { rows: block.rows as u64, ..Fingerprint::default() };
+        // As xxHash finishes, so that sums of rows say which rows they are.
+        for mut hash in hashes {
+            hash = (hash ^ (hash >> 29)).wrapping_mul(0x1656_67b1_9e37_79f9);
+            hash ^= hash >> 32;
+            fingerprint.sum = fingerprint.sum.wrapping_add(hash);
+            fingerprint.squares = fingerprint.squares.wrapping_add(hash.wrapping_mul(hash | 1));
+        }
+        fingerprint
     }
 }
 
