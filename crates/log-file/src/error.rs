@@ -56,6 +56,14 @@ pub enum LogError {
         /// The longest line that is read.
         limit: usize,
     },
+    /// Lines that end in a carriage return alone, as no program has written them for decades.
+    #[error("`{}`, line {line}: lines end with a carriage return and no line feed", path.display())]
+    CarriageReturns {
+        /// The file.
+        path: PathBuf,
+        /// The first such line.
+        line: u64,
+    },
     /// A telemetry log whose `%` lines name no columns.
     #[error("`{}`: no `%` line names the columns, separated by `|`", path.display())]
     NoColumnNames {

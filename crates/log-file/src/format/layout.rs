@@ -58,7 +58,7 @@ pub(crate) fn recognise_layout(
     if head.trim_ascii().is_empty() || head == BYTE_ORDER_MARK {
         return Err(LogError::Empty { path: path() });
     }
-    let header = read_header(source, head, mapping)?;
+    let header = read_header(source, head, whole, mapping)?;
     if whole && head[header.rows_start.min(head.len())..].trim_ascii().is_empty() {
         return Err(LogError::NoRows { path: path() });
     }
@@ -85,10 +85,16 @@ pub(crate) fn recognise_layout(
 
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-fn read_header(source: &LogSource, head: &[u8], mapping: &Mapping) -> Result<Header, LogError> {
+fn read_header(
+    source: &LogSource,
+    head: &[u8],
+    whole: bool,
+    mapping: &Mapping,
+) -> Result<Header, LogError> {
     let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
     let first = Line::first_with_text(head, start, 1, b"#");
     let Some(first) = first else { return Err(LogError::NoRows { path: source.path.clone() }) };
+    first.check(source, head, whole)?;
     let format = match mapping.format {
         Some(format) => format,
         None if first.text.starts_with(b"%") => Format::Telemetry,
@@ -279,6 +285,18 @@ struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
+    /// Whether it is a line by itself, and there to its end.
+    fn check(&self, source: &LogSource, head: &[u8], whole: bool) -> Result<(), LogError> {
+        let (path, line) = (source.path.clone(), self.number);
+        if memchr(b'\r', self.text).is_some() {
+            return Err(LogError::CarriageReturns { path, line });
+        }
+        if !whole && self.next == head.len() && !head.ends_with(b"\n") {
+            return Err(LogError::LineTooLong { path, line, limit: head.len() });
+        }
+        Ok(())
+    }
+
     /// The first line from `start` on that is neither blank nor starts with `comment`.
     fn first_with_text(
         head: &'a [u8],

@@ -23,14 +23,15 @@ pub(crate) struct LogSource {
 impl LogSource {
     pub(crate) fn new(path: &Path) -> Result<Self, LogError> {
         let source = Self { path: path.to_owned(), bytes: 0, compressed: false };
-        let mut file = source.file()?;
-        let metadata = file.metadata().map_err(|error| source.error(error))?;
+        // Before it is opened: whoever opens a pipe waits for its writer.
+        let metadata = std::fs::metadata(path).map_err(|error| source.error(error))?;
         if metadata.is_dir() {
             return Err(source.error(io::ErrorKind::IsADirectory.into()));
         }
         if !metadata.is_file() {
             return Err(source.error(io::Error::other("not a regular file, which logs must be")));
         }
+        let mut file = source.file()?;
         let mut magic = Vec::with_capacity(2);
         Read::take(&mut file, 2).read_to_end(&mut magic).map_err(|error| source.error(error))?;
         Ok(Self { bytes: metadata.len(), compressed: magic == [0x1f, 0x8b], ..source })

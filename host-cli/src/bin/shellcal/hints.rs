@@ -266,6 +266,9 @@ fn after_log(error: &LogError) -> Option<&'static str> {
             "logs are text (telemetry, CSV, console), as they are or compressed with gzip"
         }
         LogError::LineTooLong { .. } => "this does not look like a log; are its line ends missing?",
+        LogError::CarriageReturns { .. } => {
+            "give its lines the ends that others have: `tr '\\r' '\\n' < OLD > NEW`"
+        }
         LogError::NoColumnNames { .. } => {
             "add the line that names the columns, `% time | … | S1 | …`, as the last `%` line"
         }

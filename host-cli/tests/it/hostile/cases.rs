@@ -3,8 +3,14 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
+use calibration::Basis;
+use log_file::{Log, Mapping, ReadOptions};
+use shellcal::workflow::WorkflowError;
+use shellcal::workflow::fit::{FitOptions, fit};
 use system_tests::program;
+use system_tests::random::Random;
 use tempfile::TempDir;
 
 /// What a command says that must end with this exit code.
@@ -377,4 +383,67 @@ fn windows_of_no_length_are_refused() {
     says(&dir, "synth trial -o trial.txt", 0);
     let said = says(&dir, "trial trial.txt --calibration cal.json --enter 3 --exit 3.0001", 2);
     assert!(said.contains("shorter than 10 periods of the log"), "{said}");
+}
+
+#[test]
+fn headers_and_line_ends_that_no_log_has_are_named() {
+    let dir = folder();
+    let names: Vec<String> = (0..9000).map(|i| format!("column{i}")).collect();
+    write(&dir, "wide.csv", format!("{}\n{}\n", names.join(","), vec!["1"; 9000].join(",")));
+    let said = says(&dir, "info wide.csv", 2);
+    assert!(said.contains("line 1: longer than 65536 bytes"), "{said}");
+    write(&dir, "mac.csv", read(&dir, "test.csv").replace('\n', "\r"));
+    let said = says(&dir, "info mac.csv", 2);
+    assert!(said.contains("a carriage return and no line feed"), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn nobody_waits_for_the_writer_of_a_pipe() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = std::process::Command::new("mkfifo").arg(dir.path().join("pipe.csv")).status();
+    assert!(made.unwrap().success());
+    let said = says(&dir, "info pipe.csv", 2);
+    assert!(said.contains("not a regular file"), "{said}");
+}
+
+#[test]
+fn standard_errors_by_group_that_were_asked_for_are_found_or_refused() {
+    let dir = folder();
+    let text = read(&dir, "train.csv");
+    let numbered =
+        |(row, line): (usize, &str)| format!("{},{row}\n", line.rsplit_once(',').unwrap().0);
+    let header = text.lines().next().unwrap();
+    let rows: String = text.lines().skip(1).enumerate().map(numbered).collect();
+    write(&dir, "many.csv", format!("{header}\n{rows}"));
+    let said = says(&dir, "fit many.csv --covariance groups", 2);
+    assert!(said.contains("more than `2000` groups"), "{said}");
+    says(&dir, "fit train.csv --covariance groups", 0);
+}
+
+/// Rows that are not kept between the passes, and a file that is another one in the second.
+#[test]
+fn a_file_that_changes_between_two_passes_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("long.csv");
+    let mut random = Random(7);
+    let mut text = String::from("s1,s2,s3,s4,s5,s6,s7,s8,Fx,Fy,Fz,Mx,My,Mz\n");
+    for _ in 0..100_000 {
+        // With all digits, so that rows are long in memory.
+        let cells: Vec<String> = (0..14).map(|_| (9.0 + random.normal()).to_string()).collect();
+        writeln!(text, "{}", cells.join(",")).unwrap();
+    }
+    fs::write(&path, &text).unwrap();
+    let log = Log::open(&path, &Mapping::default()).unwrap();
+    let bytes = log.bytes();
+    let has_changed = AtomicBool::new(false);
+    let progress = |read: u64| {
+        if read > bytes && !has_changed.swap(true, Ordering::Relaxed) {
+            fs::write(&path, format!("{text}{}", text.lines().last().unwrap())).unwrap();
+        }
+    };
+    let read = ReadOptions { progress: Some(&progress), ..ReadOptions::default() };
+    let options = FitOptions { basis: Basis::Linear, read, ..FitOptions::default() };
+    let error = fit(&[log], &[], &options).err().expect("an error");
+    assert!(matches!(error, WorkflowError::Changed { .. }), "{error}");
 }

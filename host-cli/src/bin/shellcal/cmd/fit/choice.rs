@@ -30,8 +30,7 @@ impl FitArgs {
             cross_validation: self.cv,
             seed: self.cv_seed,
             covariance: match self.covariance {
-                // Of use in a calibration file, and nowhere else.
-                _ if self.output.is_none() => CovarianceRule::Nothing,
+                _ if !self.wants_covariance() => CovarianceRule::Nothing,
                 CovarianceArg::Auto => CovarianceRule::Auto,
                 CovarianceArg::Groups => CovarianceRule::Groups,
                 CovarianceArg::Rows => CovarianceRule::Rows,

@@ -262,9 +262,13 @@ impl FitArgs {
         }
     }
 
-    /// A covariance is of use in a calibration file, and nowhere else.
+    /// A covariance is of use in a calibration file; one by groups is found for whoever asks for it.
     fn wants_covariance(&self) -> bool {
-        self.output.is_some() && !matches!(self.covariance, CovarianceArg::None)
+        match self.covariance {
+            CovarianceArg::Groups => true,
+            CovarianceArg::Auto | CovarianceArg::Rows => self.output.is_some(),
+            CovarianceArg::None => false,
+        }
     }
 
     /// Standard errors that were asked for and cannot be had are an error; those that are only
