@@ -444,6 +444,6 @@ fn a_file_that_changes_between_two_passes_is_told() {
     };
     let read = ReadOptions { progress: Some(&progress), ..ReadOptions::default() };
     let options = FitOptions { basis: Basis::Linear, read, ..FitOptions::default() };
-    let error = fit(&[log], &[], &options).err().expect("an error");
+    let error = fit(&[log], &[], &options).unwrap_err();
     assert!(matches!(error, WorkflowError::Changed { .. }), "{error}");
 }
