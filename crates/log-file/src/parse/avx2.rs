@@ -6,7 +6,7 @@ use std::arch::x86_64::{__m128i, __m256i};
 use pulp::x86::V3;
 
 use super::instruction_set::{BLOCK, InstructionSet, Portable};
-use super::number::{parse_digits, quotient};
+use super::number::{quotient, signed};
 
 /// Processors with AVX2 and what came before it.
 #[derive(Clone, Copy, Debug)]
@@ -40,17 +40,15 @@ impl InstructionSet for Avx2 {
         match register {
             Some(register) if length <= 16 => {
                 // Fifteen digits are below 2⁵³.
-                let (mantissa, decimals) = self.digits(register, length, 0)?;
-                Some(quotient(negative, mantissa, decimals))
+                match self.digits(register, length) {
+                    Some((mantissa, decimals)) => Some(quotient(negative, mantissa, decimals)),
+                    None => self.other_number(lines, at, end),
+                }
             }
-            // What is in front of the register is a number, too: times have as many digits.
-            // Nineteen digits always fit 64 bits.
-            Some(register) if length <= 20 => {
-                let (low, decimals) = self.digits(register, 16, length - 16)?;
-                let high = parse_digits(lines, start, end - 16)?;
-                let mantissa = high * 1_000_000_000_000_000 + low;
-                (mantissa <= 1 << 53).then(|| quotient(negative, mantissa, decimals))
-            }
+            Some(_) if length <= 32 => match self.many_digits(lines, start, end) {
+                Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
+                None => self.other_number(lines, at, end),
+            },
             _ => self.other_number(lines, at, end),
         }
     }
@@ -68,15 +66,10 @@ impl Avx2 {
     }
 
     /// The number that the digits spell in the last `length` bytes of a register, and how many of
-    /// them follow a point; `digits_before` stand in front of those bytes. `None` where there are no
-    /// digits in front of the point or behind it, more than 15 in all, or anything else.
+    /// them follow a point. `None` where there are no digits in front of the point or behind it, more
+    /// than 15 in all, or anything else.
     #[inline(always)]
-    fn digits(
-        self,
-        register: &[u8; 16],
-        mut length: usize,
-        digits_before: usize,
-    ) -> Option<(u64, usize)> {
+    fn digits(self, register: &[u8; 16], mut length: usize) -> Option<(u64, usize)> {
         let V3 { sse2, ssse3, .. } = self.0;
         let mut register: __m128i = pulp::cast(*register);
         let points = sse2._mm_cmpeq_epi8(register, sse2._mm_set1_epi8(b'.' as i8));
@@ -88,7 +81,7 @@ impl Avx2 {
             length -= 1;
             decimals = length.wrapping_sub(whole_digits);
             let close_up = CLOSE_UP.get(decimals)?;
-            if decimals == 0 || whole_digits + digits_before == 0 {
+            if decimals == 0 || whole_digits == 0 {
                 return None;
             }
             register = ssse3._mm_shuffle_epi8(register, pulp::cast(*close_up));
@@ -101,6 +94,55 @@ impl Avx2 {
         let checked = sse2._mm_adds_epu8(values, sse2._mm_set1_epi8(0x76));
         let is_number = sse2._mm_movemask_epi8(checked) == 0;
         is_number.then(|| (self.join(values), decimals))
+    }
+
+    /// The number that the digits of `lines[start..end]` spell, up to 32 bytes, and how many of them
+    /// follow a point. `None` where there are no digits in front of the point or behind it, more
+    /// than fit 64 bits, or anything else.
+    #[inline(always)]
+    fn many_digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
+        const WIDTH: usize = 32;
+        let V3 { avx, avx2, .. } = self.0;
+        let length = end - start;
+        let register: &[u8; WIDTH] = lines.get(end.wrapping_sub(WIDTH)..)?.first_chunk()?;
+        // The same bytes one place closer to the end.
+        let closer: &[u8; WIDTH] = lines.get(end.wrapping_sub(WIDTH + 1)..)?.first_chunk()?;
+        let (register, closer): (__m256i, __m256i) = (pulp::cast(*register), pulp::cast(*closer));
+        let points = avx2._mm256_cmpeq_epi8(register, avx._mm256_set1_epi8(b'.' as i8));
+        let points =
+            (avx2._mm256_movemask_epi8(points) as u32).checked_shr((WIDTH - length) as u32)?;
+        let (mut digits, mut decimals, mut values) = (length, 0, register);
+        if points != 0 {
+            // The point is closed up. A second one is no digit.
+            let whole_digits = points.trailing_zeros() as usize;
+            digits -= 1;
+            decimals = digits - whole_digits;
+            if decimals == 0 || whole_digits == 0 {
+                return None;
+            }
+            let behind: &[u8; WIDTH] = FIRST_TO_LAST.get(WIDTH + decimals..)?.first_chunk()?;
+            values = avx2._mm256_blendv_epi8(closer, register, pulp::cast(*behind));
+        }
+        // What precedes the number becomes zeros.
+        let own: &[u8; WIDTH] = FIRST_TO_LAST.get(WIDTH + digits..)?.first_chunk()?;
+        let values = avx2._mm256_sub_epi8(values, avx._mm256_set1_epi8(b'0' as i8));
+        let values = avx2._mm256_and_si256(values, pulp::cast(*own));
+        // Sets the top bit of whatever is no digit.
+        let checked = avx2._mm256_adds_epu8(values, avx._mm256_set1_epi8(0x76));
+        if avx2._mm256_movemask_epi8(checked) != 0 {
+            return None;
+        }
+        let tens: __m256i = pulp::cast([[10_u8, 1]; 16]);
+        let pairs = avx2._mm256_maddubs_epi16(values, tens);
+        let fours = avx2._mm256_madd_epi16(pairs, pulp::cast([[100_i16, 1]; 8]));
+        let fours = avx2._mm256_packus_epi32(fours, fours);
+        let eights = avx2._mm256_madd_epi16(fours, pulp::cast([[10_000_i16, 1]; 8]));
+        // Each half has its numbers twice.
+        let [first, second, _, _, third, fourth, _, _]: [u32; 8] = pulp::cast(eights);
+        // Below 2⁶⁴.
+        let fits = first == 0 && second < 1844;
+        let [high, middle, low] = [second, third, fourth].map(u64::from);
+        fits.then(|| (high * 10_000_000_000_000_000 + middle * 100_000_000 + low, decimals))
     }
 
     /// Out of the way of the loop that `plain_number` is inlined in.
@@ -149,6 +191,17 @@ pub(crate) const CLOSE_UP: [[u8; 16]; 16] = {
         decimals += 1;
     }
     rows
+};
+
+/// From its 32nd byte and so many bytes on: a mask of as many bytes at the end of 32.
+const FIRST_TO_LAST: [u8; 96] = {
+    let mut bytes = [0; 96];
+    let mut i = 64;
+    while i < 96 {
+        bytes[i] = 0xff;
+        i += 1;
+    }
+    bytes
 };
 
 /// For each number of digits from 1 on, a mask of as many bytes at the end.

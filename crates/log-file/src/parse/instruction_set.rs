@@ -1,6 +1,6 @@
 //! The operations of [`super::rows`] on many bytes at once, for each instruction set.
 
-use super::number::{parse_digits, parse_plain};
+use super::number::{parse_digits, parse_long, parse_plain};
 
 /// The number of bytes that are searched together.
 pub(crate) const BLOCK: usize = 64;
@@ -123,7 +123,9 @@ impl InstructionSet for Portable {
 
     #[inline(always)]
     fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        let (value, number_end) = parse_plain(lines, at)?;
-        (number_end == end).then_some(value)
+        match parse_plain(lines, at) {
+            Some((value, number_end)) if number_end == end => Some(value),
+            _ => parse_long(lines, at, end),
+        }
     }
 }

@@ -7,6 +7,7 @@ mod avx512;
 pub(crate) mod console;
 mod field_ends;
 mod instruction_set;
+mod nearest;
 pub(crate) mod number;
 pub(crate) mod plan;
 pub(crate) mod rows;

@@ -3,8 +3,11 @@
 //! Plain decimals of at most 2⁵³ as an integer take a short way: their digits are read eight at a
 //! time within one 64-bit word, and `mantissa / 10ᵏ` with k ≤ 22 is then correctly rounded, since
 //! both are exact doubles (W. D. Clinger, "How to read floating point numbers accurately", PLDI
-//! 1990). Everything else (exponents, longer mantissas, spaces, signs of plus) is left to the
-//! standard library, and so is the decision about what is a number at all.
+//! 1990). Those of up to 64 bits, with an exponent or not, are rounded by [`nearest`]. Everything
+//! else (longer mantissas, spaces, signs of plus) is left to the standard library, and so is the
+//! decision about what is a number at all.
+
+use super::nearest::nearest;
 
 /// What a field holds that is not a finite number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +40,61 @@ pub(crate) fn parse_plain(bytes: &[u8], at: usize) -> Option<(f64, usize)> {
         end += 1 + decimals;
     }
     (mantissa <= 1 << 53).then(|| (quotient(negative, mantissa, decimals), end))
+}
+
+/// The number that all of `bytes[at..end]` spells if its digits fit 64 bits: a decimal with or without
+/// an exponent (`-0.30432148234712341`, `9.6e-05`).
+#[inline(always)]
+pub(crate) fn parse_long(bytes: &[u8], at: usize, end: usize) -> Option<f64> {
+    let negative = *bytes.get(at)? == b'-';
+    let start = at + usize::from(negative);
+    let (mut mantissa, mut number_end) = digits_on(bytes, start, 0)?;
+    let mut decimals = 0;
+    if *bytes.get(number_end)? == b'.' {
+        let first = number_end + 1;
+        (mantissa, number_end) = digits_on(bytes, first, mantissa)?;
+        decimals = (number_end - first) as i32;
+    }
+    let mut exponent = 0;
+    if number_end != end {
+        exponent = parse_exponent(bytes.get(number_end..end)?)?;
+    }
+    signed(negative, mantissa, exponent - decimals)
+}
+
+/// `±mantissa · 10^exponent`, correctly rounded; `None` for powers that no recording needs.
+#[inline(always)]
+pub(crate) fn signed(negative: bool, mantissa: u64, exponent: i32) -> Option<f64> {
+    let magnitude = nearest(mantissa, exponent)?;
+    Some(f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63))
+}
+
+/// The value of the digits before `bytes[at]` followed by those from there on, and where they end;
+/// `None` if there are none, more than 23, or more than fit 64 bits.
+#[inline(always)]
+fn digits_on(bytes: &[u8], at: usize, before: u64) -> Option<(u64, usize)> {
+    let (mut value, mut end) = (before, at);
+    for _ in 0..3 {
+        let (more, digits) = leading_digits(bytes, end)?;
+        value = value.checked_mul(POWERS_OF_TEN[digits])?.checked_add(more)?;
+        end += digits;
+        if digits < 8 {
+            return (end > at).then_some((value, end));
+        }
+    }
+    None
+}
+
+/// `e-05`, `E+3`: a sign or none, and one or two digits.
+fn parse_exponent(field: &[u8]) -> Option<i32> {
+    let (sign, digits) = match field {
+        [b'e' | b'E', b'-', digits @ ..] => (-1, digits),
+        [b'e' | b'E', b'+', digits @ ..] | [b'e' | b'E', digits @ ..] => (1, digits),
+        _ => return None,
+    };
+    let is_right = matches!(digits.len(), 1 | 2) && digits.iter().all(u8::is_ascii_digit);
+    let add = |value, digit: &u8| 10 * value + i32::from(digit - b'0');
+    is_right.then(|| sign * digits.iter().fold(0, add))
 }
 
 /// The number that all of `bytes[at..end]` spells if it is one to eight digits and nothing else, and
@@ -151,11 +209,13 @@ mod tests {
         let mut bytes = [BEFORE, text.as_bytes()].concat();
         // What follows a field in a file, so that whole words can be loaded.
         bytes.extend_from_slice(b",12345678901234567890\n");
-        let way = |plain: Option<(f64, usize)>| match plain {
-            Some((value, end)) if end == BEFORE.len() + text.len() => Ok(value),
-            _ => parse_field(text.as_bytes()),
-        };
-        way(parse_plain(&bytes, BEFORE.len()))
+        let (start, end) = (BEFORE.len(), BEFORE.len() + text.len());
+        let short = parse_plain(&bytes, start).filter(|(_, at)| *at == end).map(|(value, _)| value);
+        let long = parse_long(&bytes, start, end);
+        if let (Some(short), Some(long)) = (short, long) {
+            assert_eq!(short.to_bits(), long.to_bits(), "{text:?}");
+        }
+        short.or(long).map_or_else(|| parse_field(text.as_bytes()), Ok)
     }
 
     /// What precedes a field in a file.
@@ -209,6 +269,7 @@ mod tests {
         fn any_bytes_are_read_without_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..80)) {
             for at in 0..bytes.len() + 2 {
                 let _ = parse_plain(&bytes, at);
+                (0..bytes.len() + 2).for_each(|end| drop(parse_long(&bytes, at, end)));
             }
             let _ = parse_field(&bytes);
         }
