@@ -28,12 +28,16 @@ impl Butterworth {
     /// The highest order that can be asked for.
     pub const LARGEST_ORDER: usize = 16;
 
+    /// The lowest cutoff, as a share of the rate. An answer depends on some million samples there.
+    pub const LOWEST: f64 = 2e-5;
+
     /// A low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, for a signal sampled
     /// `rate_hz` times a second. The same filter as `scipy.signal.butter(order, cutoff, fs=rate)`.
     ///
     /// # Errors
     /// [`FilterError::Order`] outside 1..=16, [`FilterError::Rate`] unless positive and finite,
-    /// [`FilterError::Cutoff`] unless between 0 and half the rate, both excluded.
+    /// [`FilterError::Cutoff`] unless between 0 and half the rate, both excluded;
+    /// [`FilterError::TooSlow`] below a share of [`LOWEST`](Self::LOWEST) of the rate.
     pub fn low_pass(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
         if !(1..=Self::LARGEST_ORDER).contains(&order) {
             return Err(FilterError::Order { order });
@@ -44,6 +48,10 @@ impl Butterworth {
         let nyquist_hz = rate_hz / 2.0;
         if !(cutoff_hz > 0.0 && cutoff_hz < nyquist_hz) {
             return Err(FilterError::Cutoff { cutoff_hz, nyquist_hz });
+        }
+        let least_hz = Self::LOWEST * rate_hz;
+        if cutoff_hz < least_hz {
+            return Err(FilterError::TooSlow { cutoff_hz, rate_hz, least_hz });
         }
         let g = (PI * (cutoff_hz / rate_hz)).tan();
         // The poles lie evenly on a half circle, a pair at the angle θ from the imaginary axis has
@@ -168,6 +176,10 @@ mod tests {
         assert_eq!(
             of(4, 500.0, 1000.0).to_string(),
             "cutoff `500` Hz is not between 0 and half the sampling rate, `500` Hz"
+        );
+        assert_eq!(
+            of(4, 0.019, 1000.0).to_string(),
+            "cutoff `0.019` Hz is too low for 1000 samples per second: at least `0.02` Hz"
         );
         for cutoff in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(matches!(of(4, cutoff, 1000.0), FilterError::Cutoff { .. }));

@@ -45,6 +45,18 @@ pub enum FilterError {
         /// Half the sampling rate, Hz.
         nyquist_hz: f64,
     },
+    /// A cutoff so low that the filter would remember more than memory holds.
+    #[error(
+        "cutoff `{cutoff_hz}` Hz is too low for {rate_hz} samples per second: at least `{least_hz}` Hz"
+    )]
+    TooSlow {
+        /// The cutoff asked for, Hz.
+        cutoff_hz: f64,
+        /// The sampling rate, Hz.
+        rate_hz: f64,
+        /// The lowest cutoff, Hz.
+        least_hz: f64,
+    },
     /// A signal too short to be filtered without phase.
     #[error("`{samples}` samples are too few to filter without phase: at least `{needed}` needed")]
     TooFewSamples {

@@ -233,6 +233,8 @@ fn sizes_are_refused_before_they_are_taken() {
         let said = says(&dir, &format!("fit wide.csv --model poly3 --solver {solver}"), 2);
         assert!(said.contains("`quadratic` would do, or `21` channels"), "{said}");
     }
+    let said = says(&dir, "convert cal.json test.csv --lowpass 1e-6 -o out.csv", 2);
+    assert!(said.contains("too low for 10 samples per second"), "{said}");
     says(&dir, "fit train.csv --model linear --partial partial.json", 0);
     let partial = read(&dir, "partial.json");
     let (start, rest) = partial.split_once("\"channels\": [").unwrap();
