@@ -32,6 +32,19 @@ pub(crate) struct Args {
     /// Runs of every tool
     #[arg(long, default_value_t = 9)]
     runs: usize,
+
+    /// How the wrench is written [default: both, one after the other]
+    #[arg(long, value_enum)]
+    numbers: Option<Numbers>,
+}
+
+/// How the numbers of a file are written.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Numbers {
+    /// In the steps of a digital sensor, `0.00625`
+    Short,
+    /// With all digits of a double, `0.30432148234712341`
+    Full,
 }
 
 /// The models by our names and by the peers'.
@@ -47,24 +60,38 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     ensure!(args.peers.is_dir(), "`{}` is not a directory", args.peers.display());
     let shellcal = steps::build_shellcal()?;
     let dir = steps::scratch("bench-peers")?;
-    let train = synthetic(&shellcal, &dir, "train", args.train_rows)?;
-    let test = synthetic(&shellcal, &dir, "test", args.test_rows)?;
-    let bytes = fs::metadata(&train)?.len() + fs::metadata(&test)?.len();
+    let both = [Numbers::Short, Numbers::Full];
+    for numbers in args.numbers.as_ref().map_or(&both[..], std::slice::from_ref) {
+        let make = |kind, rows| match numbers {
+            Numbers::Short => synthetic(&shellcal, &dir, kind, rows),
+            Numbers::Full => with_all_digits(&args.peers, &dir, rows),
+        };
+        let (train, test) = (make("train", args.train_rows)?, make("test", args.test_rows)?);
+        println!("{numbers:?} numbers\n");
+        compare(args, &shellcal, &dir, [&train, &test])?;
+    }
+    Ok(())
+}
+
+/// All tools on one pair of files.
+fn compare(args: &Args, shellcal: &Path, dir: &Path, files: [&Path; 2]) -> Result<()> {
+    let [train, test] = files;
+    let bytes = fs::metadata(train)?.len() + fs::metadata(test)?.len();
     let megabytes = bytes as f64 / 1e6;
     println!("{} + {} rows, {megabytes:.1} MB\n", args.train_rows, args.test_rows);
 
-    let floor_s = floor(&[&train, &test], args.runs)?;
+    let floor_s = floor(&files, args.runs)?;
     println!("floor (read both files, find the newlines, one thread): {:.1} ms\n", floor_s * 1e3);
 
     for (ours, theirs) in MODELS {
         let mut tools = vec![Tool {
             name: "shellcal",
             command: vec![
-                argument(&shellcal),
+                argument(shellcal),
                 "fit".into(),
-                argument(&train),
+                argument(train),
                 "--test".into(),
-                argument(&test),
+                argument(test),
                 "--model".into(),
                 ours.into(),
                 "--output".into(),
@@ -72,12 +99,23 @@ pub(crate) fn run(args: &Args) -> Result<()> {
                 "--json".into(),
             ],
         }];
-        tools.extend(peers(&args.peers, &train, &test, theirs));
+        tools.extend(peers(&args.peers, train, test, theirs));
         let tools = working(tools)?;
         let medians = medians(&tools, args.runs)?;
         print_table(ours, &tools, &medians, bytes, floor_s);
     }
     Ok(())
+}
+
+/// The same with all digits, by the peers' own script.
+fn with_all_digits(peers: &Path, dir: &Path, rows: usize) -> Result<PathBuf> {
+    let path = dir.join(format!("full-{rows}.csv"));
+    if !path.exists() {
+        let mut command = Command::new("python3");
+        command.arg(peers.join("make_wide.py")).arg(&path).arg(rows.to_string());
+        steps::run(&format!("make {}", path.display()), &mut command)?;
+    }
+    Ok(path)
 }
 
 /// A file of the sensor model, made once and kept.
