@@ -1,5 +1,7 @@
 //! How the program is linked, and which of its tests can run here.
 
+use std::process::{Command, Stdio};
+
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
@@ -9,6 +11,13 @@ fn main() {
     println!("cargo::rerun-if-env-changed={REAL_DATA}");
     if std::env::var_os(REAL_DATA).is_some() {
         println!("cargo::rustc-cfg=real_data");
+    }
+    // So are those on pages of the manual where nothing renders them.
+    println!("cargo::rustc-check-cfg=cfg(groff)");
+    let quiet =
+        |program: &mut Command| program.stdout(Stdio::null()).stderr(Stdio::null()).status();
+    if quiet(Command::new("groff").arg("--version")).is_ok_and(|status| status.success()) {
+        println!("cargo::rustc-cfg=groff");
     }
     println!("cargo::rerun-if-changed=build.rs");
     let target = |key: &str| std::env::var(format!("CARGO_CFG_TARGET_{key}")).unwrap_or_default();

@@ -37,6 +37,7 @@ mod readme;
 #[cfg(unix)]
 mod record_port;
 mod record_replay;
+mod shell_integration;
 mod simulate_command;
 mod solver_identities;
 mod support;

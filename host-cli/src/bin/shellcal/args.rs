@@ -18,6 +18,18 @@ pub(crate) struct Args {
     pub(crate) command: Command,
 }
 
+/// What is said to who has said nothing.
+pub(crate) const GREETING: &str = "\
+shellcal: from the recordings of an optical 6-axis force/torque shell to forces and moments
+
+  shellcal info LOG                           what a log holds
+  shellcal fit TRAIN --test TEST -o CAL       fit a calibration
+  shellcal convert CAL LOG -o OUT             turn readings into forces and moments
+  shellcal batch MANIFEST --calibration CAL   drag, lift and energies of trials
+  shellcal record PORT -o LOG                 record from a board
+
+`shellcal help` lists all commands, `shellcal help COMMAND` has examples.";
+
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;

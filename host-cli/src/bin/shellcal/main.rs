@@ -8,11 +8,16 @@ mod outcome;
 mod printer;
 mod signals;
 
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches};
 
 fn main() -> ExitCode {
+    if std::env::args_os().len() < 2 {
+        let _ = writeln!(io::stderr(), "{}", args::GREETING);
+        return ExitCode::from(2);
+    }
     let mut command = args::Args::command();
     let matches = command.get_matches_mut();
     let args = match args::Args::from_arg_matches(&matches) {

@@ -4,6 +4,7 @@ mod align;
 mod bench;
 mod board;
 mod choices;
+mod completions;
 mod convert;
 mod deferred;
 mod eval;
@@ -11,6 +12,7 @@ mod fit;
 mod frames;
 mod import;
 mod info;
+mod man;
 mod mapping;
 mod merge;
 mod noise;
@@ -155,6 +157,12 @@ pub(crate) enum Command {
     /// and the energy of a crossing. Lengths take mm, cm or m, and are in m without a unit; positions
     /// are those of the body's middle past the first beam.
     Simulate(Deferred<simulate::SimulateArgs>),
+
+    /// Print what bash, zsh, fish, PowerShell or elvish needs to complete command lines
+    Completions(Deferred<completions::CompletionsArgs>),
+
+    /// Write the manual: a page for each command
+    Man(Deferred<man::ManArgs>),
 }
 
 impl Command {
@@ -181,6 +189,8 @@ impl Command {
             Command::Bench(args) => args.run(printer, outputs),
             Command::Synth(args) => args.run(printer, outputs),
             Command::Simulate(args) => args.run(printer, outputs),
+            Command::Completions(args) => args.run(printer),
+            Command::Man(args) => args.run(printer, outputs),
         }
     }
 }
