@@ -50,7 +50,7 @@ fn who_says_nothing_is_told_where_to_start() {
     for start in ["info", "fit", "convert", "batch", "record", "help"] {
         assert!(text.contains(&format!("shellcal {start}")), "{text}");
     }
-    assert!(text.lines().all(|line| line.chars().count() <= 90), "{text}");
+    assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
 }
 
 #[test]

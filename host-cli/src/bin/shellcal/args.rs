@@ -20,7 +20,7 @@ pub(crate) struct Args {
 
 /// What is said to who has said nothing.
 pub(crate) const GREETING: &str = "\
-shellcal: from the recordings of an optical 6-axis force/torque shell to forces and moments
+From recordings of an optical force/torque shell to forces and moments:
 
   shellcal info LOG                           what a log holds
   shellcal fit TRAIN --test TEST -o CAL       fit a calibration
