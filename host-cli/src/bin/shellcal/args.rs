@@ -24,7 +24,7 @@ From recordings of an optical force/torque shell to forces and moments:
 
   shellcal info LOG                           what a log holds
   shellcal fit TRAIN --test TEST -o CAL       fit a calibration
-  shellcal convert CAL LOG -o OUT             turn readings into forces and moments
+  shellcal convert CAL LOG -o OUT             readings to forces and moments
   shellcal batch MANIFEST --calibration CAL   drag, lift and energies of trials
   shellcal record PORT -o LOG                 record from a board
 
