@@ -17,6 +17,7 @@ use calibration::uncertainty::{Covariance, ErrorShape};
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
 use calibration::validation::grouped::GroupedMoments;
+use calibration::validation::shared_loads::RowSample;
 use calibration::{Basis, Calibration, FitError, Model, Polynomial};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::block::Block;
@@ -98,6 +99,8 @@ pub struct Fit {
     pub loads: WrenchSums,
     /// Errors on each test log.
     pub test: Vec<Evaluation>,
+    /// The share of test rows on plateaus of the training logs, where those are made of plateaus.
+    pub on_plateaus: Option<f64>,
     /// What a figure needs of training and test logs.
     pub plots: Option<(FitPlot, FitPlot)>,
 }
@@ -147,8 +150,19 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         covariance.shape = shape(&errors.train, &unit);
     }
     calibration.covariance = covariance;
-    let Errors { train, loads, test, plots } = errors;
-    Ok(Fit { calibration, solution, solver, not_exact, not_grouped, train, loads, test, plots })
+    let Errors { train, loads, test, on_plateaus, plots } = errors;
+    Ok(Fit {
+        calibration,
+        solution,
+        solver,
+        not_exact,
+        not_grouped,
+        train,
+        loads,
+        test,
+        on_plateaus,
+        plots,
+    })
 }
 
 /// The first of the training logs, if all logs have what a fit needs.
@@ -167,6 +181,7 @@ struct Errors {
     train: Vec<Evaluation>,
     loads: WrenchSums,
     test: Vec<Evaluation>,
+    on_plateaus: Option<f64>,
     plots: Option<(FitPlot, FitPlot)>,
 }
 
@@ -186,6 +201,8 @@ fn errors(
     // Training rows are within the range that they define: there is nothing to look for.
     let mut without_range = calibration.clone();
     without_range.valid_range = None;
+    let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
+    let is_tested = train < logs.len();
     // A log by itself is a copy of none.
     let is_alone = logs.len() == 1;
     let map = |log: usize, block: &Block| {
@@ -195,9 +212,13 @@ fn errors(
             true => BlockErrors::of(&without_range, block, size_unit, plot),
             false => BlockErrors::of(calibration, block, None, plot),
         };
-        Ok((errors, is_train.then(|| WrenchSums::of(&block.wrench)), fingerprint))
+        let sample = is_tested.then(|| RowSample::of(block));
+        Ok((errors, is_train.then(|| WrenchSums::of(&block.wrench)), fingerprint, sample))
     };
-    let summaries = rows.each_block(map, |log, (block, of_block, fingerprint)| {
+    let summaries = rows.each_block(map, |log, (block, of_block, fingerprint, sample)| {
+        if let Some(sample) = sample {
+            if log < train { train_rows.add(sample) } else { test_rows.add(sample) }
+        }
         fingerprints[log].merge(fingerprint);
         let plot = plots.as_mut().map(|(of_train, of_test)| match log < train {
             true => of_train,
@@ -226,7 +247,8 @@ fn errors(
         return Err(FitError::Overflow.into());
     }
     let test = evaluations.split_off(train);
-    Ok(Errors { train: evaluations, loads, test, plots })
+    let on_plateaus = test_rows.share_on_plateaus_of(&train_rows);
+    Ok(Errors { train: evaluations, loads, test, on_plateaus, plots })
 }
 
 /// Solves by the solver of that name.

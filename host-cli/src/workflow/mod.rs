@@ -7,6 +7,7 @@ pub mod convert;
 pub mod eval;
 pub mod figures;
 pub mod fit;
+pub mod groups;
 mod kept_rows;
 mod log_rows;
 pub mod log_summary;
@@ -50,7 +51,8 @@ pub enum WorkflowError {
     Validation(ValidationError),
     /// The logs have no groups, and are a single file.
     #[error(
-        "there is nothing to hold out: give several logs, or logs with a group column (`--group`)"
+        "there is nothing to hold out: the log has no group column, no plateaus of constant load and no \
+         jumps of time; give several logs, or a column that is one value in each pose (`--group`)"
     )]
     NoGroups,
     /// A log is a copy of another, and would be counted twice or tested on itself.

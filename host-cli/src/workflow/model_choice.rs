@@ -2,9 +2,11 @@
 //! logs, where any of it is asked for.
 
 use super::WorkflowError;
-use super::moments::{self, GroupBy, SumOptions};
+use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
+use super::moments::{self, SumOptions};
 use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
+use calibration::validation::advice::Advice;
 use calibration::validation::cross_validation::{CrossValidation, cross_validate};
 use calibration::validation::grouped::{GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, Selection};
@@ -23,12 +25,14 @@ const FEWEST_GROUPS: usize = 10;
 /// What is held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeldOut {
-    /// Each group of the logs' group column, or each file.
+    /// Each group of the logs' group column, or each file, or what is found in a log alone.
     Auto,
     /// Each file.
     File,
     /// Each group of the column.
     Column,
+    /// Each plateau of constant load.
+    Plateaus,
     /// So many folds of groups.
     Folds(usize),
 }
@@ -36,9 +40,9 @@ pub enum HeldOut {
 /// What the covariance of the coefficients is found from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CovarianceRule {
-    /// By the log's group column where it has ten groups at least, by rows otherwise.
+    /// By the log's group column or its plateaus where there are ten at least, by rows otherwise.
     Auto,
-    /// Errors are alike within groups: those of the group column, or files.
+    /// Errors are alike within groups: those of the group column, files, or those that are found.
     Groups,
     /// Errors are independent from row to row.
     Rows,
@@ -81,6 +85,8 @@ pub struct ModelChoice {
     pub selection: Option<Selection>,
     /// Held-out errors, where they were asked for.
     pub cross_validation: Option<CrossValidation>,
+    /// What either says to do.
+    pub advice: Option<Advice>,
     /// The sums of the training rows, by group, where they were made.
     pub sums: Option<GroupedMoments>,
     /// What the groups of those are.
@@ -91,6 +97,13 @@ pub struct ModelChoice {
     pub not_grouped: Option<ValidationError>,
     /// Why there should be no covariance at all, unless it is asked for by name.
     pub few_groups: Option<FewGroups>,
+}
+
+impl ModelChoice {
+    /// The groups that were found, where they are not given.
+    pub fn found_groups(&self) -> Option<FoundSummary> {
+        self.sums.as_ref().and(self.group_by.as_ref())?.found().map(FoundGroups::summary)
+    }
 }
 
 /// More than half as many features as groups: whatever the rank, what the groups leave to tell errors
@@ -122,25 +135,32 @@ pub fn choose(
         ridge: options.ridge,
         selection: None,
         cross_validation: None,
+        advice: None,
         sums: None,
         group_by: None,
         by_group: false,
         not_grouped: None,
         few_groups: None,
     };
-    let (group_by, folds) = match options.cross_validation {
-        Some(HeldOut::File) => (Some(GroupBy::File), None),
-        Some(HeldOut::Column) => (Some(GroupBy::Column), None),
-        Some(HeldOut::Folds(folds)) => (moments::group_by(train), Some(folds)),
-        Some(HeldOut::Auto) | None => (moments::group_by(train), None),
-    };
-    choice.group_by = group_by;
-    choice.by_group = options.wants_groups(group_by);
     let validates = options.basis.is_none() || options.cross_validation.is_some();
+    let folds = match options.cross_validation {
+        Some(HeldOut::Folds(folds)) => Some(folds),
+        _ => None,
+    };
+    let asks_for_groups = validates || options.covariance == CovarianceRule::Groups;
+    choice.group_by = match options.cross_validation {
+        _ if !asks_for_groups && !options.takes_groups() => None,
+        Some(held_out) => groups::held_out(train, held_out, &options.read)?,
+        None if asks_for_groups => groups::held_out(train, HeldOut::Auto, &options.read)?,
+        None => groups::of_errors(train, &options.read)?,
+    };
+    let group_by = choice.group_by.clone();
+    choice.by_group = options.wants_groups(group_by.as_ref());
     if !validates && !choice.by_group {
         return Ok(choice);
     }
-    let sums = options.sum(train, choice.basis, group_by.ok_or(WorkflowError::NoGroups)?, folds);
+    let sums =
+        options.sum(train, choice.basis, group_by.clone().ok_or(WorkflowError::NoGroups)?, folds);
     let sums = match sums {
         // Better standard errors were not asked for by name.
         Err(WorkflowError::Fit(FitError::NotExact(reason))) if !validates => {
@@ -162,30 +182,55 @@ pub fn choose(
         let selection = selection::select(&sums, options.intercept, ridges)?;
         let chosen = &selection.candidates[selection.chosen];
         (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
+        choice.advice = Some(Advice::of(&sums, options.intercept, &selection, None)?);
         choice.selection = Some(selection);
     }
     let channels = train.first().map_or(0, Log::channels);
     let model = Model { basis: choice.basis, intercept: options.intercept, channels };
-    if options.covariance == CovarianceRule::Auto && group_by == Some(GroupBy::Column) {
+    let is_of_poses = group_by.is_some_and(|group_by| group_by.is_of_poses());
+    if options.covariance == CovarianceRule::Auto && is_of_poses {
         choice.few_groups = FewGroups::of(model.term_count(), sums.groups.len());
     }
     if options.cross_validation.is_some() {
         choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
+        if choice.advice.is_none() {
+            choice.advice = advice(&sums, &model, choice.ridge)?;
+        }
     }
     choice.sums = Some(sums);
     Ok(choice)
 }
 
+/// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
+/// if there is none, or it cannot be fitted without one of the folds.
+fn advice(
+    sums: &GroupedMoments,
+    model: &Model,
+    ridge: f64,
+) -> Result<Option<Advice>, ValidationError> {
+    let selection = selection::select(sums, model.intercept, &[ridge])?;
+    let given = (selection.candidates.iter())
+        .position(|candidate| candidate.basis == model.basis && candidate.errors.is_some());
+    match given {
+        Some(given) if selection.candidates.len() > 1 => {
+            Advice::of(sums, model.intercept, &selection, Some(given)).map(Some)
+        }
+        _ => Ok(None),
+    }
+}
+
 impl ModelChoiceOptions<'_> {
     /// Whether the covariance is to come from groups, if those are `group_by`.
-    fn wants_groups(&self, group_by: Option<GroupBy>) -> bool {
+    fn wants_groups(&self, group_by: Option<&GroupBy>) -> bool {
         match self.covariance {
             CovarianceRule::Groups => true,
-            CovarianceRule::Auto => {
-                group_by == Some(GroupBy::Column) && self.solver == SolverKind::Exact
-            }
-            CovarianceRule::Rows | CovarianceRule::Nothing => false,
+            _ => self.takes_groups() && group_by.is_some_and(GroupBy::is_of_poses),
         }
+    }
+
+    /// Whether it may come from groups that nobody has asked for.
+    fn takes_groups(&self) -> bool {
+        self.covariance == CovarianceRule::Auto && self.solver == SolverKind::Exact
     }
 
     fn sum(

@@ -1,5 +1,6 @@
 //! From logs to exact sums, group by group, in one pass and without fitting anything.
 
+use super::groups::GroupBy;
 use super::{WorkflowError, check_channels};
 use calibration::FitError;
 use calibration::model::{Basis, Model};
@@ -8,20 +9,11 @@ use calibration::validation::ValidationError;
 use calibration::validation::grouped::{
     BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
 };
-use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
+use log_file::{self, Log, ReadOptions, ReadSummary};
 use shell_data::block::Block;
 
-/// What a group is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GroupBy {
-    /// The rows of a file.
-    File,
-    /// The rows with one label in the logs' group column.
-    Column,
-}
-
 /// What is summed, and how.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct SumOptions<'a> {
     /// The largest family of features that is to be fitted.
     pub basis: Basis,
@@ -35,16 +27,6 @@ pub struct SumOptions<'a> {
     pub read: ReadOptions<'a>,
 }
 
-/// What groups there are to tell apart in `logs`: those of a column where all have one, otherwise
-/// files where there are several.
-pub fn group_by(logs: &[Log]) -> Option<GroupBy> {
-    if !logs.is_empty() && logs.iter().all(Log::has_groups) {
-        Some(GroupBy::Column)
-    } else {
-        (logs.len() > 1).then_some(GroupBy::File)
-    }
-}
-
 /// Sums the rows of `logs`. Also returns what each log was.
 ///
 /// # Errors
@@ -55,8 +37,7 @@ pub fn sum(
     options: &SumOptions<'_>,
 ) -> Result<(GroupedMoments, Vec<ReadSummary>), WorkflowError> {
     let first = logs.first().ok_or(WorkflowError::NoLogs)?;
-    let groups = options.group_by == GroupBy::Column;
-    let wanted = Wanted { readings: true, wrench: true, groups, ..Wanted::default() };
+    let wanted = options.group_by.wanted(logs);
     for log in logs {
         log.require(&wanted)?;
         check_channels(log, first.channels())?;
@@ -65,25 +46,25 @@ pub fn sum(
     let model = Model { basis: options.basis, intercept: true, channels };
     model.check_size().map_err(FitError::from)?;
     let mut sums = GroupSums::new(options.basis, channels, options.random);
-    let labels: Vec<String> = logs.iter().map(|log| log.path().display().to_string()).collect();
     let empty = sums.worker();
     let init = || empty.clone();
     let map = |worker: &mut GroupWorker,
                log: usize,
                block: &mut Block|
      -> Result<BlockGroups, WorkflowError> {
+        options.group_by.label(logs, log, block)?;
         if options.fresh {
             block.retain_rows(&block.fresh_rows());
         }
         // Names what is not finite, as every fit does.
         ReadingRanges::of_block(block, channels)?;
-        Ok(worker.add(block, (!groups).then_some(&labels[log]))?)
+        Ok(worker.add(block)?)
     };
-    let logs: Vec<&Log> = logs.iter().collect();
+    let all: Vec<&Log> = logs.iter().collect();
     let fold = |_, groups: Result<BlockGroups, WorkflowError>| -> Result<(), WorkflowError> {
         Ok(sums.add(groups?)?)
     };
-    let (summaries, workers) = log_file::read_all(&logs, &wanted, &options.read, init, map, fold)?;
+    let (summaries, workers) = log_file::read_all(&all, &wanted, &options.read, init, map, fold)?;
     Ok((sums.finish(workers)?, summaries))
 }
 

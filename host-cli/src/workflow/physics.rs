@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use super::eval::{EvalOptions, Evaluation, eval};
+use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::model_choice::HeldOut;
-use super::moments::{self, GroupBy};
 use super::{WorkflowError, check_channels};
 use crate::figures::FitPlot;
 use calibration::physics::{
@@ -41,6 +41,8 @@ pub enum GroupsAre {
     Labels,
     /// The rows of a file.
     Files,
+    /// Stretches that were found in the rows.
+    Found,
     /// The rows of a stretch of time, in logs that have neither.
     Stretches,
 }
@@ -71,6 +73,8 @@ pub struct PhysicsFit {
     pub groups: usize,
     /// What a group is.
     pub groups_are: GroupsAre,
+    /// The groups that were found, where that is what they are.
+    pub found: Option<FoundSummary>,
     /// Errors on groups that were held out, where that was asked for.
     pub validation: Option<PhysicsValidation>,
     /// Errors on each training log.
@@ -100,25 +104,19 @@ impl PhysicsFit {
     }
 }
 
-/// Reads all rows of `train`, with what is held out together: as asked, or groups of a column, files,
-/// or stretches of time, whichever there is first.
+/// Reads all rows of `train` with their groups; stretches of time where there are none.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read or the logs differ in their number of channels.
 pub fn read_rows(
     train: &[Log],
-    held_out: Option<HeldOut>,
+    group_by: Option<&GroupBy>,
     fresh: bool,
     read: &ReadOptions<'_>,
 ) -> Result<GroupedRows, WorkflowError> {
     let first = train.first().ok_or(WorkflowError::NoLogs)?;
-    let group_by = match held_out {
-        Some(HeldOut::File) => Some(GroupBy::File),
-        Some(HeldOut::Column) => Some(GroupBy::Column),
-        _ => moments::group_by(train),
-    };
-    let groups = group_by == Some(GroupBy::Column);
-    let wanted = Wanted { readings: true, wrench: true, groups, ..Wanted::default() };
+    let labelled = group_by.unwrap_or(&GroupBy::File);
+    let wanted = labelled.wanted(train);
     for log in train {
         log.require(&wanted)?;
         check_channels(log, first.channels())?;
@@ -126,25 +124,21 @@ pub fn read_rows(
     let (mut rows, mut labels) = (TrainingRows::default(), Labels::default());
     rows.readings.resize_with(first.channels(), Vec::new);
     let logs: Vec<&Log> = train.iter().collect();
-    let map = |(): &mut (), _: usize, block: &mut Block| -> Result<Block, WorkflowError> {
+    let map = |(): &mut (), log: usize, block: &mut Block| -> Result<Block, WorkflowError> {
+        labelled.label(train, log, block)?;
         if fresh {
             block.retain_rows(&block.fresh_rows());
         }
         Ok(std::mem::take(block))
     };
-    let fold = |log: usize, block: Result<Block, WorkflowError>| -> Result<(), WorkflowError> {
+    let fold = |_: usize, block: Result<Block, WorkflowError>| -> Result<(), WorkflowError> {
         let block = block?;
         let columns = rows.wrench.iter_mut().chain(&mut rows.readings);
         for (column, more) in columns.zip(block.wrench.iter().chain(&block.readings)) {
             column.extend_from_slice(more);
         }
-        if groups {
-            for (label, count) in &block.groups {
-                rows.groups.extend(std::iter::repeat_n(labels.place(label), *count));
-            }
-        } else {
-            let label = train[log].path().display().to_string();
-            rows.groups.extend(std::iter::repeat_n(labels.place(&label), block.rows));
+        for (label, count) in &block.groups {
+            rows.groups.extend(std::iter::repeat_n(labels.place(label), *count));
         }
         Ok(())
     };
@@ -152,6 +146,7 @@ pub fn read_rows(
     let groups_are = match group_by {
         Some(GroupBy::Column) => GroupsAre::Labels,
         Some(GroupBy::File) => GroupsAre::Files,
+        Some(GroupBy::Found(_)) => GroupsAre::Found,
         None => {
             rows.group_by_time();
             labels.names = (0..rows.group_count()).map(|i| (i + 1).to_string()).collect();
@@ -198,7 +193,9 @@ pub fn fit(
         check_channels(log, channels)?;
     }
     let read = ReadOptions { checksum: false, ..options.read };
-    let grouped = read_rows(train, options.cross_validation, options.fresh, &read)?;
+    let held_out = options.cross_validation.unwrap_or(HeldOut::Auto);
+    let group_by = groups::held_out(train, held_out, &read)?;
+    let grouped = read_rows(train, group_by.as_ref(), options.fresh, &read)?;
     let rows = &grouped.rows;
     let (physics, choice) = PhysicsCalibration::fit(rows)?;
     let validation =
@@ -224,6 +221,7 @@ pub fn fit(
         observations: rows.observations()?.len(),
         groups: rows.group_count(),
         groups_are: grouped.groups_are,
+        found: group_by.as_ref().and_then(GroupBy::found).map(FoundGroups::summary),
         validation,
         train: evaluations,
         loads: WrenchSums::of(&rows.wrench),

@@ -3,8 +3,7 @@
 use std::collections::HashMap;
 
 use super::WorkflowError;
-use super::model_choice::HeldOut;
-use super::moments::GroupBy;
+use super::groups::GroupBy;
 use super::physics::read_rows;
 use calibration::Model;
 use calibration::physics::PhysicsValidation;
@@ -42,16 +41,12 @@ impl Weighing {
 pub fn weigh(
     train: &[Log],
     sums: &GroupedMoments,
-    group_by: GroupBy,
+    group_by: &GroupBy,
     (model, ridge): (Model, f64),
     fresh: bool,
     read: &ReadOptions<'_>,
 ) -> Result<Weighing, WorkflowError> {
-    let held_out = match group_by {
-        GroupBy::File => HeldOut::File,
-        GroupBy::Column => HeldOut::Column,
-    };
-    let grouped = read_rows(train, Some(held_out), fresh, read)?;
+    let grouped = read_rows(train, Some(group_by), fresh, read)?;
     let places: HashMap<&str, u64> = grouped.labels.iter().map(String::as_str).zip(0..).collect();
     let group = |&group: &usize| places[sums.groups[group].0.as_str()];
     let folds: Vec<Vec<u64>> =

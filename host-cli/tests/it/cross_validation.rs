@@ -63,7 +63,7 @@ fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
     let random = RandomSplit { folds: random_folds, held_out: random_folds, seed: 1 };
     let mut all = GroupSums::new(basis, block.readings.len(), random);
     let mut worker = all.worker();
-    all.add(worker.add(block, None).unwrap()).unwrap();
+    all.add(worker.add(block).unwrap()).unwrap();
     all.finish([worker]).unwrap()
 }
 
@@ -247,7 +247,8 @@ fn the_smallest_model_that_holds_is_chosen() {
     for (planted, truth) in cases {
         let block = poses(10, 60, 40, 300.0, 0.02, truth);
         let found = select(&sums(&block, Basis::Poly3, 0), true, &selection::RIDGES).unwrap();
-        assert_eq!(found.candidates.len(), 20);
+        // Four models and five ridges, and larger ones where those were better.
+        assert!(found.candidates.len() >= 20);
         assert_eq!(found.candidates[found.chosen].basis, planted);
         let errors = found.candidates[found.chosen].errors.unwrap();
         // The noise that was put in, and a little for coefficients.
@@ -292,21 +293,72 @@ fn log(block: &Block) -> String {
 }
 
 #[test]
-fn few_poses_earn_a_warning_and_independent_rows_do_not() {
+fn the_warning_compares_models_on_new_poses() {
     let dir = tempfile::tempdir().unwrap();
     let few = poses(12, 12, 120, 60.0, 0.002, curved);
     let many = poses(13, 1440, 1, 60.0, 0.002, curved);
     fs::write(dir.path().join("few.csv"), log(&few)).unwrap();
     fs::write(dir.path().join("many.csv"), log(&many)).unwrap();
-    let warning = "does not generalise to poses it was not trained on";
+    // Twelve poses determine twelve features of each fold's eleven only by chance: the linear model is
+    // better on new ones, and named.
     let output = shellcal(&dir, "fit few.csv --model cubic --cv");
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(String::from_utf8_lossy(&output.stderr).contains(warning));
-    assert!(String::from_utf8_lossy(&output.stdout).contains("12 groups held out each alone"));
+    let (text, talk) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{talk}");
+    assert!(talk.contains("linear predicts new groups better than cubic"), "{talk}");
+    assert!(text.contains("12 groups held out each alone"), "{text}");
+    assert!(text.contains("best on new groups: linear, squared error"), "{text}");
     let output = shellcal(&dir, "fit many.csv --model cubic --cv=10");
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(!String::from_utf8_lossy(&output.stderr).contains("generalise"));
-    assert!(String::from_utf8_lossy(&output.stdout).contains("1440 groups held out in 10 folds"));
+    let (text, talk) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{talk}");
+    assert!(!talk.contains("new groups"), "{talk}");
+    assert!(text.contains("1440 groups held out in 10 folds"), "{text}");
+    assert!(text.contains("best on new groups: cubic, squared error"), "{text}");
+}
+
+#[test]
+fn a_model_that_is_better_on_new_poses_is_not_warned_of_whatever_its_ratio() {
+    let dir = tempfile::tempdir().unwrap();
+    // Little noise and a pose of its own error: twice that of a random split, and still the best.
+    let block =
+        poses(14, 24, 100, 60.0, 0.002, |z, axis| curved(z, axis) + 0.05 * (9.0 * z[0]).sin());
+    fs::write(dir.path().join("poses.csv"), log(&block)).unwrap();
+    let output = shellcal(&dir, "fit poses.csv --model quadratic --cv --json");
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let rms = |of: &str| report["cross_validation"][of][0]["rms"].as_f64().unwrap();
+    assert!(rms("grouped") > 2.0 * rms("random"), "{} {}", rms("grouped"), rms("random"));
+    assert_eq!(report["advice"]["best"]["basis"], "quadratic");
+    assert_eq!(report["advice"]["another_is_better"], false);
+    let output = shellcal(&dir, "fit poses.csv --model quadratic --cv");
+    let talk = String::from_utf8_lossy(&output.stderr);
+    assert!(!talk.contains("better than"), "{talk}");
+    assert!(talk.contains("rows of a group resemble each other"), "{talk}");
+}
+
+#[test]
+fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
+    // Loads that the readings say nothing of: the more is penalised, the better.
+    let block = poses(15, 30, 40, 300.0, 1.0, |_, _| 0.0);
+    let found = select(&sums(&block, Basis::Linear, 0), true, &selection::RIDGES).unwrap();
+    let linear: Vec<_> = found.candidates.iter().filter(|c| c.basis == Basis::Linear).collect();
+    let scores: Vec<f64> = linear.iter().map(|c| c.errors.unwrap().score).collect();
+    let [.., before, last] = scores[..] else { panic!("{scores:?}") };
+    assert!(before < last || linear.last().unwrap().ridge >= selection::LARGEST_RIDGE);
+    assert!(linear.len() > selection::RIDGES.len(), "{linear:?}");
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("noise.csv"), log(&block)).unwrap();
+    let output = shellcal(&dir, "fit noise.csv --model auto --cv");
+    let text = String::from_utf8_lossy(&output.stdout);
+    let at_limit = text.contains("its ridge is the largest that was tried");
+    assert_eq!(at_limit, text.contains("with ridge 1e4, squared"), "{text}");
+    // The summary says what is penalised.
+    let output = shellcal(&dir, "fit noise.csv --ridge 0.5");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains("cubic+1, ridge 5e-1 on powers of centred readings"), "{text}");
+    let output = shellcal(&dir, "fit noise.csv --ridge 0.5 --no-intercept");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(text.contains("ridge 5e-1 on powers of raw readings"), "{text}");
 }
 
 #[test]

@@ -22,6 +22,7 @@ mod cross_validation;
 mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;
+mod found_groups;
 mod golden;
 mod hostile;
 mod log_bad_input;

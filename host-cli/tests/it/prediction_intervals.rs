@@ -15,7 +15,8 @@ use shell_data::wrench::PerAxis;
 use shellcal::simulation::sensor_model::{Kind, Recording, Sample, Settings};
 use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
-use shellcal::workflow::moments::{GroupBy, SumOptions, sum};
+use shellcal::workflow::groups::GroupBy;
+use shellcal::workflow::moments::{SumOptions, sum};
 use system_tests::random::Random;
 
 /// Rows of a pose at 10 Hz.
@@ -147,7 +148,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         }
         let mut sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
         let mut worker = sums.worker();
-        sums.add(worker.add(&block, None).unwrap()).unwrap();
+        sums.add(worker.add(&block).unwrap()).unwrap();
         let sums = sums.finish([worker]).unwrap();
         let total = sums.total().unwrap();
         let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();

@@ -4,10 +4,10 @@ use super::ValidationError;
 use super::grouped::{GroupedMoments, total};
 use crate::exact::{HeldOutErrors, Moments, PartitionedMoments, SolveError};
 use crate::model::Model;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axis, PerAxis};
 
-/// How many times the error of a random split the error on new groups may be before a model counts
-/// as one that does not generalise.
+/// How many times the error of a random split the error on new groups may be before it is worth a word
+/// that rows of a group resemble each other.
 pub const SUSPICIOUS_RATIO: f64 = 2.0;
 
 /// Errors on rows that were held out, on one axis, N or N·m.
@@ -49,10 +49,11 @@ impl CrossValidation {
         })
     }
 
-    /// Whether the error on new groups is more than [`SUSPICIOUS_RATIO`] times that on random
-    /// rows, on any axis.
-    pub fn generalises(&self) -> bool {
-        self.ratios().iter().flatten().all(|&ratio| ratio <= SUSPICIOUS_RATIO)
+    /// The axis with the largest ratio and that ratio, if it is more than [`SUSPICIOUS_RATIO`].
+    pub fn suspicious(&self) -> Option<(Axis, f64)> {
+        let ratios = self.ratios();
+        let known = Axis::ALL.iter().filter_map(|&axis| Some((axis, ratios[axis.index()]?)));
+        known.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|&(_, ratio)| ratio > SUSPICIOUS_RATIO)
     }
 }
 

@@ -4,16 +4,19 @@
 //! both sides, and a model is then tested on what it has all but seen. So rows are held out by
 //! group: [`grouped`] sums them group by group in one pass, [`cross_validation`] fits without each
 //! group and finds the errors on it from those sums, [`selection`] compares models by these
-//! errors, [`excitation`] says how well the training loads cover the six axes.
+//! errors, [`plateaus`] finds groups where none are named, [`excitation`] says how well the training loads cover the six axes.
 //!
 //! Left out: readings that the exact solver cannot take. Without exact sums, taking a group away
 //! from the whole would cancel.
 
+pub mod advice;
 pub mod comparison;
 pub mod cross_validation;
 pub mod excitation;
 pub mod grouped;
+pub mod plateaus;
 pub mod selection;
+pub mod shared_loads;
 
 use super::exact::{ExactError, SolveError};
 

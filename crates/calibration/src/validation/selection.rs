@@ -15,8 +15,15 @@ use crate::exact::{HeldOutErrors, PartitionedMoments};
 use crate::model::{Basis, Model};
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Ridge parameters that are tried.
+/// Ridge parameters that are tried; larger ones follow, up to [`LARGEST_RIDGE`], as long as the last
+/// is the best.
 pub const RIDGES: [f64; 5] = [0.0, 1e-8, 1e-6, 1e-4, 1e-2];
+
+/// The largest ridge that is tried: features count for next to nothing against it.
+pub const LARGEST_RIDGE: f64 = 1e4;
+
+/// How much larger each ridge is than the one before.
+const RIDGE_STEP: f64 = 100.0;
 
 /// Folds that groups are dealt into, where there are as many groups.
 pub const FOLDS: usize = 10;
@@ -58,7 +65,8 @@ pub struct Selection {
     pub chosen: usize,
 }
 
-/// Compares all models within the basis that was summed, with each of `ridges`.
+/// Compares all models within the basis that was summed, with each of `ridges`; where those are several
+/// and the last is the best, with larger ones until one is not.
 ///
 /// # Errors
 /// [`ValidationError`] if there are too few groups, or no model can be fitted.
@@ -76,16 +84,28 @@ pub fn select(
     for basis in Basis::ALL {
         let model = Model { basis, intercept, channels: whole.channels() };
         let Ok(parts) = PartitionedMoments::new(whole, &model) else { continue };
-        for &ridge in ridges {
+        let try_ridge = |ridge: f64| -> Result<Candidate, ValidationError> {
             let errors = folds.iter().map(|fold| errors_on(&parts, &sums.groups, fold, ridge));
             let errors: Vec<_> = errors.collect::<Result<_, _>>()?;
             let errors: Option<Vec<_>> = errors.into_iter().map(Result::ok).collect();
-            candidates.push(Candidate {
+            Ok(Candidate {
                 basis,
                 ridge,
                 features: model.term_count(),
                 errors: errors.map(|errors| summarise(&errors, &variances)),
-            });
+            })
+        };
+        let first = candidates.len();
+        for &ridge in ridges {
+            candidates.push(try_ridge(ridge)?);
+        }
+        while ridges.len() > 1
+            && let [.., last] = &candidates[first..]
+            && last.ridge < LARGEST_RIDGE
+            && is_best(&candidates[first..])
+        {
+            let next = last.ridge * RIDGE_STEP;
+            candidates.push(try_ridge(next)?);
         }
     }
     let scored = || candidates.iter().enumerate().filter_map(|(i, c)| Some((i, c, c.errors?)));
@@ -97,6 +117,13 @@ pub fn select(
         .min_by(|a, b| a.1.features.cmp(&b.1.features).then(a.2.score.total_cmp(&b.2.score)))
         .map_or(best, |(i, ..)| i);
     Ok(Selection { folds: folds.len(), candidates, best, chosen })
+}
+
+/// Whether the last of some candidates has the smallest error.
+fn is_best(candidates: &[Candidate]) -> bool {
+    let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
+    let Some((last, others)) = candidates.split_last() else { return false };
+    others.iter().all(|other| score(last) < score(other))
 }
 
 /// The folds that [`select`] holds out, as places of groups in `sums`.

@@ -70,7 +70,7 @@ pub(crate) fn recognise(
     mapping: &Mapping,
 ) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
     let mut meanings: Vec<Meaning> = names.iter().map(|name| meaning_of(name, format)).collect();
-    apply_mapping(&names, format, mapping, &mut meanings)?;
+    let group = apply_mapping(&names, format, mapping, &mut meanings)?;
     for meaning in &mut meanings {
         match meaning {
             Meaning::Time(unit) => *unit = mapping.time_unit.unwrap_or(*unit),
@@ -78,18 +78,20 @@ pub(crate) fn recognise(
             _ => {}
         }
     }
-    let roles = roles(&names, &mut meanings)?;
+    let mut roles = roles(&names, &mut meanings)?;
+    roles.group = group.or(roles.group);
     let columns = names.into_iter().zip(meanings);
     Ok((columns.map(|(name, meaning)| Column { name, meaning }).collect(), roles))
 }
 
-/// Replaces meanings that were recognised by those that the user specifies.
+/// Replaces meanings that were recognised by those that the user specifies. Returns the column that
+/// names groups, where the user says; it may mean something else besides.
 fn apply_mapping(
     names: &[String],
     format: Format,
     mapping: &Mapping,
     meanings: &mut [Meaning],
-) -> Result<(), ColumnsError> {
+) -> Result<Option<usize>, ColumnsError> {
     let find = |references: Option<&[ColumnRef]>| {
         references.map(|references| positions(names, references)).transpose()
     };
@@ -110,9 +112,9 @@ fn apply_mapping(
     let sensors = mapped(sensors).enumerate().map(|(channel, at)| (at, Meaning::Sensor(channel)));
     let wrench = mapped(wrench).zip(Axis::ALL).map(|(at, axis)| (at, wrench_meaning(axis, false)));
     let time = mapped(time).map(|at| (at, Meaning::Time(default_time_unit(format))));
-    let group = mapped(group).map(|at| (at, Meaning::Group));
+    let group = mapped(group).next();
     let mut is_mapped = vec![false; names.len()];
-    for (at, meaning) in sensors.chain(wrench).chain(time).chain(group) {
+    for (at, meaning) in sensors.chain(wrench).chain(time) {
         if std::mem::replace(&mut is_mapped[at], true) {
             let meaning = format!("mapped to {} and to something else", describe(meaning));
             return Err(ColumnsError::Duplicate { meaning, columns: [at, at] });
@@ -125,7 +127,10 @@ fn apply_mapping(
             _ => meaning,
         };
     }
-    Ok(())
+    if let Some(meaning) = group.map(|at| &mut meanings[at]).filter(|at| **at == Meaning::Other) {
+        *meaning = Meaning::Group;
+    }
+    Ok(group)
 }
 
 /// The positions of the columns that a user refers to.
@@ -376,6 +381,26 @@ mod tests {
         assert_eq!(roles.group, Some(5));
         assert_eq!(columns[0].meaning, Meaning::Time(TimeUnit::Millisecond));
         assert_eq!(columns[2].meaning, Meaning::Other);
+    }
+
+    #[test]
+    fn any_column_can_name_the_groups_and_keeps_its_meaning() {
+        for (name, meaning) in [
+            ("Fz", wrench_meaning(Axis::Fz, false)),
+            ("t", Meaning::Time(TimeUnit::Second)),
+            ("s2", Meaning::Sensor(1)),
+            ("run", Meaning::Group),
+            ("pose", Meaning::Group),
+        ] {
+            let group = Some(ColumnRef::Name(name.to_owned()));
+            let mapping = Mapping { group, ..Mapping::default() };
+            let line = names("t,s1,s2,Fx,Fy,Fz,Mx,My,Mz,run,pose");
+            let at = line.iter().position(|column| column == name).unwrap();
+            let (columns, roles) = recognise(line, Format::Csv, &mapping).unwrap();
+            assert_eq!(roles.group, Some(at), "{name}");
+            assert_eq!(columns[at].meaning, meaning, "{name}");
+            assert_eq!((roles.sensors.len(), roles.wrench[5]), (2, Some(8)), "{name}");
+        }
     }
 
     #[test]

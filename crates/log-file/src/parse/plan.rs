@@ -63,6 +63,7 @@ impl BlockBuffer {
     ) -> Result<(), RowError> {
         plan.parse(chunk.lines(), skip_bad_rows, &mut self.parsed)?;
         plan.fill(&mut self.block, &mut self.parsed, &chunk.context, chunk.turns);
+        self.block.place = chunk.offset;
         Ok(())
     }
 }
@@ -104,8 +105,8 @@ impl ReadPlan {
                         layout.columns.len(),
                         &places,
                         if wanted.readings { &roles.sensors } else { &[] },
-                        roles.group.filter(|_| wanted.groups),
                     ),
+                    group: roles.group.filter(|_| wanted.groups),
                     largest_reading: match layout.format {
                         Format::Telemetry => LARGEST_LOGGED,
                         _ => LARGEST_READING,
@@ -193,21 +194,13 @@ impl ReadPlan {
 }
 
 /// The use of each column.
-fn column_uses(
-    columns: usize,
-    places: &[usize],
-    readings: &[usize],
-    group: Option<usize>,
-) -> Vec<ColumnUse> {
+fn column_uses(columns: usize, places: &[usize], readings: &[usize]) -> Vec<ColumnUse> {
     let mut column_uses = vec![ColumnUse::Skip; columns];
     for &place in places {
         column_uses[place] = ColumnUse::Number;
     }
     for &place in readings {
         column_uses[place] = ColumnUse::Reading;
-    }
-    if let Some(group) = group {
-        column_uses[group] = ColumnUse::Group;
     }
     column_uses
 }

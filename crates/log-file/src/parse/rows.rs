@@ -20,6 +20,8 @@ pub(crate) struct RowPlan {
     pub(crate) separator: u8,
     /// The use of each column.
     pub(crate) uses: Vec<ColumnUse>,
+    /// The column with the label of the row's group, whatever its use besides.
+    pub(crate) group: Option<usize>,
     /// Names of all columns.
     pub(crate) names: Vec<String>,
     /// No converter gives a reading of a larger magnitude.
@@ -34,8 +36,6 @@ pub(crate) enum ColumnUse {
     Number,
     /// The same, and refuse what no converter gives.
     Reading,
-    /// Keep it as the label of the row's group.
-    Group,
 }
 
 impl ColumnUse {
@@ -239,7 +239,7 @@ impl RowPlan {
                 right = self.believable(&values[..right]);
             }
         }
-        if let Some(group) = self.uses.iter().position(|step| *step == ColumnUse::Group) {
+        if let Some(group) = self.group {
             let fields = ends.of_column(group, count);
             for row in 0..right {
                 let (start, end) = fields.place(row);
@@ -319,11 +319,11 @@ impl RowPlan {
                     }
                     slot += 1;
                 }
-                Some(ColumnUse::Group) => {
-                    parsed.push_group(field.trim_ascii());
-                    labelled = true;
-                }
                 Some(ColumnUse::Skip) | None => {}
+            }
+            if self.group == Some(column) {
+                parsed.push_group(field.trim_ascii());
+                labelled = true;
             }
         }
         let expected = self.names.len();
@@ -456,8 +456,8 @@ mod tests {
 
     fn plan() -> RowPlan {
         let names = ["time", "group", "talk", "fx"].map(str::to_owned).to_vec();
-        let uses = vec![ColumnUse::Number, ColumnUse::Group, ColumnUse::Skip, ColumnUse::Number];
-        RowPlan { separator: b',', uses, names, largest_reading: 65_535.0 }
+        let uses = vec![ColumnUse::Number, ColumnUse::Skip, ColumnUse::Skip, ColumnUse::Number];
+        RowPlan { separator: b',', uses, group: Some(1), names, largest_reading: 65_535.0 }
     }
 
     fn parse(
@@ -557,7 +557,8 @@ mod tests {
     fn readings_that_no_converter_gives_are_wrong() {
         let uses = vec![ColumnUse::Number, ColumnUse::Reading];
         let names = ["t", "s1"].map(str::to_owned).to_vec();
-        let plan = RowPlan { separator: b',', uses, names, largest_reading: 65_535.0 };
+        let plan =
+            RowPlan { separator: b',', uses, group: Some(1), names, largest_reading: 65_535.0 };
         let right = "1e63,1063\n";
         for place in [0, 1, 40, 300] {
             for wrong in ["1,1e63", "1,-65536", "1,65535.1"] {

@@ -12,18 +12,21 @@ pub struct RandomSplit {
     pub seed: u64,
 }
 
-/// The rows of the folds that are held out, at random but the same for the same block and seed.
+/// The rows of the folds that are held out: at random, but a row, and all that equal it, always to the
+/// same fold, whatever blocks a log is cut into and whatever other columns it has.
 pub(super) fn deal(columns: &[&[f64]], rows: usize, split: &RandomSplit) -> Vec<Vec<usize>> {
     let mut dealt = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {
         return dealt;
     }
-    // A block does not know its place in the log; its first row tells it from others.
-    let first = columns.iter().filter_map(|column| column.first());
-    let key = first.fold(split.seed, |key, value| mix(key ^ value.to_bits()));
-    for row in 0..rows {
-        let random = mix(key.wrapping_add(row as u64));
-        let fold = ((u128::from(random) * split.folds as u128) >> 64) as usize;
+    let mut hashes = vec![mix(split.seed); rows];
+    for column in columns {
+        for (hash, value) in hashes.iter_mut().zip(*column) {
+            *hash = hash.rotate_left(23).wrapping_add(value.to_bits());
+        }
+    }
+    for (row, hash) in hashes.into_iter().enumerate() {
+        let fold = ((u128::from(mix(hash)) * split.folds as u128) >> 64) as usize;
         dealt.get_mut(fold).into_iter().for_each(|fold| fold.push(row));
     }
     dealt
@@ -52,6 +55,13 @@ mod tests {
         // Binomial: mean 1000, standard deviation 30; five of those.
         assert!(dealt.iter().all(|rows| rows.len().abs_diff(1000) < 150));
         assert_ne!(deal(&[&column], 10_000, &RandomSplit { seed: 8, ..split }), dealt);
+        // The same rows, whatever block they come in.
+        let [first, second] = [&column[..4321], &column[4321..]];
+        let parts = deal(&[first], 4321, &split).into_iter().zip(deal(&[second], 5679, &split));
+        let parts: Vec<Vec<usize>> = parts
+            .map(|(a, b)| a.into_iter().chain(b.iter().map(|row| row + 4321)).collect())
+            .collect();
+        assert_eq!(parts, dealt);
         let some = deal(&[&column], 10_000, &RandomSplit { held_out: 3, ..split });
         assert_eq!(some, dealt[..3]);
     }

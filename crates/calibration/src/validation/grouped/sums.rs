@@ -123,7 +123,7 @@ mod tests {
         for (i, start) in (0..ROWS).step_by(3000).enumerate() {
             let block = interleaved(start, 3000.min(ROWS - start), GROUPS);
             let worker = &mut workers[usize::from(i % 3 == 0)];
-            sums.add(worker.add(&block, None).unwrap()).unwrap();
+            sums.add(worker.add(&block).unwrap()).unwrap();
             assert!(worker.open_sums() <= MAX_OPEN);
         }
         let found = sums.finish(workers).unwrap();

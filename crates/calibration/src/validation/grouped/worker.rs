@@ -55,22 +55,15 @@ impl GroupWorker {
         Self { channels, random, adder, indices: HashMap::new(), sums, open: VecDeque::new() }
     }
 
-    /// Adds the rows of a block, by its group labels, or all under `label`.
+    /// Adds the rows of a block, by its group labels.
     ///
     /// # Errors
     /// [`ValidationError::NotExact`] if they cannot be summed exactly with those before;
     /// [`ValidationError::TooManyGroups`].
-    pub fn add(
-        &mut self,
-        block: &Block,
-        label: Option<&str>,
-    ) -> Result<BlockGroups, ValidationError> {
+    pub fn add(&mut self, block: &Block) -> Result<BlockGroups, ValidationError> {
         let columns: Vec<&[f64]> =
             block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
-        let labels = match label {
-            Some(label) => vec![(label, (0..block.rows).collect())],
-            None => rows_by_label(&block.groups),
-        };
+        let labels = rows_by_label(&block.groups);
         let mut groups =
             BlockGroups { labels: Vec::with_capacity(labels.len()), settled: Vec::new() };
         for (label, rows) in labels {

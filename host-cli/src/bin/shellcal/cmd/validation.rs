@@ -1,8 +1,11 @@
 //! How held-out errors, the choice of a model and the coverage of the training loads are printed.
 
+use calibration::Basis;
+use calibration::validation::advice::Advice;
+use calibration::validation::comparison::Comparison;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::{Excitation, Gap};
-use calibration::validation::selection::Selection;
+use calibration::validation::selection::{Candidate, Selection};
 use shell_data::wrench::Axis;
 use shellcal::workflow::model_choice::HeldOut;
 
@@ -14,8 +17,9 @@ pub(super) fn parse_cv(text: &str) -> Result<HeldOut, String> {
         ("auto", _) => Ok(HeldOut::Auto),
         ("file", _) => Ok(HeldOut::File),
         ("column", _) => Ok(HeldOut::Column),
+        ("plateau", _) => Ok(HeldOut::Plateaus),
         (_, Ok(folds @ 2..)) => Ok(HeldOut::Folds(folds)),
-        _ => Err("expected `file`, `column` or a number of folds from 2 up".to_owned()),
+        _ => Err("expected `file`, `column`, `plateau` or a number of folds from 2 up".to_owned()),
     }
 }
 
@@ -63,18 +67,82 @@ pub(super) fn print_cross_validation(
             if cv.undetermined.len() > SHOWN { ", …" } else { "" },
         ));
     }
-    if !cv.generalises() {
-        let (axis, ratio) = (Axis::ALL.iter().zip(ratios))
-            .filter_map(|(axis, ratio)| Some((axis, ratio?)))
-            .max_by(|a, b| a.1.total_cmp(&b.1))
-            .map_or(("", 0.0), |(axis, ratio)| (axis.name(), ratio));
+    Ok(())
+}
+
+/// The closing word on which model to take.
+pub(super) fn print_advice(
+    printer: &mut Printer,
+    advice: &Advice,
+    model: Basis,
+    cv: Option<&CrossValidation>,
+) -> anyhow::Result<()> {
+    let name = |of: &Candidate| match of.ridge > 0.0 {
+        true => format!("{} with ridge {:e}", of.basis.name(), of.ridge),
+        false => of.basis.name().to_owned(),
+    };
+    let score = |of: &Candidate| {
+        let errors = of.errors.map(|of| [of.score, of.standard_error].map(|x| significant(x, 2)));
+        errors.map_or_else(String::new, |[score, error]| format!("{score} ± {error}"))
+    };
+    let (best, cautious) = (&advice.best, &advice.cautious);
+    let mut said = format!(
+        "best on new groups: {}, squared error {} of the variance of the loads (standard error over \
+         {} folds)",
+        name(best),
+        score(best),
+        advice.folds
+    );
+    match &advice.caution {
+        None => said += "; nothing smaller is within a standard error of it",
+        Some(comparison) => {
+            let all = comparison.all;
+            said += &format!(
+                "; cautious choice: {}, {} rather than {} features and within a standard error of the \
+                 best. The larger is worth {} ± {} of the variance{}: {}",
+                name(cautious),
+                cautious.features,
+                best.features,
+                significant(all.value, 2),
+                significant(all.standard_error, 2),
+                if all.value > all.standard_error { "" } else { ", no more than chance" },
+                worth(comparison),
+            );
+        }
+    }
+    if advice.ridge_is_at_limit {
+        said += "; its ridge is the largest that was tried, a larger one may be better";
+    }
+    printer.line(said)?;
+    if let Some(given) = advice.given.as_ref().filter(|_| advice.another_is_better()) {
         printer.warning(format!(
-            "this model does not generalise to poses it was not trained on: its error on them is \
-             up to {ratio:.1} times that of a random split ({axis}); record more poses, or choose \
-             a smaller model (`--model auto`)"
+            "{} predicts new groups better than {}, by {} ± {} of the variance: {}; take `--model {}` \
+             or record more poses",
+            name(best),
+            model.name(),
+            significant(-given.all.value, 2),
+            significant(given.all.standard_error, 2),
+            worth(given),
+            best.basis.name(),
+        ));
+    } else if let Some((axis, ratio)) = cv.and_then(CrossValidation::suspicious) {
+        printer.note(format!(
+            "the error on new groups is up to {ratio:.1} times that on random rows ({}): rows of a group \
+             resemble each other, and only the figures for new groups count. More poses would help, a \
+             smaller model would not",
+            axis.name()
         ));
     }
     Ok(())
+}
+
+/// The errors of the second of two models and of the first.
+fn worth(comparison: &Comparison) -> String {
+    let of = |axis: Axis| {
+        let [first, second] = comparison.rms.map(|rms| significant(rms[axis.index()], 3));
+        format!("{} {second} → {first} {}", axis.name(), axis.unit())
+    };
+    Axis::ALL.map(of).join(", ")
 }
 
 pub(super) fn print_selection(printer: &mut Printer, selection: &Selection) -> anyhow::Result<()> {

@@ -3,6 +3,7 @@
 use calibration::Model;
 use log_file::{Log, ReadOptions};
 use shellcal::workflow::WorkflowError;
+use shellcal::workflow::groups::FoundSummary;
 use shellcal::workflow::model_choice::{self, CovarianceRule, ModelChoice, ModelChoiceOptions};
 use shellcal::workflow::weighing::{Weighing, weigh};
 
@@ -41,7 +42,11 @@ impl FitArgs {
         };
         let choice = model_choice::choose(train, &options);
         bar.finish_and_clear();
-        Ok(choice?)
+        let choice = choice?;
+        if let Some(groups) = choice.found_groups() {
+            note_found(printer, groups);
+        }
+        Ok(choice)
     }
 
     /// Weighs the physics model against the polynomial that was chosen; an error says why it cannot
@@ -52,7 +57,7 @@ impl FitArgs {
         choice: &ModelChoice,
         printer: &mut Printer,
     ) -> Option<Result<Weighing, WorkflowError>> {
-        let (sums, group_by) = choice.sums.as_ref().zip(choice.group_by)?;
+        let (sums, group_by) = choice.sums.as_ref().zip(choice.group_by.as_ref())?;
         choice.selection.as_ref()?;
         let bar = printer.progress("physics", train.iter().map(Log::bytes).sum());
         let progress = |bytes| bar.set_position(bytes);
@@ -64,4 +69,11 @@ impl FitArgs {
         bar.finish_and_clear();
         Some(weighing)
     }
+}
+
+/// Says what the groups are where nobody has named them.
+pub(super) fn note_found(printer: &mut Printer, groups: FoundSummary) {
+    printer.note(format!(
+        "the logs name no groups: found {groups}, and took those (`--group` names a column)",
+    ));
 }

@@ -27,7 +27,7 @@ use shellcal::workflow::model_choice::{FewGroups, HeldOut, ModelChoice};
 use shellcal::workflow::weighing::Weighing;
 
 use self::physics::Weighed;
-use self::report::report;
+use self::report::{Known, report};
 use super::choices::{ModelArg, SolverArg};
 use super::mapping::MappingArgs;
 use super::origin;
@@ -83,10 +83,10 @@ pub(crate) struct FitArgs {
     output: Option<OutputPath>,
 
     /// Find the errors on groups of rows that were held out: each group of the group column, or
-    /// each file; a number K deals the groups into K folds
+    /// each file, or each plateau of constant load; a number K deals the groups into K folds
     #[arg(
         long,
-        value_name = "file|column|K",
+        value_name = "file|column|plateau|K",
         num_args = 0..=1,
         require_equals = true,
         default_missing_value = "auto",
@@ -126,12 +126,15 @@ pub(crate) struct FitArgs {
     mapping: MappingArgs,
 }
 
+/// The share of test rows on plateaus of the training data that is worth a word.
+const MUCH_SHARED: f64 = 0.1;
+
 /// What the covariance of the coefficients is found from.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum CovarianceArg {
-    /// By the log's group column where it has ten groups at least, by rows otherwise
+    /// By the log's group column or its plateaus where there are ten at least, by rows otherwise
     Auto,
-    /// Errors are alike within groups: those of the group column, or files
+    /// Errors are alike within groups: those of the group column, files, or those that are found
     Groups,
     /// Errors are independent from row to row
     Rows,
@@ -224,10 +227,22 @@ impl FitArgs {
                  record more poses or choose a smaller `--model`"
             ));
         }
+        if let Some(share) = fitted.on_plateaus.filter(|&share| share >= MUCH_SHARED) {
+            printer.warning(format!(
+                "{:.0} % of the test rows lie on plateaus of the training data, at the same loads with \
+                 the same readings: the error on them is that of training, and flatters. `--cv` holds \
+                 out whole plateaus",
+                100.0 * share
+            ));
+        }
+        let known = Known {
+            weighing: weighing.as_ref(),
+            groups: choice.found_groups(),
+            advice: choice.advice.clone(),
+        };
         let file = self.calibration_file(&fitted, choice)?;
         self.write(opened, &file, fitted.plots.as_ref())?;
-        let seconds = start.elapsed().as_secs_f64();
-        report(printer, &fitted, &file, weighing.as_ref(), seconds)?;
+        report(printer, &fitted, &file, &known, start.elapsed().as_secs_f64())?;
         Ok(Outcome::Done)
     }
 

@@ -9,7 +9,8 @@ use calibration::validation::grouped::RandomSplit;
 use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{PartialFit, Role, Source};
 use shellcal::output::Outputs;
-use shellcal::workflow::moments::{self, GroupBy, SumOptions};
+use shellcal::workflow::groups::GroupBy;
+use shellcal::workflow::moments::{self, SumOptions};
 
 use super::super::choices::ModelArg;
 use super::super::origin;

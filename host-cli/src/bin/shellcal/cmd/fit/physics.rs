@@ -15,6 +15,7 @@ use shellcal::calibration_file::stored::{
     StoredSelection,
 };
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin};
+use shellcal::workflow::groups::FoundSummary;
 use shellcal::workflow::model_choice::ModelChoice;
 use shellcal::workflow::physics::{self, GroupsAre, PhysicsFit, PhysicsOptions};
 use shellcal::workflow::weighing::Weighing;
@@ -23,6 +24,7 @@ use super::super::choices::ModelArg;
 use super::super::origin;
 use super::super::quality::significant;
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};
+use super::choice::note_found;
 use super::report::{note_range, print_errors};
 use super::weighing::{WeighingReport, in_words};
 use super::{FitArgs, Logs, Opened, total};
@@ -39,6 +41,8 @@ struct Report {
     test_rows_out_of_range: u64,
     observations: usize,
     groups: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    groups_found: Option<FoundSummary>,
     parameters: usize,
     lambda: f64,
     prior_width: f64,
@@ -137,6 +141,9 @@ impl FitArgs {
         };
         let fitted = physics::fit(train, test, &options).map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
+        if let Some(groups) = fitted.found {
+            note_found(printer, groups);
+        }
         let file = self.physics_file(&fitted, weighed.selection)?;
         self.write(opened, &file, fitted.plots.as_ref())?;
         report(printer, &fitted, &file, weighed.weighing.as_ref(), start.elapsed().as_secs_f64())
@@ -206,6 +213,7 @@ fn report(
             test_rows_out_of_range: test.out_of_range_rows,
             observations: fitted.observations,
             groups: fitted.groups,
+            groups_found: fitted.found,
             parameters: parameters(physics),
             lambda: model.lambda,
             prior_width: model.prior_width,

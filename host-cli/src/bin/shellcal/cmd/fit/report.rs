@@ -2,19 +2,23 @@
 
 use calibration::quality::AxisQuality;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
+use calibration::validation::advice::Advice;
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::stored::{
-    Stored, StoredCrossValidation, StoredExcitation, StoredQuality, StoredSelection,
-    StoredSolverRecord,
+    Stored, StoredCandidate, StoredCrossValidation, StoredExcitation, StoredQuality,
+    StoredSelection, StoredSolverRecord,
 };
 use shellcal::calibration_file::{CalibrationFile, Diagnostics};
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::Fit;
+use shellcal::workflow::groups::FoundSummary;
 use shellcal::workflow::weighing::Weighing;
 
 use super::super::quality::{significant, table_row};
-use super::super::validation::{print_cross_validation, print_excitation, print_selection};
+use super::super::validation::{
+    print_advice, print_cross_validation, print_excitation, print_selection,
+};
 use super::total;
 use super::weighing::WeighingReport;
 use crate::printer::Printer;
@@ -29,6 +33,9 @@ struct Report<'a> {
     repeated_rows: u64,
     test_rows: u64,
     test_rows_out_of_range: u64,
+    /// The share of test rows that were recorded at plateaus of the training data.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    test_share_on_training_plateaus: Option<f64>,
     features: usize,
     rank: usize,
     condition: Option<f64>,
@@ -41,10 +48,42 @@ struct Report<'a> {
     selection: Option<StoredSelection>,
     #[serde(skip_serializing_if = "Option::is_none")]
     weighing: Option<WeighingReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    advice: Option<AdviceReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    groups_found: Option<FoundSummary>,
     excitation: Option<StoredExcitation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<CovarianceReport<'a>>,
     time_s: f64,
+}
+
+/// What held-out errors say to do.
+#[derive(Serialize)]
+struct AdviceReport {
+    folds: usize,
+    best: StoredCandidate,
+    cautious: StoredCandidate,
+    /// Squared error of the cautious choice less that of the best, relative to the variance, and its
+    /// standard error; zeros where they are one.
+    difference: [f64; 2],
+    /// Whether another model predicts new groups better than the one that was fitted.
+    another_is_better: bool,
+    ridge_is_at_limit: bool,
+}
+
+impl AdviceReport {
+    fn of(advice: &Advice) -> Self {
+        let difference = advice.caution.map(|of| [of.all.value, of.all.standard_error]);
+        Self {
+            folds: advice.folds,
+            best: Stored::of(&advice.best),
+            cautious: Stored::of(&advice.cautious),
+            difference: difference.unwrap_or_default(),
+            another_is_better: advice.another_is_better(),
+            ridge_is_at_limit: advice.ridge_is_at_limit,
+        }
+    }
 }
 
 /// What standard errors come from, and the covariance of the errors of a row.
@@ -114,14 +153,33 @@ pub(super) fn note_range(printer: &mut Printer, test: &Evaluation) {
     }
 }
 
+/// The ridge, and what it penalises: with an intercept readings are centred before powers are taken.
+fn ridge(ridge: f64, intercept: bool) -> String {
+    let powers = if intercept { "centred" } else { "raw" };
+    match ridge > 0.0 {
+        true => format!(", ridge {ridge:e} on powers of {powers} readings"),
+        false => String::new(),
+    }
+}
+
+/// What was known before the fit.
+pub(super) struct Known<'a> {
+    /// Physics beside the polynomial, where that was weighed.
+    pub(super) weighing: Option<&'a Weighing>,
+    /// Groups that were found.
+    pub(super) groups: Option<FoundSummary>,
+    /// What held-out errors say to do.
+    pub(super) advice: Option<Advice>,
+}
+
 pub(super) fn report(
     printer: &mut Printer,
     fitted: &Fit,
     file: &CalibrationFile,
-    weighing: Option<&Weighing>,
+    known: &Known<'_>,
     seconds: f64,
 ) -> anyhow::Result<()> {
-    let test = total(&fitted.test);
+    let (test, weighing) = (total(&fitted.test), known.weighing);
     let (Some(diagnostics), Some(solver)) = (&file.origin.diagnostics, file.origin.solver) else {
         return Ok(());
     };
@@ -136,6 +194,7 @@ pub(super) fn report(
             repeated_rows: diagnostics.repeated_rows,
             test_rows: test.rows,
             test_rows_out_of_range: test.out_of_range_rows,
+            test_share_on_training_plateaus: fitted.on_plateaus,
             features: model.term_count(),
             rank: diagnostics.rank,
             condition: diagnostics.condition,
@@ -145,6 +204,8 @@ pub(super) fn report(
             cross_validation: Stored::of(&diagnostics.cross_validation),
             selection: Stored::of(&diagnostics.selection),
             weighing: weighing.map(WeighingReport::of),
+            advice: known.advice.as_ref().map(AdviceReport::of),
+            groups_found: known.groups,
             excitation: Stored::of(&diagnostics.excitation),
             covariance: covariance.map(CovarianceReport::of),
             time_s: seconds,
@@ -156,8 +217,9 @@ pub(super) fn report(
     print_errors(printer, diagnostics)?;
     let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
     printer.line(format!(
-        "{}, solver {}: rank {} of {}, condition {condition}",
+        "{}{}, solver {}: rank {} of {}, condition {condition}",
         model.name(),
+        ridge(solver.ridge, model.intercept),
         solver.name.name(),
         diagnostics.rank,
         model.term_count(),
@@ -179,5 +241,8 @@ pub(super) fn report(
         print_covariance(printer, covariance)?;
     }
     note_range(printer, &test);
+    if let Some(advice) = &known.advice {
+        print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref())?;
+    }
     Ok(())
 }

@@ -1,0 +1,424 @@
+//! Groups of rows in a recording that names none: plateaus of constant load, or stretches between jumps
+//! of its clock.
+//!
+//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows that
+//! leave it begin another as soon as [`FEWEST_ROWS`] of them agree; if the load comes back before, they
+//! were strays and stay where they are. What lies between two plateaus belongs to the one before, and
+//! neighbours whose levels differ by less than [`SAME_LEVEL`] of the range of every axis are one. A clock
+//! that starts anew ends a plateau, whatever the load.
+//!
+//! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a
+//! step, or twice what is the same level: motion falls into plateaus of a kind, too, and these are not
+//! steady. A recording counts as one of plateaus if there are [`FEWEST_PLATEAUS`] steady ones, hold
+//! [`STEADY_SHARE`] of the rows, and the variance within them is at most [`WITHIN_SHARE`] of that of the
+//! loads. Rows are looked at one after another, in memory that grows with the plateaus alone.
+
+use shell_data::wrench::PerAxis;
+
+use super::grouped::MAX_GROUPS;
+
+/// The fewest rows in succession that make a plateau.
+pub const FEWEST_ROWS: u64 = 5;
+
+/// The fewest plateaus that a recording is made of.
+pub const FEWEST_PLATEAUS: usize = 3;
+
+/// The share of rows that have to be on plateaus.
+pub const STEADY_SHARE: f64 = 0.8;
+
+/// The largest share of the variance that may be within plateaus, over the axes that are loaded.
+pub const WITHIN_SHARE: f64 = 0.05;
+
+/// Plateaus in succession are one if on every axis they are closer than this share of its range.
+pub const SAME_LEVEL: f64 = 0.01;
+
+/// A step is so many standard deviations of the noise, so many times the difference that 85 % of rows in
+/// succession keep within, and half of what is the same level, whichever is most: a reference that
+/// flickers by its last digit makes none.
+const STEP_IN_NOISE: f64 = 8.0;
+const STEP_IN_FLICKER: f64 = 4.0;
+const FLICKER_SHARE: f64 = 0.85;
+
+/// A clock jumps if it goes so many median intervals back, or so many forward and a second at least.
+const BACK_IN_INTERVALS: f64 = 10.0;
+const FORWARD_IN_INTERVALS: f64 = 100.0;
+const FORWARD_S: f64 = 1.0;
+
+/// What counts as a step of the load and as a jump of the clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Steps {
+    /// The smallest step of each axis, N and N·m.
+    load: PerAxis<f64>,
+    /// The median interval between rows, in s.
+    interval_s: f64,
+}
+
+impl Steps {
+    /// From rows of all parts of a recording, most of them in succession.
+    pub fn of_sample(time_s: &[f64], wrench: &[Vec<f64>]) -> Self {
+        let load = std::array::from_fn(|axis| {
+            let column = wrench.get(axis).map_or(&[][..], Vec::as_slice);
+            let mut sizes = differences(column);
+            sizes.iter_mut().for_each(|size| *size = size.abs());
+            // The median of |x₁ − x₂| is 0.6745·√2 standard deviations of x.
+            let noise = quantile(&mut sizes, 0.5) / (0.674_489_75 * std::f64::consts::SQRT_2);
+            let flicker = quantile(&mut sizes, FLICKER_SHARE);
+            // Without the ends: a stray is not part of the range.
+            let mut loads = column.to_vec();
+            let range = quantile(&mut loads, 0.99) - quantile(&mut loads, 0.01);
+            (STEP_IN_NOISE * noise).max(STEP_IN_FLICKER * flicker).max(0.5 * SAME_LEVEL * range)
+        });
+        let mut intervals = differences(time_s);
+        intervals.retain(|&interval| interval > 0.0);
+        Self { load, interval_s: quantile(&mut intervals, 0.5) }
+    }
+
+    fn is_within(&self, level: &PerAxis<f64>, load: &PerAxis<f64>) -> bool {
+        (0..6).all(|axis| (load[axis] - level[axis]).abs() <= self.load[axis])
+    }
+
+    fn starts_anew(&self, before_s: f64, now_s: f64) -> bool {
+        before_s - now_s > BACK_IN_INTERVALS * self.interval_s
+    }
+
+    fn jumps(&self, before_s: f64, now_s: f64) -> bool {
+        let forward = (FORWARD_IN_INTERVALS * self.interval_s).max(FORWARD_S);
+        self.starts_anew(before_s, now_s) || now_s - before_s > forward
+    }
+}
+
+fn differences(values: &[f64]) -> Vec<f64> {
+    values.windows(2).map(|pair| pair[1] - pair[0]).collect()
+}
+
+/// The value that a share of `values` does not exceed; 0 for none.
+fn quantile(values: &mut [f64], share: f64) -> f64 {
+    let Some(last) = values.len().checked_sub(1) else { return 0.0 };
+    let at = (share * last as f64) as usize;
+    *values.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+/// What the rows of a recording fall into.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Stretches {
+    /// So many rows of one load each.
+    Plateaus(Vec<u64>),
+    /// So many rows between two jumps of the clock.
+    Recordings(Vec<u64>),
+    /// Neither is found.
+    Nothing,
+}
+
+/// Rows of about one load.
+#[derive(Clone, Copy, Debug)]
+struct Level {
+    /// The first row.
+    start: u64,
+    /// Rows that agree.
+    rows: u64,
+    mean: PerAxis<f64>,
+    /// Squared differences from the mean.
+    squares: PerAxis<f64>,
+    /// The mean place of the rows, their squared distances from it, and its products with the loads.
+    place: f64,
+    place_squares: f64,
+    products: PerAxis<f64>,
+    /// Whether a clock that started anew is what made it.
+    is_parted: bool,
+}
+
+impl Level {
+    fn new(start: u64, load: &PerAxis<f64>, is_parted: bool) -> Self {
+        Self {
+            start,
+            rows: 1,
+            mean: *load,
+            squares: [0.0; 6],
+            place: start as f64,
+            place_squares: 0.0,
+            products: [0.0; 6],
+            is_parted,
+        }
+    }
+
+    /// Adds the rows of `next` (Chan, Golub and LeVeque, The American Statistician 37, 1983).
+    fn merge(&mut self, next: &Self) {
+        let (a, b) = (self.rows as f64, next.rows as f64);
+        let (share, weight) = (b / (a + b), a * b / (a + b));
+        let away = next.place - self.place;
+        for axis in 0..6 {
+            let apart = next.mean[axis] - self.mean[axis];
+            self.mean[axis] += apart * share;
+            self.squares[axis] += next.squares[axis] + apart * apart * weight;
+            self.products[axis] += next.products[axis] + apart * away * weight;
+        }
+        self.place += away * share;
+        self.place_squares += next.place_squares + away * away * weight;
+        self.rows += next.rows;
+    }
+
+    /// By how much a line through the rows rises from the first to the last.
+    fn rise(&self, axis: usize) -> f64 {
+        match self.place_squares > 0.0 {
+            true => (self.products[axis] / self.place_squares * self.rows as f64).abs(),
+            false => 0.0,
+        }
+    }
+}
+
+/// Finds the plateaus of a recording, row by row.
+#[derive(Clone, Debug)]
+pub struct PlateauFinder {
+    steps: Steps,
+    rows: u64,
+    last_s: Option<f64>,
+    levels: Vec<Level>,
+    /// Rows that have left the last level, as far as they agree.
+    leaving: Option<Level>,
+    /// Where the clock has jumped: the first rows after it.
+    jumps: Vec<u64>,
+}
+
+impl PlateauFinder {
+    /// Before the first row.
+    pub fn new(steps: Steps) -> Self {
+        let (levels, jumps) = (Vec::new(), Vec::new());
+        Self { steps, rows: 0, last_s: None, levels, leaving: None, jumps }
+    }
+
+    /// Adds the next rows: their times, or none where there is no clock, and the columns of their
+    /// wrench.
+    pub fn add(&mut self, time_s: &[f64], wrench: &[Vec<f64>]) {
+        let rows = wrench.first().map_or(0, Vec::len);
+        for row in 0..rows {
+            let load = std::array::from_fn(|axis| wrench[axis][row]);
+            self.add_row(time_s.get(row).copied(), &load);
+        }
+    }
+
+    fn add_row(&mut self, now_s: Option<f64>, load: &PerAxis<f64>) {
+        let row = self.rows;
+        self.rows += 1;
+        let before_s = std::mem::replace(&mut self.last_s, now_s);
+        let (mut starts_anew, mut jumps) = (false, false);
+        if let (Some(before), Some(now)) = (before_s, now_s) {
+            (starts_anew, jumps) =
+                (self.steps.starts_anew(before, now), self.steps.jumps(before, now));
+        }
+        // What has more of either than there may be groups is of no use as groups.
+        if jumps && self.jumps.len() <= MAX_GROUPS {
+            self.jumps.push(row);
+        }
+        let Some(level) = self.levels.last_mut().filter(|_| !starts_anew) else {
+            self.leaving = None;
+            return self.begin(Level::new(row, load, true));
+        };
+        if self.steps.is_within(&level.mean, load) {
+            self.leaving = None;
+            return level.merge(&Level::new(row, load, false));
+        }
+        match &mut self.leaving {
+            Some(next) if self.steps.is_within(&next.mean, load) => {
+                next.merge(&Level::new(row, load, false));
+                if next.rows >= FEWEST_ROWS {
+                    let next = *next;
+                    self.leaving = None;
+                    self.begin(next);
+                }
+            }
+            leaving => *leaving = Some(Level::new(row, load, false)),
+        }
+    }
+
+    fn begin(&mut self, level: Level) {
+        // The last is replaced where there are too many for use anyway: memory stays bounded.
+        if self.levels.len() > 8 * MAX_GROUPS {
+            self.levels.pop();
+        }
+        self.levels.push(level);
+    }
+
+    /// What the rows fall into.
+    pub fn finish(self) -> Stretches {
+        if let Some(plateaus) = self.plateaus() {
+            return Stretches::Plateaus(plateaus);
+        }
+        let rows = lengths(std::iter::once(0).chain(self.jumps.iter().copied()), self.rows);
+        let is_long = |rows: &Vec<u64>| self.rows >= FEWEST_ROWS * rows.len() as u64;
+        match (2..=MAX_GROUPS).contains(&rows.len()) && is_long(&rows) {
+            true => Stretches::Recordings(rows),
+            false => Stretches::Nothing,
+        }
+    }
+
+    /// The rows of each plateau, if that is what the recording is made of.
+    fn plateaus(&self) -> Option<Vec<u64>> {
+        let range = |axis: usize| {
+            let means = || self.levels.iter().map(move |level| level.mean[axis]);
+            means().fold(f64::MIN, f64::max) - means().fold(f64::MAX, f64::min)
+        };
+        let ranges: PerAxis<f64> = std::array::from_fn(range);
+        let is_same = |a: &Level, b: &Level| {
+            (0..6).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= SAME_LEVEL * ranges[axis])
+        };
+        let mut plateaus: Vec<Level> = Vec::new();
+        for level in &self.levels {
+            match plateaus.last_mut() {
+                Some(last) if !level.is_parted && is_same(last, level) => last.merge(level),
+                _ => plateaus.push(*level),
+            }
+        }
+        let is_steady = |level: &&Level| {
+            let may_rise =
+                |axis: usize| (0.5 * self.steps.load[axis]).max(2.0 * SAME_LEVEL * ranges[axis]);
+            level.rows >= FEWEST_ROWS && (0..6).all(|axis| level.rise(axis) <= may_rise(axis))
+        };
+        let steady: Vec<&Level> = plateaus.iter().filter(is_steady).collect();
+        let (first, others) = steady.split_first()?;
+        let mut all = **first;
+        others.iter().for_each(|level| all.merge(level));
+        let loaded: Vec<usize> =
+            (0..6).filter(|&axis| ranges[axis] > 2.0 * self.steps.load[axis]).collect();
+        let within = |axis: &usize| {
+            steady.iter().map(|level| level.squares[*axis]).sum::<f64>() / all.squares[*axis]
+        };
+        let share = loaded.iter().map(within).sum::<f64>() / loaded.len() as f64;
+        let is_made_of_them = steady.len() >= FEWEST_PLATEAUS
+            && plateaus.len() <= MAX_GROUPS
+            && all.rows as f64 >= STEADY_SHARE * self.rows as f64
+            && share <= WITHIN_SHARE;
+        is_made_of_them.then(|| lengths(plateaus.iter().map(|level| level.start), self.rows))
+    }
+}
+
+/// The rows from each of `starts` to the next, the last to `end`.
+fn lengths(starts: impl Iterator<Item = u64>, end: u64) -> Vec<u64> {
+    let starts: Vec<u64> = starts.chain([end]).collect();
+    starts.windows(2).map(|pair| pair[1] - pair[0]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Uniform numbers from −1 to 1.
+    struct Random(u64);
+
+    impl Random {
+        fn next(&mut self) -> f64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        }
+    }
+
+    /// Loads of six axes that are held for so many rows each, with noise of that size; 100 rows a
+    /// second.
+    fn held(rows: &[usize], noise: f64) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let mut random = Random(7);
+        let mut wrench = vec![Vec::new(); 6];
+        for &rows in rows {
+            let load: PerAxis<f64> = std::array::from_fn(|_| random.next());
+            for _ in 0..rows {
+                for (column, load) in wrench.iter_mut().zip(load) {
+                    column.push(load + noise * random.next());
+                }
+            }
+        }
+        let time = (0..wrench[0].len()).map(|row| row as f64 * 0.01).collect();
+        (time, wrench)
+    }
+
+    fn found(time_s: &[f64], wrench: &[Vec<f64>], parts: usize) -> Stretches {
+        let mut finder = PlateauFinder::new(Steps::of_sample(time_s, wrench));
+        for start in (0..wrench[0].len()).step_by(parts) {
+            let end = (start + parts).min(wrench[0].len());
+            let part: Vec<Vec<f64>> = wrench.iter().map(|c| c[start..end].to_vec()).collect();
+            finder.add(time_s.get(start..end).unwrap_or_default(), &part);
+        }
+        finder.finish()
+    }
+
+    const ROWS: [usize; 8] = [40, 25, 60, 31, 5, 77, 20, 100];
+
+    fn lengths_of(rows: &[usize]) -> Vec<u64> {
+        rows.iter().map(|&rows| rows as u64).collect()
+    }
+
+    #[test]
+    fn every_plateau_is_found_to_the_row_with_and_without_noise_in_any_parts() {
+        for noise in [0.0, 0.02] {
+            let (time, wrench) = held(&ROWS, noise);
+            for parts in [1, 7, 1000] {
+                let expected = Stretches::Plateaus(lengths_of(&ROWS));
+                assert_eq!(found(&time, &wrench, parts), expected, "noise {noise}");
+                assert_eq!(found(&[], &wrench, parts), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn strays_and_rows_on_the_way_to_the_next_load_end_no_plateau() {
+        let (time, mut wrench) = held(&ROWS, 0.01);
+        wrench[2][10] = 40.0;
+        (150..153).for_each(|row| wrench[0][row] -= 3.0);
+        // On the way from the first load to the second.
+        let ends: Vec<[f64; 2]> = wrench.iter().map(|c| [c[38], c[42]]).collect();
+        for (column, [from, to]) in wrench.iter_mut().zip(ends) {
+            column[40] = 0.5 * (from + to);
+        }
+        let mut expected = lengths_of(&ROWS);
+        (expected[0], expected[1]) = (41, 24);
+        assert_eq!(found(&time, &wrench, 1000), Stretches::Plateaus(expected));
+    }
+
+    #[test]
+    fn a_reference_that_flickers_by_its_last_digit_and_twins_in_succession_part_nothing() {
+        let (time, mut wrench) = held(&ROWS, 0.0);
+        let mut random = Random(3);
+        for row in 0..wrench[0].len() {
+            if random.next() > 0.8 {
+                wrench[4][row] += 0.001;
+            }
+        }
+        assert_eq!(found(&time, &wrench, 50), Stretches::Plateaus(lengths_of(&ROWS)));
+        // The third load is that of the second.
+        for column in &mut wrench {
+            let load = column[50];
+            column[65..125].fill(load);
+        }
+        let mut expected = lengths_of(&ROWS);
+        expected.splice(1..3, [85]);
+        assert_eq!(found(&time, &wrench, 50), Stretches::Plateaus(expected));
+    }
+
+    #[test]
+    fn a_clock_that_starts_anew_parts_twins() {
+        let (mut time, wrench) = held(&[50], 0.0);
+        let wrench: Vec<Vec<f64>> = wrench.iter().map(|c| c.repeat(3)).collect();
+        time = time.repeat(3);
+        // One load is no load to tell plateaus by: these are recordings.
+        assert_eq!(found(&time, &wrench, 20), Stretches::Recordings(vec![50; 3]));
+        let (_, others) = held(&[50, 50, 50], 0.0);
+        let both: Vec<Vec<f64>> =
+            wrench.iter().zip(&others).map(|(a, b)| [&a[..100], b].concat()).collect();
+        let time = [&time[..100], &held(&[150], 0.0).0].concat();
+        assert_eq!(found(&time, &both, 20), Stretches::Plateaus(vec![50; 5]));
+    }
+
+    #[test]
+    fn motion_and_noise_are_no_plateaus() {
+        let motion = |row: usize, axis: usize| (0.013 * (axis + 1) as f64 * row as f64).sin();
+        let wrench: Vec<Vec<f64>> =
+            (0..6).map(|axis| (0..5000).map(|row| motion(row, axis)).collect()).collect();
+        let time: Vec<f64> = (0..5000).map(|row| row as f64 * 0.001).collect();
+        assert_eq!(found(&time, &wrench, 999), Stretches::Nothing);
+        let (_, noise) = held(&[2000], 1.0);
+        assert_eq!(found(&[], &noise, 999), Stretches::Nothing);
+        assert_eq!(found(&[], &vec![vec![1.5; 300]; 6], 999), Stretches::Nothing);
+        assert_eq!(PlateauFinder::new(Steps::default()).finish(), Stretches::Nothing);
+        // The same motion, but the recorder paused twice.
+        let pause = |row: usize| row as f64 * 0.001 + 5.0 * (row / 2000) as f64;
+        let time: Vec<f64> = (0..5000).map(pause).collect();
+        assert_eq!(found(&time, &wrench, 999), Stretches::Recordings(vec![2000, 2000, 1000]));
+    }
+}
