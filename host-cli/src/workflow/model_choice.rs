@@ -2,23 +2,29 @@
 //! logs, where any of it is asked for.
 
 use super::WorkflowError;
-use super::moments::{self, GroupBy, SumOptions};
+use super::moments::{self, SumOptions};
+use calibration::exact::Moments;
 use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
 use calibration::validation::cross_validation::{CrossValidation, cross_validate};
-use calibration::validation::grouped::{GroupedMoments, RandomSplit};
+use calibration::validation::grouped::{GroupBy, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, Selection};
 use calibration::{Basis, FitError, Model};
 use log_file::{Log, ReadOptions};
 
 /// Folds of the random split that held-out errors are compared with, where no number is given.
-const RANDOM_FOLDS: usize = 10;
+pub const RANDOM_FOLDS: usize = 10;
 
 /// Folds of it that are held out.
 const HELD_OUT: usize = 2;
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
+
+/// The random split into so many folds, two of which are held out.
+pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
+    RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
+}
 
 /// What is held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,26 +123,14 @@ pub fn choose(
     train: &[Log],
     options: &ModelChoiceOptions<'_>,
 ) -> Result<ModelChoice, WorkflowError> {
-    let mut choice = ModelChoice {
-        basis: options.basis.unwrap_or(Basis::Poly3),
-        ridge: options.ridge,
-        selection: None,
-        cross_validation: None,
-        sums: None,
-        group_by: None,
-        by_group: false,
-        not_grouped: None,
-        few_groups: None,
-    };
     let (group_by, folds) = match options.cross_validation {
         Some(HeldOut::File) => (Some(GroupBy::File), None),
         Some(HeldOut::Column) => (Some(GroupBy::Column), None),
         Some(HeldOut::Folds(folds)) => (moments::group_by(train), Some(folds)),
         Some(HeldOut::Auto) | None => (moments::group_by(train), None),
     };
-    choice.group_by = group_by;
-    choice.by_group = options.wants_groups(group_by);
-    let validates = options.basis.is_none() || options.cross_validation.is_some();
+    let mut choice = options.open(group_by);
+    let validates = options.validates();
     if !validates && !choice.by_group {
         return Ok(choice);
     }
@@ -153,30 +147,85 @@ pub fn choose(
         }
         sums => sums?,
     };
-    // A few groups say little about how groups scatter.
-    choice.by_group &=
-        options.covariance != CovarianceRule::Auto || sums.groups.len() >= FEWEST_GROUPS;
-    if options.basis.is_none() {
-        let given = [options.ridge];
-        let ridges = if options.ridge > 0.0 { &given[..] } else { &selection::RIDGES };
-        let selection = selection::select(&sums, options.intercept, ridges)?;
-        let chosen = &selection.candidates[selection.chosen];
-        (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
-        choice.selection = Some(selection);
-    }
-    let channels = train.first().map_or(0, Log::channels);
-    let model = Model { basis: choice.basis, intercept: options.intercept, channels };
-    if options.covariance == CovarianceRule::Auto && group_by == Some(GroupBy::Column) {
-        choice.few_groups = FewGroups::of(model.term_count(), sums.groups.len());
-    }
-    if options.cross_validation.is_some() {
-        choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
-    }
-    choice.sums = Some(sums);
-    Ok(choice)
+    options.decide(choice, sums, folds)
+}
+
+/// The same, from sums that have been made already: for `options.basis` or, where the family is to be
+/// chosen, for any. Errors are found on each group, or on `folds` folds of them.
+///
+/// # Errors
+/// As for [`choose`].
+pub fn choose_from(
+    sums: GroupedMoments,
+    group_by: GroupBy,
+    options: &ModelChoiceOptions<'_>,
+) -> Result<ModelChoice, WorkflowError> {
+    let folds = match options.cross_validation {
+        Some(HeldOut::Folds(folds)) => Some(folds),
+        _ => None,
+    };
+    options.decide(options.open(Some(group_by)), sums, folds)
 }
 
 impl ModelChoiceOptions<'_> {
+    /// Whether it takes groups to answer what is asked.
+    fn validates(&self) -> bool {
+        self.basis.is_none() || self.cross_validation.is_some()
+    }
+
+    /// What is asked for, before anything is known.
+    fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
+        ModelChoice {
+            basis: self.basis.unwrap_or(Basis::Poly3),
+            ridge: self.ridge,
+            selection: None,
+            cross_validation: None,
+            sums: None,
+            group_by,
+            by_group: self.wants_groups(group_by),
+            not_grouped: None,
+            few_groups: None,
+        }
+    }
+
+    /// The same where there are no groups.
+    pub(super) fn without_groups(&self) -> Result<ModelChoice, WorkflowError> {
+        match self.validates() || self.covariance == CovarianceRule::Groups {
+            true => Err(WorkflowError::NoGroupSums),
+            false => Ok(self.open(None)),
+        }
+    }
+
+    /// What the sums say.
+    fn decide(
+        &self,
+        mut choice: ModelChoice,
+        sums: GroupedMoments,
+        folds: Option<usize>,
+    ) -> Result<ModelChoice, WorkflowError> {
+        // A few groups say little about how groups scatter.
+        choice.by_group &=
+            self.covariance != CovarianceRule::Auto || sums.groups.len() >= FEWEST_GROUPS;
+        if self.basis.is_none() {
+            let given = [self.ridge];
+            let ridges = if self.ridge > 0.0 { &given[..] } else { &selection::RIDGES };
+            let selection = selection::select(&sums, self.intercept, ridges)?;
+            let chosen = &selection.candidates[selection.chosen];
+            (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
+            choice.selection = Some(selection);
+        }
+        let channels = sums.total().map_or(0, Moments::channels);
+        let model = Model { basis: choice.basis, intercept: self.intercept, channels };
+        if self.covariance == CovarianceRule::Auto && choice.group_by == Some(GroupBy::Column) {
+            choice.few_groups = FewGroups::of(model.term_count(), sums.groups.len());
+        }
+        if self.cross_validation.is_some() {
+            choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
+        }
+        choice.sums = Some(sums);
+        Ok(choice)
+    }
+
     /// Whether the covariance is to come from groups, if those are `group_by`.
     fn wants_groups(&self, group_by: Option<GroupBy>) -> bool {
         match self.covariance {
@@ -196,10 +245,9 @@ impl ModelChoiceOptions<'_> {
         folds: Option<usize>,
     ) -> Result<GroupedMoments, WorkflowError> {
         let random = self.cross_validation.map_or_else(RandomSplit::default, |_| {
-            let folds = folds.unwrap_or(RANDOM_FOLDS);
-            RandomSplit { folds, held_out: folds.min(HELD_OUT), seed: self.seed }
+            random_split(folds.unwrap_or(RANDOM_FOLDS), self.seed)
         });
         let options = SumOptions { basis, group_by, random, fresh: self.fresh, read: self.read };
-        Ok(moments::sum(train, &options)?.0)
+        Ok(moments::sum(train, &options)?.grouped)
     }
 }

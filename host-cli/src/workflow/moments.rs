@@ -6,19 +6,10 @@ use calibration::model::{Basis, Model};
 use calibration::reading_ranges::ReadingRanges;
 use calibration::validation::ValidationError;
 use calibration::validation::grouped::{
-    BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+    BlockGroups, GroupBy, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
 };
 use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
-
-/// What a group is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GroupBy {
-    /// The rows of a file.
-    File,
-    /// The rows with one label in the logs' group column.
-    Column,
-}
 
 /// What is summed, and how.
 #[derive(Clone, Copy)]
@@ -35,6 +26,17 @@ pub struct SumOptions<'a> {
     pub read: ReadOptions<'a>,
 }
 
+/// What was summed.
+#[derive(Debug)]
+pub struct Sums {
+    /// The sums by group.
+    pub grouped: GroupedMoments,
+    /// For each group, the log that has its first row.
+    pub first_in: Vec<usize>,
+    /// What each log was.
+    pub summaries: Vec<ReadSummary>,
+}
+
 /// What groups there are to tell apart in `logs`: those of a column where all have one, otherwise
 /// files where there are several.
 pub fn group_by(logs: &[Log]) -> Option<GroupBy> {
@@ -45,15 +47,12 @@ pub fn group_by(logs: &[Log]) -> Option<GroupBy> {
     }
 }
 
-/// Sums the rows of `logs`. Also returns what each log was.
+/// Sums the rows of `logs`.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, lack a
 /// group column that is asked for, or their rows cannot be summed exactly.
-pub fn sum(
-    logs: &[Log],
-    options: &SumOptions<'_>,
-) -> Result<(GroupedMoments, Vec<ReadSummary>), WorkflowError> {
+pub fn sum(logs: &[Log], options: &SumOptions<'_>) -> Result<Sums, WorkflowError> {
     let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let groups = options.group_by == GroupBy::Column;
     let wanted = Wanted { readings: true, wrench: true, groups, ..Wanted::default() };
@@ -80,11 +79,14 @@ pub fn sum(
         Ok(worker.add(block, (!groups).then_some(&labels[log]))?)
     };
     let logs: Vec<&Log> = logs.iter().collect();
-    let fold = |_, groups: Result<BlockGroups, WorkflowError>| -> Result<(), WorkflowError> {
-        Ok(sums.add(groups?)?)
+    let mut first_in = Vec::new();
+    let fold = |log, groups: Result<BlockGroups, WorkflowError>| -> Result<(), WorkflowError> {
+        sums.add(groups?)?;
+        first_in.resize(sums.group_count(), log);
+        Ok(())
     };
     let (summaries, workers) = log_file::read_all(&logs, &wanted, &options.read, init, map, fold)?;
-    Ok((sums.finish(workers)?, summaries))
+    Ok(Sums { grouped: sums.finish(workers)?, first_in, summaries })
 }
 
 impl From<ValidationError> for WorkflowError {

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::eval::{EvalOptions, Evaluation, eval};
 use super::model_choice::HeldOut;
-use super::moments::{self, GroupBy};
+use super::moments;
 use super::{WorkflowError, check_channels};
 use crate::figures::FitPlot;
 use calibration::physics::{
@@ -13,6 +13,7 @@ use calibration::physics::{
 use calibration::reading_ranges::ReadingRange;
 use calibration::validation::cross_validation::{CrossValidation, HeldOutQuality};
 use calibration::validation::excitation::WrenchSums;
+use calibration::validation::grouped::GroupBy;
 use calibration::{Calibration, Kind};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::block::Block;

@@ -4,12 +4,11 @@ use std::collections::HashMap;
 
 use super::WorkflowError;
 use super::model_choice::HeldOut;
-use super::moments::GroupBy;
 use super::physics::read_rows;
 use calibration::Model;
 use calibration::physics::PhysicsValidation;
 use calibration::validation::comparison::Comparison;
-use calibration::validation::grouped::GroupedMoments;
+use calibration::validation::grouped::{GroupBy, GroupedMoments};
 use calibration::validation::selection;
 use log_file::{Log, ReadOptions};
 use shell_data::wrench::Axis;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use calibration::solver::solve_moments;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
-use calibration::validation::grouped::{GroupSums, RandomSplit};
+use calibration::validation::grouped::{GroupBy, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
 use log_file::{Log, Mapping, ReadOptions};
 use shell_data::block::Block;
@@ -15,7 +15,7 @@ use shell_data::wrench::PerAxis;
 use shellcal::simulation::sensor_model::{Kind, Recording, Sample, Settings};
 use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
-use shellcal::workflow::moments::{GroupBy, SumOptions, sum};
+use shellcal::workflow::moments::{SumOptions, sum};
 use system_tests::random::Random;
 
 /// Rows of a pose at 10 Hz.
@@ -99,7 +99,7 @@ fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
                 fresh: false,
                 read: ReadOptions::default(),
             };
-            let (sums, _) = sum(&logs, &options).unwrap();
+            let sums = sum(&logs, &options).unwrap().grouped;
             for (covariance, found) in
                 [CovarianceFrom::Groups(&sums), CovarianceFrom::Rows].into_iter().zip(&mut found)
             {

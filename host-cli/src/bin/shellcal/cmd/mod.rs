@@ -5,6 +5,7 @@ mod bench;
 mod board;
 mod choices;
 mod convert;
+mod covariance;
 mod deferred;
 mod eval;
 mod fit;

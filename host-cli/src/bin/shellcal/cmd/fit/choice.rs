@@ -7,7 +7,7 @@ use shellcal::workflow::model_choice::{self, CovarianceRule, ModelChoice, ModelC
 use shellcal::workflow::weighing::{Weighing, weigh};
 
 use super::super::choices::ModelArg;
-use super::{CovarianceArg, FitArgs};
+use super::FitArgs;
 use crate::printer::Printer;
 
 impl FitArgs {
@@ -29,13 +29,10 @@ impl FitArgs {
             solver: self.solver.0,
             cross_validation: self.cv,
             seed: self.cv_seed,
-            covariance: match self.covariance {
-                // Of use in a calibration file, and nowhere else.
-                _ if self.output.is_none() => CovarianceRule::Nothing,
-                CovarianceArg::Auto => CovarianceRule::Auto,
-                CovarianceArg::Groups => CovarianceRule::Groups,
-                CovarianceArg::Rows => CovarianceRule::Rows,
-                CovarianceArg::None => CovarianceRule::Nothing,
+            // Of use in a calibration file, and nowhere else.
+            covariance: match self.output {
+                Some(_) => self.covariance.rule(),
+                None => CovarianceRule::Nothing,
             },
             fresh: self.fresh,
             read: ReadOptions { progress: Some(&progress), ..self.mapping.read_options() },
