@@ -181,8 +181,13 @@ fn merged_parts_with_groups_validate_as_one_fit_does_bit_for_bit_in_any_order() 
         }
         done(&dir, &format!("fit 3.csv 1.csv {model} {keep} --threads 1 --partial two.json"));
         done(&dir, "merge 3.json 2.json --partial late.json");
+        let fitted = model.clone();
         let model = if model.ends_with("auto") { "--model auto" } else { "" };
         let whole = json(&dir, "whole.json");
+        done(&dir, &format!("fit 2.csv 1.csv 3.csv {fitted} {keep} --partial sums.json"));
+        done(&dir, "merge late.json 1.json --partial merged.json");
+        let read = |name| fs::read(dir.path().join(name)).unwrap();
+        assert!(read("merged.json") == read("sums.json"), "{keep}");
         let mut bytes = Vec::new();
         for parts in
             ["1.json 2.json 3.json", "3.json 1.json 2.json", "late.json 1.json", "2.json two.json"]

@@ -139,5 +139,11 @@ impl PartialFit {
         }
         groups.groups.iter_mut().for_each(|group| group.source = now_at[group.source]);
         groups.groups.sort_by_key(|group| (group.source, group.place));
+        // Groups that turned out to begin in an earlier source have left gaps.
+        let (mut last, mut next) = (None, 0);
+        for group in &mut groups.groups {
+            next = if last == Some(group.source) { next + 1 } else { 0 };
+            (last, group.place) = (Some(group.source), next);
+        }
     }
 }
