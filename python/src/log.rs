@@ -13,10 +13,12 @@ use shell_data::wrench::Axis;
 
 use crate::error::{Failure, Told};
 use crate::interrupt::without_lock;
-use crate::partial::Reading;
 
 /// What the user says of the columns, by the names of the options.
 pub(crate) type Columns = BTreeMap<String, String>;
+
+/// How logs are read: what the columns are, bad rows left out, threads.
+pub(crate) type Reading = (Columns, bool, usize);
 
 /// Names and columns, the group of each row with the labels, rows that were skipped and repeated.
 type Read<'py> = (

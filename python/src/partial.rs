@@ -20,7 +20,7 @@ use crate::arrays::Arrays;
 use crate::error::{Failure, Told};
 use crate::fitted::Fitted;
 use crate::interrupt::without_lock;
-use crate::log::mapping;
+use crate::log::{Reading, mapping};
 use crate::options;
 
 /// The exact sums over some rows.
@@ -29,9 +29,6 @@ pub(crate) struct Partial(PartialFit);
 
 /// Which sums are made: model, intercept, groups kept, seed of the random split.
 type What = (String, bool, Option<String>, u64);
-
-/// How logs are read: what the columns are, bad rows left out, threads.
-pub(crate) type Reading = (crate::log::Columns, bool, usize);
 
 fn largest_basis(model: &str) -> Result<Basis, Failure> {
     // The sums of the largest serve every model that `auto` compares.
@@ -133,7 +130,7 @@ impl Partial {
     }
 
     /// The document, in the order that does not depend on how it was merged.
-    fn to_bytes<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyBytes> {
+    fn document<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyBytes> {
         let partial = &mut self.0;
         let document = py.detach(|| {
             partial.put_in_order();
@@ -183,6 +180,7 @@ impl Partial {
     }
 
     /// Fits a calibration.
+    #[expect(clippy::too_many_arguments, reason = "each has a name in Python")]
     fn solve(
         &mut self,
         py: Python<'_>,

@@ -132,7 +132,7 @@ class Partial:
 
     def to_bytes(self) -> bytes:
         """The document, as ``shellcal merge --partial`` writes it."""
-        return self._known().to_bytes()
+        return self._known().document()
 
     @classmethod
     def from_bytes(cls, document: bytes) -> Partial:

@@ -84,11 +84,11 @@ pub(crate) fn outputs(mut matches: &ArgMatches) -> Result<Outputs, OutputError> 
     let outputs = Outputs::new();
     loop {
         values::<InputPath>(matches).try_for_each(|path| outputs.protect(path))?;
-        let files = values::<InputOrStdin>(matches).filter(|path| !path.is_stdin());
-        files.map(|path| outputs.protect(path)).collect::<Result<(), _>>()?;
+        let mut files = values::<InputOrStdin>(matches).filter(|path| !path.is_stdin());
+        files.try_for_each(|path| outputs.protect(path))?;
         values::<OutputPath>(matches).try_for_each(|path| outputs.announce(path))?;
-        let files = values::<OutputOrStdout>(matches).filter(|path| !path.is_stdout());
-        files.map(|path| outputs.announce(path)).collect::<Result<(), _>>()?;
+        let mut files = values::<OutputOrStdout>(matches).filter(|path| !path.is_stdout());
+        files.try_for_each(|path| outputs.announce(path))?;
         match matches.subcommand() {
             Some((_, subcommand)) => matches = subcommand,
             None => return Ok(outputs),
