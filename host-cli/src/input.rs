@@ -20,7 +20,7 @@ pub enum Document {
 
 impl Document {
     /// The most bytes that are read.
-    const fn budget(self) -> u64 {
+    pub(crate) const fn budget(self) -> u64 {
         match self {
             // A calibration of the largest model with a covariance by groups.
             Document::Json => 512 << 20,

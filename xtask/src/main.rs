@@ -18,6 +18,7 @@ mod measure;
 mod model;
 mod need;
 mod peers;
+mod python;
 mod scale;
 mod setup;
 mod stack;

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use system_tests::emulation::IMAGE;
 
 use crate::steps::{cargo, run as step};
-use crate::{cross, firmware, fuzz, layers, licences, model, setup};
+use crate::{cross, firmware, fuzz, layers, licences, model, python, setup};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
@@ -30,6 +30,10 @@ pub(crate) struct Args {
     /// Do not install Chromium where there is none: tests in a browser are then skipped
     #[arg(long)]
     without_browser: bool,
+
+    /// Leave out the Python package: no packages are fetched for its tests
+    #[arg(long, conflicts_with = "quick")]
+    without_python: bool,
 }
 
 /// The profile of the tests: optimised, with the checks of a debug build.
@@ -71,6 +75,11 @@ fn whole(args: &Args) -> Result<()> {
     tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
     tests.envs(model::environment(!args.without_board));
     step("tests", &mut tests)?;
+    if args.without_python {
+        eprintln!("the tests of the Python package are left out");
+    } else {
+        python::test(&PROFILE)?;
+    }
     if !args.tests_only {
         let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
         let mut doc = cargo(&[&doc[..], &PROFILE].concat());

@@ -43,7 +43,10 @@ use std::path::{Path, PathBuf};
 
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
-pub use self::partial::{MergeError, PARTIAL_SCHEMA_VERSION, PartialFit};
+pub use self::partial::{
+    GROUPED_PARTIAL_SCHEMA_VERSION, MergeError, PARTIAL_SCHEMA_VERSION, PartialFit, PartialGroup,
+    PartialGroups, PartialStream,
+};
 use crate::input::{self, Document};
 use calibration::{Calibration, Kind};
 use shell_data::wrench::PerAxis;
@@ -120,6 +123,21 @@ pub enum Problem {
     Matrix(matrix::MatrixError),
 }
 
+impl Problem {
+    /// The same where so many lines stand before the document.
+    fn after_lines(self, before: usize) -> Self {
+        match self {
+            Self::NotJson { line, column, message } => {
+                Self::NotJson { line: line + before, column, message }
+            }
+            Self::Field { line, column, message } => {
+                Self::Field { line: line + before, column, message }
+            }
+            other => other,
+        }
+    }
+}
+
 impl CalibrationFile {
     /// The share of the training loads' variance that the calibration leaves unexplained, 1 − R² of
     /// each axis, if that is known.
@@ -138,6 +156,14 @@ impl CalibrationFile {
         let text =
             input::read(path, Document::Json).map_err(|error| problem(Problem::Io(error)))?;
         version::parse(&text).map_err(problem)
+    }
+
+    /// Reads a JSON document.
+    ///
+    /// # Errors
+    /// [`Problem`] if it is no calibration of this version.
+    pub fn parse(text: &[u8]) -> Result<Self, Problem> {
+        version::parse(text)
     }
 
     /// The JSON document.

@@ -15,6 +15,7 @@ use calibration::solver::SolverKind;
 use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
 use calibration::validation::cross_validation::{CrossValidation, HeldOutQuality};
 use calibration::validation::excitation::{AxisExcitation, Excitation};
+use calibration::validation::grouped::GroupKind;
 use calibration::validation::selection::{Candidate, CandidateErrors, Selection};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use shell_data::wrench::PerAxis;
@@ -304,6 +305,14 @@ impl Named for Basis {
 
     fn name(self) -> &'static str {
         Basis::name(self)
+    }
+}
+
+impl Named for GroupKind {
+    const ALL: &'static [Self] = &GroupKind::ALL;
+
+    fn name(self) -> &'static str {
+        GroupKind::name(self)
     }
 }
 

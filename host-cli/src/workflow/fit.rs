@@ -4,19 +4,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{BlockErrors, Evaluation};
 use super::log_rows::{LogRows, store};
+use super::solving::{Problem, Solved, solve};
+pub use super::uncertainty::CovarianceFrom;
+use super::uncertainty::Uncertainty;
 use super::{WorkflowError, check_channels};
 use crate::calibration_file::LARGEST;
 use crate::figures::FitPlot;
 use calibration::exact::{ExactError, Moments};
-use calibration::least_squares::Method;
 use calibration::quality::AxisQuality;
-use calibration::reading_ranges::ReadingRanges;
-use calibration::scaling::Scaling;
-use calibration::solver::{self, Blocks, Centring, FitProblem, Solution, SolverKind};
-use calibration::uncertainty::{Covariance, ErrorShape};
+use calibration::solver::{Solution, SolverKind};
+use calibration::uncertainty::ErrorShape;
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
-use calibration::validation::grouped::GroupedMoments;
 use calibration::validation::shared_loads::RowSample;
 use calibration::{Basis, Calibration, FitError, Model, Polynomial};
 use log_file::{Log, ReadOptions, Wanted};
@@ -67,17 +66,6 @@ impl Default for FitOptions<'_> {
             read: ReadOptions::default(),
         }
     }
-}
-
-/// What is known of the errors of training rows, and so what the covariance is found from.
-#[derive(Clone, Copy, Debug)]
-pub enum CovarianceFrom<'a> {
-    /// It is not wanted, and nothing is spent on it.
-    Nothing,
-    /// Errors are independent from row to row.
-    Rows,
-    /// Errors are alike within the groups of these sums, which are those of the training rows.
-    Groups(&'a GroupedMoments),
 }
 
 /// A calibration and how well it does.
@@ -132,17 +120,22 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let read = ReadOptions { progress: Some(&report), ..options.read };
     let mut store = store(train, test);
     let mut rows = LogRows::new(train, test, options.fresh, read, store.room());
-    let (mut solver, mut not_exact) = (options.solver, None);
-    let solved = match solve(solver, first, &mut rows, options) {
-        Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {
-            (solver, not_exact) = (SolverKind::RefinedTsqr, Some(error));
-            solve(solver, first, &mut rows, options)
-        }
-        solved => solved,
+    let problem = Problem {
+        model: Model {
+            basis: options.basis,
+            intercept: options.intercept,
+            channels: first.channels(),
+        },
+        solver: options.solver,
+        ridge: options.ridge,
+        truncate: options.truncate,
+        total: options.total,
     };
-    let (solution, ranges) = solved?;
+    let sample = || Ok(first.sample(&Wanted { readings: true, ..Wanted::default() })?);
+    let Solved { solution, ranges, solver, not_exact } = solve(&problem, &mut rows, sample)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
-    let Uncertainty { mut covariance, not_grouped } = Uncertainty::of(&solution, solver, options);
+    let Uncertainty { mut covariance, not_grouped } =
+        Uncertainty::of(&solution, solver, options.ridge, options.covariance);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
     read_before.store(train_bytes, Ordering::Relaxed);
     let errors = errors(&calibration, &mut rows, size_unit.as_ref(), options.plot)?;
@@ -236,7 +229,18 @@ fn errors(
         let path = |log: usize| logs[log].path().to_path_buf();
         return Err(WorkflowError::Copy { earlier: path(earlier), later: path(later) });
     }
-    // Products of two errors are part of a calibration's document.
+    check_sizes(calibration, &evaluations)?;
+    let test = evaluations.split_off(train);
+    let on_plateaus = test_rows.share_on_plateaus_of(&train_rows);
+    Ok(Errors { train: evaluations, loads, test, on_plateaus, plots })
+}
+
+/// Whether coefficients and errors can be written to a calibration's document, of which products of two
+/// errors are part.
+pub(super) fn check_sizes(
+    calibration: &Calibration,
+    evaluations: &[Evaluation],
+) -> Result<(), FitError> {
     let is_sane = |of: &Evaluation| {
         let is_small = |axis: &AxisQuality| axis.rms * axis.rms <= LARGEST;
         of.quality().is_none_or(|axes| axes.iter().all(is_small))
@@ -244,80 +248,13 @@ fn errors(
     let coefficients = calibration.polynomial().map_or(&[][..], Polynomial::coefficients);
     let is_large = |coefficient: &f64| coefficient.abs() > LARGEST;
     if !evaluations.iter().all(is_sane) || coefficients.iter().flatten().any(is_large) {
-        return Err(FitError::Overflow.into());
+        return Err(FitError::Overflow);
     }
-    let test = evaluations.split_off(train);
-    let on_plateaus = test_rows.share_on_plateaus_of(&train_rows);
-    Ok(Errors { train: evaluations, loads, test, on_plateaus, plots })
-}
-
-/// Solves by the solver of that name.
-fn solve(
-    solver: SolverKind,
-    first: &Log,
-    rows: &mut LogRows<'_>,
-    options: &FitOptions<'_>,
-) -> Result<(Solution, ReadingRanges), WorkflowError> {
-    let channels = first.channels();
-    let model = Model { basis: options.basis, intercept: options.intercept, channels };
-    if let (Some(total), SolverKind::Exact) = (options.total, solver) {
-        let ranges = total.reading_ranges();
-        let solution = solver::solve_moments(total, &model, options.ridge, &ranges)?;
-        return Ok((solution, ranges));
-    }
-    // The exact solver chooses its own centre and scale. For the others a sample tells, unless the
-    // answer depends on it.
-    let is_penalised = options.ridge > 0.0
-        || solver == SolverKind::RidgeGcv
-        || (solver == SolverKind::Svd && options.truncate.is_some());
-    let scaling = match solver {
-        SolverKind::Exact => Scaling::identity(channels),
-        _ if is_penalised => {
-            let centring = Centring { channels, intercept: model.intercept };
-            centring.scaling(&rows.pass(&centring)?)
-        }
-        _ => {
-            let sample = first.sample(&Wanted { readings: true, ..Wanted::default() })?;
-            Scaling::of_sample(&sample.readings, model.intercept)
-        }
-    };
-    let problem = FitProblem { model, scaling, ridge: options.ridge };
-    match solver {
-        SolverKind::Svd => {
-            solver::fit_by(Method::Svd { truncate: options.truncate }, problem, rows)
-        }
-        _ => solver::fit(solver, problem, rows),
-    }
-}
-
-/// The covariance, as far as it can be had.
-struct Uncertainty {
-    covariance: Option<Covariance>,
-    not_grouped: Option<ValidationError>,
-}
-
-impl Uncertainty {
-    fn of(solution: &Solution, solver: SolverKind, options: &FitOptions<'_>) -> Self {
-        let by_rows = || Covariance::of_rows(solution);
-        let found = match options.covariance {
-            CovarianceFrom::Nothing => Ok(None),
-            CovarianceFrom::Rows => Ok(by_rows()),
-            CovarianceFrom::Groups(_) if solver != SolverKind::Exact => {
-                Err(ValidationError::OtherSolver)
-            }
-            CovarianceFrom::Groups(sums) => {
-                Covariance::of_groups(sums, &solution.model, options.ridge).map(Some)
-            }
-        };
-        match found {
-            Ok(covariance) => Self { covariance, not_grouped: None },
-            Err(error) => Self { covariance: by_rows(), not_grouped: Some(error) },
-        }
-    }
+    Ok(())
 }
 
 /// The root mean square of the errors of each axis; one where there are none.
-fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
+pub(super) fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
     std::array::from_fn(|axis| {
         let square = solution.residual_products[(axis, axis)] / solution.rows as f64;
         if square > 0.0 { square.sqrt() } else { 1.0 }
@@ -325,7 +262,7 @@ fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
 }
 
 /// How the training errors are distributed.
-fn shape(train: &[Evaluation], unit: &PerAxis<f64>) -> Option<ErrorShape> {
+pub(super) fn shape(train: &[Evaluation], unit: &PerAxis<f64>) -> Option<ErrorShape> {
     let mut total = Evaluation::default();
     train.iter().for_each(|evaluation| total.merge(evaluation));
     let rms = total.quality()?.map(|axis| axis.rms);

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::model_choice::HeldOut;
 use super::{WorkflowError, check_channels};
+use calibration::validation::grouped::GroupKind;
 use calibration::validation::plateaus::{PlateauFinder, Steps, Stretches};
 use log_file::{self, Log, ReadOptions, Wanted};
 use shell_data::block::Block;
@@ -131,7 +132,7 @@ pub fn held_out(
         HeldOut::Plateaus => Ok(found()?.filter(GroupBy::is_of_poses)),
         HeldOut::Auto | HeldOut::Folds(_) => match given(logs) {
             None => found(),
-            given => Ok(given),
+            given => Ok(given.map(GroupBy::from)),
         },
     }
 }
@@ -144,17 +145,26 @@ pub fn held_out(
 pub fn of_errors(logs: &[Log], read: &ReadOptions<'_>) -> Result<Option<GroupBy>, WorkflowError> {
     match given(logs) {
         None if logs.iter().all(may_have_plateaus) => held_out(logs, HeldOut::Plateaus, read),
-        given => Ok(given),
+        given => Ok(given.map(GroupBy::from)),
     }
 }
 
 /// What groups `logs` are given in: those of a column where all have one, otherwise files where there
 /// are several.
-fn given(logs: &[Log]) -> Option<GroupBy> {
+pub(super) fn given(logs: &[Log]) -> Option<GroupKind> {
     match logs.len() {
-        1.. if logs.iter().all(Log::has_groups) => Some(GroupBy::Column),
-        2.. => Some(GroupBy::File),
+        1.. if logs.iter().all(Log::has_groups) => Some(GroupKind::Column),
+        2.. => Some(GroupKind::File),
         _ => None,
+    }
+}
+
+impl From<GroupKind> for GroupBy {
+    fn from(kind: GroupKind) -> Self {
+        match kind {
+            GroupKind::File => Self::File,
+            GroupKind::Column => Self::Column,
+        }
     }
 }
 

@@ -8,23 +8,29 @@ pub mod eval;
 pub mod figures;
 pub mod fit;
 pub mod groups;
+pub mod in_memory;
 mod kept_rows;
 mod log_rows;
 pub mod log_summary;
+pub mod merge;
 pub mod model_choice;
 pub mod moments;
 pub mod noise;
+pub mod partial;
 pub mod physics;
 pub mod report;
 pub mod sampling;
 pub mod selection;
 pub mod simulate;
+mod solving;
 pub mod synthetic_trials;
 pub mod trial;
+mod uncertainty;
 pub mod weighing;
 
 use std::path::PathBuf;
 
+use crate::calibration_file::MergeError;
 use calibration::FitError;
 use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
@@ -55,6 +61,18 @@ pub enum WorkflowError {
          jumps of time; give several logs, or a column that is one value in each pose (`--group`)"
     )]
     NoGroups,
+    /// Rows in memory without labels of groups, where something is asked of these.
+    #[error("there is nothing to hold out: the rows have no labels of groups")]
+    NoGroupLabels,
+    /// The caller wanted no more of it.
+    #[error("it was interrupted")]
+    Interrupted,
+    /// Partial fits that know nothing of groups, where something is asked of these.
+    #[error("the partial fits keep no sums of groups to hold out")]
+    NoGroupSums,
+    /// Partial fits that cannot be merged.
+    #[error(transparent)]
+    Merge(MergeError),
     /// A log is a copy of another, and would be counted twice or tested on itself.
     #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
     Copy {
@@ -69,6 +87,9 @@ pub enum WorkflowError {
         /// The log.
         path: PathBuf,
     },
+    /// Nothing was left to sum.
+    #[error("no training rows are left")]
+    NoRows,
     /// There was nothing to work on.
     #[error("no logs were given")]
     NoLogs,

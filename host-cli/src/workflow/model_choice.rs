@@ -4,6 +4,7 @@
 use super::WorkflowError;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::moments::{self, SumOptions};
+use calibration::exact::Moments;
 use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
 use calibration::validation::advice::Advice;
@@ -14,13 +15,18 @@ use calibration::{Basis, FitError, Model};
 use log_file::{Log, ReadOptions};
 
 /// Folds of the random split that held-out errors are compared with, where no number is given.
-const RANDOM_FOLDS: usize = 10;
+pub const RANDOM_FOLDS: usize = 10;
 
 /// Folds of it that are held out.
 const HELD_OUT: usize = 2;
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
+
+/// The random split into so many folds, two of which are held out.
+pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
+    RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
+}
 
 /// What is held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,37 +136,20 @@ pub fn choose(
     train: &[Log],
     options: &ModelChoiceOptions<'_>,
 ) -> Result<ModelChoice, WorkflowError> {
-    let mut choice = ModelChoice {
-        basis: options.basis.unwrap_or(Basis::Poly3),
-        ridge: options.ridge,
-        selection: None,
-        cross_validation: None,
-        advice: None,
-        sums: None,
-        group_by: None,
-        by_group: false,
-        not_grouped: None,
-        few_groups: None,
-    };
-    let validates = options.basis.is_none() || options.cross_validation.is_some();
-    let folds = match options.cross_validation {
-        Some(HeldOut::Folds(folds)) => Some(folds),
-        _ => None,
-    };
+    let folds = options.folds();
+    let validates = options.validates();
     let asks_for_groups = validates || options.covariance == CovarianceRule::Groups;
-    choice.group_by = match options.cross_validation {
+    let group_by = match options.cross_validation {
         _ if !asks_for_groups && !options.takes_groups() => None,
         Some(held_out) => groups::held_out(train, held_out, &options.read)?,
         None if asks_for_groups => groups::held_out(train, HeldOut::Auto, &options.read)?,
         None => groups::of_errors(train, &options.read)?,
     };
-    let group_by = choice.group_by.clone();
-    choice.by_group = options.wants_groups(group_by.as_ref());
+    let mut choice = options.open(group_by.clone());
     if !validates && !choice.by_group {
         return Ok(choice);
     }
-    let sums =
-        options.sum(train, choice.basis, group_by.clone().ok_or(WorkflowError::NoGroups)?, folds);
+    let sums = options.sum(train, choice.basis, group_by.ok_or(WorkflowError::NoGroups)?, folds);
     let sums = match sums {
         // Better standard errors were not asked for by name.
         Err(WorkflowError::Fit(FitError::NotExact(reason))) if !validates => {
@@ -173,32 +162,20 @@ pub fn choose(
         }
         sums => sums?,
     };
-    // A few groups say little about how groups scatter.
-    choice.by_group &=
-        options.covariance != CovarianceRule::Auto || sums.groups.len() >= FEWEST_GROUPS;
-    if options.basis.is_none() {
-        let given = [options.ridge];
-        let ridges = if options.ridge > 0.0 { &given[..] } else { &selection::RIDGES };
-        let selection = selection::select(&sums, options.intercept, ridges)?;
-        let chosen = &selection.candidates[selection.chosen];
-        (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
-        choice.advice = Some(Advice::of(&sums, options.intercept, &selection, None)?);
-        choice.selection = Some(selection);
-    }
-    let channels = train.first().map_or(0, Log::channels);
-    let model = Model { basis: choice.basis, intercept: options.intercept, channels };
-    let is_of_poses = group_by.is_some_and(|group_by| group_by.is_of_poses());
-    if options.covariance == CovarianceRule::Auto && is_of_poses {
-        choice.few_groups = FewGroups::of(model.term_count(), sums.groups.len());
-    }
-    if options.cross_validation.is_some() {
-        choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
-        if choice.advice.is_none() {
-            choice.advice = advice(&sums, &model, choice.ridge)?;
-        }
-    }
-    choice.sums = Some(sums);
-    Ok(choice)
+    options.decide(choice, sums, folds)
+}
+
+/// The same, from sums that have been made already: for `options.basis` or, where the family is to be
+/// chosen, for any. Errors are found on each group, or on `folds` folds of them.
+///
+/// # Errors
+/// As for [`choose`].
+pub fn choose_from(
+    sums: GroupedMoments,
+    group_by: GroupBy,
+    options: &ModelChoiceOptions<'_>,
+) -> Result<ModelChoice, WorkflowError> {
+    options.decide(options.open(Some(group_by)), sums, options.folds())
 }
 
 /// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
@@ -220,6 +197,78 @@ fn advice(
 }
 
 impl ModelChoiceOptions<'_> {
+    /// Whether it takes groups to answer what is asked.
+    fn validates(&self) -> bool {
+        self.basis.is_none() || self.cross_validation.is_some()
+    }
+
+    /// How many folds errors are found on, where it is not each group.
+    fn folds(&self) -> Option<usize> {
+        match self.cross_validation {
+            Some(HeldOut::Folds(folds)) => Some(folds),
+            _ => None,
+        }
+    }
+
+    /// What is asked for, before anything is known.
+    fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
+        ModelChoice {
+            basis: self.basis.unwrap_or(Basis::Poly3),
+            ridge: self.ridge,
+            selection: None,
+            cross_validation: None,
+            advice: None,
+            sums: None,
+            by_group: self.wants_groups(group_by.as_ref()),
+            group_by,
+            not_grouped: None,
+            few_groups: None,
+        }
+    }
+
+    /// The same where there are no groups.
+    pub(super) fn without_groups(&self) -> Result<ModelChoice, WorkflowError> {
+        match self.validates() || self.covariance == CovarianceRule::Groups {
+            true => Err(WorkflowError::NoGroupSums),
+            false => Ok(self.open(None)),
+        }
+    }
+
+    /// What the sums say.
+    fn decide(
+        &self,
+        mut choice: ModelChoice,
+        sums: GroupedMoments,
+        folds: Option<usize>,
+    ) -> Result<ModelChoice, WorkflowError> {
+        // A few groups say little about how groups scatter.
+        choice.by_group &=
+            self.covariance != CovarianceRule::Auto || sums.groups.len() >= FEWEST_GROUPS;
+        if self.basis.is_none() {
+            let given = [self.ridge];
+            let ridges = if self.ridge > 0.0 { &given[..] } else { &selection::RIDGES };
+            let selection = selection::select(&sums, self.intercept, ridges)?;
+            let chosen = &selection.candidates[selection.chosen];
+            (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
+            choice.advice = Some(Advice::of(&sums, self.intercept, &selection, None)?);
+            choice.selection = Some(selection);
+        }
+        let channels = sums.total().map_or(0, Moments::channels);
+        let model = Model { basis: choice.basis, intercept: self.intercept, channels };
+        let is_of_poses = choice.group_by.as_ref().is_some_and(GroupBy::is_of_poses);
+        if self.covariance == CovarianceRule::Auto && is_of_poses {
+            choice.few_groups = FewGroups::of(model.term_count(), sums.groups.len());
+        }
+        if self.cross_validation.is_some() {
+            choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
+            if choice.advice.is_none() {
+                choice.advice = advice(&sums, &model, choice.ridge)?;
+            }
+        }
+        choice.sums = Some(sums);
+        Ok(choice)
+    }
+
     /// Whether the covariance is to come from groups, if those are `group_by`.
     fn wants_groups(&self, group_by: Option<&GroupBy>) -> bool {
         match self.covariance {
@@ -241,10 +290,9 @@ impl ModelChoiceOptions<'_> {
         folds: Option<usize>,
     ) -> Result<GroupedMoments, WorkflowError> {
         let random = self.cross_validation.map_or_else(RandomSplit::default, |_| {
-            let folds = folds.unwrap_or(RANDOM_FOLDS);
-            RandomSplit { folds, held_out: folds.min(HELD_OUT), seed: self.seed }
+            random_split(folds.unwrap_or(RANDOM_FOLDS), self.seed)
         });
         let options = SumOptions { basis, group_by, random, fresh: self.fresh, read: self.read };
-        Ok(moments::sum(train, &options)?.0)
+        Ok(moments::sum(train, &options)?.grouped)
     }
 }

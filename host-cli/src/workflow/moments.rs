@@ -27,15 +27,23 @@ pub struct SumOptions<'a> {
     pub read: ReadOptions<'a>,
 }
 
-/// Sums the rows of `logs`. Also returns what each log was.
+/// What was summed.
+#[derive(Debug)]
+pub struct Sums {
+    /// The sums by group.
+    pub grouped: GroupedMoments,
+    /// For each group, the log that has its first row.
+    pub first_in: Vec<usize>,
+    /// What each log was.
+    pub summaries: Vec<ReadSummary>,
+}
+
+/// Sums the rows of `logs`.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, lack a
 /// group column that is asked for, or their rows cannot be summed exactly.
-pub fn sum(
-    logs: &[Log],
-    options: &SumOptions<'_>,
-) -> Result<(GroupedMoments, Vec<ReadSummary>), WorkflowError> {
+pub fn sum(logs: &[Log], options: &SumOptions<'_>) -> Result<Sums, WorkflowError> {
     let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let wanted = options.group_by.wanted(logs);
     for log in logs {
@@ -61,11 +69,14 @@ pub fn sum(
         Ok(worker.add(block)?)
     };
     let all: Vec<&Log> = logs.iter().collect();
-    let fold = |_, groups: Result<BlockGroups, WorkflowError>| -> Result<(), WorkflowError> {
-        Ok(sums.add(groups?)?)
+    let mut first_in = Vec::new();
+    let fold = |log, groups: Result<BlockGroups, WorkflowError>| -> Result<(), WorkflowError> {
+        sums.add(groups?)?;
+        first_in.resize(sums.group_count(), log);
+        Ok(())
     };
     let (summaries, workers) = log_file::read_all(&all, &wanted, &options.read, init, map, fold)?;
-    Ok((sums.finish(workers)?, summaries))
+    Ok(Sums { grouped: sums.finish(workers)?, first_in, summaries })
 }
 
 impl From<ValidationError> for WorkflowError {

@@ -1,10 +1,11 @@
-//! Documents of version 1, as they were written when it came out: every later version reads them.
+//! Documents as they were written when their version came out: every later version reads them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use calibration::Basis;
 use calibration::uncertainty::CoefficientCovariance;
+use calibration::validation::grouped::GroupKind;
 use shellcal::calibration_file::{CalibrationFile, PartialFit};
 use shellcal::trial::manifest::{Entry, Manifest, Moment};
 
@@ -50,6 +51,17 @@ fn partial_fits_are_read_and_written_as_they_were() {
     assert_eq!(format!("{content}\n}}\n"), fs::read_to_string(&path).unwrap());
     assert!(checksum.starts_with("\"xxh128:") && checksum.ends_with("\"\n}\n"), "{checksum}");
     assert_eq!((partial.model.basis, partial.moments.rows()), (Basis::Cubic, 299));
+}
+
+#[test]
+fn partial_fits_with_groups_are_read_and_written_as_they_were() {
+    let path = golden("partial-v2.json");
+    let partial = PartialFit::read(&path).unwrap();
+    assert_eq!(partial.to_json(), fs::read_to_string(&path).unwrap());
+    let groups = partial.groups.unwrap();
+    assert_eq!((groups.by, groups.split.folds, groups.split.held_out), (GroupKind::Column, 10, 2));
+    assert_eq!(groups.groups.len(), 4);
+    assert_eq!((groups.groups[3].source, groups.groups[3].place), (1, 0));
 }
 
 #[test]

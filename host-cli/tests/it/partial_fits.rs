@@ -125,7 +125,8 @@ fn a_damaged_or_foreign_part_is_refused() {
     done(&dir, "fit 1.csv --model linear --partial 1.json");
     let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
     let cases = [
-        ("\"partial_schema_version\": 1", "\"partial_schema_version\": 2", "schema version is `2`"),
+        ("\"partial_schema_version\": 1", "\"partial_schema_version\": 3", "schema version is `3`"),
+        ("\"partial_schema_version\": 1", "\"partial_schema_version\": 2", "`groups` belongs to"),
         ("\"channels\": 8", "\"channels\": 7", "`moments` are not those of `model`"),
         ("\"rows\": 900,\n    \"channels\"", "\"rows\": 901,\n    \"channels\"", "sum of ones"),
         ("\"moments\"", "\"sums\"", "missing field `moments`"),
@@ -147,4 +148,246 @@ fn readings_that_cannot_be_summed_exactly_have_no_partial_fit() {
     let error = refused(&dir, "fit odd.csv --partial odd.json");
     assert!(error.contains("`0.123456789` of channel `s1`"), "{error}");
     assert!(!dir.path().join("odd.json").exists());
+}
+
+/// What a merged calibration must have in common with one fit over all files: everything but the figures
+/// that take the rows again.
+fn without_rows(file: &serde_json::Value) -> serde_json::Value {
+    let mut file = file.clone();
+    for figure in ["train", "excitation"] {
+        file["diagnostics"].as_object_mut().unwrap().remove(figure);
+    }
+    if let Some(covariance) = file["covariance"].as_object_mut() {
+        covariance.remove("shape");
+    }
+    file
+}
+
+#[test]
+fn merged_parts_with_groups_validate_as_one_fit_does_bit_for_bit_in_any_order() {
+    let dir = recordings();
+    let cases = [
+        // Poses of one label are one group, also across files.
+        ("--groups", "cubic", "--cv", "--cv"),
+        ("--groups=column --cv-seed 7", "linear", "--cv --cv-seed 7", "--cv"),
+        ("--groups=file", "linear", "--cv=file --covariance groups", "--cv --covariance groups"),
+        ("--groups", "auto", "--cv=10", "--cv=10"),
+    ];
+    for (keep, model, fit, merge) in cases {
+        let model = format!("--model {model}");
+        done(&dir, &format!("fit 1.csv 2.csv 3.csv {model} {fit} -o whole.json"));
+        for file in 1..=3 {
+            done(&dir, &format!("fit {file}.csv {model} {keep} --partial {file}.json"));
+        }
+        done(&dir, &format!("fit 3.csv 1.csv {model} {keep} --threads 1 --partial two.json"));
+        done(&dir, "merge 3.json 2.json --partial late.json");
+        let fitted = model.clone();
+        let model = if model.ends_with("auto") { "--model auto" } else { "" };
+        let whole = json(&dir, "whole.json");
+        done(&dir, &format!("fit 2.csv 1.csv 3.csv {fitted} {keep} --partial sums.json"));
+        done(&dir, "merge late.json 1.json --partial merged.json");
+        let read = |name| fs::read(dir.path().join(name)).unwrap();
+        assert!(read("merged.json") == read("sums.json"), "{keep}");
+        let mut bytes = Vec::new();
+        for parts in
+            ["1.json 2.json 3.json", "3.json 1.json 2.json", "late.json 1.json", "2.json two.json"]
+        {
+            done(&dir, &format!("merge {parts} {model} {merge} -o merged.json"));
+            let merged = json(&dir, "merged.json");
+            assert!(merged["diagnostics"]["cross_validation"]["grouped"].is_array());
+            assert_eq!(without_rows(&merged), without_rows(&whole), "{keep} {parts}");
+            bytes.push(fs::read(dir.path().join("merged.json")).unwrap());
+        }
+        assert!(bytes.windows(2).all(|pair| pair[0] == pair[1]), "{keep}");
+    }
+}
+
+#[test]
+fn a_smaller_model_is_fitted_to_the_sums_of_a_larger_one() {
+    let dir = recordings();
+    done(&dir, "fit 1.csv 2.csv --cv -o whole.json");
+    done(&dir, "fit 1.csv 2.csv --model poly3 --groups --partial all.json");
+    done(&dir, "merge all.json --model cubic --cv -o merged.json");
+    let (whole, merged) = (json(&dir, "whole.json"), json(&dir, "merged.json"));
+    assert_eq!(without_rows(&merged), without_rows(&whole));
+    done(&dir, "fit 1.csv --model linear --partial linear.json");
+    let error = refused(&dir, "merge linear.json --model cubic");
+    assert!(error.contains("the sums are for `linear+1` features, not for `cubic+1`"), "{error}");
+}
+
+#[test]
+fn what_groups_would_have_to_say_is_refused_without_them() {
+    let dir = recordings();
+    done(&dir, "fit 1.csv --partial bare.json");
+    done(&dir, "fit 2.csv --groups --partial two.json");
+    done(&dir, "fit 3.csv --groups=file --partial three.json");
+    done(&dir, "fit 3.csv --groups --cv-seed 2 --partial dealt.json");
+    fs::create_dir(dir.path().join("b")).unwrap();
+    fs::copy(dir.path().join("1.csv"), dir.path().join("b/3.csv")).unwrap();
+    // Another file of the same name, as another machine may have.
+    let elsewhere =
+        program::output(&dir.path().join("b"), "fit 3.csv --groups=file --partial 3.json");
+    assert_eq!(elsewhere.status.code(), Some(0));
+    let cases = [
+        ("merge bare.json --cv", "keep no sums of groups"),
+        ("merge bare.json --model auto", "--partial --groups"),
+        ("merge bare.json --covariance groups", "keep no sums of groups"),
+        ("merge bare.json two.json", "`two.json`: it keeps the sums of groups, expected no"),
+        ("merge two.json bare.json", "it keeps no sums of groups, expected the"),
+        ("merge two.json three.json", "its groups are those of `file`, expected `column`"),
+        ("merge two.json dealt.json", "by the seed `2`, expected `1`"),
+        ("merge three.json b/3.json", "another file with other rows is called `3.csv`"),
+        ("merge three.json --cv", "at least `2` groups are needed, found `1`"),
+        ("merge two.json --cv=1", "a number of folds from 2 up"),
+        ("fit 1.csv --groups", "--partial"),
+        ("fit 1.csv --model auto --partial x.json", "`--groups`"),
+        ("fit 1.csv --model physics --groups --partial x.json", "physics has no sums"),
+    ];
+    for (arguments, expected) in cases {
+        let error = refused(&dir, arguments);
+        assert!(error.contains(expected), "{arguments}: {error}");
+    }
+}
+
+/// The document with another checksum: what tampering with a checksum at hand would give.
+fn sealed(text: &str) -> String {
+    let (content, _) = text.rsplit_once(",\n  \"checksum\"").unwrap();
+    let hash = twox_hash::XxHash3_128::oneshot(content.as_bytes());
+    format!("{content},\n  \"checksum\": \"xxh128:{hash:032x}\"\n}}\n")
+}
+
+#[test]
+fn groups_that_were_tampered_with_are_refused() {
+    let dir = recordings();
+    done(&dir, "fit 1.csv --model linear --groups --partial 1.json");
+    let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
+    assert_eq!(sealed(&text), text);
+    let groups = text.find("\"sums\"").unwrap();
+    let label = "\"label\": \"";
+    let second = text[groups..].match_indices(label).nth(1).unwrap().0 + groups + label.len();
+    let second = &text[second..][..text[second..].find('"').unwrap()];
+    let first = text[groups..].find(label).unwrap() + groups + label.len();
+    let first = &text[first..][..text[first..].find('"').unwrap()];
+    let random = text.find("\"random\"").unwrap();
+    let rows = text[random..].find("\"rows\": ").unwrap() + random + "\"rows\": ".len();
+    let of_random = &text[rows..][..text[rows..].find(',').unwrap()];
+    let more = (of_random.parse::<u64>().unwrap() + 1).to_string();
+    let cases = [
+        ("\"place\": 0", "\"place\": 1", "label or place is taken"),
+        ("\"source\": 0", "\"source\": 1", "of no source"),
+        ("\"by\": \"column\"", "\"by\": \"colour\"", "unknown `colour`"),
+        ("\"held_out_folds\": 2", "\"held_out_folds\": 3", "that are held out"),
+        (&format!("{label}{second}\""), &format!("{label}{first}\""), "label or place is taken"),
+        (&format!("\"rows\": {of_random}"), &format!("\"rows\": {more}"), "the sum of ones"),
+        ("\"partial_schema_version\": 2", "\"partial_schema_version\": 1", "belongs to version 2"),
+    ];
+    for (from, to, expected) in cases {
+        assert!(text.contains(from), "{from}");
+        fs::write(dir.path().join("bad.json"), sealed(&text.replacen(from, to, 1))).unwrap();
+        let error = refused(&dir, "merge bad.json");
+        assert!(error.contains(expected), "{from}: {error}");
+        fs::write(dir.path().join("bad.json"), text.replacen(from, to, 1)).unwrap();
+        refused(&dir, "merge bad.json");
+    }
+    // The sums of one group are those of another, of as many rows.
+    let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let sums = document["groups"]["sums"].as_array_mut().unwrap();
+    let (a, b) = (sums[0]["moments"].clone(), sums[1]["moments"].clone());
+    assert!(a != b);
+    sums[0]["moments"] = b;
+    let swapped = serde_json::to_string_pretty(&document).unwrap() + "\n";
+    let (content, _) = swapped.rsplit_once(",\n  \"checksum\"").unwrap_or((&swapped, ""));
+    fs::write(dir.path().join("bad.json"), content).unwrap();
+    refused(&dir, "merge bad.json");
+    // Without its checksum it is not read, however right the rest.
+    let (content, _) = text.rsplit_once(",\n  \"checksum\"").unwrap();
+    fs::write(dir.path().join("bad.json"), format!("{content}\n}}\n")).unwrap();
+    assert!(refused(&dir, "merge bad.json").contains("it has no checksum"));
+}
+
+/// Runs a command with `input` on its standard input.
+fn piped(dir: &TempDir, arguments: &str, input: &[u8]) -> Output {
+    use std::io::Write;
+    let mut child = program::command(dir.path())
+        .args(arguments.split_whitespace())
+        .stdin(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Where the program ends early, the rest is not taken.
+    let _ = child.stdin.take().unwrap().write_all(input);
+    child.wait_with_output().unwrap()
+}
+
+#[test]
+fn partial_fits_pass_through_pipes() {
+    let dir = recordings();
+    let mut stream = Vec::new();
+    for file in [2, 3, 1] {
+        let output = done(&dir, &format!("fit {file}.csv --groups --partial -"));
+        assert!(String::from_utf8_lossy(&output.stderr).contains("cubic+1: sums over"));
+        stream.extend(output.stdout);
+        done(&dir, &format!("fit {file}.csv --groups --partial {file}.json"));
+    }
+    let expected = done(&dir, "merge 1.json 2.json 3.json --partial all.json -q");
+    assert!(!expected.stdout.is_empty());
+    let output = piped(&dir, "merge - --partial -", &stream);
+    assert_eq!(output.status.code(), Some(0));
+    assert!(output.stdout == fs::read(dir.path().join("all.json")).unwrap());
+    // Files and the stream together, and what is wrong with the second of the stream.
+    assert_eq!(piped(&dir, "merge - -o cal.json", &stream).status.code(), Some(0));
+    let twice = piped(&dir, "merge 2.json -", &stream);
+    let said = String::from_utf8_lossy(&twice.stderr).into_owned();
+    assert_eq!(twice.status.code(), Some(2));
+    assert!(said.contains("`-`, partial fit 2: its rows of `2.csv` have been counted"), "{said}");
+    let skipped = piped(&dir, "merge 2.json - --skip-counted -o again.json", &stream);
+    let said = String::from_utf8_lossy(&skipped.stderr).into_owned();
+    assert!(said.contains("left out, `2.csv` has been counted already"), "{said}");
+    let read = |name| fs::read(dir.path().join(name)).unwrap();
+    assert!(read("again.json") == read("cal.json"));
+    for (input, expected) in [
+        (&b""[..], "no partial fits were given"),
+        (b"nonsense\n", "`-`: line 1, column 2: not valid JSON"),
+        (&stream[..stream.len() - 9], "not valid JSON"),
+    ] {
+        let output = piped(&dir, "merge - -o none.json", input);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2));
+        assert!(said.contains(expected), "{said}");
+    }
+    assert!(refused(&dir, "fit 1.csv --partial - --json").contains("leave out `--json`"));
+}
+
+/// Whatever the number of partial fits, one of them and the sum are in memory. The bound: the program
+/// takes some 5 MB for one, and 10,000 of them are 34 MB of text.
+#[cfg(target_os = "linux")]
+#[test]
+fn ten_thousand_partial_fits_are_merged_in_flat_memory() {
+    use std::io::Write;
+    let dir = tempfile::tempdir().unwrap();
+    done(&dir, "synth train --rows 60 --rate 10 -o 1.csv");
+    done(&dir, "fit 1.csv --model linear --partial 1.json");
+    let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
+    let source = text.find("xxh128:").unwrap() + "xxh128:".len();
+    let mut child = program::command(dir.path())
+        .args(["merge", "-", "-o", "cal.json", "--json"])
+        .stdin(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut input = child.stdin.take().unwrap();
+    for part in 0..10_000u32 {
+        let part = format!("{}{part:032x}{}", &text[..source], &text[source + 32..]);
+        input.write_all(sealed(&part).as_bytes()).unwrap();
+    }
+    let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+    drop(input);
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    let kilobytes: u64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
+    assert!(kilobytes < 24_000, "{kilobytes} kB");
+    let output = child.wait_with_output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["partial_fits"], 10_000);
+    assert_eq!(report["rows"], 600_000);
 }

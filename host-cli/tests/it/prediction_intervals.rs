@@ -100,7 +100,7 @@ fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
                 fresh: false,
                 read: ReadOptions::default(),
             };
-            let (sums, _) = sum(&logs, &options).unwrap();
+            let sums = sum(&logs, &options).unwrap().grouped;
             for (covariance, found) in
                 [CovarianceFrom::Groups(&sums), CovarianceFrom::Rows].into_iter().zip(&mut found)
             {

@@ -62,7 +62,8 @@ fn crates(base: &Path) -> Result<Modules> {
     let metadata = MetadataCommand::new().current_dir(base).no_deps().exec()?;
     let mut modules = Modules::new(base);
     for target in metadata.packages.iter().flat_map(|package| &package.targets) {
-        let is_library = target.kind.contains(&TargetKind::Lib);
+        let kinds = [TargetKind::Lib, TargetKind::CDyLib];
+        let is_library = kinds.iter().any(|kind| target.kind.contains(kind));
         if is_library || target.kind.contains(&TargetKind::Bin) {
             let library = is_library.then_some(target.name.as_str());
             modules.add_crate(target.src_path.as_std_path(), library)?;

@@ -19,6 +19,14 @@ pub(crate) struct InputPath(PathBuf);
 #[derive(Clone, Debug)]
 pub(crate) struct OutputPath(PathBuf);
 
+/// A file that is read, or `-` for the standard input.
+#[derive(Clone, Debug)]
+pub(crate) struct InputOrStdin(PathBuf);
+
+/// A file that is written, or `-` for the standard output.
+#[derive(Clone, Debug)]
+pub(crate) struct OutputOrStdout(PathBuf);
+
 /// A folder that files are written into, or a link that is made.
 #[derive(Clone, Debug)]
 pub(crate) struct OutputPlace(PathBuf);
@@ -54,7 +62,19 @@ macro_rules! path {
     )*};
 }
 
-path!(InputPath, OutputPath, OutputPlace);
+path!(InputPath, InputOrStdin, OutputPath, OutputOrStdout, OutputPlace);
+
+impl InputOrStdin {
+    pub(crate) fn is_stdin(&self) -> bool {
+        self.0.as_os_str() == "-"
+    }
+}
+
+impl OutputOrStdout {
+    pub(crate) fn is_stdout(&self) -> bool {
+        self.0.as_os_str() == "-"
+    }
+}
 
 /// All files that the command line names.
 ///
@@ -64,7 +84,11 @@ pub(crate) fn outputs(mut matches: &ArgMatches) -> Result<Outputs, OutputError> 
     let outputs = Outputs::new();
     loop {
         values::<InputPath>(matches).try_for_each(|path| outputs.protect(path))?;
+        let mut files = values::<InputOrStdin>(matches).filter(|path| !path.is_stdin());
+        files.try_for_each(|path| outputs.protect(path))?;
         values::<OutputPath>(matches).try_for_each(|path| outputs.announce(path))?;
+        let mut files = values::<OutputOrStdout>(matches).filter(|path| !path.is_stdout());
+        files.try_for_each(|path| outputs.announce(path))?;
         match matches.subcommand() {
             Some((_, subcommand)) => matches = subcommand,
             None => return Ok(outputs),

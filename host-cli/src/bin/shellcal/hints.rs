@@ -34,6 +34,10 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
         }
         Some(WorkflowError::Changed { .. }) => Some("wait until it is written, and fit again"),
         Some(WorkflowError::Validation(error)) => after_validation(error),
+        Some(WorkflowError::Merge(error)) => after_merge(error),
+        Some(WorkflowError::NoGroupSums) => {
+            Some("make the partial fits with `shellcal fit --partial --groups`")
+        }
         _ => known(cause, after_log)
             .or_else(|| known(cause, after_calibration))
             .or_else(|| known(cause, after_conversion))
@@ -88,7 +92,18 @@ fn after_merge(error: &MergeError) -> Option<&'static str> {
     Some(match error {
         MergeError::Model { .. } => "make both with the same `--model` and `--no-intercept`",
         MergeError::Channels { .. } => "name the same sensor columns with `--sensors`",
-        MergeError::Twice(_) => "leave one of them out",
+        MergeError::Twice(_) => {
+            "leave one of them out; `--skip-counted` leaves out partial fits that were delivered twice"
+        }
+        MergeError::Groups { .. } => "make all with `--groups`, or all without",
+        MergeError::GroupsAre { .. } => {
+            "make all with `--groups=file`, or all with `--groups=column`"
+        }
+        MergeError::Split { .. } => "make all with the same `--cv-seed`",
+        MergeError::SameName(_) => {
+            "groups are files: give them different names, such as those of their folders"
+        }
+        MergeError::TooManyGroups { .. } => "name a column of fewer groups with `--group`",
         _ => return None,
     })
 }

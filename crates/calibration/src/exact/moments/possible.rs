@@ -5,6 +5,7 @@
 
 use num_bigint::Sign;
 
+use super::channel_range::ChannelRange;
 use super::layout::pair;
 use super::product_sums::Moments;
 
@@ -12,6 +13,25 @@ use super::product_sums::Moments;
 const SLACK: f64 = 1.0 + 1e-6;
 
 impl Moments {
+    /// Whether these can be the sums of some of the rows of `whole`. Where they cannot, taking them away
+    /// from it would leave sums of no rows.
+    pub fn can_be_part_of(&self, whole: &Moments) -> bool {
+        let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
+            let mut both = *whole;
+            both.merge(part);
+            both == *whole
+        };
+        let like = (self.basis, self.channels.len(), self.rows.min(whole.rows));
+        like == (whole.basis, whole.channels.len(), self.rows)
+            && self.channels.iter().zip(&whole.channels).all(within)
+            && whole.without(self).is_possible_rest()
+    }
+
+    /// The ranges of what is left are those of the whole, also where no rows are left.
+    fn is_possible_rest(&self) -> bool {
+        self.rows == 0 || self.check_possible().is_ok()
+    }
+
     /// # Errors
     /// What no rows have for sums.
     pub(crate) fn check_possible(&self) -> Result<(), String> {

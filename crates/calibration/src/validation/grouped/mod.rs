@@ -18,8 +18,8 @@ mod random_split;
 mod sums;
 mod worker;
 
-pub use self::moments::GroupedMoments;
 pub(super) use self::moments::total;
+pub use self::moments::{GroupKind, GroupedMoments};
 pub use self::random_split::RandomSplit;
 pub use self::sums::GroupSums;
 pub use self::worker::{BlockGroups, GroupWorker, MAX_GROUPS};

@@ -2,6 +2,28 @@
 
 use crate::exact::{ExactError, Moments};
 
+/// What a group is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroupKind {
+    /// The rows of a file.
+    File,
+    /// The rows with one label in the logs' group column.
+    Column,
+}
+
+impl GroupKind {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::File, Self::Column];
+
+    /// As options and documents call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::File => "file",
+            Self::Column => "column",
+        }
+    }
+}
+
 /// Sums over all rows, apart by group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupedMoments {
@@ -9,10 +31,22 @@ pub struct GroupedMoments {
     pub groups: Vec<(String, Moments)>,
     /// The sums of rows that were drawn at random from the same ones.
     pub random: Vec<Moments>,
-    pub(super) total: Option<Moments>,
+    total: Option<Moments>,
 }
 
 impl GroupedMoments {
+    /// The sums of `groups`, in the order of their first rows, and of the rows drawn at random.
+    ///
+    /// # Errors
+    /// [`ExactError`] if all groups together cannot be summed exactly.
+    ///
+    /// # Panics
+    /// If bases or numbers of channels differ.
+    pub fn new(groups: Vec<(String, Moments)>, random: Vec<Moments>) -> Result<Self, ExactError> {
+        let total = total(groups.iter().map(|(_, moments)| moments))?;
+        Ok(Self { groups, random, total })
+    }
+
     /// The sums over the rows of all groups; `None` for zero groups.
     pub fn total(&self) -> Option<&Moments> {
         self.total.as_ref()

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::moments::{GroupedMoments, total};
+use super::moments::GroupedMoments;
 use super::random_split::RandomSplit;
 use super::worker::{BlockGroups, GroupWorker, MAX_GROUPS, RowSet};
 use crate::exact::Moments;
@@ -27,6 +27,11 @@ impl GroupSums {
     pub fn new(basis: Basis, channels: usize, random: RandomSplit) -> Self {
         let folds = vec![None; random.held_out];
         Self { basis, channels, random, indices: HashMap::new(), groups: Vec::new(), folds }
+    }
+
+    /// The number of groups so far.
+    pub fn group_count(&self) -> usize {
+        self.groups.len()
     }
 
     /// A worker without rows.
@@ -61,9 +66,8 @@ impl GroupSums {
             }
         }
         let sums = |(label, sums): (Arc<str>, Option<Moments>)| Some((label.to_string(), sums?));
-        let groups: Vec<_> = self.groups.into_iter().filter_map(sums).collect();
-        let total = total(groups.iter().map(|(_, moments)| moments))?;
-        Ok(GroupedMoments { groups, random: self.folds.into_iter().flatten().collect(), total })
+        let groups = self.groups.into_iter().filter_map(sums).collect();
+        Ok(GroupedMoments::new(groups, self.folds.into_iter().flatten().collect())?)
     }
 
     fn add_moments(&mut self, rows: RowSet, moments: Moments) -> Result<(), ValidationError> {

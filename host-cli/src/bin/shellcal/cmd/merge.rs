@@ -1,41 +1,74 @@
 //! `shellcal merge`: from partial fits to a calibration.
 
-use std::io::Write;
+use std::io::{self, Write};
 
 use anyhow::Context;
-use calibration::exact::PartitionedMoments;
-use calibration::solver::{SolverKind, solve_moments};
-use calibration::uncertainty::Covariance;
-use calibration::{Calibration, FitError};
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
-use shellcal::calibration_file::stored::{Stored, StoredQuality};
-use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin, PartialFit, SolverRecord};
+use shellcal::calibration_file::stored::{
+    Stored, StoredCrossValidation, StoredQuality, StoredSelection,
+};
+use shellcal::calibration_file::{CalibrationFile, PartialFit, PartialStream};
 use shellcal::output::Outputs;
+use shellcal::workflow::merge::{self, MergedFit, MergedFitOptions, MergedModel};
+use shellcal::workflow::model_choice::{CovarianceRule, RANDOM_FOLDS};
 
+use super::choices::ModelArg;
+use super::covariance::{CovarianceArg, warn_of_few_groups};
 use super::origin;
 use super::quality::{significant, table_row};
-use crate::files::{InputPath, OutputPath};
+use super::validation::{print_cross_validation, print_selection};
+use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct MergeArgs {
-    /// Partial fits
+    /// Partial fits; `-` reads any number of them, one after the other, from the standard input
     #[arg(required = true, value_name = "PARTIAL")]
-    partials: Vec<InputPath>,
+    partials: Vec<InputOrStdin>,
 
     /// Write the calibration (JSON)
     #[arg(long, short, value_name = "CAL.json")]
     output: Option<OutputPath>,
 
-    /// Write what has been merged as one partial fit, and fit nothing
-    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["output", "ridge"])]
-    partial: Option<OutputPath>,
+    /// Write what has been merged as one partial fit, and fit nothing (`-` for the standard output)
+    #[arg(
+        long,
+        value_name = "FILE.json",
+        conflicts_with_all = ["output", "ridge", "model", "cv", "covariance", "no_covariance"]
+    )]
+    partial: Option<OutputOrStdout>,
+
+    /// Leave out partial fits whose files have all been counted already, and say so: for queues that
+    /// deliver twice
+    #[arg(long)]
+    skip_counted: bool,
+
+    /// Features of the readings: those that were summed, some of them, or `auto` for the smallest
+    /// model among them that predicts new groups as well as the best [default: those that were summed]
+    #[arg(long, value_name = "MODEL")]
+    model: Option<ModelArg>,
+
+    /// Find the errors on groups of rows that were held out, of partial fits with `--groups`; a number
+    /// K deals the groups into K folds
+    #[arg(
+        long,
+        value_name = "K",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "auto",
+        value_parser = parse_folds
+    )]
+    cv: Option<Folds>,
 
     /// Penalise large coefficients: λ, relative to features of norm one, such as 1e-6
     #[arg(long, value_name = "LAMBDA", default_value_t = 0.0, hide_default_value = true)]
     ridge: f64,
+
+    /// Which rows have errors of their own, for the standard errors and intervals of `convert`
+    #[arg(long, value_name = "OF", default_value = "auto", conflicts_with = "no_covariance")]
+    covariance: CovarianceArg,
 
     /// Leave the covariance out of the calibration: smaller, but without standard errors
     #[arg(long)]
@@ -46,121 +79,233 @@ pub(crate) struct MergeArgs {
     serial: Option<String>,
 }
 
+/// Each group alone, or so many folds of groups.
+#[derive(Clone, Copy, Debug)]
+struct Folds(Option<usize>);
+
+fn parse_folds(text: &str) -> Result<Folds, String> {
+    match (text, text.parse()) {
+        ("auto", _) => Ok(Folds(None)),
+        (_, Ok(folds @ 2..)) => Ok(Folds(Some(folds))),
+        _ => {
+            Err("expected a number of folds from 2 up; what a group is, the partial fits say"
+                .into())
+        }
+    }
+}
+
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Report {
     model: String,
     partial_fits: usize,
+    #[serde(skip_serializing_if = "is_zero")]
+    skipped_partial_fits: usize,
     files: usize,
     rows: u64,
     skipped_rows: u64,
     repeated_rows: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
+    groups: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     condition: Option<f64>,
     axes: PerAxis<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     train: Option<PerAxis<StoredQuality>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_validation: Option<StoredCrossValidation>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    selection: Option<StoredSelection>,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
+/// Partial fits put together.
+#[derive(Debug, Default)]
+struct Merged {
+    sum: Option<PartialFit>,
+    /// How many were read.
+    read: usize,
+    /// How many of them were left out.
+    skipped: usize,
 }
 
 impl MergeArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let open =
-            |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
-        let (output, partial) = (open(&self.output)?, open(&self.partial)?);
-        let merged = self.merged()?;
-        if let Some(mut partial) = partial {
-            partial.write_all(merged.to_json().as_bytes())?;
-            partial.commit()?;
-            self.report(printer, &merged, None)?;
+        let to_stdout = self.partial.as_ref().is_some_and(OutputOrStdout::is_stdout);
+        anyhow::ensure!(
+            !(to_stdout && printer.json()),
+            "`--partial -` writes the partial fit to the standard output: leave out `--json`"
+        );
+        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let partial = self.partial.as_ref().filter(|_| !to_stdout);
+        let partial = partial.map(|path| outputs.create(path)).transpose()?;
+        let merged = self.merged(printer)?;
+        let sum = merged.sum.as_ref().context("no partial fits were given")?;
+        if self.partial.is_some() {
+            let document = sum.to_json();
+            match partial {
+                Some(mut file) => {
+                    file.write_all(document.as_bytes())?;
+                    file.commit()?;
+                }
+                None => printer.stream().write_all(document.as_bytes())?,
+            }
+            self.report(printer, &merged, sum, None, to_stdout)?;
             return Ok(Outcome::Done);
         }
-        let file = self.calibration_file(merged.clone())?;
+        let fitted = merge::fit(sum, &self.options()?)?;
+        self.warn(&fitted, printer)?;
+        let file = fitted.file(sum, self.serial.clone());
         if let Some(mut output) = output {
             output.write_all(file.to_json().as_bytes())?;
             output.commit()?;
         }
-        self.report(printer, &merged, file.origin.diagnostics.as_ref())?;
+        self.report(printer, &merged, sum, Some(&file), false)?;
         Ok(Outcome::Done)
     }
 
-    fn merged(&self) -> anyhow::Result<PartialFit> {
-        let mut partials = self.partials.iter();
-        let first = partials.next().context("no partial fits were given")?;
-        let mut merged = PartialFit::read(first)?;
-        for path in partials {
-            let partial = PartialFit::read(path)?;
-            merged.merge(&partial).with_context(|| format!("`{}`", path.display()))?;
+    fn options(&self) -> anyhow::Result<MergedFitOptions> {
+        Ok(MergedFitOptions {
+            model: match self.model {
+                None => MergedModel::Same,
+                Some(ModelArg::Given(basis)) => MergedModel::Given(basis),
+                Some(ModelArg::Auto) => MergedModel::Auto,
+                Some(ModelArg::Physics) => {
+                    anyhow::bail!("`physics` is fitted to rows, and partial fits have none")
+                }
+            },
+            ridge: self.ridge,
+            cross_validation: self.cv.map(|Folds(folds)| folds),
+            covariance: match self.no_covariance {
+                true => CovarianceRule::Nothing,
+                false => self.covariance.rule(),
+            },
+        })
+    }
+
+    fn merged(&self, printer: &mut Printer) -> anyhow::Result<Merged> {
+        let mut merged = Merged::default();
+        for path in &self.partials {
+            if path.is_stdin() {
+                for partial in PartialStream::new(io::stdin().lock(), path.as_path()) {
+                    self.add(&mut merged, partial?, path, printer)?;
+                }
+            } else {
+                self.add(&mut merged, PartialFit::read(path)?, path, printer)?;
+            }
         }
-        merged.made_by = origin::program();
-        merged.date = origin::date()?;
+        if let Some(sum) = &mut merged.sum {
+            sum.put_in_order();
+            sum.made_by = origin::program();
+            sum.date = origin::date()?;
+        }
         Ok(merged)
     }
 
-    fn calibration_file(&self, merged: PartialFit) -> anyhow::Result<CalibrationFile> {
-        let (model, moments) = (merged.model, &merged.moments);
-        let ranges = moments.reading_ranges();
-        let solution = solve_moments(moments, &model, self.ridge, &ranges)?;
-        let mut calibration = Calibration::of_solution(&solution, &ranges);
-        if !self.no_covariance {
-            calibration.covariance = Covariance::of_rows(&solution);
+    fn add(
+        &self,
+        merged: &mut Merged,
+        partial: PartialFit,
+        path: &InputOrStdin,
+        printer: &mut Printer,
+    ) -> anyhow::Result<()> {
+        merged.read += 1;
+        let place = match path.is_stdin() {
+            true => format!("`-`, partial fit {}", merged.read),
+            false => format!("`{}`", path.display()),
+        };
+        let Some(sum) = &mut merged.sum else {
+            merged.sum = Some(partial);
+            return Ok(());
+        };
+        if self.skip_counted && sum.has_counted_all_of(&partial) {
+            merged.skipped += 1;
+            let files: Vec<_> =
+                partial.sources.iter().map(|file| format!("`{}`", file.path.display())).collect();
+            let files = files.join(", ");
+            printer.note(format!("{place}: left out, {files} has been counted already"));
+            return Ok(());
         }
-        let train =
-            PartitionedMoments::new(moments, &model).and_then(|parts| parts.in_sample(self.ridge));
-        Ok(CalibrationFile {
-            calibration,
-            origin: Origin {
-                made_by: merged.made_by,
-                date: merged.date,
-                sensor_serial: self.serial.clone(),
-                solver: Some(SolverRecord {
-                    name: SolverKind::Exact,
-                    ridge: self.ridge,
-                    truncate: None,
-                }),
-                diagnostics: Some(Diagnostics {
-                    rows: solution.rows,
-                    skipped_rows: merged.skipped_rows,
-                    repeated_rows: merged.repeated_rows,
-                    rank: solution.rank,
-                    condition: solution.condition.is_finite().then_some(solution.condition),
-                    train: train.map_err(|_| FitError::NearlyDependent)?,
-                    test: None,
-                    cross_validation: None,
-                    selection: None,
-                    excitation: None,
-                }),
-                sources: merged.sources,
-            },
-        })
+        sum.merge(&partial).context(place)
+    }
+
+    /// What could not be had of what was asked for.
+    fn warn(&self, fitted: &MergedFit, printer: &mut Printer) -> anyhow::Result<()> {
+        let choice = &fitted.choice;
+        if let Some(reason) = choice.not_grouped.as_ref().or(fitted.not_grouped.as_ref()) {
+            self.covariance.tell_not_grouped(reason, printer)?;
+        }
+        if let Some(few) = choice.few_groups.as_ref().filter(|_| !self.no_covariance) {
+            warn_of_few_groups(few, printer);
+        }
+        if choice.selection.is_some() {
+            printer
+                .note("physics was not weighed: it is fitted to rows, and partial fits have none");
+        }
+        let is_alone = choice.cross_validation.as_ref().is_some_and(|cv| cv.random_folds == 0);
+        if is_alone {
+            printer.note(format!(
+                "no random split beside the held-out groups: partial fits have one in \
+                 {RANDOM_FOLDS} folds, for `--cv` and `--cv={RANDOM_FOLDS}`"
+            ));
+        }
+        Ok(())
     }
 
     fn report(
         &self,
         printer: &mut Printer,
-        merged: &PartialFit,
-        fit: Option<&Diagnostics>,
+        merged: &Merged,
+        sum: &PartialFit,
+        file: Option<&CalibrationFile>,
+        to_stderr: bool,
     ) -> anyhow::Result<()> {
-        let (rows, files) = (merged.moments.rows(), merged.sources.len());
+        let (rows, files) = (sum.moments.rows(), sum.sources.len());
+        let groups = sum.groups.as_ref().map(|groups| groups.groups.len());
+        let fit = file.and_then(|file| file.origin.diagnostics.as_ref());
+        let name = file.map_or_else(|| sum.model.name(), |file| file.calibration.name());
         if printer.json() {
             return printer.document(&Report {
-                model: merged.model.name(),
-                partial_fits: self.partials.len(),
+                model: name,
+                partial_fits: merged.read,
+                skipped_partial_fits: merged.skipped,
                 files,
                 rows,
-                skipped_rows: merged.skipped_rows,
-                repeated_rows: merged.repeated_rows,
+                skipped_rows: sum.skipped_rows,
+                repeated_rows: sum.repeated_rows,
+                groups,
                 condition: fit.and_then(|fit| fit.condition),
                 axes: Axis::ALL.map(Axis::column),
                 train: fit.map(|fit| Stored::of(&fit.train)),
+                cross_validation: fit.and_then(|fit| Stored::of(&fit.cross_validation)),
+                selection: fit.and_then(|fit| Stored::of(&fit.selection)),
             });
         }
-        let mut summary = format!("{}: {rows} rows of {files} files", merged.model.name());
-        if let Some(fit) = fit {
-            let rows = Axis::ALL.map(|axis| table_row(axis, &[&fit.train])).to_vec();
-            printer.table(&["axis", "RMS train", "max train", "R² train", "unit"], &rows)?;
-            let condition = fit.condition.map_or("infinite".into(), |c| significant(c, 3));
-            summary += &format!(", rank {}, condition {condition}", fit.rank);
+        let mut summary = format!("{name}: {rows} rows of {files} files");
+        if let Some(groups) = groups {
+            summary += &format!(" in {groups} groups");
         }
-        printer.line(summary)
+        let Some(fit) = fit else {
+            if to_stderr {
+                printer.note(summary);
+                return Ok(());
+            }
+            return printer.line(summary);
+        };
+        if let Some(selection) = &fit.selection {
+            print_selection(printer, selection)?;
+        }
+        let table = Axis::ALL.map(|axis| table_row(axis, &[&fit.train])).to_vec();
+        printer.table(&["axis", "RMS train", "max train", "R² train", "unit"], &table)?;
+        let condition = fit.condition.map_or("infinite".into(), |c| significant(c, 3));
+        summary += &format!(", rank {}, condition {condition}", fit.rank);
+        printer.line(summary)?;
+        if let Some(cross_validation) = &fit.cross_validation {
+            print_cross_validation(printer, cross_validation)?;
+        }
+        Ok(())
     }
 }

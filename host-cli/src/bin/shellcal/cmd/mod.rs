@@ -6,6 +6,7 @@ mod board;
 mod choices;
 mod completions;
 mod convert;
+mod covariance;
 mod deferred;
 mod eval;
 mod fit;

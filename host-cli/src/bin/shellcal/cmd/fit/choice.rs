@@ -8,7 +8,7 @@ use shellcal::workflow::model_choice::{self, CovarianceRule, ModelChoice, ModelC
 use shellcal::workflow::weighing::{Weighing, weigh};
 
 use super::super::choices::ModelArg;
-use super::{CovarianceArg, FitArgs};
+use super::FitArgs;
 use crate::printer::Printer;
 
 impl FitArgs {
@@ -30,12 +30,9 @@ impl FitArgs {
             solver: self.solver.0,
             cross_validation: self.cv,
             seed: self.cv_seed,
-            covariance: match self.covariance {
-                _ if !self.wants_covariance() => CovarianceRule::Nothing,
-                CovarianceArg::Auto => CovarianceRule::Auto,
-                CovarianceArg::Groups => CovarianceRule::Groups,
-                CovarianceArg::Rows => CovarianceRule::Rows,
-                CovarianceArg::None => CovarianceRule::Nothing,
+            covariance: match self.wants_covariance() {
+                true => self.covariance.rule(),
+                false => CovarianceRule::Nothing,
             },
             fresh: self.fresh,
             read: ReadOptions { progress: Some(&progress), ..self.mapping.read_options() },

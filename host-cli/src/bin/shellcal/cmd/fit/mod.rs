@@ -11,8 +11,7 @@ use std::time::Instant;
 
 use anyhow::Context;
 use calibration::solver::SolverKind;
-use calibration::validation::ValidationError;
-use calibration::validation::grouped::GroupedMoments;
+use calibration::validation::grouped::{GroupKind, GroupedMoments};
 use clap::ValueEnum;
 use log_file::{Log, ReadOptions};
 use shellcal::calibration_file::{
@@ -23,16 +22,18 @@ use shellcal::output::{AtomicFile, Outputs};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
-use shellcal::workflow::model_choice::{FewGroups, HeldOut, ModelChoice};
+use shellcal::workflow::model_choice::{HeldOut, ModelChoice};
+use shellcal::workflow::partial::KeptGroups;
 use shellcal::workflow::weighing::Weighing;
 
 use self::physics::Weighed;
 use self::report::{Known, report};
 use super::choices::{ModelArg, SolverArg};
+use super::covariance::{CovarianceArg, warn_of_few_groups};
 use super::mapping::MappingArgs;
 use super::origin;
 use super::validation::parse_cv;
-use crate::files::{InputPath, OutputPath};
+use crate::files::{InputPath, OutputOrStdout, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -44,6 +45,8 @@ Examples:
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
+#[group(skip)]
+#[command(group = clap::ArgGroup::new("held_out").args(["cv", "groups"]).multiple(true))]
 pub(crate) struct FitArgs {
     /// Logs to fit to
     #[arg(required = true, value_name = "TRAIN")]
@@ -95,16 +98,31 @@ pub(crate) struct FitArgs {
     cv: Option<HeldOut>,
 
     /// Which way rows are dealt into the random folds that `--cv` compares with
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "cv")]
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "held_out")]
     cv_seed: u64,
 
-    /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON)
+    /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON; `-` for the standard
+    /// output)
     #[arg(
         long,
         value_name = "FILE.json",
         conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "truncate", "cv"]
     )]
-    partial: Option<OutputPath>,
+    partial: Option<OutputOrStdout>,
+
+    /// With `--partial`: keep the sums of each group, so that `merge` can validate, choose a model and
+    /// find standard errors by group
+    #[arg(
+        long,
+        value_enum,
+        value_name = "file|column",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "auto",
+        hide_possible_values = true,
+        requires = "partial"
+    )]
+    groups: Option<GroupsArg>,
 
     /// Write the coefficients for raw readings, one row per feature, moments in mN·m (CSV)
     #[arg(long, value_name = "FILE.csv")]
@@ -129,17 +147,25 @@ pub(crate) struct FitArgs {
 /// The share of test rows on plateaus of the training data that is worth a word.
 const MUCH_SHARED: f64 = 0.1;
 
-/// What the covariance of the coefficients is found from.
+/// What the groups are that a partial fit keeps.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum CovarianceArg {
-    /// By the log's group column or its plateaus where there are ten at least, by rows otherwise
+enum GroupsArg {
+    /// Those of the group column where there is one, files otherwise
     Auto,
-    /// Errors are alike within groups: those of the group column, files, or those that are found
-    Groups,
-    /// Errors are independent from row to row
-    Rows,
-    /// None: a smaller calibration file, without standard errors
-    None,
+    /// Files
+    File,
+    /// Those of the group column
+    Column,
+}
+
+impl GroupsArg {
+    fn kept(self) -> KeptGroups {
+        match self {
+            Self::Auto => KeptGroups::Auto,
+            Self::File => KeptGroups::By(GroupKind::File),
+            Self::Column => KeptGroups::By(GroupKind::Column),
+        }
+    }
 }
 
 /// What is fitted to, and tested on.
@@ -170,7 +196,7 @@ impl FitArgs {
         let open = |path: &InputPath| Log::open(path, &mapping);
         let train = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         if let Some(path) = &self.partial {
-            self.write_partial(path, &train, printer, outputs)?;
+            self.write_partial(path, train, printer, outputs)?;
             return Ok(Outcome::Done);
         }
         let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
@@ -202,15 +228,10 @@ impl FitArgs {
             printer.warning(format!("not solved exactly but by refined QR: {reason}"));
         }
         if let Some(reason) = choice.not_grouped.as_ref().or(fitted.not_grouped.as_ref()) {
-            self.tell_not_grouped(reason, printer)?;
+            self.covariance.tell_not_grouped(reason, printer)?;
         }
-        if let Some(FewGroups { features, groups }) = choice.few_groups {
-            printer.warning(format!(
-                "no standard errors and intervals: {features} features for {groups} groups of rows; it \
-                 takes twice as many groups as features, {}, for the groups to tell how far to trust \
-                 the rest. Record more, or take a smaller model or `--model physics`",
-                2 * features
-            ));
+        if let Some(few) = &choice.few_groups {
+            warn_of_few_groups(few, printer);
         }
         let left_out = fitted.solution.model.term_count() - fitted.solution.rank;
         if left_out > 0 {
@@ -284,24 +305,6 @@ impl FitArgs {
             CovarianceArg::Auto | CovarianceArg::Rows => self.output.is_some(),
             CovarianceArg::None => false,
         }
-    }
-
-    /// Standard errors that were asked for and cannot be had are an error; those that are only
-    /// better are not.
-    fn tell_not_grouped(
-        &self,
-        reason: &ValidationError,
-        printer: &mut Printer,
-    ) -> anyhow::Result<()> {
-        anyhow::ensure!(
-            !matches!(self.covariance, CovarianceArg::Groups),
-            "no covariance by groups: {reason}"
-        );
-        printer.warning(format!(
-            "standard errors take rows as independent, and are too small where rows of a group \
-             resemble each other: {reason}"
-        ));
-        Ok(())
     }
 
     fn open_outputs(&self, outputs: &Outputs) -> anyhow::Result<Opened> {

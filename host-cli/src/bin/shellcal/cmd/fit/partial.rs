@@ -1,65 +1,74 @@
 //! `shellcal fit --partial`: sums for `shellcal merge`, and no fit.
 
 use std::io::Write;
-use std::path::Path;
 
-use anyhow::Context;
-use calibration::Model;
-use calibration::validation::grouped::RandomSplit;
-use log_file::{Log, ReadOptions};
-use shellcal::calibration_file::{PartialFit, Role, Source};
+use calibration::Basis;
+use log_file::Log;
 use shellcal::output::Outputs;
-use shellcal::workflow::groups::GroupBy;
-use shellcal::workflow::moments::{self, SumOptions};
+use shellcal::workflow::partial::{self, PartialOptions};
 
 use super::super::choices::ModelArg;
 use super::super::origin;
-use super::FitArgs;
+use super::{FitArgs, GroupsArg};
+use crate::files::OutputOrStdout;
 use crate::printer::Printer;
 
 impl FitArgs {
     pub(super) fn write_partial(
         &self,
-        path: &Path,
-        train: &[Log],
+        path: &OutputOrStdout,
+        mut train: Vec<Log>,
         printer: &mut Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<()> {
-        let ModelArg::Given(basis) = self.model else {
-            anyhow::bail!("`--partial` needs one model, not `--model auto`");
+        let basis = match (self.model, self.groups) {
+            (ModelArg::Given(basis), _) => basis,
+            // Its sums serve every model that is compared.
+            (ModelArg::Auto, Some(_)) => Basis::Poly3,
+            (ModelArg::Auto, None) => {
+                anyhow::bail!("`--partial` needs one model, or `--groups` for `merge --model auto`")
+            }
+            (ModelArg::Physics, _) => {
+                anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
+            }
         };
-        let mut output = outputs.create(path)?;
-        let options = SumOptions {
+        let to_stdout = path.is_stdout();
+        anyhow::ensure!(
+            !(to_stdout && printer.json()),
+            "`--partial -` writes the partial fit to the standard output: leave out `--json`"
+        );
+        let output = (!to_stdout).then(|| outputs.create(path)).transpose()?;
+        let options = PartialOptions {
             basis,
-            group_by: GroupBy::File,
-            random: RandomSplit::default(),
+            intercept: !self.no_intercept,
+            groups: self.groups.map(GroupsArg::kept),
+            seed: self.cv_seed,
             fresh: self.fresh,
-            read: ReadOptions { checksum: true, ..self.mapping.read_options() },
+            read: self.mapping.read_options(),
         };
-        let (sums, summaries) = moments::sum(train, &options)?;
-        let total = sums.total().context("no training rows are left")?.clone();
-        let model = Model { basis, intercept: !self.no_intercept, channels: total.channels() };
-        let mut partial = PartialFit::new(model, total);
+        let mut partial = partial::sum(&mut train, &options)?;
         partial.made_by = origin::program();
         partial.date = origin::date()?;
-        for (log, summary) in train.iter().zip(&summaries) {
-            partial.skipped_rows += summary.skipped_rows;
-            partial.repeated_rows += summary.repeated_rows;
-            let rows = if self.fresh { summary.rows - summary.repeated_rows } else { summary.rows };
-            let checksum = summary.checksum.clone();
-            partial.sources.push(Source {
-                role: Role::Train,
-                path: log.path().into(),
-                checksum,
-                rows,
-            });
+        let document = partial.to_json();
+        match output {
+            Some(mut output) => {
+                output.write_all(document.as_bytes())?;
+                output.commit()?;
+            }
+            None => printer.stream().write_all(document.as_bytes())?,
         }
-        output.write_all(partial.to_json().as_bytes())?;
-        output.commit()?;
-        let rows = partial.moments.rows();
+        let (rows, model) = (partial.moments.rows(), partial.model);
         if printer.json() {
             return printer.document(&serde_json::json!({ "model": model.name(), "rows": rows }));
         }
-        printer.line(format!("{}: sums over {rows} rows of {} files", model.name(), train.len()))
+        let mut done = format!("{}: sums over {rows} rows of {} files", model.name(), train.len());
+        if let Some(groups) = &partial.groups {
+            done += &format!(", in {} groups by {}", groups.groups.len(), groups.by.name());
+        }
+        if to_stdout {
+            printer.note(done);
+            return Ok(());
+        }
+        printer.line(done)
     }
 }

@@ -1,0 +1,258 @@
+//! The document of a partial fit.
+//!
+//! | field | content |
+//! |---|---|
+//! | `partial_schema_version` | [`PARTIAL_SCHEMA_VERSION`], with groups [`GROUPED_PARTIAL_SCHEMA_VERSION`] |
+//! | `made_by`, `date` | program and version, UTC |
+//! | `model` | features and intercept |
+//! | `skipped_rows`, `repeated_rows` | wrong rows left out, rows that repeat their readings |
+//! | `sources` | files, their checksums and rows |
+//! | `moments` | rows, the range of each channel, and the sums, as decimal integers |
+//! | `groups` | version 2: the same for each group and for rows that were dealt at random |
+//! | `checksum` | XXH3 of 128 bits of all bytes before it; absent in files of earlier programs |
+
+use std::collections::HashSet;
+use std::path::Path;
+
+use calibration::exact::Moments;
+use calibration::model::Model;
+use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
+use serde::{Deserialize, Serialize};
+use twox_hash::XxHash3_128;
+
+use super::super::layout::to_json;
+use super::super::moments::MomentsDocument;
+use super::super::problem::problem;
+use super::super::stored::{Name, Stored, StoredModel, StoredSource};
+use super::super::{CalibrationFileError, Problem};
+use super::{PartialFit, PartialGroup, PartialGroups};
+use crate::input;
+
+/// The version of the documents without groups.
+pub const PARTIAL_SCHEMA_VERSION: u64 = 1;
+
+/// The version of the documents with groups.
+pub const GROUPED_PARTIAL_SCHEMA_VERSION: u64 = 2;
+
+#[derive(Serialize, Deserialize)]
+struct Document {
+    partial_schema_version: u64,
+    made_by: String,
+    date: String,
+    model: StoredModel,
+    skipped_rows: u64,
+    repeated_rows: u64,
+    sources: Vec<StoredSource>,
+    moments: MomentsDocument,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    groups: Option<GroupsDocument>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct GroupsDocument {
+    by: Name<GroupKind>,
+    random_folds: usize,
+    held_out_folds: usize,
+    seed: u64,
+    random: Vec<MomentsDocument>,
+    sums: Vec<GroupDocument>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct GroupDocument {
+    label: String,
+    source: usize,
+    place: usize,
+    moments: MomentsDocument,
+}
+
+#[derive(Deserialize)]
+struct Version {
+    partial_schema_version: u64,
+}
+
+impl PartialFit {
+    /// Reads the JSON document at `path`.
+    ///
+    /// # Errors
+    /// [`CalibrationFileError`] if it cannot be read or is no partial fit of a known version.
+    pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
+        let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
+        let text = input::read(path, input::Document::Json)
+            .map_err(|error| problem(Problem::Io(error)))?;
+        Self::parse(&text).map_err(problem)
+    }
+
+    /// Reads a JSON document.
+    ///
+    /// # Errors
+    /// [`Problem`] if it is no partial fit of a known version.
+    pub fn parse(text: &[u8]) -> Result<Self, Problem> {
+        let version: Version = serde_json::from_slice(text).map_err(problem)?;
+        let found = version.partial_schema_version;
+        if !(PARTIAL_SCHEMA_VERSION..=GROUPED_PARTIAL_SCHEMA_VERSION).contains(&found) {
+            return Err(Problem::SchemaVersion { found });
+        }
+        let document: Document = serde_json::from_slice(text).map_err(problem)?;
+        let has_groups = document.groups.is_some();
+        let partial = document.value().map_err(Problem::Inconsistent)?;
+        // Last: what can be named says more.
+        check(text, has_groups).map_err(Problem::Inconsistent)?;
+        Ok(partial)
+    }
+
+    /// The JSON document.
+    pub fn to_json(&self) -> String {
+        with_checksum(to_json(&Document {
+            partial_schema_version: match self.groups {
+                None => PARTIAL_SCHEMA_VERSION,
+                Some(_) => GROUPED_PARTIAL_SCHEMA_VERSION,
+            },
+            made_by: self.made_by.clone(),
+            date: self.date.clone(),
+            model: Stored::of(&self.model),
+            skipped_rows: self.skipped_rows,
+            repeated_rows: self.repeated_rows,
+            sources: Stored::of(&self.sources),
+            moments: MomentsDocument::of(&self.moments),
+            groups: self.groups.as_ref().map(GroupsDocument::of),
+        }))
+    }
+}
+
+impl Document {
+    /// # Errors
+    /// What does not fit together.
+    fn value(self) -> Result<PartialFit, String> {
+        let expected = match self.groups {
+            None => PARTIAL_SCHEMA_VERSION,
+            Some(_) => GROUPED_PARTIAL_SCHEMA_VERSION,
+        };
+        let version = self.partial_schema_version;
+        if version != expected {
+            return Err(format!("`groups` belongs to version 2, this is version {version}"));
+        }
+        let (model, moments) = (self.model.value(), self.moments.value()?);
+        if !suits(&moments, &model) {
+            return Err("`moments` are not those of `model`".to_owned());
+        }
+        let sources = self.sources.len();
+        let groups =
+            self.groups.map(|groups| groups.value(&model, &moments, sources)).transpose()?;
+        Ok(PartialFit {
+            made_by: self.made_by,
+            date: self.date,
+            model,
+            skipped_rows: self.skipped_rows,
+            repeated_rows: self.repeated_rows,
+            sources: self.sources.value(),
+            moments,
+            groups,
+        })
+    }
+}
+
+impl GroupsDocument {
+    fn of(groups: &PartialGroups) -> Self {
+        let RandomSplit { folds, held_out, seed } = groups.split;
+        let group = |group: &PartialGroup| GroupDocument {
+            label: group.label.clone(),
+            source: group.source,
+            place: group.place,
+            moments: MomentsDocument::of(&group.moments),
+        };
+        Self {
+            by: Name::of(&groups.by),
+            random_folds: folds,
+            held_out_folds: held_out,
+            seed,
+            random: groups.random.iter().map(MomentsDocument::of).collect(),
+            sums: groups.groups.iter().map(group).collect(),
+        }
+    }
+
+    /// The groups of a partial fit of `model` whose sums over all rows are `total`.
+    fn value(
+        self,
+        model: &Model,
+        total: &Moments,
+        sources: usize,
+    ) -> Result<PartialGroups, String> {
+        let (mut sums, mut groups) = (Vec::new(), Vec::new());
+        let (mut labels, mut places) = (HashSet::new(), HashSet::new());
+        if self.sums.len() > MAX_GROUPS {
+            return Err(format!("`groups` has more than {MAX_GROUPS}"));
+        }
+        for GroupDocument { label, source, place, moments } in self.sums {
+            let named = |why: &str| format!("group `{label}`: {why}");
+            let moments = moments.value().map_err(|error| named(&error))?;
+            if !suits(&moments, model) {
+                return Err(named("`moments` are not those of `model`"));
+            }
+            if source >= sources || !places.insert((source, place)) || !labels.insert(label.clone())
+            {
+                return Err(named("its label or place is taken, or it is of no source"));
+            }
+            sums.push((label.clone(), moments.clone()));
+            groups.push(PartialGroup { label, source, place, moments });
+        }
+        let sums = GroupedMoments::new(sums, Vec::new()).map_err(|error| error.to_string())?;
+        if sums.total() != Some(total) {
+            return Err("the sums of the groups do not add up to `moments`".to_owned());
+        }
+        let split = RandomSplit {
+            folds: self.random_folds,
+            held_out: self.held_out_folds,
+            seed: self.seed,
+        };
+        if !(1..=split.folds).contains(&split.held_out) || self.random.len() != split.held_out {
+            return Err(format!(
+                "`random` has {} sums, for {} folds of {} that are held out",
+                self.random.len(),
+                split.held_out,
+                split.folds
+            ));
+        }
+        let mut random = Vec::new();
+        for moments in self.random {
+            let moments = moments.value()?;
+            if !suits(&moments, model) || !moments.can_be_part_of(total) {
+                return Err("`random` are not sums of some of the rows".to_owned());
+            }
+            random.push(moments);
+        }
+        Ok(PartialGroups { by: self.by.value(), split, groups, random })
+    }
+}
+
+fn suits(moments: &Moments, model: &Model) -> bool {
+    (moments.channels(), moments.basis()) == (model.channels, model.basis)
+}
+
+/// How every document ends.
+pub(super) const END: &str = "\n}\n";
+
+/// What stands before the checksum, which is of all that stands before this.
+const CHECKSUM: &str = ",\n  \"checksum\": \"xxh128:";
+
+/// The document with a checksum as its last field.
+fn with_checksum(document: String) -> String {
+    let content = document.strip_suffix(END).unwrap_or(&document);
+    format!("{content}{CHECKSUM}{:032x}\"{END}", XxHash3_128::oneshot(content.as_bytes()))
+}
+
+/// Whether the document is what its checksum is of, where it has one or must have.
+fn check(document: &[u8], must_have: bool) -> Result<(), String> {
+    let Some(at) = memchr::memmem::rfind(document, CHECKSUM.as_bytes()) else {
+        return match must_have {
+            true => Err("it is not what was written: it has no checksum".to_owned()),
+            false => Ok(()),
+        };
+    };
+    let (content, end) = document.split_at(at);
+    let expected = format!("{CHECKSUM}{:032x}\"{END}", XxHash3_128::oneshot(content));
+    match expected.as_bytes() == end {
+        true => Ok(()),
+        false => Err("it is not what was written: the checksum does not match".to_owned()),
+    }
+}

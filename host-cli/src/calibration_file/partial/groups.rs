@@ -1,0 +1,154 @@
+//! The groups of a partial fit.
+//!
+//! Figures that are added up group by group depend on the order of the groups in their last bits. So a
+//! group knows where its first row is, and groups are put into the order that one fit over all files
+//! meets them in, files by name; in whatever order partial fits were merged.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use calibration::exact::Moments;
+use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
+
+use super::{MergeError, PartialFit, Source};
+
+/// The sums of a partial fit, apart by group.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartialGroups {
+    /// What a group is.
+    pub by: GroupKind,
+    /// How rows were dealt into the random folds that held-out errors are compared with.
+    pub split: RandomSplit,
+    /// The groups.
+    pub groups: Vec<PartialGroup>,
+    /// The sums of the random folds that are held out.
+    pub random: Vec<Moments>,
+}
+
+/// A group of a partial fit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartialGroup {
+    /// What it is called.
+    pub label: String,
+    /// The place of the source that has its first row.
+    pub source: usize,
+    /// How many groups begin before it in that source.
+    pub place: usize,
+    /// The sums over its rows.
+    pub moments: Moments,
+}
+
+impl PartialGroups {
+    /// The groups of `sums`; `first_in` names the source of the first row of each.
+    pub fn new(
+        by: GroupKind,
+        split: RandomSplit,
+        sums: GroupedMoments,
+        first_in: &[usize],
+    ) -> Self {
+        let (mut last, mut place) = (None, 0);
+        let group = |((label, moments), &source): ((String, Moments), &usize)| {
+            place = if last == Some(source) { place + 1 } else { 0 };
+            last = Some(source);
+            PartialGroup { label, source, place, moments }
+        };
+        let groups = sums.groups.into_iter().zip(first_in).map(group).collect();
+        Self { by, split, groups, random: sums.random }
+    }
+
+    /// Whether the groups of `other` can be added.
+    pub(super) fn check(&self, other: &Self) -> Result<(), MergeError> {
+        if self.by != other.by {
+            return Err(MergeError::GroupsAre { expected: self.by.name(), found: other.by.name() });
+        }
+        if self.split != other.split {
+            return Err(MergeError::Split { expected: self.split.seed, found: other.split.seed });
+        }
+        let known: HashMap<&str, ()> =
+            self.groups.iter().map(|group| (group.label.as_str(), ())).collect();
+        let shared = |group: &&PartialGroup| known.contains_key(group.label.as_str());
+        let shared_count = other.groups.iter().filter(shared).count();
+        if self.groups.len() + other.groups.len() - shared_count > MAX_GROUPS {
+            return Err(MergeError::TooManyGroups { limit: MAX_GROUPS });
+        }
+        match (self.by, other.groups.iter().find(shared)) {
+            (GroupKind::File, Some(group)) => Err(MergeError::SameName(group.label.clone())),
+            _ => Ok(()),
+        }
+    }
+
+    /// Adds the groups of `other`. `sources` are those of both, of which `own` are those of these.
+    pub(super) fn add(
+        &mut self,
+        other: &Self,
+        sources: &[Source],
+        own: usize,
+    ) -> Result<(), MergeError> {
+        let places: HashMap<String, usize> =
+            self.groups.iter().enumerate().map(|(i, group)| (group.label.clone(), i)).collect();
+        let begins = |source: usize, place: usize| (rank(&sources[source]), place);
+        for group in &other.groups {
+            let source = group.source + own;
+            let Some(&known) = places.get(&group.label) else {
+                self.groups.push(PartialGroup { source, ..group.clone() });
+                continue;
+            };
+            let known = &mut self.groups[known];
+            known.moments.merge(&group.moments)?;
+            if begins(source, group.place) < begins(known.source, known.place) {
+                (known.source, known.place) = (source, group.place);
+            }
+        }
+        for (i, fold) in other.random.iter().enumerate() {
+            match self.random.get_mut(i) {
+                Some(sums) => sums.merge(fold)?,
+                None => self.random.push(fold.clone()),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What sources are ordered by.
+fn rank(source: &Source) -> (&Path, Option<&str>) {
+    (&source.path, source.checksum.as_deref())
+}
+
+impl PartialFit {
+    /// The sums by group, with the rows that were dealt at random if `random_folds` is the number of
+    /// folds that they were dealt into.
+    ///
+    /// # Errors
+    /// [`MergeError::NotExact`] if all together cannot be summed exactly.
+    pub fn grouped(
+        &self,
+        random_folds: Option<usize>,
+    ) -> Result<Option<(GroupKind, GroupedMoments)>, MergeError> {
+        let Some(groups) = &self.groups else { return Ok(None) };
+        let sums = groups.groups.iter().map(|of| (of.label.clone(), of.moments.clone())).collect();
+        let is_dealt = random_folds == Some(groups.split.folds);
+        let random = if is_dealt { groups.random.clone() } else { Vec::new() };
+        Ok(Some((groups.by, GroupedMoments::new(sums, random)?)))
+    }
+
+    /// Puts sources into the order of their names, and groups into that of their first rows. Without
+    /// groups no figure depends on an order, and the sources stay as they were merged.
+    pub fn put_in_order(&mut self) {
+        let Some(groups) = &mut self.groups else { return };
+        let mut sources: Vec<(usize, Source)> = self.sources.drain(..).enumerate().collect();
+        sources.sort_by(|(_, a), (_, b)| rank(a).cmp(&rank(b)));
+        let mut now_at = vec![0; sources.len()];
+        for (now, (before, source)) in sources.into_iter().enumerate() {
+            now_at[before] = now;
+            self.sources.push(source);
+        }
+        groups.groups.iter_mut().for_each(|group| group.source = now_at[group.source]);
+        groups.groups.sort_by_key(|group| (group.source, group.place));
+        // Groups that turned out to begin in an earlier source have left gaps.
+        let (mut last, mut next) = (None, 0);
+        for group in &mut groups.groups {
+            next = if last == Some(group.source) { next + 1 } else { 0 };
+            (last, group.place) = (Some(group.source), next);
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! From partial fits, merged, to a calibration: all that a fit over the rows says but what takes the rows
+//! again, their largest errors and how errors and loads are distributed.
+
+use super::WorkflowError;
+use super::model_choice::choose_from;
+use super::model_choice::{CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, RANDOM_FOLDS};
+use super::uncertainty::{CovarianceFrom, Uncertainty};
+use crate::calibration_file::{
+    CalibrationFile, Diagnostics, MergeError, Origin, PartialFit, SolverRecord,
+};
+use calibration::exact::{PartitionedMoments, SolveError};
+use calibration::quality::AxisQuality;
+use calibration::solver::{Solution, SolverKind, solve_moments};
+use calibration::validation::ValidationError;
+use calibration::{Basis, Calibration, FitError, Model};
+use log_file::ReadOptions;
+use shell_data::wrench::PerAxis;
+
+/// What is to be fitted to the sums, and what is asked of it.
+#[derive(Clone, Copy, Debug)]
+pub struct MergedFitOptions {
+    /// The model.
+    pub model: MergedModel,
+    /// λ of a ridge on columns of norm one; 0 for none, or for the best of several where the model is
+    /// chosen.
+    pub ridge: f64,
+    /// Find the errors on each group, or on so many folds of groups.
+    pub cross_validation: Option<Option<usize>>,
+    /// What the covariance is found from.
+    pub covariance: CovarianceRule,
+}
+
+/// Which family of features.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MergedModel {
+    /// That of the partial fits.
+    Same,
+    /// One within it.
+    Given(Basis),
+    /// The smallest within it that predicts new groups as well as the best.
+    Auto,
+}
+
+/// A calibration from sums.
+#[derive(Debug)]
+pub struct MergedFit {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// What the solver says.
+    pub solution: Solution,
+    /// What the groups said before.
+    pub choice: ModelChoice,
+    /// Why groups were asked for and the covariance is that of independent rows.
+    pub not_grouped: Option<ValidationError>,
+    /// Errors on the training rows.
+    pub train: PerAxis<AxisQuality>,
+}
+
+/// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order).
+///
+/// # Errors
+/// [`WorkflowError`] if the rows do not determine the coefficients, or something is asked of groups
+/// where there are none.
+pub fn fit(merged: &PartialFit, options: &MergedFitOptions) -> Result<MergedFit, WorkflowError> {
+    let choice = choose(merged, options)?;
+    let model = Model { basis: choice.basis, ..merged.model };
+    let parts = PartitionedMoments::new(&merged.moments, &model);
+    if let Err(error @ SolveError::OtherFeatures { .. }) = parts {
+        return Err(ValidationError::from(error).into());
+    }
+    let ranges = merged.moments.reading_ranges();
+    let solution = solve_moments(&merged.moments, &model, choice.ridge, &ranges)?;
+    let mut calibration = Calibration::of_solution(&solution, &ranges);
+    let from = match &choice.sums {
+        _ if options.covariance == CovarianceRule::Nothing || choice.few_groups.is_some() => {
+            CovarianceFrom::Nothing
+        }
+        Some(sums) if choice.by_group => CovarianceFrom::Groups(sums),
+        _ => CovarianceFrom::Rows,
+    };
+    let found = Uncertainty::of(&solution, SolverKind::Exact, choice.ridge, from);
+    calibration.covariance = found.covariance;
+    let train = parts.and_then(|parts| parts.in_sample(choice.ridge));
+    let train = train.map_err(|_| FitError::NearlyDependent)?;
+    Ok(MergedFit { calibration, solution, choice, not_grouped: found.not_grouped, train })
+}
+
+impl MergedFit {
+    /// The calibration file of a fit to `merged`.
+    pub fn file(self, merged: &PartialFit, sensor_serial: Option<String>) -> CalibrationFile {
+        let Self { calibration, solution, choice, train, .. } = self;
+        CalibrationFile {
+            calibration,
+            origin: Origin {
+                made_by: merged.made_by.clone(),
+                date: merged.date.clone(),
+                sensor_serial,
+                solver: Some(SolverRecord {
+                    name: SolverKind::Exact,
+                    ridge: choice.ridge,
+                    truncate: None,
+                }),
+                diagnostics: Some(Diagnostics {
+                    rows: solution.rows,
+                    skipped_rows: merged.skipped_rows,
+                    repeated_rows: merged.repeated_rows,
+                    rank: solution.rank,
+                    condition: solution.condition.is_finite().then_some(solution.condition),
+                    train,
+                    test: None,
+                    cross_validation: choice.cross_validation,
+                    selection: choice.selection,
+                    excitation: None,
+                }),
+                sources: merged.sources.clone(),
+            },
+        }
+    }
+}
+
+fn choose(merged: &PartialFit, options: &MergedFitOptions) -> Result<ModelChoice, WorkflowError> {
+    let asked = ModelChoiceOptions {
+        basis: match options.model {
+            MergedModel::Same => Some(merged.model.basis),
+            MergedModel::Given(basis) => Some(basis),
+            MergedModel::Auto => None,
+        },
+        intercept: merged.model.intercept,
+        ridge: options.ridge,
+        solver: SolverKind::Exact,
+        cross_validation: options.cross_validation.map(|folds| match folds {
+            Some(folds) => HeldOut::Folds(folds),
+            None => HeldOut::Auto,
+        }),
+        seed: 0,
+        covariance: options.covariance,
+        fresh: false,
+        read: ReadOptions::default(),
+    };
+    let random_folds = options.cross_validation.map(|folds| folds.unwrap_or(RANDOM_FOLDS));
+    match merged.grouped(random_folds)? {
+        Some((group_by, sums)) => choose_from(sums, group_by.into(), &asked),
+        None => asked.without_groups(),
+    }
+}
+
+impl From<MergeError> for WorkflowError {
+    fn from(error: MergeError) -> Self {
+        match error {
+            MergeError::NotExact(error) => FitError::NotExact(error).into(),
+            error => WorkflowError::Merge(error),
+        }
+    }
+}

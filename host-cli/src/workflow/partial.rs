@@ -1,0 +1,77 @@
+//! Partial fits: the sums of some logs, for [`merge`](super::merge).
+
+use super::WorkflowError;
+use super::groups::{self, GroupBy};
+use super::model_choice::{RANDOM_FOLDS, random_split};
+use super::moments::{self, SumOptions, Sums};
+use crate::calibration_file::{PartialFit, PartialGroups, Role, Source};
+use calibration::validation::grouped::{GroupKind, RandomSplit};
+use calibration::{Basis, Model};
+use log_file::{Log, ReadOptions};
+
+/// What is summed, and how.
+#[derive(Clone, Copy)]
+pub struct PartialOptions<'a> {
+    /// The largest family of features that is to be fitted.
+    pub basis: Basis,
+    /// Whether there is to be a constant beside them.
+    pub intercept: bool,
+    /// Whether the sums of each group are kept.
+    pub groups: Option<KeptGroups>,
+    /// Which way rows are dealt into the random folds that held-out errors are compared with.
+    pub seed: u64,
+    /// Use only rows whose readings differ from those of the row before.
+    pub fresh: bool,
+    /// How logs are read.
+    pub read: ReadOptions<'a>,
+}
+
+/// The groups that are kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KeptGroups {
+    /// Those of the group column where there is one, files otherwise.
+    Auto,
+    /// These.
+    By(GroupKind),
+}
+
+/// Sums the rows of `logs`, which are put into the order of their names where groups are kept. Program
+/// and date are left to the caller.
+///
+/// # Errors
+/// [`WorkflowError`] if a log cannot be read, or the rows cannot be summed exactly.
+pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit, WorkflowError> {
+    if options.groups.is_some() {
+        logs.sort_by(|a, b| a.path().cmp(b.path()));
+    }
+    let group_by = options.groups.map(|groups| match groups {
+        KeptGroups::By(by) => by,
+        KeptGroups::Auto => groups::given(logs).unwrap_or(GroupKind::File),
+    });
+    let random = match group_by {
+        Some(_) => random_split(RANDOM_FOLDS, options.seed),
+        None => RandomSplit::default(),
+    };
+    let sum_options = SumOptions {
+        basis: options.basis,
+        group_by: group_by.map_or(GroupBy::File, GroupBy::from),
+        random,
+        fresh: options.fresh,
+        read: ReadOptions { checksum: true, ..options.read },
+    };
+    let Sums { grouped, first_in, summaries } = moments::sum(logs, &sum_options)?;
+    let total = grouped.total().ok_or(WorkflowError::NoRows)?.clone();
+    let model =
+        Model { basis: options.basis, intercept: options.intercept, channels: total.channels() };
+    let mut partial = PartialFit::new(model, total);
+    partial.groups = group_by.map(|by| PartialGroups::new(by, random, grouped, &first_in));
+    for (log, summary) in logs.iter().zip(&summaries) {
+        partial.skipped_rows += summary.skipped_rows;
+        partial.repeated_rows += summary.repeated_rows;
+        let rows = if options.fresh { summary.rows - summary.repeated_rows } else { summary.rows };
+        let checksum = summary.checksum.clone();
+        let path = log.path().into();
+        partial.sources.push(Source { role: Role::Train, path, checksum, rows });
+    }
+    Ok(partial)
+}

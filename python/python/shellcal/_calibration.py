@@ -1,0 +1,429 @@
+"""Calibrations: from readings to wrenches, with errors that can be trusted."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import sys
+import warnings
+from typing import Any
+
+import numpy as np
+
+from . import _arrays, _html
+from ._errors import ArrayError, NotFittedError, OptionError, ShellcalWarning
+from ._native import Fitted
+from ._native import fit as _fit
+from ._origin import made_by
+
+PathLike = str | os.PathLike[str]
+
+
+class Calibration:
+    """The calibration of an optical force/torque sensor, by exact least squares.
+
+    Parameters
+    ----------
+    model : {"linear", "cubic", "quadratic", "poly3", "auto"}
+        Features of the readings. ``"auto"`` takes the smallest that predicts new groups as well as the
+        best, and its ridge; it needs `groups`.
+    intercept : bool
+        Whether to fit a constant.
+    ridge : float
+        λ ≥ 0 of a penalty on coefficients, relative to features of norm one.
+    solver : str
+        ``"exact"`` unless told otherwise: sums of integers without rounding, right to the last place, the
+        same bits for any order of the rows. Readings that are no counts of a converter are solved by
+        refined QR, with a warning. The others are those of ``shellcal fit --solver``.
+    truncate : float, optional
+        With ``solver="svd"``: leaves out directions whose singular value is below this share of the
+        largest.
+    cv : bool or int
+        Whether `fit` finds the errors on held-out groups, too: each group alone, or in so many folds.
+    covariance : {"auto", "groups", "rows", "none"}
+        What standard errors come from: ``"auto"`` takes groups where there are ten, rows otherwise.
+    seed : int
+        How rows are dealt into the random split that `cv` compares with.
+    threads : int
+        0 for one per core. No result depends on it.
+    serial : str, optional
+        The label of the sensor, for the file.
+
+    Attributes
+    ----------
+    n_features_in_ : int
+        Channels.
+    document_ : dict
+        All that the calibration file says: coefficients, diagnostics, covariance.
+    coefficients_ : ndarray of shape (terms, 6)
+        For readings ``z = (s - centre) / scale``, in N and N·m.
+    terms_ : list of str
+        The feature of each row of `coefficients_`.
+    diagnostics_ : dict
+        Rows, rank, condition and errors, also on held-out groups.
+    """
+
+    document_: dict[str, Any]
+    n_features_in_: int
+    feature_names_in_: Any
+    _fitted: Fitted
+    _outputs: int | None
+
+    def __init__(
+        self,
+        model: str = "cubic",
+        *,
+        intercept: bool = True,
+        ridge: float = 0.0,
+        solver: str = "exact",
+        truncate: float | None = None,
+        cv: bool | int = False,
+        covariance: str = "auto",
+        seed: int = 1,
+        threads: int = 0,
+        serial: str | None = None,
+    ) -> None:
+        self.model = model
+        self.intercept = intercept
+        self.ridge = ridge
+        self.solver = solver
+        self.truncate = truncate
+        self.cv = cv
+        self.covariance = covariance
+        self.seed = seed
+        self.threads = threads
+        self.serial = serial
+
+    # What scikit-learn asks of an estimator, without importing it.
+
+    @classmethod
+    def _names(cls) -> list[str]:
+        return sorted(name for name in inspect.signature(cls.__init__).parameters if name != "self")
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """The parameters by name."""
+        return {name: getattr(self, name) for name in self._names()}
+
+    def set_params(self, **params: Any) -> Calibration:
+        """Sets parameters by name."""
+        names = self._names()
+        for name, value in params.items():
+            if name not in names:
+                raise OptionError(f"no parameter `{name}`, expected one of {', '.join(names)}")
+            setattr(self, name, value)
+        return self
+
+    def __sklearn_tags__(self) -> Any:
+        from sklearn.utils import InputTags, RegressorTags, Tags, TargetTags
+
+        return Tags(
+            estimator_type="regressor",
+            target_tags=TargetTags(required=True, multi_output=True),
+            input_tags=InputTags(),
+            regressor_tags=RegressorTags(),
+        )
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "_fitted")
+
+    # From rows to a calibration.
+
+    def fit(self, X: Any, y: Any = None, *, groups: Any = None) -> Calibration:
+        """Fits the model.
+
+        Parameters
+        ----------
+        X : array of shape (n, channels)
+            Readings, counts: one row per sample. Not copied where it is of `float64`, whatever its strides.
+        y : array of shape (n, 6)
+            The wrench that the reference measured: Fx, Fy, Fz in N, Mx, My, Mz in N·m. Fewer columns are
+            taken as the first of these.
+        groups : array of shape (n,), optional
+            A label per row of what resembles each other: pose, session, file. Standard errors, held-out
+            errors and the choice of a model come from these.
+
+        Returns
+        -------
+        Calibration
+            This one.
+
+        Raises
+        ------
+        ArrayError
+            Of the shape, type or content of an array.
+        FitError
+            If the rows do not determine the coefficients.
+        """
+        names = _column_names(X)
+        readings = _arrays.readings(X)
+        wrench = _arrays.wrench(y, readings.shape[0])
+        fitted, remarks = _fit(
+            readings,
+            wrench,
+            _arrays.labels(groups, readings.shape[0]),
+            model=_text("model", self.model),
+            intercept=bool(self.intercept),
+            ridge=_number("ridge", self.ridge),
+            solver=_text("solver", self.solver),
+            truncate=None if self.truncate is None else _number("truncate", self.truncate),
+            cross_validation=_folds(self.cv),
+            seed=_count("seed", self.seed),
+            covariance=_text("covariance", self.covariance),
+            threads=_count("threads", self.threads, most=1024),
+            made_by=made_by(),
+            serial=self.serial,
+        )
+        for remark in remarks:
+            warnings.warn(remark, ShellcalWarning, stacklevel=2)
+        self._take(fitted)
+        self._outputs = None if np.asarray(y).ndim == 1 else wrench.shape[1]
+        if names is not None:
+            self.feature_names_in_ = names
+        elif hasattr(self, "feature_names_in_"):
+            del self.feature_names_in_
+        return self
+
+    def _take(self, fitted: Fitted) -> None:
+        self._fitted = fitted
+        self._outputs = len(_arrays.AXES)
+        self.document_ = json.loads(fitted.to_json())
+        self.n_features_in_ = fitted.channels()
+
+    def _known(self) -> Fitted:
+        if hasattr(self, "_fitted"):
+            return self._fitted
+        message = "this Calibration is not fitted yet: call `fit`, or `Calibration.load` a file"
+        if "sklearn" in sys.modules:
+            from sklearn.exceptions import NotFittedError as Expected
+
+            raise Expected(message)
+        raise NotFittedError(message)
+
+    # From readings to wrenches.
+
+    def predict(
+        self, X: Any, return_std: bool = False, interval: float | None = None
+    ) -> Any:
+        """The wrench of every row, without a tare.
+
+        Parameters
+        ----------
+        X : array of shape (n, channels)
+            Readings, counts.
+        return_std : bool
+            Also give standard errors.
+        interval : float, optional
+            Also give the bounds of the interval that holds this share of new samples, such as 0.95.
+
+        Returns
+        -------
+        wrench : ndarray of shape (n, 6)
+            Fx, Fy, Fz in N, Mx, My, Mz in N·m; of shape (n,) after a fit to a single column.
+        std : ndarray of that shape
+            If `return_std`.
+        lower, upper : ndarrays of that shape
+            If `interval`.
+        """
+        fitted = self._known()
+        self._check_names(X)
+        readings = _arrays.readings(X, fitted.channels())
+        if interval is not None and not 0.0 < _number("interval", interval) < 1.0:
+            raise OptionError(f"interval is `{interval}`, expected a share between 0 and 1 such as 0.95")
+        wants_errors = return_std or interval is not None
+        if wants_errors and not fitted.has_standard_errors():
+            raise OptionError(
+                "this calibration has no standard errors",
+                hint="fit with covariance=\"auto\", and with twice as many groups as features",
+            )
+        wrench, std = fitted.predict(readings, wants_errors)
+        found = [wrench]
+        if return_std and std is not None:
+            found.append(std)
+        if interval is not None and std is not None:
+            reach = std * np.asarray(fitted.interval_factors(float(interval)))
+            found += [wrench - reach, wrench + reach]
+        shaped = [self._shape(array) for array in found]
+        return shaped[0] if len(shaped) == 1 else tuple(shaped)
+
+    def _shape(self, wrench: _arrays.Matrix) -> _arrays.Matrix:
+        if self._outputs is None:
+            return wrench[:, 0]
+        return wrench[:, : self._outputs]
+
+    def out_of_range(self, X: Any) -> Any:
+        """For each row, whether a reading is outside the range of the training data."""
+        fitted = self._known()
+        return np.asarray(fitted.out_of_range(_arrays.readings(X, fitted.channels())))
+
+    def score(self, X: Any, y: Any) -> float:
+        """R², the mean of the axes: 1 is perfect, 0 no better than the mean load."""
+        predicted = np.asarray(self.predict(X))
+        predicted = predicted.reshape(predicted.shape[0], -1)
+        measured = _arrays.wrench(y, predicted.shape[0])
+        if measured.shape[1] != predicted.shape[1]:
+            raise ArrayError(
+                f"Y has {measured.shape[1]} columns, the calibration predicts {predicted.shape[1]}"
+            )
+        residual = ((measured - predicted) ** 2).sum(axis=0)
+        spread = ((measured - measured.mean(axis=0)) ** 2).sum(axis=0)
+        of_axis = np.where(residual == 0.0, 1.0, 0.0)
+        np.divide(residual, spread, out=of_axis, where=spread > 0.0)
+        return float(np.where(spread > 0.0, 1.0 - of_axis, of_axis).mean())
+
+    # The file.
+
+    @classmethod
+    def load(cls, path: PathLike) -> Calibration:
+        """The calibration in a file of ``shellcal fit`` or of `save`."""
+        return cls._of(Fitted.load(os.fspath(path)))
+
+    @classmethod
+    def from_json(cls, document: str | bytes, name: str = "<json>") -> Calibration:
+        """The calibration in a document."""
+        data = document.encode() if isinstance(document, str) else document
+        return cls._of(Fitted.parse(data, name))
+
+    @classmethod
+    def _of(cls, fitted: Fitted) -> Calibration:
+        new = cls()
+        new._take(fitted)
+        model = new.document_["model"]
+        if isinstance(model, dict):
+            new.model, new.intercept = model["basis"], model["intercept"]
+        else:
+            new.model = model
+        solver = new.document_.get("solver")
+        if solver is not None:
+            new.solver, new.ridge = solver["name"], solver["ridge"]
+        new.serial = new.document_.get("sensor_serial")
+        return new
+
+    def to_json(self) -> str:
+        """The document, as ``shellcal fit`` writes it."""
+        return self._known().to_json()
+
+    def save(self, path: PathLike) -> None:
+        """Writes the document to a file, whole or not at all."""
+        document = self.to_json().encode()
+        temporary = f"{os.fspath(path)}.{os.getpid()}.tmp"
+        try:
+            with open(temporary, "wb") as file:
+                file.write(document)
+            os.replace(temporary, path)
+        finally:
+            if os.path.exists(temporary):
+                os.remove(temporary)
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = dict(self.__dict__)
+        if "_fitted" in state:
+            state["_fitted"] = state["_fitted"].to_json()
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if "_fitted" in state:
+            self._fitted = Fitted.parse(state["_fitted"].encode(), "<pickle>")
+
+    # What it says of itself.
+
+    @property
+    def diagnostics_(self) -> dict[str, Any]:
+        self._known()
+        found: dict[str, Any] = self.document_.get("diagnostics") or {}
+        return found
+
+    @property
+    def coefficients_(self) -> _arrays.Matrix:
+        self._known()
+        return np.asarray(self.document_["coefficients"])
+
+    @property
+    def terms_(self) -> list[str]:
+        self._known()
+        terms: list[str] = self.document_["terms"]
+        return terms
+
+    def __repr__(self) -> str:
+        defaults = inspect.signature(type(self).__init__).parameters
+        given = (name for name in self._names() if getattr(self, name) != defaults[name].default)
+        return f"Calibration({', '.join(f'{name}={getattr(self, name)!r}' for name in given)})"
+
+    def _repr_html_(self) -> str:
+        if not hasattr(self, "_fitted"):
+            return _html.escaped(f"{self!r}, not fitted")
+        return _html.calibration(self._fitted.name(), self.document_)
+
+    def _check_names(self, X: Any) -> None:
+        known, found = getattr(self, "feature_names_in_", None), _column_names(X)
+        if found is None and known is not None:
+            warnings.warn(
+                "X does not have valid feature names, but Calibration was fitted with feature names",
+                UserWarning,
+                stacklevel=3,
+            )
+        elif found is not None and known is None and hasattr(self, "_fitted"):
+            warnings.warn(
+                "X has feature names, but Calibration was fitted without feature names",
+                UserWarning,
+                stacklevel=3,
+            )
+        elif found is not None and known is not None and list(found) != list(known):
+            raise ArrayError(
+                "The feature names should match those that were passed during fit.\n"
+                + _differences(list(known), list(found))
+            )
+
+
+def _differences(known: list[str], found: list[str]) -> str:
+    unseen = sorted(set(found) - set(known))
+    missing = sorted(set(known) - set(found))
+    text = ""
+    if unseen:
+        text += "Feature names unseen at fit time:\n" + "".join(f"- {name}\n" for name in unseen[:5])
+    if missing:
+        text += "Feature names seen at fit time, yet now missing:\n"
+        text += "".join(f"- {name}\n" for name in missing[:5])
+    if not unseen and not missing:
+        text += "Feature names must be in the same order as they were in fit.\n"
+    return text
+
+
+def _column_names(X: Any) -> Any:
+    columns = getattr(X, "columns", None)
+    if columns is None or not all(isinstance(name, str) for name in columns):
+        return None
+    return np.asarray(list(columns), dtype=object)
+
+
+def _folds(cv: bool | int) -> tuple[int | None] | None:
+    """As the core has it: not asked for, each group, or so many folds."""
+    if cv is False or cv is None:
+        return None
+    if cv is True:
+        return (None,)
+    if isinstance(cv, (int, np.integer)) and cv >= 2:
+        return (int(cv),)
+    raise OptionError(f"cv is `{cv}`, expected True, False or a number of folds from 2 up")
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise OptionError(f"{name} is {value!r}, expected a name")
+    return value
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, (bool, str, bytes)):
+        raise OptionError(f"{name} is {value!r}, expected a number")
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise OptionError(f"{name} is {value!r}, expected a number") from None
+
+
+def _count(name: str, value: Any, most: int = 2**64 - 1) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value <= most:
+        raise OptionError(f"{name} is {value!r}, expected an integer from 0 to {most}")
+    return int(value)

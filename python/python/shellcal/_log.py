@@ -1,0 +1,145 @@
+"""Logs as tables of columns."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ._errors import OptionError
+from ._native import read_log as _read_log
+
+PathLike = str | os.PathLike[str]
+
+_COLUMNS = ("format", "sensors", "wrench", "time", "group", "time_unit", "moment_unit")
+
+
+class Table(Mapping[str, npt.NDArray[Any]]):
+    """Columns of one length by name, each a numpy array.
+
+    A mapping; and an Arrow table for whatever takes one (``pyarrow.table(t)``, ``polars.DataFrame(t)``,
+    ``pandas.DataFrame(dict(t))``): `__arrow_c_stream__` needs pyarrow.
+
+    Attributes
+    ----------
+    about : dict
+        What the file was: format, rows that were left out, rows that repeat their readings.
+    """
+
+    def __init__(self, columns: Mapping[str, npt.NDArray[Any]], about: dict[str, Any]) -> None:
+        self._columns = dict(columns)
+        self.about = about
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        try:
+            return self._columns[name]
+        except KeyError:
+            raise KeyError(f"no column `{name}`, there are {', '.join(self._columns)}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    @property
+    def rows(self) -> int:
+        """Rows of every column."""
+        return max((len(column) for column in self._columns.values()), default=0)
+
+    @property
+    def X(self) -> npt.NDArray[np.float64]:
+        """The readings, of shape (rows, channels), counts."""
+        names = [name for name in self._columns if name[:1] == "s" and name[1:].isdigit()]
+        return np.column_stack([self._columns[name] for name in names])
+
+    @property
+    def Y(self) -> npt.NDArray[np.float64]:
+        """The wrench, of shape (rows, 6): Fx, Fy, Fz in N, Mx, My, Mz in N·m."""
+        return np.column_stack([self[name] for name in _AXES])
+
+    @property
+    def groups(self) -> npt.NDArray[Any] | None:
+        """The label of each row, where the log has a group column."""
+        return self._columns.get("group")
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        try:
+            import pyarrow
+        except ImportError:
+            raise ImportError("an Arrow table of a log takes pyarrow: `pip install pyarrow`") from None
+        return pyarrow.table(self._columns).__arrow_c_stream__(requested_schema)
+
+    def __repr__(self) -> str:
+        return f"<Table of {self.rows} rows: {', '.join(self._columns)}>"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        head = "".join(f"<th>{escape(name)}</th>" for name in self._columns)
+        shown = min(self.rows, 5)
+        rows = "".join(
+            "<tr>"
+            + "".join(f"<td>{escape(str(column[row]))}</td>" for column in self._columns.values())
+            + "</tr>"
+            for row in range(shown)
+        )
+        return f"<p>{self.rows} rows</p><table><tr>{head}</tr>{rows}</table>"
+
+
+_AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+
+
+def read_log(path: PathLike, **options: Any) -> Table:
+    """Reads a log, in any of the formats that ``shellcal`` reads, whole into memory.
+
+    Parameters
+    ----------
+    path : path
+        The log, also compressed with gzip.
+    format, sensors, wrench, time, group, time_unit, moment_unit : str, optional
+        What the columns are, where their names do not say, as the options of ``shellcal fit``.
+    skip_bad_rows : bool
+        Leaves out rows that are wrong.
+    threads : int
+        0 for one per core.
+
+    Returns
+    -------
+    Table
+        ``t_s`` in s, ``s1`` … in counts, ``fx_n`` … in N, ``mx_nm`` … in N·m, telemetry as it stands in the
+        log, ``group`` as text: those that the log has.
+
+    Raises
+    ------
+    LogError
+        With file, line, column and what to do.
+    """
+    columns, groups, (kind, skipped, repeated) = _read_log(os.fspath(path), reading(options))
+    found: dict[str, npt.NDArray[Any]] = dict(columns)
+    if groups is not None:
+        places, labels = groups
+        found["group"] = np.asarray(labels, dtype=str)[places] if labels else np.asarray([], dtype=str)
+    about = {"format": kind, "skipped_rows": skipped, "repeated_rows": repeated}
+    return Table(found, about)
+
+
+def reading(options: dict[str, Any]) -> tuple[dict[str, str], bool, int]:
+    """The options of reading a log, as the core has them."""
+    options = dict(options)
+    skip, threads = options.pop("skip_bad_rows", False), options.pop("threads", 0)
+    if not isinstance(threads, int) or not 0 <= threads <= 1024:
+        raise OptionError(f"threads is {threads!r}, expected an integer from 0 to 1024")
+    columns = {}
+    for name, value in options.items():
+        if name not in _COLUMNS:
+            raise OptionError(f"no option `{name}`, expected one of {', '.join(_COLUMNS)}")
+        if value is None:
+            continue
+        if isinstance(value, (list, tuple)):
+            value = ",".join(str(part) for part in value)
+        columns[name] = str(value)
+    return columns, bool(skip), threads

@@ -1,0 +1,86 @@
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+_Matrix = npt.NDArray[np.float64]
+_Groups = tuple[npt.NDArray[np.uint32], list[str]]
+_Made = tuple[str, str]
+_What = tuple[str, bool, str | None, int]
+_Reading = tuple[dict[str, str], bool, int]
+
+__version__: str
+
+class Fitted:
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Fitted: ...
+    @staticmethod
+    def parse(document: bytes, name: str | PathLike[str]) -> Fitted: ...
+    def to_json(self) -> str: ...
+    def name(self) -> str: ...
+    def channels(self) -> int: ...
+    def has_standard_errors(self) -> bool: ...
+    def interval_factors(self, level: float) -> list[float]: ...
+    def predict(self, x: _Matrix, errors: bool) -> tuple[_Matrix, _Matrix | None]: ...
+    def out_of_range(self, x: _Matrix) -> list[bool]: ...
+
+def fit(
+    x: _Matrix,
+    y: _Matrix,
+    groups: _Groups | None,
+    *,
+    model: str,
+    intercept: bool,
+    ridge: float,
+    solver: str,
+    truncate: float | None,
+    cross_validation: tuple[int | None] | None,
+    seed: int,
+    covariance: str,
+    threads: int,
+    made_by: _Made,
+    serial: str | None,
+) -> tuple[Fitted, list[str]]: ...
+
+class Partial:
+    @staticmethod
+    def of_arrays(
+        x: _Matrix,
+        y: _Matrix,
+        groups: _Groups | None,
+        name: str | PathLike[str],
+        what: _What,
+        made: _Made,
+    ) -> Partial: ...
+    @staticmethod
+    def of_logs(
+        paths: list[str], what: _What, fresh: bool, reading: _Reading, made: _Made
+    ) -> Partial: ...
+    @staticmethod
+    def parse(document: bytes) -> Partial: ...
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Partial: ...
+    def document(self) -> bytes: ...
+    def copy(self) -> Partial: ...
+    def merge(self, other: Partial) -> None: ...
+    def has_counted(self, other: Partial) -> bool: ...
+    def rows(self) -> int: ...
+    def model(self) -> str: ...
+    def channels(self) -> int: ...
+    def groups(self) -> list[str] | None: ...
+    def sources(self) -> list[tuple[PathLike[str], str | None, int]]: ...
+    def solve(
+        self,
+        model: str | None,
+        ridge: float,
+        cross_validation: tuple[int | None] | None,
+        covariance: str,
+        made: _Made,
+        serial: str | None,
+    ) -> Fitted: ...
+
+def read_partials(documents: bytes) -> list[Partial]: ...
+def read_log(
+    path: str | PathLike[str], reading: _Reading
+) -> tuple[list[tuple[str, _Matrix]], _Groups | None, tuple[str, int, int]]: ...

@@ -1,0 +1,26 @@
+"""Who made a document, and when."""
+
+from __future__ import annotations
+
+import os
+from datetime import datetime, timezone
+
+from ._errors import OptionError
+from ._native import __version__
+
+#: The last second that RFC 3339 has four digits of a year for.
+_LAST_SECOND = 253_402_300_799
+
+
+def made_by() -> tuple[str, str]:
+    """Program and version; the time in UTC, or that of `SOURCE_DATE_EPOCH`, for results byte for byte."""
+    text = os.environ.get("SOURCE_DATE_EPOCH")
+    if text is None:
+        moment = datetime.now(timezone.utc)
+    elif text.isascii() and text.isdigit() and int(text) <= _LAST_SECOND:
+        moment = datetime.fromtimestamp(int(text), timezone.utc)
+    else:
+        raise OptionError(
+            f"`SOURCE_DATE_EPOCH` is `{text}`, expected seconds since 1970, at most {_LAST_SECOND}"
+        )
+    return f"shellcal {__version__}", moment.strftime("%Y-%m-%dT%H:%M:%SZ")

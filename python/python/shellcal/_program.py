@@ -1,0 +1,234 @@
+"""What works on whole files, as the program does it: the same options, the same bits.
+
+The program lies in the wheel. It runs as a process of its own, so the interpreter is not held up, Ctrl-C ends
+it, and no result depends on which of both was asked.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._calibration import Calibration
+from ._errors import ProgramError, ShellcalWarning
+from ._log import Table
+
+PathLike = str | os.PathLike[str]
+_Paths = PathLike | Iterable[PathLike]
+
+
+def program() -> str:
+    """The path of the program: that of `SHELLCAL_PROGRAM`, of the wheel, or on the `PATH`."""
+    named = os.environ.get("SHELLCAL_PROGRAM")
+    if named:
+        return named
+    name = "shellcal.exe" if os.name == "nt" else "shellcal"
+    folders = [sysconfig.get_path("scripts"), os.path.dirname(sys.executable)]
+    if hasattr(sysconfig, "get_preferred_scheme"):
+        folders.append(sysconfig.get_path("scripts", scheme=sysconfig.get_preferred_scheme("user")))
+    for folder in folders:
+        path = os.path.join(folder, name)
+        if os.path.isfile(path):
+            return path
+    found = shutil.which(name)
+    if found is None:
+        raise ProgramError(
+            "the program `shellcal` is not installed",
+            hint="install the wheel, or `cargo install --path host-cli`, or name it in SHELLCAL_PROGRAM",
+        )
+    return found
+
+
+def run(command: str, *inputs: PathLike, ok: tuple[int, ...] = (0,), **options: Any) -> Any:
+    """Runs a command of the program and returns what it prints with ``--json``.
+
+    Options are named as those of the program, with ``_`` for ``-``: ``True`` gives a flag, a list several
+    values, ``None`` nothing. What the program warns of becomes a `ShellcalWarning`.
+
+    Raises
+    ------
+    ProgramError
+        With what the program says, its file, line and column, and its hint.
+    """
+    arguments = [program(), *command.split(), "--json"]
+    for name, value in options.items():
+        arguments += _option(name, value)
+    if inputs:
+        arguments += ["--", *(os.fspath(path) for path in inputs)]
+    try:
+        done = subprocess.run(arguments, capture_output=True, stdin=subprocess.DEVNULL, check=False)
+    except OSError as error:
+        raise ProgramError(f"cannot run `{arguments[0]}`: {error}") from None
+    said = done.stderr.decode(errors="replace")
+    for line in said.splitlines():
+        if line.startswith("warning: "):
+            warnings.warn(line.removeprefix("warning: "), ShellcalWarning, stacklevel=3)
+    if done.returncode not in ok:
+        raise _error(said, done.returncode)
+    try:
+        return json.loads(done.stdout) if done.stdout.strip() else None
+    except ValueError as error:
+        raise ProgramError(f"`{command}` printed no JSON: {error}") from None
+
+
+def _option(name: str, value: Any) -> list[str]:
+    flag = "--" + name.rstrip("_").replace("_", "-")
+    if value is None or value is False:
+        return []
+    if value is True:
+        return [flag]
+    if isinstance(value, (list, tuple)):
+        return [flag, *(_word(part) for part in value)]
+    return [f"{flag}={_word(value)}"]
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, (float, np.floating)):
+        return repr(float(value))
+    return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
+
+
+_PLACE = re.compile(r"`(?P<file>[^`]+)`(?:, |: )line (?P<line>\d+)(?:[,:] column (?P<column>\d+))?")
+
+
+def _error(said: str, code: int) -> ProgramError:
+    lines = said.splitlines()
+    at = next((i for i, line in enumerate(lines) if line.startswith("error: ")), None)
+    if at is None:
+        return ProgramError(said.strip() or f"the program ended with the code {code}")
+    hints = [line.removeprefix("hint: ") for line in lines[at:] if line.startswith("hint: ")]
+    rest = (line for line in lines[at:] if not line.startswith("hint: "))
+    message = "\n".join(rest).removeprefix("error: ").strip()
+    place = _PLACE.search(message)
+    return ProgramError(
+        message,
+        place["file"] if place else None,
+        int(place["line"]) if place else None,
+        int(place["column"]) if place and place["column"] else None,
+        "; ".join(hints) or None,
+    )
+
+
+def _paths(paths: _Paths) -> list[PathLike]:
+    return [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
+
+
+class _Calibrated:
+    """The file of a calibration, for as long as the program reads it."""
+
+    def __init__(self, calibration: Calibration | PathLike) -> None:
+        self._calibration = calibration
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+
+    def __enter__(self) -> PathLike:
+        if not isinstance(self._calibration, Calibration):
+            return self._calibration
+        self._folder = tempfile.TemporaryDirectory(prefix="shellcal-")
+        path = Path(self._folder.name) / "calibration.json"
+        self._calibration.save(path)
+        return path
+
+    def __exit__(self, *_: object) -> None:
+        if self._folder is not None:
+            self._folder.cleanup()
+
+
+def fit_logs(train: _Paths, test: _Paths = (), **options: Any) -> Calibration:
+    """``shellcal fit``: a calibration from logs, byte for byte that of the program.
+
+    `options` are those of the program: ``model="physics"``, ``cv=True``, ``plot="fit.svg"`` and so on.
+    """
+    with tempfile.TemporaryDirectory(prefix="shellcal-") as folder:
+        output = Path(folder) / "calibration.json"
+        options["test"] = [os.fspath(path) for path in _paths(test)] or None
+        run("fit", *_paths(train), output=output, **options)
+        return Calibration.load(output)
+
+
+def convert(
+    calibration: Calibration | PathLike, log: PathLike, output: PathLike | None = None, **options: Any
+) -> Any:
+    """``shellcal convert``: forces and moments of a log, tared and filtered as the program does it.
+
+    Returns
+    -------
+    Table
+        The columns that the program writes: ``t_s`` in s, ``fx_n`` … in N, ``mx_nm`` … in N·m, standard
+        errors and flags; with `output` what the program says of it, as a dict.
+    """
+    with _Calibrated(calibration) as file, tempfile.TemporaryDirectory(prefix="shellcal-") as folder:
+        path = Path(folder) / "wrench.csv" if output is None else Path(output)
+        about = run("convert", file, log, output=path, **options)
+        return about if output is not None else _read_csv(path, about)
+
+
+def trial(log: PathLike, calibration: Calibration | PathLike | None = None, **options: Any) -> Any:
+    """``shellcal trial``: drag (N), lift (N), energies (J) and specific resistance of a trial, as a dict."""
+    if calibration is None:
+        return run("trial", log, **options)
+    with _Calibrated(calibration) as file:
+        return run("trial", log, calibration=file, **options)
+
+
+def batch(
+    manifest: PathLike, calibration: Calibration | PathLike | None = None, **options: Any
+) -> Any:
+    """``shellcal batch``: all trials of a manifest, with statistics by condition, as a dict.
+
+    Trials that could not be evaluated are in ``failures``; they raise no exception.
+    """
+    if calibration is None:
+        return run("batch", manifest, ok=(0, 1), **options)
+    with _Calibrated(calibration) as file:
+        return run("batch", manifest, ok=(0, 1), calibration=file, **options)
+
+
+def simulate(**options: Any) -> Any:
+    """``shellcal simulate``: the drag (N) of a body in a channel of springy beams, as a dict."""
+    return run("simulate", **options)
+
+
+def align(reference: PathLike, log: PathLike, output: PathLike, **options: Any) -> Any:
+    """``shellcal align``: one training log of a reference's recording and a board's, as a dict with the
+    offset (s) and its standard error."""
+    return run("align", reference, log, output=output, **options)
+
+
+def synth(kind: str, output: PathLike, **options: Any) -> Any:
+    """``shellcal synth``: a recording from a model of the sensor: ``train``, ``test``, ``zero``, ``trial``
+    into a file, ``pair`` or ``trials`` into a folder."""
+    if kind in ("pair", "trials"):
+        return run(f"synth {kind}", output, **options)
+    return run(f"synth {kind}", output=output, **options)
+
+
+def info(*logs: PathLike) -> Any:
+    """``shellcal info``: what logs are."""
+    return run("info", *logs)
+
+
+def _read_csv(path: Path, about: Any) -> Table:
+    """The columns of a table that the program wrote: numbers, or text where they are none."""
+    with open(path, encoding="utf-8") as file:
+        names = file.readline().rstrip("\n").split(",")
+        cells = [line.rstrip("\n").split(",") for line in file]
+    columns: dict[str, Any] = {}
+    for place, name in enumerate(names):
+        column = np.asarray([row[place] for row in cells], dtype=str)
+        try:
+            columns[name] = column.astype(np.float64)
+        except ValueError:
+            columns[name] = column
+    return Table(columns, about)

@@ -1,0 +1,216 @@
+//! Errors of the libraries as exceptions of the package, with file, line, column and what to do.
+
+use std::error::Error;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use calibration::FitError;
+use calibration::validation::ValidationError;
+use log_file::{LogError, RowProblem};
+use pyo3::prelude::*;
+use shellcal::calibration_file::{CalibrationFileError, MergeError, Problem};
+use shellcal::workflow::WorkflowError;
+
+/// What went wrong.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// As a library says it.
+    Told(Told),
+    /// As Python says it, such as an interrupt.
+    Python(PyErr),
+}
+
+/// An error in words, and where it is.
+#[derive(Debug, Default)]
+pub(crate) struct Told {
+    /// The class of `shellcal._errors`.
+    pub(crate) class: &'static str,
+    pub(crate) message: String,
+    pub(crate) file: Option<String>,
+    pub(crate) line: Option<u64>,
+    pub(crate) column: Option<u64>,
+    pub(crate) hint: Option<&'static str>,
+}
+
+impl Told {
+    /// An error of this class, with its causes.
+    fn of(class: &'static str, error: &dyn Error) -> Self {
+        let mut message = error.to_string();
+        let mut cause = error.source();
+        while let Some(error) = cause {
+            // Writing to a string does not fail.
+            let _ = write!(message, ": {error}");
+            cause = error.source();
+        }
+        Self { class, message, ..Self::default() }
+    }
+
+    fn in_file(self, path: &Path) -> Self {
+        Self { file: Some(path.to_string_lossy().into_owned()), ..self }
+    }
+}
+
+impl From<PyErr> for Failure {
+    fn from(error: PyErr) -> Self {
+        Self::Python(error)
+    }
+}
+
+impl From<Told> for Failure {
+    fn from(told: Told) -> Self {
+        Self::Told(told)
+    }
+}
+
+impl From<LogError> for Failure {
+    fn from(error: LogError) -> Self {
+        let told = Told::of("LogError", &error);
+        let hint = match &error {
+            LogError::Gzip { .. } => Some("copy the file again: it is cut short or damaged"),
+            LogError::MissingColumns { .. } => {
+                Some("name the columns with sensors=, wrench=, time= or group=")
+            }
+            LogError::DuplicateColumn { .. } => {
+                Some("say which one is meant with sensors=, wrench= or time=")
+            }
+            LogError::UnknownLayout { .. } => {
+                Some("say which columns are which: sensors=\"2-9\", wrench=\"10-15\", time=\"1\"")
+            }
+            LogError::Row { .. } => {
+                Some("correct the line, or leave such rows out with skip_bad_rows=True")
+            }
+            _ => None,
+        };
+        let told = Told { hint, ..told };
+        let told = match &error {
+            LogError::Row { path, line, problem } => {
+                let column = match problem {
+                    RowProblem::NotANumber { field, .. }
+                    | RowProblem::NotFinite { field, .. }
+                    | RowProblem::Unbelievable { field, .. }
+                    | RowProblem::EmptyField { field } => Some(field.column as u64 + 1),
+                    _ => None,
+                };
+                Told { line: Some(*line), column, ..told.in_file(path) }
+            }
+            LogError::LineTooLong { path, line, .. }
+            | LogError::UnknownLayout { path, line, .. }
+            | LogError::LayoutMismatch { path, line, .. }
+            | LogError::MissingColumns { path, line, .. }
+            | LogError::DuplicateColumn { path, line, .. } => {
+                Told { line: Some(*line), ..told.in_file(path) }
+            }
+            LogError::Io { path, .. }
+            | LogError::Gzip { path, .. }
+            | LogError::Empty { path }
+            | LogError::NoRows { path }
+            | LogError::Binary { path, .. }
+            | LogError::NoColumnNames { path } => told.in_file(path),
+            _ => told,
+        };
+        told.into()
+    }
+}
+
+impl From<CalibrationFileError> for Failure {
+    fn from(error: CalibrationFileError) -> Self {
+        let told = Told::of("DocumentError", &error).in_file(&error.path);
+        placed(told, &error.problem).into()
+    }
+}
+
+impl From<Problem> for Failure {
+    fn from(problem: Problem) -> Self {
+        placed(Told::of("DocumentError", &problem), &problem).into()
+    }
+}
+
+fn placed(told: Told, problem: &Problem) -> Told {
+    match problem {
+        Problem::NotJson { line, column, .. } | Problem::Field { line, column, .. } => {
+            Told { line: Some(*line as u64), column: Some(*column as u64), ..told }
+        }
+        Problem::SchemaVersion { .. } => {
+            Told { hint: Some("use the version of shellcal that wrote it, or a later one"), ..told }
+        }
+        _ => told,
+    }
+}
+
+impl From<MergeError> for Failure {
+    fn from(error: MergeError) -> Self {
+        let class = match error {
+            MergeError::Twice(_) => "CountedTwiceError",
+            _ => "MergeError",
+        };
+        let hint = match error {
+            MergeError::Model { .. } => Some("make both with the same model= and intercept="),
+            MergeError::Channels { .. } => Some("give both the same sensors"),
+            MergeError::Twice(_) => Some("leave one of them out; has_counted() tells before"),
+            MergeError::Groups { .. } => Some("make all with groups, or all without"),
+            MergeError::Split { .. } => Some("make all with the same seed="),
+            MergeError::SameName(_) => Some("groups are files: give them different names"),
+            _ => None,
+        };
+        Told { hint, ..Told::of(class, &error) }.into()
+    }
+}
+
+impl From<WorkflowError> for Failure {
+    fn from(error: WorkflowError) -> Self {
+        match error {
+            WorkflowError::Log(error) => error.into(),
+            WorkflowError::Merge(error) => error.into(),
+            error => Told { hint: hint_after(&error), ..Told::of("FitError", &error) }.into(),
+        }
+    }
+}
+
+fn hint_after(error: &WorkflowError) -> Option<&'static str> {
+    Some(match error {
+        WorkflowError::Fit(FitError::TooFewRows { .. }) => {
+            "record more poses, or choose a smaller model="
+        }
+        WorkflowError::Fit(FitError::IdenticalRows { .. }) => {
+            "the readings never move: check the cable, the shell and the columns"
+        }
+        WorkflowError::Fit(FitError::RankDeficient(_) | FitError::NearlyDependent) => {
+            "record loads that move the channels independently, drop a channel, choose a smaller \
+             model=, or accept a damped answer with ridge=1e-6"
+        }
+        WorkflowError::Fit(FitError::IllConditioned { .. } | FitError::NotConverged { .. }) => {
+            "use solver=\"exact\" or \"wide-tsqr\", or choose a smaller model="
+        }
+        WorkflowError::Fit(FitError::Overflow) => "check the units of readings and wrench",
+        WorkflowError::Fit(FitError::TooLarge(_)) => "choose a smaller model=, or fewer channels",
+        WorkflowError::Fit(FitError::NotExact(_)) => {
+            "readings have to be counts of a converter; Calibration.fit solves others by QR"
+        }
+        WorkflowError::NoGroupLabels | WorkflowError::NoGroups => {
+            "give groups=, a label of each row"
+        }
+        WorkflowError::NoGroupSums => "make the partial fits with groups",
+        WorkflowError::Validation(ValidationError::TooFewGroups { .. }) => {
+            "record more poses, or name the groups= of the rows"
+        }
+        WorkflowError::Copy { .. } => "leave one of them out",
+        _ => return None,
+    })
+}
+
+impl From<Failure> for PyErr {
+    fn from(failure: Failure) -> Self {
+        let told = match failure {
+            Failure::Python(error) => return error,
+            Failure::Told(told) => told,
+        };
+        Python::attach(|py| {
+            let class = py.import("shellcal._errors").and_then(|errors| errors.getattr(told.class));
+            let arguments = (told.message, told.file, told.line, told.column, told.hint);
+            match class.and_then(|class| class.call1(arguments)) {
+                Ok(error) => PyErr::from_value(error),
+                Err(error) => error,
+            }
+        })
+    }
+}

@@ -1,0 +1,187 @@
+//! Calibrations: fitted to arrays, read and written, applied.
+
+use std::path::PathBuf;
+
+use calibration::Kind;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
+use pyo3::prelude::*;
+use shell_data::wrench::{Axis, PerAxis};
+use shellcal::calibration_file::{CalibrationFile, CalibrationFileError, Role, Source};
+use shellcal::workflow::in_memory::{self, BLOCK_ROWS, RowFitOptions};
+
+use crate::arrays::{Arrays, columns};
+use crate::error::{Failure, Told};
+use crate::interrupt::without_lock;
+use crate::options;
+
+/// A calibration with its origin.
+#[pyclass(frozen, module = "shellcal._native")]
+pub(crate) struct Fitted(pub(crate) CalibrationFile);
+
+/// What a prediction gives: the wrench, and standard errors where they are asked for.
+type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
+
+/// Fits a calibration. Returns it with what could not be had of what was asked for.
+#[pyfunction]
+#[pyo3(signature = (x, y, groups, *, model, intercept, ridge, solver, truncate, cross_validation, seed,
+    covariance, threads, made_by, serial))]
+#[expect(clippy::too_many_arguments, reason = "each has a name in Python")]
+pub(crate) fn fit(
+    py: Python<'_>,
+    x: PyReadonlyArray2<'_, f64>,
+    y: PyReadonlyArray2<'_, f64>,
+    groups: Option<(PyReadonlyArray1<'_, u32>, Vec<String>)>,
+    model: &str,
+    intercept: bool,
+    ridge: f64,
+    solver: &str,
+    truncate: Option<f64>,
+    cross_validation: Option<(Option<usize>,)>,
+    seed: u64,
+    covariance: &str,
+    threads: usize,
+    made_by: (String, String),
+    serial: Option<String>,
+) -> Result<(Fitted, Vec<String>), Failure> {
+    let options = RowFitOptions {
+        basis: options::basis(model)?,
+        intercept,
+        ridge,
+        solver: options::solver(solver)?,
+        truncate,
+        cross_validation: cross_validation.map(|(folds,)| folds),
+        seed,
+        covariance: options::covariance(covariance)?,
+        threads,
+    };
+    let (readings, wrench) = (x.as_array(), y.as_array());
+    let places = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
+    without_lock(py, |stop| {
+        let rows = Arrays { readings, wrench, groups: places, stop };
+        let fitted = in_memory::fit(&rows, &options)?;
+        let mut warnings = Vec::new();
+        if let Some(reason) = &fitted.not_exact {
+            warnings.push(format!("not solved exactly but by refined QR: {reason}"));
+        }
+        if let Some(reason) = &fitted.not_grouped {
+            warnings.push(format!(
+                "standard errors take rows as independent, and are too small where rows of a group \
+                 resemble each other: {reason}"
+            ));
+        }
+        if let Some(few) = fitted.choice.as_ref().and_then(|choice| choice.few_groups) {
+            warnings.push(format!(
+                "no standard errors and intervals: {} features for {} groups of rows; it takes twice \
+                 as many groups as features. Record more, or take a smaller model",
+                few.features, few.groups
+            ));
+        }
+        let source = Source {
+            role: Role::Train,
+            path: "<array>".into(),
+            checksum: Some(rows.checksum()),
+            rows: fitted.solution.rows,
+        };
+        Ok((Fitted(fitted.file(made_by, serial, vec![source])?), warnings))
+    })
+}
+
+#[pymethods]
+impl Fitted {
+    /// Reads a calibration file.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
+        py.detach(|| Ok(Self(CalibrationFile::read(&path)?)))
+    }
+
+    /// Reads a document.
+    #[staticmethod]
+    fn parse(py: Python<'_>, document: &[u8], name: PathBuf) -> Result<Self, Failure> {
+        let named = |problem| CalibrationFileError { path: name.clone(), problem };
+        py.detach(|| Ok(Self(CalibrationFile::parse(document).map_err(named)?)))
+    }
+
+    /// The document.
+    fn to_json(&self, py: Python<'_>) -> String {
+        py.detach(|| self.0.to_json())
+    }
+
+    /// The model, such as `cubic+1`.
+    fn name(&self) -> String {
+        self.0.calibration.name()
+    }
+
+    fn channels(&self) -> usize {
+        self.0.calibration.channels()
+    }
+
+    fn has_standard_errors(&self) -> bool {
+        self.0.calibration.has_standard_errors()
+    }
+
+    /// How many standard errors either way an interval of this level reaches, per axis.
+    fn interval_factors(&self, level: f64) -> Result<PerAxis<f64>, Failure> {
+        let refused = |message: String| Told { class: "FitError", message, ..Told::default() };
+        match self.0.calibration.kind() {
+            Kind::Polynomial(_) => match &self.0.calibration.covariance {
+                Some(covariance) => Ok(covariance.interval_factors(level)),
+                None => Err(refused("the calibration has no covariance".to_owned()).into()),
+            },
+            Kind::Physics(physics) => match &physics.intervals {
+                Some(intervals) => {
+                    Ok(intervals.factors(level).map_err(|error| refused(error.to_string()))?)
+                }
+                None => Err(refused("the calibration has no intervals".to_owned()).into()),
+            },
+        }
+    }
+
+    /// The wrench of every row, and its standard errors if they are asked for.
+    fn predict<'py>(
+        &self,
+        py: Python<'py>,
+        x: PyReadonlyArray2<'py, f64>,
+        errors: bool,
+    ) -> Result<Predicted<'py>, Failure> {
+        let (readings, calibration) = (x.as_array(), &self.0.calibration);
+        let rows = readings.nrows();
+        let (wrench, deviations) = without_lock(py, |stop| {
+            let new = || Array2::<f64>::zeros((rows, Axis::ALL.len()));
+            let (mut wrench, mut deviations) = (new(), errors.then(new));
+            let (mut block, mut of_block) = (Vec::new(), PerAxis::default());
+            for start in (0..rows).step_by(BLOCK_ROWS) {
+                if stop.load(std::sync::atomic::Ordering::Relaxed) {
+                    break;
+                }
+                columns(&readings, start..rows.min(start + BLOCK_ROWS), &mut block);
+                calibration.wrench(&block, &mut of_block);
+                copy(&of_block, start, &mut wrench);
+                if let Some(deviations) = &mut deviations {
+                    calibration.standard_errors(&block, None, &mut of_block);
+                    copy(&of_block, start, deviations);
+                }
+            }
+            Ok((wrench, deviations))
+        })?;
+        Ok((wrench.into_pyarray(py), deviations.map(|errors| errors.into_pyarray(py))))
+    }
+
+    /// For each row, whether a reading is outside the range of the training data.
+    fn out_of_range(&self, py: Python<'_>, x: PyReadonlyArray2<'_, f64>) -> Vec<bool> {
+        let readings = x.as_array();
+        py.detach(|| {
+            let mut all = Vec::new();
+            columns(&readings, 0..readings.nrows(), &mut all);
+            self.0.calibration.out_of_range(&all).into_iter().map(|flags| flags != 0).collect()
+        })
+    }
+}
+
+/// Columns into the rows of an array from `start` on.
+fn copy(columns: &PerAxis<Vec<f64>>, start: usize, out: &mut Array2<f64>) {
+    for (axis, column) in columns.iter().enumerate() {
+        for (row, &value) in column.iter().enumerate() {
+            out[(start + row, axis)] = value;
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! What the Python package `shellcal` takes from Rust: fits, predictions, partial fits and logs. The
+//! classes that users see are written in Python, over these.
+
+mod arrays;
+mod error;
+mod fitted;
+mod interrupt;
+mod log;
+mod options;
+mod partial;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _native {
+    #[pymodule_export]
+    use super::fitted::{Fitted, fit};
+    #[pymodule_export]
+    use super::log::read_log;
+    #[pymodule_export]
+    use super::partial::{Partial, read_partials};
+
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

@@ -1,0 +1,177 @@
+//! Logs as columns.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use log_file::{
+    ColumnRef, Format, Log, Mapping, Meaning, MomentUnit, ReadOptions, TimeUnit, Wanted,
+};
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::prelude::*;
+use shell_data::block::Block;
+use shell_data::wrench::Axis;
+
+use crate::error::{Failure, Told};
+use crate::interrupt::without_lock;
+
+/// What the user says of the columns, by the names of the options.
+pub(crate) type Columns = BTreeMap<String, String>;
+
+/// How logs are read: what the columns are, bad rows left out, threads.
+pub(crate) type Reading = (Columns, bool, usize);
+
+/// Names and columns, the group of each row with the labels, rows that were skipped and repeated.
+type Read<'py> = (
+    Vec<(String, Bound<'py, PyArray1<f64>>)>,
+    Option<(Bound<'py, PyArray1<u32>>, Vec<String>)>,
+    (String, u64, u64),
+);
+
+/// Reads a log whole.
+#[pyfunction]
+pub(crate) fn read_log<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    reading: Reading,
+) -> Result<Read<'py>, Failure> {
+    let (names, skip_bad_rows, threads) = reading;
+    let mapping = mapping(&names)?;
+    let (columns, groups, about) = without_lock(py, |_| {
+        let log = Log::open(&path, &mapping)?;
+        let telemetry = log.columns().iter().enumerate();
+        let others: Vec<usize> = telemetry
+            .filter(|(_, column)| matches!(column.meaning, Meaning::Telemetry(_)))
+            .map(|(place, _)| place)
+            .collect();
+        let wanted = Wanted {
+            time: log.has_time(),
+            readings: log.channels() > 0,
+            wrench: log.has_wrench(),
+            groups: log.has_groups(),
+            others: others.clone(),
+        };
+        let mut names = Vec::new();
+        names.extend(wanted.time.then(|| "t_s".to_owned()));
+        names.extend((1..=log.channels()).map(|channel| format!("s{channel}")));
+        if wanted.wrench {
+            names.extend(Axis::ALL.map(|axis| axis.column().to_owned()));
+        }
+        names.extend(others.iter().map(|&place| log.columns()[place].name.clone()));
+        let mut columns = vec![Vec::new(); names.len()];
+        let (mut places, mut labels) = (Vec::new(), Labels::default());
+        let read = ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() };
+        let summary = log.read(&wanted, &read, std::mem::take, |block: Block| {
+            let Block { time_s, readings, wrench, groups, others, .. } = block;
+            let time = wanted.time.then_some(time_s);
+            let of_block = time.into_iter().chain(readings).chain(wrench).chain(others);
+            columns.iter_mut().zip(of_block).for_each(|(all, part)| all.extend(part));
+            for (label, rows) in groups {
+                places.extend(std::iter::repeat_n(labels.place(label), rows));
+            }
+            Ok::<_, log_file::LogError>(())
+        })?;
+        let groups = wanted.groups.then_some((places, labels.names));
+        let about = (log.format().to_string(), summary.skipped_rows, summary.repeated_rows);
+        Ok((names.into_iter().zip(columns).collect::<Vec<_>>(), groups, about))
+    })?;
+    let columns = columns.into_iter().map(|(name, of)| (name, of.into_pyarray(py))).collect();
+    let groups = groups.map(|(places, labels)| (places.into_pyarray(py), labels));
+    Ok((columns, groups, about))
+}
+
+/// Labels in the order of their first rows.
+#[derive(Default)]
+struct Labels {
+    names: Vec<String>,
+    places: BTreeMap<String, u32>,
+}
+
+impl Labels {
+    fn place(&mut self, label: String) -> u32 {
+        if let Some(&place) = self.places.get(&label) {
+            return place;
+        }
+        let place = self.names.len() as u32;
+        self.names.push(label.clone());
+        self.places.insert(label, place);
+        place
+    }
+}
+
+/// What the user says of the columns.
+pub(crate) fn mapping(names: &Columns) -> Result<Mapping, Failure> {
+    let mut mapping = Mapping::default();
+    for (option, text) in names {
+        let refused = |expected: &str| {
+            let message = format!("{option} is `{text}`, expected {expected}");
+            Failure::from(Told { class: "OptionError", message, ..Told::default() })
+        };
+        match option.as_str() {
+            "format" => {
+                mapping.format = Some(match text.as_str() {
+                    "telemetry" => Format::Telemetry,
+                    "csv" => Format::Csv,
+                    "training" => Format::Training,
+                    "reference" => Format::Reference,
+                    "console" => Format::Console,
+                    _ => {
+                        return Err(refused(
+                            "`telemetry`, `csv`, `training`, `reference` or `console`",
+                        ));
+                    }
+                });
+            }
+            "sensors" => mapping.sensors = Some(list(text)),
+            "wrench" => {
+                let six = <[ColumnRef; 6]>::try_from(list(text));
+                mapping.wrench = Some(six.map_err(|_| refused("six columns, Fx to Mz"))?);
+            }
+            "time" => mapping.time = Some(column(text)),
+            "group" => mapping.group = Some(column(text)),
+            "time_unit" => {
+                mapping.time_unit = Some(match text.as_str() {
+                    "s" => TimeUnit::Second,
+                    "ms" => TimeUnit::Millisecond,
+                    "us" => TimeUnit::Microsecond,
+                    "ns" => TimeUnit::Nanosecond,
+                    _ => return Err(refused("`s`, `ms`, `us` or `ns`")),
+                });
+            }
+            "moment_unit" => {
+                mapping.moment_unit = Some(match text.as_str() {
+                    "Nm" | "N·m" => MomentUnit::NewtonMetre,
+                    "mNm" | "mN·m" => MomentUnit::MillinewtonMetre,
+                    _ => return Err(refused("`Nm` or `mNm`")),
+                });
+            }
+            _ => return Err(refused("no such option")),
+        }
+    }
+    Ok(mapping)
+}
+
+/// A column by its place, from 1, or its name.
+fn column(text: &str) -> ColumnRef {
+    match text.trim().parse() {
+        Ok(place) => ColumnRef::Position(place),
+        Err(_) => ColumnRef::Name(text.trim().to_owned()),
+    }
+}
+
+/// Columns: names and places separated by commas, `2-9` for several places.
+fn list(text: &str) -> Vec<ColumnRef> {
+    let part = |part: &str| -> Vec<ColumnRef> {
+        let range = part.split_once('-');
+        let range = range.and_then(|(a, b)| {
+            Some((a.trim().parse::<usize>().ok()?, b.trim().parse::<usize>().ok()?))
+        });
+        match range {
+            // No log has more columns; what is beyond is refused by the log.
+            Some((first, last)) => (first..=usize::min(last, first.saturating_add(4096)))
+                .map(ColumnRef::Position)
+                .collect(),
+            None => vec![column(part)],
+        }
+    };
+    text.split(',').flat_map(part).collect()
+}

@@ -1,0 +1,38 @@
+//! Options of Python by their names.
+
+use calibration::Basis;
+use calibration::solver::SolverKind;
+use shellcal::workflow::model_choice::CovarianceRule;
+
+use crate::error::{Failure, Told};
+
+/// A family of features; `None` for `auto`.
+pub(crate) fn basis(name: &str) -> Result<Option<Basis>, Failure> {
+    if name == "auto" {
+        return Ok(None);
+    }
+    let found = Basis::ALL.into_iter().find(|basis| basis.name() == name);
+    let names = Basis::ALL.map(Basis::name).join("`, `");
+    found.map(Some).ok_or_else(|| unknown("model", name, &format!("{names}`, `auto")))
+}
+
+pub(crate) fn solver(name: &str) -> Result<SolverKind, Failure> {
+    let found = SolverKind::ALL.into_iter().find(|solver| solver.name() == name);
+    let names = SolverKind::ALL.map(SolverKind::name).join("`, `");
+    found.ok_or_else(|| unknown("solver", name, &names))
+}
+
+pub(crate) fn covariance(name: &str) -> Result<CovarianceRule, Failure> {
+    match name {
+        "auto" => Ok(CovarianceRule::Auto),
+        "groups" => Ok(CovarianceRule::Groups),
+        "rows" => Ok(CovarianceRule::Rows),
+        "none" => Ok(CovarianceRule::Nothing),
+        _ => Err(unknown("covariance", name, "auto`, `groups`, `rows`, `none")),
+    }
+}
+
+fn unknown(option: &str, found: &str, expected: &str) -> Failure {
+    let message = format!("{option} is `{found}`, expected one of `{expected}`");
+    Told { class: "OptionError", message, ..Told::default() }.into()
+}

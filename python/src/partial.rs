@@ -1,0 +1,219 @@
+//! Partial fits: sums that are merged.
+
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+use calibration::validation::grouped::{GroupKind, RandomSplit};
+use calibration::{Basis, Model};
+use log_file::{Log, ReadOptions};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use shellcal::calibration_file::{PartialFit, PartialGroups, PartialStream, Role, Source};
+use shellcal::workflow::WorkflowError;
+use shellcal::workflow::in_memory;
+use shellcal::workflow::merge::{self, MergedFitOptions, MergedModel};
+use shellcal::workflow::model_choice::{RANDOM_FOLDS, random_split};
+use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
+
+use crate::arrays::Arrays;
+use crate::error::{Failure, Told};
+use crate::fitted::Fitted;
+use crate::interrupt::without_lock;
+use crate::log::{Reading, mapping};
+use crate::options;
+
+/// The exact sums over some rows.
+#[pyclass(module = "shellcal._native")]
+pub(crate) struct Partial(PartialFit);
+
+/// Which sums are made: model, intercept, groups kept, seed of the random split.
+type What = (String, bool, Option<String>, u64);
+
+fn largest_basis(model: &str) -> Result<Basis, Failure> {
+    // The sums of the largest serve every model that `auto` compares.
+    Ok(options::basis(model)?.unwrap_or(Basis::Poly3))
+}
+
+#[pymethods]
+impl Partial {
+    /// The sums over rows of arrays that are called `name`.
+    #[staticmethod]
+    fn of_arrays(
+        py: Python<'_>,
+        x: PyReadonlyArray2<'_, f64>,
+        y: PyReadonlyArray2<'_, f64>,
+        groups: Option<(PyReadonlyArray1<'_, u32>, Vec<String>)>,
+        name: PathBuf,
+        what: What,
+        made: (String, String),
+    ) -> Result<Self, Failure> {
+        let (model, intercept, kept, seed) = what;
+        let basis = largest_basis(&model)?;
+        let (readings, wrench) = (x.as_array(), y.as_array());
+        let places = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
+        without_lock(py, |stop: &AtomicBool| {
+            let rows = Arrays { readings, wrench, groups: places, stop };
+            let split = match kept {
+                Some(_) => random_split(RANDOM_FOLDS, seed),
+                None => RandomSplit::default(),
+            };
+            let sums = in_memory::sum(&rows, basis, split, 0)?;
+            let total = sums.total().ok_or(WorkflowError::NoRows)?.clone();
+            let model = Model { basis, intercept, channels: total.channels() };
+            let mut partial = PartialFit::new(model, total);
+            (partial.made_by, partial.date) = made;
+            partial.sources = vec![Source {
+                role: Role::Train,
+                path: name,
+                checksum: Some(rows.checksum()),
+                rows: readings.nrows() as u64,
+            }];
+            if kept.is_some() {
+                let first_in = vec![0; sums.groups.len()];
+                partial.groups =
+                    Some(PartialGroups::new(GroupKind::Column, split, sums, &first_in));
+            }
+            Ok(Self(partial))
+        })
+    }
+
+    /// The sums over logs.
+    #[staticmethod]
+    fn of_logs(
+        py: Python<'_>,
+        paths: Vec<PathBuf>,
+        what: What,
+        fresh: bool,
+        reading: Reading,
+        made: (String, String),
+    ) -> Result<Self, Failure> {
+        let (model, intercept, kept, seed) = what;
+        let (names, skip_bad_rows, threads) = reading;
+        let mapping = mapping(&names)?;
+        let groups = match kept.as_deref() {
+            None => None,
+            Some("auto") => Some(KeptGroups::Auto),
+            Some("file") => Some(KeptGroups::By(GroupKind::File)),
+            Some("column") => Some(KeptGroups::By(GroupKind::Column)),
+            Some(found) => {
+                let message = format!("groups is `{found}`, expected `auto`, `file` or `column`");
+                return Err(Told { class: "OptionError", message, ..Told::default() }.into());
+            }
+        };
+        let options = PartialOptions {
+            basis: largest_basis(&model)?,
+            intercept,
+            groups,
+            seed,
+            fresh,
+            read: ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() },
+        };
+        without_lock(py, |_| {
+            let open = |path: &PathBuf| Log::open(path, &mapping);
+            let mut logs = paths.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+            let mut partial = partial::sum(&mut logs, &options)?;
+            (partial.made_by, partial.date) = made;
+            Ok(Self(partial))
+        })
+    }
+
+    /// Reads a document.
+    #[staticmethod]
+    fn parse(py: Python<'_>, document: &[u8]) -> Result<Self, Failure> {
+        py.detach(|| Ok(Self(PartialFit::parse(document)?)))
+    }
+
+    /// Reads a file.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
+        py.detach(|| Ok(Self(PartialFit::read(&path)?)))
+    }
+
+    /// The document, in the order that does not depend on how it was merged.
+    fn document<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        let partial = &mut self.0;
+        let document = py.detach(|| {
+            partial.put_in_order();
+            partial.to_json()
+        });
+        PyBytes::new(py, document.as_bytes())
+    }
+
+    fn copy(&self, py: Python<'_>) -> Self {
+        py.detach(|| Self(self.0.clone()))
+    }
+
+    /// Adds the rows of another; this one is as it was where that cannot be.
+    fn merge(&mut self, py: Python<'_>, other: PyRef<'_, Self>) -> Result<(), Failure> {
+        let (own, other) = (&mut self.0, &other.0);
+        py.detach(|| Ok(own.merge(other)?))
+    }
+
+    fn has_counted(&self, other: PyRef<'_, Self>) -> bool {
+        self.0.has_counted_all_of(&other.0)
+    }
+
+    fn rows(&self) -> u64 {
+        self.0.moments.rows()
+    }
+
+    fn model(&self) -> String {
+        self.0.model.name()
+    }
+
+    fn channels(&self) -> usize {
+        self.0.model.channels
+    }
+
+    /// The labels of the groups, if they are kept.
+    fn groups(&mut self) -> Option<Vec<String>> {
+        self.0.put_in_order();
+        let groups = self.0.groups.as_ref()?;
+        Some(groups.groups.iter().map(|group| group.label.clone()).collect())
+    }
+
+    /// Name, checksum and rows of each source.
+    fn sources(&mut self) -> Vec<(PathBuf, Option<String>, u64)> {
+        self.0.put_in_order();
+        let source = |of: &Source| (of.path.clone(), of.checksum.clone(), of.rows);
+        self.0.sources.iter().map(source).collect()
+    }
+
+    /// Fits a calibration.
+    #[expect(clippy::too_many_arguments, reason = "each has a name in Python")]
+    fn solve(
+        &mut self,
+        py: Python<'_>,
+        model: Option<String>,
+        ridge: f64,
+        cross_validation: Option<(Option<usize>,)>,
+        covariance: &str,
+        made: (String, String),
+        serial: Option<String>,
+    ) -> Result<Fitted, Failure> {
+        let options = MergedFitOptions {
+            model: match model {
+                None => MergedModel::Same,
+                Some(name) => options::basis(&name)?.map_or(MergedModel::Auto, MergedModel::Given),
+            },
+            ridge,
+            cross_validation: cross_validation.map(|(folds,)| folds),
+            covariance: options::covariance(covariance)?,
+        };
+        let partial = &mut self.0;
+        without_lock(py, |_| {
+            partial.put_in_order();
+            let fitted = merge::fit(partial, &options)?;
+            let mut file = fitted.file(partial, serial);
+            (file.origin.made_by, file.origin.date) = made;
+            Ok(Fitted(file))
+        })
+    }
+}
+
+/// Reads partial fits that stand one after the other.
+#[pyfunction]
+pub(crate) fn read_partials(py: Python<'_>, documents: &[u8]) -> Result<Vec<Partial>, Failure> {
+    py.detach(|| PartialStream::new(documents, "<bytes>").map(|one| Ok(Partial(one?))).collect())
+}

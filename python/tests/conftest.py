@@ -1,0 +1,62 @@
+"""Recordings of the simulated sensor, and the program that fits are compared with."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shellcal
+
+#: Of every document that the tests make.
+EPOCH = "1500000000"
+
+
+@pytest.fixture(autouse=True)
+def a_day_in_2017(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", EPOCH)
+
+
+@pytest.fixture(scope="session")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three recordings of different lengths; poses are groups."""
+    folder = tmp_path_factory.mktemp("logs")
+    paths = [folder / f"{seed}.csv" for seed in (1, 2, 3)]
+    for seed, rows, path in zip((1, 2, 3), (900, 1700, 400), paths):
+        program("synth train", "--rows", rows, "--rate", 10, "--seed", seed, "-o", path)
+    return paths
+
+
+@pytest.fixture(scope="session")
+def table(logs: list[Path]) -> shellcal.Table:
+    return shellcal.read_log(logs[1])
+
+
+def program(command: str, *arguments: Any) -> str:
+    """What the program prints."""
+    line = [shellcal.program(), *command.split(), *map(str, arguments)]
+    done = subprocess.run(
+        line, capture_output=True, text=True, env={"SOURCE_DATE_EPOCH": EPOCH}, check=False
+    )
+    assert done.returncode == 0, f"{line}: {done.stderr}"
+    return done.stdout
+
+
+def fitted(tmp_path: Path, *arguments: Any) -> dict[str, Any]:
+    """The calibration file of `shellcal fit`."""
+    path = tmp_path / "fitted.json"
+    program("fit", *arguments, "-o", path, "-q")
+    document: dict[str, Any] = json.loads(path.read_text())
+    return document
+
+
+def counts(rows: int, channels: int = 8, seed: int = 0) -> tuple[Any, Any]:
+    """Readings of 12 bits, and a wrench that is linear in them but for noise."""
+    random = np.random.default_rng(seed)
+    X = random.integers(1200, 2800, (rows, channels)).astype(float)
+    truth = random.normal(size=(channels, 6)) / 1000
+    return X, (X - 2000) @ truth + 0.01 * random.normal(size=(rows, 6))

@@ -1,0 +1,129 @@
+"""What Python gives are the bits that the program gives."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import fitted, program
+
+import shellcal
+from shellcal import Calibration
+
+
+def of(calibration: Calibration) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads(calibration.to_json())
+    return document
+
+
+@pytest.mark.parametrize("model", ["linear", "cubic", "quadratic", "poly3"])
+def test_coefficients_and_standard_errors(
+    logs: list[Path], table: shellcal.Table, tmp_path: Path, model: str
+) -> None:
+    expected = fitted(tmp_path, logs[1], "--model", model, "--covariance", "rows")
+    found = of(Calibration(model, covariance="rows").fit(table.X, table.Y))
+    for field in ("model", "terms", "scaling", "coefficients", "valid_range", "solver"):
+        assert found[field] == expected[field], field
+    for field in ("residual", "degrees_of_freedom", "coefficients"):
+        assert found["covariance"][field] == expected["covariance"][field], field
+    for field in ("rows", "rank", "condition"):
+        assert found["diagnostics"][field] == expected["diagnostics"][field], field
+    for axis in range(6):
+        ours, theirs = (of["diagnostics"]["train"][axis] for of in (found, expected))
+        assert ours["max"] == theirs["max"]
+        # Sums of squares of 1700 numbers, added up in blocks that are others.
+        assert ours["rms"] == pytest.approx(theirs["rms"], rel=1e-12)
+
+
+@pytest.mark.parametrize("folds", [None, 10])
+def test_held_out_errors_and_covariance_by_group(
+    logs: list[Path], table: shellcal.Table, tmp_path: Path, folds: int | None
+) -> None:
+    cv = "--cv" if folds is None else f"--cv={folds}"
+    expected = fitted(tmp_path, logs[1], cv, "--covariance", "groups")
+    calibration = Calibration(cv=folds or True, covariance="groups")
+    found = of(calibration.fit(table.X, table.Y, groups=table.groups))
+    ours, theirs = (of["diagnostics"]["cross_validation"] for of in (found, expected))
+    for field in ("groups", "folds", "rows", "undetermined", "grouped", "random_folds"):
+        assert ours[field] == theirs[field], field
+    # Rows are dealt block by block, and a log has other blocks: the same error, of other rows.
+    for axis in range(6):
+        assert ours["random"][axis]["rms"] == pytest.approx(theirs["random"][axis]["rms"], rel=0.2)
+    for field in ("residual", "coefficients"):
+        assert found["covariance"][field] == expected["covariance"][field], field
+    alone = shellcal.cross_validate(table.X, table.Y, table.groups, folds=folds)
+    assert alone["grouped"] == theirs["grouped"]
+
+
+def test_the_choice_of_a_model(logs: list[Path], table: shellcal.Table, tmp_path: Path) -> None:
+    partial, merged = tmp_path / "sums.json", tmp_path / "merged.json"
+    program("fit", logs[1], "--model", "auto", "--groups", "--partial", partial)
+    program("merge", partial, "--model", "auto", "-o", merged)
+    expected = json.loads(merged.read_text())["diagnostics"]["selection"]
+    with np.errstate(all="raise"):
+        found = shellcal.choose_model(table.X, table.Y, table.groups, covariance="none")
+    assert found.diagnostics_["selection"] == expected
+
+
+def test_every_layout_of_an_array_gives_the_same_bits(table: shellcal.Table) -> None:
+    X, Y = table.X, table.Y
+    expected = Calibration().fit(X, Y).coefficients_
+    wide = np.zeros((X.shape[0], 2 * X.shape[1]))
+    wide[:, ::2] = X
+    views = [np.asfortranarray(X), wide[:, ::2], X[::-1][::-1], X.astype(np.float32), X.astype(int)]
+    views.append(X.astype(X.dtype.newbyteorder()))
+    frozen = X.copy()
+    frozen.flags.writeable = False
+    views.append(frozen)
+    raw = np.zeros(X.nbytes + 1, np.uint8)
+    odd = raw[1:].view(np.float64).reshape(X.shape)
+    odd[:] = X
+    assert not odd.flags.aligned
+    views.append(odd)
+    for view in views:
+        assert (Calibration().fit(view, Y).coefficients_ == expected).all()
+    shuffled = np.random.default_rng(1).permutation(len(X))
+    assert (Calibration().fit(X[shuffled], Y[shuffled]).coefficients_ == expected).all()
+    assert (Calibration(threads=1).fit(X, Y).coefficients_ == expected).all()
+
+
+def test_predictions_are_those_of_convert(
+    logs: list[Path], table: shellcal.Table, tmp_path: Path
+) -> None:
+    calibration = shellcal.fit_logs(logs[1])
+    with pytest.warns(shellcal.ShellcalWarning, match="outside the calibrated range"):
+        converted = shellcal.convert(
+            calibration, logs[0], no_tare=True, no_lowpass=True, all_rows=True, interval=95
+        )
+    X = shellcal.read_log(logs[0]).X
+    wrench, std, lower, upper = calibration.predict(X, return_std=True, interval=0.95)
+    for axis, name in enumerate(["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]):
+        stem, unit = name.split("_")
+        for ours, theirs in [
+            (wrench, name),
+            (std, f"{stem}_se_{unit}"),
+            (lower, f"{stem}_lower_{unit}"),
+            (upper, f"{stem}_upper_{unit}"),
+        ]:
+            # Bounds may be added up in another order, and the table may have fewer digits.
+            assert np.allclose(ours[:, axis], converted[theirs], rtol=1e-6, atol=1e-6), theirs
+
+
+def test_a_fit_of_logs_is_the_file_of_the_program(logs: list[Path], tmp_path: Path) -> None:
+    expected = fitted(tmp_path, logs[0], logs[1], "--test", logs[2], "--cv")
+    assert of(shellcal.fit_logs(logs[:2], logs[2], cv=True)) == expected
+
+
+def test_documents_pass_both_ways(logs: list[Path], table: shellcal.Table, tmp_path: Path) -> None:
+    calibration = Calibration(serial="shell 7").fit(table.X, table.Y)
+    path = tmp_path / "calibration.json"
+    calibration.save(path)
+    assert path.read_text() == calibration.to_json()
+    program("eval", path, logs[2])
+    again = Calibration.load(path)
+    assert again.to_json() == calibration.to_json()
+    assert (again.model, again.serial) == ("cubic", "shell 7")
+    assert (again.predict(table.X) == calibration.predict(table.X)).all()
