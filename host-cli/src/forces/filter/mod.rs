@@ -47,7 +47,8 @@ pub enum FilterError {
     },
     /// A cutoff so low that the filter would remember more than memory holds.
     #[error(
-        "cutoff `{cutoff_hz}` Hz is too low for {rate_hz} samples per second: at least `{least_hz}` Hz"
+        "cutoff `{cutoff_hz}` Hz is too low for {} samples per second: at least `{}` Hz",
+        *rate_hz as f32, *least_hz as f32
     )]
     TooSlow {
         /// The cutoff asked for, Hz.

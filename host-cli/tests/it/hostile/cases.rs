@@ -234,7 +234,7 @@ fn sizes_are_refused_before_they_are_taken() {
         assert!(said.contains("`quadratic` would do, or `21` channels"), "{said}");
     }
     let said = says(&dir, "convert cal.json test.csv --lowpass 1e-6 -o out.csv", 2);
-    assert!(said.contains("too low for 10 samples per second"), "{said}");
+    assert!(said.contains("too low for 100 samples per second: at least `0.002` Hz"), "{said}");
     says(&dir, "fit train.csv --model linear --partial partial.json", 0);
     let partial = read(&dir, "partial.json");
     let (start, rest) = partial.split_once("\"channels\": [").unwrap();
