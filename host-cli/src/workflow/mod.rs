@@ -14,6 +14,7 @@ pub mod log_summary;
 pub mod model_choice;
 pub mod moments;
 pub mod noise;
+pub mod outliers;
 pub mod physics;
 pub mod report;
 pub mod sampling;

@@ -4,6 +4,7 @@
 use super::WorkflowError;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::moments::{self, SumOptions};
+use super::selection::UsedRows;
 use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
 use calibration::validation::advice::Advice;
@@ -68,8 +69,8 @@ pub struct ModelChoiceOptions<'a> {
     pub seed: u64,
     /// What the covariance is found from.
     pub covariance: CovarianceRule,
-    /// Use only rows whose readings differ from those of the row before.
-    pub fresh: bool,
+    /// Which rows of the training logs are used.
+    pub used: UsedRows<'a>,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -244,7 +245,7 @@ impl ModelChoiceOptions<'_> {
             let folds = folds.unwrap_or(RANDOM_FOLDS);
             RandomSplit { folds, held_out: folds.min(HELD_OUT), seed: self.seed }
         });
-        let options = SumOptions { basis, group_by, random, fresh: self.fresh, read: self.read };
+        let options = SumOptions { basis, group_by, random, used: self.used, read: self.read };
         Ok(moments::sum(train, &options)?.0)
     }
 }

@@ -15,6 +15,7 @@ mod mapping;
 mod merge;
 mod noise;
 mod origin;
+mod outliers;
 mod ports;
 mod quality;
 mod record;

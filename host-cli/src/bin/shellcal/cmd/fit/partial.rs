@@ -11,6 +11,7 @@ use shellcal::calibration_file::{PartialFit, Role, Source};
 use shellcal::output::Outputs;
 use shellcal::workflow::groups::GroupBy;
 use shellcal::workflow::moments::{self, SumOptions};
+use shellcal::workflow::selection::UsedRows;
 
 use super::super::choices::ModelArg;
 use super::super::origin;
@@ -33,7 +34,7 @@ impl FitArgs {
             basis,
             group_by: GroupBy::File,
             random: RandomSplit::default(),
-            fresh: self.fresh,
+            used: UsedRows { fresh: self.fresh, excluded: None },
             read: ReadOptions { checksum: true, ..self.mapping.read_options() },
         };
         let (sums, summaries) = moments::sum(train, &options)?;
