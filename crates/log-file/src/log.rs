@@ -59,6 +59,13 @@ impl Log {
         &self.layout.columns
     }
 
+    /// The names of the sensor columns in channel order, then of those of the wrench that there are.
+    pub fn value_names(&self) -> Vec<&str> {
+        let places =
+            self.layout.roles.sensors.iter().chain(self.layout.roles.wrench.iter().flatten());
+        places.map(|&place| self.layout.columns[place].name.as_str()).collect()
+    }
+
     /// The number of sensor channels, 0 if there are none.
     pub fn channels(&self) -> usize {
         self.layout.roles.sensors.len()

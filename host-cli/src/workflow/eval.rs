@@ -1,10 +1,12 @@
 //! How well a calibration predicts the wrench that a log has measured.
 
 use super::WorkflowError;
+use super::selection::UsedRows;
 use crate::figures::FitPlot;
 use calibration::Calibration;
 use calibration::magnitudes::Magnitudes;
 use calibration::quality::{self, AxisErrors, AxisQuality};
+use calibration::validation::outliers::{self, Judge, Judged, Spread};
 use log_file::{Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
@@ -12,8 +14,10 @@ use shell_data::wrench::PerAxis;
 /// Which rows are used, and what is kept of them.
 #[derive(Clone, Copy, Default)]
 pub struct EvalOptions<'a> {
-    /// Use only rows whose readings differ from those of the row before.
-    pub fresh: bool,
+    /// Which rows are used.
+    pub used: UsedRows<'a>,
+    /// The place of the log among those that this is said of.
+    pub place: usize,
     /// Counts errors by their size, in these units per axis.
     pub size_unit: Option<PerAxis<f64>>,
     /// How logs are read.
@@ -51,12 +55,22 @@ impl Evaluation {
         self.checksum.clone_from(&other.checksum);
     }
 
+    /// Whether the largest error of an axis is far above the others.
+    pub fn has_large_errors(&self) -> bool {
+        let is_large =
+            |axis: &AxisQuality| axis.max.is_some_and(|max| max > outliers::LIMIT * axis.rms);
+        self.quality().is_some_and(|axes| axes.iter().any(is_large))
+    }
+
     /// The quality of every axis; `None` without rows.
     pub fn quality(&self) -> Option<PerAxis<AxisQuality>> {
         let [fx, fy, fz, mx, my, mz] = self.errors.map(|errors| errors.quality());
         Some([fx?, fy?, fz?, mx?, my?, mz?])
     }
 }
+
+/// Every so-manieth row is enough to tell how far readings spread.
+const SPREAD_STRIDE: usize = 16;
 
 /// What is known of one block. Predictions and measurements are kept only if they are to be drawn.
 pub(super) struct BlockErrors {
@@ -65,6 +79,8 @@ pub(super) struct BlockErrors {
     errors: PerAxis<AxisErrors>,
     sizes: Option<PerAxis<Magnitudes>>,
     drawn: Option<Drawn>,
+    /// Whether a row does not belong, as far as a judge was asked.
+    pub(super) stands_out: bool,
 }
 
 struct Drawn {
@@ -80,6 +96,7 @@ impl BlockErrors {
         block: &Block,
         size_unit: Option<&PerAxis<f64>>,
         is_drawn: bool,
+        judge: Option<&Judge>,
     ) -> Self {
         let mut predicted = PerAxis::default();
         calibration.wrench(&block.readings, &mut predicted);
@@ -88,6 +105,11 @@ impl BlockErrors {
             out_of_range: calibration.rows_out_of_range(&block.readings),
             errors: quality::errors(&predicted, &block.wrench),
             sizes: size_unit.map(|unit| sizes(&predicted, &block.wrench, unit)),
+            stands_out: judge.is_some_and(|judge| {
+                let spread = Spread::of(block, SPREAD_STRIDE);
+                let judged = judge.judge_predicted(block, &predicted, &spread, |_| false);
+                judged.iter().any(Judged::is_outlier)
+            }),
             drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),
         }
     }
@@ -130,11 +152,8 @@ pub fn eval(
     let is_drawn = plot.is_some();
     let mut all = Evaluation::default();
     let map = |block: &mut Block| {
-        if options.fresh {
-            let fresh = block.fresh_rows();
-            block.retain_rows(&fresh);
-        }
-        BlockErrors::of(calibration, block, options.size_unit.as_ref(), is_drawn)
+        options.used.select(options.place, block);
+        BlockErrors::of(calibration, block, options.size_unit.as_ref(), is_drawn, None)
     };
     let summary = log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
         all.add(&block, plot.as_deref_mut());

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{BlockErrors, Evaluation};
 use super::log_rows::{LogRows, store};
+use super::selection::UsedRows;
 use super::solving::{Problem, Solved, solve};
 pub use super::uncertainty::CovarianceFrom;
 use super::uncertainty::Uncertainty;
@@ -12,10 +13,12 @@ use crate::calibration_file::LARGEST;
 use crate::figures::FitPlot;
 use calibration::exact::{ExactError, Moments};
 use calibration::quality::AxisQuality;
+use calibration::reading_ranges::ReadingRanges;
 use calibration::solver::{Solution, SolverKind};
 use calibration::uncertainty::ErrorShape;
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
+use calibration::validation::outliers::{Judge, Spread};
 use calibration::validation::shared_loads::RowSample;
 use calibration::{Basis, Calibration, FitError, Model, Polynomial};
 use log_file::{Log, ReadOptions, Wanted};
@@ -37,8 +40,8 @@ pub struct FitOptions<'a> {
     /// For [`SolverKind::Svd`]: leaves out directions whose singular value, of columns of norm one,
     /// is below this share of the largest.
     pub truncate: Option<f64>,
-    /// Use only rows whose readings differ from those of the row before.
-    pub fresh: bool,
+    /// Which rows of the training logs are used; of the test logs those that are fresh, if that is asked.
+    pub used: UsedRows<'a>,
     /// The exact sums of the training rows, where they have been made already: the exact solver
     /// then does not read the rows again.
     pub total: Option<&'a Moments>,
@@ -46,6 +49,8 @@ pub struct FitOptions<'a> {
     pub covariance: CovarianceFrom<'a>,
     /// Reduce predictions and measurements to what a figure needs.
     pub plot: bool,
+    /// Look whether any training row does not belong.
+    pub looks: bool,
     /// How logs are read. Progress counts the bytes of all passes, see [`bytes_to_read`].
     pub read: ReadOptions<'a>,
 }
@@ -59,10 +64,11 @@ impl Default for FitOptions<'_> {
             solver: SolverKind::Exact,
             ridge: 0.0,
             truncate: None,
-            fresh: false,
+            used: UsedRows::default(),
             total: None,
             covariance: CovarianceFrom::Nothing,
             plot: false,
+            looks: false,
             read: ReadOptions::default(),
         }
     }
@@ -89,6 +95,8 @@ pub struct Fit {
     pub test: Vec<Evaluation>,
     /// The share of test rows on plateaus of the training logs, where those are made of plateaus.
     pub on_plateaus: Option<f64>,
+    /// Whether a training row does not belong, if that was asked.
+    pub stands_out: bool,
     /// What a figure needs of training and test logs.
     pub plots: Option<(FitPlot, FitPlot)>,
 }
@@ -119,7 +127,41 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
     let read = ReadOptions { progress: Some(&report), ..options.read };
     let mut store = store(train, test);
-    let mut rows = LogRows::new(train, test, options.fresh, read, store.room());
+    let mut rows = LogRows::new(train, test, options.used, read, store.room());
+    let Solved { solution, ranges, solver, not_exact } = solve_rows(first, &mut rows, options)?;
+    let mut calibration = Calibration::of_solution(&solution, &ranges);
+    let Uncertainty { mut covariance, not_grouped } =
+        Uncertainty::of(&solution, solver, options.ridge, options.covariance);
+    let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
+    read_before.store(train_bytes, Ordering::Relaxed);
+    let judge = Judge::new(&solution, &ranges, &Spread::default()).filter(|_| options.looks);
+    let errors = errors(&calibration, &mut rows, size_unit.as_ref(), options.plot, judge.as_ref())?;
+    if let (Some(covariance), Some(unit)) = (&mut covariance, size_unit) {
+        covariance.shape = shape(&errors.train, &unit);
+    }
+    calibration.covariance = covariance;
+    let Errors { train, loads, test, on_plateaus, stands_out, plots } = errors;
+    Ok(Fit {
+        calibration,
+        solution,
+        solver,
+        not_exact,
+        not_grouped,
+        train,
+        loads,
+        test,
+        on_plateaus,
+        stands_out,
+        plots,
+    })
+}
+
+/// Solves for the rows of logs, of which `first` is the first.
+fn solve_rows(
+    first: &Log,
+    rows: &mut LogRows<'_>,
+    options: &FitOptions<'_>,
+) -> Result<Solved, WorkflowError> {
     let problem = Problem {
         model: Model {
             basis: options.basis,
@@ -132,30 +174,19 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         total: options.total,
     };
     let sample = || Ok(first.sample(&Wanted { readings: true, ..Wanted::default() })?);
-    let Solved { solution, ranges, solver, not_exact } = solve(&problem, &mut rows, sample)?;
-    let mut calibration = Calibration::of_solution(&solution, &ranges);
-    let Uncertainty { mut covariance, not_grouped } =
-        Uncertainty::of(&solution, solver, options.ridge, options.covariance);
-    let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
-    read_before.store(train_bytes, Ordering::Relaxed);
-    let errors = errors(&calibration, &mut rows, size_unit.as_ref(), options.plot)?;
-    if let (Some(covariance), Some(unit)) = (&mut covariance, size_unit) {
-        covariance.shape = shape(&errors.train, &unit);
-    }
-    calibration.covariance = covariance;
-    let Errors { train, loads, test, on_plateaus, plots } = errors;
-    Ok(Fit {
-        calibration,
-        solution,
-        solver,
-        not_exact,
-        not_grouped,
-        train,
-        loads,
-        test,
-        on_plateaus,
-        plots,
-    })
+    solve(&problem, rows, sample)
+}
+
+/// The coefficients alone, without a look at the errors.
+pub(super) fn solution(
+    train: &[Log],
+    options: &FitOptions<'_>,
+) -> Result<(Solution, ReadingRanges), WorkflowError> {
+    let first = check(train, &[])?;
+    let mut store = store(train, &[]);
+    let mut rows = LogRows::new(train, &[], options.used, options.read, store.room());
+    let Solved { solution, ranges, .. } = solve_rows(first, &mut rows, options)?;
+    Ok((solution, ranges))
 }
 
 /// The first of the training logs, if all logs have what a fit needs.
@@ -175,6 +206,7 @@ struct Errors {
     loads: WrenchSums,
     test: Vec<Evaluation>,
     on_plateaus: Option<f64>,
+    stands_out: bool,
     plots: Option<(FitPlot, FitPlot)>,
 }
 
@@ -184,11 +216,12 @@ fn errors(
     rows: &mut LogRows<'_>,
     size_unit: Option<&PerAxis<f64>>,
     plot: bool,
+    judge: Option<&Judge>,
 ) -> Result<Errors, WorkflowError> {
     let logs = rows.logs().to_vec();
     let train = rows.train();
     let mut plots = plot.then(|| (FitPlot::new(), FitPlot::new()));
-    let mut loads = WrenchSums::default();
+    let (mut loads, mut stands_out) = (WrenchSums::default(), false);
     let mut evaluations = vec![Evaluation::default(); logs.len()];
     let mut fingerprints = vec![Fingerprint::default(); logs.len()];
     // Training rows are within the range that they define: there is nothing to look for.
@@ -202,11 +235,12 @@ fn errors(
         let fingerprint = if is_alone { Fingerprint::default() } else { Fingerprint::of(block) };
         let is_train = log < train;
         let errors = match is_train {
-            true => BlockErrors::of(&without_range, block, size_unit, plot),
-            false => BlockErrors::of(calibration, block, None, plot),
+            true => BlockErrors::of(&without_range, block, size_unit, plot, judge),
+            false => BlockErrors::of(calibration, block, None, plot, None),
         };
         let sample = is_tested.then(|| RowSample::of(block));
-        Ok((errors, is_train.then(|| WrenchSums::of(&block.wrench)), fingerprint, sample))
+        let of_train = is_train.then(|| WrenchSums::of(&block.wrench));
+        Ok((errors, of_train, fingerprint, sample))
     };
     let summaries = rows.each_block(map, |log, (block, of_block, fingerprint, sample)| {
         if let Some(sample) = sample {
@@ -218,6 +252,7 @@ fn errors(
             false => of_test,
         });
         evaluations[log].add(&block, plot);
+        stands_out |= block.stands_out;
         if let Some(of_block) = of_block {
             loads.merge(&of_block);
         }
@@ -232,7 +267,7 @@ fn errors(
     check_sizes(calibration, &evaluations)?;
     let test = evaluations.split_off(train);
     let on_plateaus = test_rows.share_on_plateaus_of(&train_rows);
-    Ok(Errors { train: evaluations, loads, test, on_plateaus, plots })
+    Ok(Errors { train: evaluations, loads, test, on_plateaus, stands_out, plots })
 }
 
 /// Whether coefficients and errors can be written to a calibration's document, of which products of two

@@ -16,6 +16,7 @@ use super::model_choice::{
     CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, RANDOM_FOLDS, choose_from,
     random_split,
 };
+use super::selection::UsedRows;
 use super::solving::{Problem, Solved, solve};
 use super::uncertainty::{CovarianceFrom, Uncertainty};
 use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, SolverRecord, Source};
@@ -184,7 +185,7 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
     let unit = covariance.as_ref().map(|_| root_mean_square(&solution));
     let (mut train, mut loads) = (Evaluation::default(), WrenchSums::default());
     let errors = |(): &mut (), block: &mut Block| {
-        let errors = BlockErrors::of(&calibration, block, unit.as_ref(), false);
+        let errors = BlockErrors::of(&calibration, block, unit.as_ref(), false, None);
         (errors, WrenchSums::of(&block.wrench))
     };
     rows.each_block(
@@ -278,7 +279,7 @@ fn choose(
         }),
         seed: options.seed,
         covariance: options.covariance,
-        fresh: false,
+        used: UsedRows::default(),
         read: ReadOptions::default(),
     };
     match sum(source, basis, random, options.threads) {

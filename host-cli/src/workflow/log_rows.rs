@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::WorkflowError;
 use super::batch::{Stamp, stamp};
 use super::kept_rows::{KeptBlock, Room, Steps, Store};
+use super::selection::UsedRows;
 use calibration::FitError;
 use calibration::solver::{Blocks, Pass, PassWorker};
 use log_file::pipeline::{self, Pieces};
@@ -28,8 +29,8 @@ pub(super) struct LogRows<'a> {
     /// The training logs, then the test logs.
     logs: Vec<&'a Log>,
     train: usize,
-    /// Use only rows whose readings differ from those of the row before.
-    fresh: bool,
+    /// Which rows are used.
+    used: UsedRows<'a>,
     read: ReadOptions<'a>,
     /// What their files are before they are read.
     stamps: Vec<Stamp>,
@@ -52,14 +53,14 @@ impl<'a> LogRows<'a> {
     pub(super) fn new(
         train: &'a [Log],
         test: &'a [Log],
-        fresh: bool,
+        used: UsedRows<'a>,
         read: ReadOptions<'a>,
         room: Room<'a>,
     ) -> Self {
         let logs: Vec<&Log> = train.iter().chain(test).collect();
         let stamps = logs.iter().map(|log| stamp(log.path())).collect();
         let (summaries, kept) = (Vec::new(), Vec::new());
-        Self { logs, train: train.len(), fresh, read, stamps, summaries, kept, room }
+        Self { logs, train: train.len(), used, read, stamps, summaries, kept, room }
     }
 
     /// The training logs, then the test logs.
@@ -167,10 +168,7 @@ impl<'a> LogRows<'a> {
         };
         let read = ReadOptions { progress: Some(&report), ..*read };
         let map = |state: &mut S, log: usize, block: &mut Block| {
-            if self.fresh {
-                let fresh = block.fresh_rows();
-                block.retain_rows(&fresh);
-            }
+            self.used.select(first + log, block);
             map(state, first + log, block)
         };
         log_file::read_all(&self.logs[logs], &wanted, &read, init, map, |log, value| {

@@ -66,6 +66,8 @@ pub struct ColumnSummary {
     /// How often 65535 occurs, the full scale of 16 bits.
     pub rows_at_16_bits: u64,
     below_max: f64,
+    /// The first values that occur, one more than those of a quiet column.
+    values: Vec<f64>,
     variance: RunningVariance,
 }
 
@@ -81,6 +83,7 @@ impl Default for ColumnSummary {
             rows_at_12_bits: 0,
             rows_at_16_bits: 0,
             below_max: f64::NEG_INFINITY,
+            values: Vec::new(),
             variance: RunningVariance::default(),
         }
     }
@@ -92,6 +95,9 @@ impl ColumnSummary {
             return;
         }
         for &value in values {
+            if self.values.len() <= QUIET_VALUES && !self.values.contains(&value) {
+                self.values.push(value);
+            }
             self.min = self.min.min(value);
             self.rows_at_zero += u64::from(value == 0.0);
             self.rows_at_12_bits += u64::from(value == 4095.0);
@@ -131,10 +137,18 @@ impl ColumnSummary {
 
     /// Whether the column is cut off at its greatest value, wherever that is: it takes that value
     /// in at least one row of a hundred and in twenty rows, and three times as often as the next
-    /// lower value that occurs. A signal that merely turns around there does not.
+    /// lower value that occurs. A signal that merely turns around there does not, nor is one that has
+    /// [few values](Self::quiet_values) anyway.
     pub fn is_pinned_at_max(&self) -> bool {
         let often = self.rows_at_max >= 20 && self.rows_at_max >= self.rows / 100;
-        !self.is_constant() && often && self.rows_at_max >= 3 * self.rows_below_max
+        self.values.len() > QUIET_VALUES && often && self.rows_at_max >= 3 * self.rows_below_max
+    }
+
+    /// How many values there are, if they are more than one and so few that the column flickers rather
+    /// than moves.
+    pub fn quiet_values(&self) -> Option<usize> {
+        let is_quiet = self.rows >= 20 && (2..=QUIET_VALUES).contains(&self.values.len());
+        is_quiet.then_some(self.values.len())
     }
 
     /// How many rows stand at the end of a converter's range: at 0, 4095 or 65535.
@@ -142,6 +156,9 @@ impl ColumnSummary {
         self.rows_at_zero + self.rows_at_12_bits + self.rows_at_16_bits
     }
 }
+
+/// A column of no more values than these flickers by its last digit.
+const QUIET_VALUES: usize = 4;
 
 /// The times of a log and the intervals from row to row.
 #[derive(Clone, Debug, Default)]
@@ -362,6 +379,15 @@ mod tests {
         let cut = column(&wave.map(|v| v.min(2300.0)).collect::<Vec<_>>());
         assert!(cut.is_pinned_at_max());
         assert_eq!(cut.max, 2300.0);
+    }
+
+    #[test]
+    fn a_quiet_column_is_not_pinned() {
+        let quiet = column(&(0..1000).map(|i| 8.0 + f64::from(i % 5).min(1.0)).collect::<Vec<_>>());
+        assert!(!quiet.is_pinned_at_max());
+        assert_eq!(quiet.quiet_values(), Some(2));
+        assert_eq!(column(&(0..10).map(f64::from).collect::<Vec<_>>()).quiet_values(), None);
+        assert_eq!(column(&[3.0, 3.0]).quiet_values(), None);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 use super::WorkflowError;
 use super::model_choice::choose_from;
 use super::model_choice::{CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, RANDOM_FOLDS};
+use super::selection::UsedRows;
 use super::uncertainty::{CovarianceFrom, Uncertainty};
 use crate::calibration_file::{
     CalibrationFile, Diagnostics, MergeError, Origin, PartialFit, SolverRecord,
@@ -134,7 +135,7 @@ fn choose(merged: &PartialFit, options: &MergedFitOptions) -> Result<ModelChoice
         }),
         seed: 0,
         covariance: options.covariance,
-        fresh: false,
+        used: UsedRows::default(),
         read: ReadOptions::default(),
     };
     let random_folds = options.cross_validation.map(|folds| folds.unwrap_or(RANDOM_FOLDS));

@@ -16,6 +16,7 @@ pub mod merge;
 pub mod model_choice;
 pub mod moments;
 pub mod noise;
+pub mod outliers;
 pub mod partial;
 pub mod physics;
 pub mod report;

@@ -4,6 +4,7 @@
 use super::WorkflowError;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::moments::{self, SumOptions};
+use super::selection::UsedRows;
 use calibration::exact::Moments;
 use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
@@ -74,8 +75,8 @@ pub struct ModelChoiceOptions<'a> {
     pub seed: u64,
     /// What the covariance is found from.
     pub covariance: CovarianceRule,
-    /// Use only rows whose readings differ from those of the row before.
-    pub fresh: bool,
+    /// Which rows of the training logs are used.
+    pub used: UsedRows<'a>,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -292,7 +293,7 @@ impl ModelChoiceOptions<'_> {
         let random = self.cross_validation.map_or_else(RandomSplit::default, |_| {
             random_split(folds.unwrap_or(RANDOM_FOLDS), self.seed)
         });
-        let options = SumOptions { basis, group_by, random, fresh: self.fresh, read: self.read };
+        let options = SumOptions { basis, group_by, random, used: self.used, read: self.read };
         Ok(moments::sum(train, &options)?.grouped)
     }
 }

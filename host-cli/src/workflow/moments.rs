@@ -1,6 +1,7 @@
 //! From logs to exact sums, group by group, in one pass and without fitting anything.
 
 use super::groups::GroupBy;
+use super::selection::UsedRows;
 use super::{WorkflowError, check_channels};
 use calibration::FitError;
 use calibration::model::{Basis, Model};
@@ -21,8 +22,8 @@ pub struct SumOptions<'a> {
     pub group_by: GroupBy,
     /// Rows that are summed again, drawn at random.
     pub random: RandomSplit,
-    /// Use only rows whose readings differ from those of the row before.
-    pub fresh: bool,
+    /// Which rows of the training logs are used.
+    pub used: UsedRows<'a>,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -61,9 +62,7 @@ pub fn sum(logs: &[Log], options: &SumOptions<'_>) -> Result<Sums, WorkflowError
                block: &mut Block|
      -> Result<BlockGroups, WorkflowError> {
         options.group_by.label(logs, log, block)?;
-        if options.fresh {
-            block.retain_rows(&block.fresh_rows());
-        }
+        options.used.select(log, block);
         // Names what is not finite, as every fit does.
         ReadingRanges::of_block(block, channels)?;
         Ok(worker.add(block)?)

@@ -4,6 +4,7 @@ use super::WorkflowError;
 use super::groups::{self, GroupBy};
 use super::model_choice::{RANDOM_FOLDS, random_split};
 use super::moments::{self, SumOptions, Sums};
+use super::selection::UsedRows;
 use crate::calibration_file::{PartialFit, PartialGroups, Role, Source};
 use calibration::validation::grouped::{GroupKind, RandomSplit};
 use calibration::{Basis, Model};
@@ -56,7 +57,7 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         basis: options.basis,
         group_by: group_by.map_or(GroupBy::File, GroupBy::from),
         random,
-        fresh: options.fresh,
+        used: UsedRows { fresh: options.fresh, excluded: None },
         read: ReadOptions { checksum: true, ..options.read },
     };
     let Sums { grouped, first_in, summaries } = moments::sum(logs, &sum_options)?;

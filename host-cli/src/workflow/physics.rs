@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use super::eval::{EvalOptions, Evaluation, eval};
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::model_choice::HeldOut;
+use super::selection::UsedRows;
 use super::{WorkflowError, check_channels};
 use crate::figures::FitPlot;
 use calibration::physics::{
@@ -26,8 +27,8 @@ const FOLDS: usize = 10;
 pub struct PhysicsOptions<'a> {
     /// Find the errors on groups that were held out, by fits without them.
     pub cross_validation: Option<HeldOut>,
-    /// Use only rows whose readings differ from those of the row before.
-    pub fresh: bool,
+    /// Which rows of the training logs are used.
+    pub used: UsedRows<'a>,
     /// Reduce predictions and measurements to what a figure needs.
     pub plot: bool,
     /// How logs are read. Progress counts the bytes of the training logs twice.
@@ -88,6 +89,13 @@ pub struct PhysicsFit {
 }
 
 impl PhysicsFit {
+    /// Whether a training row has an error far from the others'.
+    pub fn stands_out(&self) -> bool {
+        let mut train = Evaluation::default();
+        self.train.iter().for_each(|evaluation| train.merge(evaluation));
+        train.has_large_errors()
+    }
+
     /// What a calibration file says of the held-out errors.
     pub fn cross_validation(&self) -> Option<CrossValidation> {
         let validation = self.validation.as_ref()?;
@@ -111,7 +119,7 @@ impl PhysicsFit {
 pub fn read_rows(
     train: &[Log],
     group_by: Option<&GroupBy>,
-    fresh: bool,
+    used: UsedRows<'_>,
     read: &ReadOptions<'_>,
 ) -> Result<GroupedRows, WorkflowError> {
     let first = train.first().ok_or(WorkflowError::NoLogs)?;
@@ -126,9 +134,7 @@ pub fn read_rows(
     let logs: Vec<&Log> = train.iter().collect();
     let map = |(): &mut (), log: usize, block: &mut Block| -> Result<Block, WorkflowError> {
         labelled.label(train, log, block)?;
-        if fresh {
-            block.retain_rows(&block.fresh_rows());
-        }
+        used.select(log, block);
         Ok(std::mem::take(block))
     };
     let fold = |_: usize, block: Result<Block, WorkflowError>| -> Result<(), WorkflowError> {
@@ -195,7 +201,7 @@ pub fn fit(
     let read = ReadOptions { checksum: false, ..options.read };
     let held_out = options.cross_validation.unwrap_or(HeldOut::Auto);
     let group_by = groups::held_out(train, held_out, &read)?;
-    let grouped = read_rows(train, group_by.as_ref(), options.fresh, &read)?;
+    let grouped = read_rows(train, group_by.as_ref(), options.used, &read)?;
     let rows = &grouped.rows;
     let (physics, choice) = PhysicsCalibration::fit(rows)?;
     let validation =
@@ -203,14 +209,18 @@ pub fn fit(
     let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
     calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
-    let eval_options =
-        EvalOptions { fresh: options.fresh, read: options.read, ..EvalOptions::default() };
     let mut evaluations = Vec::with_capacity(train.len() + test.len());
     for (place, log) in train.iter().chain(test).enumerate() {
         let plot = plots.as_mut().map(|(of_train, of_test)| match place < train.len() {
             true => of_train,
             false => of_test,
         });
+        let used = match place < train.len() {
+            true => options.used,
+            false => UsedRows { excluded: None, ..options.used },
+        };
+        let eval_options =
+            EvalOptions { used, place, read: options.read, ..EvalOptions::default() };
         evaluations.push(eval(&calibration, log, &eval_options, plot)?);
     }
     let test_errors = evaluations.split_off(train.len());

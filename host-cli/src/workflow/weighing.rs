@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use super::WorkflowError;
 use super::groups::GroupBy;
 use super::physics::read_rows;
+use super::selection::UsedRows;
 use calibration::Model;
 use calibration::physics::PhysicsValidation;
 use calibration::validation::comparison::Comparison;
@@ -43,10 +44,10 @@ pub fn weigh(
     sums: &GroupedMoments,
     group_by: &GroupBy,
     (model, ridge): (Model, f64),
-    fresh: bool,
+    used: UsedRows<'_>,
     read: &ReadOptions<'_>,
 ) -> Result<Weighing, WorkflowError> {
-    let grouped = read_rows(train, Some(group_by), fresh, read)?;
+    let grouped = read_rows(train, Some(group_by), used, read)?;
     let places: HashMap<&str, u64> = grouped.labels.iter().map(String::as_str).zip(0..).collect();
     let group = |&group: &usize| places[sums.groups[group].0.as_str()];
     let folds: Vec<Vec<u64>> =

@@ -31,6 +31,7 @@ mod log_real;
 mod noise;
 mod one_pipeline;
 mod outages;
+mod outliers;
 mod partial_fits;
 mod physics_command;
 mod prediction_intervals;

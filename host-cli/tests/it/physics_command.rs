@@ -7,6 +7,7 @@ use std::process::Output;
 use calibration::physics::PhysicsValidation;
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::physics::read_rows;
+use shellcal::workflow::selection::UsedRows;
 use system_tests::program;
 use system_tests::real_recording;
 use tempfile::TempDir;
@@ -139,7 +140,7 @@ fn poses_of_a_real_sensor_that_were_left_out_are_found_again() {
     let path = real_recording("others/photointerrupters/poses.csv");
     let mapping = Mapping { group: Some(ColumnRef::Name("pose".into())), ..Mapping::default() };
     let log = Log::open(&path, &mapping).unwrap();
-    let rows = read_rows(&[log], None, false, &ReadOptions::default()).unwrap().rows;
+    let rows = read_rows(&[log], None, UsedRows::default(), &ReadOptions::default()).unwrap().rows;
     let validation = PhysicsValidation::of(&rows, &rows.folds(usize::MAX)).unwrap();
     let (total, median) = (validation.total(), validation.median());
     let limits = [(1.20, 0.45), (1.30, 0.48), (1.05, 0.43)];

@@ -17,6 +17,7 @@ use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
 use shellcal::workflow::groups::GroupBy;
 use shellcal::workflow::moments::{SumOptions, sum};
+use shellcal::workflow::selection::UsedRows;
 use system_tests::random::Random;
 
 /// Rows of a pose at 10 Hz.
@@ -97,7 +98,7 @@ fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
                 basis,
                 group_by: GroupBy::Column,
                 random: RandomSplit::default(),
-                fresh: false,
+                used: UsedRows::default(),
                 read: ReadOptions::default(),
             };
             let sums = sum(&logs, &options).unwrap().grouped;

@@ -14,6 +14,7 @@ pub mod comparison;
 pub mod cross_validation;
 pub mod excitation;
 pub mod grouped;
+pub mod outliers;
 pub mod plateaus;
 pub mod selection;
 pub mod shared_loads;

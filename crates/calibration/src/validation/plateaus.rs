@@ -190,9 +190,10 @@ impl PlateauFinder {
     /// wrench.
     pub fn add(&mut self, time_s: &[f64], wrench: &[Vec<f64>]) {
         let rows = wrench.first().map_or(0, Vec::len);
-        for row in 0..rows {
+        let times = time_s.iter().copied().map(Some).chain(std::iter::repeat(None));
+        for (row, now_s) in (0..rows).zip(times) {
             let load = std::array::from_fn(|axis| wrench[axis][row]);
-            self.add_row(time_s.get(row).copied(), &load);
+            self.add_row(now_s, &load);
         }
     }
 

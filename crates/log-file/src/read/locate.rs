@@ -4,8 +4,10 @@ use std::io::Read;
 
 use crate::error::LogError;
 use crate::log::Log;
-use crate::parse::rows::RowError;
-use crate::stream::chunk::{ChunkError, LINE_LIMIT};
+use crate::parse::plan::ReadPlan;
+use crate::parse::rows::{ParsedRows, RowError};
+use crate::read::request::Wanted;
+use crate::stream::chunk::{Chunk, ChunkError, ChunkStream, LINE_LIMIT};
 
 impl Log {
     pub(crate) fn chunk_error(&self, error: ChunkError) -> LogError {
@@ -29,6 +31,31 @@ impl Log {
             }
             Err(error) => error,
         }
+    }
+
+    /// The line, from 1, of a row of the block that starts at `place`: the row `row` from 0 of those that
+    /// were read as `wanted`.
+    ///
+    /// # Errors
+    /// [`LogError`] if the file cannot be read, or ends before that row.
+    pub fn line_of_row(&self, wanted: &Wanted, place: u64, row: usize) -> Result<u64, LogError> {
+        let plan = ReadPlan::new(&self.layout, wanted);
+        let mut chunks = ChunkStream::new(self.source.open()?, place, self.chunk_bytes);
+        let (mut chunk, mut parsed) = (Chunk::default(), ParsedRows::default());
+        let (mut line, mut rows) = (self.line_number(place)?, 0);
+        while chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
+            for text in chunk.lines().split_inclusive(|&byte| byte == b'\n') {
+                // Wrong lines are no rows.
+                if plan.parse(text, true, &mut parsed).is_ok() && parsed.rows > 0 {
+                    if rows == row {
+                        return Ok(line);
+                    }
+                    rows += 1;
+                }
+                line += 1;
+            }
+        }
+        Err(LogError::NoRows { path: self.source.path.clone() })
     }
 
     /// The number of the line at `offset`, counted by reading up to there again: lines are not

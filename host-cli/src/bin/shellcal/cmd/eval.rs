@@ -12,6 +12,7 @@ use shellcal::calibration_file::stored::{self, StoredQuality};
 use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::Outputs;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
+use shellcal::workflow::selection::UsedRows;
 
 use super::mapping::MappingArgs;
 use super::quality::{significant, table_row};
@@ -92,7 +93,8 @@ impl EvalArgs {
         for log in &logs {
             let progress = |bytes| bar.set_position(read_before + bytes);
             let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
-            let options = EvalOptions { fresh: self.fresh, read, ..Default::default() };
+            let used = UsedRows { fresh: self.fresh, excluded: None };
+            let options = EvalOptions { used, read, ..Default::default() };
             let evaluation = eval(&calibration, log, &options, plot.as_mut())?;
             all.merge(&evaluation);
             reports.push(report(Some(log.path().display().to_string()), &evaluation)?);

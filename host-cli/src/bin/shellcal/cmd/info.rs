@@ -4,8 +4,10 @@ use log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, 
 use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::log_summary::{ColumnSummary, LogSummary};
+use shellcal::workflow::outliers::{OutlierOptions, find};
 
 use super::mapping::MappingArgs;
+use super::outliers::{OutlierReport, report, warn};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -48,7 +50,7 @@ impl InfoArgs {
     }
 }
 
-fn summary(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<Info> {
+fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Result<Info> {
     let wanted = Wanted {
         time: log.has_time(),
         readings: log.channels() > 0,
@@ -64,7 +66,16 @@ fn summary(log: &Log, args: &MappingArgs, printer: &Printer) -> anyhow::Result<I
         Ok::<(), LogError>(())
     });
     bar.finish_and_clear();
-    Ok(Info::new(log, &summary, read?.skipped_rows))
+    let mut info = Info::new(log, &summary, read?.skipped_rows);
+    // Without a calibration there is nothing to judge rows by, and nothing to say.
+    let by = OutlierOptions { read: args.read_options(), ..OutlierOptions::default() };
+    if log.has_wrench()
+        && let Ok(found) = find(std::slice::from_ref(log), &by)
+    {
+        warn(printer, &found, std::slice::from_ref(log));
+        info.outliers = report(&found, std::slice::from_ref(log));
+    }
+    Ok(info)
 }
 
 /// What is said about a log; the field names are those of the JSON document.
@@ -81,6 +92,9 @@ struct Info {
     fresh_rate_hz: Option<f64>,
     time: Option<TimeInfo>,
     columns: Vec<ColumnInfo>,
+    /// Rows that do not belong, by a fit to the others.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    outliers: Vec<OutlierReport>,
     #[serde(skip)]
     title: Format,
 }
@@ -131,6 +145,9 @@ struct LimitInfo {
     rows_at_65535: u64,
     rows_at_max: u64,
     pinned_at_max: bool,
+    /// How many values there are, where they are so few that the channel carries next to nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    quiet_values: Option<usize>,
 }
 
 impl Info {
@@ -150,6 +167,7 @@ impl Info {
             columns: columns
                 .map(|(place, column)| ColumnInfo::new(place, column, summary))
                 .collect(),
+            outliers: Vec::new(),
             title: log.format(),
         }
     }
@@ -289,6 +307,7 @@ impl ValueInfo {
                 rows_at_65535: summary.rows_at_16_bits,
                 rows_at_max: summary.rows_at_max,
                 pinned_at_max: summary.is_pinned_at_max(),
+                quiet_values: summary.quiet_values(),
             }),
         }
     }
@@ -296,7 +315,10 @@ impl ValueInfo {
     fn note(&self) -> String {
         let mut notes = Vec::new();
         if self.constant {
-            notes.push("constant".to_owned());
+            notes.push("constant: carries nothing".to_owned());
+        }
+        if let Some(values) = self.limits.as_ref().and_then(|limits| limits.quiet_values) {
+            notes.push(format!("quiet: {values} values, carries next to nothing"));
         }
         if let Some(limits) = &self.limits {
             let ends =

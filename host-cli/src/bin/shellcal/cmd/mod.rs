@@ -18,6 +18,7 @@ mod mapping;
 mod merge;
 mod noise;
 mod origin;
+mod outliers;
 mod ports;
 mod quality;
 mod record;

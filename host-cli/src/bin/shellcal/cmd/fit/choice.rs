@@ -5,6 +5,7 @@ use log_file::{Log, ReadOptions};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::groups::FoundSummary;
 use shellcal::workflow::model_choice::{self, CovarianceRule, ModelChoice, ModelChoiceOptions};
+use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::{Weighing, weigh};
 
 use super::super::choices::ModelArg;
@@ -16,6 +17,7 @@ impl FitArgs {
     pub(super) fn choose(
         &self,
         train: &[Log],
+        used: UsedRows<'_>,
         printer: &mut Printer,
     ) -> anyhow::Result<ModelChoice> {
         let bar = printer.progress("groups", train.iter().map(Log::bytes).sum());
@@ -34,7 +36,7 @@ impl FitArgs {
                 true => self.covariance.rule(),
                 false => CovarianceRule::Nothing,
             },
-            fresh: self.fresh,
+            used,
             read: ReadOptions { progress: Some(&progress), ..self.mapping.read_options() },
         };
         let choice = model_choice::choose(train, &options);
@@ -52,6 +54,7 @@ impl FitArgs {
         &self,
         train: &[Log],
         choice: &ModelChoice,
+        used: UsedRows<'_>,
         printer: &mut Printer,
     ) -> Option<Result<Weighing, WorkflowError>> {
         let (sums, group_by) = choice.sums.as_ref().zip(choice.group_by.as_ref())?;
@@ -62,7 +65,7 @@ impl FitArgs {
         let channels = train.first().map_or(0, Log::channels);
         let model = Model { basis: choice.basis, intercept: !self.no_intercept, channels };
         let candidate = (model, choice.ridge);
-        let weighing = weigh(train, sums, group_by, candidate, self.fresh, &read);
+        let weighing = weigh(train, sums, group_by, candidate, used, &read);
         bar.finish_and_clear();
         Some(weighing)
     }

@@ -1,6 +1,7 @@
 //! `shellcal fit`: from training logs to a calibration.
 
 mod choice;
+mod outliers;
 mod partial;
 mod physics;
 mod report;
@@ -24,14 +25,17 @@ use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
 use shellcal::workflow::model_choice::{HeldOut, ModelChoice};
 use shellcal::workflow::partial::KeptGroups;
+use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::Weighing;
 
+use self::outliers::{OutliersArg, parse_range};
 use self::physics::Weighed;
 use self::report::{Known, report};
 use super::choices::{ModelArg, SolverArg};
 use super::covariance::{CovarianceArg, warn_of_few_groups};
 use super::mapping::MappingArgs;
 use super::origin;
+use super::outliers::report as outlier_reports;
 use super::validation::parse_cv;
 use crate::files::{InputPath, OutputOrStdout, OutputPath};
 use crate::outcome::Outcome;
@@ -106,7 +110,7 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "truncate", "cv"]
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "truncate", "cv", "dropped", "valid_range"]
     )]
     partial: Option<OutputOrStdout>,
 
@@ -139,6 +143,18 @@ pub(crate) struct FitArgs {
     /// The label of the sensor, for the calibration file
     #[arg(long, value_name = "SERIAL")]
     serial: Option<String>,
+
+    /// Rows that do not belong
+    #[arg(long, value_name = "WHAT", default_value = "report")]
+    outliers: OutliersArg,
+
+    /// Readings outside are wrong: leave out rows with any
+    #[arg(long, value_name = "LO:HI", value_parser = parse_range, allow_hyphen_values = true)]
+    valid_range: Option<[f64; 2]>,
+
+    /// List the rows that `--outliers drop` and `--valid-range` leave out, and why (CSV)
+    #[arg(long, value_name = "FILE.csv")]
+    dropped: Option<OutputPath>,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -195,6 +211,9 @@ impl FitArgs {
         let mapping = self.mapping.mapping()?;
         let open = |path: &InputPath| Log::open(path, &mapping);
         let train = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let dropped = self.drop_rows(&train, printer, outputs)?;
+        let excluded = dropped.excluded();
+        let used = UsedRows { fresh: self.fresh, excluded: Some(&excluded) };
         if let Some(path) = &self.partial {
             self.write_partial(path, train, printer, outputs)?;
             return Ok(Outcome::Done);
@@ -202,15 +221,16 @@ impl FitArgs {
         let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let opened = self.open_outputs(outputs)?;
         if matches!(self.model, ModelArg::Physics) {
-            self.run_physics(&Logs { train, test }, opened, Weighed::default(), start, printer)?;
+            let weighed = Weighed::default();
+            self.run_physics(&Logs { train, test }, opened, weighed, used, start, printer)?;
             return Ok(Outcome::Done);
         }
 
-        let choice = self.choose(&train, printer)?;
-        let weighing = self.weigh_physics(&train, &choice, printer);
+        let choice = self.choose(&train, used, printer)?;
+        let weighing = self.weigh_physics(&train, &choice, used, printer);
         if weighing.as_ref().is_some_and(Weighing::physics_is_better) {
             let weighed = Weighed { selection: choice.selection, weighing };
-            self.run_physics(&Logs { train, test }, opened, weighed, start, printer)?;
+            self.run_physics(&Logs { train, test }, opened, weighed, used, start, printer)?;
             return Ok(Outcome::Done);
         }
         let bar = printer.progress("fit", fit::bytes_to_read(&train, &test));
@@ -220,7 +240,7 @@ impl FitArgs {
             progress: Some(&progress),
             ..self.mapping.read_options()
         };
-        let fitted = fit::fit(&train, &test, &self.options(read, &choice))
+        let fitted = fit::fit(&train, &test, &self.options(read, used, &choice))
             .map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
 
@@ -248,6 +268,7 @@ impl FitArgs {
                  record more poses or choose a smaller `--model`"
             ));
         }
+        let named = fitted.stands_out.then(|| self.name_outliers(&train, printer)).flatten();
         if let Some(share) = fitted.on_plateaus.filter(|&share| share >= MUCH_SHARED) {
             printer.warning(format!(
                 "{:.0} % of the test rows lie on plateaus of the training data, at the same loads with \
@@ -260,6 +281,8 @@ impl FitArgs {
             weighing: weighing.as_ref(),
             groups: choice.found_groups(),
             advice: choice.advice.clone(),
+            outliers: named.map(|named| outlier_reports(&named, &train)),
+            dropped: self.dropped.as_ref().map(|_| outlier_reports(&dropped, &train)),
         };
         let file = self.calibration_file(&fitted, choice)?;
         self.write(opened, &file, fitted.plots.as_ref())?;
@@ -278,14 +301,19 @@ impl FitArgs {
         error.context(logs.join(", "))
     }
 
-    fn options<'a>(&self, read: ReadOptions<'a>, choice: &'a ModelChoice) -> FitOptions<'a> {
+    fn options<'a>(
+        &self,
+        read: ReadOptions<'a>,
+        used: UsedRows<'a>,
+        choice: &'a ModelChoice,
+    ) -> FitOptions<'a> {
         FitOptions {
             basis: choice.basis,
             intercept: !self.no_intercept,
             solver: self.solver.0,
             ridge: choice.ridge,
             truncate: self.truncate,
-            fresh: self.fresh,
+            used,
             total: choice.sums.as_ref().and_then(GroupedMoments::total),
             covariance: match &choice.sums {
                 _ if !self.wants_covariance() => CovarianceFrom::Nothing,
@@ -294,6 +322,7 @@ impl FitArgs {
                 _ => CovarianceFrom::Rows,
             },
             plot: self.plot.is_some(),
+            looks: self.outliers == OutliersArg::Report,
             read,
         }
     }

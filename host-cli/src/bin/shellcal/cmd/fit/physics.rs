@@ -18,6 +18,7 @@ use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin};
 use shellcal::workflow::groups::FoundSummary;
 use shellcal::workflow::model_choice::ModelChoice;
 use shellcal::workflow::physics::{self, GroupsAre, PhysicsFit, PhysicsOptions};
+use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::Weighing;
 
 use super::super::choices::ModelArg;
@@ -25,6 +26,7 @@ use super::super::origin;
 use super::super::quality::significant;
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};
 use super::choice::note_found;
+use super::outliers::OutliersArg;
 use super::report::{note_range, print_errors};
 use super::weighing::{WeighingReport, in_words};
 use super::{FitArgs, Logs, Opened, total};
@@ -80,6 +82,7 @@ impl FitArgs {
         &self,
         train: &[Log],
         choice: &ModelChoice,
+        used: UsedRows<'_>,
         printer: &mut Printer,
     ) -> Option<Weighing> {
         if !matches!(self.model, ModelArg::Auto) {
@@ -89,7 +92,7 @@ impl FitArgs {
             printer.note(format!("physics was not weighed: {reason}"));
             return None;
         }
-        match self.weigh(train, choice, printer)? {
+        match self.weigh(train, choice, used, printer)? {
             Err(reason) => {
                 printer.note(format!("physics was not weighed: {reason}"));
                 None
@@ -120,6 +123,7 @@ impl FitArgs {
         logs: &Logs,
         opened: Opened,
         weighed: Weighed,
+        used: UsedRows<'_>,
         start: Instant,
         printer: &mut Printer,
     ) -> anyhow::Result<()> {
@@ -133,14 +137,13 @@ impl FitArgs {
             progress: Some(&progress),
             ..self.mapping.read_options()
         };
-        let options = PhysicsOptions {
-            cross_validation: self.cv,
-            fresh: self.fresh,
-            plot: self.plot.is_some(),
-            read,
-        };
+        let options =
+            PhysicsOptions { cross_validation: self.cv, used, plot: self.plot.is_some(), read };
         let fitted = physics::fit(train, test, &options).map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
+        if self.outliers == OutliersArg::Report && fitted.stands_out() {
+            self.name_outliers(train, printer);
+        }
         if let Some(groups) = fitted.found {
             note_found(printer, groups);
         }

@@ -15,6 +15,7 @@ use shellcal::workflow::fit::Fit;
 use shellcal::workflow::groups::FoundSummary;
 use shellcal::workflow::weighing::Weighing;
 
+use super::super::outliers::OutlierReport;
 use super::super::quality::{significant, table_row};
 use super::super::validation::{
     print_advice, print_cross_validation, print_excitation, print_selection,
@@ -52,6 +53,10 @@ struct Report<'a> {
     advice: Option<AdviceReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     groups_found: Option<FoundSummary>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    outliers: Option<&'a [OutlierReport]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    dropped: Option<&'a [OutlierReport]>,
     excitation: Option<StoredExcitation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<CovarianceReport<'a>>,
@@ -170,6 +175,10 @@ pub(super) struct Known<'a> {
     pub(super) groups: Option<FoundSummary>,
     /// What held-out errors say to do.
     pub(super) advice: Option<Advice>,
+    /// Rows that do not belong and were used.
+    pub(super) outliers: Option<Vec<OutlierReport>>,
+    /// Rows that were left out.
+    pub(super) dropped: Option<Vec<OutlierReport>>,
 }
 
 pub(super) fn report(
@@ -206,6 +215,8 @@ pub(super) fn report(
             weighing: weighing.map(WeighingReport::of),
             advice: known.advice.as_ref().map(AdviceReport::of),
             groups_found: known.groups,
+            outliers: known.outliers.as_deref(),
+            dropped: known.dropped.as_deref(),
             excitation: Stored::of(&diagnostics.excitation),
             covariance: covariance.map(CovarianceReport::of),
             time_s: seconds,

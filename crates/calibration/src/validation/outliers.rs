@@ -1,0 +1,329 @@
+//! Rows that do not belong: corrupt ones, found by their deleted residuals.
+//!
+//! A row is judged by a fit to the others. With the error `e` of an axis, its standard deviation `σ` over
+//! the rows of the fit and the leverage `h = ‖Fᵀx‖²` of the row's features,
+//!
+//! ```text
+//! size = |e| / (σ·√(1 + h))      of a row that the fit has not seen
+//! size = |e| / (σ·√(1 − h))      of one that it has
+//! ```
+//!
+//! and a row does not belong if that is above [`LIMIT`] on any axis (Cook and Weisberg, Residuals and
+//! Influence in Regression, 1982, §2.2), unless the rows beside it err alike: what a model cannot follow
+//! comes and goes, a slip is there and gone. Nor does a row belong with a reading further than `LIMIT`
+//! standard deviations from the mean and half that from both rows beside it, nor one with a size of 3 that
+//! jumps by two of them from both in one direction and has more than half the leverage there is, and
+//! twenty times the average: a fit follows such rows whatever they say.
+//!
+//! Corrupt rows bend a fit towards themselves and hide each other. So the search begins with a fit without
+//! all rows that exceed a limit; what is found to belong goes back, and the fit is done again, until
+//! nothing changes.
+//!
+//! Why 8: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
+//! mean square error by a tenth it takes a size of `0.46·√n`, which is above 8 from 300 rows on.
+
+use std::ops::Range;
+
+use faer::Mat;
+
+use crate::conversion::Calibration;
+use crate::features::Features;
+use crate::reading_ranges::ReadingRanges;
+use crate::solver::Solution;
+use shell_data::block::Block;
+use shell_data::statistics::RunningVariance;
+use shell_data::wrench::PerAxis;
+
+/// The largest size of an error, and the largest distance of a reading from its mean in standard
+/// deviations, of a row that belongs.
+pub const LIMIT: f64 = 8.0;
+
+/// The sizes from which on a row is looked at: leverage takes time.
+const LOOK_AT_ERROR: f64 = 4.0;
+const LOOK_AT_READING: f64 = 4.5;
+
+/// A row that takes a fit over: its leverage, also in averages, its jump from both rows beside it in
+/// standard deviations, and the size of its error.
+const TAKES_OVER: f64 = 0.5;
+const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
+const JUMP: f64 = 2.0;
+const SIZE_WITH_JUMP: f64 = 3.0;
+
+/// Rows on either side in which an error has to halve.
+const BESIDE: usize = 6;
+
+/// Errors below this share of the standard deviation of the load are rounding.
+const SMALLEST_NOISE: f64 = 1e-4;
+
+/// The spread of readings and loads.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Spread {
+    /// Of the readings of each channel, then of the axes of the wrench.
+    pub columns: Vec<RunningVariance>,
+}
+
+impl Spread {
+    /// Of every so-manieth row of a block.
+    pub fn of(block: &Block, stride: usize) -> Self {
+        let of = |column: &Vec<f64>| match stride {
+            1 => RunningVariance::of(column),
+            _ => {
+                let some: Vec<f64> = column.iter().copied().step_by(stride).collect();
+                RunningVariance::of(&some)
+            }
+        };
+        Self { columns: block.readings.iter().chain(&block.wrench).map(of).collect() }
+    }
+
+    /// Adds other rows.
+    pub fn merge(&mut self, other: &Self) {
+        self.columns
+            .resize(other.columns.len().max(self.columns.len()), RunningVariance::default());
+        self.columns.iter_mut().zip(&other.columns).for_each(|(own, other)| own.merge(other));
+    }
+
+    /// How many standard deviations a value of a column is from another.
+    pub fn apart(&self, column: usize, value: f64, other: f64) -> f64 {
+        let sd = self.columns[column].rms_about_mean();
+        if sd > 0.0 { (value - other).abs() / sd } else { 0.0 }
+    }
+
+    fn distance_from_mean(&self, column: usize, value: f64) -> f64 {
+        self.apart(column, value, self.columns[column].mean)
+    }
+}
+
+/// What a fit says of rows.
+#[derive(Debug)]
+pub struct Judge {
+    calibration: Calibration,
+    features: Features,
+    factor: Mat<f64>,
+    noise: PerAxis<f64>,
+    /// Coefficients by rows.
+    average_leverage: f64,
+}
+
+/// A row that was looked at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// The row of the block.
+    pub row: usize,
+    /// Predicted less measured, N and N·m.
+    pub error: PerAxis<f64>,
+    /// The largest size of an error.
+    pub size: f64,
+    /// Its axis.
+    pub axis: usize,
+    /// Whether the rows beside it err less.
+    errs_alone: bool,
+    /// The largest distance of a reading from its mean, in standard deviations.
+    far: f64,
+    /// Whether that reading is far from those beside it, too.
+    is_far_alone: bool,
+    /// Whether a reading jumps from both rows beside it, and the leverage is such that it takes over.
+    takes_over: bool,
+}
+
+impl Judged {
+    /// Whether the row does not belong.
+    pub fn is_outlier(&self) -> bool {
+        (self.size > LIMIT && self.errs_alone)
+            || (self.far > LIMIT && self.is_far_alone)
+            || (self.size > SIZE_WITH_JUMP && self.takes_over)
+    }
+
+    /// Whether it exceeds a limit at all, and may hide others.
+    pub fn stands_out(&self) -> bool {
+        self.size > LIMIT || self.far > LIMIT || self.takes_over
+    }
+
+    /// A row that is not judged by a fit.
+    pub fn unseen(row: usize) -> Self {
+        Self {
+            row,
+            error: [0.0; 6],
+            size: 0.0,
+            axis: 0,
+            errs_alone: false,
+            far: 0.0,
+            is_far_alone: false,
+            takes_over: false,
+        }
+    }
+}
+
+impl Judge {
+    /// By a solution; `spread` is that of its rows, as far as it is known. `None` if there are no more rows
+    /// than coefficients.
+    pub fn new(solution: &Solution, ranges: &ReadingRanges, spread: &Spread) -> Option<Self> {
+        let features = Features::new(solution.model, solution.scaling.clone());
+        let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
+        let channels = solution.model.channels;
+        let noise = std::array::from_fn(|axis| {
+            let variance = solution.residual_products[(axis, axis)] / free as f64;
+            let load =
+                spread.columns.get(channels + axis).map_or(0.0, RunningVariance::rms_about_mean);
+            variance.max(0.0).sqrt().max(SMALLEST_NOISE * load)
+        });
+        Some(Self {
+            calibration: Calibration::of_solution(solution, ranges),
+            features,
+            factor: solution.factor.matrix().into_owned(),
+            noise,
+            average_leverage: solution.factor.matrix().nrows() as f64 / solution.rows as f64,
+        })
+    }
+
+    /// The calibration that judges.
+    pub fn calibration(&self) -> &Calibration {
+        &self.calibration
+    }
+
+    /// Judges the rows of a block with a large error or, in `spread`, a far reading, and those that the fit
+    /// `has_left_out`.
+    pub fn judge(
+        &self,
+        block: &Block,
+        spread: &Spread,
+        has_left_out: impl Fn(usize) -> bool,
+    ) -> Vec<Judged> {
+        let mut predicted = PerAxis::default();
+        self.calibration.wrench(&block.readings, &mut predicted);
+        self.judge_predicted(block, &predicted, spread, has_left_out)
+    }
+
+    /// The same where the wrench that the calibration predicts is known.
+    pub fn judge_predicted(
+        &self,
+        block: &Block,
+        predicted: &PerAxis<Vec<f64>>,
+        spread: &Spread,
+        has_left_out: impl Fn(usize) -> bool,
+    ) -> Vec<Judged> {
+        let mut looked_at: Vec<bool> = (0..block.rows).map(&has_left_out).collect();
+        for (axis, noise) in self.noise.iter().enumerate() {
+            let limit = LOOK_AT_ERROR * noise;
+            let errors = predicted[axis].iter().zip(&block.wrench[axis]).map(|(p, m)| p - m);
+            looked_at.iter_mut().zip(errors).for_each(|(look, e)| *look |= e.abs() > limit);
+        }
+        for (column, of) in block.readings.iter().zip(&spread.columns) {
+            let limit = LOOK_AT_READING * of.rms_about_mean();
+            let is_far = |reading: &f64| (reading - of.mean).abs() > limit;
+            looked_at.iter_mut().zip(column).for_each(|(look, reading)| *look |= is_far(reading));
+            let limit = JUMP * of.rms_about_mean();
+            for (look, rows) in looked_at.iter_mut().skip(1).zip(column.windows(3)) {
+                *look |= jump(rows[1], [rows[0], rows[2]]) > limit;
+            }
+        }
+        // What is beside the first and the last row is in other blocks.
+        looked_at.first_mut().into_iter().for_each(|look| *look = true);
+        looked_at.last_mut().into_iter().for_each(|look| *look = true);
+        let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
+        let judge_row = |row: usize| {
+            let leverage = self.leverage(&block.readings, row..row + 1);
+            // A row of leverage one is followed whatever it says: rounding decides what is left.
+            // What it has, or would have, in a fit with it; and the error of a fit without it.
+            let (variance, in_fit, deleted) = match has_left_out(row) {
+                true => (1.0 + leverage, leverage / (1.0 + leverage), 1.0),
+                false => ((1.0 - leverage).max(1e-9), leverage, (1.0 - leverage).max(1e-9).recip()),
+            };
+            let size = |axis: usize| match self.noise[axis] > 0.0 {
+                true => error(axis, row).abs() / (self.noise[axis] * variance.sqrt()),
+                false => 0.0,
+            };
+            let axis = (0..6).max_by(|&a, &b| size(a).total_cmp(&size(b))).unwrap_or(0);
+            let half = 0.5 * deleted * error(axis, row).abs();
+            let halves = |mut rows: Range<usize>| {
+                rows.is_empty() || rows.any(|row| error(axis, row).abs() < half)
+            };
+            let (far, is_far_alone) = distance(block, spread, row);
+            Judged {
+                row,
+                error: std::array::from_fn(|axis| error(axis, row)),
+                size: size(axis),
+                axis,
+                errs_alone: halves(row.saturating_sub(BESIDE)..row)
+                    && halves(row + 1..(row + 1 + BESIDE).min(block.rows)),
+                far,
+                is_far_alone,
+                takes_over: in_fit > TAKES_OVER
+                    && in_fit > TAKES_OVER_IN_AVERAGES * self.average_leverage
+                    && jumps(block, spread, row),
+            }
+        };
+        (0..block.rows).filter(|&row| looked_at[row]).map(judge_row).collect()
+    }
+
+    /// `‖Fᵀx‖²` of one row.
+    fn leverage(&self, readings: &[Vec<f64>], row: Range<usize>) -> f64 {
+        let mut features = vec![0.0; self.features.len()];
+        self.features.fill(readings, row, &mut features, 1);
+        let of_column = |column: usize| {
+            let product: f64 = (0..=column).map(|i| self.factor[(i, column)] * features[i]).sum();
+            product * product
+        };
+        (0..features.len()).map(of_column).sum()
+    }
+}
+
+/// How far the farthest reading of a row is from its mean, in standard deviations, and whether it is half
+/// the limit from both rows beside it.
+fn distance(block: &Block, spread: &Spread, row: usize) -> (f64, bool) {
+    let far = |channel: usize| spread.distance_from_mean(channel, block.readings[channel][row]);
+    let farthest = (0..block.readings.len()).max_by(|&a, &b| far(a).total_cmp(&far(b)));
+    let Some(channel) = farthest else { return (0.0, false) };
+    let column = &block.readings[channel];
+    let is_apart = |beside: Option<&f64>| {
+        beside.is_none_or(|&other| spread.apart(channel, column[row], other) > 0.5 * LIMIT)
+    };
+    let before = row.checked_sub(1).and_then(|row| column.get(row));
+    (far(channel), is_apart(before) && is_apart(column.get(row + 1)))
+}
+
+/// Whether a reading of a row jumps from both rows beside it.
+fn jumps(block: &Block, spread: &Spread, row: usize) -> bool {
+    block.readings.iter().zip(&spread.columns).any(|(column, of)| {
+        let value = column[row];
+        let before = row.checked_sub(1).and_then(|row| column.get(row));
+        let beside = match [before, column.get(row + 1)] {
+            [None, None] => return false,
+            [Some(&one), None] | [None, Some(&one)] => [one; 2],
+            [Some(&before), Some(&after)] => [before, after],
+        };
+        jump(value, beside) > JUMP * of.rms_about_mean()
+    })
+}
+
+/// By how much a value is above both, or below both, of those beside it; negative if it is neither.
+#[inline(always)]
+fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
+    let (a, b) = (value - before, value - after);
+    a.min(b).max((-a).min(-b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_jump_is_away_from_both_neighbours() {
+        assert_eq!(jump(5.0, [1.0, 2.0]), 3.0);
+        assert_eq!(jump(-5.0, [1.0, 2.0]), 6.0);
+        assert!(jump(1.5, [1.0, 2.0]) < 0.0);
+    }
+
+    #[test]
+    fn spreads_merge_and_measure_in_standard_deviations() {
+        let block = |column: Vec<f64>| Block {
+            rows: column.len(),
+            readings: vec![column],
+            ..Block::default()
+        };
+        let mut spread = Spread::of(&block(vec![1.0, 3.0]), 1);
+        spread.merge(&Spread::of(&block(vec![1.0, 3.0, 9.0, 9.0]), 1));
+        // Their squares add up to 182, their mean is 26/6. Rounding of a few operations.
+        let sd = (182.0 / 6.0 - (26.0_f64 / 6.0).powi(2)).sqrt();
+        assert!((spread.apart(0, 5.0, 3.0) - 2.0 / sd).abs() < 1e-12);
+    }
+}

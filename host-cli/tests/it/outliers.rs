@@ -1,0 +1,236 @@
+//! Rows that do not belong: every one that matters is named, and none that belongs.
+
+use std::fs;
+
+use serde_json::Value;
+use system_tests::program;
+use system_tests::random::Random;
+use system_tests::real_recording;
+use tempfile::TempDir;
+
+/// The fields of a row of the shell's logs: time, eight readings, six axes, group.
+const READINGS: std::ops::Range<usize> = 1..9;
+const LOADS: std::ops::Range<usize> = 9..15;
+
+fn run(dir: &TempDir, arguments: &str) -> String {
+    let output = program::output(dir.path(), arguments);
+    let talk = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{arguments}: {talk}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+fn report(dir: &TempDir, arguments: &str) -> Value {
+    serde_json::from_str(&run(dir, &format!("{arguments} --json"))).unwrap()
+}
+
+/// The lines that a report names.
+fn lines(report: &Value, what: &str) -> Vec<usize> {
+    let rows = report[what].as_array().map_or(&[][..], Vec::as_slice);
+    rows.iter().map(|row| row["line"].as_u64().unwrap() as usize).collect()
+}
+
+fn rms(report: &Value, of: &str) -> Vec<f64> {
+    report[of].as_array().unwrap().iter().map(|axis| axis["rms"].as_f64().unwrap()).collect()
+}
+
+/// Corrupts a row in one of four ways.
+fn corrupt(row: &str, random: &mut Random) -> String {
+    let mut fields: Vec<String> = row.split(',').map(str::to_owned).collect();
+    let channel = READINGS.start + random.below(8) as usize;
+    match random.below(4) {
+        // A spike, in a reading or in a load.
+        0 => {
+            let at =
+                if random.percent(50) { channel } else { LOADS.start + random.below(6) as usize };
+            let value: f64 = fields[at].parse().unwrap();
+            fields[at] = (10.0 * value).to_string();
+        }
+        // A field too many at the front, one lost at the end.
+        1 => {
+            let before = fields.clone();
+            fields[READINGS.start..LOADS.end].clone_from_slice(&before[..LOADS.end - 1]);
+        }
+        // A bit that is stuck.
+        2 => {
+            let bit = 1 << (8 + random.below(4));
+            let value: u64 = fields[channel].parse().unwrap();
+            fields[channel] = (value ^ bit).to_string();
+        }
+        // Two columns that have changed places.
+        _ => {
+            let columns = if random.percent(50) { READINGS } else { LOADS };
+            let places = columns.len() as u64;
+            let first = random.below(places);
+            let second = (first + 1 + random.below(places - 1)) % places;
+            fields.swap(columns.start + first as usize, columns.start + second as usize);
+        }
+    }
+    fields.join(",")
+}
+
+fn write(dir: &TempDir, name: &str, lines: &[String]) {
+    fs::write(dir.path().join(name), lines.join("\n") + "\n").unwrap();
+}
+
+#[test]
+fn every_corrupt_row_that_moves_a_held_out_error_is_named_and_no_other() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut random = Random(16);
+    run(&dir, "synth test --rows 800 --rate 10 --output test.csv");
+    let (mut corrupted, mut that_matter, mut missed, mut wrong) = (0, 0, Vec::new(), Vec::new());
+    for log in 0..50 {
+        run(&dir, &format!("synth train --rows 2500 --rate 10 --seed {log} --output clean.csv"));
+        let text = fs::read_to_string(dir.path().join("clean.csv")).unwrap();
+        let clean: Vec<String> = text.lines().map(str::to_owned).collect();
+        let mut dirty = clean.clone();
+        let mut places = Vec::new();
+        for _ in 0..1 + random.below(5) {
+            let place = 1 + random.below(2500) as usize;
+            dirty[place] = corrupt(&clean[place], &mut random);
+            if dirty[place] != clean[place] && !places.contains(&place) {
+                places.push(place);
+            }
+        }
+        write(&dir, "dirty.csv", &dirty);
+        let with = report(&dir, "fit dirty.csv --test test.csv");
+        let named = lines(&with, "outliers");
+        wrong.extend(
+            named.iter().filter(|line| !places.contains(&(*line - 1))).map(|line| (log, *line)),
+        );
+        for &place in &places {
+            let mut without = dirty.clone();
+            without.remove(place);
+            write(&dir, "without.csv", &without);
+            let without = report(&dir, "fit without.csv --test test.csv --outliers keep");
+            let pairs = rms(&with, "test").into_iter().zip(rms(&without, "test"));
+            let moves =
+                pairs.map(|(with, without)| (with / without - 1.0).abs()).fold(0.0, f64::max);
+            corrupted += 1;
+            that_matter += usize::from(moves > 0.1);
+            if moves > 0.1 && !named.contains(&(place + 1)) {
+                missed.push((log, place + 1, moves, dirty[place].clone()));
+            }
+        }
+    }
+    println!("{corrupted} rows, {that_matter} of which move an error by a tenth");
+    assert!(that_matter > 30, "{that_matter} of {corrupted}");
+    assert!(missed.is_empty(), "{missed:?}");
+    // One of 100,000 may be: these are 125,000.
+    assert!(wrong.len() <= 1, "{wrong:?}");
+}
+
+#[test]
+fn rows_that_belong_are_not_named_and_a_slip_deep_in_a_long_log_has_its_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut wrong = 0;
+    for seed in 1..4 {
+        run(&dir, &format!("synth train --seed {seed} --output clean.csv"));
+        for model in ["linear", "cubic", "quadratic"] {
+            wrong +=
+                lines(&report(&dir, &format!("fit clean.csv --model {model}")), "outliers").len();
+        }
+    }
+    // Three models on 232,566 rows.
+    assert_eq!(wrong, 0);
+    let text = fs::read_to_string(dir.path().join("clean.csv")).unwrap();
+    let mut dirty: Vec<String> = text.lines().map(str::to_owned).collect();
+    let mut fields: Vec<&str> = dirty[60_000].split(',').collect();
+    fields[3] = "30000";
+    dirty[60_000] = fields.join(",");
+    // A blank line is no row and still a line.
+    dirty.insert(100, String::new());
+    write(&dir, "dirty.csv", &dirty);
+    let found = report(&dir, "fit dirty.csv");
+    assert_eq!(lines(&found, "outliers"), [60_002]);
+    let row = &found["outliers"][0]["columns"][0];
+    assert_eq!((&row["name"], &row["value"]), (&"s3".into(), &30_000.0.into()));
+    assert!(row["before"].as_f64() < Some(5000.0) && row["after"].as_f64() < Some(5000.0));
+    let output = program::output(dir.path(), "fit dirty.csv");
+    let talk = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        talk.contains("`dirty.csv` line 60002 does not belong: `s3` is 30000 (beside it "),
+        "{talk}"
+    );
+    assert!(talk.contains("1 row does not belong; on the other rows the RMS error is"), "{talk}");
+    assert_eq!(report(&dir, "fit dirty.csv --outliers keep").get("outliers"), None);
+}
+
+#[test]
+fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
+    let dir = tempfile::tempdir().unwrap();
+    run(&dir, "synth train --rows 2500 --rate 10 --output clean.csv");
+    let text = fs::read_to_string(dir.path().join("clean.csv")).unwrap();
+    let clean: Vec<String> = text.lines().map(str::to_owned).collect();
+    let mut dirty = clean.clone();
+    let mut random = Random(3);
+    for (place, at, value) in [(700, 4, "20000"), (1500, 9, "55.5"), (2000, 1, "-3")] {
+        let mut fields: Vec<&str> = dirty[place].split(',').collect();
+        fields[at] = value;
+        dirty[place] = fields.join(",");
+    }
+    let places = [700, 1500, 2000];
+    let rest: Vec<String> = (0..clean.len())
+        .filter(|line| !places.contains(line))
+        .map(|line| clean[line].clone())
+        .collect();
+    write(&dir, "dirty.csv", &dirty);
+    write(&dir, "rest.csv", &rest);
+    let options = "--cv --model quadratic";
+    let dropped =
+        report(&dir, &format!("fit dirty.csv --outliers drop --dropped d.csv -o a.json {options}"));
+    let expected = report(&dir, &format!("fit rest.csv -o b.json {options}"));
+    assert_eq!(lines(&dropped, "dropped"), [701, 1501, 2001]);
+    assert_eq!(dropped["rows"], 2497);
+    assert_eq!(dropped["cross_validation"], expected["cross_validation"]);
+    let coefficients = |name: &str| -> Value {
+        let text = fs::read_to_string(dir.path().join(name)).unwrap();
+        serde_json::from_str::<Value>(&text).unwrap()["coefficients"].clone()
+    };
+    assert_eq!(coefficients("a.json"), coefficients("b.json"));
+    let list = fs::read_to_string(dir.path().join("d.csv")).unwrap();
+    assert!(list.starts_with(
+        "file,line,reason,axis,error_n_or_nm,error_in_sd,column,value,before,after\n"
+    ));
+    assert_eq!(list.lines().count(), 4);
+    assert!(list.contains("dirty.csv,701,error,"), "{list}");
+    // Nothing is left out without a list, and nothing but what the range says.
+    for arguments in ["--outliers drop", "--valid-range 0:4095", "--dropped d.csv"] {
+        let output = program::output(dir.path(), &format!("fit dirty.csv {arguments}"));
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("--dropped"), "{arguments}");
+    }
+    let ranged = report(&dir, "fit dirty.csv --valid-range 0:4095 --dropped d.csv");
+    assert_eq!(lines(&ranged, "dropped"), [701, 2001]);
+    assert_eq!(ranged["dropped"][0]["reason"], "out_of_range");
+    assert_eq!(lines(&ranged, "outliers"), [1501]);
+    for arguments in ["--valid-range 5:1", "--valid-range x", "--outliers perhaps"] {
+        let output =
+            program::output(dir.path(), &format!("fit dirty.csv --dropped d.csv {arguments}"));
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+    }
+    // `info` names them, too.
+    let info: Value = serde_json::from_str(&run(&dir, "info dirty.csv --json")).unwrap();
+    assert_eq!(lines(&info[0], "outliers"), [701, 1501, 2001]);
+    // Half of the rows are no slips.
+    let mut mixed = clean.clone();
+    (1..1250).for_each(|line| mixed[line] = corrupt(&clean[line], &mut random));
+    write(&dir, "mixed.csv", &mixed);
+    let found = report(&dir, "fit mixed.csv");
+    assert!(lines(&found, "outliers").len() < 50);
+}
+
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn no_row_of_the_real_recordings_is_named_wrongly() {
+    let dir = tempfile::tempdir().unwrap();
+    for (file, options) in [
+        ("skinproc/behavior4_2Hz.csv", "--moment-unit mNm"),
+        ("others/photointerrupters/poses.csv", ""),
+    ] {
+        let path = real_recording(file);
+        for model in ["linear", "cubic"] {
+            let arguments = format!("fit {} --model {model} {options}", path.display());
+            assert_eq!(lines(&report(&dir, &arguments), "outliers"), [0; 0], "{file}");
+        }
+    }
+}
