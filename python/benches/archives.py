@@ -1,71 +1,68 @@
-"""What an archive costs: `python benches/archives.py`.
+"""What an archive costs: `python benches/archives.py`, a few minutes.
 
-Bytes of a partial fit by model, with and without groups; time to merge; rows per second and core. Medians of five.
+Bytes of a partial fit by model, with and without groups; rows per second and core; what a document takes to be
+merged. Medians of five, in seconds of the processor, which other programs on the machine
+do not change.
 """
 
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 import shellcal
 
+#: Partial fits in a stream.
+PARTS = 2000
 
-def timed(work: Callable[[], object]) -> float:
+
+def processor_seconds(*arguments: object, stdin: Path | None = None) -> float:
+    """Of a command of the program, the median of five."""
     times = []
     for _ in range(5):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        with open(stdin or os.devnull, "rb") as source:
+            command = [shellcal.program(), *map(str, arguments), "--quiet"]
+            subprocess.run(command, check=True, stdin=source, stdout=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times.append(
+            after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        )
     return median(times)
 
 
 def main() -> None:
+    random = np.random.default_rng(1)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        logs = [folder / "a.csv", folder / "b.csv"]
-        for seed, log in enumerate(logs):
-            shellcal.synth("train", log, seed=seed)
-        rows = shellcal.read_log(logs[0]).rows
-        size = logs[0].stat().st_size
-        print(f"{rows} rows, {size / rows:.0f} bytes a row")
-        print(f"{'model':10}{'bytes':>9}{'a group':>9}{'merge':>10}{'with 388 groups':>17}{'rows/s and core':>17}")
+        log, sums, grouped, stream = (folder / file for file in ("a.csv", "a.json", "g.json", "s.json"))
+        shellcal.synth("train", log)
+        table = shellcal.read_log(log)
+        rows, groups = table.rows, len(set(table.groups))
+        print(f"{rows} rows in {groups} groups, {log.stat().st_size / rows:.0f} bytes a row")
+        print(f"{'model':10}{'bytes':>9}{'a group':>9}{'rows/s':>12}{'by group':>12}{'merge':>10}")
         for model in ("linear", "cubic", "quadratic", "poly3"):
-            plain = [shellcal.partial_fit(log, model) for log in logs]
-            grouped = [shellcal.partial_fit(log, model, groups=True) for log in logs]
-            bytes_, groups = len(plain[0].to_bytes()), grouped[0].groups or []
-            per_group = (len(grouped[0].to_bytes()) - 3 * bytes_) / len(groups)
-
-            def merge(parts: list[shellcal.Partial]) -> float:
-                first, second = (part.to_bytes() for part in parts)
-
-                def work() -> None:
-                    shellcal.Partial.from_bytes(first).merge(shellcal.Partial.from_bytes(second))
-
-                # Of each, one document is read and merged.
-                return timed(work) / 2
-
-            summing = timed(lambda: shellcal.partial_fit(logs[0], model, threads=1))
+            fit = ("fit", log, "--model", model, "--threads", 1, "--partial")
+            summing = processor_seconds(*fit, sums)
+            by_group = processor_seconds(*fit, grouped, "--groups")
+            size = sums.stat().st_size
+            # Beside those of the groups there are the sums of all rows and of two random folds.
+            a_group = (grouped.stat().st_size - 3 * size) / groups
+            with open(stream, "wb") as file:
+                for _ in range(PARTS):
+                    part = random.integers(0, rows, 50)
+                    file.write(shellcal.Partial(model).add(table.X[part], table.Y[part]).to_bytes())
+            merging = processor_seconds("merge", "-", "--partial", folder / "all.json", stdin=stream)
             print(
-                f"{model:10}{bytes_:9}{per_group:9.0f}{merge(plain) * 1e3:7.2f} ms"
-                f"{merge(grouped) * 1e3:14.1f} ms{rows / summing:17,.0f}"
+                f"{model:10}{size:9}{a_group:9.0f}{rows / summing:12,.0f}{rows / by_group:12,.0f}"
+                f"{merging / PARTS * 1e3:7.2f} ms"
             )
-        # Two processes beside each other, as two workers have them.
-        for workers in (1, 2):
-            command = [shellcal.program(), "fit", "--threads=1", "-q", "--partial"]
-
-            def work() -> None:
-                running = [
-                    subprocess.Popen([*command, os.devnull, logs[worker]]) for worker in range(workers)
-                ]
-                assert all(process.wait() == 0 for process in running)
-
-            print(f"{workers} processes, cubic: {workers * rows / timed(work):,.0f} rows/s")
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ pub(crate) fn test(profile: &[&str]) -> Result<()> {
         }
     };
     // With the packages of the test run, so that what these have built serves here.
-    let build = ["build", "--workspace", "--exclude", "firmware"];
+    let build = ["build", "--workspace"];
     steps::run("extension of Python", &mut cargo(&[&build[..], profile].concat()))?;
     let package = assemble("checked")?;
     let mut tests = Command::new(&python);
