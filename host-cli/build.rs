@@ -3,12 +3,20 @@
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
+/// Names a Python that has the packages which read what is written.
+const PYTHON: &str = "SHELLCAL_PYTHON";
+
 fn main() {
     // Tests on real recordings are built as ignored where there are none.
     println!("cargo::rustc-check-cfg=cfg(real_data)");
     println!("cargo::rerun-if-env-changed={REAL_DATA}");
     if std::env::var_os(REAL_DATA).is_some() {
         println!("cargo::rustc-cfg=real_data");
+    }
+    println!("cargo::rustc-check-cfg=cfg(python_packages)");
+    println!("cargo::rerun-if-env-changed={PYTHON}");
+    if std::env::var_os(PYTHON).is_some() {
+        println!("cargo::rustc-cfg=python_packages");
     }
     println!("cargo::rerun-if-changed=build.rs");
     let target = |key: &str| std::env::var(format!("CARGO_CFG_TARGET_{key}")).unwrap_or_default();

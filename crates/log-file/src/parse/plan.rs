@@ -105,6 +105,7 @@ impl ReadPlan {
                         &places,
                         if wanted.readings { &roles.sensors } else { &[] },
                         roles.group.filter(|_| wanted.groups),
+                        roles.time.filter(|_| layout.has_dates),
                     ),
                     largest_reading: match layout.format {
                         Format::Telemetry => LARGEST_LOGGED,
@@ -198,6 +199,7 @@ fn column_uses(
     places: &[usize],
     readings: &[usize],
     group: Option<usize>,
+    dates: Option<usize>,
 ) -> Vec<ColumnUse> {
     let mut column_uses = vec![ColumnUse::Skip; columns];
     for &place in places {
@@ -205,6 +207,9 @@ fn column_uses(
     }
     for &place in readings {
         column_uses[place] = ColumnUse::Reading;
+    }
+    if let Some(dates) = dates.filter(|at| places.contains(at)) {
+        column_uses[dates] = ColumnUse::Date;
     }
     if let Some(group) = group {
         column_uses[group] = ColumnUse::Group;
