@@ -184,6 +184,8 @@ with open("out.mcap", "rb") as file:
     details = [json.loads(message.data) for _, _, message in reader.iter_messages(topics=["/wrench/details"])]
     assert [row["flags"] for row in details] == flags
     assert [row["fx_se_n"] for row in details] == expected["fx_se_n"]
+    channel = next(c for c in summary.channels.values() if c.topic == "/wrench/details")
+    assert set(json.loads(channel.metadata["jsonschema"])["properties"]) == set(details[0])
     log = list(csv.DictReader(open("log.csv")))
     assert [row["s1"] for row in details] == [float(row["s1"]) for row in log]
 with AnyReader([Path("out.mcap")]) as reader:

@@ -12,14 +12,12 @@ use lz4_flex::frame::FrameEncoder;
 pub struct Channel {
     /// Its topic.
     pub topic: String,
-    /// The name of the schema of its messages.
-    pub schema: String,
-    /// The language of the schema.
-    pub schema_encoding: &'static str,
-    /// The schema.
-    pub definition: String,
+    /// The schema of its messages: its name, its language, and what it says.
+    pub schema: Option<[&'static str; 3]>,
     /// How messages are encoded.
     pub encoding: &'static str,
+    /// What else is said of it, by name.
+    pub metadata: Vec<(&'static str, String)>,
 }
 
 impl Channel {
@@ -27,22 +25,17 @@ impl Channel {
     pub fn wrench(topic: &str) -> Self {
         Self {
             topic: topic.to_owned(),
-            schema: "geometry_msgs/msg/WrenchStamped".to_owned(),
-            schema_encoding: "ros2msg",
-            definition: WRENCH_STAMPED.to_owned(),
+            schema: Some(["geometry_msgs/msg/WrenchStamped", "ros2msg", WRENCH_STAMPED]),
             encoding: "cdr",
+            metadata: Vec::new(),
         }
     }
 
-    /// Objects in JSON, described by a JSON schema.
-    pub fn json(topic: &str, schema: &str, definition: String) -> Self {
-        Self {
-            topic: topic.to_owned(),
-            schema: schema.to_owned(),
-            schema_encoding: "jsonschema",
-            definition,
-            encoding: "json",
-        }
+    /// Objects in JSON, described by a JSON schema. It stands in the metadata: `rosbags` opens no
+    /// recording with a schema in a language that is not of ROS.
+    pub fn json(topic: &str, schema: String) -> Self {
+        let metadata = vec![("jsonschema", schema)];
+        Self { topic: topic.to_owned(), schema: None, encoding: "json", metadata }
     }
 }
 
@@ -206,23 +199,29 @@ impl<W: Write> McapWriter<W> {
 
     fn schemas(&self) -> Vec<u8> {
         let schema = |(place, channel): (usize, &Channel)| {
+            let schema = channel.schema?;
             let mut content = (place as u16 + 1).to_le_bytes().to_vec();
-            text(&mut content, &channel.schema);
-            text(&mut content, channel.schema_encoding);
-            text(&mut content, &channel.definition);
-            record(SCHEMA, &content)
+            schema.iter().for_each(|part| text(&mut content, part));
+            Some(record(SCHEMA, &content))
         };
-        self.channels.iter().enumerate().flat_map(schema).collect()
+        self.channels.iter().enumerate().filter_map(schema).flatten().collect()
     }
 
     fn channels(&self) -> Vec<u8> {
         let channel = |(place, channel): (usize, &Channel)| {
-            let number = (place as u16 + 1).to_le_bytes();
-            let mut content = [number, number].concat();
+            let number = place as u16 + 1;
+            // No schema is that of number 0.
+            let schema = if channel.schema.is_some() { number } else { 0 };
+            let mut content = [number.to_le_bytes(), schema.to_le_bytes()].concat();
             text(&mut content, &channel.topic);
             text(&mut content, channel.encoding);
-            // No further data.
-            content.extend([0; 4]);
+            let mut metadata = Vec::new();
+            for (name, value) in &channel.metadata {
+                text(&mut metadata, name);
+                text(&mut metadata, value);
+            }
+            content.extend((metadata.len() as u32).to_le_bytes());
+            content.extend(metadata);
             record(CHANNEL, &content)
         };
         self.channels.iter().enumerate().flat_map(channel).collect()
@@ -305,7 +304,8 @@ impl<W: Write> McapWriter<W> {
     fn statistics(&self) -> Vec<u8> {
         let (first, last) = self.times.unwrap_or_default();
         let mut content = self.counts.iter().sum::<u64>().to_le_bytes().to_vec();
-        content.extend((self.channels.len() as u16).to_le_bytes());
+        let schemas = self.channels.iter().filter(|channel| channel.schema.is_some()).count();
+        content.extend((schemas as u16).to_le_bytes());
         content.extend((self.channels.len() as u32).to_le_bytes());
         // No attachments, no metadata.
         content.extend([0; 8]);

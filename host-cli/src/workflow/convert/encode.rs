@@ -112,15 +112,13 @@ impl Encoder<'_> {
         properties.insert("flags".to_owned(), serde_json::json!({ "type": "string" }));
         serde_json::json!({
             "$schema": "https://json-schema.org/draft/2020-12/schema",
-            "title": DETAILS_SCHEMA,
+            "title": "what goes with a wrench",
             "type": "object",
             "properties": properties,
         })
         .to_string()
     }
 }
-
-const DETAILS_SCHEMA: &str = "shellcal.WrenchDetails";
 
 /// A time as whole nanoseconds, by its decimal digits: those are what is meant.
 fn nanoseconds(time_s: f64) -> Option<u64> {
@@ -166,10 +164,8 @@ impl<'a> Output<'a> {
             }
             OutputFormat::Mcap { .. } => {
                 let details = encoder.details_schema();
-                let channels = vec![
-                    Channel::wrench(WRENCH_TOPIC),
-                    Channel::json(DETAILS_TOPIC, DETAILS_SCHEMA, details),
-                ];
+                let channels =
+                    vec![Channel::wrench(WRENCH_TOPIC), Channel::json(DETAILS_TOPIC, details)];
                 let library = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
                 return Ok(Self::Recording(McapWriter::new(out, library, channels)?));
             }
