@@ -5,6 +5,9 @@ use std::process::{Command, Stdio};
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
+/// Names a Python that has the packages which read what is written.
+const PYTHON: &str = "SHELLCAL_PYTHON";
+
 fn main() {
     // Tests on real recordings are built as ignored where there are none.
     println!("cargo::rustc-check-cfg=cfg(real_data)");
@@ -18,6 +21,11 @@ fn main() {
         |program: &mut Command| program.stdout(Stdio::null()).stderr(Stdio::null()).status();
     if quiet(Command::new("groff").arg("--version")).is_ok_and(|status| status.success()) {
         println!("cargo::rustc-cfg=groff");
+    }
+    println!("cargo::rustc-check-cfg=cfg(python_packages)");
+    println!("cargo::rerun-if-env-changed={PYTHON}");
+    if std::env::var_os(PYTHON).is_some() {
+        println!("cargo::rustc-cfg=python_packages");
     }
     println!("cargo::rerun-if-changed=build.rs");
     let target = |key: &str| std::env::var(format!("CARGO_CFG_TARGET_{key}")).unwrap_or_default();

@@ -4,6 +4,8 @@ use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
+use table_file::TableError;
+
 /// A log that cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -23,6 +25,46 @@ pub enum LogError {
         path: PathBuf,
         /// The error of the decoder.
         source: io::Error,
+    },
+    /// The file is Zstandard, but damaged or cut short.
+    #[error("`{}` is a damaged Zstandard file", path.display())]
+    Zstd {
+        /// The file.
+        path: PathBuf,
+        /// The error of the decoder.
+        source: io::Error,
+    },
+    /// The file holds a table that cannot be read.
+    #[error("`{}` is {problem}", path.display())]
+    Table {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: TableError,
+    },
+    /// The file is of a kind that is not read.
+    #[error("`{}` is {what}, which is not read", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        what: &'static str,
+        /// What to do with it.
+        remedy: &'static str,
+    },
+    /// The file is compressed, and no text.
+    #[error("`{}` is compressed, and what is in it is not text", path.display())]
+    PackedTable {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A table of a text file was asked for by name.
+    #[error("`{}` is text and has no table `{wanted}`", path.display())]
+    NoParts {
+        /// The file.
+        path: PathBuf,
+        /// The name.
+        wanted: String,
     },
     /// The file has no bytes, or blank lines only.
     #[error("`{}` is empty", path.display())]
@@ -47,22 +89,22 @@ pub enum LogError {
         byte: u8,
     },
     /// No line in sight ends.
-    #[error("`{}`, line {line}: longer than {limit} bytes", path.display())]
+    #[error("`{}`, {place}: longer than {limit} bytes", path.display())]
     LineTooLong {
         /// The file.
         path: PathBuf,
-        /// Its number, from 1.
-        line: u64,
+        /// Where it starts.
+        place: Place,
         /// The longest line that is read.
         limit: usize,
     },
     /// Lines that end in a carriage return alone, as no program has written them for decades.
-    #[error("`{}`, line {line}: lines end with a carriage return and no line feed", path.display())]
+    #[error("`{}`, {place}: lines end with a carriage return and no line feed", path.display())]
     CarriageReturns {
         /// The file.
         path: PathBuf,
         /// The first such line.
-        line: u64,
+        place: Place,
     },
     /// A telemetry log whose `%` lines name no columns.
     #[error("`{}`: no `%` line names the columns, separated by `|`", path.display())]
@@ -72,7 +114,7 @@ pub enum LogError {
     },
     /// A file of numbers without a header, in none of the known layouts.
     #[error(
-        "`{}`, line {line}: {found} columns and no header, expected 15 (time, eight sensors, six wrench \
+        "`{}`, {place}: {found} columns and no header, expected 15 (time, eight sensors, six wrench \
          columns) or 12 (two to drop, time, six wrench columns, three accelerations)",
         path.display()
     )]
@@ -80,20 +122,20 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
         /// The first row.
-        line: u64,
+        place: Place,
         /// How many columns it has.
         found: usize,
     },
     /// The requested format has another number of columns.
     #[error(
-        "`{}`, line {line}: {format} has {expected} columns, found {found}",
+        "`{}`, {place}: {format} has {expected} columns, found {found}",
         path.display()
     )]
     LayoutMismatch {
         /// The file.
         path: PathBuf,
         /// The first row.
-        line: u64,
+        place: Place,
         /// The requested format.
         format: crate::format::mapping::Format,
         /// How many columns that has.
@@ -103,7 +145,7 @@ pub enum LogError {
     },
     /// Columns that are needed are not there.
     #[error(
-        "`{}`, line {line}: no column{} {}; found {}",
+        "`{}`, {place}: no column{} {}; found {}",
         path.display(),
         if missing.len() == 1 { "" } else { "s" },
         quoted(missing),
@@ -112,8 +154,8 @@ pub enum LogError {
     MissingColumns {
         /// The file.
         path: PathBuf,
-        /// The line that names the columns.
-        line: u64,
+        /// Where the columns are named.
+        place: Place,
         /// The missing columns.
         missing: Vec<String>,
         /// The columns of the log.
@@ -121,31 +163,52 @@ pub enum LogError {
     },
     /// Two columns are taken for the same thing.
     #[error(
-        "`{}`, line {line}: columns {} (`{}`) and {} (`{}`) are both {meaning}",
+        "`{}`, {place}: columns {} (`{}`) and {} (`{}`) are both {meaning}",
         path.display(), columns[0] + 1, names[0], columns[1] + 1, names[1]
     )]
     DuplicateColumn {
         /// The file.
         path: PathBuf,
-        /// The line that names the columns.
-        line: u64,
+        /// Where the columns are named.
+        place: Place,
         /// The meaning of both.
         meaning: String,
         /// Their places, from 0.
         columns: [usize; 2],
         /// Their names.
-        names: [String; 2],
+        names: Box<[String; 2]>,
     },
     /// One row is wrong.
-    #[error("`{}`, line {line}: {problem}", path.display())]
+    #[error("`{}`, {place}: {problem}", path.display())]
     Row {
         /// The file.
         path: PathBuf,
-        /// The line, from 1.
-        line: u64,
+        /// Where it is.
+        place: Place,
         /// What is wrong with it.
         problem: RowProblem,
     },
+}
+
+/// Where in a file something is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// In a line of text, from 1.
+    Line(u64),
+    /// In a row of a table, from 1.
+    Row(u64),
+    /// Where a table names its columns.
+    Names,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Row(row) => write!(f, "row {row}"),
+            Self::Names => f.write_str("its columns"),
+        }
+    }
 }
 
 /// What is wrong with a row.
@@ -155,6 +218,14 @@ pub enum RowProblem {
     /// A field is not a number.
     #[error("{field}: expected a number, found `{found}`")]
     NotANumber {
+        /// Which.
+        field: Field,
+        /// Its content.
+        found: String,
+    },
+    /// A field is no date, where others of the column are.
+    #[error("{field}: expected a date and time such as 2026-03-01T12:00:00.25, found `{found}`")]
+    NotADate {
         /// Which.
         field: Field,
         /// Its content.

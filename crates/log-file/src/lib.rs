@@ -3,17 +3,18 @@
 //! [`Log::open`] reads the first lines and recognises the [`Format`] and the meaning of the columns;
 //! a [`Mapping`] supplies what cannot be recognised. [`Log::read`] then streams the rows as
 //! [`Block`]s in SI units. It parses only the columns that are [`Wanted`], on one thread per core,
-//! in memory that does not grow with the file. Files compressed with gzip are unpacked on the way.
+//! in memory that does not grow with the file. Files compressed with gzip or Zstandard are unpacked on
+//! the way, and tables in binary files (Parquet, Arrow, MATLAB, NumPy, Excel, MCAP) read as text.
 //!
 //! ```text
 //! ByteStream ─▶ ChunkStream ─▶ FieldEnds ─▶ numbers ─▶ Block ─▶ map ─▶ fold
-//! plain or gzip  whole lines    └── any thread, with a state of its own ──┘   in order
+//! any container  whole lines    └── any thread, with a state of its own ──┘   in order
 //! ```
 //!
 //! Where blocks begin depends on the file alone, and `fold` gets them in order, so results are the
 //! same for any number of threads.
 //!
-//! Not supported: quoted fields that span lines, and text that is not UTF-8 or ASCII.
+//! Not supported: quoted fields that span lines, and text that is not UTF-8, UTF-16 or ASCII.
 //!
 //! ```
 //! use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
@@ -52,7 +53,7 @@ mod parse;
 mod read;
 mod stream;
 
-pub use error::{Field, LogError, RowProblem};
+pub use error::{Field, LogError, Place, RowProblem};
 pub use format::columns::{Column, Meaning};
 pub use format::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
 pub use log::Log;
@@ -60,3 +61,4 @@ pub use read::all::read_all;
 pub use read::request::{ReadOptions, ReadSummary, Wanted};
 pub use read::selection::Selection;
 pub use stream::pipeline;
+pub use table_file::{FileKind, TableError};

@@ -4,14 +4,15 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::error::LogError;
-use crate::format::columns::{Column, Meaning};
+use crate::format::columns::{Column, ColumnsError, Meaning, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
-use crate::format::mapping::{Format, Mapping};
+use crate::format::mapping::{ColumnRef, Format, Mapping};
 use crate::read::request::Wanted;
-use crate::stream::chunk::CHUNK_BYTES;
-use crate::stream::source::LogSource;
+use crate::stream::chunk::{CHUNK_BYTES, ChunkStream};
+use crate::stream::source::{ByteStream, LogSource};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::Axis;
+use table_file::{FileKind, Table};
 
 /// A log whose layout is known.
 #[derive(Debug)]
@@ -25,10 +26,10 @@ impl Log {
     /// Recognises the log at `path` from its first lines.
     ///
     /// # Errors
-    /// [`LogError`] if the file cannot be read, is empty, binary or of no known layout, has two
+    /// [`LogError`] if the file cannot be read, is empty, of a kind or layout that is not read, has two
     /// columns for one thing, or lacks a column that `mapping` names.
     pub fn open(path: &Path, mapping: &Mapping) -> Result<Self, LogError> {
-        let source = LogSource::new(path)?;
+        let source = LogSource::new(path, mapping.table.as_deref())?;
         let mut head = Vec::with_capacity(HEAD_BYTES as usize);
         let mut stream = source.open()?.take(HEAD_BYTES);
         stream.read_to_end(&mut head).map_err(|error| source.error(error))?;
@@ -44,6 +45,13 @@ impl Log {
         Self { chunk_bytes: chunk_bytes.max(1), ..self }
     }
 
+    /// The chunks of its rows, from its text.
+    pub(crate) fn chunks(&self, text: ByteStream, chunk_bytes: usize) -> ChunkStream<ByteStream> {
+        ChunkStream::new(text, self.layout.rows_start, chunk_bytes)
+            .with_clock(self.layout.clock())
+            .with_decimal_commas(self.layout.has_decimal_commas)
+    }
+
     /// The file.
     pub fn path(&self) -> &Path {
         &self.source.path
@@ -52,6 +60,14 @@ impl Log {
     /// Its format.
     pub fn format(&self) -> Format {
         self.layout.format
+    }
+
+    /// What kind of file it is, in words.
+    pub fn kind(&self) -> String {
+        match self.source.as_table() {
+            Some(table) => table.kind().to_string(),
+            None => self.layout.format.to_string(),
+        }
     }
 
     /// Its columns and their meanings.
@@ -99,10 +115,10 @@ impl Log {
         match (places.next(), places.next()) {
             (Some(first), Some(second)) => Err(LogError::DuplicateColumn {
                 path: self.source.path.clone(),
-                line: self.layout.names_line,
+                place: self.source.place(self.layout.names_line),
                 meaning: telemetry.name().to_owned(),
                 columns: [first, second],
-                names: [first, second].map(|at| self.layout.columns[at].name.clone()),
+                names: Box::new([first, second].map(|at| self.layout.columns[at].name.clone())),
             }),
             (place, _) => Ok(place),
         }
@@ -114,9 +130,37 @@ impl Log {
         self.layout.format == Format::Telemetry
     }
 
+    /// Where the columns are that a user points to, from 0.
+    ///
+    /// # Errors
+    /// [`LogError::MissingColumns`] with all that are not there.
+    pub fn column_places(&self, references: &[ColumnRef]) -> Result<Vec<usize>, LogError> {
+        let names: Vec<String> =
+            self.layout.columns.iter().map(|column| column.name.clone()).collect();
+        positions(&names, references).map_err(|error| LogError::MissingColumns {
+            path: self.source.path.clone(),
+            place: self.source.place(self.layout.names_line),
+            missing: match error {
+                ColumnsError::Missing(missing) => missing,
+                ColumnsError::Duplicate { .. } => Vec::new(),
+            },
+            found: names,
+        })
+    }
+
+    /// What kind of table it is, if it is one in a binary file.
+    pub fn table_kind(&self) -> Option<FileKind> {
+        self.source.as_table().map(Table::kind)
+    }
+
+    /// How the file is compressed, if it is.
+    pub fn compression(&self) -> Option<&'static str> {
+        self.source.compression()
+    }
+
     /// Whether the file is compressed.
     pub fn is_compressed(&self) -> bool {
-        self.source.compressed
+        self.source.compression().is_some()
     }
 
     /// The size of the file on disk.
@@ -152,7 +196,7 @@ impl Log {
         }
         Err(LogError::MissingColumns {
             path: self.source.path.clone(),
-            line: self.layout.names_line,
+            place: self.source.place(self.layout.names_line),
             missing,
             found: columns.iter().map(|column| column.name.clone()).collect(),
         })

@@ -1,6 +1,5 @@
 //! Coefficient matrices in MATLAB 5 files, plain or compressed.
 
-use super::mat5;
 use super::matrix::{ImportOptions, MatrixError, from_values};
 use calibration::Calibration;
 
@@ -17,7 +16,8 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
         let message = "it is of version 7.3; save it with `-v6` or `-v7`";
         return Err(MatrixError::Matlab(message.to_owned()));
     }
-    let arrays = mat5::arrays(bytes).map_err(MatrixError::Matlab)?;
+    let arrays = table_file::arrays(bytes);
+    let arrays = arrays.map_err(|error| MatrixError::Matlab(error.to_string()))?;
     let found = || arrays.iter().map(|array| array.name.clone()).collect();
     let named = |name: &str| arrays.iter().find(|array| array.name == name);
     let array = match (&options.variable, arrays.as_slice()) {
@@ -31,7 +31,7 @@ pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration
     let &[rows, columns] = array.size.as_slice() else {
         return Err(wrong("has more than two dimensions"));
     };
-    let values = array.values.as_ref();
+    let values = array.values();
     let values = values.ok_or_else(|| wrong("does not hold real floating-point numbers"))?;
     let is_whole = rows.checked_mul(columns) == Some(values.len());
     if !is_whole || values.iter().any(|value| !value.is_finite()) {

@@ -27,7 +27,6 @@
 
 mod document;
 mod layout;
-mod mat5;
 mod matlab;
 pub mod matrix;
 mod moments;

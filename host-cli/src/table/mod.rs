@@ -5,7 +5,7 @@
 
 mod parquet;
 
-pub use self::parquet::ParquetError;
+pub use self::parquet::{ParquetError, ParquetWriter};
 
 /// Columns of one length, each with a name that carries its unit.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -89,7 +89,7 @@ impl Table {
 }
 
 /// A field, in quotes where it has to be (RFC 4180).
-fn write_text(value: &str, text: &mut Vec<u8>) {
+pub(crate) fn write_text(value: &str, text: &mut Vec<u8>) {
     if value.contains([',', '"', '\n', '\r']) {
         text.push(b'"');
         text.extend_from_slice(value.replace('"', "\"\"").as_bytes());

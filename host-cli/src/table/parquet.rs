@@ -1,11 +1,14 @@
 //! Tables as Parquet: one row group, no compression, doubles and 64-bit counts.
 
-use std::sync::Arc;
+use std::io::{self, Write};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
+
+use table_file::write::{TableWriter, Values};
 
 use super::{Column, Table};
 
@@ -78,6 +81,78 @@ fn write<W: std::io::Write + Send>(
 fn present<T: Copy>(values: &[Option<T>]) -> (Vec<T>, Vec<i16>) {
     let levels = values.iter().map(|value| i16::from(value.is_some())).collect();
     (values.iter().flatten().copied().collect(), levels)
+}
+
+/// Writes Parquet as rows come, a row group at a time.
+pub struct ParquetWriter<'a> {
+    out: &'a mut dyn Write,
+    /// What the writer below has written and `out` has not.
+    bytes: Shared,
+    writer: Option<SerializedFileWriter<Shared>>,
+}
+
+/// Bytes that are taken while they are written: the writer below keeps what it writes to.
+#[derive(Clone, Default)]
+struct Shared(Arc<Mutex<Vec<u8>>>);
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl<'a> ParquetWriter<'a> {
+    /// A file of these columns; whether each holds texts.
+    ///
+    /// # Errors
+    /// What the writer or the system says.
+    pub fn new(out: &'a mut dyn Write, columns: &[(String, bool)]) -> io::Result<Self> {
+        let column = |is_text: bool| match is_text {
+            true => Column::Text(Vec::new()),
+            false => Column::Full(Vec::new()),
+        };
+        let fields = columns.iter().map(|(name, is_text)| field(name, &column(*is_text)));
+        let fields = fields.collect::<Result<Vec<_>, _>>().map_err(io::Error::other)?;
+        let schema = Type::group_type_builder("schema").with_fields(fields).build();
+        let schema = Arc::new(schema.map_err(io::Error::other)?);
+        let bytes = Shared::default();
+        let writer = SerializedFileWriter::new(bytes.clone(), schema, Arc::default());
+        Ok(Self { out, bytes, writer: Some(writer.map_err(io::Error::other)?) })
+    }
+
+    fn pass_on(&mut self) -> io::Result<()> {
+        let bytes =
+            std::mem::take(&mut *self.bytes.0.lock().unwrap_or_else(PoisonError::into_inner));
+        self.out.write_all(&bytes)
+    }
+}
+
+impl TableWriter for ParquetWriter<'_> {
+    fn write(&mut self, columns: &[Values<'_>]) -> io::Result<()> {
+        if let Some(writer) = &mut self.writer {
+            let mut group = writer.next_row_group().map_err(io::Error::other)?;
+            for values in columns {
+                let column = match values {
+                    Values::Numbers(values) => Column::Full(values.to_vec()),
+                    Values::Texts(values) => Column::Text(values.to_vec()),
+                };
+                write(&mut group, &column).map_err(io::Error::other)?;
+            }
+            group.close().map_err(io::Error::other)?;
+        }
+        self.pass_on()
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        if let Some(writer) = self.writer.take() {
+            writer.close().map_err(io::Error::other)?;
+        }
+        self.pass_on()
+    }
 }
 
 #[cfg(test)]

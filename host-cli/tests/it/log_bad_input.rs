@@ -66,7 +66,12 @@ fn each_fault_is_named_with_its_place() {
         ("s1,note,x\n1,a,b\n1,a\n", "`FILE`, line 3: expected 3 columns, found 2"),
         ("s1,note,x\n1,a,b,c\n", "`FILE`, line 2: expected 3 columns, found 4"),
         ("time,s1,s2\n1,2,3\n1,2\n1,2", "`FILE`, line 3: expected 3 columns, found 2"),
-        ("time;s1\n1,5;2\n", "`FILE`, line 2: column 1 (`time`): expected a number, found `1,5`"),
+        ("time;s1\n1,5;x\n", "`FILE`, line 2: column 2 (`s1`): expected a number, found `x`"),
+        (
+            "time,s1\n2026-11-22T10:00:00,2\n7,2\n",
+            "`FILE`, line 3: column 1 (`time`): expected a date and time such as \
+             2026-03-01T12:00:00.25, found `7`",
+        ),
         (
             "time,\"s1\"\n1,\"2\"\n1,\"x\"\n",
             "`FILE`, line 3: column 2 (`s1`): expected a number, found `x`",
@@ -158,7 +163,6 @@ fn info(bytes: &[u8], args: &[&str]) -> Output {
 fn the_command_ends_with_2_and_says_what_to_do() {
     for (text, hint) in [
         ("time,s1\n1,x\n", "`--skip-bad-rows`"),
-        ("time;s1\n1;2,5\n", "decimal commas"),
         ("time,s1\n", "nothing was recorded"),
         ("time,time,s1\n1,2,3\n", "`--time`"),
         ("1,2,3\n", "`--sensors 2-9"),

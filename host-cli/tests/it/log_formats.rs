@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 
 use log_file::{
-    ColumnRef, Format, Log, LogError, Mapping, MomentUnit, ReadOptions, ReadSummary, Wanted,
+    ColumnRef, Format, Log, LogError, Mapping, MomentUnit, Place, ReadOptions, ReadSummary, Wanted,
 };
 use shell_data::block::Block;
 
@@ -115,7 +115,7 @@ fn telemetry_without_sensors_has_time_and_other_columns() {
     let (block, _) = read_with(&log, &wanted, &ReadOptions::default());
     assert_eq!((block.time_s, block.others), (vec![0.001], vec![vec![882.0]]));
     let error = log.require(&Wanted { readings: true, ..Wanted::default() }).unwrap_err();
-    assert!(matches!(error, LogError::MissingColumns { line: 1, .. }), "{error}");
+    assert!(matches!(error, LogError::MissingColumns { place: Place::Line(1), .. }), "{error}");
 }
 
 #[test]

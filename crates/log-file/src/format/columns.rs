@@ -63,14 +63,28 @@ pub(crate) enum ColumnsError {
     Duplicate { meaning: String, columns: [usize; 2] },
 }
 
-/// Assigns a meaning to each named column.
+/// Assigns a meaning to each named column; `units` belong to the names, if there are any.
 pub(crate) fn recognise(
     names: Vec<String>,
+    units: &[String],
     format: Format,
     mapping: &Mapping,
 ) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
-    let mut meanings: Vec<Meaning> = names.iter().map(|name| meaning_of(name, format)).collect();
-    let group = apply_mapping(&names, format, mapping, &mut meanings)?;
+    let with_unit = |(at, name): (usize, &String)| match units.get(at) {
+        Some(unit) if !unit.is_empty() => format!("{name} ({unit})"),
+        _ => name.clone(),
+    };
+    let labels: Vec<String> = names.iter().enumerate().map(with_unit).collect();
+    // A name that says its own unit needs none from below.
+    let meaning = |(label, name): (&String, &String)| match meaning_of(label, format) {
+        Meaning::Other => meaning_of(name, format),
+        meaning => meaning,
+    };
+    let mut named: Vec<Meaning> = labels.iter().zip(&names).map(meaning).collect();
+    recognise_other_readings(&names, &mut named);
+    prefer_usual_names(&names, &mut named);
+    let mut meanings = named.clone();
+    let group = apply_mapping(&names, &named, format, mapping, &mut meanings)?;
     for meaning in &mut meanings {
         match meaning {
             Meaning::Time(unit) => *unit = mapping.time_unit.unwrap_or(*unit),
@@ -88,6 +102,7 @@ pub(crate) fn recognise(
 /// names groups, where the user says; it may mean something else besides.
 fn apply_mapping(
     names: &[String],
+    named: &[Meaning],
     format: Format,
     mapping: &Mapping,
     meanings: &mut [Meaning],
@@ -120,7 +135,7 @@ fn apply_mapping(
             return Err(ColumnsError::Duplicate { meaning, columns: [at, at] });
         }
         // A unit in the name still counts.
-        meanings[at] = match (meaning, meaning_of(&names[at], format)) {
+        meanings[at] = match (meaning, named[at]) {
             (Meaning::Time(_), named @ Meaning::Time(_)) => named,
             (Meaning::Force(axis, _), Meaning::Force(_, milli)) => Meaning::Force(axis, milli),
             (Meaning::Moment(axis, _), Meaning::Moment(_, unit)) => Meaning::Moment(axis, unit),
@@ -134,7 +149,10 @@ fn apply_mapping(
 }
 
 /// The positions of the columns that a user refers to.
-fn positions(names: &[String], references: &[ColumnRef]) -> Result<Vec<usize>, ColumnsError> {
+pub(crate) fn positions(
+    names: &[String],
+    references: &[ColumnRef],
+) -> Result<Vec<usize>, ColumnsError> {
     let found: Vec<_> = references.iter().map(|r| (r, position(names, r))).collect();
     let missing: Vec<_> =
         found.iter().filter(|(_, at)| at.is_none()).map(|(r, _)| r.to_string()).collect();
@@ -229,24 +247,101 @@ fn meaning_of(name: &str, format: Format) -> Meaning {
         };
         return unit.map_or(Meaning::Other, Meaning::Time);
     }
-    if let Some(axis) = Axis::ALL.into_iter().find(|axis| stem.eq_ignore_ascii_case(axis.name())) {
-        return match (axis.is_moment(), unit.as_str()) {
-            (_, "") => wrench_meaning(axis, false),
-            (false, "n") => wrench_meaning(axis, false),
-            (false, "mn") => Meaning::Force(axis, true),
-            (true, "nm") => wrench_meaning(axis, false),
-            (true, "mnm" | "nmm") => wrench_meaning(axis, true),
-            _ => Meaning::Other,
-        };
+    if let Some(meaning) = wrench_of(name) {
+        return meaning;
     }
-    let name = plain(name);
+    // A reading may be in any unit.
+    let name = plain(name.split(['(', '[']).next().unwrap_or(name));
     if let Some(telemetry) = Telemetry::of_name(&name) {
         return Meaning::Telemetry(telemetry);
     }
-    let digits = name.strip_prefix("sensor").or_else(|| name.strip_prefix('s'));
-    match digits.filter(|digits| (1..=3).contains(&digits.len())).map(str::parse) {
-        Some(Ok(channel)) => Meaning::Sensor(channel),
+    match numbered(&name, "sensor").or_else(|| numbered(&name, "s")) {
+        Some(channel) => Meaning::Sensor(channel),
+        None => Meaning::Other,
+    }
+}
+
+/// The number after a prefix, if that is all there is.
+fn numbered(plain_name: &str, prefix: &str) -> Option<usize> {
+    let digits = plain_name.strip_prefix(prefix)?;
+    digits.parse().ok().filter(|_| (1..=3).contains(&digits.len()))
+}
+
+/// Other names of readings, most wanted first: taken where no column has a usual one and all of a
+/// kind are there.
+const OTHER_READINGS: [&str; 7] = ["ch", "channel", "adc", "ain", "ai", "reading", "raw"];
+
+/// Takes columns for readings by other names.
+fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
+    if meanings.iter().any(|meaning| matches!(meaning, Meaning::Sensor(_))) {
+        return;
+    }
+    for prefix in OTHER_READINGS {
+        let channel = |(at, name): (usize, &String)| {
+            let name = plain(name.split(['(', '[']).next().unwrap_or(name));
+            let is_free = meanings[at] == Meaning::Other;
+            numbered(&name, prefix).filter(|_| is_free).map(|channel| (channel, at))
+        };
+        let mut found: Vec<(usize, usize)> = names.iter().enumerate().filter_map(channel).collect();
+        found.sort_unstable();
+        let first = found.first().map_or(0, |(channel, _)| *channel);
+        let is_whole = found.iter().enumerate().all(|(i, (channel, _))| *channel == first + i);
+        if found.len() > 1 && first <= 1 && is_whole {
+            found.iter().for_each(|&(channel, at)| meanings[at] = Meaning::Sensor(channel));
+            return;
+        }
+    }
+}
+
+/// An axis of the wrench by its usual name (`fx_n`, `Mx (mN·m)`), or by another: `Tx`, `force_x`,
+/// `wrench.torque.z`.
+fn wrench_of(name: &str) -> Option<Meaning> {
+    let (base, unit) = match name.split_once(['(', '[']) {
+        Some((base, unit)) => (plain(base), plain(unit)),
+        None => match name.trim().rsplit_once(|c: char| !c.is_alphanumeric()) {
+            Some((base, unit)) if is_wrench_unit(&plain(unit)) => (plain(base), plain(unit)),
+            _ => (plain(name), String::new()),
+        },
+    };
+    let base = base.strip_prefix("wrench").unwrap_or(&base);
+    let base = base.strip_prefix("wrench").unwrap_or(base);
+    let is_named = |axis: &Axis| {
+        let letter = axis.name().to_ascii_lowercase().split_off(1);
+        let kinds: &[&str] = match axis.is_moment() {
+            false => &["f", "force"],
+            true => &["m", "t", "moment", "torque"],
+        };
+        kinds.iter().any(|kind| base.strip_prefix(kind) == Some(&letter))
+    };
+    let axis = Axis::ALL.into_iter().find(is_named)?;
+    Some(match (axis.is_moment(), unit.as_str()) {
+        (_, "") | (false, "n") | (true, "nm") => wrench_meaning(axis, false),
+        (false, "mn") => Meaning::Force(axis, true),
+        (true, "mnm" | "nmm") => wrench_meaning(axis, true),
         _ => Meaning::Other,
+    })
+}
+
+fn is_wrench_unit(unit: &str) -> bool {
+    ["n", "mn", "nm", "mnm", "nmm"].contains(&unit)
+}
+
+/// Where several columns are an axis and one has its usual name, the others are not needed.
+fn prefer_usual_names(names: &[String], meanings: &mut [Meaning]) {
+    let axis_of = |meaning: &Meaning| match meaning {
+        Meaning::Force(axis, _) | Meaning::Moment(axis, _) => Some(*axis),
+        _ => None,
+    };
+    for axis in Axis::ALL {
+        let is_usual = |at: usize| split_unit(&names[at]).0.eq_ignore_ascii_case(axis.name());
+        let places: Vec<usize> =
+            (0..names.len()).filter(|&at| axis_of(&meanings[at]) == Some(axis)).collect();
+        if places.iter().any(|&at| is_usual(at)) {
+            places
+                .iter()
+                .filter(|&&at| !is_usual(at))
+                .for_each(|&at| meanings[at] = Meaning::Other);
+        }
     }
 }
 
@@ -298,7 +393,7 @@ mod tests {
     }
 
     fn csv(line: &str) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
-        recognise(names(line), Format::Csv, &Mapping::default())
+        recognise(names(line), &[], Format::Csv, &Mapping::default())
     }
 
     fn refs(line: &str) -> Vec<ColumnRef> {
@@ -351,6 +446,33 @@ mod tests {
     }
 
     #[test]
+    fn names_of_other_programs_are_known() {
+        let line = "Time,F/T Sequence,Fx (N),Fy (N),Fz (N),Tx (N-m),Ty (N-m),Tz (N-m)";
+        let six = |first: usize| -> Vec<Option<usize>> { (first..first + 6).map(Some).collect() };
+        assert_eq!(csv(line).unwrap().1.wrench.to_vec(), six(2));
+        for line in [
+            "force_x,force_y,force_z,torque_x,torque_y,torque_z",
+            "wrench.force.x,wrench.force.y,wrench.force.z,wrench.torque.x,wrench.torque.y,wrench.torque.z",
+            "/wrench/force/x,/wrench/force/y,/wrench/force/z,/wrench/torque/x,/wrench/torque/y,/wrench/torque/z",
+            "fx,fy,fz,tx,ty,tz",
+            "Force X [N],Force Y [N],Force Z [N],Moment X [N·m],Moment Y [N·m],Moment Z [N·m]",
+        ] {
+            assert_eq!(csv(line).unwrap().1.wrench.to_vec(), six(0), "{line}");
+        }
+        for line in
+            ["ch1,ch2,ch3", "adc0,adc1,adc2", "CH 1 (V),CH 2 (V),CH 3 (V)", "raw_0,raw_1,raw_2"]
+        {
+            assert_eq!(csv(line).unwrap().1.sensors, [0, 1, 2], "{line}");
+        }
+        // Usual names win, and one column of a kind is none.
+        assert_eq!(csv("adc0,adc1,s1,s2").unwrap().1.sensors, [2, 3]);
+        assert_eq!(csv("adc0,adc1,ch1,ch2").unwrap().1.sensors, [2, 3]);
+        assert_eq!(csv("adc5,time").unwrap().1.sensors, [0; 0]);
+        assert_eq!(csv("Tx,Mx").unwrap().1.wrench[3], Some(1));
+        assert_eq!(csv("texture,fxx,forces,offset_x").unwrap().1.wrench, [None; 6]);
+    }
+
+    #[test]
     fn two_columns_for_one_thing_are_an_error() {
         let error = csv("time,s0,s1,S0").unwrap_err();
         let expected = ColumnsError::Duplicate { meaning: "sensor 0".to_owned(), columns: [1, 3] };
@@ -375,7 +497,7 @@ mod tests {
             ..Mapping::default()
         };
         let line = names("clock,time,s1,a,b,run,group");
-        let (columns, roles) = recognise(line, Format::Csv, &mapping).unwrap();
+        let (columns, roles) = recognise(line, &[], Format::Csv, &mapping).unwrap();
         assert_eq!(roles.sensors, [4, 3]);
         assert_eq!(roles.time, Some(0));
         assert_eq!(roles.group, Some(5));
@@ -406,24 +528,24 @@ mod tests {
     #[test]
     fn a_mapped_column_that_is_not_there_is_named() {
         let mapping = Mapping { sensors: Some(refs("a,x,y")), ..Mapping::default() };
-        let error = recognise(names("a,b"), Format::Csv, &mapping).unwrap_err();
+        let error = recognise(names("a,b"), &[], Format::Csv, &mapping).unwrap_err();
         assert_eq!(error, ColumnsError::Missing(vec!["x".to_owned(), "y".to_owned()]));
         let mapping = Mapping { time: Some(ColumnRef::Position(3)), ..Mapping::default() };
-        let error = recognise(names("a,b"), Format::Csv, &mapping).unwrap_err();
+        let error = recognise(names("a,b"), &[], Format::Csv, &mapping).unwrap_err();
         assert_eq!(error, ColumnsError::Missing(vec!["column 3".to_owned()]));
     }
 
     #[test]
     fn a_column_mapped_twice_is_an_error() {
         let mapping = Mapping { sensors: Some(refs("a,a")), ..Mapping::default() };
-        assert!(recognise(names("a,b"), Format::Csv, &mapping).is_err());
+        assert!(recognise(names("a,b"), &[], Format::Csv, &mapping).is_err());
     }
 
     #[test]
     fn the_user_decides_the_unit_of_moments() {
         let mapping =
             Mapping { moment_unit: Some(MomentUnit::MillinewtonMetre), ..Mapping::default() };
-        let (columns, _) = recognise(names("Mx,my_nm,Fx"), Format::Csv, &mapping).unwrap();
+        let (columns, _) = recognise(names("Mx,my_nm,Fx"), &[], Format::Csv, &mapping).unwrap();
         assert_eq!(columns[0].meaning, wrench_meaning(Axis::Mx, true));
         assert_eq!(columns[1].meaning, wrench_meaning(Axis::My, true));
         assert_eq!(columns[2].meaning, wrench_meaning(Axis::Fx, false));

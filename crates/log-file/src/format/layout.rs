@@ -3,12 +3,15 @@
 
 use memchr::memchr;
 
-use super::columns::{Column, ColumnRoles, ColumnsError, recognise};
-use super::mapping::{Format, Mapping};
+use super::columns::{Column, ColumnRoles, ColumnsError, Meaning, recognise};
+use super::mapping::{Format, Mapping, TimeUnit};
 use crate::error::LogError;
-use crate::parse::number::{NumberError, parse_field};
+use crate::parse::number::{NumberError, parse_date, parse_field};
+use crate::parse::rows::is_comment;
 use crate::stream::clock_turns::ClockTurns;
+use crate::stream::decimal_comma;
 use crate::stream::source::LogSource;
+use table_file::Table;
 
 /// How much of a file is looked at. A header must fit.
 pub(crate) const HEAD_BYTES: u64 = 1 << 16;
@@ -24,6 +27,10 @@ pub(crate) struct FileLayout {
     pub(crate) rows_start: u64,
     /// The line that names the columns, or the first row where none does.
     pub(crate) names_line: u64,
+    /// Whether numbers have decimal commas.
+    pub(crate) has_decimal_commas: bool,
+    /// Whether times are dates, in ISO 8601.
+    pub(crate) has_dates: bool,
 }
 
 impl FileLayout {
@@ -40,8 +47,11 @@ struct Header {
     format: Format,
     separator: u8,
     names: Vec<String>,
+    /// What a line below the names says of them; empty if there is none.
+    units: Vec<String>,
     rows_start: usize,
     names_line: u64,
+    has_decimal_commas: bool,
 }
 
 /// Recognises the layout of the log that starts with `head`; `whole` if that is the whole log.
@@ -62,25 +72,38 @@ pub(crate) fn recognise_layout(
     if whole && head[header.rows_start.min(head.len())..].trim_ascii().is_empty() {
         return Err(LogError::NoRows { path: path() });
     }
-    let Header { format, separator, names, rows_start, names_line } = header;
-    let (columns, roles) =
-        recognise(names.clone(), format, mapping).map_err(|error| match error {
-            ColumnsError::Missing(missing) => LogError::MissingColumns {
-                path: path(),
-                line: names_line,
-                missing,
-                found: names.clone(),
-            },
+    let Header { format, separator, names, units, rows_start, names_line, has_decimal_commas } =
+        header;
+    let place = source.place(names_line);
+    let (mut columns, roles) =
+        recognise(names.clone(), &units, format, mapping).map_err(|error| match error {
+            ColumnsError::Missing(missing) => {
+                LogError::MissingColumns { path: path(), place, missing, found: names.clone() }
+            }
             ColumnsError::Duplicate { meaning, columns } => LogError::DuplicateColumn {
                 path: path(),
-                line: names_line,
+                place,
                 meaning,
                 columns,
-                names: columns.map(|at| names[at].clone()),
+                names: Box::new(columns.map(|at| names[at].clone())),
             },
         })?;
-    let rows_start = rows_start as u64;
-    Ok(FileLayout { format, separator, columns, roles, rows_start, names_line })
+    let first = Line::first_with_text(head, rows_start, 1).map(|line| fields(line.text, separator));
+    let first_time = roles.time.and_then(|at| first.as_ref()?.get(at));
+    let has_dates = first_time.is_some_and(|field| parse_date(field).is_ok());
+    if let (true, Some(at)) = (has_dates, roles.time) {
+        columns[at].meaning = Meaning::Time(TimeUnit::Second);
+    }
+    Ok(FileLayout {
+        format,
+        separator,
+        columns,
+        roles,
+        rows_start: rows_start as u64,
+        names_line,
+        has_decimal_commas,
+        has_dates,
+    })
 }
 
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -92,11 +115,12 @@ fn read_header(
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
     let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
-    let first = Line::first_with_text(head, start, 1, b"#");
+    let first = Line::first_with_text(head, start, 1);
     let Some(first) = first else { return Err(LogError::NoRows { path: source.path.clone() }) };
     first.check(source, head, whole)?;
     let format = match mapping.format {
         Some(format) => format,
+        None if source.as_table().is_some() => Format::Csv,
         None if first.text.starts_with(b"%") => Format::Telemetry,
         None if is_console(head) => Format::Console,
         None => Format::Csv,
@@ -107,11 +131,13 @@ fn read_header(
             format,
             separator: b',',
             names: console_names(),
+            units: Vec::new(),
             rows_start: start,
             names_line: first.number,
+            has_decimal_commas: false,
         }),
         Format::Csv | Format::Training | Format::Reference => {
-            separated_header(source, &first, mapping)
+            separated_header(source, head, &first, mapping)
         }
     }
 }
@@ -129,7 +155,7 @@ fn telemetry_header(source: &LogSource, head: &[u8], first: &Line<'_>) -> Result
         if this.text.contains(&b'|') {
             names = Some(this);
         }
-        line = Line::first_with_text(head, this.next, this.number + 1, b"");
+        line = Line::after(head, &this);
     }
     let names = names.ok_or_else(|| LogError::NoColumnNames { path: source.path.clone() })?;
     let text = String::from_utf8_lossy(names.text);
@@ -137,64 +163,132 @@ fn telemetry_header(source: &LogSource, head: &[u8], first: &Line<'_>) -> Result
         format: Format::Telemetry,
         separator: b',',
         names: text.trim_start_matches('%').split('|').map(|name| name.trim().to_owned()).collect(),
+        units: Vec::new(),
         rows_start,
         names_line: names.number,
+        has_decimal_commas: false,
     })
 }
 
 /// Separated values: names if the first line is mostly not numbers, or else a known layout.
 fn separated_header(
     source: &LogSource,
+    head: &[u8],
     first: &Line<'_>,
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
-    let separator = separator(first.text);
-    let fields = fields(first.text, separator);
-    let numbers = fields.iter().filter(|f| is_number(f)).count();
-    let header = Header {
+    let table_names = source.as_table().and_then(Table::names);
+    let separator = if source.as_table().is_some() { b',' } else { separator(first.text) };
+    let fields = |line: &Line<'_>| fields(line.text, separator);
+    let has_commas = separator != b',';
+    let is_numeric = |fields: &[Vec<u8>]| {
+        let is_number = |field: &&Vec<u8>| {
+            is_number(field)
+                || (has_commas && is_number(&with_points(field)))
+                || parse_date(field).is_ok()
+        };
+        2 * fields.iter().filter(is_number).count() >= fields.len()
+    };
+    let found = fields(first);
+    let has_names = table_names.is_some() || !is_numeric(&found);
+    let texts = |fields: Vec<Vec<u8>>| {
+        let text = |f: &Vec<u8>| String::from_utf8_lossy(f).trim().to_owned();
+        fields.iter().map(text).collect::<Vec<_>>()
+    };
+    let mut header = Header {
         format: mapping.format.unwrap_or(Format::Csv),
         separator,
         names: Vec::new(),
-        rows_start: first.start,
+        units: Vec::new(),
+        rows_start: if has_names { first.next } else { first.start },
         names_line: first.number,
+        has_decimal_commas: has_commas && has_decimal_commas(head, first, separator),
     };
-    let has_names = 2 * numbers < fields.len();
-    let names = |fields: &[Vec<u8>]| {
-        fields.iter().map(|f| String::from_utf8_lossy(f).trim().to_owned()).collect::<Vec<_>>()
-    };
-    let rows_start = if has_names { first.next } else { first.start };
-    let fixed = match (mapping.format, fields.len()) {
+    let named_above = (!has_names).then(|| names_in_comment(head, first, separator, found.len()));
+    let fixed = match (mapping.format, found.len()) {
         (Some(Format::Training), _) => Some((Format::Training, training_names())),
         (Some(Format::Reference), _) => Some((Format::Reference, reference_names())),
-        (None, 15) if !has_names => Some((Format::Training, training_names())),
-        (None, 12) if !has_names => Some((Format::Reference, reference_names())),
+        _ if has_names || named_above.as_ref().is_some_and(Option::is_some) => None,
+        (None, 15) => Some((Format::Training, training_names())),
+        (None, 12) => Some((Format::Reference, reference_names())),
         _ => None,
     };
     if let Some((format, names)) = fixed {
-        if names.len() != fields.len() {
+        if names.len() != found.len() {
             return Err(LogError::LayoutMismatch {
                 path: source.path.clone(),
-                line: first.number,
+                place: source.place(first.number),
                 format,
                 expected: names.len(),
-                found: fields.len(),
+                found: found.len(),
             });
         }
-        return Ok(Header { format, names, rows_start, ..header });
+        return Ok(Header { format, names, ..header });
+    }
+    if let Some((line, names)) = named_above.flatten() {
+        return Ok(Header { names, names_line: line, ..header });
     }
     if has_names {
-        return Ok(Header { names: names(&fields), rows_start, ..header });
+        header.names = table_names.map_or_else(|| texts(found), <[String]>::to_vec);
+        // A line of units is one of texts above one of numbers.
+        let second = Line::after(head, first).map(|line| (line, fields(&line)));
+        if let Some((line, units)) = second.filter(|_| table_names.is_none())
+            && units.len() == header.names.len()
+            && !units.iter().any(|field| is_number(field) || is_number(&with_points(field)))
+            && Line::after(head, &line).is_some_and(|third| is_numeric(&fields(&third)))
+        {
+            header.units = texts(units);
+            header.rows_start = line.next;
+        }
+        return Ok(header);
     }
     // Numbers in an unknown order are of use only to someone who says which is which.
     if mapping.sensors.is_none() && mapping.wrench.is_none() && mapping.time.is_none() {
         return Err(LogError::UnknownLayout {
             path: source.path.clone(),
-            line: first.number,
-            found: fields.len(),
+            place: source.place(first.number),
+            found: found.len(),
         });
     }
-    let names = (1..=fields.len()).map(|i| format!("column {i}")).collect();
+    let names = (1..=found.len()).map(|i| format!("column {i}")).collect();
     Ok(Header { names, ..header })
+}
+
+/// Names of as many columns in the comment above the first row, as NumPy's `savetxt` writes them, and
+/// its line.
+fn names_in_comment(
+    head: &[u8],
+    first: &Line<'_>,
+    separator: u8,
+    columns: usize,
+) -> Option<(u64, Vec<String>)> {
+    let comment = head[..first.start].trim_ascii_end().rsplit(|&byte| byte == b'\n').next()?;
+    let comment = comment.trim_ascii().strip_prefix(b"#")?;
+    let names: Vec<String> = fields(comment, separator)
+        .iter()
+        .map(|field| String::from_utf8_lossy(field).trim().to_owned())
+        .collect();
+    let is_name = |name: &String| !name.is_empty() && !is_number(name.as_bytes());
+    let lines = memchr::memchr_iter(b'\n', &head[..first.start]).count() as u64;
+    (columns > 1 && names.len() == columns && names.iter().all(is_name)).then_some((lines, names))
+}
+
+/// How many rows are looked at for decimal commas.
+const LOOKED_AT: usize = 16;
+
+/// Whether some field of the first rows is a number once its comma is a point, and none else.
+fn has_decimal_commas(head: &[u8], first: &Line<'_>, separator: u8) -> bool {
+    let lines = std::iter::successors(Some(*first), |line| Line::after(head, line)).take(LOOKED_AT);
+    let is_decimal = |field: &Vec<u8>| {
+        field.contains(&b',') && !is_number(field) && is_number(&with_points(field))
+    };
+    lines.into_iter().any(|line| fields(line.text, separator).iter().any(is_decimal))
+}
+
+fn with_points(field: &[u8]) -> Vec<u8> {
+    let mut field = field.to_vec();
+    decimal_comma::to_points(&mut field);
+    field
 }
 
 fn training_names() -> Vec<String> {
@@ -259,12 +353,8 @@ fn is_console(head: &[u8]) -> bool {
         || head.starts_with(b"SRC: ")
 }
 
-/// The first byte that no text has: a control character other than white space, or the start of a
-/// byte-order mark of UTF-16.
+/// The first byte that no text has: a control character other than white space.
 fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
-    if head.starts_with(&[0xff, 0xfe]) || head.starts_with(&[0xfe, 0xff]) {
-        return Some((0, head[0]));
-    }
     let control =
         |b: u8| (b < 0x20 && !b.is_ascii_whitespace() && b != 0x0b && b != 0x1b) || b == 0x7f;
     // Without a way out within a part, parts are looked at with vectors.
@@ -287,35 +377,34 @@ struct Line<'a> {
 impl<'a> Line<'a> {
     /// Whether it is a line by itself, and there to its end.
     fn check(&self, source: &LogSource, head: &[u8], whole: bool) -> Result<(), LogError> {
-        let (path, line) = (source.path.clone(), self.number);
+        let (path, place) = (source.path.clone(), source.place(self.number));
         if memchr(b'\r', self.text).is_some() {
-            return Err(LogError::CarriageReturns { path, line });
+            return Err(LogError::CarriageReturns { path, place });
         }
         if !whole && self.next == head.len() && !head.ends_with(b"\n") {
-            return Err(LogError::LineTooLong { path, line, limit: head.len() });
+            return Err(LogError::LineTooLong { path, place, limit: head.len() });
         }
         Ok(())
     }
 
-    /// The first line from `start` on that is neither blank nor starts with `comment`.
-    fn first_with_text(
-        head: &'a [u8],
-        mut start: usize,
-        mut number: u64,
-        comment: &[u8],
-    ) -> Option<Self> {
+    /// The first line from `start` on that is neither blank nor a comment, counted from `number`.
+    fn first_with_text(head: &'a [u8], mut start: usize, mut number: u64) -> Option<Self> {
         while start < head.len() {
             let end = memchr(b'\n', &head[start..]).map_or(head.len(), |at| start + at);
             let text = head[start..end].trim_ascii();
             let next = (end + 1).min(head.len());
-            let is_comment = !comment.is_empty() && text.starts_with(comment);
-            if !text.is_empty() && !is_comment {
+            if !text.is_empty() && !is_comment(text) {
                 return Some(Self { text, start, next, number });
             }
             start = next;
             number += 1;
         }
         None
+    }
+
+    /// The next such line.
+    fn after(head: &'a [u8], line: &Self) -> Option<Self> {
+        Self::first_with_text(head, line.next, line.number + 1)
     }
 }
 
@@ -338,9 +427,8 @@ mod tests {
     }
 
     #[test]
-    fn control_characters_and_utf_16_are_not_text() {
+    fn control_characters_are_not_text() {
         assert_eq!(binary_byte(b"PK\x03\x04"), Some((2, 3)));
-        assert_eq!(binary_byte(b"\xff\xfet\0"), Some((0, 0xff)));
         assert_eq!(binary_byte(b"a\0b"), Some((1, 0)));
         let late = [&[b'1'; 1000][..], b"\x7f\0"].concat();
         assert_eq!(binary_byte(&late), Some((1000, 0x7f)));

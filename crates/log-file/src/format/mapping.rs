@@ -93,6 +93,8 @@ impl fmt::Display for ColumnRef {
 /// What the user specifies about a log; what is `None` is recognised from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mapping {
+    /// The matrix, sheet or topic to read of a file that can hold several.
+    pub table: Option<String>,
     /// The format of the file.
     pub format: Option<Format>,
     /// The sensor columns, in channel order.

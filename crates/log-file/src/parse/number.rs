@@ -14,6 +14,7 @@ use super::nearest::nearest;
 pub(crate) enum NumberError {
     Empty,
     NotANumber,
+    NotADate,
     NotFinite,
     /// A number that a reading cannot be.
     Unbelievable,
@@ -152,6 +153,12 @@ pub(crate) fn parse_field(field: &[u8]) -> Result<f64, NumberError> {
         Ok(_) => Err(NumberError::NotFinite),
         Err(_) => Err(NumberError::NotANumber),
     }
+}
+
+/// The seconds since 1970 that the whole of `field` spells as a date and time.
+pub(crate) fn parse_date(field: &[u8]) -> Result<f64, NumberError> {
+    let text = std::str::from_utf8(field).map_err(|_| NumberError::NotADate)?;
+    table_file::seconds_of_iso(text).ok_or(NumberError::NotADate)
 }
 
 /// The value and number of the digits, up to eight, that stand at `bytes[at]`; `None` where fewer

@@ -105,6 +105,7 @@ impl ReadPlan {
                         layout.columns.len(),
                         &places,
                         if wanted.readings { &roles.sensors } else { &[] },
+                        roles.time.filter(|_| layout.has_dates),
                     ),
                     group: roles.group.filter(|_| wanted.groups),
                     largest_reading: match layout.format {
@@ -194,13 +195,21 @@ impl ReadPlan {
 }
 
 /// The use of each column.
-fn column_uses(columns: usize, places: &[usize], readings: &[usize]) -> Vec<ColumnUse> {
+fn column_uses(
+    columns: usize,
+    places: &[usize],
+    readings: &[usize],
+    dates: Option<usize>,
+) -> Vec<ColumnUse> {
     let mut column_uses = vec![ColumnUse::Skip; columns];
     for &place in places {
         column_uses[place] = ColumnUse::Number;
     }
     for &place in readings {
         column_uses[place] = ColumnUse::Reading;
+    }
+    if let Some(dates) = dates.filter(|at| places.contains(at)) {
+        column_uses[dates] = ColumnUse::Date;
     }
     column_uses
 }

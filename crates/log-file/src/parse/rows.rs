@@ -9,7 +9,7 @@ use memchr::{memchr, memchr_iter};
 
 use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
-use super::number::{NumberError, parse_field};
+use super::number::{NumberError, parse_date, parse_field};
 #[cfg(target_arch = "x86_64")]
 use super::{avx2::Avx2, avx512::Widest};
 use crate::error::{Field, RowProblem};
@@ -36,11 +36,13 @@ pub(crate) enum ColumnUse {
     Number,
     /// The same, and refuse what no converter gives.
     Reading,
+    /// Parse it into the next column of the result, as a date and time.
+    Date,
 }
 
 impl ColumnUse {
     fn is_number(self) -> bool {
-        matches!(self, Self::Number | Self::Reading)
+        matches!(self, Self::Number | Self::Reading | Self::Date)
     }
 }
 
@@ -164,7 +166,7 @@ impl RowPlan {
             // A blank line, a bad row or one with something unusual: look at it by itself.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
             let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
-            if !line.trim_ascii().is_empty() {
+            if !line.trim_ascii().is_empty() && !is_comment(line) {
                 let fields = line.split(|&byte| byte == self.separator);
                 let result = self.parse_fields(fields, parsed);
                 let may_skip =
@@ -230,10 +232,13 @@ impl RowPlan {
             }
             let values = &mut values[rows];
             let fields = ends.of_column(column, count);
-            let wrong = set.run(
-                #[inline(always)]
-                || parse_column(set, lines, fields, values),
-            );
+            let wrong = match step {
+                ColumnUse::Date => parse_dates(lines, fields, values),
+                _ => set.run(
+                    #[inline(always)]
+                    || parse_column(set, lines, fields, values),
+                ),
+            };
             right = wrong.unwrap_or(right);
             if *step == ColumnUse::Reading {
                 right = self.believable(&values[..right]);
@@ -276,7 +281,7 @@ impl RowPlan {
             // Bytes in memory cannot fail to be read, and any line is some record.
             let found = reader.from_reader(line).read_byte_record(&mut record).unwrap_or(false);
             let blank = record.len() == 1 && record[0].trim_ascii().is_empty();
-            if found && !blank {
+            if found && !blank && !is_comment(line) {
                 let closed = memchr_iter(b'"', line).count().is_multiple_of(2);
                 let result = match closed {
                     true => self.parse_fields(record.iter(), parsed),
@@ -305,9 +310,13 @@ impl RowPlan {
         for (column, field) in fields.enumerate() {
             found += 1;
             match self.uses.get(column) {
-                Some(step @ (ColumnUse::Number | ColumnUse::Reading)) => {
+                Some(step @ (ColumnUse::Number | ColumnUse::Reading | ColumnUse::Date)) => {
                     let is_reading = *step == ColumnUse::Reading;
-                    match parse_field(field) {
+                    let parsed_field = match step {
+                        ColumnUse::Date => parse_date(field),
+                        _ => parse_field(field),
+                    };
+                    match parsed_field {
                         Ok(value) if is_reading && self.believable(&[value]) == 0 => {
                             let error = NumberError::Unbelievable;
                             problem = problem.or_else(|| Some(self.problem(error, column, field)));
@@ -350,6 +359,7 @@ impl RowPlan {
         match error {
             NumberError::Empty => RowProblem::EmptyField { field: field_at },
             NumberError::NotANumber => RowProblem::NotANumber { field: field_at, found: found() },
+            NumberError::NotADate => RowProblem::NotADate { field: field_at, found: found() },
             NumberError::NotFinite => RowProblem::NotFinite { field: field_at, found: found() },
             NumberError::Unbelievable => RowProblem::Unbelievable {
                 field: field_at,
@@ -380,6 +390,12 @@ fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     }
     plain.extend_from_slice(&lines[copied..]);
     Some(plain)
+}
+
+/// Whether a line is a remark.
+pub(crate) fn is_comment(line: &[u8]) -> bool {
+    let line = line.trim_ascii_start();
+    line.starts_with(b"#") || line.starts_with(b"//")
 }
 
 /// The bytes of the blank lines at the start of some lines.
@@ -413,6 +429,21 @@ fn finish_row(
         Err((problem, _)) => return Err(RowError { offset, problem }),
     }
     Ok(())
+}
+
+/// The same for dates and times.
+fn parse_dates(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> Option<usize> {
+    values.iter_mut().enumerate().position(|(row, value)| {
+        let (start, end) = fields.place(row);
+        let date = lines.get(start..end).map(parse_date);
+        match date {
+            Some(Ok(seconds)) => {
+                *value = seconds;
+                false
+            }
+            _ => true,
+        }
+    })
 }
 
 /// Parses the fields of a column into `values`; returns which one is the first that is wrong.

@@ -16,7 +16,7 @@ impl Log {
             ChunkError::LineTooLong(offset) => match self.line_number(offset) {
                 Ok(line) => LogError::LineTooLong {
                     path: self.source.path.clone(),
-                    line,
+                    place: self.source.place(line),
                     limit: LINE_LIMIT,
                 },
                 Err(error) => error,
@@ -27,7 +27,8 @@ impl Log {
     pub(crate) fn row_error(&self, chunk_offset: u64, error: RowError) -> LogError {
         match self.line_number(chunk_offset + error.offset as u64) {
             Ok(line) => {
-                LogError::Row { path: self.source.path.clone(), line, problem: error.problem }
+                let place = self.source.place(line);
+                LogError::Row { path: self.source.path.clone(), place, problem: error.problem }
             }
             Err(error) => error,
         }

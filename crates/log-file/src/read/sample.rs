@@ -6,7 +6,8 @@ use super::request::Wanted;
 use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
-use crate::stream::chunk::{Chunk, ChunkStream};
+use crate::stream::chunk::Chunk;
+use crate::stream::decimal_comma;
 use shell_data::block::Block;
 
 /// How many pieces of a file [`Log::sample`] reads, and how long they are.
@@ -14,7 +15,7 @@ const SAMPLES: u64 = 16;
 const SAMPLE_BYTES: u64 = 1 << 12;
 
 impl Log {
-    /// Some rows from all over the file, or from its start when it is compressed: enough to choose
+    /// Some rows from all over the file, or from its start when it is no plain text: enough to choose
     /// centres and scales from. Rows that are wrong are left out.
     ///
     /// # Errors
@@ -22,7 +23,8 @@ impl Log {
     pub fn sample(&self, wanted: &Wanted) -> Result<Block, LogError> {
         self.require(wanted)?;
         let plan = ReadPlan::new(&self.layout, wanted);
-        let lines = match self.source.compressed || self.bytes_of_rows() <= SAMPLES * SAMPLE_BYTES {
+        let lines = match !self.source.is_plain() || self.bytes_of_rows() <= SAMPLES * SAMPLE_BYTES
+        {
             true => self.first_lines()?,
             false => self.spread_lines()?,
         };
@@ -39,7 +41,7 @@ impl Log {
     /// As many lines from the start as a sample has.
     fn first_lines(&self) -> Result<Vec<u8>, LogError> {
         let bytes = (SAMPLES * SAMPLE_BYTES) as usize;
-        let mut chunks = ChunkStream::new(self.source.open()?, self.layout.rows_start, bytes);
+        let mut chunks = self.chunks(self.source.open()?, bytes);
         let mut chunk = Chunk::default();
         let mut lines = Vec::new();
         if chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {
@@ -64,6 +66,9 @@ impl Log {
             let (from, to) = (start + whole.start, start + whole.end);
             lines.copy_within(from..to, start);
             lines.truncate(start + to - from);
+        }
+        if self.layout.has_decimal_commas {
+            decimal_comma::to_points(&mut lines);
         }
         Ok(lines)
     }

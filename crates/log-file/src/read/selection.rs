@@ -7,7 +7,7 @@ use super::request::{ReadOptions, ReadSummary, Wanted};
 use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
-use crate::stream::chunk::{Chunk, ChunkStream};
+use crate::stream::chunk::Chunk;
 use shell_data::block::Block;
 
 /// A choice of the rows that are read, see [`Log::read_where`].
@@ -49,8 +49,7 @@ impl Log {
         let bytes_read = Arc::default();
         let stream = self.source.open_counting(options.checksum, &bytes_read)?;
         let chunk_bytes = self.chunk_bytes.min(SELECTED_BYTES);
-        let chunks = ChunkStream::new(stream, self.layout.rows_start, chunk_bytes);
-        let mut chunks = chunks.with_clock(self.layout.clock());
+        let mut chunks = self.chunks(stream, chunk_bytes);
         let mut chunk = Chunk::default();
         let (mut clock, mut rows) = (BlockBuffer::default(), BlockBuffer::default());
         let mut summary = ReadSummary::default();

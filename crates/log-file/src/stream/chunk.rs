@@ -8,6 +8,7 @@ use std::io::{self, Read};
 use memchr::{memchr, memrchr};
 
 use super::clock_turns::ClockTurns;
+use super::decimal_comma;
 
 /// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing,
 /// with what they are parsed into.
@@ -62,6 +63,7 @@ pub(crate) struct ChunkStream<R> {
     carry: Vec<u8>,
     context: Vec<u8>,
     clock: Option<ClockTurns>,
+    has_decimal_commas: bool,
     has_begun: bool,
     ended: bool,
 }
@@ -78,6 +80,7 @@ impl<R: Read> ChunkStream<R> {
             carry: Vec::new(),
             context: Vec::new(),
             clock: None,
+            has_decimal_commas: false,
             has_begun: false,
             ended: false,
         }
@@ -86,6 +89,11 @@ impl<R: Read> ChunkStream<R> {
     /// Looks at a clock that may come round.
     pub(crate) fn with_clock(self, clock: Option<ClockTurns>) -> Self {
         Self { clock, ..self }
+    }
+
+    /// Makes decimal points of decimal commas.
+    pub(crate) fn with_decimal_commas(self, has_decimal_commas: bool) -> Self {
+        Self { has_decimal_commas, ..self }
     }
 
     pub(crate) fn stream(&self) -> &R {
@@ -144,6 +152,9 @@ impl<R: Read> ChunkStream<R> {
         };
         self.carry.clear();
         self.carry.extend_from_slice(&buffer[length..filled]);
+        if self.has_decimal_commas {
+            decimal_comma::to_points(&mut buffer[..length]);
+        }
         chunk.length = length;
         chunk.offset = self.offset;
         std::mem::swap(&mut chunk.context, &mut self.context);

@@ -2,6 +2,9 @@
 
 pub(crate) mod chunk;
 pub(crate) mod clock_turns;
+pub(crate) mod decimal_comma;
 pub(crate) mod log_chunks;
 pub mod pipeline;
 pub(crate) mod source;
+mod utf16;
+mod zstd;

@@ -1,4 +1,12 @@
-//! The bytes of a log: those of the file or, if it is compressed with gzip, of its content.
+//! The bytes of a log as text: those of the file, unpacked if it is compressed, brought to UTF-8, or
+//! the rows of a table in a binary file as CSV.
+//!
+//! ```text
+//! file ─▶ gzip, zstd ─▶ UTF-16 ─┐
+//! file ─▶ table as CSV ─────────┴▶ text
+//! ```
+//!
+//! What a file is, is known by its first bytes, not by its name.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -7,41 +15,118 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use flate2::bufread::MultiGzDecoder;
+use table_file::{FileKind, Numbering, Recognised, Table, TableError, TableText};
+use tempfile::TempPath;
 
+use super::utf16::Utf16;
+use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
-use crate::error::LogError;
+use crate::error::{LogError, Place};
 
 /// A file to be read from its start any number of times.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct LogSource {
+    /// As it was given.
     pub(crate) path: PathBuf,
     /// Size on disk.
     pub(crate) bytes: u64,
-    pub(crate) compressed: bool,
+    container: Container,
+    /// Whether the text is UTF-16, with the highest byte of each pair first.
+    utf16: Option<bool>,
+    /// What came from standard input.
+    spool: Option<Arc<TempPath>>,
+}
+
+/// What the text of a log is in.
+#[derive(Clone, Debug)]
+enum Container {
+    Plain,
+    Gzip,
+    Zstd,
+    Table(Table),
 }
 
 impl LogSource {
-    pub(crate) fn new(path: &Path) -> Result<Self, LogError> {
-        let source = Self { path: path.to_owned(), bytes: 0, compressed: false };
+    /// The file at `path`, or all of standard input for `-`; `part` names the table to be read of a
+    /// file that can hold several.
+    pub(crate) fn new(path: &Path, part: Option<&str>) -> Result<Self, LogError> {
+        let mut source = Self {
+            path: path.to_owned(),
+            bytes: 0,
+            container: Container::Plain,
+            utf16: None,
+            spool: None,
+        };
+        if path.as_os_str() == "-" {
+            let spool = spool_standard_input().map_err(|error| source.error(error))?;
+            source.spool = Some(Arc::new(spool));
+        }
         // Before it is opened: whoever opens a pipe waits for its writer.
-        let metadata = std::fs::metadata(path).map_err(|error| source.error(error))?;
+        let metadata = std::fs::metadata(source.location()).map_err(|error| source.error(error))?;
         if metadata.is_dir() {
             return Err(source.error(io::ErrorKind::IsADirectory.into()));
         }
         if !metadata.is_file() {
             return Err(source.error(io::Error::other("not a regular file, which logs must be")));
         }
-        let mut file = source.file()?;
-        let mut magic = Vec::with_capacity(2);
-        Read::take(&mut file, 2).read_to_end(&mut magic).map_err(|error| source.error(error))?;
-        Ok(Self { bytes: metadata.len(), compressed: magic == [0x1f, 0x8b], ..source })
+        source.bytes = metadata.len();
+        let start = source.start(source.file()?)?;
+        source.container = match start.as_slice() {
+            [0x1f, 0x8b, ..] => Container::Gzip,
+            start if zstd::begins(start) => Container::Zstd,
+            start => match table_file::recognise(start) {
+                Recognised::Table(kind) => Container::Table(source.table(kind, part)?),
+                Recognised::Foreign { what, remedy } => {
+                    return Err(LogError::Foreign { path: source.path, what, remedy });
+                }
+                Recognised::Unknown => Container::Plain,
+            },
+        };
+        if let Container::Table(_) = source.container {
+            return Ok(source);
+        }
+        if let Some(part) = part {
+            return Err(LogError::NoParts { path: source.path, wanted: part.to_owned() });
+        }
+        let text = match source.container {
+            Container::Plain => start,
+            _ => {
+                let text = source.start(source.open()?)?;
+                if !matches!(table_file::recognise(&text), Recognised::Unknown) {
+                    return Err(LogError::PackedTable { path: source.path });
+                }
+                text
+            }
+        };
+        source.utf16 = match text.as_slice() {
+            [0xff, 0xfe, ..] => Some(false),
+            [0xfe, 0xff, ..] => Some(true),
+            _ => None,
+        };
+        Ok(source)
+    }
+
+    /// The first bytes of a stream.
+    fn start(&self, stream: impl Read) -> Result<Vec<u8>, LogError> {
+        let mut start = Vec::with_capacity(table_file::RECOGNISED_BYTES);
+        let mut stream = stream.take(table_file::RECOGNISED_BYTES as u64);
+        stream.read_to_end(&mut start).map_err(|error| self.error(error))?;
+        Ok(start)
+    }
+
+    fn table(&self, kind: FileKind, part: Option<&str>) -> Result<Table, LogError> {
+        Table::open(self.location(), kind, part).map_err(|problem| self.table_error(problem))
+    }
+
+    fn location(&self) -> &Path {
+        self.spool.as_deref().map_or(&self.path, |spool| spool)
     }
 
     pub(crate) fn file(&self) -> Result<File, LogError> {
-        File::open(&self.path).map_err(|error| self.error(error))
+        File::open(self.location()).map_err(|error| self.error(error))
     }
 
-    /// Opens the file at its start.
+    /// Opens the text at its start.
     pub(crate) fn open(&self) -> Result<ByteStream, LogError> {
         self.open_counting(false, &Arc::default())
     }
@@ -52,35 +137,117 @@ impl LogSource {
         checksum: bool,
         bytes: &Arc<AtomicU64>,
     ) -> Result<ByteStream, LogError> {
-        let checksum = checksum.then(Box::default);
-        let file = CountingFile { file: self.file()?, bytes: Arc::clone(bytes), checksum };
-        Ok(match self.compressed {
-            true => {
-                let file = BufReader::with_capacity(1 << 16, file);
-                ByteStream::Gzip(Box::new(MultiGzDecoder::new(file)))
+        let file = |bytes: &Arc<AtomicU64>| {
+            let checksum = checksum.then(Box::default);
+            Ok::<_, LogError>(CountingFile {
+                file: self.file()?,
+                bytes: Arc::clone(bytes),
+                checksum,
+            })
+        };
+        let buffered = |file| BufReader::with_capacity(1 << 16, file);
+        let stream = match &self.container {
+            Container::Plain => ByteStream::Plain(file(bytes)?),
+            Container::Gzip => {
+                ByteStream::Gzip(Box::new(MultiGzDecoder::new(buffered(file(bytes)?))))
             }
-            false => ByteStream::Plain(file),
+            Container::Zstd => ByteStream::Zstd(Box::new(Zstd::new(buffered(file(bytes)?)))),
+            Container::Table(table) => {
+                // Tables are not read from start to end, checksums are.
+                let mut whole = file(&Arc::default())?;
+                if checksum {
+                    io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
+                }
+                let text = table.text().map_err(|problem| self.table_error(problem))?;
+                let left = self.bytes;
+                ByteStream::Table(Box::new(TableStream {
+                    text,
+                    whole,
+                    left,
+                    bytes: Arc::clone(bytes),
+                }))
+            }
+        };
+        Ok(match self.utf16 {
+            None => stream,
+            Some(high_first) => ByteStream::Utf16(Box::new(Utf16::new(stream, high_first))),
         })
+    }
+
+    /// Whether the bytes of the file are those of the text.
+    pub(crate) fn is_plain(&self) -> bool {
+        matches!(self.container, Container::Plain) && self.utf16.is_none()
+    }
+
+    /// How the file is compressed, if it is.
+    pub(crate) fn compression(&self) -> Option<&'static str> {
+        match self.container {
+            Container::Gzip => Some("gzip"),
+            Container::Zstd => Some("zstd"),
+            Container::Plain | Container::Table(_) => None,
+        }
+    }
+
+    /// The table, if it is one.
+    pub(crate) fn as_table(&self) -> Option<&Table> {
+        match &self.container {
+            Container::Table(table) => Some(table),
+            _ => None,
+        }
+    }
+
+    /// What a line of the text, from 1, is in the file.
+    pub(crate) fn place(&self, line: u64) -> Place {
+        match (self.as_table().map(Table::numbering), line) {
+            (None, line) => Place::Line(line),
+            (Some(Numbering::Named), 0 | 1) => Place::Names,
+            (Some(Numbering::Named), line) => Place::Row(line - 1),
+            (Some(_), line) => Place::Row(line),
+        }
     }
 
     /// The error of a failed read.
     pub(crate) fn error(&self, source: io::Error) -> LogError {
-        use io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
+        use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
         let path = self.path.clone();
-        match source.kind() {
-            InvalidData | InvalidInput | UnexpectedEof if self.compressed => {
+        let source = match source.downcast::<TableError>() {
+            Ok(problem) => return LogError::Table { path, problem },
+            Err(source) => source,
+        };
+        match (&self.container, source.kind()) {
+            (Container::Gzip, InvalidData | InvalidInput | UnexpectedEof) => {
                 LogError::Gzip { path, source }
+            }
+            (Container::Zstd, InvalidData | InvalidInput | UnexpectedEof | Other) => {
+                LogError::Zstd { path, source }
             }
             _ => LogError::Io { path, source },
         }
     }
+
+    fn table_error(&self, problem: TableError) -> LogError {
+        match problem {
+            TableError::Io(source) => LogError::Io { path: self.path.clone(), source },
+            problem => LogError::Table { path: self.path.clone(), problem },
+        }
+    }
 }
 
-/// The bytes of a log from its start.
+/// Copies standard input into a temporary file: logs are read several times.
+fn spool_standard_input() -> io::Result<TempPath> {
+    let mut file = tempfile::NamedTempFile::new()?;
+    io::copy(&mut io::stdin().lock(), &mut file)?;
+    Ok(file.into_temp_path())
+}
+
+/// The text of a log from its start.
 #[derive(Debug)]
 pub(crate) enum ByteStream {
     Plain(CountingFile),
     Gzip(Box<MultiGzDecoder<BufReader<CountingFile>>>),
+    Zstd(Box<Zstd<BufReader<CountingFile>>>),
+    Table(Box<TableStream>),
+    Utf16(Box<Utf16<ByteStream>>),
 }
 
 impl ByteStream {
@@ -93,6 +260,9 @@ impl ByteStream {
         match self {
             ByteStream::Plain(file) => file,
             ByteStream::Gzip(decoder) => decoder.get_ref().get_ref(),
+            ByteStream::Zstd(decoder) => decoder.get_ref().get_ref(),
+            ByteStream::Table(table) => &table.whole,
+            ByteStream::Utf16(decoder) => decoder.get_ref().file(),
         }
     }
 }
@@ -102,6 +272,9 @@ impl Read for ByteStream {
         match self {
             ByteStream::Plain(file) => file.read(buffer),
             ByteStream::Gzip(decoder) => decoder.read(buffer),
+            ByteStream::Zstd(decoder) => decoder.read(buffer),
+            ByteStream::Table(table) => table.read(buffer),
+            ByteStream::Utf16(decoder) => decoder.read(buffer),
         }
     }
 }
@@ -121,6 +294,26 @@ impl Read for CountingFile {
         if let Some(checksum) = &mut self.checksum {
             checksum.update(&buffer[..read]);
         }
+        Ok(read)
+    }
+}
+
+/// A table as text, whose bytes count as read by the length of the text.
+#[derive(Debug)]
+pub(crate) struct TableStream {
+    text: TableText,
+    whole: CountingFile,
+    /// How many bytes of the file have not been counted.
+    left: u64,
+    bytes: Arc<AtomicU64>,
+}
+
+impl Read for TableStream {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.text.read(buffer)?;
+        let counted = if read == 0 { self.left } else { self.left.min(read as u64) };
+        self.left -= counted;
+        self.bytes.fetch_add(counted, Ordering::Relaxed);
         Ok(read)
     }
 }

@@ -6,7 +6,7 @@ use std::io;
 use beam_channel::SetupError;
 use calibration::FitError;
 use calibration::validation::ValidationError;
-use log_file::{LogError, RowProblem};
+use log_file::{LogError, TableError};
 use shared_proto::Refusal;
 use shellcal::alignment::AlignError;
 use shellcal::calibration_file::matrix::MatrixError;
@@ -272,13 +272,23 @@ const CHANNELS: &str = "name the sensor columns of the log with `--sensors`, or 
 
 fn after_log(error: &LogError) -> Option<&'static str> {
     Some(match error {
-        LogError::Gzip { .. } => "copy the file again: it is cut short or damaged",
+        LogError::Foreign { remedy, .. } => remedy,
+        LogError::PackedTable { .. } => "unpack it first; compressed logs are text",
+        LogError::NoParts { .. } => "leave out `--table`",
+        LogError::Table { problem: TableError::Choice { .. }, .. } => "choose with `--table NAME`",
+        LogError::Table { problem: TableError::Damaged { .. }, .. } => {
+            "copy the file again, or write it again: it is cut short or damaged"
+        }
+        LogError::Table { .. } => "write it again without that, or export it as CSV",
+        LogError::Gzip { .. } | LogError::Zstd { .. } => {
+            "copy the file again: it is cut short or damaged"
+        }
         LogError::Empty { .. } | LogError::NoRows { .. } => {
             "nothing was recorded, or the file was not copied to its end"
         }
-        LogError::Binary { byte: 0xfe | 0xff, .. } => "save it as UTF-8; this looks like UTF-16",
         LogError::Binary { .. } => {
-            "logs are text (telemetry, CSV, console), as they are or compressed with gzip"
+            "logs are text (telemetry, CSV, console), plain or compressed with gzip or zstd, or tables \
+             in Parquet, Arrow, MATLAB, NumPy, Excel or MCAP"
         }
         LogError::LineTooLong { .. } => "this does not look like a log; are its line ends missing?",
         LogError::CarriageReturns { .. } => {
@@ -296,11 +306,6 @@ fn after_log(error: &LogError) -> Option<&'static str> {
         }
         LogError::DuplicateColumn { .. } => {
             "say which one is meant with `--sensors`, `--wrench` or `--time`"
-        }
-        LogError::Row { problem: RowProblem::NotANumber { found, .. }, .. }
-            if is_decimal_comma(found) =>
-        {
-            "write decimals with a point; decimal commas are not read"
         }
         LogError::Row { .. } => "correct the line, or leave such rows out with `--skip-bad-rows`",
         _ => return None,
@@ -343,26 +348,10 @@ fn after_calibration(error: &CalibrationFileError) -> Option<&'static str> {
     })
 }
 
-/// Whether a field becomes a number with a point for its comma.
-fn is_decimal_comma(field: &str) -> bool {
-    field.matches(',').count() == 1 && field.replace(',', ".").parse::<f64>().is_ok()
-}
-
 /// Whether the reader of our output has gone away, which is not an error.
 pub(crate) fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error
         .chain()
         .filter_map(|cause| cause.downcast_ref::<io::Error>())
         .any(|error| error.kind() == io::ErrorKind::BrokenPipe)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn decimal_commas_are_recognised() {
-        assert!(is_decimal_comma("1,5") && is_decimal_comma("-0,25"));
-        assert!(!is_decimal_comma("1.5") && !is_decimal_comma("a,b") && !is_decimal_comma("1,2,3"));
-    }
 }

@@ -17,6 +17,15 @@ pub enum ConvertError {
     /// The log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
+    /// A recording holds whole wrenches with their time.
+    #[error("a recording in MCAP needs time and all six axes")]
+    PartOfWrench,
+    /// A time that no message can carry.
+    #[error("the time `{time_s}` s is none since 1970 that a message can carry")]
+    Epoch {
+        /// The time.
+        time_s: f64,
+    },
     /// All rows were left out.
     #[error("`{path}`: no row is left to convert")]
     NoFrames {

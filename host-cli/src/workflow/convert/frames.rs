@@ -13,6 +13,10 @@ pub(super) struct ConvertedFrames {
     pub(super) time_s: Vec<f64>,
     pub(super) wrench: PerAxis<Vec<f64>>,
     pub(super) standard_errors: PerAxis<Vec<f64>>,
+    /// One column for each channel.
+    pub(super) readings: Vec<Vec<f64>>,
+    /// The log's columns that are carried along.
+    pub(super) kept: Vec<Vec<f64>>,
     /// The channels outside the range of the training data: bit `i` for channel `i` from 0, all from
     /// 63 up sharing the last bit.
     pub(super) out_of_range: Vec<u64>,
@@ -40,6 +44,8 @@ pub(super) struct Converter<'a> {
     pub(super) calibration: &'a Calibration,
     pub(super) pipeline: &'a ForcePipeline,
     pub(super) options: &'a ConvertOptions,
+    /// Whether frames keep their readings.
+    pub(super) keeps_readings: bool,
 }
 
 impl ConvertedFrames {
@@ -57,6 +63,12 @@ impl ConvertedFrames {
         for (column, next) in self.standard_errors.iter_mut().zip(&mut next.standard_errors) {
             column.append(next);
         }
+        for (columns, next) in
+            [(&mut self.readings, &mut next.readings), (&mut self.kept, &mut next.kept)]
+        {
+            columns.resize_with(next.len(), Vec::new);
+            columns.iter_mut().zip(next).for_each(|(column, next)| column.append(next));
+        }
     }
 
     /// Takes the first `count` frames, whose wrenches are `wrench`.
@@ -68,6 +80,8 @@ impl ConvertedFrames {
             time_s: first(&mut self.time_s, count),
             wrench,
             standard_errors: self.standard_errors.each_mut().map(|column| first(column, count)),
+            readings: self.readings.iter_mut().map(|column| first(column, count)).collect(),
+            kept: self.kept.iter_mut().map(|column| first(column, count)).collect(),
             out_of_range: first(&mut self.out_of_range, count),
             saturated: first(&mut self.saturated, count),
             left_out: first(&mut self.left_out, count),
@@ -109,9 +123,10 @@ impl Converter<'_> {
 
     /// All but the wrenches.
     fn frames(&self, block: &mut Block) -> ConvertedFrames {
-        let Self { calibration, pipeline, options } = self;
+        let Self { calibration, pipeline, options, .. } = self;
         let mut frames = ConvertedFrames {
             time_s: std::mem::take(&mut block.time_s),
+            kept: std::mem::take(&mut block.others),
             ..ConvertedFrames::default()
         };
         let errors = options.columns.need_errors();
@@ -125,6 +140,9 @@ impl Converter<'_> {
         };
         for (flags, plateau) in frames.saturated.iter_mut().zip(trust.saturated) {
             *flags |= plateau;
+        }
+        if self.keeps_readings {
+            frames.readings = std::mem::take(&mut block.readings);
         }
         frames
     }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! survey   the first rows   tare and clock of the force pipeline
-//! convert  every block      wrench − tare, standard errors, flags ─▶ low-pass ─▶ CSV
+//! convert  every block      wrench − tare, standard errors, flags ─▶ low-pass ─▶ file
 //! ```
 //!
 //! Both read the log as a stream; the survey stops where tare and clock are known. The low-pass holds
@@ -10,7 +10,9 @@
 //! where only fresh ones are written: which rows are written does not change the forces.
 
 mod columns;
+mod encode;
 mod error;
+mod format;
 mod frames;
 mod job;
 mod summary;
@@ -22,14 +24,16 @@ use std::io::Write;
 
 pub use columns::Columns;
 pub use error::ConvertError;
+pub use format::{DEFAULT_FRAME_ID, OutputFormat, OutputPlan, UnknownExtension};
 pub use job::{Conversion, ConvertOptions};
 pub use summary::{AxisSummary, ConvertSummary};
 
 use super::check_channels;
 use crate::figures::WrenchTrace;
 use calibration::{Calibration, Kind};
+use encode::{Encoder, Output};
 use frames::Converter;
-use log_file::Wanted;
+use log_file::{Log, Meaning, Wanted};
 use shell_data::wrench::PerAxis;
 use survey::survey;
 use table::Table;
@@ -49,12 +53,37 @@ fn interval_factors(calibration: &Calibration, level: f64) -> Result<PerAxis<f64
     }
 }
 
+/// The names of the channels, as the log has them.
+fn channel_names(log: &Log) -> Vec<String> {
+    let mut channels: Vec<(usize, String)> = Vec::new();
+    for column in log.columns() {
+        if let Meaning::Sensor(channel) = column.meaning {
+            channels.push((channel, column.name.clone()));
+        }
+    }
+    channels.sort();
+    channels.into_iter().map(|(_, name)| name).collect()
+}
+
 /// Converts a log and writes the result to `out` as CSV; `trace` is given the wrench as well.
 ///
 /// # Errors
 /// [`ConvertError`]; what has been written to `out` until then is not of use.
 pub fn convert(
     conversion: &Conversion<'_>,
+    out: &mut dyn Write,
+    trace: Option<&mut WrenchTrace>,
+) -> Result<ConvertSummary, ConvertError> {
+    convert_to(conversion, &OutputPlan::default(), out, trace)
+}
+
+/// The same, to a file of any format, and with other columns of the log.
+///
+/// # Errors
+/// As [`convert`]; [`ConvertError::PartOfWrench`] where a recording would lack time or axes.
+pub fn convert_to(
+    conversion: &Conversion<'_>,
+    plan: &OutputPlan,
     out: &mut dyn Write,
     trace: Option<&mut WrenchTrace>,
 ) -> Result<ConvertSummary, ConvertError> {
@@ -66,29 +95,34 @@ pub fn convert(
     }
     let pipeline = survey(conversion)?;
     let time = options.columns.time || trace.is_some() || pipeline.low_pass().is_some();
-    let wanted = Wanted { readings: true, time, ..Wanted::default() };
+    let OutputPlan { format, keep } = plan;
+    let wanted = Wanted { readings: true, time, others: keep.clone(), ..Wanted::default() };
     log.require(&wanted)?;
     let factors = options.columns.interval.map(|level| interval_factors(calibration, level));
     let factors = factors.transpose()?;
-    let table = Table::new(options.columns, factors.unwrap_or_default());
-    let converter = Converter { calibration, pipeline: &pipeline, options };
-    let mut writer = Writer::new(log.path(), &table, &pipeline, out, trace);
-    writer.header()?;
+    let kept: Vec<String> = keep.iter().map(|&at| log.columns()[at].name.clone()).collect();
+    let table = Table::new(options.columns, factors.unwrap_or_default(), &kept);
+    let is_recording = matches!(format, OutputFormat::Mcap { .. });
+    if is_recording && !(options.columns.time && options.columns.axes == [true; 6]) {
+        return Err(ConvertError::PartOfWrench);
+    }
+    let encoder = Encoder { table: &table, format, channels: channel_names(log) };
+    let keeps_readings = encoder.needs_readings();
+    let converter = Converter { calibration, pipeline: &pipeline, options, keeps_readings };
+    let output = Output::new(&encoder, out)?;
+    let mut writer = Writer::new(log.path(), &encoder, &pipeline, output, trace);
     let summary = log.read(
         &wanted,
         &read,
         |block| {
             let rows = converter.convert(block);
-            // What is not filtered is written out by the workers.
-            let mut text = Vec::new();
-            if pipeline.low_pass().is_none() {
-                table.rows(&rows.frames, &mut text);
-            }
-            (rows, text)
+            // What is not filtered is encoded by the workers.
+            let encoded = pipeline.low_pass().is_none().then(|| encoder.encode(&rows.frames));
+            (rows, encoded)
         },
-        |(rows, text)| match pipeline.low_pass() {
-            None => writer.write(&rows.frames, &text),
-            Some(_) => writer.filter(rows),
+        |(rows, encoded)| match encoded {
+            Some(encoded) => writer.write(&rows.frames, encoded?),
+            None => writer.filter(rows),
         },
     )?;
     let (totals, sampling) = writer.finish()?;

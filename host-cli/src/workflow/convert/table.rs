@@ -10,6 +10,8 @@ pub(super) struct Table {
     axes: Vec<Axis>,
     /// How many standard errors an interval reaches.
     factors: PerAxis<f64>,
+    /// The names of the log's columns that are carried along.
+    kept: Vec<String>,
 }
 
 /// What one column is made of.
@@ -30,12 +32,21 @@ impl Column<'_> {
 
 impl Table {
     /// `factors` are those of the interval, if there is to be one.
-    pub(super) fn new(columns: Columns, factors: PerAxis<f64>) -> Self {
+    pub(super) fn new(columns: Columns, factors: PerAxis<f64>, kept: &[String]) -> Self {
         let axes = Axis::ALL.into_iter().filter(|axis| columns.axes[axis.index()]).collect();
-        Self { columns, axes, factors }
+        let mut table = Self { columns, axes, factors, kept: Vec::new() };
+        let own = table.names();
+        // Two columns of one name would be one too many.
+        let distinct = |name: &String| match own.contains(name) {
+            true => format!("log_{name}"),
+            false => name.clone(),
+        };
+        table.kept = kept.iter().map(distinct).collect();
+        table
     }
 
-    pub(super) fn header(&self, text: &mut Vec<u8>) {
+    /// The names of the columns, flags last.
+    pub(super) fn names(&self) -> Vec<String> {
         let mut names = Vec::new();
         if self.columns.time {
             names.push("t_s".to_owned());
@@ -49,18 +60,46 @@ impl Table {
                 names.extend(self.axes.iter().map(|axis| axis.column().replace('_', end)));
             }
         }
+        names.extend(self.kept.iter().cloned());
         if self.columns.flags {
             names.push("flags".to_owned());
         }
-        text.extend_from_slice(names.join(",").as_bytes());
+        names
+    }
+
+    pub(super) fn has_flags(&self) -> bool {
+        self.columns.flags
+    }
+
+    /// The line of names.
+    pub(super) fn header(&self, text: &mut Vec<u8>) {
+        for (place, name) in self.names().iter().enumerate() {
+            if place > 0 {
+                text.push(b',');
+            }
+            crate::table::write_text(name, text);
+        }
         text.push(b'\n');
     }
 
-    /// Writes every number with the fewest digits that read back as the same number.
-    pub(super) fn rows(&self, frames: &ConvertedFrames, text: &mut Vec<u8>) {
-        let Columns { time, standard_errors, interval, flags, .. } = self.columns;
-        let wrench = |axis: &Axis| &*frames.wrench[axis.index()];
-        let error = |axis: &Axis| &*frames.standard_errors[axis.index()];
+    /// The columns of numbers.
+    pub(super) fn numbers(&self, frames: &ConvertedFrames) -> Vec<Vec<f64>> {
+        let values = |column: Column<'_>| (0..frames.len()).map(|row| column.at(row)).collect();
+        self.columns_of(frames).into_iter().map(values).collect()
+    }
+
+    /// The flags of a frame.
+    pub(super) fn flags(frames: &ConvertedFrames, row: usize) -> String {
+        let left_out = frames.left_out.get(row).copied().unwrap_or(0);
+        let mut text = Vec::new();
+        write_flags([frames.out_of_range[row], frames.saturated[row], left_out], &mut text);
+        String::from_utf8_lossy(&text).into_owned()
+    }
+
+    fn columns_of<'a>(&self, frames: &'a ConvertedFrames) -> Vec<Column<'a>> {
+        let Columns { time, standard_errors, interval, .. } = self.columns;
+        let wrench = |axis: &Axis| -> &'a [f64] { &frames.wrench[axis.index()] };
+        let error = |axis: &Axis| -> &'a [f64] { &frames.standard_errors[axis.index()] };
         let mut columns = Vec::new();
         if time {
             columns.push(Column::Plain(&frames.time_s));
@@ -76,6 +115,14 @@ impl Table {
                 columns.extend(self.axes.iter().map(bound));
             }
         }
+        columns.extend(frames.kept.iter().map(|column| Column::Plain(column)));
+        columns
+    }
+
+    /// Writes every number with the fewest digits that read back as the same number.
+    pub(super) fn rows(&self, frames: &ConvertedFrames, text: &mut Vec<u8>) {
+        let flags = self.columns.flags;
+        let columns = self.columns_of(frames);
         // Some 20 bytes a number; a little much costs less than growing.
         text.reserve(frames.len() * (22 * columns.len() + 8));
         let mut digits = zmij::Buffer::new();
@@ -126,12 +173,14 @@ mod tests {
             out_of_range: vec![0, 0b101],
             saturated: vec![0, 0b100],
             left_out: Vec::new(),
+            readings: Vec::new(),
+            kept: Vec::new(),
         }
     }
 
     fn written(columns: Columns) -> String {
         let mut text = Vec::new();
-        let table = Table::new(columns, [2.0; 6]);
+        let table = Table::new(columns, [2.0; 6], &[]);
         table.header(&mut text);
         table.rows(&frames(), &mut text);
         String::from_utf8(text).unwrap()

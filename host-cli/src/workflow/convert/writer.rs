@@ -1,12 +1,11 @@
 //! Converted frames through the low-pass to the output.
 
-use std::io::Write;
 use std::path::Path;
 
+use super::encode::{Encoded, Encoder, Output};
 use super::error::ConvertError;
 use super::frames::{ConvertedFrames, ConvertedRows};
 use super::summary::Totals;
-use super::table::Table;
 use crate::figures::WrenchTrace;
 use crate::forces::{ForcePipeline, ForceStream};
 use crate::workflow::sampling::{Rate, Sampling};
@@ -18,8 +17,8 @@ const LATE_S: f64 = 1.0;
 /// Writes frames in order, as soon as their forces are known.
 pub(super) struct Writer<'a> {
     path: &'a Path,
-    table: &'a Table,
-    out: &'a mut dyn Write,
+    encoder: &'a Encoder<'a>,
+    output: Output<'a>,
     trace: Option<&'a mut WrenchTrace>,
     stream: ForceStream,
     /// ConvertedFrames whose forces are not known yet.
@@ -34,15 +33,15 @@ pub(super) struct Writer<'a> {
 impl<'a> Writer<'a> {
     pub(super) fn new(
         path: &'a Path,
-        table: &'a Table,
+        encoder: &'a Encoder<'a>,
         pipeline: &ForcePipeline,
-        out: &'a mut dyn Write,
+        output: Output<'a>,
         trace: Option<&'a mut WrenchTrace>,
     ) -> Self {
         Self {
             path,
-            table,
-            out,
+            encoder,
+            output,
             trace,
             stream: pipeline.stream(&Axis::ALL),
             waiting: ConvertedFrames::default(),
@@ -53,17 +52,11 @@ impl<'a> Writer<'a> {
         }
     }
 
-    pub(super) fn header(&mut self) -> Result<(), ConvertError> {
-        let mut text = Vec::new();
-        self.table.header(&mut text);
-        Ok(self.out.write_all(&text)?)
-    }
-
-    /// Writes frames, as `text`.
+    /// Writes frames, as `encoded`.
     pub(super) fn write(
         &mut self,
         frames: &ConvertedFrames,
-        text: &[u8],
+        encoded: Encoded,
     ) -> Result<(), ConvertError> {
         let path = || self.path.display().to_string();
         let added = self.totals.add(frames);
@@ -71,7 +64,7 @@ impl<'a> Writer<'a> {
         if let Some(trace) = &mut self.trace {
             trace.add(&frames.time_s, &frames.wrench);
         }
-        Ok(self.out.write_all(text)?)
+        Ok(self.output.write(encoded)?)
     }
 
     /// Filters the next rows, and writes those whose forces are known by now.
@@ -107,15 +100,15 @@ impl<'a> Writer<'a> {
         };
         let wrench = answers.each_ref().map(written);
         let frames = self.waiting.take_first(wrench[0].len(), wrench);
-        let mut text = Vec::new();
-        self.table.rows(&frames, &mut text);
-        self.write(&frames, &text)
+        let encoded = self.encoder.encode(&frames)?;
+        self.write(&frames, encoded)
     }
 
     /// Writes what waits.
     pub(super) fn finish(mut self) -> Result<(Totals, Option<Rate>), ConvertError> {
         let answers = self.stream.finish()?;
         self.write_answers(&answers)?;
+        self.output.finish()?;
         Ok((self.totals, self.sampling.and_then(|sampling| sampling.rate())))
     }
 }

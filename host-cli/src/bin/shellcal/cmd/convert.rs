@@ -6,17 +6,20 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use calibration::Calibration;
 use calibration::uncertainty::HIGHEST_LEVEL;
-use log_file::{Log, ReadOptions};
+use log_file::{Log, Meaning, ReadOptions};
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::figures::{Format, WrenchTrace, trace_figure};
 use shellcal::forces::{AppliedLowPass, RowRule};
 use shellcal::output::Outputs;
-use shellcal::workflow::convert::{Columns, Conversion, ConvertOptions, ConvertSummary, convert};
+use shellcal::workflow::convert::{
+    Columns, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, OutputFormat,
+    OutputPlan, convert_to,
+};
 
 use super::frames::{ForceArgs, FrameArgs, note_rows};
-use super::mapping::MappingArgs;
+use super::mapping::{Columns as ColumnList, MappingArgs, parse_columns};
 use crate::files::{InputPath, OutputPath, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -35,17 +38,27 @@ pub(crate) struct ConvertArgs {
     #[arg(value_name = "CAL")]
     calibration: InputPath,
 
-    /// Logs, plain or gzip
+    /// Logs, of any format that is read; `-` for standard input
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
 
-    /// Write the table of one log to a file [default: standard output]
+    /// Write the table of one log to a file: .csv, .parquet, .arrow or .feather, .mat, .npy, .mcap, or `-`
+    /// [default: standard output, as CSV]
     #[arg(long, short, value_name = "FILE", conflicts_with = "output_dir")]
     output: Option<OutputPath>,
 
     /// Write a table `NAME.wrench.csv` for each log into a directory
     #[arg(long, value_name = "DIR")]
     output_dir: Option<OutputPlace>,
+
+    /// Carry other columns of the log along as they stand, by name or place, or `all` that are not
+    /// time, readings or a group
+    #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
+    keep: Option<ColumnList>,
+
+    /// The frame of reference that recordings in MCAP name
+    #[arg(long, value_name = "NAME", default_value = DEFAULT_FRAME_ID)]
+    frame_id: String,
 
     /// What to write, of t, fx, fy, fz, mx, my, mz, se (standard errors), flags [default: all there
     /// is]
@@ -147,15 +160,17 @@ impl ConvertArgs {
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
         let conversion = Conversion { log, calibration, options: &options, read };
+        let mut plan = OutputPlan { keep: self.kept(log)?, ..OutputPlan::default() };
         let summary = match target {
             Target::Stdout => {
                 let mut out = printer.stream();
-                let summary = convert(&conversion, &mut out, trace);
+                let summary = convert_to(&conversion, &plan, &mut out, trace);
                 summary.and_then(|summary| Ok(out.flush().map(|()| summary)?))
             }
             Target::File(path) => {
+                plan.format = OutputFormat::of(path, &self.frame_id)?;
                 let mut file = outputs.create(path)?;
-                let summary = convert(&conversion, &mut file, trace)?;
+                let summary = convert_to(&conversion, &plan, &mut file, trace)?;
                 file.commit()?;
                 Ok(summary)
             }
@@ -170,7 +185,13 @@ impl ConvertArgs {
             bail!("`--plot` draws one log, `{}` were given", self.logs.len());
         }
         let targets: Vec<Target> = match (&self.output, &self.output_dir) {
-            (Some(file), _) if self.logs.len() == 1 => vec![Target::File(file.to_path_buf())],
+            (Some(file), _) if file.as_os_str() == "-" && self.logs.len() == 1 => {
+                vec![Target::Stdout]
+            }
+            (Some(file), _) if self.logs.len() == 1 => {
+                OutputFormat::of(file, &self.frame_id)?;
+                vec![Target::File(file.to_path_buf())]
+            }
             (None, None) if self.logs.len() == 1 => vec![Target::Stdout],
             (_, Some(directory)) => {
                 std::fs::create_dir_all(directory)
@@ -199,6 +220,19 @@ impl ConvertArgs {
             columns: self.columns(log, calibration),
             full_scale: Some(self.full_scale.unwrap_or_else(|| full_scale(calibration))),
         }
+    }
+
+    /// The places of the columns that are carried along.
+    fn kept(&self, log: &Log) -> anyhow::Result<Vec<usize>> {
+        let Some(columns) = &self.keep else { return Ok(Vec::new()) };
+        if columns.is_word("all") && log.column_places(columns.references()).is_err() {
+            let is_other = |meaning: Meaning| {
+                !matches!(meaning, Meaning::Time(_) | Meaning::Sensor(_) | Meaning::Group)
+            };
+            let columns = log.columns().iter().enumerate();
+            return Ok(columns.filter(|(_, it)| is_other(it.meaning)).map(|(at, _)| at).collect());
+        }
+        Ok(log.column_places(columns.references())?)
     }
 
     /// Everything that log and calibration have to give, or what was asked for by name.

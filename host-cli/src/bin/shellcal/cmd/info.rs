@@ -1,6 +1,6 @@
 //! `shellcal info`: what a log is, before anything is computed from it.
 
-use log_file::{Column, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
+use log_file::{Column, FileKind, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
 use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::log_summary::{ColumnSummary, LogSummary};
@@ -96,7 +96,9 @@ struct Info {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     outliers: Vec<OutlierReport>,
     #[serde(skip)]
-    title: Format,
+    title: String,
+    #[serde(skip)]
+    compression: Option<&'static str>,
 }
 
 #[derive(Debug, Serialize)]
@@ -155,7 +157,7 @@ impl Info {
         let columns = log.columns().iter().enumerate();
         Self {
             file: log.path().display().to_string(),
-            format: format_name(log.format()),
+            format: log.table_kind().map_or(format_name(log.format()), FileKind::key),
             compressed: log.is_compressed(),
             bytes: log.bytes(),
             rows: summary.rows,
@@ -168,13 +170,14 @@ impl Info {
                 .map(|(place, column)| ColumnInfo::new(place, column, summary))
                 .collect(),
             outliers: Vec::new(),
-            title: log.format(),
+            title: log.kind(),
+            compression: log.compression(),
         }
     }
 
     fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
-        let gzip = if self.compressed { ", gzip" } else { "" };
-        printer.line(format!("{}: {}{gzip}", self.file, self.title))?;
+        let packed = self.compression.map_or_else(String::new, |name| format!(", {name}"));
+        printer.line(format!("{}: {}{packed}", self.file, self.title))?;
         let mut rows = format!("  rows      {}", self.rows);
         if let Some(repeated) = self.repeated_rows {
             let share = 100.0 * repeated as f64 / self.rows as f64;

@@ -11,6 +11,11 @@ pub(crate) struct MappingArgs {
     #[arg(long, value_name = "FORMAT")]
     pub(crate) format: Option<FormatArg>,
 
+    /// Which matrix of a MATLAB file, sheet of a workbook or topic of a recording to read [default:
+    /// the longest matrices, the first sheet, all topics]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) table: Option<String>,
+
     /// Sensor columns in channel order: names or places, `a,b,c` or `2-9`
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     pub(crate) sensors: Option<Columns>,
@@ -58,6 +63,7 @@ impl MappingArgs {
             },
         };
         Ok(Mapping {
+            table: self.table.clone(),
             format: self.format.map(Format::from),
             sensors: self.sensors.clone().map(|Columns(columns)| columns),
             wrench,
@@ -81,6 +87,18 @@ impl MappingArgs {
 /// A list of columns.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns(Vec<ColumnRef>);
+
+impl Columns {
+    /// The columns.
+    pub(crate) fn references(&self) -> &[ColumnRef] {
+        &self.0
+    }
+
+    /// Whether the list is this word alone.
+    pub(crate) fn is_word(&self, word: &str) -> bool {
+        matches!(self.0.as_slice(), [ColumnRef::Name(name)] if name == word)
+    }
+}
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum FormatArg {
@@ -157,7 +175,7 @@ pub(crate) fn parse_column(text: &str) -> Result<ColumnRef, String> {
 }
 
 /// Names and places separated by commas; `2-9` is the places 2 to 9.
-fn parse_columns(text: &str) -> Result<Columns, String> {
+pub(crate) fn parse_columns(text: &str) -> Result<Columns, String> {
     let mut columns = Vec::new();
     for item in text.split(',') {
         let ends = item.split_once('-').map(|(a, b)| (a.trim().parse(), b.trim().parse()));

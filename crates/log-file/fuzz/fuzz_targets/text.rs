@@ -1,0 +1,8 @@
+//! Any bytes as a text file as people have them (UTF-16, decimal commas, units, dates): no panic, and the
+//! same rows wherever the pieces are cut.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use log_file_fuzz::read_log;
+
+fuzz_target!(|bytes: &[u8]| read_log(bytes, None, bytes.len() % 61 + 1));

@@ -1,0 +1,162 @@
+"""Writes one recording in every kind of file that is read, by the programs that people write them with.
+
+    pip install numpy scipy polars pyarrow openpyxl mcap-ros2-support
+    python make_seeds.py
+
+The files are seeds of the fuzz targets, and what host-cli/tests/it/log_containers.rs compares.
+"""
+
+import datetime
+import gzip
+import json
+import pathlib
+
+import numpy as np
+import openpyxl
+import polars as pl
+import pyarrow.feather as feather
+import pyarrow.ipc as ipc
+import pyarrow.parquet as parquet
+import scipy.io
+from backports import zstd
+from mcap.writer import CompressionType
+from mcap_ros2.writer import Writer
+
+ROWS = 24
+SEEDS = pathlib.Path(__file__).parent / "seeds"
+AXES = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
+WRENCH_STAMPED = """std_msgs/Header header
+geometry_msgs/Wrench wrench
+===
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+===
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+===
+MSG: geometry_msgs/Wrench
+geometry_msgs/Vector3 force
+geometry_msgs/Vector3 torque
+===
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+
+random = np.random.default_rng(1)
+time = np.arange(ROWS) / 100
+readings = random.integers(500, 3500, size=(ROWS, 8))
+# Few digits, as a workbook has no more than 15.
+wrench = np.round((readings - 2000) @ random.normal(size=(8, 6)) / 1000, 4)
+groups = [f"pose {row // 6}" for row in range(ROWS)]
+table = pl.DataFrame(
+    {"t_s": time}
+    | {f"s{i + 1}": readings[:, i] for i in range(8)}
+    | {axis: wrench[:, i] for i, axis in enumerate(AXES)}
+    | {"group": groups}
+)
+names, rows = table.columns, table.rows()
+matrix = np.column_stack([time, readings, wrench])
+
+
+def at(kind, name):
+    (SEEDS / kind).mkdir(parents=True, exist_ok=True)
+    return SEEDS / kind / name
+
+
+def lines(separator, rows, text=str):
+    return "".join(separator.join(map(text, row)) + "\r\n" for row in rows)
+
+
+def german(value):
+    return str(value) if isinstance(value, str) else str(value).replace(".", ",")
+
+
+csv = table.write_csv().encode()
+at("text", "plain.csv").write_bytes(csv)
+at("text", "bom.csv").write_bytes(b"\xef\xbb\xbf" + csv)
+at("text", "german.csv").write_text(lines(";", [names]) + lines(";", rows, german), newline="")
+at("text", "german_utf16.csv").write_text(
+    lines(";", [names]) + lines(";", rows, german), encoding="utf-16", newline=""
+)
+units = ["s"] + ["counts"] * 8 + ["N"] * 3 + ["N·m"] * 3 + [""]
+at("text", "units.csv").write_text("# made by hand\n" + lines(",", [names, units, *rows]), newline="")
+start = datetime.datetime(2026, 11, 22, 10, 0, 0)
+dates = [[(start + datetime.timedelta(seconds=row[0])).isoformat(), *row[1:]] for row in rows]
+at("text", "dates.csv").write_text(
+    lines(",", [["time", *names[1:]], *dates[:5], ["# a remark"], *dates[5:]]), newline=""
+)
+np.savetxt(at("text", "savetxt.csv"), matrix, "%.17g", ",", header=",".join(names[:-1]))
+at("packed", "plain.csv.gz").write_bytes(gzip.compress(csv, mtime=0))
+half = len(csv) // 2
+at("packed", "plain.csv.zst").write_bytes(zstd.compress(csv))
+at("packed", "frames.csv.zst").write_bytes(
+    zstd.compress(csv[:half]) + b"\x50\x2a\x4d\x18\x03\0\0\0abc" + zstd.compress(csv[half:], 19)
+)
+
+arrow = table.to_arrow()
+for codec in ["zstd", "snappy", "gzip", "lz4"]:
+    table.write_parquet(at("parquet", f"polars_{codec}.parquet"), compression=codec)
+parquet.write_table(arrow, at("parquet", "snappy.parquet"))
+parquet.write_table(arrow, at("parquet", "pages_v2.parquet"), data_page_version="2.0")
+parquet.write_table(arrow, at("parquet", "groups.parquet"), row_group_size=7, use_dictionary=False)
+parquet.write_table(
+    arrow, at("parquet", "split.parquet"), use_dictionary=["group"], use_byte_stream_split=["Fx", "t_s"]
+)
+parquet.write_table(
+    arrow,
+    at("parquet", "delta.parquet"),
+    use_dictionary=False,
+    column_encoding={"s1": "DELTA_BINARY_PACKED", "s2": "DELTA_BINARY_PACKED"},
+)
+
+for codec in ["lz4", "zstd", "uncompressed"]:
+    feather.write_feather(arrow, at("arrow", f"{codec}.feather"), compression=codec)
+    table.write_ipc(at("arrow", f"polars_{codec}.arrow"), compression=codec)
+place = arrow.schema.get_field_index("group")
+words = arrow.set_column(place, "group", arrow["group"].dictionary_encode())
+feather.write_feather(words, at("arrow", "dictionary.feather"))
+with ipc.new_stream(str(at("arrow", "stream.arrows")), arrow.schema) as stream:
+    stream.write_table(arrow, max_chunksize=7)
+
+columns = {axis: wrench[:, i] for i, axis in enumerate(AXES)}
+scipy.io.savemat(at("matlab", "matrix.mat"), {"data": matrix})
+scipy.io.savemat(at("matlab", "matrix_compressed.mat"), {"data": matrix}, do_compression=True)
+scipy.io.savemat(
+    at("matlab", "vectors.mat"), {"t": time, "s": readings.astype(np.int16), "rate": 100.0, "note": "x"} | columns
+)
+np.save(at("numpy", "matrix.npy"), matrix)
+np.save(at("numpy", "by_column.npy"), np.asfortranarray(matrix))
+fields = [("t_s", "<f8"), ("s", "<u2", (8,))] + [(axis, ">f8") for axis in AXES] + [("group", "U6")]
+record = np.zeros(ROWS, dtype=fields)
+record["t_s"], record["s"], record["group"] = time, readings, groups
+for axis in AXES:
+    record[axis] = columns[axis]
+np.save(at("numpy", "records.npy"), record)
+
+workbook = openpyxl.Workbook()
+for row in [names, *rows]:
+    workbook.active.append(row)
+workbook.save(at("xlsx", "workbook.xlsx"))
+
+for codec in [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD]:
+    with open(at("mcap", f"{codec.name.lower()}.mcap"), "wb") as file:
+        writer = Writer(file, compression=codec)
+        schema = writer.register_msgdef("geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
+        json_schema = writer._writer.register_schema("readings", "jsonschema", b'{"type": "object"}')
+        channel = writer._writer.register_channel("/readings", "json", json_schema)
+        for row in range(ROWS):
+            ns = 1_700_000_000_000_000_000 + 10_000_000 * row
+            axes = [float(value) for value in wrench[row]]
+            stamp = {"sec": ns // 10**9, "nanosec": ns % 10**9}
+            message = {
+                "header": {"stamp": stamp, "frame_id": "shell"},
+                "wrench": {"force": dict(zip("xyz", axes[:3])), "torque": dict(zip("xyz", axes[3:]))},
+            }
+            writer.write_message("/wrench", schema, message, ns, ns)
+            data = {"s": [int(value) for value in readings[row]], "group": groups[row]}
+            writer._writer.add_message(channel, ns, json.dumps(data).encode(), ns)
+        writer.finish()

@@ -1,0 +1,114 @@
+//! UTF-16 as UTF-8: what Excel calls Unicode text.
+
+use std::io::{self, Read};
+
+/// The text of a stream of UTF-16, without its byte-order mark. What is no character becomes U+FFFD.
+#[derive(Debug)]
+pub(crate) struct Utf16<R> {
+    stream: R,
+    high_first: bool,
+    /// Bytes that have been read and not decoded: an odd one, half of a pair.
+    rest: Vec<u8>,
+    text: Vec<u8>,
+    at: usize,
+    has_begun: bool,
+    ended: bool,
+}
+
+impl<R: Read> Utf16<R> {
+    pub(crate) fn new(stream: R, high_first: bool) -> Self {
+        let (rest, text) = (Vec::new(), Vec::new());
+        Self { stream, high_first, rest, text, at: 0, has_begun: false, ended: false }
+    }
+
+    pub(crate) fn get_ref(&self) -> &R {
+        &self.stream
+    }
+
+    fn refill(&mut self) -> io::Result<()> {
+        self.text.clear();
+        self.at = 0;
+        let mut bytes = std::mem::take(&mut self.rest);
+        let before = bytes.len();
+        bytes.resize(1 << 15, 0);
+        let read = self.stream.read(&mut bytes[before..])?;
+        self.ended = read == 0;
+        bytes.truncate(before + read);
+        let (pairs, odd) = bytes.as_chunks::<2>();
+        let mut units: Vec<u16> = pairs
+            .iter()
+            .map(|&pair| match self.high_first {
+                true => u16::from_be_bytes(pair),
+                false => u16::from_le_bytes(pair),
+            })
+            .collect();
+        let mut left = odd.len();
+        // The first half of a pair waits for the second.
+        if !self.ended && units.last().is_some_and(|unit| (0xd800..0xdc00).contains(unit)) {
+            units.pop();
+            left += 2;
+        }
+        self.rest = bytes[bytes.len() - left..].to_vec();
+        if self.ended && left > 0 {
+            units.push(0xfffd);
+        }
+        let skip = usize::from(!self.has_begun && units.first() == Some(&0xfeff));
+        self.has_begun |= !units.is_empty();
+        for character in char::decode_utf16(units.into_iter().skip(skip)) {
+            let character = character.unwrap_or(char::REPLACEMENT_CHARACTER);
+            self.text.extend_from_slice(character.encode_utf8(&mut [0; 4]).as_bytes());
+        }
+        Ok(())
+    }
+}
+
+impl<R: Read> Read for Utf16<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while self.at == self.text.len() && !self.ended {
+            self.refill()?;
+        }
+        let count = buffer.len().min(self.text.len() - self.at);
+        buffer[..count].copy_from_slice(&self.text[self.at..][..count]);
+        self.at += count;
+        Ok(count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stream that gives a few bytes at a time.
+    struct Dripping<'a>(&'a [u8], usize);
+
+    impl Read for Dripping<'_> {
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            let count = self.1.min(buffer.len()).min(self.0.len());
+            let (now, later) = self.0.split_at(count);
+            buffer[..count].copy_from_slice(now);
+            self.0 = later;
+            Ok(count)
+        }
+    }
+
+    #[test]
+    fn characters_of_any_length_survive_cuts_anywhere() {
+        let text = "t;µs;😀\n1,5;2;3\n";
+        for high_first in [false, true] {
+            let bytes: Vec<u8> = "\u{feff}"
+                .encode_utf16()
+                .chain(text.encode_utf16())
+                .flat_map(|unit| if high_first { unit.to_be_bytes() } else { unit.to_le_bytes() })
+                .collect();
+            for step in [1, 2, 3, 5, 1000] {
+                let mut decoded = String::new();
+                let mut stream = Utf16::new(Dripping(&bytes, step), high_first);
+                stream.read_to_string(&mut decoded).unwrap();
+                assert_eq!(decoded, text, "{step}");
+            }
+        }
+        let mut decoded = String::new();
+        Utf16::new(&b"\xff\xfea\0\x01"[..], false).read_to_string(&mut decoded).unwrap();
+        assert_eq!(decoded, "a\u{fffd}", "half a character at the end");
+    }
+}

@@ -1,0 +1,72 @@
+//! How much memory a file may ask for.
+
+use crate::error::TableError;
+use crate::kind::FileKind;
+
+/// What any part of a file may take.
+const ANY: u64 = 48 << 20;
+
+/// How many times its length on disk a part may take beyond that: numbers that were measured take
+/// a third to a thirtieth of their memory when compressed.
+const RATIO: u64 = 32;
+
+/// What is unpacked of a file in all, part after part: time is a budget, too.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Unpacked(u64);
+
+impl Unpacked {
+    /// Counts `bytes` more of a file of so many bytes, before they are unpacked.
+    pub(crate) fn add(
+        &mut self,
+        kind: FileKind,
+        bytes: u64,
+        file_bytes: u64,
+    ) -> Result<(), TableError> {
+        self.0 = self.0.saturating_add(bytes);
+        check(kind, || "what is compressed".to_owned(), self.0, file_bytes.saturating_mul(16))
+            .map(drop)
+    }
+}
+
+/// The longest header, footer, directory or other description of a table.
+pub(crate) const DESCRIPTION: u64 = 16 << 20;
+
+/// The most columns of a table.
+pub(crate) const COLUMNS: usize = 4096;
+
+/// Checks that so many `bytes` may be made of a part that has `stored` bytes in the file.
+pub(crate) fn check(
+    kind: FileKind,
+    what: impl Fn() -> String,
+    bytes: u64,
+    stored: u64,
+) -> Result<usize, TableError> {
+    let limit = ANY.saturating_add(stored.saturating_mul(RATIO));
+    match usize::try_from(bytes) {
+        Ok(size) if bytes <= limit => Ok(size),
+        _ => Err(TableError::TooLarge { kind, what: what(), bytes, limit }),
+    }
+}
+
+/// Checks the length of a description.
+pub(crate) fn check_description(
+    kind: FileKind,
+    what: &str,
+    bytes: u64,
+) -> Result<usize, TableError> {
+    match usize::try_from(bytes) {
+        Ok(size) if bytes <= DESCRIPTION => Ok(size),
+        _ => Err(TableError::TooLarge { kind, what: what.to_owned(), bytes, limit: DESCRIPTION }),
+    }
+}
+
+/// Checks the number of columns.
+pub(crate) fn check_columns(kind: FileKind, columns: usize) -> Result<(), TableError> {
+    match columns <= COLUMNS {
+        true => Ok(()),
+        false => Err(TableError::Unsupported {
+            kind,
+            what: format!("{columns} columns, more than {COLUMNS}"),
+        }),
+    }
+}

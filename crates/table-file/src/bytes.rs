@@ -1,0 +1,44 @@
+//! Bytes that are taken off a slice, which may end anywhere.
+
+/// What is left of a slice.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bytes<'a> {
+    pub(crate) rest: &'a [u8],
+}
+
+macro_rules! little_endian {
+    ($($name:ident: $type:ty),*) => {$(
+        pub(crate) fn $name(&mut self) -> Option<$type> {
+            let (bytes, rest) = self.rest.split_first_chunk()?;
+            self.rest = rest;
+            Some(<$type>::from_le_bytes(*bytes))
+        }
+    )*};
+}
+
+impl<'a> Bytes<'a> {
+    pub(crate) fn new(rest: &'a [u8]) -> Self {
+        Self { rest }
+    }
+
+    /// The next `count` bytes.
+    pub(crate) fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (bytes, rest) = self.rest.split_at_checked(count)?;
+        self.rest = rest;
+        Some(bytes)
+    }
+
+    /// A text with its length before it, in 32 bits.
+    pub(crate) fn text(&mut self) -> Option<&'a str> {
+        let length = self.u32()?;
+        str::from_utf8(self.take(usize::try_from(length).ok()?)?).ok()
+    }
+
+    little_endian!(u8: u8, u16: u16, u32: u32, u64: u64, i32: i32, i64: i64, f64: f64);
+}
+
+/// Where a range of a given start and length lies in some bytes.
+pub(crate) fn part(bytes: &[u8], start: u64, length: u64) -> Option<&[u8]> {
+    let start = usize::try_from(start).ok()?;
+    bytes.get(start..)?.get(..usize::try_from(length).ok()?)
+}

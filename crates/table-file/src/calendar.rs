@@ -1,0 +1,155 @@
+//! Dates and times of the Gregorian calendar, as ISO 8601 and as seconds since 1970.
+
+/// The seconds since 1970-01-01T00:00:00Z that a date and time in ISO 8601 means, such as
+/// `2026-03-01T12:00:00.25Z`, `2026-03-01 12:00:00,25+01:00`. Without an offset it is taken as UTC.
+///
+/// `None` if it is none. The whole seconds are exact, and the sum is rounded once.
+pub fn seconds_of_iso(text: &str) -> Option<f64> {
+    let bytes = text.trim().as_bytes();
+    let (date, rest) = bytes.split_at_checked(10)?;
+    let [y1, y2, y3, y4, b'-', m1, m2, b'-', d1, d2] = *date else { return None };
+    let (year, month, day) = (digits(&[y1, y2, y3, y4])?, digits(&[m1, m2])?, digits(&[d1, d2])?);
+    if !(1..=12).contains(&month) || !(1..=days_of_month(year, month)).contains(&day) {
+        return None;
+    }
+    let midnight = days_since_1970(year, month, day) * 86_400;
+    let Some((b'T' | b't' | b' ', rest)) = rest.split_first() else {
+        return rest.is_empty().then_some(midnight as f64);
+    };
+    let (clock, rest) = rest.split_at_checked(5)?;
+    let [h1, h2, b':', n1, n2] = *clock else { return None };
+    let (hour, minute) = (digits(&[h1, h2])?, digits(&[n1, n2])?);
+    let mut seconds = midnight + hour * 3600 + minute * 60;
+    let (mut second, mut fraction, mut rest) = (0, "", rest);
+    if let [b':', s1, s2, after @ ..] = rest {
+        second = digits(&[*s1, *s2])?;
+        rest = after;
+        if let [b'.' | b',', after @ ..] = rest {
+            let length = after.iter().take_while(|byte| byte.is_ascii_digit()).count();
+            fraction = str::from_utf8(&after[..length]).ok().filter(|text| !text.is_empty())?;
+            rest = &after[length..];
+        }
+    }
+    // A leap second counts as the first second after it.
+    if hour > 23 || minute > 59 || second > 60 {
+        return None;
+    }
+    seconds += second - offset_s(rest)?;
+    if fraction.is_empty() {
+        return Some(seconds as f64);
+    }
+    match seconds {
+        // The decimal number of seconds, to be rounded once.
+        0.. => format!("{seconds}.{fraction}").parse().ok(),
+        _ => Some(seconds as f64 + format!("0.{fraction}").parse::<f64>().ok()?),
+    }
+}
+
+/// The offset from UTC that ends a time.
+fn offset_s(zone: &[u8]) -> Option<i64> {
+    let zone = zone.trim_ascii_start();
+    let (sign, zone) = match zone {
+        [] | [b'Z' | b'z'] | b"UTC" => return Some(0),
+        [b'+', zone @ ..] => (1, zone),
+        [b'-', zone @ ..] => (-1, zone),
+        _ => return None,
+    };
+    let (hours, minutes) = match *zone {
+        [h1, h2] => (digits(&[h1, h2])?, 0),
+        [h1, h2, m1, m2] | [h1, h2, b':', m1, m2] => (digits(&[h1, h2])?, digits(&[m1, m2])?),
+        _ => return None,
+    };
+    (hours <= 23 && minutes <= 59).then_some(sign * (hours * 3600 + minutes * 60))
+}
+
+fn digits(bytes: &[u8]) -> Option<i64> {
+    bytes.iter().try_fold(0, |value, byte| {
+        byte.is_ascii_digit().then(|| 10 * value + i64::from(byte - b'0'))
+    })
+}
+
+fn days_of_month(year: i64, month: i64) -> i64 {
+    match month {
+        2 if year % 4 == 0 && (year % 100 != 0 || year % 400 == 0) => 29,
+        2 => 28,
+        4 | 6 | 9 | 11 => 30,
+        _ => 31,
+    }
+}
+
+/// Days from 1970-01-01 to a date, by eras of 400 years that begin on 1 March.
+fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
+    let year = year - i64::from(month <= 2);
+    let (era, of_era) = (year.div_euclid(400), year.rem_euclid(400));
+    let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
+    era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468
+}
+
+/// The date and time at `units` of which `per_second` make a second, since 1970, in ISO 8601.
+pub(crate) fn iso_of(units: i64, per_second: i64) -> String {
+    let (seconds, part) = (units.div_euclid(per_second), units.rem_euclid(per_second));
+    let (days, second) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));
+    let days = days.saturating_add(719_468);
+    let (era, of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
+    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    let month = if month < 10 { month + 3 } else { month - 9 };
+    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
+    let mut text = format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}");
+    if part != 0 {
+        let digits = per_second.ilog10() as usize;
+        text.push_str(&format!(".{part:0digits$}"));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Times from `date -u -d … +%s`.
+    #[test]
+    fn times_are_those_of_the_calendar() {
+        for (text, expected) in [
+            ("1970-01-01", 0.0),
+            ("1970-01-01T00:00:00Z", 0.0),
+            ("2000-02-29T12:34:56", 951_827_696.0),
+            ("2026-11-22 10:41:49.25", 1_795_344_109.25),
+            ("2026-11-22T11:41:49,250+01:00", 1_795_344_109.25),
+            ("2026-11-22T05:11:49-0530", 1_795_344_109.0),
+            ("1969-12-31T23:59:59.5Z", -0.5),
+            ("2026-11-22T10:41", 1_795_344_060.0),
+        ] {
+            assert_eq!(seconds_of_iso(text), Some(expected), "{text}");
+        }
+        for text in [
+            "",
+            "2026",
+            "2026-13-01",
+            "2025-02-29",
+            "2026-11-22T25:00:00",
+            "22.11.2026",
+            "2026-11-22T10:41:49.",
+            "2026-11-22T10:41:49X",
+            "2026-11-22x",
+        ] {
+            assert_eq!(seconds_of_iso(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        for seconds in [0, 1, 951_827_696, 1_795_344_109, -1, -86_400 * 365 * 200, 253_402_300_799]
+        {
+            assert_eq!(seconds_of_iso(&iso_of(seconds, 1)), Some(seconds as f64), "{seconds}");
+        }
+        assert_eq!(
+            iso_of(1_795_344_109_000_000_001, 1_000_000_000),
+            "2026-11-22T10:41:49.000000001"
+        );
+        assert_eq!(iso_of(-500, 1000), "1969-12-31T23:59:59.500");
+    }
+}

@@ -1,0 +1,86 @@
+//! Numbers as files hold them.
+
+use crate::table::Cell;
+
+/// The type of a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Element {
+    Half,
+    Single,
+    Double,
+    /// Of 1, 2, 4 or 8 bytes.
+    Signed(u8),
+    Unsigned(u8),
+}
+
+impl Element {
+    pub(crate) fn size(self) -> usize {
+        match self {
+            Self::Half => 2,
+            Self::Single => 4,
+            Self::Double => 8,
+            Self::Signed(size) | Self::Unsigned(size) => usize::from(size),
+        }
+    }
+
+    /// The number in `bytes`, of which there are as many as it has.
+    pub(crate) fn cell(self, bytes: &[u8], is_little: bool) -> Cell {
+        // In the lowest bytes of a word.
+        let mut word = [0; 8];
+        for (at, &byte) in bytes.iter().take(8).enumerate() {
+            word[if is_little { at } else { bytes.len().min(8) - 1 - at }] = byte;
+        }
+        let bits = u64::from_le_bytes(word);
+        match self {
+            Self::Double => Cell::Real(f64::from_bits(bits)),
+            Self::Single => Cell::Real(f64::from(f32::from_bits(bits as u32))),
+            Self::Half => Cell::Real(half(bits as u16)),
+            Self::Signed(size) => {
+                let unused = 64 - 8 * u32::from(size);
+                Cell::Whole((bits << unused) as i64 >> unused)
+            }
+            Self::Unsigned(_) => match i64::try_from(bits) {
+                Ok(whole) => Cell::Whole(whole),
+                Err(_) => Cell::Real(bits as f64),
+            },
+        }
+    }
+}
+
+/// A number of half precision (IEEE 754 binary16).
+pub(crate) fn half(bits: u16) -> f64 {
+    let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
+    let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f64::from(bits & 0x3ff));
+    sign * match exponent {
+        0 => fraction * 2_f64.powi(-24),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        _ => (1.0 + fraction / 1024.0) * 2_f64.powi(exponent - 15),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_those_of_their_bytes_in_either_order() {
+        for (element, little, expected) in [
+            (Element::Double, 0.1_f64.to_le_bytes().to_vec(), Cell::Real(0.1)),
+            (Element::Single, 0.1_f32.to_le_bytes().to_vec(), Cell::Real(f64::from(0.1_f32))),
+            (Element::Signed(2), (-7_i16).to_le_bytes().to_vec(), Cell::Whole(-7)),
+            (Element::Signed(8), i64::MIN.to_le_bytes().to_vec(), Cell::Whole(i64::MIN)),
+            (Element::Unsigned(1), vec![255], Cell::Whole(255)),
+            (Element::Unsigned(8), vec![255; 8], Cell::Real(18_446_744_073_709_551_615.0)),
+            // 1, −2, 2⁻²⁴ and 65504 by the standard's table.
+            (Element::Half, vec![0x00, 0x3c], Cell::Real(1.0)),
+            (Element::Half, vec![0x00, 0xc0], Cell::Real(-2.0)),
+            (Element::Half, vec![0x01, 0x00], Cell::Real(2_f64.powi(-24))),
+            (Element::Half, vec![0xff, 0x7b], Cell::Real(65504.0)),
+        ] {
+            assert_eq!(element.cell(&little, true), expected);
+            let big: Vec<u8> = little.into_iter().rev().collect();
+            assert_eq!(element.cell(&big, false), expected);
+        }
+    }
+}

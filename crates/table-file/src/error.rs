@@ -1,0 +1,66 @@
+//! Why a table cannot be read.
+
+use std::io;
+
+use crate::kind::FileKind;
+
+/// A table that cannot be read. The file is named by whoever reports it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TableError {
+    /// The file cannot be read.
+    #[error("cannot read the file")]
+    Io(#[from] io::Error),
+    /// The file is cut short or contradicts itself.
+    #[error("a damaged {kind}: {what}")]
+    Damaged {
+        /// The kind of file.
+        kind: FileKind,
+        /// What is wrong, and where.
+        what: String,
+    },
+    /// The file is right but holds what is not read here.
+    #[error("{} that is not read: {what}", kind.with_article())]
+    Unsupported {
+        /// The kind of file.
+        kind: FileKind,
+        /// What it holds.
+        what: String,
+    },
+    /// The file takes more memory than any log of its length does.
+    #[error(
+        "{} that is not read: {what} takes {bytes} bytes, more than the {limit} allowed",
+        kind.with_article()
+    )]
+    TooLarge {
+        /// The kind of file.
+        kind: FileKind,
+        /// Which part.
+        what: String,
+        /// What it takes.
+        bytes: u64,
+        /// What is allowed.
+        limit: u64,
+    },
+    /// The file holds several tables, or none of the name asked for.
+    #[error(
+        "{} {}; it has {}",
+        kind.with_article(),
+        match wanted { Some(name) => format!("without a {part} `{name}`"), None => format!("with more than one {part}") },
+        if found.is_empty() { "none".to_owned() } else { quoted(found) }
+    )]
+    Choice {
+        /// The kind of file.
+        kind: FileKind,
+        /// What a table is called in it.
+        part: &'static str,
+        /// The name that was asked for.
+        wanted: Option<String>,
+        /// The names there are.
+        found: Vec<String>,
+    },
+}
+
+fn quoted(names: &[String]) -> String {
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+}

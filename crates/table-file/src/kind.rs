@@ -1,0 +1,210 @@
+//! What a file is, from its first bytes.
+
+use std::fmt;
+
+/// A kind of file whose tables can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum FileKind {
+    /// Arrow IPC, which is also Feather version 2: a file or a stream.
+    Arrow,
+    /// MATLAB, level 5.
+    Matlab,
+    /// MCAP, a recording of messages.
+    Mcap,
+    /// An array of NumPy.
+    NumPy,
+    /// Parquet.
+    Parquet,
+    /// A workbook of Excel.
+    Xlsx,
+}
+
+impl FileKind {
+    /// What people call it, with an article.
+    pub(crate) fn with_article(self) -> String {
+        let article = match self {
+            Self::Arrow | Self::Mcap | Self::Xlsx => "an",
+            Self::Matlab | Self::NumPy | Self::Parquet => "a",
+        };
+        format!("{article} {self}")
+    }
+
+    /// Its name in documents.
+    pub const fn key(self) -> &'static str {
+        match self {
+            Self::Arrow => "arrow",
+            Self::Matlab => "matlab",
+            Self::Mcap => "mcap",
+            Self::NumPy => "numpy",
+            Self::Parquet => "parquet",
+            Self::Xlsx => "xlsx",
+        }
+    }
+}
+
+impl fmt::Display for FileKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Arrow => "Arrow file",
+            Self::Matlab => "MATLAB 5 file",
+            Self::Mcap => "MCAP file",
+            Self::NumPy => "NumPy file",
+            Self::Parquet => "Parquet file",
+            Self::Xlsx => "Excel workbook",
+        })
+    }
+}
+
+/// What the first bytes of a file say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Recognised {
+    /// A table.
+    Table(FileKind),
+    /// A file of a known kind that is not read: what it is, and what to do with it.
+    Foreign {
+        /// What it is, with an article.
+        what: &'static str,
+        /// What to do with it.
+        remedy: &'static str,
+    },
+    /// Text, compressed or not, or something unknown.
+    Unknown,
+}
+
+/// As many bytes from the start of a file as [`recognise`] looks at.
+pub const RECOGNISED_BYTES: usize = 2048;
+
+const EXPORT: &str = "export the table as CSV or Parquet";
+const UNPACK: &str = "unpack it, or compress with gzip or zstd";
+const NO_TABLE: &str = "give the table that it was made of";
+
+/// Kinds that are not read, by how they begin.
+const FOREIGN: [(&[u8], &str, &str); 25] = [
+    (
+        b"MATLAB 7.3",
+        "a MATLAB 7.3 file (HDF5)",
+        "save it in MATLAB with `save(…, '-v7')`, or in Python with `scipy.io.savemat`",
+    ),
+    (
+        b"\x89HDF\r\n\x1a\n",
+        "an HDF5 file",
+        "export the table, in Python with `pandas.read_hdf(…).to_parquet(…)`",
+    ),
+    (b"FEA1", "a Feather file of version 1", "write it again with `version=2`"),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", "save it as .xlsx or CSV"),
+    (
+        b"SQLite format 3\0",
+        "an SQLite database",
+        "convert a ROS 2 recording with `ros2 bag convert` to MCAP, or export the table",
+    ),
+    (b"#ROSBAG V", "a ROS 1 recording", "convert it to MCAP with `mcap convert`"),
+    (b"TDSm", "a LabVIEW TDMS file", EXPORT),
+    (b"ULog\x01\x12\x35", "a PX4 ULog file", EXPORT),
+    (b"MDF ", "an MDF measurement file", EXPORT),
+    (b"\x80\x02", "a Python pickle", EXPORT),
+    (b"\x80\x03", "a Python pickle", EXPORT),
+    (b"\x80\x04\x95", "a Python pickle", EXPORT),
+    (b"\x80\x05\x95", "a Python pickle", EXPORT),
+    (b"RDX", "an R data file", EXPORT),
+    (b"Obj\x01", "an Avro file", EXPORT),
+    (b"ORC", "an ORC file", EXPORT),
+    (b"\xfd7zXZ\0", "compressed with xz", UNPACK),
+    (b"BZh", "compressed with bzip2", UNPACK),
+    (b"\x04\x22\x4d\x18", "compressed with lz4", UNPACK),
+    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
+    (b"Rar!\x1a\x07", "a RAR archive", UNPACK),
+    (b"%PDF-", "a PDF document", NO_TABLE),
+    (b"\x89PNG\r\n\x1a\n", "a PNG picture", NO_TABLE),
+    (b"\xff\xd8\xff", "a JPEG picture", NO_TABLE),
+    (b"\x7fELF", "a program", NO_TABLE),
+];
+
+/// Tells what a file is by its first [`RECOGNISED_BYTES`], or all if it has fewer.
+pub fn recognise(head: &[u8]) -> Recognised {
+    if head.starts_with(b"MATLAB 5.0 MAT-file")
+        || matches!(head.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
+    {
+        return Recognised::Table(FileKind::Matlab);
+    }
+    for (start, kind) in [
+        (&b"PAR1"[..], FileKind::Parquet),
+        (b"ARROW1", FileKind::Arrow),
+        (b"\x93NUMPY", FileKind::NumPy),
+        (b"\x89MCAP0\r\n", FileKind::Mcap),
+    ] {
+        if head.starts_with(start) {
+            return Recognised::Table(kind);
+        }
+    }
+    // A stream of Arrow begins with the mark of a message and its length.
+    if let Some([0xff, 0xff, 0xff, 0xff, _, _, length, 0]) = head.get(..8)
+        && *length < 16
+    {
+        return Recognised::Table(FileKind::Arrow);
+    }
+    if head.starts_with(b"PK\x03\x04") {
+        return archive(head);
+    }
+    let foreign = FOREIGN.iter().find(|(start, ..)| head.starts_with(start));
+    foreign.map_or(Recognised::Unknown, |&(_, what, remedy)| Recognised::Foreign { what, remedy })
+}
+
+/// A zip archive, by the name of the first file in it and what follows.
+fn archive(head: &[u8]) -> Recognised {
+    let has = |name: &[u8]| head.windows(name.len()).any(|window| window == name);
+    let foreign = |what, remedy| Recognised::Foreign { what, remedy };
+    if has(b"opendocument.spreadsheet") {
+        return foreign("an OpenDocument spreadsheet", "save it as .xlsx or CSV");
+    }
+    if has(b"xl/workbook.bin") {
+        return foreign("a binary Excel workbook (.xlsb)", "save it as .xlsx or CSV");
+    }
+    if has(b"[Content_Types].xml") || has(b"xl/") || has(b"_rels/.rels") || has(b"docProps/") {
+        return Recognised::Table(FileKind::Xlsx);
+    }
+    if has(b".npy") {
+        return foreign(
+            "an archive of NumPy arrays (.npz)",
+            "save the table with `numpy.save` as .npy",
+        );
+    }
+    foreign("a zip archive", UNPACK)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_known_by_how_they_begin() {
+        use Recognised::{Table, Unknown};
+        let mut untitled = vec![b' '; 124];
+        untitled.extend([0, 1, b'I', b'M']);
+        for (head, expected) in [
+            (&b"PAR1\x15"[..], Table(FileKind::Parquet)),
+            (b"ARROW1\0\0", Table(FileKind::Arrow)),
+            (b"\xff\xff\xff\xff\x10\x02\0\0", Table(FileKind::Arrow)),
+            (b"\x93NUMPY\x01\0", Table(FileKind::NumPy)),
+            (b"\x89MCAP0\r\n", Table(FileKind::Mcap)),
+            (b"MATLAB 5.0 MAT-file, ", Table(FileKind::Matlab)),
+            (&untitled, Table(FileKind::Matlab)),
+            (b"PK\x03\x04....[Content_Types].xml", Table(FileKind::Xlsx)),
+            (b"t_s,s1,s2\n", Unknown),
+            (b"\x1f\x8b\x08", Unknown),
+            (b"", Unknown),
+        ] {
+            assert_eq!(recognise(head), expected, "{head:?}");
+        }
+        for (head, expected) in [
+            (&b"\x89HDF\r\n\x1a\n"[..], "an HDF5 file"),
+            (b"MATLAB 7.3 MAT-file", "a MATLAB 7.3 file (HDF5)"),
+            (b"PK\x03\x04....arr_0.npy", "an archive of NumPy arrays (.npz)"),
+            (b"PK\x03\x04....notes.txt", "a zip archive"),
+            (b"SQLite format 3\0", "an SQLite database"),
+        ] {
+            let Recognised::Foreign { what, .. } = recognise(head) else { panic!("{expected}") };
+            assert_eq!(what, expected);
+        }
+    }
+}

@@ -1,0 +1,40 @@
+//! Tables in binary files, read row by row.
+//!
+//! [`recognise`] tells from the first bytes what a file is. [`Table::open`] finds its columns,
+//! [`Table::rows`] streams its rows, in memory that does not grow with their number, and
+//! [`TableText`] gives them as the text of a CSV file: what reads text logs reads these as well,
+//! to the same bits, as every number is written with the digits that read back as the same.
+//!
+//! Files are not trusted: what a file says about its sizes is checked against a budget before
+//! memory is taken, and damage is an error that names the place. No unsafe code.
+
+#![forbid(unsafe_code)]
+
+mod arrow;
+mod budget;
+mod bytes;
+mod calendar;
+mod codec;
+mod element;
+mod error;
+mod flatbuffer;
+mod kind;
+mod mat5;
+mod mcap;
+mod npy;
+mod parquet;
+mod python_literal;
+mod table;
+mod text;
+mod thrift;
+pub mod write;
+mod xlsx;
+mod xml;
+mod zip;
+
+pub use calendar::seconds_of_iso;
+pub use error::TableError;
+pub use kind::{FileKind, RECOGNISED_BYTES, Recognised, recognise};
+pub use mat5::{Array, arrays, arrays_of_log};
+pub use table::{Cell, Numbering, Table};
+pub use text::TableText;

@@ -1,0 +1,138 @@
+//! Messages as named values.
+
+use serde_json::Value;
+
+use crate::bytes::Bytes;
+use crate::table::Cell;
+
+/// How messages of a topic are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// `geometry_msgs/WrenchStamped` as ROS 2 sends it (CDR), or ROS 1.
+    WrenchStamped {
+        is_ros1: bool,
+    },
+    /// `geometry_msgs/Wrench`, likewise.
+    Wrench {
+        is_ros1: bool,
+    },
+    Json,
+}
+
+/// A message.
+pub(super) struct Message {
+    /// When it was measured, in ns, if it says so.
+    pub(super) stamp_ns: Option<u64>,
+    pub(super) columns: Vec<(String, Cell)>,
+}
+
+const AXES: [&str; 6] = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
+
+/// How deep JSON may be nested.
+const DEPTH: usize = 8;
+
+impl Kind {
+    /// `None` where such messages are not read.
+    pub(super) fn of(schema: &str, encoding: &str) -> Option<Self> {
+        let is_ros1 = match encoding {
+            "json" => return Some(Self::Json),
+            "cdr" => false,
+            "ros1" => true,
+            _ => return None,
+        };
+        match schema.replace("/msg/", "/").as_str() {
+            "geometry_msgs/WrenchStamped" => Some(Self::WrenchStamped { is_ros1 }),
+            "geometry_msgs/Wrench" => Some(Self::Wrench { is_ros1 }),
+            _ => None,
+        }
+    }
+
+    /// What is wrong with a message is said in words.
+    pub(super) fn decode(self, data: &[u8]) -> Result<Message, String> {
+        match self {
+            Self::Json => {
+                let value: Value =
+                    serde_json::from_slice(data).map_err(|error| error.to_string())?;
+                let Value::Object(_) = value else { return Err("expected an object".to_owned()) };
+                let mut columns = Vec::new();
+                flatten(String::new(), value, DEPTH, &mut columns)?;
+                Ok(Message { stamp_ns: None, columns })
+            }
+            Self::WrenchStamped { is_ros1 } => {
+                wrench(data, is_ros1, true).ok_or_else(|| "no `WrenchStamped`".to_owned())
+            }
+            Self::Wrench { is_ros1 } => {
+                wrench(data, is_ros1, false).ok_or_else(|| "no `Wrench`".to_owned())
+            }
+        }
+    }
+}
+
+/// Force and torque, after a header or not.
+fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
+    let mut bytes = Bytes::new(data);
+    // CDR begins with the order of bytes; all that ROS runs on has the lowest first.
+    if !is_ros1 && !matches!(bytes.take(4)?, [0, 1, _, _]) {
+        return None;
+    }
+    let before = bytes.rest.len();
+    let mut stamp_ns = None;
+    if is_stamped {
+        if is_ros1 {
+            bytes.u32()?;
+        }
+        let (seconds, nanoseconds) = (bytes.u32()?, bytes.u32()?);
+        stamp_ns = Some(u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds));
+        let length = usize::try_from(bytes.u32()?).ok()?;
+        bytes.take(length)?;
+        if !is_ros1 {
+            // Doubles stand at multiples of eight bytes.
+            let read = before - bytes.rest.len();
+            bytes.take(read.next_multiple_of(8) - read)?;
+        }
+    }
+    let mut columns = Vec::with_capacity(AXES.len());
+    for name in AXES {
+        columns.push((name.to_owned(), Cell::Real(bytes.f64()?)));
+    }
+    Some(Message { stamp_ns, columns })
+}
+
+/// Adds the values in an object or list: `outer.inner`, and the places in a list from 1.
+fn flatten(
+    name: String,
+    value: Value,
+    depth: usize,
+    columns: &mut Vec<(String, Cell)>,
+) -> Result<(), String> {
+    let cell = match value {
+        Value::Null => Cell::Missing,
+        Value::Bool(truth) => Cell::Whole(i64::from(truth)),
+        Value::Number(number) => match number.as_i64() {
+            Some(whole) => Cell::Whole(whole),
+            None => Cell::Real(number.as_f64().unwrap_or(f64::NAN)),
+        },
+        Value::String(text) => Cell::Text(text),
+        Value::Array(_) | Value::Object(_) if depth == 0 => {
+            return Err(format!("`{name}` is nested more than {DEPTH} deep"));
+        }
+        Value::Array(values) => {
+            for (place, value) in values.into_iter().enumerate() {
+                flatten(format!("{name}{}", place + 1), value, depth - 1, columns)?;
+            }
+            return Ok(());
+        }
+        Value::Object(entries) => {
+            for (key, value) in entries {
+                let name = if name.is_empty() { key } else { format!("{name}.{key}") };
+                flatten(name, value, depth - 1, columns)?;
+            }
+            return Ok(());
+        }
+    };
+    if columns.len() >= crate::budget::COLUMNS {
+        return Err(format!("more than {} values", crate::budget::COLUMNS));
+    }
+    columns.push((name, cell));
+    Ok(())
+}

@@ -1,0 +1,260 @@
+//! Recordings in MCAP ("MCAP File Format Specification"): wrenches of ROS (`WrenchStamped` and
+//! `Wrench`) and messages in JSON, as one table.
+//!
+//! Messages of several topics with the same log time make one row. The first pass finds the topics
+//! and the names in their JSON, the second gives the rows.
+
+mod message;
+mod records;
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use self::message::Kind;
+use self::records::{Record, Records};
+use crate::budget;
+use crate::error::TableError;
+use crate::kind::FileKind;
+use crate::table::{Batch, Cell, Layout, Rows, batch_rows};
+
+const KIND: FileKind = FileKind::Mcap;
+
+/// How many rows may wait for messages of other topics.
+const WAITING: usize = 4096;
+
+fn damaged(what: impl Into<String>) -> TableError {
+    TableError::Damaged { kind: KIND, what: what.into() }
+}
+
+fn unsupported(what: impl Into<String>) -> TableError {
+    TableError::Unsupported { kind: KIND, what: what.into() }
+}
+
+/// A table in a recording.
+#[derive(Debug)]
+struct Recording {
+    path: PathBuf,
+    topics: Arc<Vec<Topic>>,
+    names: Vec<String>,
+    /// Whether time is that in the messages, not when they were logged.
+    by_stamp: bool,
+}
+
+/// A topic whose messages are read.
+#[derive(Clone, Debug)]
+struct Topic {
+    /// One number for each channel.
+    channels: Vec<u16>,
+    name: String,
+    kind: Kind,
+    /// The names of its columns, the first of which is at `start`.
+    columns: Vec<String>,
+    start: usize,
+}
+
+pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, TableError> {
+    let mut records = Records::open(path)?;
+    let mut schemas = HashMap::new();
+    let mut topics: Vec<Topic> = Vec::new();
+    let mut others = Vec::new();
+    let mut by_stamp = false;
+    while let Some(record) = records.next()? {
+        match record {
+            Record::Schema { id, name } => drop(schemas.insert(id, name)),
+            Record::Channel { id, schema, topic, encoding } => {
+                let schema = schemas.get(&schema).map_or("", String::as_str);
+                let known = topics.iter_mut().find(|known| known.name == topic);
+                match (known, Kind::of(schema, &encoding)) {
+                    (Some(known), Some(kind)) if known.kind == kind => known.channels.push(id),
+                    (_, Some(kind)) => {
+                        let (columns, start) = (Vec::new(), 0);
+                        topics.push(Topic {
+                            channels: vec![id],
+                            name: topic,
+                            kind,
+                            columns,
+                            start,
+                        });
+                        budget::check_columns(KIND, topics.len())?;
+                    }
+                    (_, None) => others.push(topic),
+                }
+                // The same channels are listed in every chunk.
+                topics.iter_mut().for_each(|topic| {
+                    topic.channels.sort_unstable();
+                    topic.channels.dedup();
+                });
+                if others.len() > budget::COLUMNS {
+                    others.dedup();
+                    budget::check_columns(KIND, others.len())?;
+                }
+            }
+            Record::Message { channel, log_time, data } => {
+                let topic = topics.iter_mut().find(|topic| topic.channels.contains(&channel));
+                let Some(topic) = topic.filter(|topic| topic.columns.is_empty()) else { continue };
+                let message =
+                    topic.kind.decode(&data).map_err(|what| wrong(topic, log_time, &what))?;
+                topic.columns = message.columns.into_iter().map(|(name, _)| name).collect();
+                budget::check_columns(KIND, topic.columns.len())?;
+                by_stamp |= message.stamp_ns.is_some_and(|stamp| stamp > 0);
+            }
+        }
+    }
+    let found: Vec<String> = topics.iter().map(|topic| topic.name.clone()).collect();
+    topics.retain(|topic| !topic.columns.is_empty() && part.is_none_or(|part| topic.name == part));
+    let choice = |part_name, wanted: Option<&str>, found| {
+        let wanted = wanted.map(str::to_owned);
+        TableError::Choice { kind: KIND, part: part_name, wanted, found }
+    };
+    if topics.is_empty() && part.is_none() {
+        others.sort();
+        others.dedup();
+        return Err(unsupported(format!(
+            "no messages of type geometry_msgs/msg/WrenchStamped or in JSON; its topics are {others:?}"
+        )));
+    }
+    if topics.is_empty() {
+        return Err(choice("topic", part, found));
+    }
+    let wrenches: Vec<String> = topics
+        .iter()
+        .filter(|topic| topic.kind != Kind::Json)
+        .map(|topic| topic.name.clone())
+        .collect();
+    if wrenches.len() > 1 {
+        return Err(choice("topic of wrenches", None, wrenches));
+    }
+    let mut names = vec!["t_s".to_owned()];
+    for topic in &mut topics {
+        topic.start = names.len();
+        names.extend(topic.columns.iter().cloned());
+    }
+    budget::check_columns(KIND, names.len())?;
+    let is_time = |name: &String| {
+        ["t", "time", "timestamp", "t_s", "time_s", "t_us", "time_us"]
+            .contains(&&*name.to_lowercase())
+    };
+    if names[1..].iter().any(is_time) {
+        "log_time".clone_into(&mut names[0]);
+    }
+    Ok(Arc::new(Recording { path: path.to_owned(), topics: Arc::new(topics), names, by_stamp }))
+}
+
+fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
+    damaged(format!("topic `{}`, the message at {} s: {what}", topic.name, seconds(log_time)))
+}
+
+/// The decimal number of seconds.
+fn seconds(ns: u64) -> String {
+    format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
+}
+
+impl Layout for Recording {
+    fn names(&self) -> Option<&[String]> {
+        Some(&self.names)
+    }
+
+    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+        Ok(Box::new(RecordingRows {
+            records: Records::open(&self.path)?,
+            topics: Arc::clone(&self.topics),
+            columns: self.names.len(),
+            by_stamp: self.by_stamp,
+            waiting: BTreeMap::new(),
+        }))
+    }
+}
+
+struct RecordingRows {
+    records: Records,
+    topics: Arc<Vec<Topic>>,
+    columns: usize,
+    by_stamp: bool,
+    /// Rows that some topics have not given a message for, by log time.
+    waiting: BTreeMap<u64, Waiting>,
+}
+
+struct Waiting {
+    cells: Vec<Cell>,
+    given: Vec<bool>,
+}
+
+impl Rows for RecordingRows {
+    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+        batch.resize_with(self.columns, Vec::new);
+        batch.iter_mut().for_each(Vec::clear);
+        let rows = batch_rows(self.columns);
+        while batch[0].len() < rows {
+            let Some(record) = self.records.next()? else {
+                // A recording may end between two messages of a row.
+                if self.waiting.len() > 1 {
+                    return Err(self.apart());
+                }
+                return Ok(!batch[0].is_empty());
+            };
+            let Record::Message { channel, log_time, data } = record else { continue };
+            let topics = Arc::clone(&self.topics);
+            let at = topics.iter().position(|topic| topic.channels.contains(&channel));
+            let Some(at) = at else { continue };
+            self.add(&topics[at], at, log_time, &data)?;
+            let is_whole = |row: &Waiting| row.given.iter().all(|given| *given);
+            if self.waiting.get(&log_time).is_some_and(is_whole)
+                && let Some(row) = self.waiting.remove(&log_time)
+            {
+                batch.iter_mut().zip(row.cells).for_each(|(column, cell)| column.push(cell));
+            }
+            if self.waiting.len() > WAITING {
+                return Err(self.apart());
+            }
+        }
+        Ok(true)
+    }
+}
+
+impl RecordingRows {
+    fn add(
+        &mut self,
+        topic: &Topic,
+        at: usize,
+        log_time: u64,
+        data: &[u8],
+    ) -> Result<(), TableError> {
+        let message = topic.kind.decode(data).map_err(|what| wrong(topic, log_time, &what))?;
+        let (columns, topics) = (self.columns, self.topics.len());
+        let row = self.waiting.entry(log_time).or_insert_with(|| {
+            let mut cells = vec![Cell::Missing; columns];
+            cells[0] = Cell::Text(seconds(log_time));
+            Waiting { cells, given: vec![false; topics] }
+        });
+        if std::mem::replace(&mut row.given[at], true) {
+            return Err(unsupported(format!(
+                "topic `{}` has several messages at {} s",
+                topic.name,
+                seconds(log_time)
+            )));
+        }
+        if let (true, Some(stamp)) = (self.by_stamp, message.stamp_ns) {
+            row.cells[0] = Cell::Text(seconds(stamp));
+        }
+        let mut values = message.columns;
+        for (place, name) in topic.columns.iter().enumerate() {
+            // As a rule in the same order.
+            let is_same = |entry: &(String, Cell)| entry.0 == *name;
+            let found = match values.get(place).is_some_and(is_same) {
+                true => Some(place),
+                false => values.iter().position(is_same),
+            };
+            if let Some(found) = found {
+                row.cells[topic.start + place] = std::mem::take(&mut values[found].1);
+            }
+        }
+        Ok(())
+    }
+
+    /// The error of topics that have no rows in common.
+    fn apart(&self) -> TableError {
+        let names: Vec<&str> = self.topics.iter().map(|topic| topic.name.as_str()).collect();
+        unsupported(format!("its topics {names:?} were logged at times of their own: choose one"))
+    }
+}

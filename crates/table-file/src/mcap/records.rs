@@ -1,0 +1,184 @@
+//! The records of a recording, within chunks or not, one after the other.
+
+use std::fs::File;
+use std::io::{BufReader, ErrorKind, Read};
+use std::path::Path;
+
+use super::{KIND, damaged, unsupported};
+use crate::budget::{self, Unpacked};
+use crate::bytes::Bytes;
+use crate::codec::{Codec, unpack};
+use crate::error::TableError;
+
+/// A record that says something about messages.
+pub(super) enum Record {
+    Schema { id: u16, name: String },
+    Channel { id: u16, schema: u16, topic: String, encoding: String },
+    Message { channel: u16, log_time: u64, data: Vec<u8> },
+}
+
+/// The largest message that is read.
+const MESSAGE: u64 = 16 << 20;
+
+const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
+
+/// The records of a file.
+pub(super) struct Records {
+    file: BufReader<File>,
+    at: u64,
+    length: u64,
+    /// What is left of a chunk.
+    chunk: Vec<u8>,
+    in_chunk: usize,
+    unpacked: Unpacked,
+    ended: bool,
+}
+
+impl Records {
+    pub(super) fn open(path: &Path) -> Result<Self, TableError> {
+        let file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let file = BufReader::with_capacity(1 << 16, file);
+        let (chunk, unpacked) = (Vec::new(), Unpacked::default());
+        let mut records = Self { file, at: 0, length, chunk, in_chunk: 0, unpacked, ended: false };
+        let mut magic = [0; 8];
+        records.read(&mut magic)?;
+        match magic == MAGIC {
+            true => Ok(records),
+            false => Err(damaged("it does not begin as one")),
+        }
+    }
+
+    fn read(&mut self, bytes: &mut [u8]) -> Result<(), TableError> {
+        self.file.read_exact(bytes).map_err(|error| match error.kind() {
+            ErrorKind::UnexpectedEof => damaged(format!("it is cut off at byte {}", self.at)),
+            _ => TableError::Io(error),
+        })?;
+        self.at += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// The next record of interest; `None` at the end of the messages.
+    pub(super) fn next(&mut self) -> Result<Option<Record>, TableError> {
+        loop {
+            if let Some(rest) = self.chunk.get(self.in_chunk..).filter(|rest| !rest.is_empty()) {
+                let cut = || damaged(format!("a record in the chunk before byte {}", self.at));
+                let mut bytes = Bytes::new(rest);
+                let kind = bytes.u8().ok_or_else(cut)?;
+                let length = bytes.u64().and_then(|length| usize::try_from(length).ok());
+                let content = length.and_then(|length| bytes.take(length)).ok_or_else(cut)?;
+                let record = record(kind, content).ok_or_else(cut)?;
+                self.in_chunk = self.chunk.len() - bytes.rest.len();
+                if let Some(record) = record {
+                    return Ok(Some(record));
+                }
+                continue;
+            }
+            if self.ended {
+                return Ok(None);
+            }
+            if let Some(record) = self.next_at_top()? {
+                return Ok(Some(record));
+            }
+        }
+    }
+
+    /// The next record outside chunks, if it is of interest.
+    fn next_at_top(&mut self) -> Result<Option<Record>, TableError> {
+        let at = self.at;
+        let mut head = [0; 9];
+        self.read(&mut head)?;
+        let kind = head[0];
+        let length = Bytes::new(&head[1..]).u64().unwrap_or(u64::MAX);
+        if length > self.length - self.at {
+            return Err(damaged(format!("it is cut off in the record at byte {at}")));
+        }
+        match kind {
+            // The end of the data, or of a file without it.
+            0x02 | 0x0f => {
+                self.ended = true;
+                Ok(None)
+            }
+            0x03..=0x05 => {
+                if length > MESSAGE {
+                    let what = format!("the message at byte {at}");
+                    return Err(TableError::TooLarge {
+                        kind: KIND,
+                        what,
+                        bytes: length,
+                        limit: MESSAGE,
+                    });
+                }
+                let mut content = vec![0; length as usize];
+                self.read(&mut content)?;
+                record(kind, &content).ok_or_else(|| damaged(format!("the record at byte {at}")))
+            }
+            0x06 => {
+                let mut content = vec![0; length as usize];
+                self.read(&mut content)?;
+                self.chunk =
+                    chunk(&content, at, |bytes| self.unpacked.add(KIND, bytes, self.length))?;
+                self.in_chunk = 0;
+                Ok(None)
+            }
+            _ => {
+                let skipped =
+                    std::io::copy(&mut self.file.by_ref().take(length), &mut std::io::sink());
+                self.at += skipped?;
+                Ok(None)
+            }
+        }
+    }
+}
+
+/// The records of a chunk.
+fn chunk(
+    content: &[u8],
+    at: u64,
+    count: impl FnOnce(u64) -> Result<(), TableError>,
+) -> Result<Vec<u8>, TableError> {
+    let wrong = || damaged(format!("the chunk at byte {at}"));
+    let mut bytes = Bytes::new(content);
+    bytes.take(16).ok_or_else(wrong)?;
+    let size = bytes.u64().ok_or_else(wrong)?;
+    let checksum = bytes.u32().ok_or_else(wrong)?;
+    let codec = match bytes.text().ok_or_else(wrong)? {
+        "" => Codec::None,
+        "lz4" => Codec::Lz4Frame,
+        "zstd" => Codec::Zstd,
+        other => return Err(unsupported(format!("chunks compressed with `{other}`"))),
+    };
+    let packed = bytes.u64().and_then(|length| bytes.take(usize::try_from(length).ok()?));
+    let packed = packed.ok_or_else(wrong)?;
+    let what = || format!("the chunk at byte {at}");
+    count(size)?;
+    let size = budget::check(KIND, what, size, content.len() as u64)?;
+    let records = unpack(codec, packed, size)
+        .map_err(|what| damaged(format!("the chunk at byte {at}: {what}")))?;
+    match checksum {
+        // Not given.
+        0 => Ok(records),
+        _ if crc32fast::hash(&records) == checksum => Ok(records),
+        _ => Err(damaged(format!("the chunk at byte {at}: its checksum is another"))),
+    }
+}
+
+/// A record, `Some(None)` if it is of no interest, `None` if it is damaged.
+fn record(kind: u8, content: &[u8]) -> Option<Option<Record>> {
+    let mut bytes = Bytes::new(content);
+    Some(match kind {
+        0x03 => Some(Record::Schema { id: bytes.u16()?, name: bytes.text()?.to_owned() }),
+        0x04 => Some(Record::Channel {
+            id: bytes.u16()?,
+            schema: bytes.u16()?,
+            topic: bytes.text()?.to_owned(),
+            encoding: bytes.text()?.to_owned(),
+        }),
+        0x05 => {
+            let (channel, _sequence) = (bytes.u16()?, bytes.u32()?);
+            let (log_time, _published) = (bytes.u64()?, bytes.u64()?);
+            Some(Record::Message { channel, log_time, data: bytes.rest.to_vec() })
+        }
+        _ => None,
+    })
+}

@@ -1,0 +1,318 @@
+//! Arrays of NumPy: the `.npy` format of versions 1 to 3 (NumPy Enhancement Proposal 1), of one or
+//! two dimensions, of numbers or of records with named fields.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::budget;
+use crate::calendar::iso_of;
+use crate::element::Element;
+use crate::error::TableError;
+use crate::kind::FileKind;
+use crate::python_literal::{self, Literal};
+use crate::table::{Batch, Cell, Layout, Rows, batch_rows};
+
+const KIND: FileKind = FileKind::NumPy;
+
+/// An array in a file.
+#[derive(Clone, Debug)]
+struct Npy {
+    path: PathBuf,
+    /// Where the values start.
+    start: u64,
+    rows: u64,
+    row_bytes: u64,
+    columns: Vec<Place>,
+    names: Option<Vec<String>>,
+    /// Column after column, not row after row.
+    by_column: bool,
+}
+
+/// Where the value of a column is in a row, and what it is.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    offset: usize,
+    kind: Kind,
+    is_little: bool,
+}
+
+/// What a value is.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Number(Element),
+    Truth,
+    /// As many bytes.
+    Bytes(usize),
+    /// As many characters of four bytes.
+    Characters(usize),
+    /// So many of this unit make a second.
+    Time(i64),
+}
+
+impl Kind {
+    fn size(self) -> usize {
+        match self {
+            Self::Number(element) => element.size(),
+            Self::Truth => 1,
+            Self::Bytes(count) => count,
+            Self::Characters(count) => 4 * count,
+            Self::Time(_) => 8,
+        }
+    }
+}
+
+fn damaged(what: impl Into<String>) -> TableError {
+    TableError::Damaged { kind: KIND, what: what.into() }
+}
+
+fn unsupported(what: impl Into<String>) -> TableError {
+    TableError::Unsupported { kind: KIND, what: what.into() }
+}
+
+pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
+    let mut file = File::open(path)?;
+    let cut = |_| damaged("its header is cut off");
+    let mut start = [0; 10];
+    file.read_exact(&mut start).map_err(cut)?;
+    let short = u64::from(u16::from_le_bytes([start[8], start[9]]));
+    let (before, length) = match start[6] {
+        1 => (10, short),
+        2 | 3 => {
+            let mut more = [0; 2];
+            file.read_exact(&mut more).map_err(cut)?;
+            (12, u64::from(u32::from_le_bytes([start[8], start[9], more[0], more[1]])))
+        }
+        version => return Err(unsupported(format!("format version {version}"))),
+    };
+    let size = budget::check_description(KIND, "its header", length)?;
+    let mut header = vec![0; size];
+    file.read_exact(&mut header).map_err(cut)?;
+    let header = String::from_utf8_lossy(&header);
+    let npy = layout(path, &header, before + length)?;
+    let (expected, found) = (npy.rows.saturating_mul(npy.row_bytes), file.metadata()?.len());
+    let found = found.saturating_sub(npy.start);
+    if found < expected {
+        return Err(damaged(format!(
+            "its {} rows take {expected} bytes, {found} are there",
+            npy.rows
+        )));
+    }
+    Ok(Arc::new(npy))
+}
+
+/// What a header says.
+fn layout(path: &Path, header: &str, start: u64) -> Result<Npy, TableError> {
+    let Some(Literal::Dictionary(entries)) = python_literal::parse(header) else {
+        return Err(damaged("its header is not a dictionary"));
+    };
+    let entry = |name: &str| {
+        let found = entries.iter().find(|(key, _)| *key == Literal::Text(name.to_owned()));
+        found.map(|(_, value)| value).ok_or_else(|| damaged(format!("its header has no `{name}`")))
+    };
+    let shape = shape(entry("shape")?).ok_or_else(|| damaged("its shape is none"))?;
+    let by_column = *entry("fortran_order")? == Literal::Truth(true);
+    let (columns, names, record) = match entry("descr")? {
+        Literal::Text(kind) => {
+            let (kind, is_little) = self::kind(kind)?;
+            let count = match *shape {
+                [_] => 1,
+                [_, columns] => columns,
+                _ => return Err(dimensions(&shape)),
+            };
+            let columns = places(0, kind, is_little, count)?;
+            (columns, None, kind.size() as u64 * count)
+        }
+        Literal::List(fields) => {
+            if shape.len() != 1 {
+                return Err(dimensions(&shape));
+            }
+            let (columns, names, size) = record(fields)?;
+            (columns, Some(names), size)
+        }
+        _ => return Err(damaged("its `descr` is no type")),
+    };
+    let by_column = by_column && columns.len() > 1 && names.is_none();
+    let rows = shape.first().copied().unwrap_or(0);
+    Ok(Npy { path: path.to_owned(), start, rows, row_bytes: record, columns, names, by_column })
+}
+
+fn dimensions(shape: &[u64]) -> TableError {
+    unsupported(format!("an array of shape {shape:?}, expected one of rows and columns"))
+}
+
+fn shape(shape: &Literal) -> Option<Vec<u64>> {
+    let Literal::List(sides) = shape else { return None };
+    sides
+        .iter()
+        .map(|side| if let Literal::Whole(side) = side { Some(*side) } else { None })
+        .collect()
+}
+
+fn places(
+    offset: usize,
+    kind: Kind,
+    is_little: bool,
+    count: u64,
+) -> Result<Vec<Place>, TableError> {
+    let count = usize::try_from(count).unwrap_or(usize::MAX);
+    budget::check_columns(KIND, count)?;
+    Ok((0..count).map(|i| Place { offset: offset + i * kind.size(), kind, is_little }).collect())
+}
+
+/// The columns of a record, their names, and its size.
+fn record(fields: &[Literal]) -> Result<(Vec<Place>, Vec<String>, u64), TableError> {
+    let (mut columns, mut names, mut offset) = (Vec::new(), Vec::new(), 0);
+    for field in fields {
+        let Literal::List(parts) = field else { return Err(damaged("a field is no tuple")) };
+        let (name, kind, count) = match parts.as_slice() {
+            [Literal::Text(name), Literal::Text(kind)] => (name, kind, None),
+            [Literal::Text(name), Literal::Text(kind), sides] => {
+                let sides = shape(sides).ok_or_else(|| damaged("the shape of a field is none"))?;
+                (name, kind, Some(sides.iter().fold(1, |all: u64, side| all.saturating_mul(*side))))
+            }
+            _ => return Err(unsupported("records within records")),
+        };
+        let (kind, is_little) = match kind.strip_prefix("|V").map(str::parse::<usize>) {
+            // Bytes that only fill up.
+            Some(Ok(size)) if name.is_empty() && size < 1 << 16 => {
+                offset += size;
+                continue;
+            }
+            _ => self::kind(kind)?,
+        };
+        let places = places(offset, kind, is_little, count.unwrap_or(1))?;
+        offset += kind.size() * places.len();
+        match count {
+            None => names.push(name.clone()),
+            Some(_) => names.extend((1..=places.len()).map(|place| format!("{name}{place}"))),
+        }
+        columns.extend(places);
+        budget::check_columns(KIND, columns.len())?;
+    }
+    Ok((columns, names, offset as u64))
+}
+
+/// The type that `<f8`, `|b1`, `<M8[ns]` and the like mean, and its order of bytes.
+fn kind(name: &str) -> Result<(Kind, bool), TableError> {
+    let wrong = || unsupported(format!("values of type `{name}`"));
+    let order = name.chars().next().ok_or_else(wrong)?;
+    let (is_little, name_of) = match order {
+        '<' | '|' | '=' => (true, &name[1..]),
+        '>' => (false, &name[1..]),
+        _ => (true, name),
+    };
+    if let Some(unit) = name_of.strip_prefix("M8[").and_then(|unit| unit.strip_suffix(']')) {
+        let per_second = match unit {
+            "s" => 1,
+            "ms" => 1_000,
+            "us" => 1_000_000,
+            "ns" => 1_000_000_000,
+            _ => return Err(wrong()),
+        };
+        return Ok((Kind::Time(per_second), is_little));
+    }
+    let size: u16 = name_of.get(1..).and_then(|size| size.parse().ok()).ok_or_else(wrong)?;
+    let kind = match (name_of.as_bytes()[0], size) {
+        (b'f', 2) => Kind::Number(Element::Half),
+        (b'f', 4) => Kind::Number(Element::Single),
+        (b'f', 8) => Kind::Number(Element::Double),
+        (b'i', 1 | 2 | 4 | 8) => Kind::Number(Element::Signed(size as u8)),
+        (b'u', 1 | 2 | 4 | 8) => Kind::Number(Element::Unsigned(size as u8)),
+        (b'b' | b'?', 1) => Kind::Truth,
+        (b'S' | b'a', 1..) => Kind::Bytes(usize::from(size)),
+        (b'U', 1..=4096) => Kind::Characters(usize::from(size)),
+        _ => return Err(wrong()),
+    };
+    Ok((kind, is_little))
+}
+
+impl Layout for Npy {
+    fn names(&self) -> Option<&[String]> {
+        self.names.as_deref()
+    }
+
+    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+        let mut file = BufReader::with_capacity(1 << 16, File::open(&self.path)?);
+        file.seek(SeekFrom::Start(self.start))?;
+        Ok(Box::new(NpyRows { npy: self.clone(), file, row: 0, bytes: Vec::new() }))
+    }
+}
+
+struct NpyRows {
+    npy: Npy,
+    file: BufReader<File>,
+    /// How many rows have been read.
+    row: u64,
+    bytes: Vec<u8>,
+}
+
+impl Rows for NpyRows {
+    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+        let columns = self.npy.columns.len();
+        // Texts take more than numbers.
+        let fitting = ((1 << 20) / self.npy.row_bytes.max(1)).max(1);
+        let rows = (batch_rows(columns) as u64).min(fitting).min(self.npy.rows - self.row);
+        if rows == 0 || columns == 0 {
+            return Ok(false);
+        }
+        batch.resize_with(columns, Vec::new);
+        batch.iter_mut().for_each(Vec::clear);
+        let cut = |error: std::io::Error| match error.kind() {
+            std::io::ErrorKind::UnexpectedEof => damaged("its rows are cut off"),
+            _ => TableError::Io(error),
+        };
+        if self.npy.by_column {
+            let size = self.npy.columns[0].kind.size();
+            self.bytes.resize(rows as usize * size, 0);
+            for (column, place) in self.npy.columns.iter().enumerate() {
+                let at = (column as u64 * self.npy.rows + self.row) * size as u64;
+                self.file.seek(SeekFrom::Start(self.npy.start + at))?;
+                self.file.read_exact(&mut self.bytes).map_err(cut)?;
+                let cells = self.bytes.chunks_exact(size).map(|bytes| place.cell(bytes));
+                batch[column].extend(cells);
+            }
+        } else {
+            let size = self.npy.row_bytes as usize;
+            self.bytes.resize(rows as usize * size, 0);
+            self.file.read_exact(&mut self.bytes).map_err(cut)?;
+            for row in self.bytes.chunks_exact(size.max(1)) {
+                for (column, place) in batch.iter_mut().zip(&self.npy.columns) {
+                    column.push(place.cell(&row[place.offset..][..place.kind.size()]));
+                }
+            }
+        }
+        self.row += rows;
+        Ok(true)
+    }
+}
+
+impl Place {
+    fn cell(&self, bytes: &[u8]) -> Cell {
+        match self.kind {
+            Kind::Number(element) => element.cell(bytes, self.is_little),
+            Kind::Truth => Cell::Whole(i64::from(bytes[0] != 0)),
+            Kind::Bytes(_) => {
+                let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |at| at + 1);
+                Cell::Text(String::from_utf8_lossy(&bytes[..end]).into_owned())
+            }
+            Kind::Characters(_) => {
+                let character =
+                    |bytes: &[u8]| match Element::Unsigned(4).cell(bytes, self.is_little) {
+                        Cell::Whole(code) => u32::try_from(code).ok().and_then(char::from_u32),
+                        _ => None,
+                    };
+                let text =
+                    bytes.chunks_exact(4).map(|bytes| character(bytes).unwrap_or('\u{fffd}'));
+                Cell::Text(text.collect::<String>().trim_end_matches('\0').to_owned())
+            }
+            Kind::Time(per_second) => match Element::Signed(8).cell(bytes, self.is_little) {
+                // Not a time.
+                Cell::Whole(i64::MIN) => Cell::Missing,
+                Cell::Whole(units) => Cell::Text(iso_of(units, per_second)),
+                cell => cell,
+            },
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! Parquet files ("Apache Parquet format"): columns of numbers, texts and times, also within structs.
+//!
+//! ```text
+//! footer ─▶ schema, row groups ─▶ pages of a column, unpacked ─▶ levels, values ─▶ cells
+//! ```
+//!
+//! Every column holds one page at a time. Lists become columns that name their type.
+
+mod encoding;
+mod page;
+mod schema;
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use self::page::ColumnReader;
+use self::schema::Leaf;
+use crate::budget::Unpacked;
+use crate::bytes::Bytes;
+use crate::codec::Codec;
+use crate::error::TableError;
+use crate::kind::FileKind;
+use crate::table::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::thrift::{self, Value};
+
+const KIND: FileKind = FileKind::Parquet;
+
+/// The longest footer: its values take up to 32 times its length.
+const FOOTER: u64 = 4 << 20;
+
+/// So many values may be in a byte of a file, beyond some millions.
+const VALUES_PER_BYTE: u64 = 2048;
+
+fn damaged(what: impl Into<String>) -> TableError {
+    TableError::Damaged { kind: KIND, what: what.into() }
+}
+
+fn unsupported(what: impl Into<String>) -> TableError {
+    TableError::Unsupported { kind: KIND, what: what.into() }
+}
+
+/// A table in a file.
+#[derive(Debug)]
+struct ParquetTable {
+    path: PathBuf,
+    leaves: Arc<Vec<Leaf>>,
+    names: Vec<String>,
+    groups: Arc<Vec<RowGroup>>,
+}
+
+/// Rows that are stored together.
+#[derive(Debug)]
+struct RowGroup {
+    rows: u64,
+    chunks: Vec<Chunk>,
+}
+
+/// The pages of a column in a row group.
+#[derive(Clone, Copy, Debug)]
+struct Chunk {
+    codec: Codec,
+    start: u64,
+    bytes: u64,
+}
+
+pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let footer = footer(&mut file, length)?;
+    let leaves = schema::leaves(&footer)?;
+    let groups = footer.list(4).ok_or_else(|| damaged("its footer lists no row groups"))?;
+    let groups: Result<Vec<RowGroup>, _> = groups
+        .iter()
+        .enumerate()
+        .map(|(at, group)| row_group(group, at, &leaves, length))
+        .collect();
+    let groups = groups?;
+    let rows = groups.iter().fold(0, |all: u64, group| all.saturating_add(group.rows));
+    let values = rows.saturating_mul(leaves.len() as u64);
+    if values > (1 << 22) + length.saturating_mul(VALUES_PER_BYTE) {
+        return Err(damaged(format!("{rows} rows of {} columns in {length} bytes", leaves.len())));
+    }
+    if rows > 0 && !leaves.iter().any(|leaf| leaf.kind.is_read()) {
+        return Err(unsupported("no column of numbers or texts"));
+    }
+    let names = leaves.iter().map(|leaf| leaf.name.clone()).collect();
+    let (leaves, groups) = (Arc::new(leaves), Arc::new(groups));
+    Ok(Arc::new(ParquetTable { path: path.to_owned(), leaves, names, groups }))
+}
+
+fn footer(file: &mut File, length: u64) -> Result<Value, TableError> {
+    let cut = || damaged("it is cut off: its end is missing");
+    let before = length.checked_sub(12).ok_or_else(cut)? + 4;
+    file.seek(SeekFrom::Start(before))?;
+    let mut end = [0; 8];
+    file.read_exact(&mut end)?;
+    match &end[4..] {
+        b"PAR1" => {}
+        b"PARE" => return Err(unsupported("it is encrypted")),
+        _ => return Err(cut()),
+    }
+    let bytes = u64::from(u32::from_le_bytes([end[0], end[1], end[2], end[3]]));
+    if bytes > FOOTER {
+        let what = "its footer".to_owned();
+        return Err(TableError::TooLarge { kind: KIND, what, bytes, limit: FOOTER });
+    }
+    let start = before.checked_sub(bytes).ok_or_else(cut)?;
+    file.seek(SeekFrom::Start(start))?;
+    let mut footer = vec![0; bytes as usize];
+    file.read_exact(&mut footer)?;
+    thrift::read(&mut Bytes::new(&footer)).ok_or_else(|| damaged("its footer"))
+}
+
+fn row_group(
+    group: &Value,
+    at: usize,
+    leaves: &[Leaf],
+    length: u64,
+) -> Result<RowGroup, TableError> {
+    let wrong = || damaged(format!("row group {}", at + 1));
+    let rows = group.whole(3).and_then(|rows| u64::try_from(rows).ok()).ok_or_else(wrong)?;
+    let chunks = group.list(1).filter(|chunks| chunks.len() == leaves.len()).ok_or_else(wrong)?;
+    let chunks = chunks.iter().zip(leaves).map(|(chunk, leaf)| {
+        if chunk.text(1).is_some_and(|path| !path.is_empty()) {
+            return Err(unsupported("its columns are in files of their own"));
+        }
+        let data = chunk.field(3).ok_or_else(wrong)?;
+        let place = |number| data.whole(number).and_then(|at| u64::try_from(at).ok());
+        let (first, bytes) = (place(9).ok_or_else(wrong)?, place(7).ok_or_else(wrong)?);
+        // The dictionary comes first, if there is one.
+        let start = place(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
+        if start.checked_add(bytes).is_none_or(|end| end > length) {
+            return Err(damaged(format!("column `{}` lies beyond its end", leaf.name)));
+        }
+        let codec = match data.whole(4) {
+            Some(0) => Codec::None,
+            Some(1) => Codec::Snappy,
+            Some(2) => Codec::Gzip,
+            Some(6) => Codec::Zstd,
+            Some(7) => Codec::Lz4Block,
+            other => {
+                let name = match other {
+                    Some(3) => "LZO",
+                    Some(4) => "Brotli",
+                    Some(5) => "LZ4 as Hadoop does",
+                    _ => "an unknown method",
+                };
+                let column = &leaf.name;
+                let what = format!(
+                    "column `{column}` is compressed with {name}, not Snappy, Zstandard or gzip"
+                );
+                return Err(unsupported(what));
+            }
+        };
+        Ok(Chunk { codec, start, bytes })
+    });
+    Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
+}
+
+impl Layout for ParquetTable {
+    fn names(&self) -> Option<&[String]> {
+        Some(&self.names)
+    }
+
+    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+        Ok(Box::new(ParquetRows {
+            source: Source::open(&self.path)?,
+            leaves: Arc::clone(&self.leaves),
+            groups: Arc::clone(&self.groups),
+            next_group: 0,
+            rows_left: 0,
+            columns: Vec::new(),
+        }))
+    }
+}
+
+/// The file, and what has been made of it.
+struct Source {
+    file: File,
+    length: u64,
+    /// What the pages of other columns hold.
+    held: u64,
+    unpacked: Unpacked,
+}
+
+impl Source {
+    fn open(path: &Path) -> Result<Self, TableError> {
+        let file = File::open(path)?;
+        let length = file.metadata()?.len();
+        Ok(Self { file, length, held: 0, unpacked: Unpacked::default() })
+    }
+}
+
+struct ParquetRows {
+    source: Source,
+    leaves: Arc<Vec<Leaf>>,
+    groups: Arc<Vec<RowGroup>>,
+    next_group: usize,
+    /// Of the current row group.
+    rows_left: u64,
+    columns: Vec<ColumnReader>,
+}
+
+impl Rows for ParquetRows {
+    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+        while self.rows_left == 0 {
+            let Some(group) = self.groups.get(self.next_group) else { return Ok(false) };
+            self.next_group += 1;
+            self.rows_left = group.rows;
+            self.columns = group.chunks.iter().map(|chunk| ColumnReader::new(*chunk)).collect();
+        }
+        let rows = (batch_rows(self.leaves.len()) as u64).min(self.rows_left);
+        batch.resize_with(self.leaves.len(), Vec::new);
+        // What the pages of all columns hold at a time.
+        self.source.held = self.columns.iter().map(ColumnReader::held).sum();
+        for ((cells, leaf), column) in
+            batch.iter_mut().zip(self.leaves.iter()).zip(&mut self.columns)
+        {
+            cells.clear();
+            match leaf.kind.opaque() {
+                Some(what) => cells.resize(rows as usize, Cell::Text(what.to_owned())),
+                None => {
+                    self.source.held -= column.held();
+                    column.read(&mut self.source, leaf, rows as usize, cells)?;
+                    self.source.held += column.held();
+                }
+            }
+        }
+        self.rows_left -= rows;
+        Ok(true)
+    }
+}

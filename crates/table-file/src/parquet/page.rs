@@ -1,0 +1,357 @@
+//! The pages of one column, one at a time.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+
+use super::encoding::{Delta, Hybrid};
+use super::schema::{Kind, Leaf, Physical};
+use super::{Chunk, KIND, Source, damaged, unsupported};
+use crate::budget;
+use crate::bytes::Bytes;
+use crate::calendar::iso_of;
+use crate::codec::{Codec, unpack};
+use crate::element::{Element, half};
+use crate::error::TableError;
+use crate::table::Cell;
+use crate::thrift::{self, Value};
+
+/// The longest head of a page: statistics may be in it.
+const HEAD: u64 = 1 << 20;
+
+/// The column of a row group that is being read.
+pub(super) struct ColumnReader {
+    codec: Codec,
+    at: u64,
+    end: u64,
+    dictionary: Vec<Cell>,
+    dictionary_bytes: u64,
+    page: Option<Page>,
+}
+
+/// A page that is being read.
+struct Page {
+    left: u64,
+    levels: Option<Hybrid>,
+    values: Values,
+    bytes: u64,
+}
+
+enum Values {
+    Plain(Vec<u8>, usize),
+    Bits(Vec<u8>, usize),
+    Runs(Hybrid),
+    Indices(Hybrid),
+    Delta(Delta),
+    /// The first bytes of all values, then the second, …: so many values, the next.
+    Split(Vec<u8>, usize, usize),
+}
+
+/// What the head of a page says.
+struct Head {
+    kind: i64,
+    unpacked: u64,
+    packed: usize,
+    details: Value,
+    bytes: u64,
+}
+
+const DATA: i64 = 0;
+const DICTIONARY: i64 = 2;
+const DATA_2: i64 = 3;
+
+impl ColumnReader {
+    pub(super) fn new(chunk: Chunk) -> Self {
+        Self {
+            codec: chunk.codec,
+            at: chunk.start,
+            end: chunk.start + chunk.bytes,
+            dictionary: Vec::new(),
+            dictionary_bytes: 0,
+            page: None,
+        }
+    }
+
+    /// How much memory its page and dictionary take.
+    pub(super) fn held(&self) -> u64 {
+        self.dictionary_bytes + self.page.as_ref().map_or(0, |page| page.bytes)
+    }
+
+    /// Adds the next cells.
+    pub(super) fn read(
+        &mut self,
+        source: &mut Source,
+        leaf: &Leaf,
+        count: usize,
+        cells: &mut Vec<Cell>,
+    ) -> Result<(), TableError> {
+        let wrong = || damaged(format!("column `{}`: a page of values", leaf.name));
+        while cells.len() < count {
+            let Some(page) = self.page.as_mut().filter(|page| page.left > 0) else {
+                self.next_page(source, leaf)?;
+                continue;
+            };
+            page.left -= 1;
+            let is_there = match &mut page.levels {
+                None => true,
+                Some(levels) => levels.next().ok_or_else(wrong)? == u64::from(leaf.levels),
+            };
+            cells.push(match is_there {
+                true => page.values.next(leaf, &self.dictionary).ok_or_else(wrong)?,
+                false => Cell::Missing,
+            });
+        }
+        Ok(())
+    }
+
+    fn next_page(&mut self, source: &mut Source, leaf: &Leaf) -> Result<(), TableError> {
+        self.page = None;
+        let name = &leaf.name;
+        let Source { file, length: stored, held: others, unpacked } = source;
+        let (stored, others) = (*stored, *others);
+        let head = self.head(file, name)?;
+        unpacked.add(KIND, head.unpacked, stored)?;
+        let held = others + self.dictionary_bytes + head.unpacked;
+        budget::check(KIND, || format!("column `{name}`"), held, stored)?;
+        file.seek(SeekFrom::Start(self.at + head.bytes))?;
+        let mut packed = vec![0; head.packed];
+        file.read_exact(&mut packed)?;
+        self.at += head.bytes + head.packed as u64;
+        let whole = |number: i16| head.details.whole(number);
+        let count = |number| whole(number).and_then(|count| u64::try_from(count).ok());
+        let unpack = |packed: &[u8], codec, size: u64| {
+            unpack(codec, packed, size as usize)
+                .map_err(|what| damaged(format!("column `{name}`, a compressed page: {what}")))
+        };
+        let wrong = || damaged(format!("column `{name}`: the head of a page"));
+        match head.kind {
+            DICTIONARY => {
+                let bytes = unpack(&packed, self.codec, head.unpacked)?;
+                let values = count(1).ok_or_else(wrong)?;
+                self.dictionary_bytes =
+                    head.unpacked + values.saturating_mul(size_of::<Cell>() as u64);
+                budget::check(
+                    KIND,
+                    || format!("column `{name}`"),
+                    others + self.dictionary_bytes,
+                    stored,
+                )?;
+                let mut plain = Values::Plain(bytes, 0);
+                self.dictionary.clear();
+                for _ in 0..values {
+                    let value = plain.next(leaf, &[]).ok_or_else(wrong)?;
+                    self.dictionary.push(value);
+                }
+            }
+            DATA => {
+                let mut bytes = unpack(&packed, self.codec, head.unpacked)?;
+                let levels = match leaf.levels {
+                    0 => None,
+                    levels => {
+                        if whole(3) != Some(3) {
+                            return Err(unsupported(format!("column `{name}`: levels as bits")));
+                        }
+                        let length = Bytes::new(&bytes).u32().ok_or_else(wrong)? as usize;
+                        let level_bytes = bytes.get(4..).and_then(|rest| rest.get(..length));
+                        let level_bytes = level_bytes.ok_or_else(wrong)?.to_vec();
+                        bytes.drain(..4 + length);
+                        Hybrid::new(level_bytes, width(levels))
+                    }
+                };
+                let left = count(1).ok_or_else(wrong)?;
+                let values = self.values(bytes, whole(2), leaf)?;
+                self.page = Some(Page { left, levels, values, bytes: head.unpacked });
+            }
+            DATA_2 => {
+                let size = |number| count(number).and_then(|size| usize::try_from(size).ok());
+                let (definition, repetition) = size(5).zip(size(6)).ok_or_else(wrong)?;
+                let before = definition.checked_add(repetition).ok_or_else(wrong)?;
+                let (levels, values) = packed.split_at_checked(before).ok_or_else(wrong)?;
+                let is_packed = head.details.field(7) != Some(&Value::Truth(false));
+                let codec = if is_packed { self.codec } else { Codec::None };
+                let unpacked = head.unpacked.checked_sub(before as u64).ok_or_else(wrong)?;
+                let values = match values.is_empty() {
+                    true => Vec::new(),
+                    false => unpack(values, codec, unpacked)?,
+                };
+                let levels = match leaf.levels {
+                    0 => None,
+                    levels_of_leaf => {
+                        Hybrid::new(levels[repetition..].to_vec(), width(levels_of_leaf))
+                    }
+                };
+                let values = self.values(values, whole(4), leaf)?;
+                let left = count(1).ok_or_else(wrong)?;
+                self.page = Some(Page { left, levels, values, bytes: head.unpacked });
+            }
+            // An index.
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn head(&self, file: &mut File, name: &str) -> Result<Head, TableError> {
+        let there = self.end.saturating_sub(self.at);
+        if there == 0 {
+            return Err(damaged(format!("column `{name}` has fewer values than rows")));
+        }
+        let wrong = || damaged(format!("column `{name}`: the head of a page"));
+        // As a rule short; once more where it is not.
+        for most in [1 << 10, HEAD] {
+            let mut bytes = vec![0; there.min(most) as usize];
+            file.seek(SeekFrom::Start(self.at))?;
+            file.read_exact(&mut bytes)?;
+            let mut rest = Bytes::new(&bytes);
+            let Some(head) = thrift::read(&mut rest) else { continue };
+            let taken = (bytes.len() - rest.rest.len()) as u64;
+            let size = |number| head.whole(number).and_then(|size| u64::try_from(size).ok());
+            let packed = size(3).filter(|size| *size <= there - taken).ok_or_else(wrong)?;
+            let kind = head.whole(1).ok_or_else(wrong)?;
+            let details = match kind {
+                DATA => head.field(5).cloned(),
+                DICTIONARY => head.field(7).cloned(),
+                DATA_2 => head.field(8).cloned(),
+                _ => Some(Value::Struct(Vec::new())),
+            };
+            return Ok(Head {
+                kind,
+                unpacked: size(2).ok_or_else(wrong)?,
+                packed: packed as usize,
+                details: details.ok_or_else(wrong)?,
+                bytes: taken,
+            });
+        }
+        Err(wrong())
+    }
+
+    fn values(
+        &self,
+        bytes: Vec<u8>,
+        encoding: Option<i64>,
+        leaf: &Leaf,
+    ) -> Result<Values, TableError> {
+        let wrong = || damaged(format!("column `{}`: a page of values", leaf.name));
+        let is_whole = matches!(leaf.physical, Physical::Int32 | Physical::Int64);
+        Ok(match encoding {
+            Some(0) if leaf.physical == Physical::Boolean => Values::Bits(bytes, 0),
+            Some(0) => Values::Plain(bytes, 0),
+            Some(2 | 8) => match bytes.split_first() {
+                // A page without values.
+                None => Values::Plain(bytes, 0),
+                Some((&width, rest)) => {
+                    Values::Indices(Hybrid::new(rest.to_vec(), width.into()).ok_or_else(wrong)?)
+                }
+            },
+            Some(3) if leaf.physical == Physical::Boolean => {
+                let runs = bytes.get(4..).ok_or_else(wrong)?.to_vec();
+                Values::Runs(Hybrid::new(runs, 1).ok_or_else(wrong)?)
+            }
+            Some(5) if is_whole => Values::Delta(Delta::new(bytes).ok_or_else(wrong)?),
+            Some(9) if size(leaf.physical).is_some() => {
+                let count = bytes.len() / size(leaf.physical).unwrap_or(1);
+                Values::Split(bytes, count, 0)
+            }
+            other => {
+                let name = match other {
+                    Some(6) => "DELTA_LENGTH_BYTE_ARRAY".to_owned(),
+                    Some(7) => "DELTA_BYTE_ARRAY".to_owned(),
+                    other => format!("{}", other.unwrap_or(-1)),
+                };
+                return Err(unsupported(format!("column `{}` has the encoding {name}", leaf.name)));
+            }
+        })
+    }
+}
+
+/// The bits of the highest level.
+fn width(levels: u8) -> u32 {
+    u8::BITS - levels.leading_zeros()
+}
+
+/// The bytes of a value, if they are always as many.
+fn size(physical: Physical) -> Option<usize> {
+    match physical {
+        Physical::Int32 | Physical::Float => Some(4),
+        Physical::Int64 | Physical::Double => Some(8),
+        Physical::Int96 => Some(12),
+        Physical::Fixed(size) => Some(size),
+        Physical::Boolean | Physical::Bytes => None,
+    }
+}
+
+impl Values {
+    fn next(&mut self, leaf: &Leaf, dictionary: &[Cell]) -> Option<Cell> {
+        match self {
+            Self::Plain(bytes, at) => {
+                let size = match size(leaf.physical) {
+                    Some(size) => size,
+                    None => {
+                        let length = Bytes::new(bytes.get(*at..)?).u32()?;
+                        *at += 4;
+                        usize::try_from(length).ok()?
+                    }
+                };
+                let value = bytes.get(*at..)?.get(..size)?;
+                *at += size;
+                Some(cell(value, leaf))
+            }
+            Self::Bits(bytes, at) => {
+                let byte = bytes.get(*at / 8)?;
+                let bit = byte >> (*at % 8) & 1;
+                *at += 1;
+                Some(Cell::Whole(i64::from(bit)))
+            }
+            Self::Runs(runs) => Some(Cell::Whole(i64::from(runs.next()? != 0))),
+            Self::Indices(indices) => {
+                dictionary.get(usize::try_from(indices.next()?).ok()?).cloned()
+            }
+            Self::Delta(delta) => {
+                let value = delta.next()?;
+                Some(match leaf.physical {
+                    Physical::Int32 => cell(&(value as i32).to_le_bytes(), leaf),
+                    _ => cell(&value.to_le_bytes(), leaf),
+                })
+            }
+            Self::Split(bytes, count, at) => {
+                if at >= count {
+                    return None;
+                }
+                let value: Vec<u8> = bytes.iter().skip(*at).step_by(*count).copied().collect();
+                *at += 1;
+                Some(cell(value.get(..size(leaf.physical)?)?, leaf))
+            }
+        }
+    }
+}
+
+/// The value in some bytes, of which there are as many as its type has.
+fn cell(bytes: &[u8], leaf: &Leaf) -> Cell {
+    let whole = |element: Element| element.cell(bytes, true);
+    let size = bytes.len().min(8) as u8;
+    match (leaf.kind, leaf.physical) {
+        (_, Physical::Float) => whole(Element::Single),
+        (_, Physical::Double) => whole(Element::Double),
+        (Kind::Half, _) => match bytes {
+            &[low, high] => Cell::Real(half(u16::from_le_bytes([low, high]))),
+            _ => Cell::Missing,
+        },
+        (Kind::Text, _) => Cell::Text(String::from_utf8_lossy(bytes).into_owned()),
+        (Kind::Unsigned, _) => whole(Element::Unsigned(size)),
+        (_, Physical::Int96) => {
+            // Nanoseconds of the day, and the Julian day, of which 2,440,588 began in 1970.
+            let mut rest = Bytes::new(bytes);
+            let (of_day, day) = (rest.i64().unwrap_or(0), rest.i32().unwrap_or(0));
+            let seconds = (i64::from(day) - 2_440_588) * 86_400;
+            let at = seconds.saturating_mul(1_000_000_000).saturating_add(of_day);
+            Cell::Text(iso_of(at, 1_000_000_000))
+        }
+        (Kind::Time(per_second), _) => match whole(Element::Signed(size)) {
+            Cell::Whole(units) => Cell::Text(iso_of(units, per_second)),
+            cell => cell,
+        },
+        (Kind::Days, _) => match whole(Element::Signed(size)) {
+            Cell::Whole(days) => Cell::Text(iso_of(days.saturating_mul(86_400), 1)),
+            cell => cell,
+        },
+        _ => whole(Element::Signed(size)),
+    }
+}

@@ -1,0 +1,412 @@
+//! Workbooks of Excel (Office Open XML, ECMA-376): the cells of one sheet, streamed.
+//!
+//! Rows keep the numbers that the sheet shows. Formulas give the values that were stored with them,
+//! dates are given in ISO 8601.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::budget;
+use crate::calendar::iso_of;
+use crate::error::TableError;
+use crate::kind::FileKind;
+use crate::table::{Batch, Cell, Layout, Numbering, Rows};
+use crate::xml::{Element, Event, Xml};
+use crate::zip::{Content, Entry, entries};
+
+const KIND: FileKind = FileKind::Xlsx;
+
+/// As many rows and columns as a sheet can have; we read fewer columns.
+const LAST_ROW: u64 = 1 << 20;
+
+fn damaged(what: impl Into<String>) -> TableError {
+    TableError::Damaged { kind: KIND, what: what.into() }
+}
+
+/// A sheet of a workbook.
+#[derive(Debug)]
+struct Sheet {
+    path: PathBuf,
+    entry: Entry,
+    shared: Arc<Shared>,
+}
+
+/// What the sheets of a workbook share.
+#[derive(Debug, Default)]
+struct Shared {
+    texts: Vec<String>,
+    /// The styles of dates and times.
+    dates: HashSet<usize>,
+    /// Whether days are counted from 1904, not from 1900.
+    since_1904: bool,
+}
+
+/// Calls `take` with every event of a file in the archive.
+fn each(
+    path: &Path,
+    entry: &Entry,
+    mut take: impl FnMut(Event) -> Result<(), TableError>,
+) -> Result<(), TableError> {
+    let wrong = |what: String| damaged(format!("`{}`: {what}", entry.name));
+    let mut xml = Xml::new(entry.open(path)?);
+    while let Some(event) = xml.next().map_err(wrong)? {
+        take(event)?;
+    }
+    Ok(())
+}
+
+pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, TableError> {
+    let files = entries(path)?;
+    let find = |name: &str| {
+        let name = name.trim_start_matches('/');
+        files.iter().find(|file| file.name.eq_ignore_ascii_case(name))
+    };
+    let workbook = find("xl/workbook.xml").ok_or_else(|| damaged("it has no `xl/workbook.xml`"))?;
+    let mut sheets: Vec<(String, String)> = Vec::new();
+    let mut shared = Shared::default();
+    each(path, workbook, |event| {
+        let Event::Start(element) = event else { return Ok(()) };
+        let is_true = |value: String| value == "1" || value == "true";
+        match element.name.as_str() {
+            "sheet" => sheets.extend(element.attribute("name").zip(element.attribute("id"))),
+            "workbookPr" => {
+                shared.since_1904 = element.attribute("date1904").is_some_and(is_true);
+            }
+            _ => {}
+        }
+        budget::check_columns(KIND, sheets.len())
+    })?;
+    let wanted = match part {
+        Some(name) => sheets.iter().find(|(of, _)| of == name),
+        None => sheets.first(),
+    };
+    let Some((_, id)) = wanted else {
+        return Err(TableError::Choice {
+            kind: KIND,
+            part: "sheet",
+            wanted: Some(part.unwrap_or_default().to_owned()),
+            found: sheets.into_iter().map(|(name, _)| name).collect(),
+        });
+    };
+    let mut target = None;
+    if let Some(relations) = find("xl/_rels/workbook.xml.rels") {
+        each(path, relations, |event| {
+            if let Event::Start(element) = event
+                && element.attribute("Id").as_ref() == Some(id)
+            {
+                target = element.attribute("Target");
+            }
+            Ok(())
+        })?;
+    }
+    let target = target.ok_or_else(|| damaged(format!("its sheet `{id}` is nowhere")))?;
+    let target = if target.starts_with('/') { target } else { format!("xl/{target}") };
+    let entry = find(&target).ok_or_else(|| damaged(format!("it has no `{target}`")))?.clone();
+    if let Some(texts) = find("xl/sharedStrings.xml") {
+        shared.texts = shared_texts(path, texts)?;
+    }
+    if let Some(styles) = find("xl/styles.xml") {
+        shared.dates = dates(path, styles)?;
+    }
+    Ok(Arc::new(Sheet { path: path.to_owned(), entry, shared: Arc::new(shared) }))
+}
+
+fn shared_texts(path: &Path, entry: &Entry) -> Result<Vec<String>, TableError> {
+    let mut texts = Vec::new();
+    let (mut text, mut is_text, mut is_phonetic) = (String::new(), false, false);
+    let mut bytes = 0;
+    each(path, entry, |event| {
+        match event {
+            Event::Start(element) => match element.name.as_str() {
+                "si" => text.clear(),
+                "t" => is_text = true,
+                "rPh" => is_phonetic = true,
+                _ => {}
+            },
+            Event::Text(part) if is_text && !is_phonetic => text.push_str(&part),
+            Event::Text(_) => {}
+            Event::End(name) => match name.as_str() {
+                "si" => {
+                    bytes += (text.len() + size_of::<String>()) as u64;
+                    texts.push(std::mem::take(&mut text));
+                }
+                "t" => is_text = false,
+                "rPh" => is_phonetic = false,
+                _ => {}
+            },
+        }
+        budget::check(
+            KIND,
+            || "its texts".to_owned(),
+            bytes + text.len() as u64,
+            entry.stored_bytes(),
+        )
+        .map(drop)
+    })?;
+    Ok(texts)
+}
+
+/// The numbers of the styles that show dates or times.
+fn dates(path: &Path, entry: &Entry) -> Result<HashSet<usize>, TableError> {
+    let (mut formats, mut dates) = (HashSet::new(), HashSet::new());
+    let (mut in_cells, mut style) = (false, 0);
+    each(path, entry, |event| {
+        match event {
+            Event::Start(element) => match element.name.as_str() {
+                "numFmt" => {
+                    let code = element.attribute("formatCode").unwrap_or_default();
+                    if is_date(&code) {
+                        formats.extend(element.attribute("numFmtId"));
+                    }
+                }
+                "cellXfs" => in_cells = true,
+                "xf" if in_cells => {
+                    let format = element.attribute("numFmtId").unwrap_or_default();
+                    let is_known = matches!(format.parse(), Ok(14..=22 | 45..=47));
+                    if is_known || formats.contains(&format) {
+                        dates.insert(style);
+                    }
+                    style += 1;
+                }
+                _ => {}
+            },
+            Event::End(name) if name == "cellXfs" => in_cells = false,
+            _ => {}
+        }
+        budget::check(KIND, || "its styles".to_owned(), 64 * style as u64, entry.stored_bytes())
+            .map(drop)
+    })?;
+    Ok(dates)
+}
+
+/// Whether a format shows a date or time: it has a letter for one outside quotes and brackets.
+fn is_date(code: &str) -> bool {
+    let (mut quoted, mut bracketed, mut escaped) = (false, false, false);
+    code.chars().any(|c| {
+        let was_escaped = std::mem::take(&mut escaped);
+        match c {
+            '"' => quoted = !quoted,
+            '[' if !quoted => bracketed = true,
+            ']' if !quoted => bracketed = false,
+            '\\' => escaped = true,
+            _ if quoted || bracketed || was_escaped => {}
+            _ => return matches!(c.to_ascii_lowercase(), 'y' | 'd' | 'h' | 'm' | 's'),
+        }
+        false
+    }) && !code.eq_ignore_ascii_case("general")
+}
+
+impl Layout for Sheet {
+    fn names(&self) -> Option<&[String]> {
+        None
+    }
+
+    fn numbering(&self) -> Numbering {
+        Numbering::Sheet
+    }
+
+    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+        Ok(Box::new(SheetRows {
+            name: self.entry.name.clone(),
+            xml: Xml::new(self.entry.open(&self.path)?),
+            shared: Arc::clone(&self.shared),
+            row: 0,
+            waiting: None,
+            width: 0,
+        }))
+    }
+}
+
+struct SheetRows {
+    name: String,
+    xml: Xml<Content>,
+    shared: Arc<Shared>,
+    /// The last row that was given.
+    row: u64,
+    /// A row that is further down.
+    waiting: Option<(u64, Vec<Cell>)>,
+    /// The columns of the first row that has several: rows that end earlier are filled up.
+    width: usize,
+}
+
+impl Rows for SheetRows {
+    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+        // One row at a time: rows differ in length.
+        let (row, cells) = match self.waiting.take() {
+            Some(waiting) => waiting,
+            None => match self.next_row()? {
+                Some(row) => row,
+                None => return Ok(false),
+            },
+        };
+        batch.clear();
+        self.row += 1;
+        if row > self.row {
+            // A row that is not in the file is blank.
+            self.waiting = Some((row, cells));
+            batch.push(vec![Cell::Missing]);
+            return Ok(true);
+        }
+        let is_empty = cells.iter().all(|cell| *cell == Cell::Missing);
+        if self.width == 0 && cells.len() > 1 && !is_empty {
+            self.width = cells.len();
+        }
+        let width = if is_empty { 1 } else { self.width.max(cells.len()) };
+        let mut cells = cells.into_iter();
+        batch.extend((0..width).map(|_| vec![cells.next().unwrap_or_default()]));
+        Ok(true)
+    }
+}
+
+impl SheetRows {
+    fn next_row(&mut self) -> Result<Option<(u64, Vec<Cell>)>, TableError> {
+        let wrong = |name: &str, what: String| damaged(format!("`{name}`: {what}"));
+        let mut number = self.row + 1;
+        let mut cells: Vec<Cell> = Vec::new();
+        let mut cell: Option<OpenCell> = None;
+        loop {
+            let event = self.xml.next().map_err(|what| wrong(&self.name, what))?;
+            let Some(event) = event else { return Ok(None) };
+            match event {
+                Event::Start(element) => match element.name.as_str() {
+                    "row" => {
+                        if let Some(given) = element.attribute("r") {
+                            let given =
+                                given.parse().ok().filter(|row| (number..=LAST_ROW).contains(row));
+                            number = given.ok_or_else(|| {
+                                wrong(
+                                    &self.name,
+                                    format!("a row after row {} has no number", self.row),
+                                )
+                            })?;
+                        }
+                    }
+                    "c" => {
+                        let next = cells.len();
+                        cell = Some(OpenCell::new(&element, next).ok_or_else(|| {
+                            wrong(&self.name, format!("a cell of row {number} has no place"))
+                        })?);
+                    }
+                    "v" | "t" => {
+                        if let Some(cell) = &mut cell {
+                            cell.is_open = true;
+                        }
+                    }
+                    _ => {}
+                },
+                Event::Text(text) => {
+                    if let Some(cell) = cell.as_mut().filter(|cell| cell.is_open) {
+                        cell.text.push_str(&text);
+                    }
+                }
+                Event::End(name) => match name.as_str() {
+                    "v" | "t" => {
+                        if let Some(cell) = &mut cell {
+                            cell.is_open = false;
+                        }
+                    }
+                    "c" => {
+                        if let Some(cell) = cell.take() {
+                            let place = cell.column;
+                            let value = cell.value(&self.shared).map_err(|what| {
+                                wrong(
+                                    &self.name,
+                                    format!("row {number}, column {}: {what}", place + 1),
+                                )
+                            })?;
+                            cells.resize(cells.len().max(place), Cell::Missing);
+                            cells.push(value);
+                        }
+                    }
+                    "row" => return Ok(Some((number, cells))),
+                    "sheetData" => return Ok(None),
+                    _ => {}
+                },
+            }
+        }
+    }
+}
+
+/// A cell that is being read.
+struct OpenCell {
+    column: usize,
+    kind: String,
+    style: usize,
+    text: String,
+    is_open: bool,
+}
+
+impl OpenCell {
+    /// `None` if it stands before the cell that comes next, or too far to the right.
+    fn new(element: &Element, next: usize) -> Option<Self> {
+        let column = match element.attribute("r") {
+            None => next,
+            Some(place) => {
+                let letters = place.bytes().take_while(u8::is_ascii_alphabetic);
+                let column = letters.take(4).fold(0_usize, |column, letter| {
+                    26 * column + usize::from(letter.to_ascii_uppercase() - b'A') + 1
+                });
+                column.checked_sub(1)?
+            }
+        };
+        let is_right = (next..budget::COLUMNS).contains(&column);
+        is_right.then(|| Self {
+            column,
+            kind: element.attribute("t").unwrap_or_default(),
+            style: element.attribute("s").and_then(|style| style.parse().ok()).unwrap_or(0),
+            text: String::new(),
+            is_open: false,
+        })
+    }
+
+    fn value(self, shared: &Shared) -> Result<Cell, String> {
+        let number =
+            || self.text.trim().parse::<f64>().map_err(|_| format!("no number: `{}`", self.text));
+        Ok(match self.kind.as_str() {
+            "s" => {
+                let text = self.text.trim().parse().ok().and_then(|at: usize| shared.texts.get(at));
+                Cell::Text(text.ok_or("it refers to no text")?.clone())
+            }
+            // Texts, errors of formulas such as #DIV/0!, and dates as text.
+            "str" | "inlineStr" | "e" | "d" => Cell::Text(self.text),
+            "b" => Cell::Whole(i64::from(self.text.trim() == "1")),
+            _ if self.text.trim().is_empty() => Cell::Missing,
+            _ if shared.dates.contains(&self.style) => {
+                Cell::Text(date(number()?, shared.since_1904))
+            }
+            _ => Cell::Real(number()?),
+        })
+    }
+}
+
+/// A date or time from its number of days, to the microsecond, as finely as such numbers go.
+fn date(days: f64, since_1904: bool) -> String {
+    // Excel takes 1900 for a leap year.
+    let days_to_1970 = if since_1904 { 24_107.0 } else { 25_569.0 };
+    let microseconds = ((days - days_to_1970) * 86_400e6).round();
+    iso_of(microseconds as i64, 1_000_000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formats_of_dates_are_known() {
+        for (code, expected) in [
+            ("yyyy-mm-dd", true),
+            ("[h]:mm:ss", true),
+            ("0.00", false),
+            ("General", false),
+            ("0.0\"mm\"", false),
+            ("#,##0.00 \\d", false),
+            ("[Red]0", false),
+        ] {
+            assert_eq!(is_date(code), expected, "{code}");
+        }
+        // The day that both counts give for the same date, 2026-11-22 12:00.
+        assert_eq!(date(46_348.5, false), "2026-11-22T12:00:00");
+        assert_eq!(date(44_886.5, true), "2026-11-22T12:00:00");
+    }
+}

@@ -1,0 +1,170 @@
+//! The files in a zip archive (APPNOTE.TXT), found by its directory at the end, stored or deflated.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use flate2::bufread::DeflateDecoder;
+
+use crate::budget;
+use crate::bytes::{Bytes, part};
+use crate::error::TableError;
+use crate::kind::FileKind;
+
+const KIND: FileKind = FileKind::Xlsx;
+
+fn damaged(what: impl Into<String>) -> TableError {
+    TableError::Damaged { kind: KIND, what: what.into() }
+}
+
+/// A file in an archive.
+#[derive(Clone, Debug)]
+pub(crate) struct Entry {
+    pub(crate) name: String,
+    method: u16,
+    is_encrypted: bool,
+    /// Its length in the archive.
+    packed: u64,
+    /// Where its local header starts.
+    start: u64,
+}
+
+/// How far from its end an archive's directory may end: after it stands a comment.
+const END: u64 = 22 + 0xffff;
+
+/// The files of an archive.
+pub(crate) fn entries(path: &Path) -> Result<Vec<Entry>, TableError> {
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let start = length.saturating_sub(END);
+    file.seek(SeekFrom::Start(start))?;
+    let mut end = Vec::new();
+    (&mut file).take(END).read_to_end(&mut end)?;
+    let cut = || damaged("it is cut off: the directory of the archive is missing");
+    let at = end.windows(4).rposition(|window| window == b"PK\x05\x06").ok_or_else(cut)?;
+    let mut record = Bytes::new(&end[at + 4..]);
+    if record.rest.len() < 18 {
+        return Err(cut());
+    }
+    record.take(8).ok_or_else(cut)?;
+    let size = record.u32().map(u64::from).ok_or_else(cut)?;
+    let offset = record.u32().map(u64::from).ok_or_else(cut)?;
+    if offset == u64::from(u32::MAX) {
+        return Err(TableError::Unsupported {
+            kind: KIND,
+            what: "it is larger than 4 GB".to_owned(),
+        });
+    }
+    let bytes = budget::check_description(KIND, "the directory of the archive", size)?;
+    if offset.checked_add(size).is_none_or(|end| end > length) {
+        return Err(cut());
+    }
+    file.seek(SeekFrom::Start(offset))?;
+    let mut directory = vec![0; bytes];
+    file.read_exact(&mut directory)?;
+    let mut entries = Vec::new();
+    let mut rest = Bytes::new(&directory);
+    while !rest.rest.is_empty() {
+        entries.push(entry(&mut rest).ok_or_else(|| damaged("the directory of the archive"))?);
+    }
+    Ok(entries)
+}
+
+fn entry(bytes: &mut Bytes<'_>) -> Option<Entry> {
+    if bytes.take(4)? != b"PK\x01\x02" {
+        return None;
+    }
+    bytes.take(4)?;
+    let (flags, method) = (bytes.u16()?, bytes.u16()?);
+    bytes.take(8)?;
+    let (packed, size) = (bytes.u32()?, bytes.u32()?);
+    let [name, extra, comment] = [bytes.u16()?, bytes.u16()?, bytes.u16()?].map(usize::from);
+    bytes.take(8)?;
+    let start = bytes.u32()?;
+    let name = String::from_utf8_lossy(bytes.take(name)?).into_owned();
+    let extra = bytes.take(extra)?;
+    bytes.take(comment)?;
+    let long = Long { extra, size, packed, start };
+    let (packed, start) = long.resolve()?;
+    Some(Entry { name, method, is_encrypted: flags & 1 == 1, packed, start })
+}
+
+/// Lengths of 32 bits, which stand in an extra field where they are too long.
+struct Long<'a> {
+    extra: &'a [u8],
+    size: u32,
+    packed: u32,
+    start: u32,
+}
+
+impl Long<'_> {
+    /// The length in the archive, and where it starts.
+    fn resolve(&self) -> Option<(u64, u64)> {
+        let mut fields = Bytes::new(self.extra);
+        let mut long = Bytes::new(&[]);
+        while let (Some(kind), Some(length)) = (fields.u16(), fields.u16()) {
+            let content = fields.take(usize::from(length))?;
+            if kind == 1 {
+                long = Bytes::new(content);
+            }
+        }
+        let mut value = |short: u32| match short {
+            u32::MAX => long.u64(),
+            short => Some(u64::from(short)),
+        };
+        value(self.size)?;
+        Some((value(self.packed)?, value(self.start)?))
+    }
+}
+
+impl Entry {
+    /// Its content as a stream, which may be of any length.
+    pub(crate) fn open(&self, path: &Path) -> Result<Content, TableError> {
+        let wrong = || damaged(format!("`{}` in the archive", self.name));
+        if self.is_encrypted {
+            return Err(TableError::Unsupported { kind: KIND, what: "it is encrypted".to_owned() });
+        }
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let mut header = [0; 30];
+        file.seek(SeekFrom::Start(self.start))?;
+        file.read_exact(&mut header).map_err(|_| wrong())?;
+        let sizes = part(&header, 26, 4).map(Bytes::new);
+        let sizes = sizes.and_then(|mut sizes| sizes.u16().zip(sizes.u16())).ok_or_else(wrong)?;
+        let data = self.start + 30 + u64::from(sizes.0) + u64::from(sizes.1);
+        let is_there = data.checked_add(self.packed).is_some_and(|end| end <= length);
+        if !header.starts_with(b"PK\x03\x04") || !is_there {
+            return Err(wrong());
+        }
+        file.seek(SeekFrom::Start(data))?;
+        let packed = BufReader::with_capacity(1 << 16, file.take(self.packed));
+        match self.method {
+            0 => Ok(Content::Stored(packed)),
+            8 => Ok(Content::Deflated(Box::new(DeflateDecoder::new(packed)))),
+            method => {
+                let what = format!("`{}` is compressed by method {method}", self.name);
+                Err(TableError::Unsupported { kind: KIND, what })
+            }
+        }
+    }
+
+    /// Its length in the archive.
+    pub(crate) fn stored_bytes(&self) -> u64 {
+        self.packed
+    }
+}
+
+/// The content of a file in an archive.
+pub(crate) enum Content {
+    Stored(BufReader<std::io::Take<File>>),
+    Deflated(Box<DeflateDecoder<BufReader<std::io::Take<File>>>>),
+}
+
+impl Read for Content {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        match self {
+            Self::Stored(stream) => stream.read(buffer),
+            Self::Deflated(stream) => stream.read(buffer),
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! Converted frames as what is written of them, on any thread and then in order.
+
+use std::io::{self, Write};
+
+use table_file::write::mcap::{Channel, Chunk, ChunkBuilder, McapWriter, wrench_stamped};
+use table_file::write::{ArrowWriter, MatWriter, NpyWriter, TableWriter, Values};
+
+use super::error::ConvertError;
+use super::format::OutputFormat;
+use super::frames::ConvertedFrames;
+use super::table::Table;
+use crate::table::ParquetWriter;
+
+/// The topics of a recording.
+const WRENCH_TOPIC: &str = "/wrench";
+const DETAILS_TOPIC: &str = "/wrench/details";
+
+/// How many rows are written together where a table has parts.
+const PART_ROWS: usize = 1 << 16;
+
+/// What makes bytes of frames, on any thread.
+pub(super) struct Encoder<'a> {
+    pub(super) table: &'a Table,
+    pub(super) format: &'a OutputFormat,
+    /// The names of the readings, as the log has them.
+    pub(super) channels: Vec<String>,
+}
+
+/// Some frames, as they are written.
+pub(super) enum Encoded {
+    Text(Vec<u8>),
+    Columns(Columns),
+    Chunk(Option<Chunk>),
+}
+
+/// Columns of numbers, and one of flags if there is to be one.
+#[derive(Default)]
+pub(super) struct Columns {
+    numbers: Vec<Vec<f64>>,
+    flags: Option<Vec<String>>,
+}
+
+impl Encoder<'_> {
+    /// Whether the readings are written, too.
+    pub(super) fn needs_readings(&self) -> bool {
+        matches!(self.format, OutputFormat::Mcap { .. })
+    }
+
+    pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<Encoded, ConvertError> {
+        Ok(match self.format {
+            OutputFormat::Csv => {
+                let mut text = Vec::new();
+                self.table.rows(frames, &mut text);
+                Encoded::Text(text)
+            }
+            OutputFormat::Mcap { frame_id } => Encoded::Chunk(self.chunk(frames, frame_id)?),
+            _ => Encoded::Columns(Columns {
+                numbers: self.table.numbers(frames),
+                flags: self
+                    .table
+                    .has_flags()
+                    .then(|| (0..frames.len()).map(|row| Table::flags(frames, row)).collect()),
+            }),
+        })
+    }
+
+    fn chunk(
+        &self,
+        frames: &ConvertedFrames,
+        frame_id: &str,
+    ) -> Result<Option<Chunk>, ConvertError> {
+        let mut chunk = ChunkBuilder::default();
+        let numbers = self.table.numbers(frames);
+        // Time and wrench are in messages of their own.
+        let names: Vec<String> = self.table.names().into_iter().skip(7).collect();
+        let details = self.channels.iter().zip(&frames.readings);
+        let details = details.chain(names.iter().zip(&numbers[7..]));
+        // The names as they stand in every message.
+        let key = |name: &String| serde_json::to_string(name).map(|name| format!("{name}:"));
+        let details = details.map(|(name, values)| Ok((key(name)?, values)));
+        let details: Vec<(String, &Vec<f64>)> =
+            details.collect::<Result<_, serde_json::Error>>().map_err(io::Error::other)?;
+        let mut digits = zmij::Buffer::new();
+        let mut json = Vec::new();
+        for row in 0..frames.len() {
+            let time_s = frames.time_s[row];
+            let time_ns = nanoseconds(time_s).ok_or(ConvertError::Epoch { time_s })?;
+            let wrench = frames.wrench.each_ref().map(|axis| axis[row]);
+            chunk.message(0, time_ns, &wrench_stamped(time_ns, frame_id, wrench));
+            json.clear();
+            json.push(b'{');
+            for (name, values) in &details {
+                json.extend_from_slice(name.as_bytes());
+                let number = digits.format(values[row]);
+                json.extend_from_slice(number.strip_suffix(".0").unwrap_or(number).as_bytes());
+                json.push(b',');
+            }
+            json.extend_from_slice(b"\"flags\":\"");
+            json.extend_from_slice(Table::flags(frames, row).as_bytes());
+            json.extend_from_slice(b"\"}");
+            chunk.message(1, time_ns, &json);
+        }
+        Ok(chunk.finish()?)
+    }
+
+    /// The JSON schema of what goes with a wrench.
+    fn details_schema(&self) -> String {
+        let names = self.channels.iter().cloned().chain(self.table.names().into_iter().skip(7));
+        let number = |name| (name, serde_json::json!({ "type": "number" }));
+        let mut properties: serde_json::Map<_, _> =
+            names.filter(|name| name != "flags").map(number).collect();
+        properties.insert("flags".to_owned(), serde_json::json!({ "type": "string" }));
+        serde_json::json!({
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": "what goes with a wrench",
+            "type": "object",
+            "properties": properties,
+        })
+        .to_string()
+    }
+}
+
+/// A time as whole nanoseconds, by its decimal digits: those are what is meant.
+fn nanoseconds(time_s: f64) -> Option<u64> {
+    // The stamp of a message has 31 bits of seconds.
+    if !(0.0..2_147_483_648.0).contains(&time_s) {
+        return None;
+    }
+    let mut digits = zmij::Buffer::new();
+    let text = digits.format(time_s);
+    let exact = text.split_once('.').and_then(|(seconds, fraction)| {
+        let nanoseconds: u64 =
+            format!("{fraction:0<9}").parse().ok().filter(|_| fraction.len() <= 9)?;
+        Some(seconds.parse::<u64>().ok()? * 1_000_000_000 + nanoseconds)
+    });
+    Some(exact.unwrap_or((time_s * 1e9).round() as u64))
+}
+
+/// Where encoded frames go, in order.
+pub(super) enum Output<'a> {
+    Text(&'a mut dyn Write),
+    Table { writer: Box<dyn TableWriter + 'a>, waiting: Columns },
+    Recording(McapWriter<&'a mut dyn Write>),
+}
+
+impl<'a> Output<'a> {
+    /// Writes what comes before the first frame.
+    pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
+        let columns = || {
+            let names = encoder.table.names().into_iter();
+            names
+                .map(|name| {
+                    let is_text = name == "flags";
+                    (name, is_text)
+                })
+                .collect::<Vec<_>>()
+        };
+        let writer: Box<dyn TableWriter + 'a> = match encoder.format {
+            OutputFormat::Csv => {
+                let mut text = Vec::new();
+                encoder.table.header(&mut text);
+                out.write_all(&text)?;
+                return Ok(Self::Text(out));
+            }
+            OutputFormat::Mcap { .. } => {
+                let details = encoder.details_schema();
+                let channels =
+                    vec![Channel::wrench(WRENCH_TOPIC), Channel::json(DETAILS_TOPIC, details)];
+                let library = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
+                return Ok(Self::Recording(McapWriter::new(out, library, channels)?));
+            }
+            OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &columns())?),
+            OutputFormat::Arrow => Box::new(ArrowWriter::new(out, &columns())?),
+            OutputFormat::Matlab => Box::new(MatWriter::new(out, &columns())),
+            OutputFormat::NumPy => Box::new(NpyWriter::new(out, &columns())),
+        };
+        Ok(Self::Table { writer, waiting: Columns::default() })
+    }
+
+    pub(super) fn write(&mut self, encoded: Encoded) -> io::Result<()> {
+        match (self, encoded) {
+            (Self::Text(out), Encoded::Text(text)) => out.write_all(&text),
+            (Self::Recording(writer), Encoded::Chunk(chunk)) => {
+                chunk.map_or(Ok(()), |chunk| writer.write(&chunk))
+            }
+            (Self::Table { writer, waiting }, Encoded::Columns(columns)) => {
+                waiting.append(columns);
+                if waiting.rows() >= PART_ROWS {
+                    std::mem::take(waiting).write(&mut **writer)?;
+                }
+                Ok(())
+            }
+            _ => Err(io::Error::other("frames were encoded for another kind of file")),
+        }
+    }
+
+    /// Writes what is left, and the end.
+    pub(super) fn finish(self) -> io::Result<()> {
+        match self {
+            Self::Text(_) => Ok(()),
+            Self::Recording(mut writer) => writer.finish(),
+            Self::Table { mut writer, waiting } => {
+                waiting.write(&mut *writer)?;
+                writer.finish()
+            }
+        }
+    }
+}
+
+impl Columns {
+    fn rows(&self) -> usize {
+        self.numbers.first().map_or(self.flags.as_ref().map_or(0, Vec::len), Vec::len)
+    }
+
+    fn append(&mut self, next: Self) {
+        self.numbers.resize_with(next.numbers.len(), Vec::new);
+        self.numbers.iter_mut().zip(next.numbers).for_each(|(column, next)| column.extend(next));
+        if let Some(next) = next.flags {
+            self.flags.get_or_insert_default().extend(next);
+        }
+    }
+
+    fn write(self, writer: &mut dyn TableWriter) -> io::Result<()> {
+        if self.rows() == 0 {
+            return Ok(());
+        }
+        let mut values: Vec<Values<'_>> =
+            self.numbers.iter().map(|column| Values::Numbers(column)).collect();
+        values.extend(self.flags.as_ref().map(|flags| Values::Texts(flags)));
+        writer.write(&values)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_nanoseconds_by_their_digits() {
+        for (time_s, expected) in [
+            (0.0, Some(0)),
+            (1.5, Some(1_500_000_000)),
+            (1_425_168_310.852_012, Some(1_425_168_310_852_012_000)),
+            (1e-9, Some(1)),
+            (1.0 / 3.0, Some(333_333_333)),
+            (-1.0, None),
+            (1e10, None),
+        ] {
+            assert_eq!(nanoseconds(time_s), expected, "{time_s}");
+        }
+    }
+}

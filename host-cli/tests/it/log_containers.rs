@@ -1,0 +1,211 @@
+//! One recording in every kind of file that is read, written by the programs that people use
+//! (`crates/log-file/fuzz/make_seeds.py`): the same numbers, and the same coefficients, bit for bit.
+
+use std::path::{Path, PathBuf};
+
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use shell_data::block::Block;
+use system_tests::program;
+
+/// The folders of the files.
+const FOLDERS: [&str; 8] =
+    ["text", "packed", "parquet", "arrow", "matlab", "numpy", "xlsx", "mcap"];
+
+fn seeds() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/log-file/fuzz/seeds")
+}
+
+fn plain() -> PathBuf {
+    seeds().join("text/plain.csv")
+}
+
+/// All files, but for the one that the others are compared with.
+fn files() -> Vec<PathBuf> {
+    let entries =
+        FOLDERS.iter().flat_map(|folder| std::fs::read_dir(seeds().join(folder)).unwrap());
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| *path != plain());
+    files.sort();
+    assert!(files.len() > 30, "{files:?}");
+    files
+}
+
+fn rows(path: &Path, threads: usize) -> Result<(Block, Option<String>), LogError> {
+    let log = Log::open(path, &Mapping::default())?;
+    let wanted = Wanted {
+        time: true,
+        readings: true,
+        wrench: true,
+        groups: log.has_groups(),
+        others: Vec::new(),
+    };
+    let options = ReadOptions { threads, checksum: true, ..ReadOptions::default() };
+    let mut whole = Block::default();
+    let summary =
+        log.with_chunk_bytes(700).read(&wanted, &options, std::mem::take, |mut block| {
+            whole.rows += block.rows;
+            whole.time_s.append(&mut block.time_s);
+            for (columns, more) in
+                [(&mut whole.readings, block.readings), (&mut whole.wrench, block.wrench)]
+            {
+                columns.resize_with(more.len(), Vec::new);
+                columns.iter_mut().zip(more).for_each(|(column, more)| column.extend(more));
+            }
+            for (label, rows) in block.groups {
+                match whole.groups.last_mut() {
+                    Some((last, count)) if *last == label => *count += rows,
+                    _ => whole.groups.push((label, rows)),
+                }
+            }
+            Ok::<_, LogError>(())
+        })?;
+    Ok((whole, summary.checksum))
+}
+
+#[test]
+fn the_same_recording_is_the_same_rows_in_every_kind_of_file() {
+    let (expected, _) = rows(&plain(), 1).unwrap();
+    assert_eq!((expected.rows, expected.groups.len()), (24, 4));
+    for path in files() {
+        let name = path.display();
+        let (found, checksum) = rows(&path, 1).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(found.readings, expected.readings, "{name}");
+        assert_eq!(found.wrench, expected.wrench, "{name}");
+        if !found.groups.is_empty() {
+            assert_eq!(found.groups, expected.groups, "{name}");
+        }
+        // Dates begin in 2026, recordings when they were logged; the rest are the same seconds.
+        let start_s = match found.time_s[0] {
+            0.0 => 0.0,
+            // `date -u -d 2026-11-22T10:00:00 +%s`
+            1_795_341_600.0 => 1_795_341_600.0,
+            1_700_000_000.0 => 1_700_000_000.0,
+            other => panic!("{name} begins at {other} s"),
+        };
+        for (time, expected) in found.time_s.iter().zip(&expected.time_s) {
+            // A double near 1.8e9 s is good to 2⁻²² s.
+            let tolerance_s = if start_s == 0.0 { 0.0 } else { 2.4e-7 };
+            assert!((time - start_s - expected).abs() <= tolerance_s, "{name}: {time}");
+        }
+        let of_file = log_file::checksum::of(&std::fs::read(&path).unwrap());
+        assert_eq!(checksum, Some(of_file), "{name}");
+        for threads in [2, 5] {
+            assert_eq!(rows(&path, threads).unwrap().0, found, "{name}, {threads} threads");
+        }
+    }
+}
+
+#[test]
+fn fits_of_the_same_recording_have_the_same_coefficients() {
+    let dir = tempfile::tempdir().unwrap();
+    let coefficients = |path: &Path| {
+        let output = dir.path().join("calibration.json");
+        let ran = program::command(dir.path())
+            .arg("fit")
+            .arg(path)
+            .args(["--model", "linear", "-o"])
+            .arg(&output)
+            .output();
+        let ran = ran.unwrap();
+        assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+        let document: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(&output).unwrap()).unwrap();
+        std::fs::remove_file(&output).unwrap();
+        document["coefficients"].to_string()
+    };
+    let expected = coefficients(&plain());
+    assert!(expected.len() > 6 * 9 * 8, "{expected}");
+    for name in [
+        "text/german_utf16.csv",
+        "parquet/polars_zstd.parquet",
+        "arrow/lz4.feather",
+        "matlab/vectors.mat",
+        "numpy/matrix.npy",
+        "xlsx/workbook.xlsx",
+        "mcap/zstd.mcap",
+    ] {
+        assert_eq!(coefficients(&seeds().join(name)), expected, "{name}");
+    }
+}
+
+#[test]
+fn files_cut_anywhere_are_errors_that_name_them() {
+    let dir = tempfile::tempdir().unwrap();
+    for folder in ["parquet", "arrow", "matlab", "numpy", "xlsx", "mcap"] {
+        for entry in std::fs::read_dir(seeds().join(folder)).unwrap() {
+            let path = entry.unwrap().path();
+            let bytes = std::fs::read(&path).unwrap();
+            // A stream or recording without its end holds all rows until then.
+            let ends_early = path.extension().is_some_and(|it| it == "arrows" || it == "mcap");
+            let lengths = (16..bytes.len()).step_by(bytes.len() / 60 + 1);
+            for length in lengths.chain((!ends_early).then_some(bytes.len() - 1)) {
+                let cut = dir.path().join(path.file_name().unwrap());
+                std::fs::write(&cut, &bytes[..length]).unwrap();
+                match rows(&cut, 1) {
+                    Err(error) => {
+                        let said = error.to_string();
+                        assert!(said.contains(&cut.display().to_string()), "{said}");
+                    }
+                    Ok((rows, _)) => assert!(
+                        ends_early && rows.rows <= 24,
+                        "{} of {length} bytes",
+                        path.display()
+                    ),
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn faults_are_named_by_row_and_column() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = |name: &str, bytes: &[u8], flags: &[&str]| {
+        let path = dir.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let ran = program::command(dir.path()).arg("info").arg(&path).args(flags).output().unwrap();
+        assert_eq!(ran.status.code(), Some(2), "{name}");
+        String::from_utf8(ran.stderr).unwrap().replace(&path.display().to_string(), "FILE")
+    };
+    let seed = |name: &str| std::fs::read(seeds().join(name)).unwrap();
+    // A double of the third row becomes no number: rows of 15 doubles after 128 bytes of header.
+    let mut npy = seed("numpy/matrix.npy");
+    let at = 128 + 8 * (2 * 15 + 9);
+    npy[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
+    let complaint = said("a.npy", &npy, &[]);
+    assert!(complaint.contains("`FILE`, row 3: column 10 (`Fx`)"), "{complaint}");
+    let complaint = said("a.mat", &seed("matlab/vectors.mat"), &["--table", "forces"]);
+    assert!(complaint.contains("`forces`; it has `t`, `s`"), "{complaint}");
+    let complaint = said("a.mcap", &seed("mcap/none.mcap"), &["--table", "/x"]);
+    assert!(complaint.contains("`/x`; it has `/readings`, `/wrench`"), "{complaint}");
+    let complaint = said("a.xlsx", &seed("xlsx/workbook.xlsx"), &["--table", "x"]);
+    assert!(complaint.contains("without a sheet `x`; it has `Sheet`"), "{complaint}");
+    for (name, start, what) in [
+        ("a.h5", &b"\x89HDF\r\n\x1a\n\0\0"[..], "is an HDF5 file"),
+        ("a.csv", b"SQLite format 3\0", "is an SQLite database"),
+        ("a.pickle", b"\x80\x04\x95\0", "is a Python pickle"),
+        ("a.csv.xz", b"\xfd7zXZ\0\0", "is compressed with xz"),
+    ] {
+        let complaint = said(name, start, &[]);
+        assert!(complaint.contains(what) && complaint.contains("hint:"), "{complaint}");
+    }
+}
+
+#[test]
+fn standard_input_is_a_log() {
+    use std::io::Write;
+    let info = |path: &str, input: &[u8]| {
+        let mut command = program::command(Path::new("."));
+        command.args(["info", path, "--json"]).stdin(std::process::Stdio::piped());
+        let mut child = command.stdout(std::process::Stdio::piped()).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(input).unwrap();
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success());
+        String::from_utf8(output.stdout).unwrap()
+    };
+    for path in [plain(), seeds().join("parquet/snappy.parquet")] {
+        let path = path.display().to_string();
+        let by_name = info(&path, b"").replace(&path, "-");
+        assert_eq!(info("-", &std::fs::read(&path).unwrap()), by_name);
+    }
+}
