@@ -83,7 +83,7 @@ impl From<LogError> for Failure {
         };
         let told = Told { hint, ..told };
         let told = match &error {
-            LogError::Row { path, line, problem } => {
+            LogError::Row { path, place, problem } => {
                 let column = match problem {
                     RowProblem::NotANumber { field, .. }
                     | RowProblem::NotFinite { field, .. }
@@ -91,14 +91,15 @@ impl From<LogError> for Failure {
                     | RowProblem::EmptyField { field } => Some(field.column as u64 + 1),
                     _ => None,
                 };
-                Told { line: Some(*line), column, ..told.in_file(path) }
+                Told { line: place.number(), column, ..told.in_file(path) }
             }
-            LogError::LineTooLong { path, line, .. }
-            | LogError::UnknownLayout { path, line, .. }
-            | LogError::LayoutMismatch { path, line, .. }
-            | LogError::MissingColumns { path, line, .. }
-            | LogError::DuplicateColumn { path, line, .. } => {
-                Told { line: Some(*line), ..told.in_file(path) }
+            LogError::CarriageReturns { path, place }
+            | LogError::LineTooLong { path, place, .. }
+            | LogError::UnknownLayout { path, place, .. }
+            | LogError::LayoutMismatch { path, place, .. }
+            | LogError::MissingColumns { path, place, .. }
+            | LogError::DuplicateColumn { path, place, .. } => {
+                Told { line: place.number(), ..told.in_file(path) }
             }
             LogError::Io { path, .. }
             | LogError::Gzip { path, .. }

@@ -201,6 +201,16 @@ pub enum Place {
     Names,
 }
 
+impl Place {
+    /// The number of the line or row.
+    pub fn number(self) -> Option<u64> {
+        match self {
+            Self::Line(number) | Self::Row(number) => Some(number),
+            Self::Names => None,
+        }
+    }
+}
+
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
