@@ -19,7 +19,7 @@ use crate::element::Element;
 use crate::error::TableError;
 use crate::flatbuffer::Object;
 use crate::kind::FileKind;
-use crate::table::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
 
 const KIND: FileKind = FileKind::Arrow;
 

@@ -1,6 +1,6 @@
 //! Numbers as files hold them.
 
-use crate::table::Cell;
+use crate::rows::Cell;
 
 /// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

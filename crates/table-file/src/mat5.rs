@@ -12,7 +12,7 @@ use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::table::{Batch, Cell, Layout, Numbering, Rows, batch_rows};
+use crate::rows::{Batch, Cell, Layout, Numbering, Rows, batch_rows};
 
 const KIND: FileKind = FileKind::Matlab;
 

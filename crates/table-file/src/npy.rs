@@ -12,7 +12,7 @@ use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::python_literal::{self, Literal};
-use crate::table::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
 
 const KIND: FileKind = FileKind::NumPy;
 

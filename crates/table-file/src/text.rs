@@ -4,7 +4,8 @@ use std::fmt;
 use std::io::{self, Read};
 
 use crate::error::TableError;
-use crate::table::{Batch, Cell, Rows, Table};
+use crate::rows::{Batch, Cell, Rows};
+use crate::table::Table;
 
 /// Reads as the text of a CSV file: a line of names, if the table has any, and a line for each row.
 /// Numbers have the fewest digits that read back as the same number. Texts lose their line breaks.

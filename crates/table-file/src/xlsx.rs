@@ -11,7 +11,7 @@ use crate::budget;
 use crate::calendar::iso_of;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::table::{Batch, Cell, Layout, Numbering, Rows};
+use crate::rows::{Batch, Cell, Layout, Numbering, Rows};
 use crate::xml::{Element, Event, Xml};
 use crate::zip::{Content, Entry, entries};
 

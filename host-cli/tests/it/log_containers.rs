@@ -128,6 +128,32 @@ fn fits_of_the_same_recording_have_the_same_coefficients() {
     }
 }
 
+/// RMS on the training rows, Fx to Mz in N and N·mm, of plain least squares on standardised columns (numpy).
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn a_matrix_of_another_lab_is_fitted_as_it_is() {
+    let data = system_tests::real_recording("others/fingertip/data.mat");
+    let dir = tempfile::tempdir().unwrap();
+    for (model, expected) in [
+        ("linear", [1.3250, 1.1075, 1.2491, 8.530, 10.878, 3.905]),
+        ("cubic", [1.1255, 0.6711, 0.8827, 5.693, 7.156, 2.801]),
+        ("quadratic", [0.7041, 0.4003, 0.5543, 2.938, 4.175, 1.451]),
+    ] {
+        let mut fit = program::command(dir.path());
+        fit.arg("fit").arg(&data).args(["--sensors", "1-8", "--wrench", "9-14"]);
+        fit.args(["--moment-unit", "mN·m", "--model", model, "-o"]).arg(format!("{model}.json"));
+        assert!(fit.output().unwrap().status.success(), "{model}");
+        let document = std::fs::read(dir.path().join(format!("{model}.json"))).unwrap();
+        let document: serde_json::Value = serde_json::from_slice(&document).unwrap();
+        for (axis, expected) in expected.iter().enumerate() {
+            let rms = document["diagnostics"]["train"][axis]["rms"].as_f64().unwrap();
+            let (rms, digit) = if axis < 3 { (rms, 1e-4) } else { (1e3 * rms, 1e-3) };
+            // To the last digit that is given.
+            assert!((rms - expected).abs() <= 0.5001 * digit, "{model} {axis}: {rms}, {expected}");
+        }
+    }
+}
+
 #[test]
 fn files_cut_anywhere_are_errors_that_name_them() {
     let dir = tempfile::tempdir().unwrap();

@@ -5,4 +5,4 @@
 use libfuzzer_sys::fuzz_target;
 use log_file_fuzz::read_log;
 
-fuzz_target!(|bytes: &[u8]| read_log(bytes, None, bytes.len() % 61 + 1));
+fuzz_target!(|bytes: &[u8]| read_log(bytes, None, bytes.len() % 499 + 20));

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::bytes::Bytes;
-use crate::table::Cell;
+use crate::rows::Cell;
 
 /// How messages of a topic are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

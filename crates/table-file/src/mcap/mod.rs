@@ -16,7 +16,7 @@ use self::records::{Record, Records};
 use crate::budget;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::table::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
 
 const KIND: FileKind = FileKind::Mcap;
 

@@ -22,7 +22,7 @@ use crate::bytes::Bytes;
 use crate::codec::Codec;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::table::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
 use crate::thrift::{self, Value};
 
 const KIND: FileKind = FileKind::Parquet;

@@ -12,7 +12,7 @@ use crate::calendar::iso_of;
 use crate::codec::{Codec, unpack};
 use crate::element::{Element, half};
 use crate::error::TableError;
-use crate::table::Cell;
+use crate::rows::Cell;
 use crate::thrift::{self, Value};
 
 /// The longest head of a page: statistics may be in it.
