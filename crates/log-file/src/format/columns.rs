@@ -518,7 +518,7 @@ mod tests {
             let mapping = Mapping { group, ..Mapping::default() };
             let line = names("t,s1,s2,Fx,Fy,Fz,Mx,My,Mz,run,pose");
             let at = line.iter().position(|column| column == name).unwrap();
-            let (columns, roles) = recognise(line, Format::Csv, &mapping).unwrap();
+            let (columns, roles) = recognise(line, &[], Format::Csv, &mapping).unwrap();
             assert_eq!(roles.group, Some(at), "{name}");
             assert_eq!(columns[at].meaning, meaning, "{name}");
             assert_eq!((roles.sensors.len(), roles.wrench[5]), (2, Some(8)), "{name}");
