@@ -2,6 +2,7 @@
 //! logs, where any of it is asked for.
 
 use super::WorkflowError;
+pub use super::groups::HeldOut;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::moments::{self, SumOptions};
 use super::selection::UsedRows;
@@ -22,21 +23,6 @@ const HELD_OUT: usize = 2;
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
-
-/// What is held out together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HeldOut {
-    /// Each group of the logs' group column, or each file, or what is found in a log alone.
-    Auto,
-    /// Each file.
-    File,
-    /// Each group of the column.
-    Column,
-    /// Each plateau of constant load.
-    Plateaus,
-    /// So many folds of groups.
-    Folds(usize),
-}
 
 /// What the covariance of the coefficients is found from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
