@@ -79,7 +79,7 @@ pub(super) struct BlockErrors {
     errors: PerAxis<AxisErrors>,
     sizes: Option<PerAxis<Magnitudes>>,
     drawn: Option<Drawn>,
-    /// Whether a row does not belong, as far as a judge was asked.
+    /// Whether a row may not belong and matter, as far as a judge was asked.
     pub(super) stands_out: bool,
 }
 
@@ -108,7 +108,7 @@ impl BlockErrors {
             stands_out: judge.is_some_and(|judge| {
                 let spread = Spread::of(block, SPREAD_STRIDE);
                 let judged = judge.judge_predicted(block, &predicted, &spread, |_| false);
-                judged.iter().any(Judged::is_outlier)
+                judged.iter().any(Judged::may_matter)
             }),
             drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),
         }

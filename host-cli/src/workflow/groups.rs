@@ -4,12 +4,26 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::Arc;
 
-use super::model_choice::HeldOut;
 use super::{WorkflowError, check_channels};
 use calibration::validation::grouped::GroupKind;
 use calibration::validation::plateaus::{PlateauFinder, Steps, Stretches};
 use log_file::{self, Log, ReadOptions, Wanted};
 use shell_data::block::Block;
+
+/// What is held out together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeldOut {
+    /// Each group of the logs' group column, or each file, or what is found in a log alone.
+    Auto,
+    /// Each file.
+    File,
+    /// Each group of the column.
+    Column,
+    /// Each plateau of constant load.
+    Plateaus,
+    /// So many folds of groups.
+    Folds(usize),
+}
 
 /// What a group is.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,6 +2,7 @@
 //! logs, where any of it is asked for.
 
 use super::WorkflowError;
+pub use super::groups::HeldOut;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::moments::{self, SumOptions};
 use super::selection::UsedRows;
@@ -27,21 +28,6 @@ const FEWEST_GROUPS: usize = 10;
 /// The random split into so many folds, two of which are held out.
 pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
     RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
-}
-
-/// What is held out together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HeldOut {
-    /// Each group of the logs' group column, or each file, or what is found in a log alone.
-    Auto,
-    /// Each file.
-    File,
-    /// Each group of the column.
-    Column,
-    /// Each plateau of constant load.
-    Plateaus,
-    /// So many folds of groups.
-    Folds(usize),
 }
 
 /// What the covariance of the coefficients is found from.

@@ -10,7 +10,7 @@
 //!
 //! and a row does not belong if that is above [`LIMIT`] on any axis (Cook and Weisberg, Residuals and
 //! Influence in Regression, 1982, §2.2), unless the rows beside it err alike: what a model cannot follow
-//! comes and goes, a slip is there and gone. Nor does a row belong with a reading further than `LIMIT`
+//! comes and goes, a slip is there and gone. Nor does a row belong with a reading further than eight
 //! standard deviations from the mean and half that from both rows beside it, nor one with a size of 3 that
 //! jumps by two of them from both in one direction and has more than half the leverage there is, and
 //! twenty times the average: a fit follows such rows whatever they say.
@@ -19,8 +19,8 @@
 //! all rows that exceed a limit; what is found to belong goes back, and the fit is done again, until
 //! nothing changes.
 //!
-//! Why 8: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
-//! mean square error by a tenth it takes a size of `0.46·√n`, which is above 8 from 300 rows on.
+//! Why 10: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
+//! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on.
 
 use std::ops::Range;
 
@@ -34,9 +34,11 @@ use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
 
-/// The largest size of an error, and the largest distance of a reading from its mean in standard
-/// deviations, of a row that belongs.
-pub const LIMIT: f64 = 8.0;
+/// The largest size of an error of a row that belongs.
+pub const LIMIT: f64 = 10.0;
+
+/// The largest distance of a reading from its mean, in standard deviations, of one that does.
+const FAR: f64 = 8.0;
 
 /// The sizes from which on a row is looked at: leverage takes time.
 const LOOK_AT_ERROR: f64 = 4.0;
@@ -129,13 +131,19 @@ impl Judged {
     /// Whether the row does not belong.
     pub fn is_outlier(&self) -> bool {
         (self.size > LIMIT && self.errs_alone)
-            || (self.far > LIMIT && self.is_far_alone)
+            || (self.far > FAR && self.is_far_alone)
             || (self.size > SIZE_WITH_JUMP && self.takes_over)
+    }
+
+    /// Whether it may matter, as far as a fit to all rows can tell, so that a search is worth while. How
+    /// far readings spread need only be known roughly.
+    pub fn may_matter(&self) -> bool {
+        (self.size > LIMIT && self.errs_alone) || self.takes_over
     }
 
     /// Whether it exceeds a limit at all, and may hide others.
     pub fn stands_out(&self) -> bool {
-        self.size > LIMIT || self.far > LIMIT || self.takes_over
+        self.size > LIMIT || self.far > FAR || self.takes_over
     }
 
     /// A row that is not judged by a fit.
@@ -275,7 +283,7 @@ fn distance(block: &Block, spread: &Spread, row: usize) -> (f64, bool) {
     let Some(channel) = farthest else { return (0.0, false) };
     let column = &block.readings[channel];
     let is_apart = |beside: Option<&f64>| {
-        beside.is_none_or(|&other| spread.apart(channel, column[row], other) > 0.5 * LIMIT)
+        beside.is_none_or(|&other| spread.apart(channel, column[row], other) > 0.5 * FAR)
     };
     let before = row.checked_sub(1).and_then(|row| column.get(row));
     (far(channel), is_apart(before) && is_apart(column.get(row + 1)))

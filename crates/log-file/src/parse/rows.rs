@@ -511,7 +511,7 @@ mod tests {
         let mut offset = 0;
         for line in lines.split(|&byte| byte == b'\n') {
             let text = line.strip_suffix(b"\r").unwrap_or(line);
-            if !text.trim_ascii().is_empty() {
+            if !text.trim_ascii().is_empty() && !is_comment(text) {
                 let fields = text.split(|&byte| byte == plan.separator);
                 let result = plan.parse_fields(fields, &mut parsed);
                 let skip =
