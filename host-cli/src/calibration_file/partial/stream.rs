@@ -36,6 +36,12 @@ impl<R: BufRead> PartialStream<R> {
         self.document.clear();
         let mut rest = (&mut self.reader).take(Document::Json.budget() + 1);
         while rest.read_until(b'\n', &mut self.document)? > 0 {
+            // Blank lines between documents are part of none.
+            if self.document.trim_ascii().is_empty() {
+                self.document.clear();
+                self.lines += 1;
+                continue;
+            }
             // What is no document at all is not collected to its end.
             if self.document.trim_ascii_start().first().is_some_and(|&byte| byte != b'{') {
                 return Ok(true);
