@@ -28,7 +28,7 @@ fn main() -> ExitCode {
     let mut printer = printer::Printer::new(args.output);
     let ran = files::outputs(&matches)
         .map_err(anyhow::Error::from)
-        .and_then(|outputs| args.command.run(&mut printer, &outputs));
+        .and_then(|outputs| args.command.run(&mut printer, &outputs, args::Args::command));
     match ran {
         Ok(outcome) => outcome.into(),
         Err(error) if hints::is_closed_pipe(&error) => ExitCode::SUCCESS,

@@ -2,10 +2,9 @@
 
 use std::any::TypeId;
 
-use clap::{Arg, Command, CommandFactory, ValueHint};
+use clap::{Arg, Command, ValueHint};
 use clap_complete::Shell;
 
-use crate::args::Args;
 use crate::files::{InputPath, OutputPath, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -21,8 +20,11 @@ pub(crate) struct CompletionsArgs {
 }
 
 impl CompletionsArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let mut command = Args::command();
+    pub(crate) fn run(
+        &self,
+        printer: &mut Printer,
+        mut command: Command,
+    ) -> anyhow::Result<Outcome> {
         command.build();
         let mut command = with_hints(command);
         let name = command.get_name().to_owned();

@@ -1,11 +1,10 @@
 //! `shellcal man`: the manual, one page for each command.
 
 use anyhow::Context;
-use clap::{Command, CommandFactory};
+use clap::Command;
 use clap_mangen::Man;
 use shellcal::output::Outputs;
 
-use crate::args::Args;
 use crate::files::OutputPlace;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -19,10 +18,14 @@ pub(crate) struct ManArgs {
 }
 
 impl ManArgs {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(
+        &self,
+        printer: &mut Printer,
+        outputs: &Outputs,
+        mut command: Command,
+    ) -> anyhow::Result<Outcome> {
         std::fs::create_dir_all(&self.directory)
             .with_context(|| format!("cannot make `{}`", self.directory.display()))?;
-        let mut command = Args::command();
         command.build();
         let count = self.write(command, outputs)?;
         printer.note(format!("{count} pages in `{}`", self.directory.display()));

@@ -168,7 +168,13 @@ pub(crate) enum Command {
 }
 
 impl Command {
-    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+    /// Runs it; `whole` is the command line that it is one of.
+    pub(crate) fn run(
+        &self,
+        printer: &mut Printer,
+        outputs: &Outputs,
+        whole: fn() -> clap::Command,
+    ) -> anyhow::Result<Outcome> {
         match self {
             Command::Ports(args) => args.run(printer),
             Command::Board(args) => args.run(printer),
@@ -191,8 +197,8 @@ impl Command {
             Command::Bench(args) => args.run(printer, outputs),
             Command::Synth(args) => args.run(printer, outputs),
             Command::Simulate(args) => args.run(printer, outputs),
-            Command::Completions(args) => args.run(printer),
-            Command::Man(args) => args.run(printer, outputs),
+            Command::Completions(args) => args.run(printer, whole()),
+            Command::Man(args) => args.run(printer, outputs, whole()),
         }
     }
 }
