@@ -69,9 +69,6 @@ impl Evaluation {
     }
 }
 
-/// Every so-manieth row is enough to tell how far readings spread.
-const SPREAD_STRIDE: usize = 16;
-
 /// What is known of one block. Predictions and measurements are kept only if they are to be drawn.
 pub(super) struct BlockErrors {
     rows: u64,
@@ -96,7 +93,7 @@ impl BlockErrors {
         block: &Block,
         size_unit: Option<&PerAxis<f64>>,
         is_drawn: bool,
-        judge: Option<&Judge>,
+        judge: Option<(&Judge, &Spread)>,
     ) -> Self {
         let mut predicted = PerAxis::default();
         calibration.wrench(&block.readings, &mut predicted);
@@ -105,9 +102,8 @@ impl BlockErrors {
             out_of_range: calibration.rows_out_of_range(&block.readings),
             errors: quality::errors(&predicted, &block.wrench),
             sizes: size_unit.map(|unit| sizes(&predicted, &block.wrench, unit)),
-            stands_out: judge.is_some_and(|judge| {
-                let spread = Spread::of(block, SPREAD_STRIDE);
-                let judged = judge.judge_predicted(block, &predicted, &spread, |_| false);
+            stands_out: judge.is_some_and(|(judge, spread)| {
+                let judged = judge.judge_predicted(block, &predicted, spread, |_| false);
                 judged.iter().any(Judged::may_matter)
             }),
             drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),

@@ -134,8 +134,10 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         Uncertainty::of(&solution, solver, options.ridge, options.covariance);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
     read_before.store(train_bytes, Ordering::Relaxed);
-    let judge = Judge::new(&solution, &ranges, &Spread::default()).filter(|_| options.looks);
-    let errors = errors(&calibration, &mut rows, size_unit.as_ref(), options.plot, judge.as_ref())?;
+    let spread = Spread::within(&ranges);
+    let judge = Judge::new(&solution, &ranges, &spread).filter(|_| options.looks);
+    let judge = judge.as_ref().map(|judge| (judge, &spread));
+    let errors = errors(&calibration, &mut rows, size_unit.as_ref(), options.plot, judge)?;
     if let (Some(covariance), Some(unit)) = (&mut covariance, size_unit) {
         covariance.shape = shape(&errors.train, &unit);
     }
@@ -216,7 +218,7 @@ fn errors(
     rows: &mut LogRows<'_>,
     size_unit: Option<&PerAxis<f64>>,
     plot: bool,
-    judge: Option<&Judge>,
+    judge: Option<(&Judge, &Spread)>,
 ) -> Result<Errors, WorkflowError> {
     let logs = rows.logs().to_vec();
     let train = rows.train();

@@ -10,7 +10,8 @@
 //!
 //! and a row does not belong if that is above [`LIMIT`] on any axis (Cook and Weisberg, Residuals and
 //! Influence in Regression, 1982, §2.2), unless the rows beside it err alike: what a model cannot follow
-//! comes and goes, a slip is there and gone. Nor does a row belong with a reading further than eight
+//! comes and goes, a slip is there and gone; or the error is no larger than what both the prediction and the
+//! load change by from one row to the next: sensor and reference are not sampled at one time. Nor does a row belong with a reading further than eight
 //! standard deviations from the mean and half that from both rows beside it, nor one with a size of 3 that
 //! jumps by two of them from both in one direction and has more than half the leverage there is, and
 //! twenty times the average: a fit follows such rows whatever they say.
@@ -25,10 +26,11 @@
 use std::ops::Range;
 
 use faer::Mat;
+use pulp::{Arch, NullaryFnOnce};
 
 use crate::conversion::Calibration;
 use crate::features::Features;
-use crate::reading_ranges::ReadingRanges;
+use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use crate::solver::Solution;
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
@@ -50,6 +52,9 @@ const TAKES_OVER: f64 = 0.5;
 const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
+
+/// How many standard deviations of readings are between the least and the largest.
+const DEVIATIONS_IN_RANGE: f64 = 8.0;
 
 /// Rows on either side in which an error has to halve.
 const BESIDE: usize = 6;
@@ -75,6 +80,17 @@ impl Spread {
             }
         };
         Self { columns: block.readings.iter().chain(&block.wrench).map(of).collect() }
+    }
+
+    /// Of readings between such bounds, as wide as where some thousand rows scatter normally. A corrupt
+    /// reading widens its range, so that one which takes a fit over still jumps by a part of it.
+    pub fn within(ranges: &ReadingRanges) -> Self {
+        let of = |range: &ReadingRange| RunningVariance {
+            count: 1,
+            mean: 0.5 * (range.min + range.max),
+            squares: ((range.max - range.min) / DEVIATIONS_IN_RANGE).powi(2),
+        };
+        Self { columns: ranges.channels.iter().map(of).collect() }
     }
 
     /// Adds other rows.
@@ -117,7 +133,7 @@ pub struct Judged {
     pub size: f64,
     /// Its axis.
     pub axis: usize,
-    /// Whether the rows beside it err less.
+    /// Whether the rows beside it err less, and the load does not change by as much.
     errs_alone: bool,
     /// The largest distance of a reading from its mean, in standard deviations.
     far: f64,
@@ -209,24 +225,10 @@ impl Judge {
         spread: &Spread,
         has_left_out: impl Fn(usize) -> bool,
     ) -> Vec<Judged> {
-        let mut looked_at: Vec<bool> = (0..block.rows).map(&has_left_out).collect();
-        for (axis, noise) in self.noise.iter().enumerate() {
-            let limit = LOOK_AT_ERROR * noise;
-            let errors = predicted[axis].iter().zip(&block.wrench[axis]).map(|(p, m)| p - m);
-            looked_at.iter_mut().zip(errors).for_each(|(look, e)| *look |= e.abs() > limit);
-        }
-        for (column, of) in block.readings.iter().zip(&spread.columns) {
-            let limit = LOOK_AT_READING * of.rms_about_mean();
-            let is_far = |reading: &f64| (reading - of.mean).abs() > limit;
-            looked_at.iter_mut().zip(column).for_each(|(look, reading)| *look |= is_far(reading));
-            let limit = JUMP * of.rms_about_mean();
-            for (look, rows) in looked_at.iter_mut().skip(1).zip(column.windows(3)) {
-                *look |= jump(rows[1], [rows[0], rows[2]]) > limit;
-            }
-        }
+        let found = Arch::new().dispatch(Excess { noise: &self.noise, block, predicted, spread });
         // What is beside the first and the last row is in other blocks.
-        looked_at.first_mut().into_iter().for_each(|look| *look = true);
-        looked_at.last_mut().into_iter().for_each(|look| *look = true);
+        let is_edge = |row: usize| row == 0 || row + 1 == block.rows;
+        let is_looked_at = |&row: &usize| found[row] > 1.0 || is_edge(row) || has_left_out(row);
         let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
         let judge_row = |row: usize| {
             let leverage = self.leverage(&block.readings, row..row + 1);
@@ -245,22 +247,27 @@ impl Judge {
             let halves = |mut rows: Range<usize>| {
                 rows.is_empty() || rows.any(|row| error(axis, row).abs() < half)
             };
+            // Where the load moves, a sensor that is sampled a little earlier errs by a part of it.
+            let exceeds_change = deleted * error(axis, row).abs()
+                > change(&predicted[axis], row).min(change(&block.wrench[axis], row));
             let (far, is_far_alone) = distance(block, spread, row);
             Judged {
                 row,
                 error: std::array::from_fn(|axis| error(axis, row)),
                 size: size(axis),
                 axis,
-                errs_alone: halves(row.saturating_sub(BESIDE)..row)
+                errs_alone: exceeds_change
+                    && halves(row.saturating_sub(BESIDE)..row)
                     && halves(row + 1..(row + 1 + BESIDE).min(block.rows)),
                 far,
                 is_far_alone,
-                takes_over: in_fit > TAKES_OVER
+                takes_over: exceeds_change
+                    && in_fit > TAKES_OVER
                     && in_fit > TAKES_OVER_IN_AVERAGES * self.average_leverage
                     && jumps(block, spread, row),
             }
         };
-        (0..block.rows).filter(|&row| looked_at[row]).map(judge_row).collect()
+        (0..block.rows).filter(is_looked_at).map(judge_row).collect()
     }
 
     /// `‖Fᵀx‖²` of one row.
@@ -275,6 +282,55 @@ impl Judge {
     }
 }
 
+/// By how much each row exceeds what is not looked at: the largest of its errors, distances of readings
+/// from their mean and jumps, each in units of its limit. Inlined whole into code for the widest vectors of
+/// the processor.
+struct Excess<'a> {
+    noise: &'a PerAxis<f64>,
+    block: &'a Block,
+    predicted: &'a PerAxis<Vec<f64>>,
+    spread: &'a Spread,
+}
+
+impl NullaryFnOnce for Excess<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<f64> {
+        let Self { noise, block, predicted, spread } = self;
+        let mut excess = vec![0.0; block.rows];
+        for ((predicted, measured), noise) in predicted.iter().zip(&block.wrench).zip(noise) {
+            let scale = (LOOK_AT_ERROR * noise).recip();
+            for ((excess, p), m) in excess.iter_mut().zip(predicted).zip(measured) {
+                raise(excess, (p - m).abs() * scale);
+            }
+        }
+        for (column, of) in block.readings.iter().zip(&spread.columns) {
+            let (mean, sd) = (of.mean, of.rms_about_mean());
+            let scale = (LOOK_AT_READING * sd).recip();
+            for (excess, reading) in excess.iter_mut().zip(column) {
+                raise(excess, (reading - mean).abs() * scale);
+            }
+            let scale = (JUMP * sd).recip();
+            // Of the rows between two others.
+            let (Some(excess), Some(values)) = (excess.get_mut(1..), column.get(1..)) else {
+                break;
+            };
+            let beside = column.iter().zip(values.get(1..).unwrap_or_default());
+            for ((excess, value), (before, after)) in excess.iter_mut().zip(values).zip(beside) {
+                raise(excess, jump(*value, [*before, *after]) * scale);
+            }
+        }
+        excess
+    }
+}
+
+/// Where a limit is zero, zero in its units is not a number and raises nothing.
+#[inline(always)]
+fn raise(excess: &mut f64, to: f64) {
+    *excess = if to > *excess { to } else { *excess };
+}
+
 /// How far the farthest reading of a row is from its mean, in standard deviations, and whether it is half
 /// the limit from both rows beside it.
 fn distance(block: &Block, spread: &Spread, row: usize) -> (f64, bool) {
@@ -287,6 +343,13 @@ fn distance(block: &Block, spread: &Spread, row: usize) -> (f64, bool) {
     };
     let before = row.checked_sub(1).and_then(|row| column.get(row));
     (far(channel), is_apart(before) && is_apart(column.get(row + 1)))
+}
+
+/// By how much a value differs from those beside it at most.
+fn change(values: &[f64], row: usize) -> f64 {
+    let beside = [row.checked_sub(1), Some(row + 1)].into_iter().flatten();
+    let changes = beside.filter_map(|row| values.get(row)).map(|other| (values[row] - other).abs());
+    changes.fold(0.0, f64::max)
 }
 
 /// Whether a reading of a row jumps from both rows beside it.
@@ -307,7 +370,9 @@ fn jumps(block: &Block, spread: &Spread, row: usize) -> bool {
 #[inline(always)]
 fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
     let (a, b) = (value - before, value - after);
-    a.min(b).max((-a).min(-b))
+    let least = |a: f64, b: f64| if a < b { a } else { b };
+    let (up, down) = (least(a, b), least(-a, -b));
+    if up > down { up } else { down }
 }
 
 #[cfg(test)]
