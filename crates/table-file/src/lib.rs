@@ -1,9 +1,9 @@
 //! Tables in binary files, read row by row.
 //!
-//! [`recognise`] tells from the first bytes what a file is. [`Table::open`] finds its columns,
-//! [`Table::rows`] streams its rows, in memory that does not grow with their number, and
-//! [`TableText`] gives them as the text of a CSV file: what reads text logs reads these as well,
-//! to the same bits, as every number is written with the digits that read back as the same.
+//! [`recognise`] tells from the first bytes what a file is. [`Table::open`] finds its columns, and
+//! [`TableText`] streams its rows as the text of a CSV file, in memory that does not grow with their
+//! number: what reads text logs reads these as well, to the same bits, as every number is written with
+//! the digits that read back as the same.
 //!
 //! Files are not trusted: what a file says about its sizes is checked against a budget before
 //! memory is taken, and damage is an error that names the place. No unsafe code.
