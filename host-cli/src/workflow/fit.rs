@@ -202,6 +202,9 @@ fn check<'a>(train: &'a [Log], test: &[Log]) -> Result<&'a Log, WorkflowError> {
     Ok(first)
 }
 
+/// About as many bytes has a row of a log.
+const BYTES_OF_ROW: u64 = 100;
+
 /// How a calibration does on the logs of a fit; see [`Fit`].
 struct Errors {
     train: Vec<Evaluation>,
@@ -231,6 +234,10 @@ fn errors(
     without_range.valid_range = None;
     let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
     let is_tested = train < logs.len();
+    let stride = |logs: &[&Log]| {
+        RowSample::stride(logs.iter().map(|log| log.bytes()).sum::<u64>() / BYTES_OF_ROW)
+    };
+    let strides = [stride(&logs[..train]), stride(&logs[train..])];
     // A log by itself is a copy of none.
     let is_alone = logs.len() == 1;
     let map = |log: usize, block: &Block| {
@@ -240,7 +247,7 @@ fn errors(
             true => BlockErrors::of(&without_range, block, size_unit, plot, judge),
             false => BlockErrors::of(calibration, block, None, plot, None),
         };
-        let sample = is_tested.then(|| RowSample::of(block));
+        let sample = is_tested.then(|| RowSample::of(block, strides[usize::from(!is_train)]));
         let of_train = is_train.then(|| WrenchSums::of(&block.wrench));
         Ok((errors, of_train, fingerprint, sample))
     };

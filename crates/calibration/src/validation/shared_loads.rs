@@ -11,8 +11,7 @@ use std::collections::HashMap;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// Rows that are kept of a block, and of all.
-const KEPT_OF_BLOCK: usize = 512;
+/// Rows that are kept.
 const KEPT: usize = 4096;
 
 /// The fewest rows of a load that say where its readings are.
@@ -40,16 +39,20 @@ struct AtLoad {
 }
 
 impl RowSample {
-    /// Rows spread evenly over a block.
-    pub fn of(block: &Block) -> Self {
-        // Odd: rows often alternate in twos.
-        let stride = block.rows.div_ceil(KEPT_OF_BLOCK) | 1;
+    /// Every so-manieth row of a block; see [`stride`](Self::stride).
+    pub fn of(block: &Block, stride: usize) -> Self {
         let row = |row: usize| SampledRow {
             // Zeros of either sign are one load.
             load: std::array::from_fn(|axis| (block.wrench[axis][row] + 0.0).to_bits()),
             readings: block.readings.iter().map(|column| column[row]).collect(),
         };
         Self { rows: (0..block.rows).step_by(stride).map(row).collect() }
+    }
+
+    /// Which rows of logs to take, of some `rows` that they have: about as many as are kept.
+    pub fn stride(rows: u64) -> usize {
+        // Odd: rows often alternate in twos.
+        usize::try_from(rows / KEPT as u64).unwrap_or(usize::MAX) | 1
     }
 
     /// Adds the rows of a block after those before; every second is let go where they are too many.
@@ -113,7 +116,7 @@ mod tests {
 
     fn sample(blocks: &[Block]) -> RowSample {
         let mut all = RowSample::default();
-        blocks.iter().for_each(|block| all.add(RowSample::of(block)));
+        blocks.iter().for_each(|block| all.add(RowSample::of(block, 7)));
         all
     }
 
