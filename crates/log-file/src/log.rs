@@ -45,9 +45,14 @@ impl Log {
         Self { chunk_bytes: chunk_bytes.max(1), ..self }
     }
 
-    /// The chunks of its rows, from its text.
-    pub(crate) fn chunks(&self, text: ByteStream, chunk_bytes: usize) -> ChunkStream<ByteStream> {
-        ChunkStream::new(text, self.layout.rows_start, chunk_bytes)
+    /// The chunks of its text from a line on that starts at the byte `start`.
+    pub(crate) fn chunks(
+        &self,
+        text: ByteStream,
+        start: u64,
+        chunk_bytes: usize,
+    ) -> ChunkStream<ByteStream> {
+        ChunkStream::new(text, start, chunk_bytes)
             .with_clock(self.layout.clock())
             .with_decimal_commas(self.layout.has_decimal_commas)
     }

@@ -220,6 +220,21 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
 }
 
 #[test]
+fn a_row_is_named_by_its_line_with_decimal_commas_too() {
+    let dir = tempfile::tempdir().unwrap();
+    run(&dir, "synth train --rows 2500 --output train.csv");
+    let text = fs::read_to_string(dir.path().join("train.csv")).unwrap();
+    let mut rows: Vec<String> = text.lines().map(str::to_owned).collect();
+    let mut fields: Vec<&str> = rows[701].split(',').collect();
+    fields[READINGS.start] = "9999";
+    rows[701] = fields.join(",");
+    let rows: Vec<String> =
+        rows.iter().map(|row| row.replace(',', ";").replace('.', ",")).collect();
+    write(&dir, "german.csv", &rows);
+    assert_eq!(lines(&report(&dir, "fit german.csv"), "outliers"), [702]);
+}
+
+#[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn no_row_of_the_real_recordings_is_named_wrongly() {
     let dir = tempfile::tempdir().unwrap();

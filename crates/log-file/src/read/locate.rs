@@ -7,7 +7,7 @@ use crate::log::Log;
 use crate::parse::plan::ReadPlan;
 use crate::parse::rows::{ParsedRows, RowError};
 use crate::read::request::Wanted;
-use crate::stream::chunk::{Chunk, ChunkError, ChunkStream, LINE_LIMIT};
+use crate::stream::chunk::{Chunk, ChunkError, LINE_LIMIT};
 
 impl Log {
     pub(crate) fn chunk_error(&self, error: ChunkError) -> LogError {
@@ -41,7 +41,7 @@ impl Log {
     /// [`LogError`] if the file cannot be read, or ends before that row.
     pub fn line_of_row(&self, wanted: &Wanted, place: u64, row: usize) -> Result<u64, LogError> {
         let plan = ReadPlan::new(&self.layout, wanted);
-        let mut chunks = ChunkStream::new(self.source.open()?, place, self.chunk_bytes);
+        let mut chunks = self.chunks(self.source.open()?, place, self.chunk_bytes);
         let (mut chunk, mut parsed) = (Chunk::default(), ParsedRows::default());
         let (mut line, mut rows) = (self.line_number(place)?, 0);
         while chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {

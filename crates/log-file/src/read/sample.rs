@@ -41,7 +41,7 @@ impl Log {
     /// As many lines from the start as a sample has.
     fn first_lines(&self) -> Result<Vec<u8>, LogError> {
         let bytes = (SAMPLES * SAMPLE_BYTES) as usize;
-        let mut chunks = self.chunks(self.source.open()?, bytes);
+        let mut chunks = self.chunks(self.source.open()?, self.layout.rows_start, bytes);
         let mut chunk = Chunk::default();
         let mut lines = Vec::new();
         if chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))? {

@@ -49,7 +49,7 @@ impl Log {
         let bytes_read = Arc::default();
         let stream = self.source.open_counting(options.checksum, &bytes_read)?;
         let chunk_bytes = self.chunk_bytes.min(SELECTED_BYTES);
-        let mut chunks = self.chunks(stream, chunk_bytes);
+        let mut chunks = self.chunks(stream, self.layout.rows_start, chunk_bytes);
         let mut chunk = Chunk::default();
         let (mut clock, mut rows) = (BlockBuffer::default(), BlockBuffer::default());
         let mut summary = ReadSummary::default();

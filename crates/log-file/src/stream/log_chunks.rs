@@ -50,7 +50,7 @@ impl Pieces for LogChunks<'_> {
                 Some(chunks) => chunks,
                 none => {
                     let stream = log.source.open_counting(self.checksum, &self.bytes_read)?;
-                    none.insert(log.chunks(stream, log.chunk_bytes))
+                    none.insert(log.chunks(stream, log.layout.rows_start, log.chunk_bytes))
                 }
             };
             let any = chunks.next(&mut piece.chunk).map_err(|error| log.chunk_error(error))?;
