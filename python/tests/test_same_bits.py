@@ -47,11 +47,8 @@ def test_held_out_errors_and_covariance_by_group(
     calibration = Calibration(cv=folds or True, covariance="groups")
     found = of(calibration.fit(table.X, table.Y, groups=table.groups))
     ours, theirs = (of["diagnostics"]["cross_validation"] for of in (found, expected))
-    for field in ("groups", "folds", "rows", "undetermined", "grouped", "random_folds"):
+    for field in ("groups", "folds", "rows", "undetermined", "grouped", "random_folds", "random"):
         assert ours[field] == theirs[field], field
-    # Rows are dealt block by block, and a log has other blocks: the same error, of other rows.
-    for axis in range(6):
-        assert ours["random"][axis]["rms"] == pytest.approx(theirs["random"][axis]["rms"], rel=0.2)
     for field in ("residual", "coefficients"):
         assert found["covariance"][field] == expected["covariance"][field], field
     alone = shellcal.cross_validate(table.X, table.Y, table.groups, folds=folds)

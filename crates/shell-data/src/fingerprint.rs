@@ -39,6 +39,24 @@ impl Fingerprint {
     }
 }
 
+/// A number for each of `rows` rows, the same for equal rows, and to be mixed: what differs in two rows may
+/// differ in a few of its bits. `start` is what a row without columns has.
+#[inline(always)]
+pub fn row_hashes<'a>(
+    start: u64,
+    rows: usize,
+    columns: impl Iterator<Item = &'a [f64]>,
+) -> Vec<u64> {
+    let mut hashes = vec![start; rows];
+    // Rotated and added: every processor has both for vectors of 64 bits, few have the product.
+    for column in columns {
+        for (hash, value) in hashes.iter_mut().zip(column) {
+            *hash = hash.rotate_left(23).wrapping_add(value.to_bits());
+        }
+    }
+    hashes
+}
+
 /// [`Fingerprint::of`], inlined whole into code for the widest vectors of the processor.
 struct OfBlock<'a>(&'a Block);
 
@@ -48,13 +66,8 @@ impl NullaryFnOnce for OfBlock<'_> {
     #[inline(always)]
     fn call(self) -> Fingerprint {
         let block = self.0;
-        let mut hashes = vec![0_u64; block.rows];
-        // Rotated and added: every processor has both for vectors of 64 bits, few have the product.
-        for column in block.readings.iter().chain(&block.wrench) {
-            for (hash, value) in hashes.iter_mut().zip(column) {
-                *hash = hash.rotate_left(23).wrapping_add(value.to_bits());
-            }
-        }
+        let columns = block.readings.iter().chain(&block.wrench);
+        let hashes = row_hashes(0, block.rows, columns.map(Vec::as_slice));
         let mut fingerprint = Fingerprint { rows: block.rows as u64, ..Fingerprint::default() };
         // As xxHash finishes, so that sums of rows say which rows they are.
         for mut hash in hashes {

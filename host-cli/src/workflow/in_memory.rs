@@ -2,9 +2,8 @@
 //! for callers that have arrays.
 //!
 //! Rows are taken in blocks of [`BLOCK_ROWS`], on several threads, wherever and in whatever layout the
-//! caller keeps them. Coefficients, covariance and errors on held-out groups are the bits that a log of
-//! the same rows gives. Errors of a random split are not: rows are dealt block by block, and the blocks of
-//! a log are others.
+//! caller keeps them. Coefficients, covariance and held-out errors are the bits that a log of the same rows
+//! gives.
 
 use std::ops::Range;
 

@@ -13,6 +13,7 @@
 //! [`STEADY_SHARE`] of the rows, and the variance within them is at most [`WITHIN_SHARE`] of that of the
 //! loads. Rows are looked at one after another, in memory that grows with the plateaus alone.
 
+use shell_data::statistics::MergeWeights;
 use shell_data::wrench::PerAxis;
 
 use super::grouped::MAX_GROUPS;
@@ -141,10 +142,9 @@ impl Level {
         }
     }
 
-    /// Adds the rows of `next` (Chan, Golub and LeVeque, The American Statistician 37, 1983).
+    /// Adds the rows of `next`.
     fn merge(&mut self, next: &Self) {
-        let (a, b) = (self.rows as f64, next.rows as f64);
-        let (share, weight) = (b / (a + b), a * b / (a + b));
+        let MergeWeights { mean: share, product: weight } = MergeWeights::new(self.rows, next.rows);
         let away = next.place - self.place;
         for axis in 0..6 {
             let apart = next.mean[axis] - self.mean[axis];

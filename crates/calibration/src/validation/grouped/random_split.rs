@@ -1,5 +1,7 @@
 //! Rows dealt at random into folds.
 
+use shell_data::fingerprint::row_hashes;
+
 /// How rows are dealt at random, for the naive figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RandomSplit {
@@ -19,12 +21,7 @@ pub(super) fn deal(columns: &[&[f64]], rows: usize, split: &RandomSplit) -> Vec<
     if split.held_out == 0 {
         return dealt;
     }
-    let mut hashes = vec![mix(split.seed); rows];
-    for column in columns {
-        for (hash, value) in hashes.iter_mut().zip(*column) {
-            *hash = hash.rotate_left(23).wrapping_add(value.to_bits());
-        }
-    }
+    let hashes = row_hashes(mix(split.seed), rows, columns.iter().copied());
     for (row, hash) in hashes.into_iter().enumerate() {
         let fold = ((u128::from(mix(hash)) * split.folds as u128) >> 64) as usize;
         dealt.get_mut(fold).into_iter().for_each(|fold| fold.push(row));
