@@ -2,7 +2,7 @@
 
 use super::groups::GroupBy;
 use super::selection::UsedRows;
-use super::{WorkflowError, check_channels};
+use super::{WorkflowError, check_logs};
 use calibration::FitError;
 use calibration::model::{Basis, Model};
 use calibration::reading_ranges::ReadingRanges;
@@ -45,13 +45,8 @@ pub struct Sums {
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, lack a
 /// group column that is asked for, or their rows cannot be summed exactly.
 pub fn sum(logs: &[Log], options: &SumOptions<'_>) -> Result<Sums, WorkflowError> {
-    let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let wanted = options.group_by.wanted(logs);
-    for log in logs {
-        log.require(&wanted)?;
-        check_channels(log, first.channels())?;
-    }
-    let channels = first.channels();
+    let channels = check_logs(logs, &[], &wanted)?.channels();
     let model = Model { basis: options.basis, intercept: true, channels };
     model.check_size().map_err(FitError::from)?;
     let mut sums = GroupSums::new(options.basis, channels, options.random);

@@ -19,6 +19,7 @@ mod merge;
 mod noise;
 mod origin;
 mod outliers;
+mod partial_output;
 mod ports;
 mod quality;
 mod record;
