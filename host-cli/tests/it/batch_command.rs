@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+use shellcal::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::write_log;
 use system_tests::program;
 
@@ -20,7 +20,7 @@ fn said(output: &Output) -> String {
 
 /// A fast trial of some three seconds and its window.
 fn write_trial(path: &Path, seed: u64, layout: TrialLayout, missing: f64) -> [f64; 2] {
-    let condition = Condition { specific_resistance: 15.0, ..Condition::PAPER[4] };
+    let condition = ChannelForces { specific_resistance: 15.0, ..ChannelForces::PAPER[4] };
     let settings = TrialSettings { missing, ..TrialSettings::new(condition, seed) };
     let trial = VirtualTrial::new(settings).unwrap();
     write_log(&mut fs::File::create(path).unwrap(), &trial, layout).unwrap();
