@@ -22,7 +22,7 @@ use calibration::solver::{Blocks, Pass, PassWorker, Solution, SolverKind};
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
 use calibration::validation::grouped::{
-    BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
 };
 use calibration::{Basis, Calibration, FitError, Model};
 use log_file::ReadOptions;
@@ -210,19 +210,19 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
     })
 }
 
-/// Sums rows by their labels, or all under one.
+/// Sums rows by their labels as `apart` says, or all under one.
 ///
 /// # Errors
 /// [`WorkflowError`] if they cannot be summed exactly, or the caller stopped it.
 pub fn sum(
     source: &dyn RowSource,
     basis: Basis,
-    random: RandomSplit,
+    (apart, random): (Apart, RandomSplit),
     threads: usize,
 ) -> Result<GroupedMoments, WorkflowError> {
     let channels = source.channels();
     Model { basis, intercept: true, channels }.check_size().map_err(FitError::from)?;
-    let mut sums = GroupSums::new(basis, channels, random);
+    let mut sums = GroupSums::new(basis, channels, apart, random);
     let empty = sums.worker();
     let has_groups = source.has_groups();
     let work =
@@ -265,7 +265,8 @@ fn choose(
         return Err(WorkflowError::NoGroupLabels);
     }
     let basis = options.basis.unwrap_or(Basis::Poly3);
-    match sum(source, basis, asked.random_split(), options.threads) {
+    let sum = |apart| sum(source, basis, (apart, asked.random_split()), options.threads);
+    match asked.sum_apart(sum) {
         // Better standard errors were not asked for by name.
         Err(WorkflowError::Fit(FitError::NotExact(_)) | WorkflowError::Validation(_))
             if !asked.validates() && options.covariance == CovarianceRule::Auto =>

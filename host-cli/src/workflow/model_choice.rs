@@ -12,7 +12,7 @@ use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
 use calibration::validation::advice::Advice;
 use calibration::validation::cross_validation::{CrossValidation, cross_validate};
-use calibration::validation::grouped::{GroupedMoments, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, Selection};
 use calibration::{Basis, FitError, Model};
 use log_file::{Log, ReadOptions};
@@ -286,9 +286,27 @@ impl ModelChoiceOptions<'_> {
         basis: Basis,
         group_by: GroupBy,
     ) -> Result<GroupedMoments, WorkflowError> {
-        let random = self.random_split();
-        let options = SumOptions { basis, group_by, random, used: self.used, read: self.read };
-        Ok(moments::sum(train, &options)?.grouped)
+        self.sum_apart(|apart| {
+            let (group_by, random) = (group_by.clone(), self.random_split());
+            let (used, read) = (self.used, self.read);
+            let options = SumOptions { basis, group_by, apart, random, used, read };
+            Ok(moments::sum(train, &options)?.grouped)
+        })
+    }
+
+    /// Sums by group; by sets of groups where there are too many and folds of them are asked for.
+    pub(super) fn sum_apart(
+        &self,
+        sum: impl Fn(Apart) -> Result<GroupedMoments, WorkflowError>,
+    ) -> Result<GroupedMoments, WorkflowError> {
+        match sum(Apart::Groups) {
+            Err(WorkflowError::Validation(ValidationError::TooManyGroups { .. }))
+                if self.folds().is_some() =>
+            {
+                sum(Apart::Sets)
+            }
+            sums => sums,
+        }
     }
 
     /// The random split that held-out errors are compared with, where they are asked for.

@@ -3,7 +3,7 @@
 
 use calibration::solver::solve_moments;
 use calibration::uncertainty::Covariance;
-use calibration::validation::grouped::{GroupSums, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
 use shell_data::block::Block;
 use shellcal::forces::{FirstRows, PipelineSetup};
@@ -42,7 +42,7 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
             _ => block.groups.push((label, 1)),
         }
     }
-    let mut sums = GroupSums::new(Basis::Cubic, 8, RandomSplit::default());
+    let mut sums = GroupSums::new(Basis::Cubic, 8, Apart::Groups, RandomSplit::default());
     let mut worker = sums.worker();
     sums.add(worker.add(&block).unwrap()).unwrap();
     let sums = sums.finish([worker]).unwrap();
