@@ -5,7 +5,7 @@ use crate::bytes::Bytes;
 
 /// Integers of a fixed width: runs of one value, and values packed bit by bit.
 #[derive(Clone, Debug)]
-pub(super) struct Hybrid {
+pub(crate) struct Hybrid {
     bytes: Vec<u8>,
     at: usize,
     width: u32,
@@ -22,11 +22,11 @@ enum Run {
 
 impl Hybrid {
     /// `None` if there is no such width.
-    pub(super) fn new(bytes: Vec<u8>, width: u32) -> Option<Self> {
+    pub(crate) fn new(bytes: Vec<u8>, width: u32) -> Option<Self> {
         (width <= 32).then_some(Self { bytes, at: 0, width, run: Run::Same(0, 0) })
     }
 
-    pub(super) fn next(&mut self) -> Option<u64> {
+    pub(crate) fn next(&mut self) -> Option<u64> {
         loop {
             match &mut self.run {
                 Run::Same(0, _) | Run::Packed(0, _) => self.next_run()?,

@@ -6,7 +6,7 @@
 //!
 //! Every column holds one page at a time. Lists become columns that name their type.
 
-mod encoding;
+pub(crate) mod encoding;
 mod page;
 mod schema;
 
