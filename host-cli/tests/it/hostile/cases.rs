@@ -292,6 +292,16 @@ fn partial_fits_that_were_changed_are_refused() {
     write(&dir, "changed.json", text.replacen("train.csv", "other.csv", 1));
     let said = says(&dir, "merge changed.json", 2);
     assert!(said.contains("the checksum does not match"), "{said}");
+    // Written anew by another program, which may have changed anything.
+    let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
+    write(&dir, "changed.json", document.to_string());
+    let said = says(&dir, "merge changed.json", 2);
+    assert!(said.contains("its checksum is not its last line"), "{said}");
+    document.as_object_mut().unwrap().remove("checksum");
+    document["sources"] = serde_json::json!([]);
+    write(&dir, "changed.json", document.to_string());
+    let said = says(&dir, "merge partial.json changed.json", 2);
+    assert!(said.contains("`sources` have 0 rows, `moments` are of 2600"), "{said}");
     // Without a checksum, as earlier programs wrote them.
     let content = text.rsplit_once(",\n  \"checksum\"").unwrap().0.to_owned() + "\n}\n";
     write(&dir, "old.json", &content);
