@@ -22,6 +22,13 @@ fn main() {
     if quiet(Command::new("groff").arg("--version")).is_ok_and(|status| status.success()) {
         println!("cargo::rustc-cfg=groff");
     }
+    // And completions in shells that are not here.
+    for shell in ["zsh", "fish"] {
+        println!("cargo::rustc-check-cfg=cfg({shell})");
+        if quiet(Command::new(shell).arg("--version")).is_ok_and(|status| status.success()) {
+            println!("cargo::rustc-cfg={shell}");
+        }
+    }
     println!("cargo::rustc-check-cfg=cfg(python_packages)");
     println!("cargo::rerun-if-env-changed={PYTHON}");
     if std::env::var_os(PYTHON).is_some() {

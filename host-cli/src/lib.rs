@@ -3,7 +3,7 @@
 //! Three layers, arrows pointing inward only:
 //!
 //! - *pure core*: the crates [`shell_data`] and [`calibration`], and [`alignment`], [`figures`],
-//!   [`forces`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices and matrices
+//!   [`forces`], [`live`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices and matrices
 //!   in, values out; no files, no clocks, no printing;
 //! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`input`], [`link`], [`output`]: the world to
 //!   core types and back, and [`workflow`], which joins them to the core;
@@ -38,6 +38,7 @@ pub mod figures;
 pub mod forces;
 pub mod input;
 pub mod link;
+pub mod live;
 pub mod output;
 mod random;
 pub mod recording;

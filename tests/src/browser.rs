@@ -67,6 +67,12 @@ impl Browser {
         browser
     }
 
+    /// Is one whose user prefers dark pages, from the next page on.
+    pub fn prefer_dark(&mut self) {
+        let features = json!([{ "name": "prefers-color-scheme", "value": "dark" }]);
+        self.call("Emulation.setEmulatedMedia", json!({ "features": features }));
+    }
+
     /// Opens a file, and waits until it is loaded.
     pub fn open(&mut self, path: &Path) {
         let url = format!("file://{}", path.canonicalize().unwrap().display());

@@ -3,16 +3,23 @@
 // page as text only: textContent here, and `plain` for Plotly, which would read tags in them.
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b07c00", "#3a8fc2", "#000000"];
+  // Colours that tell apart for who sees few of them, on light and on dark; paper is light.
+  const night = window.matchMedia("(prefers-color-scheme: dark)");
+  const LIGHT = { colours: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b07c00", "#3a8fc2", "#000000"], pale: ["#9cc6e3", "#f3c29d"],
+    ink: "#1c1c1c", paper: "#fff", grid: "#e4e4e4", zero: "#999", frame: "#222", partly: "#e6e6e6", wholly: "#fbe9ea" };
+  const DARK = { colours: ["#56b4e9", "#ff9350", "#2fd0a3", "#e79ac4", "#e8c04a", "#9bd1f2", "#ffffff"], pale: ["#2f5d7a", "#7a4a2c"],
+    ink: "#e8e8e8", paper: "#16181a", grid: "#33383d", zero: "#777", frame: "#999", partly: "#2b2f33", wholly: "#3a2628" };
+  const look = night.matches ? DARK : LIGHT;
+  const COLOURS = look.colours;
   const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
-  const PALE = ["#9cc6e3", "#f3c29d"];
+  const PALE = look.pale;
   const NARROW = window.matchMedia("(max-width: 40rem)").matches;
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
   const withUnit = (name, unit) => plain(unit ? `${name} (${unit})` : name);
-  const axis = (title, more) => ({ title: { text: title }, automargin: true, zerolinecolor: "#999", gridcolor: "#e4e4e4",
-    linecolor: "#222", mirror: true, ...more });
-  const layout = (more) => ({ font: { family: "system-ui, DejaVu Sans, Verdana, sans-serif", size: NARROW ? 11 : 12, color: "#1c1c1c" },
-    margin: { l: 56, r: 12, t: 12, b: 44 }, showlegend: false, hovermode: "closest", paper_bgcolor: "#fff", plot_bgcolor: "#fff",
+  const axis = (title, more) => ({ title: { text: title }, automargin: true, zerolinecolor: look.zero, gridcolor: look.grid,
+    linecolor: look.frame, mirror: true, ...more });
+  const layout = (more) => ({ font: { family: "system-ui, DejaVu Sans, Verdana, sans-serif", size: NARROW ? 11 : 12, color: look.ink },
+    margin: { l: 56, r: 12, t: 12, b: 44 }, showlegend: false, hovermode: "closest", paper_bgcolor: look.paper, plot_bgcolor: look.paper,
     dragmode: NARROW ? "pan" : "zoom", ...more });
   const CONFIG = { responsive: true, displaylogo: false, scrollZoom: true, showSendToCloud: false,
     modeBarButtonsToRemove: ["select2d", "lasso2d"], toImageButtonOptions: { format: "svg" } };
@@ -73,8 +80,46 @@
       Object.assign(all, more.reset ?? {});
       Plotly.relayout(plot, all);
     });
-    const { reset, zoom, ...rest } = more;
+    act("data", "save the numbers as CSV", () => save(`${id}.csv`, more.table));
+    const { reset, zoom, table, ...rest } = more;
     return Plotly.newPlot(plot, clean, layout(rest), CONFIG);
+  }
+
+  // Columns by name as a file of CSV.
+  function save(name, table) {
+    const field = (value) => {
+      const text = value === null || value === undefined ? "" : String(value);
+      return /[",\r\n]/.test(text) ? `"${text.replace(/"/g, '""')}"` : text;
+    };
+    const columns = Object.entries(table).filter(([, values]) => values);
+    const rows = Math.max(0, ...columns.map(([, values]) => values.length));
+    const lines = [columns.map(([title]) => field(title)).join(",")];
+    for (let row = 0; row < rows; row++) lines.push(columns.map(([, values]) => field(values[row])).join(","));
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([lines.join("\n") + "\n"], { type: "text/csv" }));
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  }
+  const titled = (name, unit) => (unit ? `${name} (${unit})` : name);
+
+  // Means and their intervals, one above the other.
+  function effect(id, { quantity, unit, reference, conditions }) {
+    const traces = conditions.map((c, at) => {
+      const colour = COLOURS[at % COLOURS.length];
+      const spread = c.low === null ? undefined
+        : { type: "data", symmetric: false, array: [c.high - c.mean], arrayminus: [c.mean - c.low], color: colour, thickness: 2, width: 6 };
+      return { type: "scatter", mode: "markers", key: c.name, swatch: { colour, dash: "solid" }, x: [c.mean], y: [-at],
+        error_x: spread, marker: { color: colour, size: 10 }, text: [plain(c.text)], hovertemplate: "%{text}<extra></extra>" };
+    });
+    const ticks = { tickmode: "array", tickvals: conditions.map((_, i) => -i), ticktext: conditions.map((c) => plain(c.name.length > 18 ? `${c.name.slice(0, 17)}…` : c.name)) };
+    const range = [-conditions.length + 0.4, 0.6];
+    const title = titled(reference ? `${quantity} less that of ${reference}` : quantity, unit);
+    const rest = { "yaxis.autorange": false, "yaxis.range": range };
+    const table = { condition: conditions.map((c) => c.name), trials: conditions.map((c) => c.trials), [title]: conditions.map((c) => c.mean),
+      low_95: conditions.map((c) => c.low), high_95: conditions.map((c) => c.high) };
+    return draw(id, traces, { xaxis: axis(plain(title), { zeroline: true, zerolinewidth: 2 }), yaxis: axis("", { ...ticks, zeroline: false, range }),
+      reset: rest, table });
   }
 
   const line = (key, x, y, colour, dash, more) => ({ type: "scatter", mode: "lines", key, x, y,
@@ -93,6 +138,8 @@
     });
     const ticks = { tickmode: "array", tickvals: conditions.map((_, i) => i), ticktext: conditions.map((c) => plain(c.name.length > 14 ? `${c.name.slice(0, 13)}…` : c.name)) };
     return draw(id, traces, { xaxis: axis("", { ...ticks, zeroline: false, range: [-0.6, conditions.length - 0.3] }),
+      table: { condition: conditions.flatMap((c) => c.values.map(() => c.name)), of: conditions.flatMap((c) => c.labels),
+        [titled(quantity, unit)]: conditions.flatMap((c) => c.values) },
       zoom: false, yaxis: axis(withUnit(quantity, unit)), reset: { "xaxis.autorange": false, "xaxis.range": [-0.6, conditions.length - 0.3] } });
   }
 
@@ -108,10 +155,12 @@
     });
     const ticks = { tickmode: "array", tickvals: [0, 1, 2, 3, 4].map((q) => (q * turn) / 4), ticktext: ["0", "π/2", "π", "3π/2", "2π"] };
     return draw(id, traces, { xaxis: axis("right leg angle (rad)", { ...ticks, range: [0, turn], zeroline: false }),
+      table: { condition: conditions.flatMap((c) => c.phase_rad.map(() => c.name)), phase_rad: conditions.flatMap((c) => c.phase_rad),
+        [`mean_${quantity}_n`]: conditions.flatMap((c) => c.mean), sd_n: conditions.flatMap((c) => c.sd) },
       yaxis: axis(withUnit(quantity, "N")), reset: { "xaxis.autorange": false, "xaxis.range": [0, turn] } });
   }
 
-  const shade = ({ partly, wholly }) => [...partly.map((s) => [s, "#e6e6e6"]), ...(wholly ? [[wholly, "#fbe9ea"]] : [])]
+  const shade = ({ partly, wholly }) => [...partly.map((s) => [s, look.partly]), ...(wholly ? [[wholly, look.wholly]] : [])]
     .map(([[x0, x1], fillcolor]) => ({ type: "rect", xref: "x", yref: "paper", x0, x1, y0: 0, y1: 1, fillcolor, line: { width: 0 }, layer: "below" }));
 
   function forces(id, trial) {
@@ -122,7 +171,9 @@
       traces.push(line(`${name}, every frame`, trial.t_s, trial[raw], PALE[at], "solid", { line: { color: PALE[at], width: 1 } }));
       traces.push(line(`${name}, stride mean`, trial.t_s, trial[mean], colour, dash));
     });
-    return draw(id, traces, { shapes: shade(trial), xaxis: axis("time (s)"), yaxis: axis("force (N)") });
+    const { t_s, drag_n, lift_n, drag_stride_n, lift_stride_n } = trial;
+    return draw(id, traces, { shapes: shade(trial), xaxis: axis("time (s)"), yaxis: axis("force (N)"),
+      table: { t_s, drag_n, lift_n, drag_stride_n, lift_stride_n } });
   }
 
   function stack(id, trial) {
@@ -146,10 +197,12 @@
         traces.push(line(name, trial.t_s, values, COLOURS[pen], dash, { yaxis: `y${suffix}`, connectgaps: false, line: { color: COLOURS[pen], dash, width: 1.2 } }));
     });
     axes.xaxis = axis("time (s)", { anchor: `y${rows.length > 1 ? rows.length : ""}` });
-    return draw(id, traces, { ...axes, shapes: shade(trial), hovermode: "x" });
+    const { partly, wholly, ...table } = trial;
+    return draw(id, traces, { ...axes, shapes: shade(trial), hovermode: "x", table });
   }
 
   const drawn = [];
+  data.effects.forEach((plot, at) => drawn.push(effect(`effect-${at}`, plot)));
   data.boxes.forEach((plot, at) => drawn.push(box(`box-${at}`, plot)));
   data.phases.forEach((plot, at) => drawn.push(phase(`phase-${at}`, plot)));
   // Trials are drawn when they are opened: there may be many.
@@ -170,5 +223,11 @@
     const shown = event.target.dataset.all;
     if (shown) trials.forEach((details) => { details.open = shown === "open"; });
   });
+  // Plots keep the colours that they were drawn in, until the page is loaded again; paper is light.
+  const repaint = ({ paper, ink }) => document.querySelectorAll(".js-plotly-plot").forEach((plot) =>
+    Plotly.relayout(plot, { paper_bgcolor: paper, plot_bgcolor: paper, "font.color": ink }));
+  night.addEventListener("change", () => location.reload());
+  window.addEventListener("beforeprint", () => repaint(LIGHT));
+  window.addEventListener("afterprint", () => repaint(look));
   Promise.all(drawn).then(() => { document.documentElement.dataset.plots = "drawn"; });
 })();

@@ -7,6 +7,7 @@ use super::figure::Figure;
 use super::histogram::{Cell, Histogram2d, Range};
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::plateau::{Plateau, draw_plateaus, plateaus};
 use super::scale::{Axis as PlotAxis, Spacing, decimal};
 use super::svg::{Anchor, Canvas, Rect, Style, number, point};
 use shell_data::wrench::{Axis, PerAxis};
@@ -127,6 +128,11 @@ pub fn fit_figure(title: &str, train: &FitPlot, test: Option<&FitPlot>) -> Figur
     };
     canvas.text((16.0, 42.0), &rows, Style::LABEL.anchored(Anchor::Start));
 
+    let found = shown.axes.each_ref().map(|axis| plateaus(&axis.agreement.cells([0; 2])));
+    if found.iter().any(|plateaus| !plateaus.is_empty()) {
+        let text = "ring and bar: mean and standard deviation of a constant load";
+        canvas.text((16.0, 56.0), text, Style::LABEL.anchored(Anchor::Start));
+    }
     let agreement = shown.axes.each_ref().map(|axis| {
         let merge = doublings(&axis.agreement, AGREEMENT_BINS, PLOT_WIDTH);
         axis.agreement.cells([merge; 2])
@@ -141,10 +147,12 @@ pub fn fit_figure(title: &str, train: &FitPlot, test: Option<&FitPlot>) -> Figur
         let i = axis.index();
         let left = COLUMN * (i % 3) as f64 + LEFT_MARGIN;
         let top = TOP + BLOCK_HEIGHT * (i / 3) as f64 + 24.0;
-        draw_agreement(&mut canvas, (left, top), axis, &shown.axes[i], &agreement[i], colours);
+        let data =
+            AgreementView { data: &shown.axes[i], cells: &agreement[i], plateaus: &found[i] };
+        draw_agreement(&mut canvas, (left, top), axis, &data, colours);
         let below = top + AGREEMENT_HEIGHT + BOTTOM_MARGIN + 14.0;
         let outline = test.map(|_| &train.axes[i]);
-        draw_residual(&mut canvas, (left, below), axis, &views[i], outline, colours);
+        draw_residual(&mut canvas, (left, below), axis, &views[i], &found[i], outline, colours);
         let rms = |plot: &FitPlot| significant(plot.axes[i].rms());
         let text = match test {
             None => format!("RMS {} {}", rms(train), axis.unit()),
@@ -155,15 +163,22 @@ pub fn fit_figure(title: &str, train: &FitPlot, test: Option<&FitPlot>) -> Figur
     Figure::new(canvas.finish())
 }
 
+/// What is shown of predicted against measured.
+struct AgreementView<'a> {
+    data: &'a AxisPlot,
+    cells: &'a [Cell],
+    plateaus: &'a [Plateau],
+}
+
 fn draw_agreement(
     canvas: &mut Canvas,
     (left, top): (f64, f64),
     axis: Axis,
-    data: &AxisPlot,
-    cells: &[Cell],
+    view: &AgreementView<'_>,
     colours: ColourScale,
 ) {
-    let range = data.agreement.ranges().map_or(Range { low: -1.0, high: 1.0 }, |[x, y]| x.union(y));
+    let range =
+        view.data.agreement.ranges().map_or(Range { low: -1.0, high: 1.0 }, |[x, y]| x.union(y));
     let scale = |what: &str| {
         let quantity = format!("{what} {}", axis.name());
         PlotAxis::new(&quantity, axis.unit(), Spacing::Linear, range.low, range.high).padded(0.04)
@@ -172,7 +187,9 @@ fn draw_agreement(
     let panel = Panel { area, x: scale("measured"), y: scale("predicted") };
     canvas.text((left, top - 9.0), axis.name(), Style::TITLE.anchored(Anchor::Start));
     panel.draw_grid(canvas);
-    draw_cells(canvas, &panel, cells, colours);
+    draw_cells(canvas, &panel, view.cells, colours);
+    let means = view.plateaus.iter().map(|p| ((p.measured, p.predicted), p.sd));
+    draw_plateaus(canvas, &panel, means);
     let (from, to) = panel.x.range;
     let ((x0, y0), (x1, y1)) = (panel.place(from, from), panel.place(to, to));
     canvas.dashes(&format!("M{}L{}", point(x0, y0), point(x1, y1)), palette::REFERENCE, 1.0);
@@ -248,6 +265,7 @@ fn draw_residual(
     (left, top): (f64, f64),
     axis: Axis,
     view: &ResidualView,
+    plateaus: &[Plateau],
     outline: Option<&AxisPlot>,
     colours: ColourScale,
 ) {
@@ -261,6 +279,8 @@ fn draw_residual(
     let panel = Panel { area, x, y };
     panel.draw_grid(canvas);
     draw_cells(canvas, &panel, &view.cells, colours);
+    let means = plateaus.iter().map(|p| ((p.predicted, p.predicted - p.measured), p.sd));
+    draw_plateaus(canvas, &panel, means);
     let ((x0, zero), (x1, _)) =
         (panel.place(panel.x.range.0, 0.0), panel.place(panel.x.range.1, 0.0));
     canvas.dashes(&format!("M{}L{}", point(x0, zero), point(x1, zero)), palette::REFERENCE, 1.0);

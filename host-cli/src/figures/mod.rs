@@ -22,6 +22,7 @@ mod matching;
 mod palette;
 mod panel;
 mod pixels;
+mod plateau;
 mod scale;
 mod svg;
 mod trace;

@@ -5,16 +5,20 @@
 //! answers. Only one of them has a port at a time: ports are opened for exclusive use.
 
 mod client;
+mod interview;
 mod journal;
 mod port;
+mod port_state;
 mod record;
 mod source;
 mod upload;
 
 pub use client::{Client, Uplink};
+pub use interview::{Heard, Interview, InterviewOptions, Stretch, interview};
 pub use journal::Journal;
 pub use port::{FlowControl, PortInfo, PortOptions, ports};
-pub use record::{Progress, RecordError, RecordOptions, Recorded, Sinks, record};
+pub use port_state::{PortState, SystemFiles};
+pub use record::{Progress, RecordError, RecordOptions, Recorded, Sinks, Watcher, Wish, record};
 pub use source::Source;
 pub use upload::{NotForBoard, for_board};
 

@@ -42,6 +42,35 @@ pub struct Sinks {
     pub log: Option<Journal>,
     /// The bytes as they arrive.
     pub raw: Option<Journal>,
+    /// Who looks on.
+    pub watcher: Option<Box<dyn Watcher>>,
+}
+
+/// Looks on while a recording is made. It is called on the thread that records, so it must not wait.
+pub trait Watcher: std::fmt::Debug {
+    /// Frames that have just arrived, in the order in which they did.
+    fn see(&mut self, frames: &[BoardFrame]);
+
+    /// What is to happen to the log from now on; asked about twice a second, until there is nothing more.
+    fn wish(&mut self) -> Option<Wish> {
+        None
+    }
+}
+
+/// What a watcher wants.
+#[derive(Debug)]
+pub enum Wish {
+    /// A new log, in place of one that is being written.
+    Record(Journal),
+    /// No log.
+    Rest,
+    /// A flag on the first row, from the frame of this index on, that has not been written.
+    Mark {
+        /// The frame.
+        index: i64,
+        /// The number of the mark.
+        number: u32,
+    },
 }
 
 /// How a recording is going.
@@ -150,6 +179,8 @@ pub fn record(
         options,
         log: sinks.log,
         raw: sinks.raw,
+        watcher: sinks.watcher,
+        marks: Vec::new(),
         rows: None,
         batch: Vec::new(),
         frames: 0,
@@ -188,6 +219,9 @@ struct Session<'a> {
     options: &'a RecordOptions,
     log: Option<Journal>,
     raw: Option<Journal>,
+    watcher: Option<Box<dyn Watcher>>,
+    /// Marks that are not in the log yet.
+    marks: Vec<(i64, u32)>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
     batch: Vec<BoardFrame>,
@@ -230,6 +264,7 @@ impl Session<'_> {
             let since = now.saturating_sub(flushed_at);
             if since >= FLUSH {
                 flushed_at = now;
+                self.follow()?;
                 self.flush()?;
                 if self.frames == 0 {
                     self.start_board(source);
@@ -292,8 +327,11 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Counts the frames of the batch from `start` on.
+    /// Counts the frames of the batch from `start` on, and shows them.
     fn count(&mut self, start: usize) {
+        if let (Some(watcher), true) = (&mut self.watcher, start < self.batch.len()) {
+            watcher.see(&self.batch[start..]);
+        }
         for frame in &self.batch[start..] {
             self.frames += 1;
             let (first, last) = self.extent_us.unwrap_or((frame.time_us, frame.time_us));
@@ -308,6 +346,10 @@ impl Session<'_> {
         }
         let (Some(log), Some(first)) = (&mut self.log, self.batch.first()) else {
             self.batch.clear();
+            // What nobody records is marked on the screen only.
+            if self.log.is_none() {
+                self.marks.clear();
+            }
             return Ok(());
         };
         if self.rows.is_none() {
@@ -317,10 +359,31 @@ impl Session<'_> {
             self.rows = Some(rows);
         }
         if let Some(rows) = &mut self.rows {
+            self.marks.drain(..).for_each(|(index, number)| rows.mark(index, number));
             rows.write(&mut self.batch, log.pending())?;
             self.other_content = rows.other_content;
         }
         log.flush()?;
+        Ok(())
+    }
+
+    /// Does what the watcher wants. A log ends with all that was seen before that.
+    fn follow(&mut self) -> Result<(), RecordError> {
+        while let Some(wish) = self.watcher.as_mut().and_then(|watcher| watcher.wish()) {
+            let next = match wish {
+                Wish::Mark { index, number } => {
+                    self.marks.push((index, number));
+                    continue;
+                }
+                Wish::Record(journal) => Some(journal),
+                Wish::Rest => None,
+            };
+            self.flush()?;
+            self.rows = None;
+            if let Some(log) = std::mem::replace(&mut self.log, next) {
+                log.close()?;
+            }
+        }
         Ok(())
     }
 

@@ -19,7 +19,7 @@ pub struct LiveForces {
 
 /// RunningForces of frames as they come.
 #[derive(Clone, Debug)]
-pub(super) struct RunningForces {
+pub struct RunningForces {
     calibration: Calibration,
     options: ForceOptions,
     stage: Stage,
@@ -42,19 +42,20 @@ enum Stage {
 
 /// What a frame gives.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Force {
+pub struct Force {
     /// Wrench in N and N·m.
-    pub(super) wrench: PerAxis<f64>,
+    pub wrench: PerAxis<f64>,
     /// Bit i is set if channel i was outside the calibrated range.
-    pub(super) out_of_range: u64,
+    pub out_of_range: u64,
     /// There is to be a tare, and it was not known yet.
-    pub(super) untared: bool,
+    pub untared: bool,
     /// There is to be a low-pass, and its clock was not known yet.
-    pub(super) unfiltered: bool,
+    pub unfiltered: bool,
 }
 
 impl RunningForces {
-    pub(super) fn new(live: LiveForces) -> Self {
+    /// Nothing has come yet.
+    pub fn new(live: LiveForces) -> Self {
         let options = live.options.causal();
         let setup = Box::new(PipelineSetup::new(options));
         let stage =
@@ -66,7 +67,7 @@ impl RunningForces {
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
-    pub(super) fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
+    pub fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
         let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
         let readings = columns(frames);
         let out_of_range = self.calibration.out_of_range(&readings);
@@ -92,7 +93,7 @@ impl RunningForces {
     }
 
     /// The wrench of the newest frame.
-    pub(super) fn newest(&self) -> Option<PerAxis<f64>> {
+    pub fn newest(&self) -> Option<PerAxis<f64>> {
         self.newest
     }
 

@@ -19,7 +19,7 @@ mod reception;
 mod recognition;
 mod rows;
 
-pub use forces::LiveForces;
+pub use forces::{Force, LiveForces, RunningForces};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, Recognised, Recognition};
 pub use rows::{RowWriter, UnsuitableCalibration};

@@ -11,7 +11,9 @@
 //! and `s3:range` as in the output of `convert`, `late` where a frame came after a later one had
 //! been written, `restart` where the board has restarted, `untared` and `unfiltered` where tare and
 //! clock of the forces were still being found: such a row is not held back, so its forces are those of
-//! the calibration alone. From then on forces are those of `convert` with a causal low-pass.
+//! the calibration alone. `mark1`, `mark2`, … are moments that somebody has marked. From then on forces are those of `convert` with a causal low-pass.
+
+use std::collections::VecDeque;
 
 use super::forces::{Force, LiveForces, RunningForces};
 use super::reception::{BoardFrame, Content, Measured};
@@ -40,6 +42,8 @@ pub struct RowWriter {
     content: Content,
     forces: Option<RunningForces>,
     last_index: Option<i64>,
+    /// Marks that are to be set, with the frames from which on.
+    marks: VecDeque<(i64, u32)>,
     /// Frames that hold something else than the columns.
     pub other_content: u64,
 }
@@ -63,7 +67,7 @@ impl RowWriter {
             }
         }
         let forces = forces.map(RunningForces::new);
-        Ok(Self { content, forces, last_index: None, other_content: 0 })
+        Ok(Self { content, forces, last_index: None, marks: VecDeque::new(), other_content: 0 })
     }
 
     /// The line that names the columns.
@@ -121,10 +125,23 @@ impl RowWriter {
                 );
             }
             text.push(b',');
-            text.extend_from_slice(flags(&frame, force, is_late).as_bytes());
+            let mut flags = flags(&frame, force, is_late);
+            while let Some(&(index, number)) = self.marks.front()
+                && frame.index >= index
+            {
+                self.marks.pop_front();
+                let space = if flags.is_empty() { "" } else { " " };
+                flags += &format!("{space}mark{number}");
+            }
+            text.extend_from_slice(flags.as_bytes());
             text.push(b'\n');
         }
         Ok(())
+    }
+
+    /// Flags the first row from the frame `index` on, that has not been written, with a mark.
+    pub fn mark(&mut self, index: i64, number: u32) {
+        self.marks.push_back((index, number));
     }
 
     /// The newest wrench, where there are forces.

@@ -9,6 +9,7 @@ mod content;
 mod markup;
 mod numbers;
 mod sections;
+mod units;
 
 use flate2::read::GzDecoder;
 

@@ -7,22 +7,46 @@ use std::f64::consts::TAU;
 
 use serde::{Serialize, Serializer};
 
+use super::units::Scale;
 use super::{MOST_TRACES, Report};
 use crate::figures::trial::{Passage, smoothed, stride_s};
-use crate::trial::{Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
+use crate::trial::{
+    ConditionRow, Interval, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult,
+};
 
 #[derive(Serialize)]
 pub(super) struct ReportNumbers {
+    pub(super) effects: Vec<EffectPlot>,
     pub(super) boxes: Vec<BoxPlot>,
     pub(super) phases: Vec<PhasePlot>,
     /// One for each trial, `null` where there is no trace.
     pub(super) trials: Vec<Option<TrialPlot>>,
 }
 
+/// Means with their intervals, of the conditions or of how they differ from the reference.
+#[derive(Serialize)]
+pub(super) struct EffectPlot {
+    pub(super) quantity: &'static str,
+    pub(super) unit: String,
+    pub(super) reference: Option<String>,
+    pub(super) conditions: Vec<EffectNumbers>,
+}
+
+#[derive(Serialize)]
+pub(super) struct EffectNumbers {
+    pub(super) name: String,
+    trials: usize,
+    mean: Short,
+    low: Option<Short>,
+    high: Option<Short>,
+    /// The same for people.
+    pub(super) text: String,
+}
+
 #[derive(Serialize)]
 pub(super) struct BoxPlot {
     pub(super) quantity: &'static str,
-    pub(super) unit: &'static str,
+    pub(super) unit: String,
     pub(super) per: Per,
     pub(super) conditions: Vec<BoxNumbers>,
 }
@@ -99,6 +123,7 @@ impl ReportNumbers {
             Some(TrialPlot::of(trace, &passage))
         };
         Self {
+            effects: effects(report),
             boxes: boxes(report),
             phases: phases(report),
             trials: report.trials.iter().enumerate().map(drawn).collect(),
@@ -106,18 +131,58 @@ impl ReportNumbers {
     }
 }
 
+/// One figure: of drag energy or, without it, of the first quantity that there is.
+fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
+    let rows = |quantity: Quantity| -> Vec<&ConditionRow> {
+        let of = |row: &&ConditionRow| row.quantity == quantity && row.per == Per::Trial;
+        report.conditions.iter().filter(of).collect()
+    };
+    let found = QUANTITIES.into_iter().map(|quantity| (quantity, rows(quantity)));
+    let Some((quantity, rows)) = found.into_iter().find(|(_, rows)| !rows.is_empty()) else {
+        return Vec::new();
+    };
+    let reference = rows.iter().find_map(|row| row.difference.as_ref());
+    let reference = reference.map(|difference| difference.reference.clone());
+    let shown = |row: &&ConditionRow| -> Option<(String, usize, f64, Option<Interval>)> {
+        let (name, n) = (row.condition.clone(), row.statistics.n);
+        match (&reference, &row.difference) {
+            (None, _) => Some((name, n, row.statistics.mean, row.statistics.mean_95)),
+            (Some(_), Some(less)) => Some((name, n, less.mean, less.mean_95)),
+            (Some(_), None) => None,
+        }
+    };
+    let shown: Vec<_> = rows.iter().filter_map(shown).collect();
+    let scale = Scale::of(quantity.unit(), shown.iter().map(|(_, _, mean, _)| *mean));
+    let numbers = |(name, trials, mean, interval): (String, usize, f64, Option<Interval>)| {
+        let scaled = |value: f64| Short(scale.factor * value);
+        let text = format!("{name} {} {}", scale.estimate(Some(mean), interval), scale.unit);
+        EffectNumbers {
+            name,
+            trials,
+            mean: scaled(mean),
+            low: interval.map(|interval| scaled(interval.low)),
+            high: interval.map(|interval| scaled(interval.high)),
+            text: text.trim_end().to_owned(),
+        }
+    };
+    let conditions = shown.into_iter().map(numbers).collect();
+    vec![EffectPlot { quantity: quantity.name(), unit: scale.unit.clone(), reference, conditions }]
+}
+
+/// What conditions are compared by, the first first.
+pub(super) const QUANTITIES: [Quantity; 3] =
+    [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
+
 fn boxes(report: &Report<'_>) -> Vec<BoxPlot> {
-    let quantities =
-        [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
     let mut plots = Vec::new();
-    for quantity in quantities {
-        let (factor, unit) = match quantity {
-            Quantity::DragEnergy => (1e3, "mJ"),
-            _ => (1.0, quantity.unit()),
-        };
+    for quantity in QUANTITIES {
         for per in Per::ALL {
             let rows =
                 report.conditions.iter().filter(|row| row.quantity == quantity && row.per == per);
+            let ends = rows
+                .clone()
+                .flat_map(|row| [row.statistics.whisker_low, row.statistics.whisker_high]);
+            let Scale { factor, unit } = Scale::of(quantity.unit(), ends);
             let conditions: Vec<_> = rows
                 .map(|row| {
                     let (values, labels) = values(report.trials, &row.condition, quantity, per);

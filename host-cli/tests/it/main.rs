@@ -20,12 +20,17 @@ mod certified;
 mod convert;
 mod convert_formats;
 mod cross_validation;
+mod doctor;
+#[cfg(unix)]
+mod doctor_port;
 mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;
 mod found_groups;
 mod golden;
 mod hostile;
+#[cfg(all(unix, feature = "live"))]
+mod live;
 mod log_bad_input;
 mod log_containers;
 mod log_formats;

@@ -52,13 +52,13 @@ fn a_report_works_in_a_browser() {
     let report = report(dir.path());
     let mut browser = open(&chromium, &report, [1200, 900], false);
 
-    // Six box plots, two of phase, two of the trial that is open.
+    // The effect, six box plots, two of phase, two of the trial that is open.
     assert_eq!(
         browser.evaluate("document.querySelectorAll('.js-plotly-plot .main-svg').length > 0"),
         true
     );
     let drawn = browser.evaluate("[...document.querySelectorAll('.js-plotly-plot')].filter((p) => p.querySelector('.trace, .boxes, .scatterlayer .lines')).length");
-    assert_eq!(drawn, 10);
+    assert_eq!(drawn, 11);
     // Each has a description for who does not see it, and none is empty.
     let described = "[...document.querySelectorAll('.plot')].every((p) => p.getAttribute('role') === 'img' && p.getAttribute('aria-label').length > 20)";
     assert_eq!(browser.evaluate(described), true);
@@ -106,19 +106,78 @@ fn a_report_works_in_a_browser() {
     browser.click("document.querySelectorAll('details[data-trial] > summary')[3]");
     browser.wait_for("!!document.querySelector('#forces-3.js-plotly-plot') && !!document.querySelector('#stack-3.js-plotly-plot')");
 
-    // Text stands out from white as WCAG 2.2 AA asks for: 4.5 to 1.
-    let contrast = "(() => { const luminance = (c) => c.match(/[\\d.]+/g).slice(0, 3).map((v) => v / 255)\
-        .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))\
-        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);\
-        return Math.min(...[...document.querySelectorAll('main p, main li, main a, main td, main th, figcaption, caption, summary, button, .quiet, strong')]\
-        .map((e) => 1.05 / (luminance(getComputedStyle(e).color) + 0.05))); })()";
-    let contrast = browser.evaluate(contrast).as_f64().unwrap();
-    assert!(contrast > 4.5, "{contrast}");
+    assert!(contrast(&mut browser) > 4.5);
+
+    // The numbers behind a figure, by a click: every frame of the trial, under a line of names.
+    browser.evaluate(
+        "const make = URL.createObjectURL; URL.createObjectURL = (blob) => { blob.text().then((text) => { window.saved = text; }); return make.call(URL, blob); }; 0",
+    );
+    browser.click(&by_label("data"));
+    browser.wait_for("typeof window.saved === 'string'");
+    let saved = browser.evaluate("window.saved");
+    let saved = saved.as_str().unwrap();
+    assert!(saved.starts_with("t_s,drag_n,lift_n"), "{}", &saved[..60]);
+    let frames = browser.evaluate("document.querySelector('#forces-0').data[0].x.length");
+    assert_eq!(saved.lines().count() as u64, frames.as_u64().unwrap() + 1);
 
     keep(&browser.screenshot(), "report.png.base64");
     keep(&browser.print(), "report.pdf.base64");
     assert_eq!(browser.complaints(), Vec::<String>::new());
     assert_eq!(browser.requests(), Vec::<String>::new());
+}
+
+/// The least contrast of a text to the page, which WCAG 2.2 AA wants above 4.5 to 1.
+fn contrast(browser: &mut Browser) -> f64 {
+    let contrast = "(() => { const luminance = (c) => c.match(/[\\d.]+/g).slice(0, 3).map((v) => v / 255)\
+        .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))\
+        .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);\
+        const paper = luminance(getComputedStyle(document.body).backgroundColor);\
+        return Math.min(...[...document.querySelectorAll('main p, main li, main a, main td, main th, figcaption, caption, summary, button, .quiet, strong')]\
+        .map((e) => luminance(getComputedStyle(e).color)).map((ink) => (Math.max(ink, paper) + 0.05) / (Math.min(ink, paper) + 0.05))); })()";
+    browser.evaluate(contrast).as_f64().unwrap()
+}
+
+/// The effect per condition comes first, the tables fit, and what does not shows that it goes on.
+#[test]
+#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
+    let chromium = chromium::find().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(dir, "synth trials trials", 0);
+    run(dir, "synth train --rows 5000 --output train.csv", 0);
+    run(dir, "fit train.csv --output calibration.json", 0);
+    let report = "report trials/manifest.csv --calibration calibration.json --reference free --output report.html";
+    run(dir, report, 0);
+    let report = dir.join("report.html");
+    assert!(fs::metadata(&report).unwrap().len() < 4_000_000);
+    for (width, dark) in [(1400, false), (1024, true), (390, false)] {
+        let mut browser = Browser::start(&chromium, [width, 900], width < 500);
+        if dark {
+            browser.prefer_dark();
+        }
+        browser.open(&report);
+        browser.wait_for("document.documentElement.dataset.plots === 'drawn'");
+        // In units that suit, with intervals.
+        assert_eq!(browser.evaluate("document.querySelector('main h2').id"), "effect");
+        let effect = browser.evaluate("document.querySelector('section').innerText");
+        let effect = effect.as_str().unwrap();
+        assert!(effect.contains("drag energy (mJ)") && effect.contains(" ± "), "{effect}");
+        assert!(effect.contains("Drag energy per trial differs from that of free"), "{effect}");
+        // Where a table is wider than its box, the box has shadows at its sides.
+        let cut = "[...document.querySelectorAll('.table')].filter((t) => t.scrollWidth > t.clientWidth + 1 && !getComputedStyle(t).backgroundImage.includes('gradient')).length";
+        assert_eq!(browser.evaluate(cut), 0);
+        let wider = "[...document.querySelectorAll('section > .table')].filter((t) => t.scrollWidth > t.clientWidth + 1).map((t) => t.getAttribute('aria-label')).join()";
+        if width >= 1000 {
+            assert_eq!(browser.evaluate(wider), "", "{width}");
+        }
+        assert_eq!(browser.evaluate("document.documentElement.scrollWidth"), width);
+        assert!(contrast(&mut browser) > 4.5, "{width}");
+        let paper = browser.evaluate("getComputedStyle(document.body).backgroundColor");
+        assert_eq!(paper == "rgb(255, 255, 255)", !dark);
+        keep(&browser.screenshot(), &format!("report-{width}.png.base64"));
+        assert_eq!(browser.complaints(), Vec::<String>::new());
+    }
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! The command line: what all subcommands share.
 
-use clap::Parser;
+use std::ffi::OsString;
+
+use clap::{ColorChoice, Parser};
 
 use crate::cmd::Command;
 use crate::printer::OutputArgs;
@@ -18,6 +20,21 @@ pub(crate) struct Args {
     pub(crate) command: Command,
 }
 
+/// Whether help and errors of the command line itself are coloured: they are printed while it is still being
+/// read.
+pub(crate) fn color_of(arguments: impl Iterator<Item = OsString>) -> ColorChoice {
+    let arguments: Vec<OsString> = arguments.take_while(|argument| argument != "--").collect();
+    let value = |at: usize| match arguments[at].to_str()?.strip_prefix("--color")? {
+        "" => arguments.get(at + 1)?.to_str(),
+        joined => joined.strip_prefix('='),
+    };
+    match (0..arguments.len()).find_map(value) {
+        Some("always") => ColorChoice::Always,
+        Some("never") => ColorChoice::Never,
+        _ => ColorChoice::Auto,
+    }
+}
+
 /// What is said to who has said nothing.
 pub(crate) const GREETING: &str = "\
 From recordings of an optical force/torque shell to forces and moments:
@@ -33,6 +50,15 @@ From recordings of an optical force/torque shell to forces and moments:
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
+
+    #[test]
+    fn the_colour_is_known_before_the_command_line_is_read() {
+        let of = |line: &str| super::color_of(line.split(' ').map(Into::into));
+        assert_eq!(of("shellcal fit --color never --help"), clap::ColorChoice::Never);
+        assert_eq!(of("shellcal --color=always"), clap::ColorChoice::Always);
+        assert_eq!(of("shellcal fit -- --color never"), clap::ColorChoice::Auto);
+        assert_eq!(of("shellcal fit --color"), clap::ColorChoice::Auto);
+    }
 
     #[test]
     fn the_command_line_is_consistent() {

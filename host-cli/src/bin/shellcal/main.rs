@@ -7,6 +7,7 @@ mod hints;
 mod outcome;
 mod printer;
 mod signals;
+mod tables;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -19,7 +20,7 @@ fn main() -> ExitCode {
         let _ = writeln!(io::stderr(), "{}", args::GREETING);
         return ExitCode::from(2);
     }
-    let mut command = args::Args::command();
+    let mut command = args::Args::command().color(args::color_of(std::env::args_os()));
     let matches = command.get_matches_mut();
     let args = match args::Args::from_arg_matches(&matches) {
         Ok(args) => args,

@@ -4,13 +4,10 @@ use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
-use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 
-/// Tables as papers set them: a rule below the header and no other lines.
-const TABLE: TableStyle =
-    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+use crate::tables::{self, TableForm};
 
 /// How much is said, and in which form.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -22,22 +19,86 @@ pub(crate) struct OutputArgs {
     /// Print nothing but results and errors: no progress, no notes
     #[arg(long, short, global = true)]
     quiet: bool,
+
+    /// How tables are printed: text, markdown or csv; with csv nothing else goes to the standard output
+    #[arg(long = "as", global = true, value_name = "FORM", value_enum, default_value_t = TableForm::Text, conflicts_with = "json", hide_possible_values = true)]
+    form: TableForm,
+
+    /// Whether to colour what goes to a terminal: auto, always or never; `NO_COLOR` counts as never
+    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t = ColorArg::Auto, hide_possible_values = true)]
+    color: ColorArg,
+}
+
+/// When to colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum ColorArg {
+    /// On a terminal, unless `NO_COLOR` is set
+    Auto,
+    /// Also in a pipe or a file
+    Always,
+    /// Not at all
+    Never,
+}
+
+impl ColorArg {
+    /// Whether a stream is coloured.
+    pub(crate) fn is_on(self, is_terminal: bool) -> bool {
+        match self {
+            ColorArg::Always => true,
+            ColorArg::Never => false,
+            ColorArg::Auto => is_terminal && wants_color(),
+        }
+    }
+}
+
+/// What a colour says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Tint {
+    None,
+    Good,
+    Warning,
+    Bad,
+    Hint,
+}
+
+impl Tint {
+    /// A word in bold and in this colour, by ECMA-48.
+    fn paint(self, word: &str, is_on: bool) -> Cow<'_, str> {
+        let code = match self {
+            Tint::None => return Cow::Borrowed(word),
+            Tint::Good => 32,
+            Tint::Warning => 33,
+            Tint::Bad => 31,
+            Tint::Hint => 36,
+        };
+        match is_on && !word.is_empty() {
+            true => Cow::Owned(format!("\u{1b}[1;{code}m{word}\u{1b}[0m")),
+            false => Cow::Borrowed(word),
+        }
+    }
 }
 
 /// Where a command's results and remarks go.
 #[derive(Debug)]
 pub(crate) struct Printer {
     options: OutputArgs,
+    /// Whether a table was printed.
+    has_table: bool,
 }
 
 impl Printer {
     pub(crate) fn new(options: OutputArgs) -> Self {
-        Self { options }
+        Self { options, has_table: false }
     }
 
     /// Whether the user asked for one JSON document in place of tables.
     pub(crate) fn json(&self) -> bool {
         self.options.json
+    }
+
+    /// Whether what goes to the standard output is coloured.
+    pub(crate) fn is_colored(&self) -> bool {
+        self.options.color.is_on(io::stdout().is_terminal())
     }
 
     /// Prints the result of a command as one JSON document, every figure at full precision.
@@ -56,48 +117,76 @@ impl Printer {
 
     /// Prints one line of a result that people read.
     pub(crate) fn line(&mut self, text: impl AsRef<str>) -> anyhow::Result<()> {
-        writeln!(io::stdout().lock(), "{}", harmless(text.as_ref()))?;
+        self.tinted("", Tint::None, text)
+    }
+
+    /// The same with a word before it that is coloured.
+    pub(crate) fn tinted(
+        &mut self,
+        word: &str,
+        tint: Tint,
+        text: impl AsRef<str>,
+    ) -> anyhow::Result<()> {
+        let text = harmless(text.as_ref());
+        match self.options.form {
+            TableForm::Csv => {
+                self.note(format!("{word}{text}"));
+                return Ok(());
+            }
+            // Each line a paragraph of its own.
+            TableForm::Markdown if !text.is_empty() => {
+                writeln!(io::stdout().lock(), "{word}{text}\n")?;
+            }
+            TableForm::Markdown => {}
+            TableForm::Text => {
+                let word = tint.paint(word, self.is_colored());
+                writeln!(io::stdout().lock(), "{word}{text}")?;
+            }
+        }
         Ok(())
     }
 
     /// Prints a table: the first column is a label, the others are numbers.
     pub(crate) fn table(&mut self, header: &[&str], rows: &[Vec<String>]) -> anyhow::Result<()> {
-        let mut table = Table::new();
-        table.load_style(TABLE);
-        table.set_content_arrangement(ContentArrangement::Disabled);
-        table.set_header(header.iter().copied());
-        table.add_rows(rows);
-        for column in table.column_iter_mut().skip(1) {
-            column.set_cell_alignment(CellAlignment::Right);
+        let form = self.options.form;
+        let mut text = String::new();
+        // Of several tables every one stands on its own.
+        if form == TableForm::Csv && std::mem::replace(&mut self.has_table, true) {
+            text.push('\n');
         }
-        for line in table.lines() {
-            self.line(line.trim_end())?;
+        for line in tables::lines(form, header, rows) {
+            text += &harmless(&line);
+            text.push('\n');
         }
+        if form == TableForm::Markdown {
+            text.push('\n');
+        }
+        io::stdout().lock().write_all(text.as_bytes())?;
         Ok(())
     }
 
     /// Writes a note about the work to stderr, but not with `--quiet`.
     pub(crate) fn note(&mut self, text: impl AsRef<str>) {
         if !self.options.quiet {
-            self.talk(text.as_ref());
+            self.talk("", Tint::None, text.as_ref());
         }
     }
 
     /// Warns on stderr, even when quiet: the user must not miss it.
     pub(crate) fn warning(&mut self, text: impl AsRef<str>) {
-        self.talk(&format!("warning: {}", text.as_ref()));
+        self.talk("warning: ", Tint::Warning, text.as_ref());
     }
 
     /// Reports what could not be done among other things that could.
     pub(crate) fn failure(&mut self, text: impl AsRef<str>) {
-        self.talk(&format!("error: {}", text.as_ref()));
+        self.talk("error: ", Tint::Bad, text.as_ref());
     }
 
     /// Reports why the command could not run.
     pub(crate) fn error(&mut self, error: &anyhow::Error, hint: Option<&str>) {
-        self.talk(&format!("error: {error:#}"));
+        self.talk("error: ", Tint::Bad, &format!("{error:#}"));
         if let Some(hint) = hint {
-            self.talk(&format!("hint: {hint}"));
+            self.talk("hint: ", Tint::Hint, hint);
         }
     }
 
@@ -143,9 +232,16 @@ impl Printer {
     }
 
     /// A closed stderr leaves nobody to tell.
-    fn talk(&self, text: &str) {
-        let _ = writeln!(io::stderr().lock(), "{}", harmless(text));
+    fn talk(&self, word: &str, tint: Tint, text: &str) {
+        let word = tint.paint(word, self.options.color.is_on(io::stderr().is_terminal()));
+        let _ = writeln!(io::stderr().lock(), "{word}{}", harmless(text));
     }
+}
+
+/// Whether the environment has nothing against colours (no-color.org).
+fn wants_color() -> bool {
+    let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    !is_set("NO_COLOR") && std::env::var_os("TERM").is_none_or(|terminal| terminal != "dumb")
 }
 
 /// A text whose control characters do nothing to a terminal: names of files and columns may hold any.

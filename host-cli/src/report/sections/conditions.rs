@@ -3,8 +3,9 @@
 use super::super::Report;
 use super::super::markup::{Cell, figure, table};
 use super::super::numbers::{BoxPlot, PhasePlot, ReportNumbers};
-use super::parts::{capital, plot_figure, range, short};
-use crate::trial::{ConditionRow, Interval, Per, Quantity};
+use super::super::units::Scale;
+use super::parts::{capital, folded, plot_figure};
+use crate::trial::{ConditionRow, Per, Quantity};
 
 pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     let mut html = String::new();
@@ -15,64 +16,66 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
     }
     html.push_str("</div>\n");
     for quantity in Quantity::ALL {
-        let of_quantity = report.conditions.iter().filter(|row| row.quantity == quantity);
-        let rows: Vec<Vec<Cell>> = of_quantity.map(condition_cells).collect();
-        if rows.is_empty() {
+        let of_quantity: Vec<&ConditionRow> =
+            report.conditions.iter().filter(|row| row.quantity == quantity).collect();
+        if of_quantity.is_empty() {
             continue;
         }
-        let unit = if quantity.unit().is_empty() {
-            String::new()
-        } else {
-            format!(" ({})", quantity.unit())
-        };
+        let scale = Scale::of(quantity.unit(), of_quantity.iter().map(|row| row.statistics.mean));
+        let has_reference = report.conditions.iter().any(|row| row.difference.is_some());
+        let cells = |row: &&ConditionRow| condition_cells(row, &scale, has_reference);
+        let rows: Vec<Vec<Cell>> = of_quantity.iter().map(cells).collect();
         let reference = report.conditions.iter().find_map(|row| row.difference.as_ref());
-        let against = reference
-            .map_or("difference".to_owned(), |difference| format!("less {}", difference.reference));
-        let caption = format!("{}{unit}", capital(quantity.name()));
+        let less = reference.map(|difference| format!("less {}", difference.reference));
+        let mut header = vec![("condition", true), ("per", true), ("n", false), ("mean", false)];
+        header.extend(less.as_deref().map(|less| (less, false)));
+        html += &table(&scale.name(&capital(quantity.name())), &header, &rows);
+        let spread = of_quantity.iter().map(|row| spread_cells(row, &scale)).collect::<Vec<_>>();
         let header = [
             ("condition", true),
             ("per", true),
-            ("n", false),
-            ("mean", false),
-            ("95 % of mean", false),
             ("sd", false),
             ("median", false),
             ("quartiles", false),
             ("whiskers", false),
             ("outliers", false),
-            (against.as_str(), false),
-            ("95 % of it", false),
         ];
-        // Without a reference there is nothing to show in the last two.
-        let shown = if reference.is_some() { header.len() } else { header.len() - 2 };
-        let rows: Vec<_> = rows
-            .into_iter()
-            .map(|mut row| {
-                row.truncate(shown);
-                row
-            })
-            .collect();
-        html += &table(&caption, &header[..shown], &rows);
+        let caption = format!("Spread of {}", scale.name(quantity.name()));
+        html += &folded(&caption, &table(&caption, &header, &spread));
     }
     html
 }
 
-fn condition_cells(row: &ConditionRow) -> Vec<Cell> {
+/// What answers, with intervals.
+fn condition_cells(row: &ConditionRow, scale: &Scale, has_reference: bool) -> Vec<Cell> {
     let s = &row.statistics;
-    let difference = row.difference.as_ref();
-    vec![
+    let mut cells = vec![
         Cell::Text(row.condition.clone()),
         Cell::from(row.per.name()),
         Cell::from(s.n as u64),
-        short(s.mean),
-        range(s.mean_95),
-        short(s.sd),
-        short(s.median),
-        range(Some(Interval { low: s.q1, high: s.q3 })),
-        range(Some(Interval { low: s.whisker_low, high: s.whisker_high })),
+        Cell::Figure(scale.estimate(Some(s.mean), s.mean_95)),
+    ];
+    if has_reference {
+        let difference = row.difference.as_ref();
+        cells.push(Cell::Figure(match difference {
+            Some(difference) => scale.estimate(Some(difference.mean), difference.mean_95),
+            None => "–".to_owned(),
+        }));
+    }
+    cells
+}
+
+/// How the values lie.
+fn spread_cells(row: &ConditionRow, scale: &Scale) -> Vec<Cell> {
+    let s = &row.statistics;
+    vec![
+        Cell::Text(row.condition.clone()),
+        Cell::from(row.per.name()),
+        Cell::Figure(scale.value(s.sd)),
+        Cell::Figure(scale.value(Some(s.median))),
+        Cell::Figure(scale.range(s.q1, s.q3)),
+        Cell::Figure(scale.range(s.whisker_low, s.whisker_high)),
         Cell::from(s.outliers.len() as u64),
-        short(difference.map(|difference| difference.mean)),
-        range(difference.and_then(|difference| difference.mean_95)),
     ]
 }
 

@@ -2,6 +2,7 @@
 
 mod calibration;
 mod conditions;
+mod effect;
 mod parts;
 mod trials;
 
@@ -9,6 +10,7 @@ use std::fmt::Write;
 
 use calibration::calibration;
 use conditions::{conditions, phase};
+use effect::effect;
 use parts::facts_table;
 use trials::trials;
 
@@ -35,6 +37,7 @@ pub(super) fn body(report: &Report<'_>, numbers: &ReportNumbers) -> String {
         },
     );
     let sections: Vec<(&str, &str, String)> = [
+        ("effect", "What came out", effect(report, numbers)),
         ("warnings", "Warnings", warnings(report)),
         ("conditions", "By condition", conditions(report, numbers)),
         ("phase", "Over a stride", phase(numbers)),

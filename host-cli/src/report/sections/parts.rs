@@ -1,7 +1,6 @@
 //! Tables, figures and numbers that several sections have.
 
-use super::super::markup::{Cell, escape, significant, table};
-use crate::trial::Interval;
+use super::super::markup::{Cell, escape, table};
 
 pub(super) fn facts_table(caption: &str, facts: &[(&str, String)]) -> String {
     let rows: Vec<Vec<Cell>> = facts
@@ -20,23 +19,9 @@ pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> St
     )
 }
 
-pub(super) fn interval(interval: Option<Interval>) -> Cell {
-    digits_of(interval, 4)
-}
-
-/// In three digits: wide tables are to be short.
-pub(super) fn range(interval: Option<Interval>) -> Cell {
-    digits_of(interval, 3)
-}
-
-fn digits_of(interval: Option<Interval>, digits: i32) -> Cell {
-    Cell::Figure(interval.map_or("–".to_owned(), |Interval { low, high }| {
-        format!("{} … {}", significant(low, digits), significant(high, digits))
-    }))
-}
-
-pub(super) fn short(value: impl Into<Option<f64>>) -> Cell {
-    Cell::Figure(significant(value, 3))
+/// What only some readers want, behind its title.
+pub(super) fn folded(title: &str, content: &str) -> String {
+    format!("<details>\n<summary>{}</summary>\n{content}</details>\n", escape(title))
 }
 
 pub(super) fn capital(text: &str) -> String {

@@ -4,31 +4,16 @@ use std::fmt::Write;
 
 use super::super::markup::{Cell, escape, figure, table};
 use super::super::numbers::{ReportNumbers, TrialPlot};
+use super::super::units::Scale;
 use super::super::{MOST_TRACES, Report};
-use super::parts::{interval, plot_figure};
+use super::parts::{folded, plot_figure};
 use crate::trial::{StrideRow, TrialResult, TrialRow};
 
 pub(super) fn trials(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     if report.trials.is_empty() {
         return String::new();
     }
-    let header = [
-        ("log", true),
-        ("condition", true),
-        ("entry (s)", false),
-        ("exit (s)", false),
-        ("speed (m/s)", false),
-        ("drag (N)", false),
-        ("lift (N)", false),
-        ("drag energy (J)", false),
-        ("95 % of it (J)", false),
-        ("electrical energy (J)", false),
-        ("specific resistance", false),
-        ("strides", false),
-        ("strides/s", false),
-    ];
-    let rows: Vec<Vec<Cell>> = report.trials.iter().map(trial_cells).collect();
-    let mut html = table("One row for each trial", &header, &rows);
+    let mut html = trial_tables(report.trials);
     let drawn = numbers.trials.iter().flatten().count();
     if drawn < report.trials.len() && report.trials.len() > MOST_TRACES {
         let _ = writeln!(
@@ -85,37 +70,75 @@ fn trial_plots(at: usize, row: &TrialRow, plot: &TrialPlot) -> String {
     html
 }
 
-fn trial_cells(trial: &TrialResult) -> Vec<Cell> {
-    let row = &trial.row;
-    vec![
-        Cell::Text(row.file.clone()),
-        Cell::Text(row.condition.clone()),
-        Cell::from(row.t_enter_s),
-        Cell::from(row.t_exit_s),
-        Cell::from(row.velocity_m_s),
-        Cell::from(row.drag_mean_n),
-        Cell::from(row.lift_mean_n),
-        Cell::from(row.drag_energy_j),
-        interval(row.drag_energy_95_j),
-        Cell::from(row.electrical_energy_j),
-        Cell::from(row.specific_resistance),
-        Cell::Figure(row.strides.map_or("–".to_owned(), |strides| strides.to_string())),
-        Cell::from(row.stride_frequency_hz),
-    ]
+/// What answers, and, folded, what it was computed from. Every column has the unit that suits it.
+fn trial_tables(trials: &[TrialResult]) -> String {
+    let scale = |unit: &str, value: fn(&TrialRow) -> Option<f64>| {
+        Scale::of(unit, trials.iter().filter_map(|trial| value(&trial.row)))
+    };
+    let drag = scale("N", |row| row.drag_mean_n);
+    let lift = scale("N", |row| row.lift_mean_n);
+    let energy = scale("J", |row| row.drag_energy_j);
+    let electrical = scale("J", |row| row.electrical_energy_j);
+    let names = [
+        drag.name("drag"),
+        lift.name("lift"),
+        energy.name("drag energy"),
+        electrical.name("electrical energy"),
+    ];
+    let mut header = vec![("log", true), ("condition", true)];
+    header.extend(names.iter().map(|name| (name.as_str(), false)));
+    header.push(("specific resistance", false));
+    let results = |TrialResult { row, .. }: &TrialResult| {
+        vec![
+            Cell::Text(row.file.clone()),
+            Cell::Text(row.condition.clone()),
+            Cell::Figure(drag.value(row.drag_mean_n)),
+            Cell::Figure(lift.value(row.lift_mean_n)),
+            Cell::Figure(energy.estimate(row.drag_energy_j, row.drag_energy_95_j)),
+            Cell::Figure(electrical.value(row.electrical_energy_j)),
+            Cell::from(row.specific_resistance),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> = trials.iter().map(results).collect();
+    let html = table("One row for each trial", &header, &rows);
+    let header = [
+        ("log", true),
+        ("entry (s)", false),
+        ("exit (s)", false),
+        ("speed (m/s)", false),
+        ("strides", false),
+        ("strides/s", false),
+    ];
+    let times = |TrialResult { row, .. }: &TrialResult| {
+        vec![
+            Cell::Text(row.file.clone()),
+            Cell::from(row.t_enter_s),
+            Cell::from(row.t_exit_s),
+            Cell::from(row.velocity_m_s),
+            Cell::Figure(row.strides.map_or("–".to_owned(), |strides| strides.to_string())),
+            Cell::from(row.stride_frequency_hz),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> = trials.iter().map(times).collect();
+    let caption = "Times, speed and strides of each trial";
+    html + &folded(caption, &table(caption, &header, &rows))
 }
 
 fn strides(strides: &[StrideRow]) -> String {
     if strides.is_empty() {
         return String::new();
     }
+    let energy = Scale::of("J", strides.iter().filter_map(|row| row.drag_energy_j));
+    let electrical = Scale::of("J", strides.iter().filter_map(|row| row.electrical_energy_j));
+    let names = [energy.name("drag energy"), electrical.name("electrical energy")];
     let header = [
         ("stride", false),
         ("start (s)", false),
         ("end (s)", false),
         ("drag (N)", false),
         ("lift (N)", false),
-        ("drag energy (J)", false),
-        ("electrical energy (J)", false),
+        (names[0].as_str(), false),
+        (names[1].as_str(), false),
         ("specific resistance", false),
     ];
     let rows: Vec<Vec<Cell>> = strides
@@ -127,8 +150,8 @@ fn strides(strides: &[StrideRow]) -> String {
                 Cell::Figure(format!("{:.4}", row.t_end_s)),
                 Cell::from(row.drag_mean_n),
                 Cell::from(row.lift_mean_n),
-                Cell::from(row.drag_energy_j),
-                Cell::from(row.electrical_energy_j),
+                Cell::Figure(energy.value(row.drag_energy_j)),
+                Cell::Figure(electrical.value(row.electrical_energy_j)),
                 Cell::from(row.specific_resistance),
             ]
         })

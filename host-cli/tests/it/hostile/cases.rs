@@ -108,7 +108,14 @@ fn signals_leave_no_temporary_files() {
     for (signal, number) in [("-INT", 2), ("-TERM", 15), ("-HUP", 1)] {
         use std::os::unix::process::ExitStatusExt;
         let dir = tempfile::tempdir().unwrap();
-        let mut child = program::start(dir.path(), "synth train --rows 100000000 -o big.csv");
+        // A program that is started in the background of a script has its signals ignored, and ignores
+        // them too: this one is not to, whatever starts the test.
+        let mut child = std::process::Command::new("env")
+            .args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_shellcal")])
+            .args(["synth", "train", "--rows", "30000000", "-o", "big.csv"])
+            .current_dir(dir.path())
+            .spawn()
+            .unwrap();
         let started = std::time::Instant::now();
         while hidden(dir.path()).is_empty() {
             assert!(started.elapsed().as_secs() < 20, "no temporary file");

@@ -15,9 +15,11 @@ use super::run::{Blow, run};
 const AMONG_TESTS: u64 = 300;
 
 /// Commands; capitals are files of that kind, `O.x` an output, `?` any number.
-const COMMANDS: [&str; 44] = [
+const COMMANDS: [&str; 46] = [
     "info T",
     "info R Z",
+    "doctor T R C",
+    "doctor Z E --calibration C --json",
     "fit T -o O.json",
     "fit T --test E -o O.json --export-matrix O.csv",
     "fit T E --cv=file --model quadratic",

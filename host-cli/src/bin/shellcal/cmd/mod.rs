@@ -8,11 +8,14 @@ mod completions;
 mod convert;
 mod covariance;
 mod deferred;
+mod doctor;
 mod eval;
 mod fit;
 mod frames;
 mod import;
 mod info;
+#[cfg(feature = "live")]
+mod live;
 mod man;
 mod mapping;
 mod merge;
@@ -20,6 +23,7 @@ mod noise;
 mod origin;
 mod outliers;
 mod partial_output;
+mod place;
 mod ports;
 mod quality;
 mod record;
@@ -59,6 +63,22 @@ pub(crate) enum Command {
     /// untared).
     /// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
     Record(Deferred<record::RecordArgs>),
+
+    /// Show forces and readings as they come, in the terminal
+    ///
+    /// Traces of the six axes with scale and noise, the eight channels in their calibrated range, the
+    /// force as an arrow from above and from the side, rate and losses. What is recorded does not wait
+    /// for what is shown.
+    #[cfg(feature = "live")]
+    Live(Deferred<live::LiveArgs>),
+
+    /// Say what is wrong with a port and its board, a log or a calibration, and what to do about it
+    ///
+    /// Each thing that is looked at is named with what was seen. The exit code is 1 where there is a
+    /// fault, which makes results wrong or impossible; warnings alone leave it at 0. A board is only
+    /// asked: nothing that it holds is changed, and a stream that stood still is stopped again. Without
+    /// a name the ports of this computer are looked at.
+    Doctor(Deferred<doctor::DoctorArgs>),
 
     /// Say what a log is: format, columns, rows, timing, repeats, saturated or constant channels
     Info(Deferred<info::InfoArgs>),
@@ -180,6 +200,9 @@ impl Command {
             Command::Ports(args) => args.run(printer),
             Command::Board(args) => args.run(printer),
             Command::Record(args) => args.run(printer),
+            #[cfg(feature = "live")]
+            Command::Live(args) => args.run(printer),
+            Command::Doctor(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Align(args) => args.run(printer, outputs),
             Command::Fit(args) => args.run(printer, outputs),

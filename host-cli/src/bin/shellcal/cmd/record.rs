@@ -107,6 +107,7 @@ impl RecordArgs {
         let sinks = Sinks {
             log: self.output.as_ref().map(journal).transpose()?,
             raw: self.raw.as_ref().map(journal).transpose()?,
+            watcher: None,
         };
         let status = printer.status();
         let mut show = |progress: &Progress| {
@@ -149,8 +150,7 @@ impl RecordArgs {
 /// The line that is shown while it runs.
 fn describe(progress: &Progress) -> String {
     let Progress { elapsed, rate_hz, frames, bytes, waiting, ref losses, .. } = *progress;
-    let seconds = elapsed.as_secs();
-    let time = format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60);
+    let time = clock(elapsed);
     if !progress.connected {
         return format!("{time}  port is gone, waiting for it; {frames} frames so far");
     }
@@ -174,8 +174,14 @@ fn describe(progress: &Progress) -> String {
     }
 }
 
+/// A time as a clock shows it.
+pub(super) fn clock(time: Duration) -> String {
+    let seconds = time.as_secs();
+    format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+}
+
 /// What was lost, in words; empty if nothing was.
-fn list_losses(losses: &Losses) -> String {
+pub(super) fn list_losses(losses: &Losses) -> String {
     let counts = [
         (losses.missing, "missing"),
         (losses.dropped_on_board, "dropped on the board"),

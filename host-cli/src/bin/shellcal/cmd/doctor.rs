@@ -1,0 +1,240 @@
+//! `shellcal doctor`: what is wrong, and what to do about it.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use anyhow::Context;
+use serde::Serialize;
+use shared_proto::{Framing, Protocol};
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::link::{
+    InterviewOptions, PortOptions, PortState, SystemFiles, Uplink, interview, ports,
+};
+use shellcal::workflow::doctor::{
+    BoardFacts, Finding, Severity, check_board, check_port, examine_calibration, examine_log,
+};
+
+use super::mapping::MappingArgs;
+use super::origin;
+use super::place::is_port;
+use super::record::parse_duration;
+use super::serial::{FramingArg, SerialArgs};
+use crate::files::InputPath;
+use crate::outcome::Outcome;
+use crate::printer::{Printer, Tint};
+use crate::signals;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal doctor
+  shellcal doctor /dev/ttyUSB0 --calibration calibration.json
+  shellcal doctor calibration.json run3.csv --calibration calibration.json";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct DoctorArgs {
+    /// Ports, logs and calibrations to look at
+    #[arg(value_name = "PORT|LOG|CAL")]
+    names: Vec<InputPath>,
+
+    /// Calibration that boards and logs should fit
+    #[arg(long, value_name = "CAL")]
+    calibration: Option<InputPath>,
+
+    /// How the base station should frame bytes
+    #[arg(long, value_name = "FRAMING", value_enum, default_value_t = FramingArg::Cobs)]
+    framing: FramingArg,
+
+    /// For how long a board's stream is listened to
+    #[arg(long, value_name = "S", default_value = "2", value_parser = parse_duration)]
+    listen: Duration,
+
+    #[command(flatten)]
+    serial: SerialArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What was found of one thing.
+#[derive(Debug, Serialize)]
+struct Examination {
+    name: String,
+    kind: &'static str,
+    findings: Vec<Finding>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    sound: bool,
+    faults: usize,
+    warnings: usize,
+    examined: Vec<Examination>,
+}
+
+impl DoctorArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let calibration =
+            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+        let mut examined = Vec::new();
+        for name in &self.names {
+            examined.push(self.examine(name, calibration.as_ref(), printer)?);
+        }
+        if self.names.is_empty() {
+            examined = self.examine_ports()?;
+        }
+        let count = |severity| {
+            let all = examined.iter().flat_map(|one| &one.findings);
+            all.filter(|finding| finding.severity == severity).count()
+        };
+        let (faults, warnings) = (count(Severity::Fault), count(Severity::Warning));
+        let report = Report { sound: faults + warnings == 0, faults, warnings, examined };
+        match printer.json() {
+            true => printer.document(&report)?,
+            false => report.print(printer)?,
+        }
+        Ok(if faults > 0 { Outcome::CheckFailed } else { Outcome::Done })
+    }
+
+    fn examine(
+        &self,
+        path: &Path,
+        calibration: Option<&CalibrationFile>,
+        printer: &mut Printer,
+    ) -> anyhow::Result<Examination> {
+        let name = path.display().to_string();
+        if is_port(path) {
+            let port = path.to_str().context("the name of a port is text")?;
+            return self.examine_board(port, calibration, printer);
+        }
+        let (kind, findings) = match is_document(path)? {
+            true => ("calibration", examine_calibration(path, &age)),
+            false => {
+                let mapping = self.mapping.mapping()?;
+                let read = self.mapping.read_options();
+                ("log", examine_log(path, &mapping, &read, calibration))
+            }
+        };
+        Ok(Examination { name, kind, findings })
+    }
+
+    fn examine_board(
+        &self,
+        port: &str,
+        calibration: Option<&CalibrationFile>,
+        printer: &mut Printer,
+    ) -> anyhow::Result<Examination> {
+        let options = self.serial.port(port);
+        let state = PortState::of(&options, &SystemFiles::default());
+        let mut findings = check_port(&state);
+        if state.refusal.is_none() {
+            let seconds = self.listen.as_secs_f64();
+            printer.note(format!("asking `{port}`, then listening for {seconds} s"));
+            findings.extend(self.ask_board(options, calibration)?);
+        }
+        Ok(Examination { name: port.to_owned(), kind: "port", findings })
+    }
+
+    fn ask_board(
+        &self,
+        port: PortOptions,
+        calibration: Option<&CalibrationFile>,
+    ) -> anyhow::Result<Vec<Finding>> {
+        let stop = signals::stop_flag()?;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let framing = self.framing.framing().unwrap_or(Framing::Cobs);
+        let baud = port.baud;
+        let options = InterviewOptions {
+            port,
+            uplink: Uplink { framing, to: self.serial.to },
+            listen: self.listen,
+            number: (now.as_millis() / 10) as u16,
+        };
+        let interview = interview(&options, &stop)?;
+        let of = |file: &'_ CalibrationFile| file.origin.sensor_serial.clone();
+        let label = calibration.and_then(of);
+        Ok(check_board(&BoardFacts {
+            interview: &interview,
+            baud,
+            protocol: match self.framing {
+                FramingArg::Original => Protocol::Original,
+                _ => Protocol::Packets(framing),
+            },
+            calibration: calibration.map(|file| (&file.calibration, label.as_deref())),
+            firmware: firmware::VERSION,
+        }))
+    }
+
+    /// The ports of this computer, which are opened and not asked.
+    fn examine_ports(&self) -> anyhow::Result<Vec<Examination>> {
+        let found = ports()?;
+        if found.is_empty() {
+            let finding = Finding {
+                check: "no-port",
+                severity: Severity::Fault,
+                seen: "this computer has no serial port".to_owned(),
+                advice: Some(
+                    "plug the adapter in; `shellcal board --simulate` is a board without one"
+                        .to_owned(),
+                ),
+            };
+            let name = "ports".to_owned();
+            return Ok(vec![Examination { name, kind: "port", findings: vec![finding] }]);
+        }
+        let examine = |port: &str| {
+            let state = PortState::of(&self.serial.port(port), &SystemFiles::default());
+            let findings = check_port(&state);
+            Examination { name: port.to_owned(), kind: "port", findings }
+        };
+        Ok(found.iter().map(|port| examine(&port.port)).collect())
+    }
+}
+
+impl Report {
+    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+        for one in &self.examined {
+            printer.line(&one.name)?;
+            for finding in &one.findings {
+                let (mark, tint) = match finding.severity {
+                    Severity::Fine => ("ok", Tint::Good),
+                    Severity::Warning => ("warning", Tint::Warning),
+                    Severity::Fault => ("FAULT", Tint::Bad),
+                };
+                let seen = format!("{}: {}", finding.check, finding.seen);
+                printer.tinted(&format!("  {mark:7}  "), tint, seen)?;
+                if let Some(advice) = &finding.advice {
+                    printer.line(format!("  {:7}  → {advice}", ""))?;
+                }
+            }
+        }
+        let count = |count: usize, what: &str| match count {
+            1 => format!("1 {what}"),
+            _ => format!("{count} {what}s"),
+        };
+        printer.line(match self.sound {
+            true => "sound".to_owned(),
+            false => {
+                format!("{}, {}", count(self.faults, "fault"), count(self.warnings, "warning"))
+            }
+        })
+    }
+}
+
+/// Whether a file is a document in JSON, as calibrations are.
+fn is_document(path: &Path) -> anyhow::Result<bool> {
+    let cannot = || format!("cannot read `{}`", path.display());
+    let mut head = Vec::new();
+    let file = File::open(path).with_context(cannot)?;
+    file.take(256).read_to_end(&mut head).with_context(cannot)?;
+    let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(&head);
+    Ok(head.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'{'))
+}
+
+/// How old a date is; an error if it is to come.
+fn age(date: &str) -> Option<Result<Duration, Duration>> {
+    let then = humantime::parse_rfc3339(date).ok()?;
+    let now = humantime::parse_rfc3339(&origin::date().ok()?).ok()?;
+    Some(now.duration_since(then).map_err(|error| error.duration()))
+}

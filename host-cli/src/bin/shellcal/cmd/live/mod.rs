@@ -1,0 +1,239 @@
+//! `shellcal live`: forces as they come, in the terminal.
+
+mod canvas;
+mod screen;
+mod view;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use anyhow::Context;
+use log_file::Log;
+use shared_proto::Framing;
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::forces::{ForceOptions, LowPass, TareRule};
+use shellcal::link::{Journal, PortOptions, RecordOptions, Sinks, Source, Uplink, record};
+use shellcal::live::{LiveModel, LiveSetup};
+use shellcal::recording::LiveForces;
+use shellcal::workflow::live::{Feed, LiveRows, play};
+
+use super::frames::describe_forces;
+use super::mapping::MappingArgs;
+use super::place::is_port;
+use super::record::parse_duration;
+use super::serial::{FramingArg, SerialArgs};
+use crate::files::{InputPath, OutputPath};
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+use crate::signals;
+use view::{Logs, View};
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal live /dev/ttyUSB0 --start --calibration calibration.json
+  shellcal live run3.csv --calibration calibration.json --speed 4
+
+Keys: t and T tare and untare what is shown, space pauses, + and - zoom in time, m marks a moment,
+r starts and ends a recording, q ends";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct LiveArgs {
+    /// Serial port, or a log to play; `shellcal ports` lists the ports
+    #[arg(value_name = "PORT|LOG")]
+    name: InputPath,
+
+    /// Calibration for forces; without one readings are shown
+    #[arg(long, value_name = "CAL")]
+    calibration: Option<InputPath>,
+
+    /// Subtract nothing, rather than the mean wrench of the first 50 frames
+    #[arg(long, requires = "calibration")]
+    no_tare: bool,
+
+    /// Cutoff of the Butterworth low-pass over the forces, in Hz; causal
+    /// [default: 10, where the rate is above 20 Hz]
+    #[arg(long, value_name = "HZ", requires = "calibration")]
+    lowpass: Option<f64>,
+
+    /// Do not filter the forces
+    #[arg(long, requires = "calibration", conflicts_with = "lowpass")]
+    no_lowpass: bool,
+
+    /// Record from the start; `r` ends it, and begins a next log with a number in its name
+    #[arg(long, short, value_name = "LOG")]
+    output: Option<OutputPath>,
+
+    /// Replace the log if it is there
+    #[arg(long, requires = "output")]
+    overwrite: bool,
+
+    /// Tell the board to start streaming, and to stop at the end
+    #[arg(long)]
+    start: bool,
+
+    /// Span of time that is shown, s
+    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    window: f64,
+
+    /// How many times as fast a log is played
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_speed)]
+    speed: f64,
+
+    /// End after so many seconds
+    #[arg(long, value_name = "S", value_parser = parse_duration)]
+    duration: Option<Duration>,
+
+    /// Draw with ASCII [default: where the locale is not UTF-8]
+    #[arg(long)]
+    ascii: bool,
+
+    /// How the bytes are framed; recognised unless given
+    #[arg(long, value_name = "FRAMING", value_enum)]
+    framing: Option<FramingArg>,
+
+    #[command(flatten)]
+    serial: SerialArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// How a source has ended.
+type Ended = anyhow::Result<()>;
+
+impl LiveArgs {
+    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+        let calibration =
+            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+        let forces = calibration
+            .map(|file| LiveForces { calibration: file.calibration, options: self.forces() });
+        let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
+        let rows = LiveRows::new(forces.clone())?;
+        if let Some(forces) = &forces {
+            printer.note(describe_forces(&forces.options));
+        }
+        let stop = signals::stop_flag()?;
+        let (feed, done) = (Feed::default(), Arc::new(AtomicBool::new(false)));
+        let name = self.name.display().to_string();
+        let is_port = is_port(&self.name);
+        let mut logs = match (is_port, &self.output) {
+            (true, path) => {
+                let path = path.as_ref().map(|path| path.to_path_buf());
+                Some(Logs::new(path, self.overwrite))
+            }
+            (false, None) => None,
+            (false, Some(_)) => anyhow::bail!("a log that is played is not recorded again"),
+        };
+        // What cannot work is said before the screen is taken.
+        view::require_terminal()?;
+        let first = logs.as_mut().filter(|_| self.output.is_some()).map(Logs::next).transpose()?;
+        let source = match is_port {
+            true => self.record(&name, forces, first, &feed, &done)?,
+            false => self.play(&feed, &done)?,
+        };
+        let model = LiveModel::new(LiveSetup { ranges, window_s: self.window });
+        let mut view = View {
+            model,
+            rows,
+            feed,
+            logs,
+            name,
+            is_ascii: self.ascii || !view::is_utf8(),
+            color: printer.is_colored(),
+            duration: self.duration,
+        };
+        let ends = || stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed);
+        let shown = view.run(&ends, &|| source.is_finished());
+        done.store(true, Ordering::Relaxed);
+        let ended =
+            source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
+        let shown = shown?;
+        for line in view.report(&shown) {
+            printer.line(line)?;
+        }
+        ended?;
+        Ok(Outcome::Done)
+    }
+
+    fn forces(&self) -> ForceOptions {
+        let cutoff_hz = self.lowpass.unwrap_or(LowPass::default().cutoff_hz);
+        let low_pass = LowPass { cutoff_hz, zero_phase: false, ..LowPass::default() };
+        let usual = ForceOptions::default();
+        ForceOptions {
+            tare: if self.no_tare { TareRule::Untared } else { usual.tare },
+            low_pass: (!self.no_lowpass).then_some(low_pass),
+            low_pass_is_optional: self.lowpass.is_none(),
+            ..usual
+        }
+    }
+
+    /// Records on a thread of its own, whatever the view does.
+    fn record(
+        &self,
+        port: &str,
+        forces: Option<LiveForces>,
+        log: Option<Journal>,
+        feed: &Feed,
+        done: &Arc<AtomicBool>,
+    ) -> anyhow::Result<thread::JoinHandle<Ended>> {
+        let options: PortOptions = self.serial.port(port);
+        let uplink = match self.start {
+            false => None,
+            true => {
+                let framing = self.framing.map_or(Some(Framing::Cobs), FramingArg::framing);
+                let framing = framing.context("`--start` is not for the original board")?;
+                Some(Uplink { framing, to: self.serial.to })
+            }
+        };
+        let options_of_recording = RecordOptions {
+            protocol: self.framing.map(FramingArg::protocol),
+            forces,
+            duration: None,
+            start: uplink,
+        };
+        let mut source = Source::port(options, true)?;
+        let (feed, done) = (feed.clone(), Arc::clone(done));
+        let run = move || {
+            let sinks = Sinks { log, raw: None, watcher: Some(feed.watcher()) };
+            let mut tell = |progress: &_| feed.report(progress);
+            let recorded = record(&mut source, sinks, &options_of_recording, &done, &mut tell);
+            end_with(recorded, &done)
+        };
+        Ok(thread::Builder::new().name("record".to_owned()).spawn(run)?)
+    }
+
+    fn play(
+        &self,
+        feed: &Feed,
+        done: &Arc<AtomicBool>,
+    ) -> anyhow::Result<thread::JoinHandle<Ended>> {
+        let log = Log::open(&self.name, &self.mapping.mapping()?)?;
+        let wants_readings = self.calibration.is_some();
+        let read = self.mapping.read_options();
+        let (feed, done, speed) = (feed.clone(), Arc::clone(done), self.speed);
+        let run = move || end_with(play(&log, &read, wants_readings, speed, &feed, &done), &done);
+        Ok(thread::Builder::new().name("play".to_owned()).spawn(run)?)
+    }
+}
+
+/// A source that has failed ends the view, which would hide why.
+fn end_with<T, E: Into<anyhow::Error>>(result: Result<T, E>, done: &AtomicBool) -> Ended {
+    match result {
+        Ok(_) => Ok(()),
+        Err(error) => {
+            done.store(true, Ordering::Relaxed);
+            Err(error.into())
+        }
+    }
+}
+
+fn parse_speed(text: &str) -> Result<f64, String> {
+    let speed: f64 = text.parse().map_err(|_| "a factor, such as 4".to_owned())?;
+    match (0.001..=1000.0).contains(&speed) {
+        true => Ok(speed),
+        false => Err("a factor from 0.001 to 1000".to_owned()),
+    }
+}

@@ -1,0 +1,425 @@
+//! The screen of `shellcal live`: traces on the left, channels and arrows on the right.
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::style::{Color, Modifier, Style};
+use shellcal::live::{ChannelState, ChannelView, LiveModel, TraceView};
+
+use super::canvas::{ACROSS, Canvas, DOWN};
+
+/// All that is shown.
+#[derive(Debug)]
+pub(super) struct Screen<'a> {
+    pub(super) model: &'a LiveModel,
+    /// What it is of: the port, the log.
+    pub(super) source: &'a str,
+    /// Protocol, rate, losses.
+    pub(super) state: &'a str,
+    /// The log that is being written.
+    pub(super) recording: Option<&'a str>,
+    /// What has just been done.
+    pub(super) message: &'a str,
+    /// Where Braille cannot be shown.
+    pub(super) ascii: bool,
+    pub(super) color: bool,
+}
+
+/// Smaller screens hold nothing of use.
+const LEAST: (u16, u16) = (60, 14);
+
+/// Columns of the labels of traces.
+const LABEL: u16 = 16;
+
+const KEYS: &str = "t tare  T untare  space pause  +/- zoom  m mark  r record  q quit";
+
+impl Screen<'_> {
+    pub(super) fn draw(&self, buffer: &mut Buffer) {
+        let Rect { width, height, .. } = buffer.area;
+        if width < LEAST.0 || height < LEAST.1 {
+            let (columns, rows) = LEAST;
+            let text = format!("the screen is {width} x {height}; {columns} x {rows} are needed");
+            self.put(buffer, 0, 0, &text, Style::new());
+            return;
+        }
+        self.draw_header(buffer, width);
+        let panel = if width >= 120 { 44 } else { 27 };
+        let body = Rect { x: 0, y: 1, width: width - panel - 1, height: height - 3 };
+        self.draw_traces(buffer, body);
+        let right = Rect { x: width - panel, width: panel, ..body };
+        self.draw_panel(buffer, right);
+        self.put(buffer, 0, height - 2, self.message, Style::new());
+        self.put(buffer, 0, height - 1, KEYS, self.style(None, Modifier::DIM));
+    }
+
+    fn draw_header(&self, buffer: &mut Buffer, width: u16) {
+        let mut flags = String::new();
+        if self.model.is_paused() {
+            flags += " PAUSED";
+        }
+        if self.model.is_taring() {
+            flags += " TARING";
+        }
+        if let Some(log) = self.recording {
+            flags += &format!(" REC {log}");
+        }
+        let line = format!("{}  {}", self.source, self.state);
+        self.put(buffer, 0, 0, &line, self.style(None, Modifier::BOLD));
+        if !flags.is_empty() {
+            let flags = format!("{flags} ");
+            let length = flags.chars().count().min(usize::from(width)) as u16;
+            let style = self.style(Some(Color::Yellow), Modifier::REVERSED);
+            self.put(buffer, width - length, 0, &flags, style);
+        }
+    }
+
+    fn draw_traces(&self, buffer: &mut Buffer, area: Rect) {
+        let columns = area.width - LABEL;
+        let traces = self.model.traces(usize::from(columns) * ACROSS);
+        if traces.is_empty() {
+            self.put(
+                buffer,
+                2,
+                area.y + area.height / 2,
+                "nothing has arrived so far",
+                Style::new(),
+            );
+            return;
+        }
+        // A line for the axis of time.
+        let rows = ((area.height - 1) / traces.len() as u16).max(1);
+        for (place, trace) in (0..).zip(&traces) {
+            let area = Rect { y: area.y + place * rows, height: rows, ..area };
+            self.draw_trace(buffer, area, trace, colour(usize::from(place)));
+        }
+        let axis = area.y + rows * traces.len() as u16;
+        let span = format!("-{} s", self.model.window_s());
+        self.put(buffer, LABEL, axis, &span, self.style(None, Modifier::DIM));
+        let now = self.model.time_s().map_or_else(String::new, |time_s| format!("{time_s:.1} s"));
+        let at = area.width.saturating_sub(now.chars().count() as u16);
+        self.put(buffer, at, axis, &now, self.style(None, Modifier::DIM));
+        self.draw_marks(buffer, area, axis, columns);
+    }
+
+    fn draw_trace(&self, buffer: &mut Buffer, area: Rect, trace: &TraceView, colour: Color) {
+        let (low, high) = trace.range;
+        let decimals = decimals(high - low);
+        let value = format!("{:<3}{:>+8.decimals$} {}", trace.name, trace.value, trace.unit);
+        self.put(buffer, area.x, area.y, &value, self.style(Some(colour), Modifier::BOLD));
+        let noise = format!("sd {:.*}", decimals + 1, trace.noise);
+        let scale = match low == -high {
+            true => format!("±{}", short(high)),
+            false => format!("{} … {}", short(low), short(high)),
+        };
+        let dim = self.style(None, Modifier::DIM);
+        match area.height {
+            1 => {}
+            2 => self.put(buffer, area.x, area.y + 1, &format!("{noise} {scale}"), dim),
+            _ => {
+                self.put(buffer, area.x, area.y + 1, &noise, dim);
+                self.put(buffer, area.x, area.y + 2, &scale, dim);
+            }
+        }
+        let (columns, rows) = (usize::from(area.width - LABEL), usize::from(area.height));
+        let mut canvas = Canvas::new(columns, rows);
+        let last = (rows * DOWN - 1) as f64;
+        let dot = |value: f64| (last * (high - value) / (high - low)).round() as i64;
+        let mut before = None;
+        for (x, ends) in (0..).zip(&trace.columns) {
+            if let Some([least, greatest]) = ends {
+                let (mut top, mut bottom) = (dot(*greatest), dot(*least));
+                // Joined to the column before, so that steep parts do not fall to pieces.
+                if let Some((top_before, bottom_before)) = before {
+                    top = top.min(bottom_before + 1).max(0);
+                    bottom = bottom.max(top_before - 1);
+                }
+                canvas.line((x, top), (x, bottom));
+                before = Some((dot(*greatest), dot(*least)));
+            }
+        }
+        let zero = (low <= 0.0 && 0.0 <= high).then(|| dot(0.0) as usize / DOWN);
+        let style = self.style(Some(colour), Modifier::empty());
+        let line = if self.ascii { '-' } else { '┈' };
+        for row in 0..rows {
+            for column in 0..columns {
+                let at = (area.x + LABEL + column as u16, area.y + row as u16);
+                match canvas.character(column, row, self.ascii) {
+                    Some(dots) => put_char(buffer, at, dots, style),
+                    None if zero == Some(row) => put_char(buffer, at, line, dim),
+                    None => {}
+                }
+            }
+        }
+    }
+
+    fn draw_marks(&self, buffer: &mut Buffer, area: Rect, axis: u16, columns: u16) {
+        let line = if self.ascii { '|' } else { '╎' };
+        let style = self.style(Some(Color::Yellow), Modifier::empty());
+        for (number, place) in self.model.marks_shown() {
+            let column = (place * f64::from(columns)).min(f64::from(columns - 1)) as u16;
+            let x = area.x + LABEL + column;
+            for y in area.y..axis {
+                if buffer[(x, y)].symbol() == " " {
+                    put_char(buffer, (x, y), line, style);
+                }
+            }
+            self.put(buffer, x, axis, &format!("{number}"), style);
+        }
+    }
+
+    fn draw_panel(&self, buffer: &mut Buffer, area: Rect) {
+        let channels = self.model.channels();
+        for (place, channel) in (0..).zip(&channels) {
+            self.draw_channel(buffer, area, area.y + place, usize::from(place), channel);
+        }
+        let used = if channels.is_empty() { 0 } else { channels.len() as u16 + 1 };
+        let rest = Rect { y: area.y + used, height: area.height.saturating_sub(used), ..area };
+        let Some((force, reach)) = self.model.force() else { return };
+        if rest.height < 5 {
+            return;
+        }
+        let half = rest.width / 2;
+        let left = Rect { width: half - 1, ..rest };
+        let right = Rect { x: rest.x + half, width: half, ..rest };
+        let [fx, fy, fz] = force;
+        // From above with x up and y to the left, and from the right with z up and x to the right.
+        self.draw_arrow(buffer, left, ("top", "x", "y", true), (-fy, fx), reach);
+        self.draw_arrow(buffer, right, ("side", "z", "x", false), (fx, fz), reach);
+    }
+
+    fn draw_channel(
+        &self,
+        buffer: &mut Buffer,
+        area: Rect,
+        y: u16,
+        channel: usize,
+        view: &ChannelView,
+    ) {
+        let (note, tint) = match view.state {
+            ChannelState::Fine => (' ', None),
+            ChannelState::Outside => ('!', Some(Color::Yellow)),
+            ChannelState::Saturated => ('#', Some(Color::Red)),
+        };
+        let label = format!("s{} {:>6.0}{note}", channel + 1, view.reading);
+        let style = self.style(tint, Modifier::empty());
+        self.put(buffer, area.x, y, &label, style);
+        let start = area.x + label.chars().count() as u16;
+        let width = area.x + area.width - start;
+        let (low, high) = match view.range {
+            // Some room on either side, to see by how far it is left.
+            Some((low, high)) => {
+                let room = 0.2 * (high - low).max(1.0);
+                (low - room, high + room)
+            }
+            None => (0.0, 4095.0),
+        };
+        let place = |value: f64| {
+            let share = ((value - low) / (high - low)).clamp(0.0, 1.0);
+            start + (share * f64::from(width - 1)).round() as u16
+        };
+        let (rail, head) = if self.ascii { ('-', 'o') } else { ('─', '●') };
+        let dim = self.style(None, Modifier::DIM);
+        (start..start + width).for_each(|x| put_char(buffer, (x, y), rail, dim));
+        if let Some((low, high)) = view.range {
+            put_char(buffer, (place(low), y), '[', dim);
+            put_char(buffer, (place(high), y), ']', dim);
+        }
+        put_char(buffer, (place(view.reading), y), head, style);
+    }
+
+    fn draw_arrow(
+        &self,
+        buffer: &mut Buffer,
+        area: Rect,
+        (name, up, across, mirrored): (&str, &str, &str, bool),
+        (right, above): (f64, f64),
+        reach: f64,
+    ) {
+        let dim = self.style(None, Modifier::DIM);
+        let title = format!("{name} {}N", short(reach));
+        self.put(buffer, area.x, area.y, &title, dim);
+        let area = Rect { y: area.y + 1, height: area.height - 1, ..area };
+        let (columns, rows) = (usize::from(area.width), usize::from(area.height));
+        let mut canvas = Canvas::new(columns, rows);
+        let centre = ((columns * ACROSS / 2) as i64, (rows * DOWN / 2) as i64);
+        // A cell is twice as high as wide, and has as many dots more, so that dots are square.
+        let radius = centre.0.min(centre.1) as f64 - 1.0;
+        let tip = (
+            centre.0 + (right / reach * radius).round() as i64,
+            centre.1 - (above / reach * radius).round() as i64,
+        );
+        canvas.line(centre, tip);
+        for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
+            canvas.dot(tip.0 + dx, tip.1 + dy);
+        }
+        let style = self.style(Some(Color::Cyan), Modifier::BOLD);
+        let axes = if self.ascii { ['|', '-', '+'] } else { ['│', '─', '┼'] };
+        let (middle, level) = (centre.0 as usize / ACROSS, centre.1 as usize / DOWN);
+        for row in 0..rows {
+            for column in 0..columns {
+                let at = (area.x + column as u16, area.y + row as u16);
+                let axis = match (column == middle, row == level) {
+                    (true, true) => Some(axes[2]),
+                    (true, false) => Some(axes[0]),
+                    (false, true) => Some(axes[1]),
+                    _ => None,
+                };
+                match (canvas.character(column, row, self.ascii), axis) {
+                    (Some(dots), _) => put_char(buffer, at, dots, style),
+                    (None, Some(axis)) => put_char(buffer, at, axis, dim),
+                    (None, None) => {}
+                }
+            }
+        }
+        self.put(buffer, area.x + middle as u16 + 1, area.y, up, dim);
+        let end = if mirrored { area.x } else { area.x + area.width - 1 };
+        self.put(buffer, end, area.y + (level as u16).saturating_sub(1), across, dim);
+    }
+
+    fn put(&self, buffer: &mut Buffer, x: u16, y: u16, text: &str, style: Style) {
+        let area = buffer.area;
+        if x < area.width && y < area.height {
+            // What names and errors hold must not steer the terminal.
+            let text: String = text.chars().filter(|c| !c.is_control()).collect();
+            let text = if self.ascii {
+                text.replace('±', "+-").replace('…', "..").replace('·', ".")
+            } else {
+                text
+            };
+            buffer.set_stringn(x, y, text, usize::from(area.width - x), style);
+        }
+    }
+
+    fn style(&self, colour: Option<Color>, modifier: Modifier) -> Style {
+        match (self.color, colour) {
+            (false, _) => Style::new(),
+            (true, None) => Style::new().add_modifier(modifier),
+            (true, Some(colour)) => Style::new().fg(colour).add_modifier(modifier),
+        }
+    }
+}
+
+fn put_char(buffer: &mut Buffer, at: (u16, u16), character: char, style: Style) {
+    if let Some(cell) = buffer.cell_mut(at) {
+        cell.set_char(character).set_style(style);
+    }
+}
+
+fn colour(place: usize) -> Color {
+    const COLOURS: [Color; 6] =
+        [Color::Red, Color::Green, Color::Blue, Color::Magenta, Color::Yellow, Color::Cyan];
+    COLOURS[place % COLOURS.len()]
+}
+
+/// Decimals that tell values apart on a scale of this length.
+fn decimals(length: f64) -> usize {
+    (2.0 - length.log10().floor()).clamp(0.0, 6.0) as usize
+}
+
+/// A round number with no more digits than it has.
+fn short(value: f64) -> String {
+    let text = format!("{value:.6}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    match text {
+        "-0" => "0".to_owned(),
+        text => text.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use calibration::reading_ranges::ReadingRange;
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+    use shellcal::live::{LiveRow, LiveSetup};
+
+    /// A push to the right and a stroke upwards, with a channel out of its range, one saturated, and a mark.
+    fn model(forces: bool) -> LiveModel {
+        let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; 8]);
+        let mut model = LiveModel::new(LiveSetup { ranges, window_s: 10.0 });
+        for index in 0..1000 {
+            let time_s = f64::from(index) / 100.0;
+            let wave = (time_s * 2.0).sin();
+            let wrench = [1.5 * wave, 0.4, time_s / 5.0 - 1.0, 0.02 * wave, -0.01, 0.0];
+            model.push(LiveRow {
+                time_s,
+                index: i64::from(index),
+                readings: Some(std::array::from_fn(|c| 1100.0 + 250.0 * c as f64 + 50.0 * wave)),
+                wrench: forces.then_some(wrench),
+                saturated: u8::from(index > 950) << 7,
+                out_of_range: u8::from(index > 950) << 1,
+            });
+            if index == 600 {
+                model.mark();
+            }
+        }
+        model
+    }
+
+    fn screen(model: &LiveModel, size: (u16, u16), ascii: bool, color: bool) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
+        let screen = Screen {
+            model,
+            source: "/dev/ttyUSB0",
+            state: "cobs  00:00:10  100.0 Hz  1000 frames  3 missing",
+            recording: Some("log.csv"),
+            message: "mark 1 at 6.000 s",
+            ascii,
+            color,
+        };
+        terminal.draw(|frame| screen.draw(frame.buffer_mut())).unwrap();
+        let buffer = terminal.backend().buffer();
+        if !color {
+            let is_plain = |cell: &ratatui::buffer::Cell| {
+                (cell.fg, cell.bg, cell.modifier) == (Color::Reset, Color::Reset, Modifier::empty())
+            };
+            let plain = buffer.content.iter().all(is_plain);
+            assert!(plain, "without colour there is none, and no other style");
+        }
+        let line = |y| {
+            let cells = (0..size.0).map(|x| buffer[(x, y)].symbol());
+            cells.collect::<String>().trim_end().to_owned()
+        };
+        (0..size.1).map(line).collect::<Vec<_>>().join("\n") + "\n"
+    }
+
+    fn assert_golden(name: &str, screen: &str) {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("tests/it/golden/live")
+            .join(name);
+        if std::env::var_os("SHELLCAL_BLESS").is_some() {
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(&path, screen).unwrap();
+        }
+        let golden = std::fs::read_to_string(&path).unwrap();
+        assert!(golden == screen, "{name}: `SHELLCAL_BLESS=1` keeps the new one\n{screen}");
+    }
+
+    #[test]
+    fn screens_of_both_sizes_are_the_golden_ones() {
+        assert_golden("forces-80x24.txt", &screen(&model(true), (80, 24), false, false));
+        assert_golden("forces-200x60.txt", &screen(&model(true), (200, 60), false, true));
+        assert_golden("readings-80x24.txt", &screen(&model(false), (80, 24), false, false));
+        assert_golden("ascii-80x24.txt", &screen(&model(true), (80, 24), true, false));
+    }
+
+    #[test]
+    fn ascii_is_ascii_and_every_size_is_drawn() {
+        let model = model(true);
+        assert!(screen(&model, (80, 24), true, false).is_ascii());
+        for width in (1..220).step_by(7) {
+            for height in (1..70).step_by(3) {
+                screen(&model, (width, height), false, true);
+            }
+        }
+        let empty = LiveModel::new(LiveSetup::default());
+        assert!(screen(&empty, (80, 24), false, true).contains("nothing has arrived"));
+        assert!(screen(&model, (40, 10), false, true).contains("60 x 14"));
+    }
+
+    #[test]
+    fn numbers_are_as_long_as_they_need_to_be() {
+        assert_eq!([0.05, 2.0, 0.0, 1000.0, -0.0].map(short), ["0.05", "2", "0", "1000", "0"]);
+        assert_eq!([0.1, 4.0, 40.0, 4000.0].map(decimals), [3, 2, 1, 0]);
+    }
+}

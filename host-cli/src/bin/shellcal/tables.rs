@@ -1,0 +1,98 @@
+//! Tables as text, as Markdown or as CSV.
+
+use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
+
+/// As papers set them: a rule below the header and no other lines.
+const PLAIN: TableStyle =
+    TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
+
+/// How tables are printed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum TableForm {
+    /// Aligned, to read
+    #[default]
+    Text,
+    /// Markdown, to paste
+    Markdown,
+    /// CSV alone: all other lines go to the standard error
+    Csv,
+}
+
+/// The lines of a table: the first column is a label, the others are numbers.
+pub(crate) fn lines(form: TableForm, header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
+    match form {
+        TableForm::Text => text(header, rows),
+        TableForm::Markdown => markdown(header, rows),
+        TableForm::Csv => csv(header, rows),
+    }
+}
+
+fn text(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
+    let mut table = Table::new();
+    table.load_style(PLAIN);
+    table.set_content_arrangement(ContentArrangement::Disabled);
+    table.set_header(header.iter().copied());
+    table.add_rows(rows);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table.lines().map(|line| line.trim_end().to_owned()).collect()
+}
+
+fn markdown(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
+    let line = |cells: &mut dyn Iterator<Item = &str>| {
+        let cells: Vec<String> =
+            cells.map(|cell| cell.replace('\\', "\\\\").replace('|', "\\|")).collect();
+        format!("| {} |", cells.join(" | "))
+    };
+    let alignment = header.iter().enumerate().map(|(at, _)| if at == 0 { ":--" } else { "--:" });
+    let alignment = format!("| {} |", alignment.collect::<Vec<_>>().join(" | "));
+    let mut lines = vec![line(&mut header.iter().copied()), alignment];
+    for row in rows {
+        // A row that ends early has empty cells, as in the other forms.
+        let missing = std::iter::repeat_n("", header.len().saturating_sub(row.len()));
+        lines.push(line(&mut row.iter().map(String::as_str).chain(missing)));
+    }
+    lines
+}
+
+fn csv(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
+    let line = |cells: &mut dyn Iterator<Item = &str>| {
+        let cells: Vec<String> = cells.map(quoted).collect();
+        cells.join(",")
+    };
+    let mut lines = vec![line(&mut header.iter().copied())];
+    for row in rows {
+        let missing = std::iter::repeat_n("", header.len().saturating_sub(row.len()));
+        lines.push(line(&mut row.iter().map(String::as_str).chain(missing)));
+    }
+    lines
+}
+
+/// A field by RFC 4180.
+fn quoted(field: &str) -> String {
+    match field.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", field.replace('"', "\"\"")),
+        false => field.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn markdown_keeps_bars_and_csv_commas() {
+        let rows = [vec!["a|b".to_owned(), "1,5".to_owned()], vec!["\"c\"".to_owned()]];
+        let expected = ["| name | x |", "| :-- | --: |", "| a\\|b | 1,5 |", "| \"c\" |  |"];
+        assert_eq!(lines(TableForm::Markdown, &["name", "x"], &rows), expected);
+        // By an independent reader of RFC 4180.
+        let text = lines(TableForm::Csv, &["name", "x"], &rows).join("\n");
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let read: Vec<Vec<String>> = reader
+            .records()
+            .map(|record| record.unwrap().iter().map(str::to_owned).collect())
+            .collect();
+        assert_eq!(read, [["a|b", "1,5"], ["\"c\"", ""]]);
+    }
+}

@@ -1,0 +1,212 @@
+//! Asking a board all that can be asked, and listening to its stream for a while.
+//!
+//! Nothing that the board holds is changed; a stream that stood still is started and stopped again.
+
+use std::io::Write;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use serialport::SerialPort;
+use shared_proto::xbee::Mode;
+use shared_proto::{Command, Framing, Identity, Protocol, ResetCause, Status, detect};
+
+use super::source::read_port;
+use super::{
+    Client, LinkError, PortOptions, RecordError, RecordOptions, Recorded, Sinks, Source, Uplink,
+    Watcher, record,
+};
+use crate::recording::BoardFrame;
+
+/// Bits per second that boards and XBees are set to, the likeliest first.
+const BAUDS: [u32; 9] =
+    [57_600, 115_200, 9_600, 230_400, 460_800, 38_400, 19_200, 921_600, 1_000_000];
+
+/// How long an answer is waited for where one is not expected. At 9,600 baud that is 240 bytes.
+const GLANCE: Duration = Duration::from_millis(250);
+
+/// Bytes that are enough to tell what they are.
+const ENOUGH: usize = 2048;
+
+/// How to ask.
+#[derive(Clone, Debug)]
+pub struct InterviewOptions {
+    /// The port and how it should be set.
+    pub port: PortOptions,
+    /// How the base station should be set.
+    pub uplink: Uplink,
+    /// How long the stream is listened to.
+    pub listen: Duration,
+    /// The number of the first command: one that late answers to others do not have.
+    pub number: u16,
+}
+
+/// What comes from the port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Heard {
+    /// A board, at this speed and with this protocol.
+    Board {
+        /// Bits per second.
+        baud: u32,
+        /// How its bytes are framed.
+        protocol: Protocol,
+    },
+    /// Bytes without a frame in them, at any speed; so many at the speed that was asked for.
+    Noise {
+        /// How many bytes.
+        bytes: usize,
+    },
+    /// Nothing, at any speed.
+    Silence,
+}
+
+/// All that a board said.
+#[derive(Debug)]
+pub struct Interview {
+    /// What came from the port.
+    pub heard: Heard,
+    /// What the board is.
+    pub identity: Option<Identity>,
+    /// How it did before it was made to stream.
+    pub status: Option<Status>,
+    /// What it said before its last reset, if that was a crash.
+    pub last_words: Option<String>,
+    /// A question that it did not answer.
+    pub trouble: Option<LinkError>,
+    /// A stretch of its stream; `None` if it was not got so far.
+    pub stream: Option<Result<Stretch, RecordError>>,
+}
+
+/// A stretch of a stream.
+#[derive(Clone, Debug)]
+pub struct Stretch {
+    /// What was recorded, with the books of what was lost.
+    pub recorded: Recorded,
+    /// The frames, in the order in which they arrived.
+    pub frames: Vec<BoardFrame>,
+}
+
+/// Asks the board at a port; `stop` ends it early.
+///
+/// # Errors
+/// [`LinkError`] if the port cannot be opened or goes away.
+pub fn interview(options: &InterviewOptions, stop: &AtomicBool) -> Result<Interview, LinkError> {
+    let heard = listen(options)?;
+    let mut found = Interview {
+        heard,
+        identity: None,
+        status: None,
+        last_words: None,
+        trouble: None,
+        stream: None,
+    };
+    let Heard::Board { baud, protocol } = heard else { return Ok(found) };
+    let port = PortOptions { baud, ..options.port.clone() };
+    let mut start = None;
+    if let Protocol::Packets(framing) = protocol {
+        let uplink = Uplink { framing, ..options.uplink };
+        let mut client = Client::new(port.open()?, &port.port, uplink, options.number);
+        if let Err(trouble) = ask(&mut client, &mut found) {
+            found.trouble = Some(trouble);
+            return Ok(found);
+        }
+        if found.status.is_some_and(|status| !status.streaming) {
+            start = Some(uplink);
+        }
+    }
+    let frames = Arc::new(Mutex::new(Vec::new()));
+    let sinks = Sinks { watcher: Some(Box::new(Keep(Arc::clone(&frames)))), ..Sinks::default() };
+    let recording = RecordOptions {
+        protocol: Some(protocol),
+        forces: None,
+        duration: Some(options.listen),
+        start,
+    };
+    let mut source = Source::port(port, false)?;
+    let recorded = record(&mut source, sinks, &recording, stop, &mut |_| {});
+    found.stream = Some(recorded.map(|recorded| {
+        let frames = std::mem::take(&mut *lock(&frames));
+        Stretch { recorded, frames }
+    }));
+    Ok(found)
+}
+
+/// Keeps the frames.
+#[derive(Debug)]
+struct Keep(Arc<Mutex<Vec<BoardFrame>>>);
+
+impl Watcher for Keep {
+    fn see(&mut self, frames: &[BoardFrame]) {
+        lock(&self.0).extend_from_slice(frames);
+    }
+}
+
+/// What a thread that has ended badly has left is as good as anything.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+fn ask(client: &mut Client<Box<dyn SerialPort>>, found: &mut Interview) -> Result<(), LinkError> {
+    found.identity = Some(client.identify()?);
+    let status = client.status()?;
+    found.status = Some(status);
+    if matches!(status.reset_cause, ResetCause::Panic | ResetCause::Fault) {
+        found.last_words = Some(client.last_words()?);
+    }
+    Ok(())
+}
+
+/// What comes from the port as it should be set and, if that is no board, at other speeds.
+fn listen(options: &InterviewOptions) -> Result<Heard, LinkError> {
+    let asked = options.port.baud;
+    let others = BAUDS.into_iter().filter(|&baud| baud != asked);
+    let mut at_first = 0;
+    for (turn, baud) in [asked].into_iter().chain(others).enumerate() {
+        let port = PortOptions { baud, ..options.port.clone() };
+        // An adapter that cannot be so fast is not talked to so fast.
+        let mut port = match port.open() {
+            Err(LinkError::Open { .. }) if turn > 0 => continue,
+            port => port?,
+        };
+        let (mut bytes, asked_in) = (Vec::new(), options.uplink.framing);
+        let framings = [asked_in].into_iter().chain(
+            [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)]
+                .into_iter()
+                .filter(|&framing| framing != asked_in),
+        );
+        for framing in framings {
+            let uplink = Uplink { framing, ..options.uplink };
+            // What cannot be sent is not answered, which is what is found out here.
+            let _ = port.write_all(&uplink.encode(options.number, None, Command::Identify));
+            collect(&mut *port, &mut bytes).map_err(|error| LinkError::Lost {
+                port: options.port.port.clone(),
+                reason: error.to_string(),
+            })?;
+            if let Some(protocol) = detect(&bytes) {
+                return Ok(Heard::Board { baud, protocol });
+            }
+        }
+        if turn == 0 {
+            at_first = bytes.len();
+        }
+    }
+    Ok(match at_first {
+        0 => Heard::Silence,
+        bytes => Heard::Noise { bytes },
+    })
+}
+
+/// What comes in a moment.
+fn collect(port: &mut dyn SerialPort, bytes: &mut Vec<u8>) -> std::io::Result<()> {
+    let until = Instant::now() + GLANCE;
+    let mut buffer = [0; 1024];
+    while Instant::now() < until && bytes.len() < ENOUGH {
+        let count = read_port(port, &mut buffer)?;
+        bytes.extend_from_slice(&buffer[..count]);
+        // An answer is there at once, more often than not.
+        if count > 0 && bytes.len() > 64 && detect(bytes).is_some() {
+            break;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,429 @@
+//! The state of a live view.
+
+use calibration::reading_ranges::ReadingRange;
+use shared_proto::CHANNELS;
+use shell_data::wrench::{Axis, PerAxis};
+
+use super::history::{History, LONGEST_S};
+use super::scale::{nice_bound, nice_range};
+
+/// The spans of time that can be shown, s.
+pub const WINDOWS_S: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, LONGEST_S];
+
+/// Rows of which a tare takes the mean.
+pub const TARE_ROWS: usize = 50;
+
+/// Marks that are kept.
+pub const MARKS: usize = 1000;
+
+/// The stretch that noise and the state of channels are told from, s.
+const RECENT_S: f64 = 1.0;
+
+/// Scales end here, so that noise at rest looks like noise: N and N·m, and counts.
+const LEAST_FORCE: f64 = 0.05;
+const LEAST_MOMENT: f64 = 0.001;
+const LEAST_COUNTS: f64 = 20.0;
+
+/// One frame as it is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LiveRow {
+    /// s, on the board's clock or the log's.
+    pub time_s: f64,
+    /// The number of the frame.
+    pub index: i64,
+    /// Readings in steps of the converter.
+    pub readings: Option<[f64; CHANNELS]>,
+    /// N and N·m.
+    pub wrench: Option<PerAxis<f64>>,
+    /// Bit i is set if channel i was at an end of the converter's range.
+    pub saturated: u8,
+    /// Bit i is set if channel i was outside the calibrated range.
+    pub out_of_range: u8,
+}
+
+/// What a view is of.
+#[derive(Clone, Debug, Default)]
+pub struct LiveSetup {
+    /// The range of each channel in the training data.
+    pub ranges: Option<Vec<ReadingRange>>,
+    /// The span of time that is shown first, s.
+    pub window_s: f64,
+}
+
+/// A moment that the user has marked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mark {
+    /// Which, from 1.
+    pub number: u32,
+    /// When, s.
+    pub time_s: f64,
+    /// The frame that was the newest.
+    pub index: i64,
+}
+
+/// How a channel is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChannelState {
+    /// As it should be.
+    Fine,
+    /// Outside the calibrated range within the last second.
+    Outside,
+    /// At an end of the converter's range within the last second.
+    Saturated,
+}
+
+/// A channel as it is shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChannelView {
+    /// The newest reading.
+    pub reading: f64,
+    /// The calibrated range.
+    pub range: Option<(f64, f64)>,
+    /// How it is.
+    pub state: ChannelState,
+}
+
+/// A trace as it is shown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TraceView {
+    /// `Fx`, `s1`.
+    pub name: String,
+    /// `N`, `N·m`, empty for counts.
+    pub unit: &'static str,
+    /// The newest value.
+    pub value: f64,
+    /// The standard deviation over the last second.
+    pub noise: f64,
+    /// What the lower and the upper edge stand for.
+    pub range: (f64, f64),
+    /// The least and the greatest value in each column, the newest on the right.
+    pub columns: Vec<Option<[f64; 2]>>,
+}
+
+/// The state of a live view.
+#[derive(Clone, Debug)]
+pub struct LiveModel {
+    ranges: Option<Vec<ReadingRange>>,
+    history: History,
+    /// What is shown while it stands still.
+    frozen: Option<Box<History>>,
+    window: usize,
+    /// Subtracted from what is shown.
+    tare: PerAxis<f64>,
+    /// The rows of a tare that is being taken, and their sum.
+    taring: Option<(usize, PerAxis<f64>)>,
+    marks: Vec<Mark>,
+    marked: u32,
+}
+
+impl LiveModel {
+    /// Nothing has arrived.
+    pub fn new(setup: LiveSetup) -> Self {
+        let fits = |window: &f64| *window >= setup.window_s;
+        Self {
+            ranges: setup.ranges,
+            history: History::default(),
+            frozen: None,
+            window: WINDOWS_S.iter().position(fits).unwrap_or(WINDOWS_S.len() - 1),
+            tare: [0.0; 6],
+            taring: None,
+            marks: Vec::new(),
+            marked: 0,
+        }
+    }
+
+    /// Takes the next row.
+    pub fn push(&mut self, row: LiveRow) {
+        if let (Some((rows, sum)), Some(wrench)) = (&mut self.taring, row.wrench) {
+            *rows += 1;
+            sum.iter_mut().zip(wrench).for_each(|(sum, value)| *sum += value);
+            if *rows >= TARE_ROWS {
+                let (rows, sum) = (*rows as f64, *sum);
+                self.tare = sum.map(|sum| sum / rows);
+                self.taring = None;
+            }
+        }
+        self.history.push(row);
+    }
+
+    /// Takes the mean wrench of the next [`TARE_ROWS`] rows as the zero of what is shown.
+    pub fn begin_tare(&mut self) {
+        self.taring = Some((0, [0.0; 6]));
+    }
+
+    /// Shows what comes again.
+    pub fn end_tare(&mut self) {
+        (self.taring, self.tare) = (None, [0.0; 6]);
+    }
+
+    /// Whether a tare is being taken.
+    pub fn is_taring(&self) -> bool {
+        self.taring.is_some()
+    }
+
+    /// What is subtracted.
+    pub fn tare(&self) -> PerAxis<f64> {
+        self.tare
+    }
+
+    /// Lets the picture stand still, or go on. Rows are taken all the same.
+    pub fn toggle_pause(&mut self) {
+        self.frozen = match self.frozen {
+            Some(_) => None,
+            None => Some(Box::new(self.history.clone())),
+        };
+    }
+
+    /// Whether the picture stands still.
+    pub fn is_paused(&self) -> bool {
+        self.frozen.is_some()
+    }
+
+    /// Shows a shorter span of time.
+    pub fn zoom_in(&mut self) {
+        self.window = self.window.saturating_sub(1);
+    }
+
+    /// Shows a longer one.
+    pub fn zoom_out(&mut self) {
+        self.window = (self.window + 1).min(WINDOWS_S.len() - 1);
+    }
+
+    /// The span of time that is shown, s.
+    pub fn window_s(&self) -> f64 {
+        WINDOWS_S[self.window]
+    }
+
+    /// Marks the newest row; `None` if there is none.
+    pub fn mark(&mut self) -> Option<Mark> {
+        let newest = self.history.newest()?;
+        self.marked += 1;
+        let mark = Mark { number: self.marked, time_s: newest.time_s, index: newest.index };
+        if self.marks.len() == MARKS {
+            self.marks.remove(0);
+        }
+        self.marks.push(mark);
+        Some(mark)
+    }
+
+    /// What was marked.
+    pub fn marks(&self) -> &[Mark] {
+        &self.marks
+    }
+
+    /// The time of the newest row that is shown, s.
+    pub fn time_s(&self) -> Option<f64> {
+        self.shown().newest().map(|row| row.time_s)
+    }
+
+    /// The marks within the span that is shown: their numbers, and where they stand, 0 on the left to 1.
+    pub fn marks_shown(&self) -> Vec<(u32, f64)> {
+        let Some(newest_s) = self.time_s() else { return Vec::new() };
+        let place = |mark: &Mark| 1.0 - (newest_s - mark.time_s) / self.window_s();
+        let places = self.marks.iter().map(|mark| (mark.number, place(mark)));
+        places.filter(|(_, place)| (0.0..=1.0).contains(place)).collect()
+    }
+
+    /// The traces in so many columns: the six axes where forces are known, else the eight readings.
+    pub fn traces(&self, columns: usize) -> Vec<TraceView> {
+        let Some(newest) = self.shown().newest() else { return Vec::new() };
+        match (newest.wrench, newest.readings) {
+            (Some(_), _) => Axis::ALL.map(|axis| self.axis(axis, columns)).into(),
+            (None, Some(_)) => (0..CHANNELS).map(|c| self.channel(c, columns)).collect(),
+            (None, None) => Vec::new(),
+        }
+    }
+
+    fn axis(&self, axis: Axis, columns: usize) -> TraceView {
+        let at = axis.index();
+        let value = |row: &LiveRow| row.wrench.map(|wrench| wrench[at] - self.tare[at]);
+        let least = if axis.is_moment() { LEAST_MOMENT } else { LEAST_FORCE };
+        let columns = self.shown().columns(self.window_s(), columns, value);
+        let bound = nice_bound(largest(&columns), least);
+        self.trace(axis.name().to_owned(), axis.unit(), (-bound, bound), columns, value)
+    }
+
+    fn channel(&self, channel: usize, columns: usize) -> TraceView {
+        let value = |row: &LiveRow| row.readings.map(|readings| readings[channel]);
+        let columns = self.shown().columns(self.window_s(), columns, value);
+        let ends = columns.iter().flatten();
+        let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), ends| {
+            (low.min(ends[0]), high.max(ends[1]))
+        });
+        let range = nice_range(low, high, LEAST_COUNTS);
+        self.trace(format!("s{}", channel + 1), "", range, columns, value)
+    }
+
+    fn trace(
+        &self,
+        name: String,
+        unit: &'static str,
+        range: (f64, f64),
+        columns: Vec<Option<[f64; 2]>>,
+        value: impl Fn(&LiveRow) -> Option<f64>,
+    ) -> TraceView {
+        let recent: Vec<f64> = self.shown().last(RECENT_S).filter_map(&value).collect();
+        let count = recent.len().max(1) as f64;
+        let mean = recent.iter().sum::<f64>() / count;
+        let squares: f64 = recent.iter().map(|value| (value - mean).powi(2)).sum();
+        let newest = self.shown().newest().and_then(&value).unwrap_or_default();
+        let noise = (squares / (count - 1.0).max(1.0)).sqrt();
+        TraceView { name, unit, value: newest, noise, range, columns }
+    }
+
+    /// The channels; none where the board streams wrenches.
+    pub fn channels(&self) -> Vec<ChannelView> {
+        let Some(readings) = self.shown().newest().and_then(|row| row.readings) else {
+            return Vec::new();
+        };
+        let masks = self.shown().last(RECENT_S).fold((0, 0), |(saturated, outside), row| {
+            (saturated | row.saturated, outside | row.out_of_range)
+        });
+        let view = |(channel, reading): (usize, f64)| {
+            let has = |mask: u8| mask >> channel & 1 == 1;
+            let range = self.ranges.as_ref().and_then(|ranges| ranges.get(channel));
+            ChannelView {
+                reading,
+                range: range.map(|range| (range.min, range.max)),
+                state: match () {
+                    () if has(masks.0) => ChannelState::Saturated,
+                    () if has(masks.1) => ChannelState::Outside,
+                    () => ChannelState::Fine,
+                },
+            }
+        };
+        readings.into_iter().enumerate().map(view).collect()
+    }
+
+    /// The newest force, and the length of an arrow that reaches the edge, N; `None` where forces are not
+    /// known.
+    pub fn force(&self) -> Option<([f64; 3], f64)> {
+        let value = |axis: usize| move |row: &LiveRow| Some(row.wrench?[axis] - self.tare[axis]);
+        let newest = self.shown().newest()?;
+        newest.wrench?;
+        let of = |axis| largest(&self.shown().columns(self.window_s(), 1, value(axis)));
+        let reach = nice_bound((0..3).map(of).fold(0.0, f64::max), LEAST_FORCE);
+        let force = std::array::from_fn(|axis| value(axis)(newest).unwrap_or_default());
+        Some((force, reach))
+    }
+
+    fn shown(&self) -> &History {
+        self.frozen.as_deref().unwrap_or(&self.history)
+    }
+}
+
+/// The largest magnitude in some columns.
+fn largest(columns: &[Option<[f64; 2]>]) -> f64 {
+    let ends = columns.iter().flatten().flatten();
+    ends.fold(0.0, |largest, value| largest.max(value.abs()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 10 s at 100 Hz, a sine of 1.5 N along x.
+    fn model() -> LiveModel {
+        let mut model = LiveModel::new(LiveSetup { window_s: 10.0, ..LiveSetup::default() });
+        (0..=1000).for_each(|i| model.push(row(i)));
+        model
+    }
+
+    fn row(index: i64) -> LiveRow {
+        let time_s = index as f64 / 100.0;
+        LiveRow {
+            time_s,
+            index,
+            readings: Some([2000.0; CHANNELS]),
+            wrench: Some([1.5 * (time_s * 3.0).sin(), 0.25, 0.0, 0.0, 0.0, 0.0]),
+            ..LiveRow::default()
+        }
+    }
+
+    #[test]
+    fn a_trace_has_a_round_scale_and_the_noise_of_its_last_second() {
+        let traces = model().traces(100);
+        assert_eq!(traces.len(), 6);
+        let fx = &traces[0];
+        assert_eq!((fx.name.as_str(), fx.unit, fx.range), ("Fx", "N", (-2.0, 2.0)));
+        assert!(fx.columns.iter().all(Option::is_some));
+        // The standard deviation of 100 rows of the sine, by the definition.
+        let recent: Vec<f64> = (901..=1000).map(|i| row(i).wrench.unwrap()[0]).collect();
+        let mean = recent.iter().sum::<f64>() / 100.0;
+        let sd = (recent.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 99.0).sqrt();
+        // Sums of a hundred terms of 1 N.
+        assert!((fx.noise - sd).abs() < 1e-13, "{} {sd}", fx.noise);
+        assert_eq!(traces[1].value, 0.25);
+    }
+
+    #[test]
+    fn a_tare_takes_the_mean_of_the_next_rows_and_changes_only_what_is_shown() {
+        let mut model = model();
+        model.begin_tare();
+        for index in 1001..1001 + TARE_ROWS as i64 - 1 {
+            model.push(row(index));
+            assert!(model.is_taring());
+        }
+        model.push(row(1050));
+        assert!(!model.is_taring());
+        assert!(model.traces(10)[1].value.abs() < 1e-12, "a mean of 0.25");
+        model.end_tare();
+        assert_eq!(model.traces(10)[1].value, 0.25);
+    }
+
+    #[test]
+    fn a_paused_picture_stands_still_while_rows_are_taken() {
+        let mut model = model();
+        model.toggle_pause();
+        let before = (model.traces(50), model.time_s());
+        (1001..3000).for_each(|i| model.push(row(i)));
+        assert_eq!((model.traces(50), model.time_s()), before);
+        model.toggle_pause();
+        assert_eq!(model.time_s(), Some(29.99));
+    }
+
+    #[test]
+    fn zoom_ends_where_nothing_more_is_known() {
+        let mut model = model();
+        (0..20).for_each(|_| model.zoom_out());
+        assert_eq!(model.window_s(), LONGEST_S);
+        (0..20).for_each(|_| model.zoom_in());
+        assert_eq!(model.window_s(), 1.0);
+    }
+
+    #[test]
+    fn a_mark_stands_where_it_was_made_and_moves_left() {
+        let mut model = model();
+        let mark = model.mark().unwrap();
+        assert_eq!((mark.number, mark.index, mark.time_s), (1, 1000, 10.0));
+        (1001..=1500).for_each(|i| model.push(row(i)));
+        assert_eq!(model.marks_shown(), [(1, 0.5)]);
+        assert_eq!(LiveModel::new(LiveSetup::default()).mark(), None);
+    }
+
+    #[test]
+    fn a_channel_is_as_bad_as_its_worst_row_of_the_last_second() {
+        let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; CHANNELS]);
+        let mut model = LiveModel::new(LiveSetup { ranges, window_s: 10.0 });
+        for index in 0..300 {
+            let saturated = u8::from(index == 250) << 2;
+            let out_of_range = u8::from(index == 10) << 4 | u8::from(index == 290) << 5;
+            model.push(LiveRow { saturated, out_of_range, ..row(index) });
+        }
+        let states: Vec<_> = model.channels().iter().map(|channel| channel.state).collect();
+        let mut expected = [ChannelState::Fine; CHANNELS];
+        (expected[2], expected[5]) = (ChannelState::Saturated, ChannelState::Outside);
+        assert_eq!(states, expected);
+        assert_eq!(model.channels()[0].range, Some((1000.0, 3000.0)));
+    }
+
+    #[test]
+    fn without_forces_readings_are_traced() {
+        let mut model = LiveModel::new(LiveSetup { window_s: 5.0, ..LiveSetup::default() });
+        model.push(LiveRow { wrench: None, ..row(0) });
+        let traces = model.traces(10);
+        assert_eq!((traces.len(), traces[7].name.as_str()), (8, "s8"));
+        assert!(traces[0].range.0 <= 2000.0 && 2000.0 <= traces[0].range.1);
+        assert_eq!(model.force(), None);
+    }
+}

@@ -1,0 +1,359 @@
+//! Checks of a board, by its answers and a stretch of its stream.
+
+use calibration::Calibration;
+use shared_proto::{Identity, Protocol, ResetCause, Status, Stream, crc32};
+use shell_data::block::Block;
+
+use super::Finding;
+use super::channels::{check_channels, without_consequences};
+use super::finding::percent;
+use crate::link::{Heard, Interview, LinkError, Stretch, for_board, serial_text};
+use crate::recording::{BoardFrame, Measured, protocol_name};
+use crate::workflow::log_summary::LogSummary;
+
+/// What a board is checked against.
+#[derive(Clone, Copy, Debug)]
+pub struct BoardFacts<'a> {
+    /// What it said.
+    pub interview: &'a Interview,
+    /// The speed that was asked for, bits per second.
+    pub baud: u32,
+    /// The framing that was asked for.
+    pub protocol: Protocol,
+    /// The calibration that it should work with, and the label in it.
+    pub calibration: Option<(&'a Calibration, Option<&'a str>)>,
+    /// The version of the firmware that comes with this program.
+    pub firmware: [u8; 3],
+}
+
+/// A radio loses a packet now and then; more than this share leaves holes that show.
+const FEW_LOST: f64 = 1e-3;
+
+/// More than this share is no longer a nuisance.
+const MANY_LOST: f64 = 1e-2;
+
+/// A quartz is right to some 10⁻⁴, and a period in whole µs to 10⁻³ at 1 kHz.
+const RATE_ERROR: f64 = 0.01;
+
+/// Frames outside the calibrated range that make a warning, and a fault.
+const OUTSIDE: [f64; 2] = [0.05, 0.5];
+
+/// What is wrong with a board.
+pub fn check_board(facts: &BoardFacts<'_>) -> Vec<Finding> {
+    let mut findings = heard(facts);
+    let Heard::Board { .. } = facts.interview.heard else { return findings };
+    if let Some(trouble) = &facts.interview.trouble {
+        findings.push(answerless(trouble));
+        return findings;
+    }
+    if let Some(identity) = &facts.interview.identity {
+        findings.extend(check_identity(identity, facts));
+    }
+    if let Some(status) = &facts.interview.status {
+        findings.extend(check_status(status, facts));
+    }
+    match &facts.interview.stream {
+        Some(Ok(stretch)) => findings.extend(check_stream(stretch, facts)),
+        Some(Err(error)) => findings.push(Finding::fault(
+            "no-frames",
+            error.to_string(),
+            "switch the board off and on; if it stays silent, flash it with `cargo xtask flash`",
+        )),
+        None => {}
+    }
+    findings
+}
+
+fn heard(facts: &BoardFacts<'_>) -> Vec<Finding> {
+    let asked = facts.baud;
+    match facts.interview.heard {
+        Heard::Silence => vec![Finding::fault(
+            "silent",
+            "not a byte arrives, at any speed",
+            "check the board's supply, that TX goes to RX, and that the radios have one channel and \
+             network; the original board streams once it is started",
+        )],
+        Heard::Noise { bytes } => vec![Finding::fault(
+            "noise",
+            format!("{bytes} bytes arrive, and at no speed is there a frame in them"),
+            "check the ground wire and the voltage of the line; another device may be on this port",
+        )],
+        Heard::Board { baud, protocol } => {
+            let name = protocol_name(protocol);
+            let mut findings = Vec::new();
+            if baud != asked {
+                findings.push(Finding::fault(
+                    "baud",
+                    format!("the board is heard at {baud} baud, not at {asked}"),
+                    format!("give `--baud {baud}`, or set the radio to {asked}"),
+                ));
+            }
+            // Who reads the original board has to say so nowhere.
+            let is_told = protocol == Protocol::Original;
+            if protocol != facts.protocol && !is_told {
+                findings.push(Finding::fault(
+                    "framing",
+                    format!(
+                        "the base station frames bytes as `{name}`, not as `{}`",
+                        protocol_name(facts.protocol)
+                    ),
+                    format!("give `--framing {name}`, or set its parameter AP"),
+                ));
+            }
+            if findings.is_empty() {
+                findings.push(Finding::fine("link", format!("{baud} baud, framing `{name}`")));
+            }
+            findings
+        }
+    }
+}
+
+fn answerless(trouble: &LinkError) -> Finding {
+    let seen = trouble.to_string();
+    match trouble {
+        LinkError::OtherVersion { .. } => Finding::fault(
+            "protocol-version",
+            seen,
+            "flash the board with the firmware of this program: `cargo xtask flash`",
+        ),
+        LinkError::SeveralBoards { .. } => Finding::fault(
+            "several-boards",
+            seen,
+            "switch the others off, or give `--to` the address of one in API mode",
+        ),
+        LinkError::NoAnswer { .. } => Finding::fault(
+            "deaf",
+            format!("frames arrive, but there is {seen}"),
+            "check the wire or radio from the host to the board: RX of the board, RTS and CTS",
+        ),
+        _ => Finding::fault("question", seen, "ask again; look at the cable if it happens twice"),
+    }
+}
+
+fn check_identity(identity: &Identity, facts: &BoardFacts<'_>) -> Vec<Finding> {
+    let text = |version: [u8; 3]| version.map(|part| part.to_string()).join(".");
+    let (has, ours) = (text(identity.firmware), text(facts.firmware));
+    let mut findings = vec![match identity.firmware < facts.firmware {
+        true => Finding::warning(
+            "firmware",
+            format!("the board has firmware {has}, this program comes with {ours}"),
+            "flash it with `cargo xtask flash`",
+        ),
+        false => Finding::fine("firmware", format!("version {has}")),
+    }];
+    // A label may be anything; one that looks like a board's number is meant as one.
+    let label = facts.calibration.and_then(|(_, label)| label);
+    let serial = serial_text(&identity.serial);
+    let is_number =
+        |label: &&str| label.len() == serial.len() && label.bytes().all(|b| b.is_ascii_hexdigit());
+    if let Some(label) =
+        label.filter(is_number).filter(|label| !label.eq_ignore_ascii_case(&serial))
+    {
+        findings.push(Finding::fault(
+            "serial",
+            format!("the calibration is of sensor {label}, the board is {serial}"),
+            "take the calibration of this sensor, or the sensor of this calibration",
+        ));
+    }
+    findings
+}
+
+fn check_status(status: &Status, facts: &BoardFacts<'_>) -> Vec<Finding> {
+    let mut findings = vec![reset(status, facts)];
+    findings.extend(calibrated(status, facts));
+    if status.late > 0 {
+        findings.push(Finding::warning(
+            "late",
+            format!(
+                "{} of {} frames were not taken, because their time had passed; the longest took \
+                 {} µs of {}",
+                status.late, status.frames, status.longest_frame_us, status.period_us
+            ),
+            "lower the rate, the conversions or the settling time: `shellcal board PORT rate`",
+        ));
+    }
+    if status.overflowed > 0 {
+        findings.push(Finding::warning(
+            "overflow",
+            format!(
+                "{} of {} frames were not sent, because the line was too slow",
+                status.overflowed, status.frames
+            ),
+            "lower the rate, or raise the speed of the line",
+        ));
+    }
+    if status.damaged > 0 {
+        findings.push(Finding::warning(
+            "uplink",
+            format!("{} commands arrived damaged at the board", status.damaged),
+            "look at the way from the host to the board: the radio's range, the cable",
+        ));
+    }
+    findings
+}
+
+fn reset(status: &Status, facts: &BoardFacts<'_>) -> Finding {
+    let words = || match facts.interview.last_words.as_deref() {
+        Some(words) if !words.is_empty() => format!("; before it: {words}"),
+        _ => String::new(),
+    };
+    let when = format!("{} s ago", status.uptime_s);
+    match status.reset_cause {
+        ResetCause::Panic | ResetCause::Fault => Finding::fault(
+            "crash",
+            format!("the firmware crashed {when}{}", words()),
+            "report it with these words; flash another version if it happens again",
+        ),
+        ResetCause::Watchdog => Finding::fault(
+            "crash",
+            format!("the watchdog reset the board {when}"),
+            "the firmware hung: report it; flash another version if it happens again",
+        ),
+        _ => Finding::fine("up", format!("for {} s", status.uptime_s)),
+    }
+}
+
+/// The calibration on the board beside the one of the file.
+fn calibrated(status: &Status, facts: &BoardFacts<'_>) -> Option<Finding> {
+    let is_streaming_wrenches = status.stream == Stream::Wrench;
+    if !status.calibrated {
+        return is_streaming_wrenches.then(|| {
+            Finding::fault(
+                "board-calibration",
+                "the board is to stream wrenches and has no calibration",
+                "`shellcal board PORT upload CAL`, or `mode raw`",
+            )
+        });
+    }
+    let on_board = format!("{:#010x}", status.calibration_crc32);
+    let Some((calibration, _)) = facts.calibration else {
+        return Some(Finding::fine("board-calibration", format!("CRC-32 {on_board}")));
+    };
+    let Ok(ours) = for_board(calibration) else { return None };
+    let ours = crc32(&ours.to_bytes());
+    Some(match ours == status.calibration_crc32 {
+        true => Finding::fine("board-calibration", format!("that of the file, CRC-32 {on_board}")),
+        false => Finding::fault(
+            "board-calibration",
+            format!("the board has calibration {on_board}, the file is {ours:#010x}"),
+            "`shellcal board PORT upload CAL` puts the file on the board",
+        ),
+    })
+}
+
+fn check_stream(stretch: &Stretch, facts: &BoardFacts<'_>) -> Vec<Finding> {
+    let mut findings = lost(stretch);
+    let summary = summary(&stretch.frames);
+    let period_us = facts.interview.status.map(|status| f64::from(status.period_us));
+    let interval_us = summary.timing.median_interval_s().map(|interval| interval * 1e6);
+    if let (Some(set), Some(found)) = (period_us, interval_us) {
+        let seen = format!("{:.2} Hz, set are {:.2} Hz", 1e6 / found, 1e6 / set);
+        findings.push(match (found / set - 1.0).abs() <= RATE_ERROR {
+            true => Finding::fine("rate", seen),
+            false => Finding::fault(
+                "rate",
+                seen,
+                "the board cannot keep the rate: `shellcal board PORT rate` sets a lower one",
+            ),
+        });
+    }
+    if stretch.recorded.losses.restarts > 0 {
+        findings.push(Finding::fault(
+            "restart",
+            format!(
+                "the board restarted {} times while it was listened to",
+                stretch.recorded.losses.restarts
+            ),
+            "look at its supply: `shellcal board PORT status` says why it started",
+        ));
+    }
+    let calibration = facts.calibration.map(|(calibration, _)| calibration);
+    let calibration =
+        calibration.filter(|calibration| calibration.channels() == summary.readings.len());
+    findings.extend(check_channels(&summary, &identical(&stretch.frames), calibration));
+    let outside = calibration.and_then(|calibration| {
+        outside(calibration.rows_out_of_range(&columns(&stretch.frames)), summary.rows)
+    });
+    findings.extend(outside);
+    without_consequences(findings)
+}
+
+/// Rows outside the range of the training data.
+pub(super) fn outside(rows: u64, of: u64) -> Option<Finding> {
+    let share = rows as f64 / of.max(1) as f64;
+    let seen = format!("{} of the frames are outside the calibrated range", percent(share));
+    let [some, most] = OUTSIDE;
+    let advice = "calibrate over the loads that occur; if nothing touches the shell, it or a \
+                  reflector has moved since: calibrate again";
+    match share {
+        _ if share > most => Some(Finding::fault("range", seen, advice)),
+        _ if share > some => Some(Finding::warning("range", seen, advice)),
+        _ => None,
+    }
+}
+
+fn lost(stretch: &Stretch) -> Vec<Finding> {
+    let losses = &stretch.recorded.losses;
+    let sent = (stretch.recorded.frames + losses.missing).max(1) as f64;
+    let share = losses.missing as f64 / sent;
+    let mut findings = Vec::new();
+    let seen = format!(
+        "{} of {sent} frames did not arrive ({}), {} packets damaged",
+        losses.missing,
+        percent(share),
+        losses.bad_crc + losses.damaged
+    );
+    let advice = "bring the radios nearer, free of metal, or to another channel; over a wire, look at \
+                  the ground and the speed";
+    findings.push(match share {
+        _ if share > MANY_LOST => Finding::fault("losses", seen, advice),
+        _ if share > FEW_LOST => Finding::warning("losses", seen, advice),
+        _ => Finding::fine("losses", seen),
+    });
+    if losses.dropped_on_board as f64 > FEW_LOST * sent {
+        findings.push(Finding::fault(
+            "dropped",
+            format!(
+                "the board dropped {} frames while it was listened to",
+                losses.dropped_on_board
+            ),
+            "its line or its time is too short: lower the rate, or raise the speed of the line",
+        ));
+    }
+    findings
+}
+
+/// The readings, column by column; empty if the board streams wrenches.
+fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
+    let mut columns = Vec::new();
+    for frame in frames {
+        if let Measured::Readings(readings) = frame.measured {
+            columns.resize_with(readings.len(), Vec::new);
+            columns.iter_mut().zip(readings).for_each(|(column, reading)| column.push(reading));
+        }
+    }
+    columns
+}
+
+/// What the frames are like. Those of the converter's last step count as saturated, as the board does.
+fn summary(frames: &[BoardFrame]) -> LogSummary {
+    let mut frames: Vec<&BoardFrame> = frames.iter().collect();
+    frames.sort_by_key(|frame| frame.index);
+    let ordered: Vec<BoardFrame> = frames.into_iter().cloned().collect();
+    let readings = columns(&ordered);
+    let has_all = readings.first().is_none_or(|column| column.len() == ordered.len());
+    let block = Block {
+        rows: ordered.len(),
+        time_s: ordered.iter().map(|frame| frame.time_us as f64 / 1e6).collect(),
+        readings: if has_all { readings } else { Vec::new() },
+        ..Block::default()
+    };
+    let mut summary = LogSummary::default();
+    summary.add(&block);
+    summary
+}
+
+/// Pairs of channels that are the same in every frame, and not constant.
+fn identical(frames: &[BoardFrame]) -> Vec<(usize, usize)> {
+    super::log::identical(&columns(frames))
+}

@@ -1,0 +1,282 @@
+//! Checks of a calibration file.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use calibration::validation::excitation::Gap;
+use calibration::{Calibration, Kind};
+use log_file::checksum::Checksum;
+use shell_data::wrench::Axis;
+
+use super::Finding;
+use super::finding::percent;
+use crate::calibration_file::{CalibrationFile, Diagnostics, Origin};
+
+/// Singular values that are so far apart leave some ten digits of a coefficient in doubt.
+const CONDITION: f64 = 1e6;
+
+/// How many times the error on new data may be that on the training data.
+const OVERFIT: f64 = 2.0;
+
+/// Rows per feature, fewer of which a fit follows rather than averages.
+const ROWS_PER_FEATURE: u64 = 10;
+
+/// A calibration that is older should be made again, or at least tested.
+const OLD: Duration = Duration::from_secs(365 * 86_400);
+
+/// The share of the training rows that may have been left out as wrong.
+const SKIPPED: f64 = 0.01;
+
+/// What is known of a calibration file.
+#[derive(Debug)]
+pub struct CalibrationFacts<'a> {
+    /// The calibration.
+    pub calibration: &'a Calibration,
+    /// Where it comes from.
+    pub origin: &'a Origin,
+    /// How old it is; `None` where its date says nothing, negative ages being none.
+    pub age: Option<Result<Duration, Duration>>,
+    /// Sources that are there and are not what they were.
+    pub changed: Vec<PathBuf>,
+}
+
+/// Reads a calibration file, and checks it. `age` is how old a date is, an error if it is to come.
+pub fn examine_calibration(
+    path: &Path,
+    age: &dyn Fn(&str) -> Option<Result<Duration, Duration>>,
+) -> Vec<Finding> {
+    let file = match CalibrationFile::read(path) {
+        Ok(file) => file,
+        Err(error) => {
+            let advice = "make it again with `shellcal fit`; a file that was cut short has lost its end \
+                          on the way";
+            let seen = format!("it cannot be used: {}", error.problem);
+            return vec![Finding::fault("unreadable", seen, advice)];
+        }
+    };
+    let sources = file.origin.sources.iter();
+    let changed = sources.filter(|source| {
+        let then = source.checksum.as_deref();
+        let now = then.and_then(|_| checksum_of(&source.path));
+        now.is_some_and(|now| Some(now.as_str()) != then)
+    });
+    check_calibration(&CalibrationFacts {
+        calibration: &file.calibration,
+        origin: &file.origin,
+        age: age(&file.origin.date),
+        changed: changed.map(|source| source.path.clone()).collect(),
+    })
+}
+
+/// The checksum of a file, if it can be read.
+fn checksum_of(path: &Path) -> Option<String> {
+    let mut file = File::open(path).ok().filter(|_| path.is_file())?;
+    let (mut checksum, mut buffer) = (Checksum::default(), vec![0; 1 << 16]);
+    loop {
+        match file.read(&mut buffer).ok()? {
+            0 => return Some(checksum.finish()),
+            count => checksum.update(&buffer[..count]),
+        }
+    }
+}
+
+/// What is wrong with a calibration.
+pub fn check_calibration(facts: &CalibrationFacts<'_>) -> Vec<Finding> {
+    let name = facts.calibration.name();
+    let mut findings = vec![Finding::fine(
+        "calibration",
+        format!("{name}, {} channels", facts.calibration.channels()),
+    )];
+    match &facts.origin.diagnostics {
+        Some(known) => {
+            findings.extend(check_fit(known, facts.calibration));
+            findings.extend(check_errors(known));
+            findings.extend(check_loads(known));
+        }
+        None => findings.push(Finding::warning(
+            "no-diagnostics",
+            "nothing is known of its errors",
+            "hold it against a log with `shellcal eval`",
+        )),
+    }
+    findings.extend(check_ranges(facts.calibration));
+    if matches!(facts.calibration.kind(), Kind::Polynomial(_))
+        && facts.calibration.covariance.is_none()
+    {
+        findings.push(Finding::warning(
+            "no-covariance",
+            "it has no covariance, so forces come without standard errors",
+            "fit it again with `--covariance rows` or `groups`",
+        ));
+    }
+    findings.extend(check_age(facts));
+    findings.extend(facts.changed.iter().map(|path| {
+        Finding::warning(
+            "source-changed",
+            format!("`{}` is not what it was when this was fitted", path.display()),
+            "fit again, or find the file of that day",
+        )
+    }));
+    findings
+}
+
+fn features(calibration: &Calibration) -> Option<usize> {
+    calibration.polynomial().map(|polynomial| polynomial.coefficients().len())
+}
+
+fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if let Some(features) = features(calibration).filter(|&features| known.rank < features) {
+        findings.push(Finding::fault(
+            "rank",
+            format!("the training data determine {} of its {features} features", known.rank),
+            "record loads on every axis and both ways, or take a smaller `--model`",
+        ));
+    }
+    match known.condition {
+        Some(condition) if condition <= CONDITION => {}
+        condition => findings.push(Finding::warning(
+            "condition",
+            match condition {
+                Some(condition) => {
+                    format!("its features are hard to tell apart, condition {condition:.1e}")
+                }
+                None => "its features cannot be told apart".to_owned(),
+            },
+            "record loads that move the channels independently, or fit with `--ridge`",
+        )),
+    }
+    if let Some(features) = features(calibration)
+        && known.rows < ROWS_PER_FEATURE * features as u64
+    {
+        findings.push(Finding::warning(
+            "few-rows",
+            format!("{} rows for {features} features", known.rows),
+            "record more, or take a smaller `--model`",
+        ));
+    }
+    let skipped = known.skipped_rows as f64 / (known.rows + known.skipped_rows).max(1) as f64;
+    if skipped > SKIPPED {
+        findings.push(Finding::warning(
+            "skipped",
+            format!("{} of the training rows were wrong and left out", percent(skipped)),
+            "look at what was wrong with them: `shellcal info` without `--skip-bad-rows` names the first",
+        ));
+    }
+    findings
+}
+
+/// Errors on new data beside those on the training data.
+fn check_errors(known: &Diagnostics) -> Vec<Finding> {
+    let tested = known.test.map(|test| ("test data", test.map(|axis| axis.rms)));
+    let held_out = known.cross_validation.as_ref();
+    let held_out = held_out.map(|cv| ("held-out groups", cv.grouped.map(|axis| axis.rms)));
+    let sets: Vec<_> = tested.into_iter().chain(held_out).collect();
+    if sets.is_empty() {
+        return vec![Finding::warning(
+            "untested",
+            "it was not tested on data that it has not seen",
+            "fit with `--test` and a recording of another session, or with `--cv`",
+        )];
+    }
+    let mut findings = Vec::new();
+    for (name, rms) in sets {
+        let ratio = |axis: Axis| rms[axis.index()] / known.train[axis.index()].rms;
+        let ratios = Axis::ALL.map(|axis| (axis, ratio(axis)));
+        let worst = ratios.into_iter().filter(|(_, ratio)| ratio.is_finite());
+        let Some((axis, ratio)) = worst.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+        let seen = format!(
+            "the error of {} on {name} is {ratio:.1} times that on the training data",
+            axis.name()
+        );
+        findings.push(match ratio > OVERFIT {
+            true => Finding::fault(
+                "overfit",
+                seen,
+                "take a smaller model (`--model auto` chooses one), or record more poses",
+            ),
+            false => Finding::fine("errors", seen),
+        });
+    }
+    findings
+}
+
+fn check_loads(known: &Diagnostics) -> Vec<Finding> {
+    let gaps = known.excitation.iter().flat_map(|excitation| excitation.gaps());
+    let finding = |gap| match gap {
+        Gap::Unloaded(axis) => Some(Finding::fault(
+            "axis-unloaded",
+            format!("{} never changed in the training data", axis.name()),
+            format!("record loads on {}: nothing is known of it", axis.name()),
+        )),
+        Gap::OneSided { axis, positive, share } => Some(Finding::warning(
+            "axis-one-sided",
+            format!(
+                "{0} was hardly loaded towards {1}{0} ({2} of its square sum)",
+                axis.name(),
+                if positive { '+' } else { '−' },
+                percent(share)
+            ),
+            "record such loads if the sensor will see them",
+        )),
+        Gap::Together { first, second, correlation } => Some(Finding::warning(
+            "axes-together",
+            format!(
+                "{} and {} nearly always moved together (correlation {correlation:.2})",
+                first.name(),
+                second.name()
+            ),
+            "record loads that tell them apart",
+        )),
+        _ => None,
+    };
+    gaps.filter_map(finding).collect()
+}
+
+fn check_ranges(calibration: &Calibration) -> Vec<Finding> {
+    let Some(ranges) = &calibration.valid_range else {
+        return vec![Finding::warning(
+            "no-range",
+            "the range of its training data is not known, so nothing is flagged as outside",
+            "fit it from logs with `shellcal fit`",
+        )];
+    };
+    let mut findings = Vec::new();
+    for (channel, range) in ranges.iter().enumerate() {
+        let name = format!("s{}", channel + 1);
+        if range.is_constant() {
+            findings.push(Finding::fault(
+                "channel-dead",
+                format!("{name} was {} in all of the training data", range.min),
+                "check that photointerrupter, and record again",
+            ));
+        } else if range.min <= 0.0 || [4095.0, 65_535.0].contains(&range.max) {
+            findings.push(Finding::fault(
+                "channel-saturated",
+                format!("{name} was at an end of the converter's range in the training data"),
+                "change the distance of the reflector or the emitter's current, and record again; or \
+                 leave such rows out with `fit --valid-range`",
+            ));
+        }
+    }
+    findings
+}
+
+fn check_age(facts: &CalibrationFacts<'_>) -> Option<Finding> {
+    let days = |age: Duration| age.as_secs() / 86_400;
+    match facts.age? {
+        Ok(age) if age > OLD => Some(Finding::warning(
+            "age",
+            format!("it was made {} days ago", days(age)),
+            "test it on a new recording with `shellcal eval --max-rms`",
+        )),
+        Err(ahead) if ahead > Duration::from_secs(86_400) => Some(Finding::warning(
+            "age",
+            format!("it will have been made in {} days", days(ahead)),
+            "one of the clocks is wrong: that of this computer, or that of the one it was made on",
+        )),
+        _ => None,
+    }
+}

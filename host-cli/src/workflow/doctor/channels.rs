@@ -1,0 +1,136 @@
+//! Checks of the readings, whether they come from a board or from a log.
+
+use calibration::Calibration;
+use shell_data::wrench::PerAxis;
+
+use super::Finding;
+use super::finding::percent;
+use crate::workflow::log_summary::LogSummary;
+
+/// Fewer frames say nothing about a channel.
+const ENOUGH_FRAMES: u64 = 20;
+
+/// How many times as certain forces must be after an exchange of two channels. Noise and creep make some
+/// exchange or other a little better.
+const UNLIKELY: f64 = 2.0;
+
+/// Saturated, dead, quiet and swapped channels.
+pub(super) fn check_channels(
+    summary: &LogSummary,
+    identical: &[(usize, usize)],
+    calibration: Option<&Calibration>,
+) -> Vec<Finding> {
+    if summary.readings.is_empty() || summary.rows < ENOUGH_FRAMES {
+        return Vec::new();
+    }
+    let mut findings = Vec::new();
+    for (channel, column) in summary.readings.iter().enumerate() {
+        let name = format!("s{}", channel + 1);
+        let saturated = column.saturated_rows();
+        if column.is_constant() {
+            let (seen, advice) = match saturated {
+                0 => (
+                    format!("{name} is {} in every frame", column.min),
+                    "check the photointerrupter's supply and the wire of its output",
+                ),
+                _ => (
+                    format!("{name} stands at {}, an end of the converter's range", column.min),
+                    "check whether the photointerrupter is connected: an open input and a short \
+                     stand at an end of the range",
+                ),
+            };
+            findings.push(Finding::fault("channel-dead", seen, advice));
+            continue;
+        }
+        if saturated > 0 {
+            let share = saturated as f64 / column.rows as f64;
+            let seen = format!(
+                "{name} is at an end of the converter's range in {} of the frames",
+                percent(share)
+            );
+            let advice = "change the distance of the reflector or the emitter's current; forces of \
+                          such frames are wrong";
+            findings.push(Finding::fault("channel-saturated", seen, advice));
+        } else if column.is_pinned_at_max() {
+            let seen = format!("{name} is cut off at {}", column.max);
+            let advice = "something limits it: the supply of the phototransistor, or a filter";
+            findings.push(Finding::fault("channel-saturated", seen, advice));
+        }
+        if let Some(values) = column.quiet_values() {
+            let seen = format!("{name} takes {values} values and carries next to nothing");
+            let advice = "press on the shell: if it stays so, its reflector is out of sight or its \
+                          emitter is dark";
+            findings.push(Finding::warning("channel-quiet", seen, advice));
+        }
+    }
+    for &(first, second) in identical {
+        findings.push(Finding::fault(
+            "channels-identical",
+            format!("s{} and s{} are the same in every frame", first + 1, second + 1),
+            "two inputs share a wire, or a column was copied",
+        ));
+    }
+    if let Some(calibration) = calibration {
+        findings.extend(swapped(summary, calibration));
+    }
+    if findings.is_empty() {
+        let channels = summary.readings.len();
+        findings.push(Finding::fine("channels", format!("{channels} channels alive and in range")));
+    }
+    findings
+}
+
+/// Readings that are exchanged are found in more than one way, and leave their ranges: that is said once.
+pub(super) fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
+    const SWAPPED: &str = "channels-swapped";
+    if findings.iter().any(|finding| finding.check == SWAPPED) {
+        let mut is_first = true;
+        findings.retain(|finding| match finding.check {
+            SWAPPED => std::mem::replace(&mut is_first, false),
+            "range" => false,
+            _ => true,
+        });
+    }
+    findings
+}
+
+/// Two channels of which each reads what the other should.
+///
+/// Eight channels see six loads: readings that no load makes lie far from all training data, which shows in
+/// the standard errors of their forces. Where an exchange of two channels brings them back, that is it.
+fn swapped(summary: &LogSummary, calibration: &Calibration) -> Option<Finding> {
+    if summary.readings.len() != calibration.channels() {
+        return None;
+    }
+    let mut readings: Vec<_> = summary.readings.iter().map(|column| vec![column.mean()]).collect();
+    let errors = |readings: &[Vec<f64>]| {
+        let mut errors = PerAxis::default();
+        calibration.standard_errors(readings, None, &mut errors).then(|| errors.map(|axis| axis[0]))
+    };
+    let now = errors(&readings)?;
+    let mut best = (0, 0, 1.0);
+    for first in 0..readings.len() {
+        for second in first + 1..readings.len() {
+            readings.swap(first, second);
+            let then = errors(&readings)?;
+            readings.swap(first, second);
+            let ratios = std::iter::zip(now, then).map(|(now, then)| now / then);
+            let factor = ratios.product::<f64>().powf(1.0 / 6.0);
+            if factor > best.2 {
+                best = (first, second, factor);
+            }
+        }
+    }
+    let (first, second, factor) = best;
+    (factor > UNLIKELY).then(|| {
+        let seen = format!(
+            "with s{} and s{} exchanged, forces are {factor:.1} times as certain: each reads what the \
+             other should",
+            first + 1,
+            second + 1
+        );
+        let advice = "exchange their wires, or name the columns in the order of the calibration with \
+                      `--sensors`";
+        Finding::fault("channels-swapped", seen, advice)
+    })
+}

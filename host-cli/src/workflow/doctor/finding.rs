@@ -1,0 +1,63 @@
+//! One thing that was looked at, and what came of it.
+
+use serde::Serialize;
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// As it should be.
+    Fine,
+    /// May make results wrong, or makes them worse than they could be.
+    Warning,
+    /// Makes results wrong or impossible.
+    Fault,
+}
+
+/// One thing that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// What was looked at, a name that does not change: `losses`, `channel-dead`.
+    pub check: &'static str,
+    /// How bad it is.
+    pub severity: Severity,
+    /// What was seen.
+    pub seen: String,
+    /// What to do about it; `None` if nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub advice: Option<String>,
+}
+
+impl Finding {
+    pub(super) fn fine(check: &'static str, seen: impl Into<String>) -> Self {
+        Self { check, severity: Severity::Fine, seen: seen.into(), advice: None }
+    }
+
+    pub(super) fn warning(
+        check: &'static str,
+        seen: impl Into<String>,
+        advice: impl Into<String>,
+    ) -> Self {
+        let (seen, advice) = (seen.into(), Some(advice.into()));
+        Self { check, severity: Severity::Warning, seen, advice }
+    }
+
+    pub(super) fn fault(
+        check: &'static str,
+        seen: impl Into<String>,
+        advice: impl Into<String>,
+    ) -> Self {
+        Self { severity: Severity::Fault, ..Self::warning(check, seen, advice) }
+    }
+}
+
+/// A share as people read it.
+pub(super) fn percent(share: f64) -> String {
+    let percent = 100.0 * share;
+    match percent {
+        0.0 => "0 %".to_owned(),
+        _ if percent < 0.095 => format!("{percent:.3} %"),
+        _ if percent < 9.95 => format!("{percent:.1} %"),
+        _ => format!("{percent:.0} %"),
+    }
+}

@@ -1,0 +1,25 @@
+//! What is wrong with a set-up: a port and the board behind it, a log, a calibration.
+//!
+//! ```text
+//! port, board, file ─▶ what is known of it ─▶ checks ─▶ findings
+//! ```
+//!
+//! [`check_port`], [`check_board`], [`check_log`] and [`check_calibration`] are pure: they look at what is
+//! known and give [`Finding`]s, each with what was seen and what to do about it. [`examine_log`] and
+//! [`examine_calibration`] read files first; [`crate::link::interview`] asks the board.
+//!
+//! A [`Severity::Fault`] makes results wrong or impossible. A [`Severity::Warning`] may, or makes them worse
+//! than they could be.
+
+mod board;
+mod calibration;
+mod channels;
+mod finding;
+mod log;
+mod port;
+
+pub use board::{BoardFacts, check_board};
+pub use calibration::{CalibrationFacts, check_calibration, examine_calibration};
+pub use finding::{Finding, Severity};
+pub use log::{CalibratedFacts, LogFacts, check_log, examine_log};
+pub use port::check_port;

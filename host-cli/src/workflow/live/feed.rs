@@ -1,0 +1,138 @@
+//! What passes between the thread that records and the one that shows.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::link::{Progress, Watcher, Wish};
+use crate::recording::BoardFrame;
+
+/// Frames that wait to be shown, at most: half a minute at 1 kHz.
+const WAITING: usize = 32_768;
+
+/// The way between two threads. Clones are ends of the same.
+#[derive(Clone, Debug, Default)]
+pub struct Feed(Arc<Shared>);
+
+#[derive(Debug, Default)]
+struct Shared {
+    state: Mutex<State>,
+    /// Set while a log is not to be played on.
+    held: AtomicBool,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    frames: VecDeque<BoardFrame>,
+    /// Frames that were not shown because nobody fetched them.
+    left_out: u64,
+    progress: Option<Progress>,
+    wishes: VecDeque<Wish>,
+}
+
+impl Feed {
+    /// The end that [`crate::link::record`] takes.
+    pub fn watcher(&self) -> Box<dyn Watcher> {
+        Box::new(FeedWatcher(self.clone()))
+    }
+
+    /// Hands frames over.
+    pub fn send(&self, frames: &[BoardFrame]) {
+        self.with(|state| {
+            state.frames.extend(frames.iter().cloned());
+            let over = state.frames.len().saturating_sub(WAITING);
+            state.frames.drain(..over);
+            state.left_out += over as u64;
+        });
+    }
+
+    /// Fetches the frames that wait, in place of those in `frames`.
+    pub fn fetch(&self, frames: &mut Vec<BoardFrame>) {
+        frames.clear();
+        self.with(|state| frames.extend(state.frames.drain(..)));
+    }
+
+    /// Frames that wait.
+    pub fn waiting(&self) -> usize {
+        self.with(|state| state.frames.len())
+    }
+
+    /// Frames that were not shown because nobody fetched them.
+    pub fn left_out(&self) -> u64 {
+        self.with(|state| state.left_out)
+    }
+
+    /// Says how the recording goes.
+    pub fn report(&self, progress: &Progress) {
+        self.with(|state| state.progress = Some(*progress));
+    }
+
+    /// How the recording goes.
+    pub fn progress(&self) -> Option<Progress> {
+        self.with(|state| state.progress)
+    }
+
+    /// Asks for something to happen to the log.
+    pub fn ask(&self, wish: Wish) {
+        self.with(|state| state.wishes.push_back(wish));
+    }
+
+    /// Holds a log that is played, or lets it go on.
+    pub fn hold(&self, held: bool) {
+        self.0.held.store(held, Ordering::Relaxed);
+    }
+
+    /// Whether a log is held.
+    pub fn is_held(&self) -> bool {
+        self.0.held.load(Ordering::Relaxed)
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut State) -> T) -> T {
+        // A thread that has ended badly has left the state whole: nothing in here can fail half way.
+        act(&mut self.0.state.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// The recording end of a feed.
+#[derive(Debug)]
+pub struct FeedWatcher(Feed);
+
+impl Watcher for FeedWatcher {
+    fn see(&mut self, frames: &[BoardFrame]) {
+        self.0.send(frames);
+    }
+
+    fn wish(&mut self) -> Option<Wish> {
+        self.0.with(|state| state.wishes.pop_front())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::Measured;
+
+    #[test]
+    fn who_does_not_fetch_misses_the_oldest_and_is_told_how_many() {
+        let feed = Feed::default();
+        let frame = |index: i64| BoardFrame {
+            time_us: index * 1000,
+            index,
+            measured: Measured::Wrench([0.0; 6]),
+            saturated: 0,
+            dropped: 0,
+            restarted: false,
+        };
+        for start in (0..40_000).step_by(100) {
+            let frames: Vec<_> = (start..start + 100).map(frame).collect();
+            feed.watcher().see(&frames);
+        }
+        let mut frames = Vec::new();
+        feed.fetch(&mut frames);
+        assert_eq!(frames.len(), WAITING);
+        assert_eq!(frames.last().map(|frame| frame.index), Some(39_999));
+        assert_eq!(feed.left_out(), 40_000 - WAITING as u64);
+        feed.fetch(&mut frames);
+        assert!(frames.is_empty());
+    }
+}

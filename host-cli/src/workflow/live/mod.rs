@@ -1,0 +1,18 @@
+//! Rows for a live view, from a port or from a log that is played.
+//!
+//! ```text
+//! port ─ record() ─▶ log, if there is one
+//!            └─▶ Feed ─▶ LiveRows ─▶ whoever shows them
+//! log ── play() ──▲
+//! ```
+//!
+//! The thread that records hands frames over and never waits for who shows them: where that is too slow,
+//! frames are left out of the view, and counted, never of the log.
+
+mod feed;
+mod play;
+mod rows;
+
+pub use feed::{Feed, FeedWatcher};
+pub use play::{PlayError, play};
+pub use rows::LiveRows;

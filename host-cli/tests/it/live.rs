@@ -1,0 +1,376 @@
+//! `shellcal live` in a terminal: a pty whose other end plays the user, with eyes and a keyboard.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serialport::{SerialPort, TTYPort};
+use system_tests::program::{self, Recording};
+
+use crate::support::recording::succeed;
+
+/// What a terminal shows, as far as the view uses it: moves, and text.
+struct Screen {
+    cells: Vec<Vec<char>>,
+    at: (usize, usize),
+    /// The end of what was read that is no whole sequence or character.
+    rest: Vec<u8>,
+    /// All that was read.
+    bytes: Vec<u8>,
+}
+
+impl Screen {
+    fn new(columns: usize, rows: usize) -> Self {
+        let cells = vec![vec![' '; columns]; rows];
+        Self { cells, at: (0, 0), rest: Vec::new(), bytes: Vec::new() }
+    }
+
+    fn take(&mut self, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+        self.rest.extend_from_slice(bytes);
+        let whole = match std::str::from_utf8(&self.rest) {
+            Ok(_) => self.rest.len(),
+            Err(error) => error.valid_up_to(),
+        };
+        let text = String::from_utf8(self.rest[..whole].to_vec()).unwrap();
+        let mut used = 0;
+        let mut characters = text.char_indices().peekable();
+        while let Some((start, character)) = characters.next() {
+            if character != '\u{1b}' {
+                used = start + character.len_utf8();
+                self.put(character);
+                continue;
+            }
+            // ESC [ parameters letter.
+            let mut sequence = String::new();
+            let is_final = |c: char| c.is_ascii_alphabetic();
+            let mut end = None;
+            for (at, c) in characters.by_ref() {
+                sequence.push(c);
+                if is_final(c) {
+                    end = Some(at + 1);
+                    break;
+                }
+            }
+            let Some(end) = end else { break };
+            used = end;
+            self.obey(&sequence);
+        }
+        self.rest.drain(..used);
+    }
+
+    fn put(&mut self, character: char) {
+        let (row, column) = self.at;
+        if let Some(cell) = self.cells.get_mut(row).and_then(|cells| cells.get_mut(column)) {
+            *cell = character;
+        }
+        self.at.1 += 1;
+    }
+
+    fn obey(&mut self, sequence: &str) {
+        let parameters = sequence.trim_start_matches('[').trim_end_matches(char::is_alphabetic);
+        let numbers: Vec<usize> =
+            parameters.split(';').map(|number| number.parse().unwrap_or(1)).collect();
+        match sequence.chars().last() {
+            Some('H') => {
+                let column = numbers.get(1).copied().unwrap_or(1);
+                self.at = (numbers[0] - 1, column - 1);
+            }
+            Some('J') => self.cells.iter_mut().flatten().for_each(|cell| *cell = ' '),
+            _ => {}
+        }
+    }
+
+    fn text(&self) -> String {
+        let line = |cells: &Vec<char>| cells.iter().collect::<String>().trim_end().to_owned();
+        self.cells.iter().map(line).collect::<Vec<_>>().join("\n")
+    }
+
+    /// Whether any text was coloured or set off.
+    fn is_styled(&self) -> bool {
+        let text = String::from_utf8_lossy(&self.bytes).into_owned();
+        let starts = text.match_indices("\u{1b}[").map(|(at, _)| &text[at + 2..]);
+        let sequences = starts.filter_map(|rest| {
+            let end = rest.find(|c: char| c.is_ascii_alphabetic())?;
+            rest[end..].starts_with('m').then(|| rest[..end].to_owned())
+        });
+        // Sequences that only take styles back are no style.
+        let takes_back = |s: &String| ["", "0", "39", "49", "59", "39;49"].contains(&s.as_str());
+        sequences.into_iter().any(|sequence| !takes_back(&sequence))
+    }
+}
+
+/// A view in a terminal.
+struct Terminal {
+    user: TTYPort,
+    /// Held, so that the terminal is there until the test has read all.
+    _program_end: TTYPort,
+    child: Child,
+    screen: Screen,
+    errors: PathBuf,
+}
+
+impl Terminal {
+    fn start(dir: &Path, arguments: &str, environment: &[(&str, &str)]) -> Self {
+        let (mut user, program_end) = TTYPort::pair().unwrap();
+        user.set_timeout(Duration::from_millis(10)).unwrap();
+        let name = program_end.name().unwrap();
+        let open = || OpenOptions::new().read(true).write(true).open(&name).unwrap();
+        let errors = dir.join("errors.txt");
+        let child = Command::new("sh")
+            .args(["-c", "stty rows 24 cols 80; exec \"$0\" live \"$@\""])
+            .arg(program::command(dir).get_program())
+            .args(arguments.split_whitespace())
+            .current_dir(dir)
+            .env("TERM", "xterm-256color")
+            .env("LC_ALL", "C.UTF-8")
+            .env_remove("NO_COLOR")
+            .envs(environment.iter().copied())
+            .stdin(Stdio::from(open()))
+            .stdout(Stdio::from(open()))
+            .stderr(Stdio::from(File::create(&errors).unwrap()))
+            .spawn()
+            .unwrap();
+        let screen = Screen::new(80, 24);
+        Self { user, _program_end: program_end, child, screen, errors }
+    }
+
+    fn look(&mut self) -> String {
+        let mut buffer = [0; 4096];
+        if let Ok(count) = self.user.read(&mut buffer) {
+            self.screen.take(&buffer[..count]);
+        }
+        self.screen.text()
+    }
+
+    /// Looks until the screen shows something.
+    fn wait_for(&mut self, what: &str) {
+        self.wait_until(what, |screen| screen.contains(what));
+    }
+
+    fn wait_until(&mut self, what: &str, is_so: impl Fn(&str) -> bool) {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        loop {
+            let screen = self.look();
+            if is_so(&screen) {
+                return;
+            }
+            let ended = self.child.try_wait().unwrap();
+            let said = fs::read_to_string(&self.errors).unwrap();
+            assert!(ended.is_none(), "ended without `{what}`: {said}\n{screen}");
+            assert!(Instant::now() < deadline, "no `{what}`:\n{screen}");
+        }
+    }
+
+    fn press(&mut self, key: &str) {
+        self.user.write_all(key.as_bytes()).unwrap();
+    }
+
+    /// Waits for the end, reading on; exit code, and what was said after the screen was given back.
+    fn end(mut self) -> (Option<i32>, String, Screen) {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        let status = loop {
+            self.look();
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(Instant::now() < deadline, "it does not end");
+        };
+        (0..5).for_each(|_| drop(self.look()));
+        let text = String::from_utf8_lossy(&self.screen.bytes).into_owned();
+        // What leaves the second screen.
+        let after = text.rsplit("\u{1b}[?1049l").next().unwrap_or_default().to_owned();
+        let said = after + &fs::read_to_string(&self.errors).unwrap();
+        (status.code(), said, self.screen)
+    }
+}
+
+struct Board(Child);
+
+impl Board {
+    fn start(dir: &Path) -> Self {
+        let board = Self(program::start(dir, "board --simulate --symlink board --seed 2"));
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while !dir.join("board").exists() {
+            assert!(Instant::now() < deadline, "there is no board");
+            thread::sleep(Duration::from_millis(10));
+        }
+        for order in ["sampling --settling 30 --conversions 4", "rate 1000"] {
+            program::run_patiently(dir, &format!("board board {order}"), 0);
+        }
+        board
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        _ = self.0.kill();
+        _ = self.0.wait();
+    }
+}
+
+fn calibrate(dir: &Path) {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
+    let train = data.join("synthetic-train.csv");
+    succeed(dir, &format!("fit {} --output cal.json", train.display()));
+}
+
+#[test]
+fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    calibrate(dir);
+    let _board = Board::start(dir);
+    let mut view =
+        Terminal::start(dir, "board --start --calibration cal.json --output log.csv", &[]);
+    view.wait_for("nothing lost");
+    for part in ["Fx", "Mz", "N·m", "sd ", "s8", "top", "side", "REC log.csv", "q quit", "Hz"] {
+        view.wait_for(part);
+    }
+    // The scale of time, and a picture that stands still while frames are recorded.
+    view.press("-");
+    view.wait_for("-20 s");
+    view.press("+");
+    view.press("+");
+    view.wait_for("-5 s");
+    view.press("m");
+    view.wait_for("mark 1 at");
+    view.press("t");
+    view.wait_for("taring what is shown");
+    view.press(" ");
+    view.wait_for("PAUSED");
+    // The body of the screen without its header, which tells how many frames there are.
+    let still = |screen: &str| screen.lines().skip(1).take(20).collect::<Vec<_>>().join("\n");
+    // The word is in the first line of a picture that is still coming.
+    (0..30).for_each(|_| drop(view.look()));
+    let paused = still(&view.look());
+    let rows = || fs::read_to_string(dir.join("log.csv")).unwrap().lines().count();
+    let before = rows();
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while rows() < before + 1500 {
+        view.look();
+        assert!(Instant::now() < deadline, "the log does not grow while the view is paused");
+    }
+    assert_eq!(still(&view.look()), paused);
+    view.press(" ");
+    // The end of one log and the next.
+    view.press("r");
+    view.wait_for("recorded `log.csv`");
+    view.press("r");
+    view.wait_for("REC log-2.csv");
+    view.press("m");
+    view.wait_for("mark 2 at");
+    thread::sleep(Duration::from_millis(1200));
+    view.press("q");
+    let (code, said, _) = view.end();
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("0 frames not shown"), "{said}");
+    assert!(said.contains("recorded `log-2.csv`") && said.contains("mark 2 at"), "{said}");
+    for (log, mark) in [("log.csv", "mark1"), ("log-2.csv", "mark2")] {
+        let log = Recording::read(&dir.join(log));
+        let index = log.numbers("index");
+        assert!(index.len() > 500, "{} rows", index.len());
+        assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
+        let marked = log.text("flags").iter().filter(|flags| flags.contains("mark")).count();
+        assert_eq!(marked, 1);
+        let at = log.text("flags").iter().position(|flags| flags.contains(mark)).unwrap();
+        // The row is the first from the moment on the screen on that had not been written: by half a second
+        // later, where the machine has just written and is late with its pictures.
+        let time_s = log.numbers("t_s")[at];
+        let name = format!("{} at ", mark.replace("mark", "mark "));
+        let told = said.split(&name).nth(1).unwrap().split(' ').next().unwrap();
+        let told_s: f64 = told.parse().unwrap();
+        assert!((told_s..told_s + 0.5).contains(&time_s), "{time_s}: {said}");
+    }
+}
+
+#[test]
+fn a_log_is_played_with_and_without_colour() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    calibrate(dir);
+    let log = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data/synthetic-test.csv");
+    let log = log.display().to_string();
+    let play = |options: &str, environment: &[(&str, &str)]| {
+        let arguments = format!("{log} --speed 100 --calibration cal.json {options}");
+        let mut view = Terminal::start(dir, &arguments, environment);
+        view.wait_for("played to its end");
+        view.wait_for("side");
+        view.press("q");
+        let (code, said, screen) = view.end();
+        assert_eq!(code, Some(0), "{said}");
+        assert!(said.contains("800 frames"), "{said}");
+        screen
+    };
+    assert!(play("", &[]).is_styled());
+    assert!(!play("", &[("NO_COLOR", "1")]).is_styled());
+    assert!(!play("--color never", &[]).is_styled());
+    assert!(play("--color always", &[("NO_COLOR", "1")]).is_styled());
+    // A terminal that knows ASCII only.
+    let ascii = play("", &[("LC_ALL", "C")]);
+    assert!(ascii.text().is_ascii(), "{}", ascii.text());
+}
+
+#[test]
+fn what_cannot_be_shown_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let output = program::output(dir.path(), "live /dev/no-such-port");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("needs a terminal"));
+    let refused = |arguments: &str, why: &str| {
+        let (code, said, _) = Terminal::start(dir.path(), arguments, &[]).end();
+        assert_eq!(code, Some(2), "{said}");
+        assert!(said.contains(why), "{said}");
+    };
+    refused("/dev/no-such-port", "there is no port");
+    refused("none.csv", "cannot read `none.csv`");
+    fs::write(dir.path().join("three.csv"), "t_s,s1,s2,s3\n0,1,2,3\n1,1,2,3\n").unwrap();
+    refused("three.csv", "has 3 channels");
+}
+
+/// What a view costs: `cargo test -p shellcal --test it figures_of_a_live_view -- --ignored --nocapture`.
+/// Says how much of a core it takes, how memory grows, and that no frame is lost.
+#[test]
+#[ignore = "a measurement, which takes three minutes"]
+fn figures_of_a_live_view() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    calibrate(dir);
+    let _board = Board::start(dir);
+    let options = "board --start --calibration cal.json --output log.csv --duration 190";
+    let mut view = Terminal::start(dir, options, &[]);
+    view.wait_for("nothing lost");
+    let proc = PathBuf::from(format!("/proc/{}", view.child.id()));
+    let memory_kb = || {
+        let status = fs::read_to_string(proc.join("status")).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+        line.trim().trim_end_matches(" kB").trim().parse::<u64>().unwrap()
+    };
+    let cpu_s = || {
+        let stat = fs::read_to_string(proc.join("stat")).unwrap();
+        let fields: Vec<&str> = stat.rsplit(") ").next().unwrap().split(' ').collect();
+        // Fields 14 and 15, in ticks of 10 ms.
+        (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+    };
+    let (began, at_first) = (Instant::now(), cpu_s());
+    while began.elapsed() < Duration::from_secs(180) {
+        view.look();
+        if began.elapsed().as_secs() % 20 == 0 {
+            println!("{:3} s: {} kB", began.elapsed().as_secs(), memory_kb());
+            let next = began.elapsed() + Duration::from_secs(1);
+            while began.elapsed() < next {
+                view.look();
+            }
+        }
+    }
+    let share = (cpu_s() - at_first) / began.elapsed().as_secs_f64();
+    println!("{:.1} % of a core, {} kB", 100.0 * share, memory_kb());
+    let (code, said, _) = view.end();
+    println!("{said}");
+    assert_eq!(code, Some(0));
+    let index = Recording::read(&dir.join("log.csv")).numbers("index");
+    assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
+}
