@@ -6,7 +6,7 @@
 
 use crate::board::{Clock, FrontEnd};
 use crate::settings::Settings;
-use shared_proto::{CHANNELS, COUNTS_PER_LSB};
+use shared_proto::{CHANNELS, COUNTS_PER_LSB, Timing};
 
 /// Most conversions for one value.
 pub const MAX_CONVERSIONS: u8 = 64;
@@ -17,13 +17,17 @@ pub const FULL_SCALE: u16 = (1 << 12) - 1;
 /// Allowance per channel for starting two bursts and waking up four times, in µs.
 const OVERHEAD_US: u32 = 30;
 
-/// Eight readings at one time.
+/// Eight readings, one after the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
     /// Readings in counts, [`COUNTS_PER_LSB`] to a step of the converter.
     pub readings: [u16; CHANNELS],
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
+    /// What the channels read with their emitters off, in counts.
+    pub dark: [u16; CHANNELS],
+    /// When the readings were taken.
+    pub timing: Timing,
 }
 
 /// Takes a frame. The emitters are off before and after.
@@ -35,8 +39,16 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
     let conversions = usize::from(settings.conversions.clamp(1, MAX_CONVERSIONS));
     let (mut dark, mut lit) = ([0; MAX_CONVERSIONS as usize], [0; MAX_CONVERSIONS as usize]);
     let (dark, lit) = (&mut dark[..conversions], &mut lit[..conversions]);
-    let mut frame = Frame { readings: [0; CHANNELS], saturated: 0 };
-    for (channel, reading) in frame.readings.iter_mut().enumerate() {
+    let mut frame = Frame {
+        readings: [0; CHANNELS],
+        saturated: 0,
+        dark: [0; CHANNELS],
+        timing: Timing::default(),
+    };
+    let start_us = clock.now_us();
+    let (mut first_us, mut last_us) = (start_us, start_us);
+    let readings = frame.readings.iter_mut().zip(&mut frame.dark).enumerate();
+    for (channel, (reading, dark_reading)) in readings {
         // The emitter of the channel before has just gone out.
         if channel > 0 {
             settle(clock, settings).await;
@@ -44,13 +56,31 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
         front_end.convert(channel, dark).await;
         front_end.light(Some(channel));
         settle(clock, settings).await;
+        let lit_us = clock.now_us();
         front_end.convert(channel, lit).await;
         front_end.light(None);
+        // The middle of the lit conversions.
+        last_us = u64::midpoint(lit_us, clock.now_us());
+        if channel == 0 {
+            first_us = last_us;
+        }
         let (dark, lit) = (Burst::of(dark), Burst::of(lit));
         *reading = difference(dark, lit, conversions as u32);
+        *dark_reading = difference(Burst::NOTHING, dark, conversions as u32);
         frame.saturated |= u8::from(is_saturated(dark, lit)) << channel;
     }
+    frame.timing = timing(start_us, first_us, last_us);
     frame
+}
+
+/// Timing of a frame from its start and its first and last reading.
+fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
+    let steps = CHANNELS as u64 - 1;
+    let fit = |us: u64| u16::try_from(us).unwrap_or(u16::MAX);
+    Timing {
+        first_us: fit(first_us.saturating_sub(start_us)),
+        step_us: fit((last_us.saturating_sub(first_us) + steps / 2) / steps),
+    }
 }
 
 async fn settle<C: Clock>(clock: &C, settings: &Settings) {
@@ -66,6 +96,8 @@ struct Burst {
 }
 
 impl Burst {
+    const NOTHING: Self = Self { sum: 0, largest: 0 };
+
     fn of(codes: &[u16]) -> Self {
         codes.iter().fold(Self { sum: 0, largest: 0 }, |burst, &code| Self {
             sum: burst.sum + u32::from(code),
@@ -84,6 +116,33 @@ fn difference(dark: Burst, lit: Burst, conversions: u32) -> u16 {
 /// A code at full scale may stand for more light; none at all with the emitter on is no reading.
 fn is_saturated(dark: Burst, lit: Burst) -> bool {
     dark.largest.max(lit.largest) >= FULL_SCALE || lit.largest == 0
+}
+
+/// Lights one emitter and no other for each channel in turn: by how much it raises them, in steps of the
+/// converter. The emitters are off before and after.
+pub async fn illuminate<F: FrontEnd, C: Clock>(
+    front_end: &mut F,
+    clock: &C,
+    settings: &Settings,
+    emitter: usize,
+) -> [i16; CHANNELS] {
+    let conversions = usize::from(settings.conversions.clamp(1, MAX_CONVERSIONS));
+    let mut codes = [0; MAX_CONVERSIONS as usize];
+    let codes = &mut codes[..conversions];
+    let mut rise = [0; CHANNELS];
+    for (channel, rise) in rise.iter_mut().enumerate() {
+        settle(clock, settings).await;
+        front_end.convert(channel, codes).await;
+        let dark = Burst::of(codes).sum.cast_signed();
+        front_end.light(Some(emitter));
+        settle(clock, settings).await;
+        front_end.convert(channel, codes).await;
+        front_end.light(None);
+        let lit = Burst::of(codes).sum.cast_signed();
+        // At most 4,095 steps either way.
+        *rise = ((lit - dark) / conversions as i32) as i16;
+    }
+    rise
 }
 
 /// Longest time that a frame with these settings takes, in µs.

@@ -1,6 +1,7 @@
 //! What a board has to provide.
 
 use crate::upload::Record;
+use shared_proto::Vitals;
 
 /// The emitters and the converter behind the eight photointerrupters.
 pub trait FrontEnd {
@@ -12,7 +13,15 @@ pub trait FrontEnd {
 
     /// Fills `codes` with one conversion of a channel after another, 12 bits each.
     async fn convert(&mut self, channel: usize, codes: &mut [u16]);
+
+    /// Measures temperature and supply, within [`VITALS_US`]. As it is here, for a board that cannot.
+    async fn vitals(&mut self) -> Vitals {
+        Vitals::default()
+    }
 }
+
+/// Longest time that [`FrontEnd::vitals`] may take, in µs.
+pub const VITALS_US: u64 = 250;
 
 /// Time since the reset.
 pub trait Clock {

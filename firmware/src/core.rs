@@ -1,16 +1,20 @@
 //! The state of the board, apart from everything that waits.
 
 use crate::acquisition::Frame;
-use crate::board::Storage;
+use crate::board::{Storage, VITALS_US};
+use crate::guard::{Guard, Verdict};
 use crate::last_words::LastWords;
 use crate::limits::Limits;
 use crate::outbox::Outbox;
 use crate::session::Session;
 use crate::settings::Settings;
 use shared_proto::{
-    Answer, BoardId, Boot, Command, Frame as WireFrame, Identity, Refusal, ResetCause, Status,
-    Stream, Values,
+    Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Identity, Refusal, ResetCause,
+    Signature, Status, Stream, Values, Vitals,
 };
+
+/// Time between two words of the board's health, in µs.
+const HEALTH_US: u64 = 1_000_000;
 
 /// Session, outbox and counts.
 #[derive(Clone, Debug)]
@@ -18,6 +22,8 @@ pub(crate) struct Core {
     identity: Identity,
     reset_cause: ResetCause,
     session: Session,
+    guard: Guard,
+    self_test: Option<SelfTest>,
     outbox: Outbox,
     frames: u32,
     late: u32,
@@ -25,6 +31,28 @@ pub(crate) struct Core {
     foreign: u16,
     last_words: LastWords,
     longest_frame_us: u16,
+    /// When word of the board's health is due; at once after a change.
+    health_at_us: u64,
+    /// What the host has been told last of the readings' times.
+    described: Option<Settings>,
+}
+
+/// A self-test that was asked for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SelfTest {
+    /// Which emitter.
+    pub(crate) emitter: u8,
+    number: u16,
+    signature: Option<Signature>,
+}
+
+/// How the board's health is to be told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum HealthDue {
+    /// There is time to measure it.
+    Measured,
+    /// The next frame comes first.
+    InHaste,
 }
 
 impl Core {
@@ -34,15 +62,19 @@ impl Core {
         reset_cause: ResetCause,
         last_words: LastWords,
         limits: Limits,
+        nonce: Option<[u8; 8]>,
         storage: &mut S,
     ) -> Self {
+        let session = Session::new(limits, storage);
         let mut outbox = Outbox::new();
         let Identity { board, firmware, .. } = identity;
         outbox.push_boot(Boot { board, firmware, cause: reset_cause });
         Self {
             identity,
             reset_cause,
-            session: Session::new(limits, storage),
+            guard: Guard::new(session.key(), nonce),
+            session,
+            self_test: None,
             outbox,
             frames: 0,
             late: 0,
@@ -50,6 +82,8 @@ impl Core {
             foreign: 0,
             last_words,
             longest_frame_us: 0,
+            health_at_us: 0,
+            described: None,
         }
     }
 
@@ -69,8 +103,39 @@ impl Core {
         *self.session.settings()
     }
 
-    /// A frame was taken from `start_us` to `end_us`: puts a sample of it into the outbox.
-    pub(crate) fn finish_frame(&mut self, frame: &Frame, start_us: u64, end_us: u64) {
+    /// How frames are taken.
+    pub(crate) fn settings(&self) -> Settings {
+        *self.session.settings()
+    }
+
+    /// Whether word of the board's health goes before the sample of the frame that has just ended.
+    pub(crate) fn health_due(&mut self, now_us: u64) -> Option<HealthDue> {
+        let settings = *self.session.settings();
+        let is_due = now_us >= self.health_at_us || self.described != Some(settings);
+        if !is_due {
+            return None;
+        }
+        let next_us = self.next_slot(now_us).unwrap_or(u64::MAX);
+        Some(match next_us.saturating_sub(now_us) >= VITALS_US {
+            true => HealthDue::Measured,
+            false => HealthDue::InHaste,
+        })
+    }
+
+    /// A frame was taken from `start_us` to `end_us`: puts a sample of it into the outbox, and before
+    /// it the board's health if there is word of it.
+    pub(crate) fn finish_frame(
+        &mut self,
+        frame: &Frame,
+        start_us: u64,
+        end_us: u64,
+        vitals: Option<Vitals>,
+    ) {
+        if let Some(vitals) = vitals {
+            self.health_at_us = end_us + HEALTH_US;
+            self.described = Some(*self.session.settings());
+            self.outbox.push_health(start_us as u32, frame.timing, vitals, frame.dark);
+        }
         self.frames = self.frames.wrapping_add(1);
         let duration_us = u16::try_from(end_us.saturating_sub(start_us)).unwrap_or(u16::MAX);
         self.longest_frame_us = self.longest_frame_us.max(duration_us);
@@ -95,6 +160,7 @@ impl Core {
         number: u16,
         to: Option<BoardId>,
         command: &Command,
+        signature: Option<&Signature>,
         now_us: u64,
         storage: &mut S,
     ) {
@@ -103,16 +169,55 @@ impl Core {
             self.foreign = self.foreign.wrapping_add(1);
             return;
         }
+        match self.guard.judge(number, to, command, signature) {
+            Verdict::Pass => {}
+            Verdict::Wait => return,
+            Verdict::Again(answer) => return self.outbox.push_answer(number, answer),
+            Verdict::Refuse(refusal) => {
+                return self.outbox.push_answer(number, Answer::Refused(refusal));
+            }
+        }
+        if let Command::Start = command {
+            self.described = None; // whoever asks wants to know
+        }
         let answer = match self.session.execute(command, now_us, storage) {
             Err(refusal) => Answer::Refused(refusal),
             Ok(()) => match command {
                 Command::Identify => Answer::Identity(self.identity),
                 Command::Status => Answer::Status(self.status(now_us)),
                 Command::LastWords { offset } => self.last_words.answer(*offset),
+                Command::Challenge => Answer::Challenge(self.guard.challenge()),
+                Command::SelfTest { emitter } => {
+                    let (emitter, signature) = (*emitter, signature.copied());
+                    self.self_test = Some(SelfTest { emitter, number, signature });
+                    return; // the answer comes when it is done
+                }
                 _ => Answer::Done,
             },
         };
+        self.guard.set_key(self.session.key());
+        self.guard.answered(signature, answer);
         self.outbox.push_answer(number, answer);
+    }
+
+    /// The self-test that was asked for, unless the board streams by now.
+    pub(crate) fn take_self_test(&mut self) -> Option<SelfTest> {
+        let test = self.self_test.take()?;
+        if self.session.is_streaming() {
+            self.answer_self_test(&test, Answer::Refused(Refusal::Streaming));
+            return None;
+        }
+        Some(test)
+    }
+
+    /// A self-test is done: by how much its emitter raises each channel, in steps.
+    pub(crate) fn finish_self_test(&mut self, test: &SelfTest, rise: [i16; CHANNELS]) {
+        self.answer_self_test(test, Answer::SelfTest { emitter: test.emitter, rise });
+    }
+
+    fn answer_self_test(&mut self, test: &SelfTest, answer: Answer) {
+        self.guard.answered(test.signature.as_ref(), answer);
+        self.outbox.push_answer(test.number, answer);
     }
 
     /// Answers a command of another version of the protocol, whose number cannot be known.

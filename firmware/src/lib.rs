@@ -21,6 +21,8 @@
 pub mod acquisition;
 pub mod board;
 mod core;
+mod factory;
+mod guard;
 mod last_words;
 mod limits;
 mod link;
@@ -33,7 +35,8 @@ mod slots;
 mod upload;
 mod wrench;
 
-pub use board::{Clock, FrontEnd, Storage, StorageError, Watchdog};
+pub use board::{Clock, FrontEnd, Storage, StorageError, VITALS_US, Watchdog};
+pub use factory::Factory;
 pub use last_words::LastWords;
 pub use link::Link;
 pub use run::{Parts, run};

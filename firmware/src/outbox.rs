@@ -1,22 +1,25 @@
 //! What waits for the link.
 
 use heapless::Deque;
-use shared_proto::{Answer, Boot, Frame, Packet, Sample, Values};
+use shared_proto::{Answer, Boot, CHANNELS, Frame, Health, Packet, Sample, Timing, Values, Vitals};
 
-/// Samples that can wait: 160 ms at 100 Hz.
+/// Samples that can wait: 160 ms at 100 Hz. Word of the board's health takes the place of one.
 pub(crate) const SAMPLES: usize = 16;
 
 /// Answers that can wait. The host asks one thing at a time.
 const ANSWERS: usize = 4;
 
-/// A sample that waits.
+/// What waits behind the samples before it.
 #[derive(Clone, Copy, Debug)]
-struct Waiting {
-    clock_us: u32,
-    values: Values,
-    saturated: u8,
-    /// Frames not taken until then.
-    late: u32,
+enum Waiting {
+    Sample {
+        clock_us: u32,
+        values: Values,
+        saturated: u8,
+        /// Frames not taken until then.
+        late: u32,
+    },
+    Health(Health),
 }
 
 /// Frames on their way out, answers before samples.
@@ -27,7 +30,7 @@ struct Waiting {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Outbox {
     answers: Deque<Frame, ANSWERS>,
-    samples: Deque<Waiting, SAMPLES>,
+    stream: Deque<Waiting, SAMPLES>,
     sequence: u16,
     overflowed: u32,
 }
@@ -35,7 +38,7 @@ pub(crate) struct Outbox {
 impl Outbox {
     /// Nothing waits.
     pub(crate) const fn new() -> Self {
-        Self { answers: Deque::new(), samples: Deque::new(), sequence: 0, overflowed: 0 }
+        Self { answers: Deque::new(), stream: Deque::new(), sequence: 0, overflowed: 0 }
     }
 
     /// Samples dropped so far; wraps.
@@ -45,12 +48,29 @@ impl Outbox {
 
     /// A sample for the host; `late` is how many frames were not taken so far.
     pub(crate) fn push_sample(&mut self, clock_us: u32, values: Values, saturated: u8, late: u32) {
-        if self.samples.is_full() {
-            self.samples.pop_front();
-            self.overflowed = self.overflowed.wrapping_add(1);
+        self.push(Waiting::Sample { clock_us, values, saturated, late });
+    }
+
+    /// How the board is, before the samples that are pushed after it.
+    pub(crate) fn push_health(
+        &mut self,
+        clock_us: u32,
+        timing: Timing,
+        vitals: Vitals,
+        dark: [u16; CHANNELS],
+    ) {
+        // The number is given when it goes out.
+        self.push(Waiting::Health(Health { sequence: 0, clock_us, timing, vitals, dark }));
+    }
+
+    fn push(&mut self, waiting: Waiting) {
+        if self.stream.is_full() {
+            let dropped = self.stream.pop_front();
+            let is_sample = matches!(dropped, Some(Waiting::Sample { .. }));
+            self.overflowed = self.overflowed.wrapping_add(u32::from(is_sample));
         }
         // There is room now.
-        _ = self.samples.push_back(Waiting { clock_us, values, saturated, late });
+        _ = self.stream.push_back(waiting);
     }
 
     /// An answer for the host. If too many wait it is lost, and the host will ask again.
@@ -65,16 +85,21 @@ impl Outbox {
 
     /// What goes out next.
     pub(crate) fn pop(&mut self) -> Option<Frame> {
-        self.answers.pop_front().or_else(|| self.pop_sample())
+        self.answers.pop_front().or_else(|| self.pop_stream())
     }
 
-    fn pop_sample(&mut self) -> Option<Frame> {
-        let Waiting { clock_us, values, saturated, late } = self.samples.pop_front()?;
-        // All that were dropped are older than those that wait.
-        let dropped = late.wrapping_add(self.overflowed) as u8;
-        let sample = Sample { sequence: self.sequence, clock_us, values, saturated, dropped };
-        self.sequence = self.sequence.wrapping_add(1);
-        Some(Packet::Sample(sample).encode())
+    fn pop_stream(&mut self) -> Option<Frame> {
+        let sequence = self.sequence;
+        let packet = match self.stream.pop_front()? {
+            Waiting::Health(health) => Packet::Health(Health { sequence, ..health }),
+            Waiting::Sample { clock_us, values, saturated, late } => {
+                self.sequence = sequence.wrapping_add(1);
+                // All that were dropped are older than those that wait.
+                let dropped = late.wrapping_add(self.overflowed) as u8;
+                Packet::Sample(Sample { sequence, clock_us, values, saturated, dropped })
+            }
+        };
+        Some(packet.encode())
     }
 }
 
@@ -122,6 +147,24 @@ mod tests {
         push(&mut outbox, 1, 0);
         push(&mut outbox, 1, 4);
         assert_eq!(samples(&sent(&mut outbox)), [(0, 0, 0), (1, 0, 4)]);
+    }
+
+    #[test]
+    fn health_keeps_its_place_among_the_samples_and_costs_none_of_the_counts() {
+        let mut outbox = Outbox::new();
+        push(&mut outbox, 2, 0);
+        let vitals = Vitals { temperature_cdeg: Some(2_512), ..Vitals::default() };
+        let timing = Timing { first_us: 300, step_us: 500 };
+        outbox.push_health(7, timing, vitals, [9; 8]);
+        push(&mut outbox, 1, 0);
+        let health = Health { sequence: 2, clock_us: 7, timing, vitals, dark: [9; 8] };
+        let out = sent(&mut outbox);
+        assert_eq!(out[2], Packet::Health(health));
+        assert!(matches!(out[3], Packet::Sample(Sample { sequence: 2, .. })));
+        // One that is dropped is no sample that was.
+        outbox.push_health(8, timing, vitals, [9; 8]);
+        push(&mut outbox, SAMPLES as u16, 0);
+        assert_eq!(outbox.overflowed(), 0);
     }
 
     #[test]

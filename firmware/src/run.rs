@@ -1,8 +1,8 @@
 //! The loops of the firmware: sample, send, receive.
 
-use crate::acquisition::acquire;
+use crate::acquisition::{acquire, illuminate};
 use crate::board::{Clock, FrontEnd, Storage, Watchdog};
-use crate::core::Core;
+use crate::core::{Core, HealthDue};
 use crate::last_words::LastWords;
 use crate::limits::{Limits, Line};
 use crate::link::Link;
@@ -12,7 +12,7 @@ use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embedded_io_async::{Read, Write};
-use shared_proto::{Decoder, Event, Identity, ResetCause};
+use shared_proto::{Decoder, Event, Identity, ResetCause, Vitals};
 
 /// Longest time between two feedings of the watchdog, in µs.
 const FEED_US: u64 = 250_000;
@@ -43,6 +43,9 @@ pub struct Parts<F, C, R, W, S, D> {
     pub reset_cause: ResetCause,
     /// What it said before, if that is why.
     pub last_words: LastWords,
+    /// Random bytes, new at every start, that signatures are made with; without them a board that has a
+    /// key takes no signed command.
+    pub nonce: Option<[u8; 8]>,
     /// What the serial line carries, in bytes per second; `None` if it is never the bottleneck.
     pub line_bytes_per_s: Option<u32>,
 }
@@ -68,7 +71,8 @@ where
         tolerance_us: C::TOLERANCE_US,
         line: Line { bytes_per_s: parts.line_bytes_per_s, link: parts.link },
     };
-    let core = Core::new(parts.identity, parts.reset_cause, parts.last_words, limits, &mut storage);
+    let Parts { identity, reset_cause, last_words, nonce, .. } = parts;
+    let core = Core::new(identity, reset_cause, last_words, limits, nonce, &mut storage);
     let core = RefCell::new(core);
     let (changed, outgoing) = (Wake::new(), Wake::new());
     join3(
@@ -92,6 +96,15 @@ async fn sample<F: FrontEnd, C: Clock, D: Watchdog>(
     front_end.light(None);
     loop {
         watchdog.feed();
+        let test = core.borrow_mut().take_self_test();
+        if let Some(test) = test {
+            let settings = core.borrow_mut().settings();
+            let emitter = usize::from(test.emitter);
+            let rise = illuminate(&mut front_end, clock, &settings, emitter).await;
+            core.borrow_mut().finish_self_test(&test, rise);
+            outgoing.signal(());
+            continue;
+        }
         let now_us = clock.now_us();
         let slot_us = core.borrow_mut().next_slot(now_us);
         let until_us = slot_us.unwrap_or(u64::MAX).min(now_us + FEED_US);
@@ -108,7 +121,14 @@ async fn sample<F: FrontEnd, C: Clock, D: Watchdog>(
         }
         let settings = core.borrow_mut().begin_frame();
         let frame = acquire(&mut front_end, clock, &settings).await;
-        core.borrow_mut().finish_frame(&frame, start_us, clock.now_us());
+        let end_us = clock.now_us();
+        let health = core.borrow_mut().health_due(end_us);
+        let vitals = match health {
+            Some(HealthDue::Measured) => Some(front_end.vitals().await),
+            Some(HealthDue::InHaste) => Some(Vitals::default()),
+            None => None,
+        };
+        core.borrow_mut().finish_frame(&frame, start_us, end_us, vitals);
         outgoing.signal(());
     }
 }
@@ -144,8 +164,10 @@ async fn receive<R: Read, C: Clock, S: Storage>(
             }
         };
         decoder.feed(received, |event| match event {
-            Event::Command { number, to, command } => {
-                core.borrow_mut().command(number, to, &command, clock.now_us(), &mut storage);
+            Event::Command { number, to, command, signature } => {
+                let (now_us, signature) = (clock.now_us(), signature.as_ref());
+                let mut core = core.borrow_mut();
+                core.command(number, to, &command, signature, now_us, &mut storage);
             }
             Event::OtherVersion { command: true, .. } => core.borrow_mut().refuse_other_version(),
             _ => {}

@@ -6,7 +6,7 @@ use crate::schedule::Schedule;
 use crate::settings::Settings;
 use crate::upload::{self, RECORD, Upload};
 use crate::wrench::Converter;
-use shared_proto::{Calibration, Command, Refusal, Stream};
+use shared_proto::{CHANNELS, Calibration, Command, Key, Refusal, Stream};
 
 /// Settings, schedule and calibration. Every command leaves all as it was or does all it asks.
 #[derive(Clone, Debug)]
@@ -18,6 +18,7 @@ pub(crate) struct Session {
     converter: Option<Converter>,
     calibration_crc32: u32,
     upload: Option<Upload>,
+    key: Option<Key>,
 }
 
 impl Session {
@@ -32,11 +33,17 @@ impl Session {
             converter: None,
             calibration_crc32: 0,
             upload: None,
+            key: upload::key(&record),
         };
         if let Some((calibration, crc)) = upload::open(&record) {
             session.use_calibration(&calibration, crc);
         }
         session
+    }
+
+    /// What commands have to be signed with.
+    pub(crate) fn key(&self) -> Option<Key> {
+        self.key
     }
 
     /// How frames are taken.
@@ -85,7 +92,16 @@ impl Session {
         storage: &mut S,
     ) -> Result<(), Refusal> {
         match *command {
-            Command::Identify | Command::Status | Command::LastWords { .. } => Ok(()),
+            Command::Identify
+            | Command::Status
+            | Command::LastWords { .. }
+            | Command::Challenge => Ok(()),
+            Command::SetKey(key) => self.set_key(key, storage),
+            Command::SelfTest { emitter } if usize::from(emitter) >= CHANNELS => {
+                Err(Refusal::OutOfRange)
+            }
+            Command::SelfTest { .. } if self.is_streaming() => Err(Refusal::Streaming),
+            Command::SelfTest { .. } => Ok(()),
             Command::Start => self.start(now_us),
             Command::Stop => {
                 self.schedule = None;
@@ -149,8 +165,22 @@ impl Session {
         let (record, calibration, crc) = upload.finish()?;
         let in_use = self.is_calibrated() && self.calibration_crc32 == crc;
         if !in_use {
-            storage.store(record).map_err(|_| Refusal::StorageFailed)?;
+            let mut record = *record;
+            upload::keep_key(&mut record, self.key);
+            storage.store(&record).map_err(|_| Refusal::StorageFailed)?;
             self.use_calibration(&calibration, crc);
+        }
+        Ok(())
+    }
+
+    /// The calibration stays.
+    fn set_key<S: Storage>(&mut self, key: Option<Key>, storage: &mut S) -> Result<(), Refusal> {
+        if key != self.key {
+            let mut record = [0; RECORD];
+            storage.load(&mut record);
+            upload::keep_key(&mut record, key);
+            storage.store(&record).map_err(|_| Refusal::StorageFailed)?;
+            self.key = key;
         }
         Ok(())
     }
@@ -306,6 +336,28 @@ mod tests {
         let mut after = Session::new(LIMITS, &mut bench.memory);
         assert_eq!((after.is_calibrated(), after.calibration_crc32()), (true, crc));
         assert!(after.converter().is_some());
+    }
+
+    #[test]
+    fn key_and_calibration_are_kept_side_by_side() {
+        let mut bench = Bench::new();
+        let [first, second] = [1, 2].map(|byte| Key::new([byte; Key::LEN]));
+        // A key before there is a calibration.
+        bench.run(&Command::SetKey(first)).unwrap();
+        let mut after = Session::new(LIMITS, &mut bench.memory);
+        assert_eq!((after.key(), after.is_calibrated()), (first, false));
+        bench.run_all(&good_upload()).unwrap();
+        after = Session::new(LIMITS, &mut bench.memory);
+        assert_eq!((after.key(), after.is_calibrated()), (first, true));
+        bench.run(&Command::SetKey(second)).unwrap();
+        after = Session::new(LIMITS, &mut bench.memory);
+        assert_eq!((after.key(), after.is_calibrated()), (second, true));
+        bench.run(&Command::SetKey(None)).unwrap();
+        after = Session::new(LIMITS, &mut bench.memory);
+        assert_eq!((after.key(), after.is_calibrated()), (None, true));
+        bench.memory.works = false;
+        assert_eq!(bench.run(&Command::SetKey(first)), Err(Refusal::StorageFailed));
+        assert_eq!(bench.session.key(), None);
     }
 
     #[test]

@@ -1,13 +1,33 @@
 //! A calibration on its way to the board, and as it is kept.
 
-use shared_proto::{Calibration, Refusal, crc32};
+use shared_proto::{Calibration, Key, Refusal, crc32};
 
-/// Length of a [`Record`]: a calibration and its CRC-32, a multiple of the eight bytes that flash
-/// is written in.
-pub const RECORD: usize = Calibration::SIZE + 4;
+/// Where the key is in a record: behind the calibration and its CRC-32.
+const KEY: usize = Calibration::SIZE + 4;
 
-/// What is kept in [`crate::Storage`]: a calibration and its CRC-32, little-endian.
+/// Length of a [`Record`], a multiple of the eight bytes that flash is written in.
+pub const RECORD: usize = KEY + Key::LEN + 8;
+
+/// What is kept in [`crate::Storage`]: a calibration and its CRC-32, the key that commands are signed
+/// with and its CRC-32, little-endian, and four bytes to fill up.
 pub type Record = [u8; RECORD];
+
+/// The key in a record, `None` if there is none.
+pub(crate) fn key(record: &Record) -> Option<Key> {
+    let (key, rest) = record.get(KEY..)?.split_first_chunk()?;
+    let crc = u32::from_le_bytes(*rest.first_chunk()?);
+    (crc32(key) == crc).then_some(*key).and_then(Key::new)
+}
+
+/// Puts a key into a record, or takes it out.
+pub(crate) fn keep_key(record: &mut Record, key: Option<Key>) {
+    let Some(place) = record.get_mut(KEY..KEY + Key::LEN + 4) else { return };
+    place.fill(0xFF);
+    if let (Some(key), Some((bytes, crc))) = (key, place.split_first_chunk_mut()) {
+        *bytes = *key.bytes();
+        crc.copy_from_slice(&crc32(bytes).to_le_bytes());
+    }
+}
 
 /// The calibration in a record and its CRC-32, `None` if the record was never written or is
 /// damaged.
@@ -33,8 +53,8 @@ impl Upload {
         if usize::try_from(size) != Ok(Calibration::SIZE) {
             return Err(Refusal::WrongSize);
         }
-        let mut record = [0; RECORD];
-        record[Calibration::SIZE..].copy_from_slice(&crc.to_le_bytes());
+        let mut record = [0xFF; RECORD];
+        record[Calibration::SIZE..KEY].copy_from_slice(&crc.to_le_bytes());
         Ok(Self { record, received: 0 })
     }
 
@@ -65,8 +85,8 @@ impl Upload {
         if self.received < Calibration::SIZE {
             return Err(Refusal::WrongSize);
         }
-        let (bytes, announced) = self.record.split_at(Calibration::SIZE);
-        if crc32(bytes).to_le_bytes() != *announced {
+        let bytes = &self.record[..Calibration::SIZE];
+        if crc32(bytes).to_le_bytes() != self.record[Calibration::SIZE..KEY] {
             return Err(Refusal::WrongCrc);
         }
         let (calibration, crc) = open(&self.record).ok_or(Refusal::BadCalibration)?;

@@ -3,6 +3,8 @@
 //! Every command carries a number of the host's choosing and the answer repeats it, so that a
 //! command that was lost can be sent again: doing any of them twice is the same as doing it once.
 
+use crate::CHANNELS;
+use crate::authentication::{Challenge, Key};
 use crate::bytes::{Bytes, Reader};
 use crate::calibration::crc32;
 
@@ -108,6 +110,15 @@ pub enum Command {
         /// The first byte wanted.
         offset: u16,
     },
+    /// Say what signatures are to be made with: [`Answer::Challenge`].
+    Challenge,
+    /// From now on want signatures by this key for all that changes the board, or no signatures.
+    SetKey(Option<Key>),
+    /// Light one emitter and say what every channel sees of it: [`Answer::SelfTest`].
+    SelfTest {
+        /// The emitter, from 0.
+        emitter: u8,
+    },
     /// A command that this version does not know, or one with arguments that are not its own.
     Unknown {
         /// The code that names it.
@@ -121,7 +132,12 @@ impl Command {
     pub const fn is_for_all(&self) -> bool {
         matches!(
             self,
-            Self::Identify | Self::Status | Self::Start | Self::Stop | Self::LastWords { .. }
+            Self::Identify
+                | Self::Status
+                | Self::Start
+                | Self::Stop
+                | Self::LastWords { .. }
+                | Self::Challenge
         )
     }
 
@@ -141,6 +157,9 @@ impl Command {
             Self::CommitCalibration => 0x0B,
             Self::Zero { .. } => 0x0C,
             Self::LastWords { .. } => 0x0D,
+            Self::Challenge => 0x0E,
+            Self::SetKey(_) => 0x0F,
+            Self::SelfTest { .. } => 0x10,
             Self::Unknown { code } => *code,
         }
     }
@@ -149,7 +168,7 @@ impl Command {
         out.push(self.code());
         match self {
             Self::Identify | Self::Status | Self::Start | Self::Stop => {}
-            Self::CommitCalibration | Self::Unknown { .. } => {}
+            Self::CommitCalibration | Self::Challenge | Self::Unknown { .. } => {}
             Self::SetPeriod { period_us } => {
                 out.extend(&period_us.to_le_bytes());
             }
@@ -175,6 +194,12 @@ impl Command {
             }
             Self::LastWords { offset } => {
                 out.extend(&offset.to_le_bytes());
+            }
+            Self::SetKey(key) => {
+                out.extend(&key.map_or([0; Key::LEN], |key| *key.bytes()));
+            }
+            Self::SelfTest { emitter } => {
+                out.push(*emitter);
             }
         }
     }
@@ -203,6 +228,9 @@ impl Command {
             0x0B => Self::CommitCalibration,
             0x0C => Self::Zero { frames: body.u16()? },
             0x0D => Self::LastWords { offset: body.u16()? },
+            0x0E => Self::Challenge,
+            0x0F => Self::SetKey(Key::new(body.array()?)),
+            0x10 => Self::SelfTest { emitter: body.u8()? },
             _ => return None,
         };
         body.end(command)
@@ -228,6 +256,15 @@ pub enum Answer {
         /// Its bytes from the offset on; none at the end.
         text: Piece,
     },
+    /// To [`Command::Challenge`].
+    Challenge(Challenge),
+    /// To [`Command::SelfTest`].
+    SelfTest {
+        /// The emitter.
+        emitter: u8,
+        /// By how much it raises each channel, in steps of the converter.
+        rise: [i16; CHANNELS],
+    },
     /// One that this version does not know.
     Other {
         /// The code that names it.
@@ -241,6 +278,8 @@ impl Answer {
     const STATUS: u8 = 0x02;
     const REFUSED: u8 = 0x03;
     const LAST_WORDS: u8 = 0x04;
+    const CHALLENGE: u8 = 0x05;
+    const SELF_TEST: u8 = 0x06;
 
     pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
         match self {
@@ -264,6 +303,15 @@ impl Answer {
                 out.extend(&len.to_le_bytes());
                 out.extend(text);
             }
+            Self::Challenge(challenge) => {
+                out.push(Self::CHALLENGE);
+                challenge.write(out);
+            }
+            Self::SelfTest { emitter, rise } => {
+                out.push(Self::SELF_TEST);
+                out.push(*emitter);
+                rise.iter().for_each(|rise| _ = out.extend(&rise.to_le_bytes()));
+            }
             Self::Other { code } => {
                 out.push(*code);
             }
@@ -280,6 +328,15 @@ impl Answer {
             Self::LAST_WORDS => {
                 let len = body.u16()?;
                 return Some(Self::LastWords { len, text: Piece::copy_of(body.rest())? });
+            }
+            Self::CHALLENGE => Self::Challenge(Challenge::read(&mut body)?),
+            Self::SELF_TEST => {
+                let emitter = body.u8()?;
+                let mut rise = [0; CHANNELS];
+                for rise in &mut rise {
+                    *rise = body.u16()?.cast_signed();
+                }
+                Self::SelfTest { emitter, rise }
             }
             code => return Some(Self::Other { code }),
         };
@@ -321,6 +378,14 @@ pub enum Refusal {
         /// The shortest period that would do, in µs.
         shortest_us: u32,
     },
+    /// The board has a key, and the command is not signed.
+    Unsigned,
+    /// The signature is not that of the command by the board's key and on this run.
+    BadSignature,
+    /// A signed command that is not newer than one before it.
+    Replayed,
+    /// Not while it streams.
+    Streaming,
     /// A reason that this version does not know.
     Other(u8),
 }
@@ -341,6 +406,10 @@ impl Refusal {
             Self::BadCalibration => 10,
             Self::StorageFailed => 11,
             Self::LineTooSlow { .. } => 12,
+            Self::Unsigned => 13,
+            Self::BadSignature => 14,
+            Self::Replayed => 15,
+            Self::Streaming => 16,
             Self::Other(code) => code,
         }
     }
@@ -366,6 +435,10 @@ impl Refusal {
             10 => Self::BadCalibration,
             11 => Self::StorageFailed,
             12 => Self::LineTooSlow { shortest_us: body.u32()? },
+            13 => Self::Unsigned,
+            14 => Self::BadSignature,
+            15 => Self::Replayed,
+            16 => Self::Streaming,
             code => Self::Other(code),
         })
     }

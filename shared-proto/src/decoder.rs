@@ -1,9 +1,11 @@
 //! Bytes to packets, whatever the bytes.
 
+use crate::authentication::Signature;
 use crate::bytes::Bytes;
 use crate::command::{Answer, BoardId, Command};
 use crate::error::DecodeError;
 use crate::frame::MAX_FRAME;
+use crate::health::Health;
 use crate::outage::{Gap, Period, Silence, Verdict};
 use crate::packet::{self, Boot, Packet, Sample};
 use crate::sequence::{Arrival, Tracker};
@@ -39,6 +41,8 @@ pub enum Event {
         /// What the silence before it was.
         silence: Silence,
     },
+    /// When the readings of the samples after it are taken, and how the board is.
+    Health(Health),
     /// A request of the host.
     Command {
         /// Number that the answer repeats.
@@ -47,6 +51,8 @@ pub enum Event {
         to: Option<BoardId>,
         /// What to do.
         command: Command,
+        /// By the board's key, if the host has signed it.
+        signature: Option<Signature>,
     },
     /// An answer of the board.
     Answer {
@@ -272,7 +278,13 @@ impl Stream {
                 let (index, arrival, silence) = self.place(&sample);
                 Event::Sample { sample, index, arrival, silence }
             }
-            Packet::Command { number, to, command } => Event::Command { number, to, command },
+            Packet::Health(health) => Event::Health(health),
+            Packet::Command { number, to, command } => {
+                Event::Command { number, to, command, signature: None }
+            }
+            Packet::Signed { number, to, signature, command } => {
+                Event::Command { number, to, command, signature: Some(signature) }
+            }
             Packet::Answer { number, answer } => Event::Answer { number, answer },
             Packet::Boot(boot) => {
                 self.tracker.restart();

@@ -37,6 +37,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+mod authentication;
 mod bytes;
 mod calibration;
 mod command;
@@ -44,12 +45,14 @@ mod decoder;
 mod detect;
 mod error;
 mod frame;
+mod health;
 mod outage;
 mod packet;
 mod sequence;
 pub mod skinproc;
 pub mod xbee;
 
+pub use authentication::{Challenge, Key, MAX_SIGNED_PIECE, Signature};
 pub use bytes::Bytes;
 pub use calibration::{Calibration, FEATURES, crc32};
 pub use command::{
@@ -60,6 +63,7 @@ pub use decoder::{Counters, Decoder, Event, Framing};
 pub use detect::{Protocol, detect};
 pub use error::DecodeError;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
+pub use health::{Health, Timing, Vitals};
 pub use outage::Silence;
 pub use packet::{
     Boot, COUNTS_PER_LSB, Packet, READINGS_FRAME, Sample, VERSION, Values, WRENCH_FRAME,

@@ -1,9 +1,11 @@
 //! The packets: what each kind holds and where.
 
+use crate::authentication::Signature;
 use crate::bytes::Reader;
 use crate::command::{Answer, Board, BoardId, Command, ResetCause};
 use crate::error::DecodeError;
 use crate::frame::{self, Frame, Plain};
+use crate::health::Health;
 use crate::{AXES, CHANNELS};
 use crc::{CRC_16_M17, Crc};
 
@@ -31,15 +33,19 @@ type Tables = crc::Table<1>;
 /// escaped bytes in versions 1 and 7 are not used: they would need a mask every time.
 const SAMPLE_READINGS: u8 = 0x4;
 const SAMPLE_WRENCH: u8 = 0x5;
+const HEALTH: u8 = 0x6;
 pub(crate) const COMMAND: u8 = 0x8;
 const ANSWER: u8 = 0x9;
 const BOOT: u8 = 0xA;
+const SIGNED: u8 = 0xB;
 
 /// Everything that travels between board and host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Packet {
     /// One frame of the stream.
     Sample(Sample),
+    /// When readings are taken, and how the board is.
+    Health(Health),
     /// From the host.
     Command {
         /// Number that the answer repeats.
@@ -47,6 +53,17 @@ pub enum Packet {
         /// The board that it is for, `None` for every board.
         to: Option<BoardId>,
         /// What to do.
+        command: Command,
+    },
+    /// From a host that has the board's key.
+    Signed {
+        /// Number that the answer repeats.
+        number: u16,
+        /// The board that it is for, `None` for every board.
+        to: Option<BoardId>,
+        /// By the key.
+        signature: Signature,
+        /// What to do; a piece has at most [`MAX_SIGNED_PIECE`](crate::MAX_SIGNED_PIECE) bytes.
         command: Command,
     },
     /// From the board.
@@ -110,7 +127,9 @@ impl Packet {
                 (SAMPLE_READINGS, *sequence)
             }
             Self::Sample(Sample { sequence, .. }) => (SAMPLE_WRENCH, *sequence),
+            Self::Health(health) => (HEALTH, health.sequence),
             Self::Command { number, .. } => (COMMAND, *number),
+            Self::Signed { number, .. } => (SIGNED, *number),
             Self::Answer { number, .. } => (ANSWER, *number),
             Self::Boot(_) => (BOOT, 0),
         };
@@ -120,8 +139,14 @@ impl Packet {
         packet.extend(&number.to_le_bytes());
         match self {
             Self::Sample(sample) => sample.write(&mut packet),
+            Self::Health(health) => health.write(&mut packet),
             Self::Command { to, command, .. } => {
                 packet.extend(&BoardId::code(*to).to_le_bytes());
+                command.write(&mut packet);
+            }
+            Self::Signed { to, signature, command, .. } => {
+                packet.extend(&BoardId::code(*to).to_le_bytes());
+                signature.write(&mut packet);
                 command.write(&mut packet);
             }
             Self::Answer { answer, .. } => answer.write(&mut packet),
@@ -153,7 +178,9 @@ impl Packet {
         match header & 0xF {
             SAMPLE_READINGS => Sample::read_readings(number, body).map(Self::Sample),
             SAMPLE_WRENCH => Sample::read_wrench(number, body).map(Self::Sample),
+            HEALTH => Health::read(number, body).map(Self::Health),
             COMMAND => Self::read_command(number, body),
+            SIGNED => Self::read_signed(number, body),
             ANSWER => Answer::read(body).map(|answer| Self::Answer { number, answer }),
             BOOT => Boot::read(body).map(Self::Boot),
             kind => return Err(DecodeError::UnknownKind(kind)),
@@ -166,11 +193,20 @@ impl Packet {
         Some(Self::Command { number, to, command: Command::read(body)? })
     }
 
+    fn read_signed(number: u16, mut body: Reader<'_>) -> Option<Self> {
+        let to = BoardId::from_code(body.u32()?);
+        let signature = Signature::read(&mut body)?;
+        Some(Self::Signed { number, to, signature, command: Command::read(body)? })
+    }
+
     /// Whether a header is one of this version.
     pub(crate) fn has_known_header(frame: &[u8]) -> bool {
         frame::header(frame).is_some_and(|header| {
             header >> 4 == VERSION
-                && matches!(header & 0xF, SAMPLE_READINGS | SAMPLE_WRENCH | COMMAND | ANSWER | BOOT)
+                && matches!(
+                    header & 0xF,
+                    SAMPLE_READINGS | SAMPLE_WRENCH | HEALTH | COMMAND | ANSWER | BOOT | SIGNED
+                )
         })
     }
 }

@@ -8,6 +8,7 @@ from .flash import FlashInterface, Pages, PowerCut
 from .gpio import Port
 from .nvic import Nvic
 from .peripheral import HZ, NEVER, Peripheral
+from .randomness import Randomness
 from .scene import Scene
 from .timer import Timer
 from .usart import Usart
@@ -46,6 +47,7 @@ class Board:
             0x4800_0000: self.port_a,
             0x4800_0400: self.port_b,
             0x5004_0000: self.converter,
+            0x5006_0800: Randomness(self),
             0xE000_E000: self.nvic,
         }
         self.places |= {base: Peripheral(self) for base in PLAIN}

@@ -2,6 +2,15 @@
 
 import struct
 
+from .factory import (
+    COLD_CODE,
+    FACTORY,
+    FACTORY_V,
+    HOT_CODE,
+    REFERENCE_CODE,
+    SUPPLY_V,
+    TEMPERATURE_C,
+)
 from .peripheral import NEVER, Peripheral
 
 IRQ = 11
@@ -15,6 +24,9 @@ CONVERSION = 12.5
 
 DMA_ISR, DMA_IFCR, CCR, CNDTR, CMAR = 0x00, 0x04, 0x08, 0x0C, 0x14
 TCIF, HTIF = 1 << 1, 1 << 2
+
+#: Inputs within the chip: the voltage reference and the thermometer (RM0394, 16.3).
+REFERENCE, THERMOMETER = 0, 17
 
 #: The converter's input of the first photointerrupter, and the pins of all emitters.
 FIRST_INPUT, CHANNELS = 5, 8
@@ -96,14 +108,13 @@ class Converter(Peripheral):
             return
         cycles = self._conversion_cycles()
         count = round((self.end - self.begin) / cycles)
-        channel = self._input() - FIRST_INPUT
         lit = self.lit()
         start_us = self.begin / 80
         # After a pause the first conversion is not to be trusted, and is made to show (errata).
         paused = self.last_end is None or self.begin - self.last_end > 80_000
         codes = []
         for i in range(count):
-            code = self.board.scene.code(channel, lit, start_us + i * cycles / 80)
+            code = self._code(lit, start_us + i * cycles / 80)
             codes.append(0xFFF - code if paused and i == 0 else code)
         self.last_end, self.end = self.end, NEVER
         self.registers[DR] = codes[-1]
@@ -113,6 +124,16 @@ class Converter(Peripheral):
                 self.registers[ISR] = self.load(ISR) | OVR  # it goes on, and nobody listens
         else:
             self.registers[CR] &= ~ADSTART
+
+    def _code(self, lit, time_us):
+        source = self._input()
+        if source == REFERENCE:
+            return round(FACTORY[REFERENCE_CODE] * FACTORY_V / SUPPLY_V)
+        if source == THERMOMETER:
+            cold, hot = FACTORY[COLD_CODE], FACTORY[HOT_CODE]
+            at_factory = cold + (hot - cold) * (TEMPERATURE_C - 30) / 100
+            return round(at_factory * FACTORY_V / SUPPLY_V)
+        return self.board.scene.code(source - FIRST_INPUT, lit, time_us)
 
     def lit(self):
         """The emitter that is on, `None` if none is; two at a time are a fault of the firmware."""

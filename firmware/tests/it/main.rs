@@ -2,12 +2,12 @@
 
 mod bench;
 
-use bench::{Bench, SERIAL, readings, wrench};
+use bench::{Bench, NONCE, SERIAL, readings, wrench};
 use firmware::{Converter, Link};
 use shared_proto::xbee::{Address, Mode};
 use shared_proto::{
-    Answer, Board, BoardId, Boot, Calibration, Command, Event, Identity, Refusal, ResetCause,
-    Stream,
+    Answer, Board, BoardId, Boot, Calibration, Challenge, Command, Event, Identity, Key, Packet,
+    Refusal, ResetCause, Stream,
 };
 
 fn calibration() -> Calibration {
@@ -79,16 +79,17 @@ fn a_link_that_is_held_up_costs_samples_that_are_counted_and_nothing_else() {
     bench.world.held_up.set(false);
     bench.run_for(100_000);
     let samples = bench.samples();
-    // One on its way and the last 16 waiting, then those of the 100 ms; the 83 between are counted.
-    assert_eq!(samples.len(), 17 + 10);
+    // One on its way and the last 15 waiting, with word of the board's health among them, then those of
+    // the 100 ms; the 84 between are counted.
+    assert_eq!(samples.len(), 16 + 10);
     let sequence: Vec<u16> = samples.iter().map(|sample| sample.sequence).collect();
-    assert_eq!(sequence, (1..28).collect::<Vec<u16>>());
+    assert_eq!(sequence, (1..27).collect::<Vec<u16>>());
     assert_eq!((samples[0].clock_us, samples[0].dropped), (10_000, 0));
     for (i, sample) in samples.iter().enumerate().skip(1) {
-        assert_eq!((sample.clock_us as usize, sample.dropped), (840_000 + 10_000 * i, 83));
+        assert_eq!((sample.clock_us as usize, sample.dropped), (850_000 + 10_000 * i, 84));
     }
     let status = bench.status();
-    assert_eq!((status.overflowed, status.late), (83, 0));
+    assert_eq!((status.overflowed, status.late), (84, 0));
     assert_eq!(bench.decoder.counters().missing, 0);
 }
 
@@ -297,6 +298,145 @@ fn a_command_of_another_version_is_refused_but_its_samples_are_not_answered() {
     bench.run_for(1_000);
     let answer = Answer::Refused(Refusal::OtherVersion);
     assert_eq!(bench.events(), [Event::Answer { number: 0, answer }]);
+}
+
+#[test]
+fn health_goes_before_the_first_sample_after_a_change_and_once_a_second() {
+    let mut bench = Bench::new();
+    bench.play(|channel, _| (10 * channel as u16, 2_000));
+    bench.run_for(5_000_000);
+    assert!(bench.healths().is_empty(), "nothing is said before the start");
+    bench.tell(Command::Start);
+    bench.run_for(4_000_000);
+    let healths = bench.healths();
+    let clocks: Vec<u32> =
+        healths.iter().map(|(health, _)| (health.clock_us - 5_000_000) / 1_000).collect();
+    // From the end of a frame to the end of the first that ends a second later.
+    assert_eq!(clocks, [0, 1_000, 2_000, 3_000, 4_000]);
+    for (health, sample) in healths {
+        let sample = sample.expect("a sample follows");
+        assert_eq!((health.sequence, health.clock_us), (sample.sequence, sample.clock_us));
+        // Dark conversions, settling, half of the lit ones; and from channel to channel twice both.
+        assert_eq!((health.timing.first_us, health.timing.step_us), (24 + 200 + 12, 448));
+        assert_eq!(health.dark, std::array::from_fn(|channel| 160 * channel as u16));
+        let degrees = i32::from(health.vitals.temperature_cdeg.unwrap());
+        assert!(degrees.abs_diff((health.clock_us / 10_000) as i32) <= 1);
+    }
+    bench.tell(Command::SetOversampling { conversions: 4 });
+    bench.run_for(30_000);
+    let [(health, _)] = bench.healths()[..] else { panic!("one word of the change") };
+    assert_eq!((health.timing.first_us, health.timing.step_us), (6 + 200 + 3, 412));
+    // Whoever starts a stream that runs wants to know.
+    bench.tell(Command::Start);
+    bench.run_for(10_000);
+    assert_eq!(bench.healths().len(), 1);
+    assert_eq!(bench.status().late, 0);
+}
+
+#[test]
+fn where_frames_fill_their_period_health_makes_none_late() {
+    let mut bench = Bench::new();
+    bench.world.settling_us.set(30);
+    bench.done(Command::SetSettling { settling_us: 30 });
+    bench.done(Command::SetOversampling { conversions: 16 });
+    // 8 · (2 · (30 + 24) + 30) µs are thought of, 834 µs are taken.
+    bench.done(Command::SetPeriod { period_us: 1_104 });
+    bench.tell(Command::Start);
+    bench.run_for(5_000_000);
+    let healths = bench.healths();
+    assert!(healths.len() >= 5);
+    assert!(healths.iter().all(|(health, _)| health.vitals.supply_mv == Some(3_300)));
+    assert_eq!(bench.status().late, 0);
+}
+
+#[test]
+fn a_board_with_a_key_obeys_who_has_it_and_answers_everybody() {
+    let [first, second] = [1, 2].map(|byte| Key::new([byte; Key::LEN]).unwrap());
+    let mut bench = Bench::new();
+    let refused = |refusal| Answer::Refused(refusal);
+    bench.done(Command::SetKey(Some(first)));
+    let period = |period_us| Command::SetPeriod { period_us };
+    assert_eq!(bench.ask(period(20_000)).0, refused(Refusal::Unsigned));
+    assert_eq!(bench.ask(Command::SetKey(None)).0, refused(Refusal::Unsigned));
+    let challenge = Challenge { is_keyed: true, nonce: NONCE, counter: 0, refused: 2 };
+    assert_eq!(bench.ask(Command::Challenge).0, Answer::Challenge(challenge));
+    assert_eq!(bench.ask_signed(&second, 1, period(20_000)), refused(Refusal::BadSignature));
+    assert_eq!(bench.status().period_us, 10_000);
+    assert_eq!(bench.ask_signed(&first, 7, period(20_000)), Answer::Done);
+    assert_eq!(bench.ask_signed(&first, 7, period(30_000)), refused(Refusal::Replayed));
+    assert_eq!(bench.ask_signed(&first, 6, period(30_000)), refused(Refusal::Replayed));
+    assert_eq!(bench.status().period_us, 20_000);
+    // Streams can be started together, and anybody may look.
+    bench.done(Command::Start);
+    bench.done(Command::Stop);
+    assert_eq!(bench.ask_signed(&first, 8, Command::SetKey(Some(second))), Answer::Done);
+    assert_eq!(bench.ask_signed(&first, 9, period(30_000)), refused(Refusal::BadSignature));
+
+    // After a reset the key is there and the counter begins anew.
+    let record = *bench.world.record.borrow();
+    let mut bench = Bench::with(Link::Transparent, ResetCause::Pin, record);
+    assert_eq!(bench.ask_signed(&first, 1, period(30_000)), refused(Refusal::BadSignature));
+    assert_eq!(bench.ask_signed(&second, 1, period(30_000)), Answer::Done);
+    assert_eq!(bench.ask_signed(&second, 2, Command::SetKey(None)), Answer::Done);
+    bench.done(period(40_000));
+}
+
+#[test]
+fn a_signed_command_whose_answer_was_lost_is_answered_again_and_done_once() {
+    let key = Key::new([3; Key::LEN]).unwrap();
+    let mut bench = Bench::new();
+    bench.upload(&calibration());
+    bench.done(Command::SetKey(Some(key)));
+    bench.done(Command::Start);
+    bench.run_for(100_000);
+    let (number, to, command) = (900, bench.to, Command::Zero { frames: 2 });
+    let signature = key.sign(&NONCE, 1, number, to, &command);
+    let packet = Packet::Signed { number, to, signature, command };
+    bench.set_number(number);
+    assert_eq!(bench.ask_packet(&packet), Answer::Done);
+    bench.run_for(100_000);
+    assert!(bench.status().zeroed);
+    // Sent again the zero is not taken anew, which would show for the next two frames.
+    bench.set_number(number);
+    assert_eq!(bench.ask_packet(&packet), Answer::Done);
+    assert!(bench.status().zeroed);
+    bench.set_number(number);
+    bench.ask_signed(&key, 2, Command::SetPeriod { period_us: 20_000 });
+    bench.set_number(number);
+    assert_eq!(bench.ask_packet(&packet), Answer::Refused(Refusal::Replayed));
+}
+
+#[test]
+fn the_self_test_shows_what_each_emitter_raises() {
+    let mut bench = Bench::new();
+    bench.world.tests_itself.set(true);
+    bench.play(|channel, _| (50 + channel as u16, 1_000 + 10 * channel as u16));
+    let rises = |bench: &mut Bench| -> Vec<[i16; 8]> {
+        let rise = |emitter: u8| {
+            bench.tell(Command::SelfTest { emitter });
+            bench.run_for(10_000);
+            match bench.events().last() {
+                Some(Event::Answer { answer: Answer::SelfTest { emitter: of, rise }, .. }) => {
+                    assert_eq!(*of, emitter);
+                    *rise
+                }
+                other => panic!("{other:?}"),
+            }
+        };
+        (0..8).map(rise).collect()
+    };
+    for (emitter, rise) in rises(&mut bench).into_iter().enumerate() {
+        for (channel, rise) in rise.into_iter().enumerate() {
+            let own = 950 + 9 * channel as i16;
+            assert_eq!(rise, if channel == emitter { own } else { 0 });
+        }
+    }
+    bench.world.is_bridged.set(true);
+    assert_eq!(rises(&mut bench)[5][6], 950 + 9 * 6);
+    assert_eq!(bench.ask(Command::SelfTest { emitter: 8 }).0, Answer::Refused(Refusal::OutOfRange));
+    bench.done(Command::Start);
+    let refused = bench.ask(Command::SelfTest { emitter: 0 }).0;
+    assert_eq!(refused, Answer::Refused(Refusal::Streaming));
 }
 
 #[test]

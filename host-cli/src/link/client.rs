@@ -3,10 +3,10 @@
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
 
-use shared_proto::xbee::{Address, ApiFrame};
+use shared_proto::xbee::{Address, ApiFrame, Deframer};
 use shared_proto::{
-    Answer, BoardId, Calibration, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet,
-    Piece, Refusal, Status, crc32,
+    Answer, BoardId, CHANNELS, Calibration, Challenge, Command, Decoder, Event, Framing, Identity,
+    Key, MAX_PIECE, MAX_SIGNED_PIECE, Packet, Piece, Refusal, Status, crc32,
 };
 
 use super::LinkError;
@@ -35,7 +35,11 @@ impl Uplink {
     ///
     /// `board` is the one that it is for, `None` for every board.
     pub fn encode(&self, number: u16, board: Option<BoardId>, command: Command) -> Vec<u8> {
-        let frame = Packet::Command { number, to: board, command }.encode();
+        self.frame(&Packet::Command { number, to: board, command })
+    }
+
+    fn frame(&self, packet: &Packet) -> Vec<u8> {
+        let frame = packet.encode();
         match self.framing {
             Framing::Cobs => frame.to_vec(),
             Framing::Xbee(mode) => {
@@ -47,33 +51,73 @@ impl Uplink {
     }
 }
 
+/// What comes from the boards: their frames are cut each for itself.
+#[derive(Debug)]
+enum Downlink {
+    Wire(Box<Decoder>),
+    BaseStation { deframer: Deframer, boards: Vec<(Address, Decoder)> },
+}
+
+impl Downlink {
+    fn new(framing: Framing) -> Self {
+        match framing {
+            Framing::Cobs => Self::Wire(Box::new(Decoder::new(framing))),
+            Framing::Xbee(mode) => {
+                Self::BaseStation { deframer: Deframer::new(mode), boards: Vec::new() }
+            }
+        }
+    }
+
+    fn feed(&mut self, bytes: &[u8], mut sink: impl FnMut(Event)) {
+        let (deframer, boards) = match self {
+            Self::Wire(decoder) => return decoder.feed(bytes, sink),
+            Self::BaseStation { deframer, boards } => (deframer, boards),
+        };
+        deframer.feed(bytes, |frame| {
+            let ApiFrame::Receive { from, payload, .. } = frame else { return };
+            let known = boards.iter().position(|(address, _)| *address == from);
+            let at = known.unwrap_or_else(|| {
+                boards.push((from, Decoder::new(Framing::Cobs)));
+                boards.len() - 1
+            });
+            boards[at].1.feed(payload, &mut sink);
+        });
+    }
+}
+
 /// One end of a conversation with a board.
 #[derive(Debug)]
 pub struct Client<P> {
     port: P,
     name: String,
     uplink: Uplink,
-    decoder: Decoder,
+    downlink: Downlink,
     number: u16,
     /// The board that commands are for, once it is known.
     board: Option<BoardId>,
     /// Serial numbers in the answers to the last command.
     serials: Vec<[u8; 12]>,
+    /// What commands that change the board are signed with.
+    key: Option<Key>,
+    /// What signatures are made with, once the board has said it.
+    challenge: Option<Challenge>,
 }
 
 impl<P: Read + Write> Client<P> {
     /// Over an open port, which `name` names in errors. Numbers go on from `number`: choose one that
     /// a late answer to somebody else is unlikely to have.
     pub fn new(port: P, name: &str, uplink: Uplink, number: u16) -> Self {
-        let decoder = Decoder::new(uplink.framing);
+        let downlink = Downlink::new(uplink.framing);
         Self {
             port,
             name: name.to_owned(),
             uplink,
-            decoder,
+            downlink,
             number,
             board: None,
             serials: Vec::new(),
+            key: None,
+            challenge: None,
         }
     }
 
@@ -81,6 +125,12 @@ impl<P: Read + Write> Client<P> {
     #[must_use]
     pub fn with_board(self, board: BoardId) -> Self {
         Self { board: Some(board), ..self }
+    }
+
+    /// Signs what changes the board.
+    #[must_use]
+    pub fn with_key(self, key: Key) -> Self {
+        Self { key: Some(key), challenge: None, ..self }
     }
 
     /// Sends a command until its answer comes.
@@ -94,9 +144,48 @@ impl<P: Read + Write> Client<P> {
         if self.board.is_none() && !command.is_for_all() {
             self.board = Some(self.identify()?.id());
         }
+        match self.key.filter(|_| !command.is_for_all()) {
+            None => self.send(command, None),
+            Some(key) => {
+                let known = self.challenge.is_some();
+                match self.send_signed(command, &key) {
+                    // The board has started anew since it said what to sign with.
+                    Err(LinkError::Refused { refusal: Refusal::BadSignature, .. }) if known => {
+                        self.challenge = None;
+                        self.send_signed(command, &key)
+                    }
+                    answer => answer,
+                }
+            }
+        }
+    }
+
+    fn send_signed(&mut self, command: Command, key: &Key) -> Result<Answer, LinkError> {
+        let mut challenge = match self.challenge {
+            Some(challenge) => challenge,
+            None => self.challenge()?,
+        };
+        challenge.counter = challenge.counter.saturating_add(1);
+        self.challenge = Some(challenge);
+        self.send(command, Some((key, challenge)))
+    }
+
+    fn send(
+        &mut self,
+        command: Command,
+        signing: Option<(&Key, Challenge)>,
+    ) -> Result<Answer, LinkError> {
         self.number = self.number.wrapping_add(1);
         self.serials.clear();
-        let bytes = self.uplink.encode(self.number, self.board, command);
+        let (number, to) = (self.number, self.board);
+        let packet = match signing {
+            None => Packet::Command { number, to, command },
+            Some((key, Challenge { nonce, counter, .. })) => {
+                let signature = key.sign(&nonce, counter, number, to, &command);
+                Packet::Signed { number, to, signature, command }
+            }
+        };
+        let bytes = self.uplink.frame(&packet);
         let mut silent = true;
         for _ in 0..ATTEMPTS {
             match self.port.write_all(&bytes) {
@@ -131,7 +220,7 @@ impl<P: Read + Write> Client<P> {
                 read_port(&mut self.port, &mut buffer).map_err(|error| self.lost(&error))?;
             *silent &= count == 0;
             let (mut found, mut other) = (None, None);
-            self.decoder.feed(&buffer[..count], |event| match event {
+            self.downlink.feed(&buffer[..count], |event| match event {
                 Event::Answer { number, answer } if number == self.number => {
                     if let Answer::Identity(identity) = answer {
                         self.serials.push(identity.serial);
@@ -209,6 +298,62 @@ impl<P: Read + Write> Client<P> {
         Ok(String::from_utf8_lossy(&words).into_owned())
     }
 
+    /// What the board wants signatures to be made with, and whether it wants them.
+    ///
+    /// # Errors
+    /// As [`ask`](Self::ask).
+    pub fn challenge(&mut self) -> Result<Challenge, LinkError> {
+        match self.send(Command::Challenge, None)? {
+            Answer::Challenge(challenge) => Ok(challenge),
+            _ => Err(LinkError::WrongAnswer { command: name_of(&Command::Challenge) }),
+        }
+    }
+
+    /// Gives the board a key, or takes it away, and goes on with that.
+    ///
+    /// # Errors
+    /// As [`ask`](Self::ask); [`LinkError::KeyNotKept`] if the board then wants another.
+    pub fn set_key(&mut self, key: Option<Key>) -> Result<(), LinkError> {
+        let set = self.order(Command::SetKey(key));
+        let was_unsigned = self.key.is_none();
+        (self.key, self.challenge) = (key, None);
+        match set {
+            // Where the answer was lost the board has the key by now, and wanted the command signed when
+            // it came again.
+            Err(refused @ LinkError::Refused { refusal: Refusal::Unsigned, .. })
+                if was_unsigned =>
+            {
+                self.check_key().map_err(|_| refused)
+            }
+            set => set.and_then(|()| self.check_key()),
+        }
+    }
+
+    /// Whether the board has the key that commands are signed with.
+    fn check_key(&mut self) -> Result<(), LinkError> {
+        if self.challenge()?.is_keyed != self.key.is_some() {
+            return Err(LinkError::KeyNotKept);
+        }
+        // A signature is looked at whatever it signs.
+        match self.key.map(|key| self.send_signed(Command::Status, &key)) {
+            None | Some(Ok(_)) => Ok(()),
+            Some(Err(LinkError::Refused { .. })) => Err(LinkError::KeyNotKept),
+            Some(Err(error)) => Err(error),
+        }
+    }
+
+    /// By how many steps of the converter an emitter raises each channel.
+    ///
+    /// # Errors
+    /// As [`ask`](Self::ask).
+    pub fn self_test(&mut self, emitter: u8) -> Result<[i16; CHANNELS], LinkError> {
+        let command = Command::SelfTest { emitter };
+        match self.ask(command)? {
+            Answer::SelfTest { emitter: of, rise } if of == emitter => Ok(rise),
+            _ => Err(LinkError::WrongAnswer { command: name_of(&command) }),
+        }
+    }
+
     /// How the board does.
     ///
     /// # Errors
@@ -228,9 +373,10 @@ impl<P: Read + Write> Client<P> {
         let bytes = calibration.to_bytes();
         let sent = crc32(&bytes);
         self.order(Command::BeginCalibration { size: bytes.len() as u32, crc32: sent })?;
-        for (i, piece) in bytes.chunks(MAX_PIECE).enumerate() {
+        let most = if self.key.is_some() { MAX_SIGNED_PIECE } else { MAX_PIECE };
+        for (i, piece) in bytes.chunks(most).enumerate() {
             let data = Piece::copy_of(piece).expect("a piece is at most as long as one can be");
-            let offset = (i * MAX_PIECE) as u16;
+            let offset = (i * most) as u16;
             self.order(Command::CalibrationPiece { offset, data })?;
         }
         // The board keeps the upload, so a commit whose answer was lost is done once more. The status
@@ -263,6 +409,10 @@ fn name_of(command: &Command) -> String {
         Command::CommitCalibration => "commit calibration".to_owned(),
         Command::Zero { frames } => format!("zero over {frames} frames"),
         Command::LastWords { .. } => "last words".to_owned(),
+        Command::Challenge => "challenge".to_owned(),
+        Command::SetKey(Some(_)) => "set key".to_owned(),
+        Command::SetKey(None) => "take away key".to_owned(),
+        Command::SelfTest { emitter } => format!("self-test of emitter {}", emitter + 1),
         other => format!("command 0x{:02x}", other.code()),
     }
 }

@@ -11,6 +11,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use crate::output::OutputError;
+use crate::recording::address_text;
+use shared_proto::xbee::Address;
 
 /// A growing file.
 #[derive(Debug)]
@@ -50,6 +52,16 @@ impl Journal {
             }),
             Err(source) => Err(OutputError::failed(path, source)),
         }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where logs of other boards are made.
+    pub(super) fn place(&self) -> Place {
+        Place { path: self.path.clone() }
     }
 
     /// Where a piece is put together that the next [`flush`](Self::flush) writes.
@@ -117,6 +129,34 @@ impl Journal {
         Ok(())
     }
 }
+
+/// Where the logs of further boards are made.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    path: PathBuf,
+}
+
+impl Place {
+    /// A log whose name has the board's address in it: `log-2052.csv` beside `log.csv`; where there is
+    /// one already, `log-2052-2.csv` and so on, for a recording that runs cannot ask.
+    pub(super) fn beside(&self, address: Address) -> Result<Journal, OutputError> {
+        let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
+        let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
+        let (address, dot) = (address_text(address), dot.unwrap_or_default());
+        let mut number = 1;
+        loop {
+            let number_text = if number == 1 { String::new() } else { format!("-{number}") };
+            let path = self.path.with_file_name(format!("{stem}-{address}{number_text}{dot}"));
+            if number == MOST_NAMES || !path.exists() {
+                return Journal::create(&path, false);
+            }
+            number += 1;
+        }
+    }
+}
+
+/// Names that are tried for the log of a further board.
+const MOST_NAMES: u32 = 1000;
 
 #[cfg(unix)]
 fn is_removed(file: &File) -> io::Result<bool> {

@@ -4,21 +4,27 @@
 //! log by way of [`crate::recording`]; [`Client`] asks the board for things and waits for its
 //! answers. Only one of them has a port at a time: ports are opened for exclusive use.
 
+mod board_log;
 mod client;
 mod interview;
 mod journal;
 mod port;
 mod port_state;
 mod record;
+mod record_error;
+mod self_test;
 mod source;
 mod upload;
 
+pub use board_log::RecordedBoard;
 pub use client::{Client, Uplink};
 pub use interview::{Heard, Interview, InterviewOptions, Stretch, interview};
 pub use journal::Journal;
 pub use port::{FlowControl, PortInfo, PortOptions, ports};
 pub use port_state::{PortState, SystemFiles};
-pub use record::{Progress, RecordError, RecordOptions, Recorded, Sinks, Watcher, Wish, record};
+pub use record::{Progress, RecordOptions, Recorded, Sinks, Watcher, Wish, record};
+pub use record_error::RecordError;
+pub use self_test::{EmitterFault, LEAST_RISE, judge};
 pub use source::Source;
 pub use upload::{NotForBoard, for_board};
 
@@ -123,6 +129,9 @@ pub enum LinkError {
         /// What was asked.
         command: String,
     },
+    /// After it was given a key the board does not take commands that are signed with it.
+    #[error("the board has not taken the key")]
+    KeyNotKept,
     /// After an upload the board does not have the calibration that it was sent.
     #[error("after the upload the board has calibration {found:#010x}, sent was {sent:#010x}")]
     NotKept {
@@ -154,6 +163,10 @@ fn refusal_text(refusal: Refusal) -> String {
         Refusal::WrongCrc => "the CRC does not match",
         Refusal::BadCalibration => "that is not a calibration it can use",
         Refusal::StorageFailed => "its flash did not keep the calibration",
+        Refusal::Unsigned => "it has a key, and the command is not signed",
+        Refusal::BadSignature => "the command is signed with another key than the board's",
+        Refusal::Replayed => "another program has signed commands meanwhile",
+        Refusal::Streaming => "not while it streams",
         Refusal::Other(code) => {
             return format!("for a reason that this program does not know, number {code}");
         }

@@ -4,14 +4,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use serde::Serialize;
+use shared_proto::xbee::Address;
 use shared_proto::{Boot, Command, Protocol};
 
+use super::board_log::{BoardLog, RecordedBoard};
+use super::journal::Place;
+use super::record_error::RecordError;
 use super::source::Input;
-use super::{Journal, LinkError, Source, Uplink};
-use crate::output::OutputError;
+use super::{Journal, Source, Uplink};
 use crate::recording::{
-    BoardFrame, LiveForces, Losses, NoFrame, Reception, Recognised, Recognition, RowWriter,
-    UnsuitableCalibration, protocol_name,
+    BoardFrame, Boards, HeardBoard, LiveForces, Losses, NoFrame, Recognised, Recognition,
+    protocol_name,
 };
 use shell_data::wrench::PerAxis;
 
@@ -33,12 +36,14 @@ pub struct RecordOptions {
     pub duration: Option<Duration>,
     /// Tells the board to start streaming, and to stop at the end.
     pub start: Option<Uplink>,
+    /// Channels are not brought to one time.
+    pub as_sampled: bool,
 }
 
 /// Where a recording goes.
 #[derive(Debug, Default)]
 pub struct Sinks {
-    /// The log.
+    /// The log; where several boards are heard, of the first of them. Those of others are made beside it.
     pub log: Option<Journal>,
     /// The bytes as they arrive.
     pub raw: Option<Journal>,
@@ -48,7 +53,7 @@ pub struct Sinks {
 
 /// Looks on while a recording is made. It is called on the thread that records, so it must not wait.
 pub trait Watcher: std::fmt::Debug {
-    /// Frames that have just arrived, in the order in which they did.
+    /// Frames that have just arrived, in the order in which they did; of several boards those of the first.
     fn see(&mut self, frames: &[BoardFrame]);
 
     /// What is to happen to the log from now on; asked about twice a second, until there is nothing more.
@@ -60,7 +65,7 @@ pub trait Watcher: std::fmt::Debug {
 /// What a watcher wants.
 #[derive(Debug)]
 pub enum Wish {
-    /// A new log, in place of one that is being written.
+    /// A new log, in place of those that are being written; of several boards of the first, others beside it.
     Record(Journal),
     /// No log.
     Rest,
@@ -120,44 +125,9 @@ pub struct Recorded {
     /// What the board said when it last started, if it did.
     #[serde(skip)]
     pub boot: Option<Boot>,
-}
-
-/// A recording that has ended before its time. What arrived until then is in the files.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum RecordError {
-    /// The source.
-    #[error(transparent)]
-    Link(#[from] LinkError),
-    /// A file.
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    /// The bytes.
-    #[error("`{source_name}`: {problem}")]
-    NoFrame {
-        /// The port or file.
-        source_name: String,
-        /// What is wrong.
-        problem: NoFrame,
-    },
-    /// Not a single byte has come.
-    #[error("nothing arrived from `{source_name}`")]
-    Silence {
-        /// The port or file.
-        source_name: String,
-    },
-    /// Packets, but none with readings or forces.
-    #[error("`{source_name}`: the board is there, but sends no frames")]
-    NotStreaming {
-        /// The port or file.
-        source_name: String,
-    },
-    /// The calibration.
-    #[error(transparent)]
-    Calibration(#[from] UnsuitableCalibration),
-    /// The low-pass of the forces.
-    #[error(transparent)]
-    Forces(#[from] crate::forces::ForceError),
+    /// The boards, where there are several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub boards: Vec<RecordedBoard>,
 }
 
 /// Records until the source ends, the time is over or `stop` is set; `observe` is told about twice
@@ -177,16 +147,14 @@ pub fn record(
     let mut session = Session {
         stage: Stage::Recognising(Recognition::new(options.protocol)),
         options,
+        log_place: sinks.log.as_ref().map(Journal::place),
         log: sinks.log,
         raw: sinks.raw,
         watcher: sinks.watcher,
+        shown: 0,
         marks: Vec::new(),
-        rows: None,
-        batch: Vec::new(),
-        frames: 0,
+        logs: Vec::new(),
         bytes: 0,
-        other_content: 0,
-        extent_us: None,
     };
     let ran = session.run(source, stop, observe);
     if let Some(uplink) = &options.start {
@@ -202,9 +170,11 @@ pub fn record(
     };
     let recorded = session.recorded(source);
     let raw = session.raw.map_or(Ok(()), Journal::close);
-    let log = session.log.map_or(Ok(()), Journal::close);
+    let logs = session.logs.into_iter().filter_map(|board| board.log).chain(session.log);
+    // All are closed, whatever becomes of one.
+    let logs: Vec<_> = logs.map(Journal::close).collect();
     finished?;
-    log?;
+    logs.into_iter().collect::<Result<(), _>>()?;
     raw?;
     Ok(recorded)
 }
@@ -213,28 +183,41 @@ fn is_about_files(error: &RecordError) -> bool {
     matches!(error, RecordError::Output(_))
 }
 
+/// The log of the next board: the one that was asked for, then others beside it.
+fn log_of(
+    first: &mut Option<Journal>,
+    place: Option<&Place>,
+    address: Option<Address>,
+) -> Result<Option<Journal>, RecordError> {
+    match (first.take(), place, address) {
+        (Some(log), ..) => Ok(Some(log)),
+        (None, Some(place), Some(address)) => Ok(Some(place.beside(address)?)),
+        (None, ..) => Ok(None),
+    }
+}
+
 /// A recording that is going on.
 struct Session<'a> {
     stage: Stage,
     options: &'a RecordOptions,
+    /// For the first board.
     log: Option<Journal>,
+    /// Where logs of other boards are made.
+    log_place: Option<Place>,
     raw: Option<Journal>,
     watcher: Option<Box<dyn Watcher>>,
-    /// Marks that are not in the log yet.
+    /// Waiting frames of the first board that the watcher has seen.
+    shown: usize,
+    /// Marks that the first board's log has not got yet.
     marks: Vec<(i64, u32)>,
-    /// Made for the first frame, which tells the columns.
-    rows: Option<RowWriter>,
-    batch: Vec<BoardFrame>,
-    frames: u64,
+    /// One for each board that has sent frames, in the order in which they began.
+    logs: Vec<BoardLog>,
     bytes: u64,
-    other_content: u64,
-    /// Earliest and latest time of a frame.
-    extent_us: Option<(i64, i64)>,
 }
 
 enum Stage {
     Recognising(Recognition),
-    Receiving(Protocol, Box<Reception>),
+    Receiving(Protocol, Box<Boards>),
 }
 
 impl Session<'_> {
@@ -266,13 +249,14 @@ impl Session<'_> {
                 flushed_at = now;
                 self.follow()?;
                 self.flush()?;
-                if self.frames == 0 {
+                let frames = self.frames();
+                if frames == 0 {
                     self.start_board(source);
                 }
-                let rate_hz = (self.frames - observed) as f64 / since.as_secs_f64();
-                observed = self.frames;
+                let rate_hz = (frames - observed) as f64 / since.as_secs_f64();
+                observed = frames;
                 observe(&self.progress(source, rate_hz));
-            } else if self.batch.len() >= BATCH || self.raw_waiting() >= 1 << 20 {
+            } else if self.waiting() >= BATCH || self.raw_waiting() >= 1 << 20 {
                 self.flush()?;
             }
         }
@@ -294,13 +278,12 @@ impl Session<'_> {
             raw.pending().extend_from_slice(bytes);
         }
         match &mut self.stage {
-            Stage::Receiving(_, reception) => {
-                let before = self.batch.len();
+            Stage::Receiving(_, boards) => {
                 if let Some(arrival) = source.arrival() {
-                    reception.arrived_at(arrival);
+                    boards.arrived_at(arrival);
                 }
-                reception.feed(bytes, &mut self.batch);
-                self.count(before);
+                boards.feed(bytes);
+                self.show();
                 Ok(())
             }
             Stage::Recognising(recognition) => {
@@ -319,24 +302,24 @@ impl Session<'_> {
         let recognised = recognised
             .map_err(|problem| RecordError::NoFrame { source_name: source_name(), problem })?;
         if let Some(Recognised { protocol, bytes }) = recognised {
-            let mut reception = Box::new(Reception::new(protocol));
-            reception.feed(&bytes, &mut self.batch);
-            self.stage = Stage::Receiving(protocol, reception);
-            self.count(0);
+            let mut boards = Box::new(Boards::new(protocol));
+            boards.feed(&bytes);
+            self.stage = Stage::Receiving(protocol, boards);
+            self.show();
         }
         Ok(())
     }
 
-    /// Counts the frames of the batch from `start` on, and shows them.
-    fn count(&mut self, start: usize) {
-        if let (Some(watcher), true) = (&mut self.watcher, start < self.batch.len()) {
-            watcher.see(&self.batch[start..]);
+    /// Shows the watcher what has arrived of the first board.
+    fn show(&mut self) {
+        let (Some(watcher), Stage::Receiving(_, boards)) = (&mut self.watcher, &self.stage) else {
+            return;
+        };
+        let waiting = boards.heard().first().map_or(&[][..], |board| &board.frames);
+        if let new @ [_, ..] = &waiting[self.shown..] {
+            watcher.see(new);
         }
-        for frame in &self.batch[start..] {
-            self.frames += 1;
-            let (first, last) = self.extent_us.unwrap_or((frame.time_us, frame.time_us));
-            self.extent_us = Some((first.min(frame.time_us), last.max(frame.time_us)));
-        }
+        self.shown = waiting.len();
     }
 
     /// Writes what waits.
@@ -344,26 +327,26 @@ impl Session<'_> {
         if let Some(raw) = &mut self.raw {
             raw.flush()?;
         }
-        let (Some(log), Some(first)) = (&mut self.log, self.batch.first()) else {
-            self.batch.clear();
-            // What nobody records is marked on the screen only.
-            if self.log.is_none() {
-                self.marks.clear();
+        self.show();
+        self.shown = 0;
+        let Stage::Receiving(protocol, boards) = &mut self.stage else { return Ok(()) };
+        let numbered = matches!(protocol, Protocol::Packets(_));
+        for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
+            let found = self.logs.iter().position(|log| log.address == board.address);
+            let at = match found {
+                Some(at) => at,
+                None => {
+                    let log = log_of(&mut self.log, self.log_place.as_ref(), board.address)?;
+                    self.logs.push(BoardLog::new(board.address, log));
+                    self.logs.len() - 1
+                }
+            };
+            if at == 0 {
+                self.logs[0].mark(self.marks.drain(..));
             }
-            return Ok(());
-        };
-        if self.rows.is_none() {
-            let numbered = matches!(self.stage, Stage::Receiving(Protocol::Packets(_), _));
-            let rows = RowWriter::new(first.content(numbered), self.options.forces.clone())?;
-            log.pending().extend_from_slice(rows.header().as_bytes());
-            self.rows = Some(rows);
+            let RecordOptions { forces, as_sampled, .. } = self.options;
+            self.logs[at].write(&mut board.frames, numbered, forces.as_ref(), *as_sampled)?;
         }
-        if let Some(rows) = &mut self.rows {
-            self.marks.drain(..).for_each(|(index, number)| rows.mark(index, number));
-            rows.write(&mut self.batch, log.pending())?;
-            self.other_content = rows.other_content;
-        }
-        log.flush()?;
         Ok(())
     }
 
@@ -379,9 +362,14 @@ impl Session<'_> {
                 Wish::Rest => None,
             };
             self.flush()?;
-            self.rows = None;
-            if let Some(log) = std::mem::replace(&mut self.log, next) {
+            self.logs.iter_mut().try_for_each(BoardLog::close)?;
+            if let Some(log) = self.log.take() {
                 log.close()?;
+            }
+            self.log_place = next.as_ref().map(Journal::place);
+            self.log = next;
+            for board in &mut self.logs {
+                board.log = log_of(&mut self.log, self.log_place.as_ref(), board.address)?;
             }
         }
         Ok(())
@@ -396,18 +384,31 @@ impl Session<'_> {
                 self.recognised(recognised, source)
             }
         };
-        if let Stage::Receiving(_, reception) = &mut self.stage {
-            let before = self.batch.len();
-            reception.finish(&mut self.batch);
-            self.count(before);
+        if let Stage::Receiving(_, boards) = &mut self.stage {
+            boards.finish();
         }
         self.flush()?;
+        self.logs.iter_mut().try_for_each(BoardLog::finish)?;
         recognised?;
         let source_name = || source.name().to_owned();
-        match (self.bytes, self.frames) {
+        match (self.bytes, self.frames()) {
             (0, _) => Err(RecordError::Silence { source_name: source_name() }),
             (_, 0) => Err(RecordError::NotStreaming { source_name: source_name() }),
             _ => Ok(()),
+        }
+    }
+
+    /// Frames of all boards so far.
+    fn frames(&self) -> u64 {
+        self.logs.iter().map(|log| log.frames).sum::<u64>() + self.waiting() as u64
+    }
+
+    fn waiting(&self) -> usize {
+        match &self.stage {
+            Stage::Recognising(_) => 0,
+            Stage::Receiving(_, boards) => {
+                boards.heard().iter().map(|board| board.frames.len()).sum()
+            }
         }
     }
 
@@ -416,38 +417,46 @@ impl Session<'_> {
         Progress {
             elapsed: source.elapsed(),
             rate_hz,
-            frames: self.frames,
+            frames: self.frames(),
             bytes: self.bytes,
-            waiting: self.batch.len(),
+            waiting: self.waiting(),
             losses,
             protocol,
             connected: source.is_connected(),
-            wrench: self.rows.as_ref().and_then(RowWriter::newest_wrench),
+            wrench: self.logs.first().and_then(BoardLog::newest_wrench),
         }
     }
 
     fn state(&self) -> (Option<Protocol>, Losses) {
         match &self.stage {
             Stage::Recognising(_) => (None, Losses::default()),
-            Stage::Receiving(protocol, reception) => (Some(*protocol), reception.losses()),
+            Stage::Receiving(protocol, boards) => (Some(*protocol), boards.losses()),
+        }
+    }
+
+    fn heard(&self) -> &[HeardBoard] {
+        match &self.stage {
+            Stage::Recognising(_) => &[],
+            Stage::Receiving(_, boards) => boards.heard(),
         }
     }
 
     fn recorded(&self, source: &Source) -> Recorded {
         let (protocol, losses) = self.state();
-        let (first_us, last_us) = self.extent_us.unwrap_or((0, 0));
+        let longest_us = self.logs.iter().map(BoardLog::board_time_us).max().unwrap_or(0);
         Recorded {
             framing: protocol.map(protocol_name),
-            frames: self.frames,
+            frames: self.frames(),
             bytes: self.bytes,
-            board_time_s: (last_us - first_us) as f64 / 1e6,
+            board_time_s: longest_us as f64 / 1e6,
             elapsed_s: source.elapsed().as_secs_f64(),
             losses,
-            other_content: self.other_content,
+            other_content: self.logs.iter().map(BoardLog::other_content).sum(),
             reconnections: source.reconnections,
-            boot: match &self.stage {
-                Stage::Recognising(_) => None,
-                Stage::Receiving(_, reception) => reception.boot(),
+            boot: self.heard().iter().find_map(|board| board.reception().boot()),
+            boards: match &self.logs[..] {
+                [] | [_] => Vec::new(),
+                several => several.iter().map(|log| log.recorded(self.heard())).collect(),
             },
         }
     }

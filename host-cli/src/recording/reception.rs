@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 use shared_proto::{
-    AXES, Arrival, Boot, CHANNELS, COUNTS_PER_LSB, Clock, Counters, Decoder, Event, Protocol,
-    Sample, Silence, Values, skinproc,
+    AXES, Arrival, Boot, CHANNELS, COUNTS_PER_LSB, Clock, Counters, Decoder, Event, Health,
+    Protocol, Sample, Silence, Timing, Values, skinproc,
 };
 
 /// Largest code of the original board's 12-bit converter.
@@ -26,6 +26,14 @@ pub struct BoardFrame {
     pub dropped: u8,
     /// The board has restarted before this frame.
     pub restarted: bool,
+    /// When its readings were taken, where the board has said so.
+    pub timing: Option<Timing>,
+    /// How the board is, where it has said so since the frame before.
+    pub health: Option<Health>,
+    /// Its readings are known to be of different times.
+    pub skewed: bool,
+    /// Strength that the base station received it with, in dBm, where it says so.
+    pub rssi_dbm: Option<i16>,
 }
 
 /// What a frame holds.
@@ -77,6 +85,35 @@ pub struct Losses {
     pub uncertain: u64,
 }
 
+impl std::ops::AddAssign for Losses {
+    fn add_assign(&mut self, other: Self) {
+        let Self {
+            missing,
+            gaps,
+            duplicates,
+            reordered,
+            bad_crc,
+            damaged,
+            skipped_bytes,
+            unknown,
+            dropped_on_board,
+            restarts,
+            uncertain,
+        } = other;
+        self.missing += missing;
+        self.gaps += gaps;
+        self.duplicates += duplicates;
+        self.reordered += reordered;
+        self.bad_crc += bad_crc;
+        self.damaged += damaged;
+        self.skipped_bytes += skipped_bytes;
+        self.unknown += unknown;
+        self.dropped_on_board += dropped_on_board;
+        self.restarts += restarts;
+        self.uncertain += uncertain;
+    }
+}
+
 /// Recordings without long silences say nothing about them.
 fn is_zero(count: &u64) -> bool {
     *count == 0
@@ -90,6 +127,10 @@ pub struct Reception {
     last_dropped: Option<u8>,
     dropped_on_board: u64,
     boot: Option<Boot>,
+    timing: Option<Timing>,
+    /// Not given to a frame yet.
+    health: Option<Health>,
+    rssi_dbm: Option<i16>,
 }
 
 #[derive(Clone, Debug)]
@@ -111,6 +152,9 @@ impl Reception {
             last_dropped: None,
             dropped_on_board: 0,
             boot: None,
+            timing: None,
+            health: None,
+            rssi_dbm: None,
         }
     }
 
@@ -122,9 +166,23 @@ impl Reception {
         }
     }
 
+    /// Says how strongly the bytes arrive that are fed from now on, in −dBm, where the base station tells.
+    pub fn received_with(&mut self, rssi: Option<u8>) {
+        self.rssi_dbm = rssi.map(|rssi| -i16::from(rssi));
+    }
+
     /// Takes bytes, in slices of any size, and appends the frames in them, duplicates left out.
     pub fn feed(&mut self, bytes: &[u8], frames: &mut Vec<BoardFrame>) {
-        let Self { decoder, timeline, last_dropped, dropped_on_board, boot } = self;
+        let Self {
+            decoder,
+            timeline,
+            last_dropped,
+            dropped_on_board,
+            boot,
+            timing,
+            health,
+            rssi_dbm,
+        } = self;
         match decoder {
             AnyDecoder::Packets(decoder) => decoder.feed(bytes, |event| match event {
                 Event::Sample { arrival: Arrival::Duplicate, .. } => {}
@@ -138,10 +196,19 @@ impl Reception {
                         let step = before.map_or(0, |before| sample.dropped.wrapping_sub(before));
                         *dropped_on_board += u64::from(step);
                     }
-                    frames.push(BoardFrame::of_sample(&sample, index, time_us, restarted));
+                    let mut frame = BoardFrame::of_sample(&sample, index, time_us, restarted);
+                    frame.timing = *timing;
+                    frame.health = health.take();
+                    frame.rssi_dbm = *rssi_dbm;
+                    frames.push(frame);
+                }
+                Event::Health(word) => {
+                    *timing = Some(word.timing);
+                    *health = Some(word);
                 }
                 Event::Boot(word) => {
                     *boot = Some(word);
+                    *timing = None;
                     timeline.restart();
                 }
                 _ => {}
@@ -229,7 +296,22 @@ impl BoardFrame {
             Values::Wrench(wrench) => Measured::Wrench(wrench.map(f64::from)),
         };
         let (saturated, dropped) = (sample.saturated, sample.dropped);
-        Self { time_us, index, measured, saturated, dropped, restarted }
+        Self { saturated, dropped, restarted, ..Self::new(time_us, index, measured) }
+    }
+
+    fn new(time_us: i64, index: i64, measured: Measured) -> Self {
+        Self {
+            time_us,
+            index,
+            measured,
+            saturated: 0,
+            dropped: 0,
+            restarted: false,
+            timing: None,
+            health: None,
+            skewed: false,
+            rssi_dbm: None,
+        }
     }
 
     fn of_scan(scan: &skinproc::Scan, index: i64, timeline: &mut Timeline) -> Self {
@@ -239,7 +321,7 @@ impl BoardFrame {
             .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
             .fold(0, |mask, channel| mask | 1 << channel);
         let measured = Measured::Readings(scan.readings.map(f64::from));
-        Self { time_us, index, measured, saturated, dropped: 0, restarted }
+        Self { saturated, restarted, ..Self::new(time_us, index, measured) }
     }
 }
 

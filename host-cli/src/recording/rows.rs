@@ -1,15 +1,19 @@
 //! Frames to the lines of a log.
 //!
 //! ```text
-//! t_s,s1,…,s8,[fx_n,…,mz_nm,]index,missing,dropped,flags       readings [and forces]
-//! t_s,fx_n,…,mz_nm,index,missing,dropped,flags                 wrenches of the board
-//! t_s,s1,…,s8,[fx_n,…,mz_nm,]flags                             the original board
+//! t_s,s1,…,s8,[fx_n,…,mz_nm,]index,missing,dropped,HEALTH,flags  readings [and forces]
+//! t_s,fx_n,…,mz_nm,index,missing,dropped,HEALTH,flags            wrenches of the board
+//! t_s,s1,…,s8,[fx_n,…,mz_nm,]flags                               the original board
 //! ```
+//!
+//! Behind a base station in API mode `rssi_dbm` stands before the flags: how strongly the packet arrived.
+//! HEALTH is `temperature_c,supply_v,vrefint,dark1,…,dark8`, in the first row after the board has said
+//! so, about once a second, and empty elsewhere; `vrefint` and `dark` are in steps of the converter.
 //!
 //! `missing` counts the frames that did not arrive between this row and the one before; `dropped`
 //! is the board's own count, which wraps at 256. `flags` is empty when all is well: `s3:saturated`
 //! and `s3:range` as in the output of `convert`, `late` where a frame came after a later one had
-//! been written, `restart` where the board has restarted, `untared` and `unfiltered` where tare and
+//! been written, `skewed` where the channels could not be brought to one time, `restart` where the board has restarted, `untared` and `unfiltered` where tare and
 //! clock of the forces were still being found: such a row is not held back, so its forces are those of
 //! the calibration alone. `mark1`, `mark2`, … are moments that somebody has marked. From then on forces are those of `convert` with a causal low-pass.
 
@@ -17,8 +21,9 @@ use std::collections::VecDeque;
 
 use super::forces::{Force, LiveForces, RunningForces};
 use super::reception::{BoardFrame, Content, Measured};
+use super::simultaneous::Simultaneous;
 use crate::forces::ForceError;
-use shared_proto::CHANNELS;
+use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// A calibration that cannot be applied to what the board sends.
@@ -44,19 +49,25 @@ pub struct RowWriter {
     last_index: Option<i64>,
     /// Marks that are to be set, with the frames from which on.
     marks: VecDeque<(i64, u32)>,
+    simultaneous: Simultaneous,
+    has_rssi: bool,
     /// Frames that hold something else than the columns.
     pub other_content: u64,
 }
 
 impl RowWriter {
-    /// For frames that hold `content`, with forces if there is a calibration.
+    /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration; with `as_sampled` channels
+    /// are not brought to one time.
     ///
     /// # Errors
     /// [`UnsuitableCalibration`].
     pub fn new(
-        content: Content,
+        first: &BoardFrame,
+        numbered: bool,
         forces: Option<LiveForces>,
+        as_sampled: bool,
     ) -> Result<Self, UnsuitableCalibration> {
+        let content = first.content(numbered);
         if let Some(forces) = &forces {
             let found = forces.calibration.channels();
             if found != CHANNELS {
@@ -67,7 +78,15 @@ impl RowWriter {
             }
         }
         let forces = forces.map(RunningForces::new);
-        Ok(Self { content, forces, last_index: None, marks: VecDeque::new(), other_content: 0 })
+        Ok(Self {
+            content,
+            forces,
+            last_index: None,
+            has_rssi: first.rssi_dbm.is_some(),
+            simultaneous: Simultaneous::new(as_sampled),
+            marks: VecDeque::new(),
+            other_content: 0,
+        })
     }
 
     /// The line that names the columns.
@@ -82,12 +101,18 @@ impl RowWriter {
         }
         if self.is_numbered() {
             names.extend(["index", "missing", "dropped"].map(str::to_owned));
+            names.extend(["temperature_c", "supply_v", "vrefint"].map(str::to_owned));
+            names.extend((1..=CHANNELS).map(|channel| format!("dark{channel}")));
+        }
+        if self.has_rssi {
+            names.push("rssi_dbm".to_owned());
         }
         names.push("flags".to_owned());
         names.join(",") + "\n"
     }
 
-    /// Appends the rows of a batch of frames, in the order of their indices, and empties it.
+    /// Appends the rows of a batch of frames, in the order of their indices, and empties it. The last
+    /// frames may wait for those after them.
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
@@ -96,14 +121,35 @@ impl RowWriter {
         frames: &mut Vec<BoardFrame>,
         text: &mut Vec<u8>,
     ) -> Result<(), ForceError> {
+        self.take(frames, false, text)
+    }
+
+    /// Appends the rows of the frames that wait.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub fn finish(&mut self, text: &mut Vec<u8>) -> Result<(), ForceError> {
+        self.take(&mut Vec::new(), true, text)
+    }
+
+    fn take(
+        &mut self,
+        frames: &mut Vec<BoardFrame>,
+        ended: bool,
+        text: &mut Vec<u8>,
+    ) -> Result<(), ForceError> {
         frames.sort_by_key(|frame| frame.index);
         let numbered = self.is_numbered();
         let before = frames.len();
         frames.retain(|frame| frame.content(numbered) == self.content);
         self.other_content += (before - frames.len()) as u64;
-        let forces = self.forces.as_mut().map(|forces| forces.of(frames)).transpose()?;
+        let frames = match numbered {
+            true => self.simultaneous.take(frames.drain(..), ended),
+            false => std::mem::take(frames),
+        };
+        let forces = self.forces.as_mut().map(|forces| forces.of(&frames)).transpose()?;
         let forces = forces.unwrap_or_default();
-        for (row, frame) in frames.drain(..).enumerate() {
+        for (row, frame) in frames.into_iter().enumerate() {
             let step = self.last_index.map(|last| frame.index - last);
             let is_late = step.is_some_and(|step| step < 0);
             if !is_late {
@@ -123,6 +169,11 @@ impl RowWriter {
                 text.extend_from_slice(
                     format!(",{},{missing},{}", frame.index, frame.dropped).as_bytes(),
                 );
+                write_health(frame.health.as_ref(), text);
+            }
+            if self.has_rssi {
+                let rssi = frame.rssi_dbm.map_or_else(String::new, |dbm| dbm.to_string());
+                text.extend_from_slice(format!(",{rssi}").as_bytes());
             }
             text.push(b',');
             let mut flags = flags(&frame, force, is_late);
@@ -171,6 +222,26 @@ fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
     }
 }
 
+/// How the board is, empty fields where it has not said so.
+fn write_health(health: Option<&Health>, text: &mut Vec<u8>) {
+    let Some(Health { vitals, dark, .. }) = health else {
+        return text.extend([b','; 3 + CHANNELS]);
+    };
+    let steps = |counts: u16| f64::from(counts) / f64::from(COUNTS_PER_LSB);
+    let vitals = [
+        vitals.temperature_cdeg.map(|hundredths| f64::from(hundredths) / 100.0),
+        vitals.supply_mv.map(|mv| f64::from(mv) / 1000.0),
+        vitals.reference.map(steps),
+    ];
+    for value in vitals {
+        match value {
+            Some(value) => write_numbers(&[value], text),
+            None => text.push(b','),
+        }
+    }
+    write_numbers(&dark.map(steps), text);
+}
+
 fn flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {
     let mut flags = Vec::new();
     let out_of_range = force.map_or(0, |force| force.out_of_range);
@@ -179,6 +250,9 @@ fn flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {
     }
     if force.is_some_and(|force| force.unfiltered) {
         flags.push("unfiltered".to_owned());
+    }
+    if frame.skewed {
+        flags.push("skewed".to_owned());
     }
     if frame.restarted {
         flags.push("restart".to_owned());

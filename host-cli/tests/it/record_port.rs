@@ -354,7 +354,7 @@ impl FakeBoard {
                 };
                 let mut asked = Vec::new();
                 decoder.feed(&buffer[..count], |event| {
-                    if let Event::Command { number, to, command } = event {
+                    if let Event::Command { number, to, command, .. } = event {
                         let ours = to.map_or(command.is_for_all(), |to| to == id());
                         assert!(ours, "{command:?} does not name the board");
                         asked.push((number, command));
@@ -536,7 +536,7 @@ fn of_two_boards_one_has_to_be_named() {
             };
             let mut replies = Vec::new();
             decoder.feed(&buffer[..count], |event| {
-                let Event::Command { number, to, command } = event else { return };
+                let Event::Command { number, to, command, .. } = event else { return };
                 for serial in [SERIAL, other] {
                     let is_ours = to.is_none_or(|to| to == BoardId::of_serial(&serial));
                     if !is_ours {

@@ -3,8 +3,9 @@
 use proptest::prelude::*;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{
-    Answer, Board, BoardId, Boot, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet,
-    Piece, Refusal, ResetCause, Sample, Status, Stream, Values,
+    Answer, Board, BoardId, Boot, Challenge, Command, Decoder, Event, Framing, Health, Identity,
+    Key, MAX_PIECE, MAX_SIGNED_PIECE, Packet, Piece, Refusal, ResetCause, Sample, Status, Stream,
+    Timing, Values, Vitals,
 };
 
 /// The bytes of a packet as the host receives them.
@@ -61,8 +62,29 @@ fn any_command() -> impl Strategy<Value = Command> {
         ),
         any::<u16>().prop_map(|frames| Command::Zero { frames }),
         any::<u16>().prop_map(|offset| Command::LastWords { offset }),
-        (0x0E_u8..).prop_map(|code| Command::Unknown { code }),
+        Just(Command::Challenge),
+        any::<[u8; 16]>().prop_map(|key| Command::SetKey(Key::new(key))),
+        any::<u8>().prop_map(|emitter| Command::SelfTest { emitter }),
+        (0x11_u8..).prop_map(|code| Command::Unknown { code }),
     ]
+}
+
+/// By any key, on any run; longer pieces than fit are cut.
+fn any_signed() -> impl Strategy<Value = Packet> {
+    let signed_by = any::<([u8; 16], [u8; 8], u32, u16)>();
+    (signed_by, any_to(), any_command()).prop_map(|((key, nonce, counter, number), to, command)| {
+        let command = match command {
+            Command::CalibrationPiece { offset, data } => {
+                let cut = &data[..data.len().min(MAX_SIGNED_PIECE)];
+                let data = Piece::copy_of(cut).expect("it fits");
+                Command::CalibrationPiece { offset, data }
+            }
+            other => other,
+        };
+        let key = Key::new(key).unwrap_or(Key::new([1; 16]).expect("a key"));
+        let signature = key.sign(&nonce, counter, number, to, &command);
+        Packet::Signed { number, to, signature, command }
+    })
 }
 
 fn any_stream() -> impl Strategy<Value = Stream> {
@@ -105,7 +127,11 @@ fn any_answer() -> impl Strategy<Value = Answer> {
                 Answer::LastWords { len, text: Piece::copy_of(&text).expect("it fits") }
             }
         ),
-        (0x05_u8..).prop_map(|code| Answer::Other { code }),
+        any::<(bool, [u8; 8], u32, u32)>().prop_map(|(is_keyed, nonce, counter, refused)| {
+            Answer::Challenge(Challenge { is_keyed, nonce, counter, refused })
+        }),
+        any::<(u8, [i16; 8])>().prop_map(|(emitter, rise)| Answer::SelfTest { emitter, rise }),
+        (0x07_u8..).prop_map(|code| Answer::Other { code }),
     ]
 }
 
@@ -129,12 +155,16 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
         Refusal::WrongCrc,
         Refusal::BadCalibration,
         Refusal::StorageFailed,
+        Refusal::Unsigned,
+        Refusal::BadSignature,
+        Refusal::Replayed,
+        Refusal::Streaming,
     ];
     prop_oneof![
         prop::sample::select(simple.to_vec()),
         any::<u32>().prop_map(|shortest_us| Refusal::PeriodTooShort { shortest_us }),
         any::<u32>().prop_map(|shortest_us| Refusal::LineTooSlow { shortest_us }),
-        (13_u8..).prop_map(Refusal::Other),
+        (17_u8..).prop_map(Refusal::Other),
     ]
 }
 
@@ -142,11 +172,28 @@ fn any_to() -> impl Strategy<Value = Option<BoardId>> {
     any::<Option<[u8; 12]>>().prop_map(|serial| serial.map(|serial| BoardId::of_serial(&serial)))
 }
 
+fn any_health() -> impl Strategy<Value = Health> {
+    let vitals = any::<(Option<i16>, Option<u16>, Option<u16>)>();
+    (any::<(u16, u32, u16, u16)>(), vitals, any::<[u16; 8]>()).prop_map(
+        |((sequence, clock_us, first_us, step_us), (temperature, supply, reference), dark)| {
+            // What stands for unknown on the wire.
+            let vitals = Vitals {
+                temperature_cdeg: temperature.filter(|&it| it != i16::MIN),
+                supply_mv: supply.filter(|&it| it != 0),
+                reference: reference.filter(|&it| it != 0),
+            };
+            Health { sequence, clock_us, timing: Timing { first_us, step_us }, vitals, dark }
+        },
+    )
+}
+
 pub fn any_packet() -> impl Strategy<Value = Packet> {
     prop_oneof![
         4 => any_sample().prop_map(Packet::Sample),
+        1 => any_health().prop_map(Packet::Health),
         2 => (any::<u16>(), any_to(), any_command())
             .prop_map(|(number, to, command)| Packet::Command { number, to, command }),
+        1 => any_signed(),
         2 => (any::<u16>(), any_answer())
             .prop_map(|(number, answer)| Packet::Answer { number, answer }),
         1 => (any_board(), any::<[u8; 3]>(), any_cause())

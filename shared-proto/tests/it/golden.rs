@@ -5,8 +5,9 @@
 
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{
-    Answer, Board, BoardId, Boot, Bytes, Command, Decoder, Event, Framing, Identity, Packet, Piece,
-    Refusal, ResetCause, Sample, Status, Stream, Values,
+    Answer, Board, BoardId, Boot, Bytes, Challenge, Command, Decoder, Event, Framing, Health,
+    Identity, Key, Packet, Piece, Refusal, ResetCause, Sample, Status, Stream, Timing, Values,
+    Vitals,
 };
 
 fn bytes(hex: &str) -> Vec<u8> {
@@ -38,6 +39,20 @@ fn addressed(command: Command) -> Packet {
     Packet::Command { number: 7, to: Some(BoardId::of_serial(&SERIAL)), command }
 }
 
+/// What the board wants signatures to be made with.
+const NONCE: [u8; 8] = *b"nonce no";
+
+fn key() -> Key {
+    Key::new(std::array::from_fn(|i| 0x10 + i as u8)).expect("a key")
+}
+
+/// Signed with the key, for the board with the serial number.
+fn signed(counter: u32, command: Command) -> Packet {
+    let to = Some(BoardId::of_serial(&SERIAL));
+    let signature = key().sign(&NONCE, counter, 7, to, &command);
+    Packet::Signed { number: 7, to, signature, command }
+}
+
 fn answer(answer: Answer) -> Packet {
     Packet::Answer { number: 7, answer }
 }
@@ -58,7 +73,8 @@ fn vectors() -> Vec<(Packet, &'static str)> {
         dropped: 3,
     });
     let piece: Vec<u8> = (1..=32).collect();
-    let piece = Piece::copy_of(&piece).expect("it fits");
+    let whole_piece = Piece::copy_of(&piece).expect("it fits");
+    let signed_piece = Piece::copy_of(&piece[..24]).expect("it fits");
     let oops = Piece::copy_of(b"oops").expect("it fits");
     let identity = Identity {
         board: Board::SkinProc,
@@ -97,6 +113,61 @@ fn vectors() -> Vec<(Packet, &'static str)> {
             "01 08 25 ff ff ff ff ff ff 01 03 80 3f 01 01 02 bf 01 07 80 3e 6f 12 83 3a 01 01 \
              01 01 01 01 06 be 02 03 99 0d 00",
         ),
+        (
+            Packet::Health(Health {
+                sequence: 258,
+                clock_us: 1_000_000,
+                timing: Timing { first_us: 278, step_us: 530 },
+                vitals: Vitals {
+                    temperature_cdeg: Some(3_150),
+                    supply_mv: Some(3_300),
+                    reference: Some(24_080),
+                },
+                dark: [800, 816, 832, 848, 864, 880, 896, 912],
+            }),
+            "01 07 26 02 01 40 42 0f 1d 16 01 12 02 4e 0c e4 0c 10 5e 20 03 30 03 40 03 50 03 60 \
+             03 70 03 80 03 90 03 c5 f2 00",
+        ),
+        (
+            Packet::Health(Health {
+                sequence: 0,
+                clock_us: 12_345,
+                timing: Timing { first_us: 226, step_us: 504 },
+                vitals: Vitals::default(),
+                dark: [0; 8],
+            }),
+            "01 02 26 01 03 39 30 01 02 e2 03 f8 01 02 80 01 01 01 01 01 01 01 01 01 01 01 01 01 \
+             01 01 01 01 01 01 03 32 59 00",
+        ),
+        (command(Command::Challenge), "01 03 28 07 01 01 01 01 04 0e a9 71 00"),
+        (
+            addressed(Command::SetKey(Some(key()))),
+            "0a 10 38 17 10 45 d6 4f 82 1f 12 01 02 03 04 05 06 07 08 09 0a 0b 0c 0d 0e 0f 55 ed 00",
+        ),
+        (addressed(Command::SelfTest { emitter: 0 }), "01 03 28 07 06 55 c6 5f 92 10 03 22 b7 00"),
+        (
+            signed(3, Command::SetPeriod { period_us: 10_000 }),
+            "01 03 2b 07 06 55 c6 5f 92 03 01 01 0c dd 49 50 61 e4 a4 ff dd 05 10 27 01 03 6a db 00",
+        ),
+        (
+            signed(4, Command::CalibrationPiece { offset: 24, data: signed_piece }),
+            "23 0c 27 0b 0c 59 ca 53 9e 08 0c 0c 0c 06 d4 d1 08 72 f5 9e 23 06 14 0c 0d 0e \
+             0f 08 09 0a 0b 04 05 06 07 0f 01 02 03 1c 1d 1e 1f 18 19 1a 1b 14 c8 30 00",
+        ),
+        (
+            answer(Answer::Challenge(Challenge {
+                is_keyed: true,
+                nonce: NONCE,
+                counter: 2,
+                refused: 9,
+            })),
+            "01 03 29 07 0c 05 01 6e 6f 6e 63 65 20 6e 6f 02 01 01 02 09 01 01 03 83 de 00",
+        ),
+        (
+            answer(Answer::SelfTest { emitter: 0, rise: [1_200, -3, 0, 0, 0, 0, 0, 5] }),
+            "01 03 29 07 02 06 05 b0 04 fd ff 01 01 01 01 01 01 01 01 01 02 05 03 cd 27 00",
+        ),
+        (answer(Answer::Refused(Refusal::Unsigned)), "01 03 29 07 05 03 0d 9e 84 00"),
         (command(Command::Identify), "01 03 28 07 01 01 01 01 04 01 d5 dc 00"),
         (addressed(Command::Status), "01 03 28 07 08 55 c6 5f 92 02 49 30 00"),
         (command(Command::Start), "01 03 28 07 01 01 01 01 04 03 bf 6e 00"),
@@ -122,7 +193,7 @@ fn vectors() -> Vec<(Packet, &'static str)> {
             "01 03 28 07 08 55 c6 5f 92 09 9c 02 01 07 78 56 34 12 2e 04 00",
         ),
         (
-            addressed(Command::CalibrationPiece { offset: 32, data: piece }),
+            addressed(Command::CalibrationPiece { offset: 32, data: whole_piece }),
             "0a 20 08 27 20 75 e6 7f b2 2a 21 20 21 22 23 24 25 26 27 28 29 2a 2b 2c 2d 2e 2f \
              30 31 32 33 34 35 36 37 38 39 3a 3b 3c 3d 3e 3f 03 69 ac 00",
         ),

@@ -10,9 +10,15 @@ use crate::common::{any_packet, any_sample, decode, on_the_wire};
 fn packet(event: &Event) -> Packet {
     match *event {
         Event::Sample { sample, .. } => Packet::Sample(sample),
-        Event::Command { number, to, command } => Packet::Command { number, to, command },
+        Event::Command { number, to, command, signature: None } => {
+            Packet::Command { number, to, command }
+        }
+        Event::Command { number, to, command, signature: Some(signature) } => {
+            Packet::Signed { number, to, signature, command }
+        }
         Event::Answer { number, answer } => Packet::Answer { number, answer },
         Event::Boot(boot) => Packet::Boot(boot),
+        Event::Health(health) => Packet::Health(health),
         ref other => panic!("not a packet of this version: {other:?}"),
     }
 }

@@ -71,7 +71,7 @@ fn calibration(dir: &Path) -> Calibration {
 fn record(board: &EmulatedBoard, dir: &Path, arguments: &str, rows: usize) -> Recording {
     let log = dir.join("log.csv");
     _ = fs::remove_file(&log);
-    let arguments = format!("record {} --start -o log.csv {arguments}", board.port);
+    let arguments = format!("record {} --start --as-sampled -o log.csv {arguments}", board.port);
     let child = start(dir, &arguments);
     wait_for_rows(&log, rows);
     interrupt(&child);

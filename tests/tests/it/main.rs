@@ -21,3 +21,5 @@ mod published_results;
 mod report;
 #[cfg(unix)]
 mod simulated_board;
+#[cfg(unix)]
+mod two_boards;

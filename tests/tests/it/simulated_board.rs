@@ -23,6 +23,9 @@ const LOAD: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm
 6,0,0,0,0,0,0
 ";
 
+/// What channels may disagree by under 1 N at 20 Hz.
+const LIMIT_N: f64 = 0.02;
+
 /// A simulated board on the port `board` of a directory.
 struct Board<'a> {
     dir: &'a Path,
@@ -125,6 +128,72 @@ fn forces_of_a_recording_are_those_of_the_script() {
     }
 }
 
+/// A force along z of 1 N, 19.7 times a second, so that the phase at which frames meet it moves on.
+const LOAD_HZ: f64 = 19.7;
+
+fn shaken() -> String {
+    let rows = (0..=40_000).map(|i| f64::from(i) / 2000.0);
+    let fz = |t: f64| (std::f64::consts::TAU * LOAD_HZ * t).sin();
+    let rows: String = rows.map(|t| format!("{t},0,0,{},0,0,0\n", fz(t))).collect();
+    format!("t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n{rows}")
+}
+
+/// Sine and cosine of the load's frequency in a column of readings, by least squares.
+fn phasor(times: &[f64], readings: &[f64]) -> [f64; 2] {
+    let mean = readings.iter().sum::<f64>() / readings.len() as f64;
+    let (mut ss, mut sc, mut cc, mut ys, mut yc) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (t, reading) in times.iter().zip(readings) {
+        let (sin, cos) = (std::f64::consts::TAU * LOAD_HZ * t).sin_cos();
+        (ss, sc, cc) = (ss + sin * sin, sc + sin * cos, cc + cos * cos);
+        (ys, yc) = (ys + (reading - mean) * sin, yc + (reading - mean) * cos);
+    }
+    let determinant = ss * cc - sc * sc;
+    [(ys * cc - yc * sc) / determinant, (yc * ss - ys * sc) / determinant]
+}
+
+#[test]
+fn channels_agree_on_a_load_of_20_hz() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("load.csv"), shaken()).unwrap();
+    let record = |log: &str, arguments: &str| {
+        let board = Board::start(dir.path(), "--load load.csv --noise-scale 0.2");
+        let (log, _) = board.record(log, 600, arguments);
+        board.end();
+        log
+    };
+    let phasors = |log: &Recording| -> Vec<[f64; 2]> {
+        let times = log.numbers("t_s");
+        // The ends have neighbours on one side only.
+        let inside = 3..log.rows() - 3;
+        let readings = (1..=8).map(|channel| log.numbers(&format!("s{channel}")));
+        readings.map(|column| phasor(&times[inside.clone()], &column[inside.clone()])).collect()
+    };
+    let (sampled, at_one_time) = (record("sampled.csv", "--as-sampled"), record("log.csv", ""));
+    let (sampled_at, moved) = (phasors(&sampled), phasors(&at_one_time));
+    // What the channels show in newtons, if each shows 1 N as sampled: how far they are apart at the
+    // worst moment.
+    let disagreement = |phasors: &[[f64; 2]]| -> f64 {
+        let forces = phasors.iter().zip(&sampled_at).map(|(it, sampled)| {
+            let steps_per_newton = sampled[0].hypot(sampled[1]);
+            // All channels show loads the same way round.
+            let sign = sampled[0].signum();
+            it.map(|part| part * sign / steps_per_newton)
+        });
+        let forces: Vec<[f64; 2]> = forces.collect();
+        let pairs = forces.iter().flat_map(|a| forces.iter().map(move |b| (a, b)));
+        pairs.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).fold(0.0, f64::max)
+    };
+    let (before, after) = (disagreement(&sampled_at), disagreement(&moved));
+    println!("channels disagree by {before:.3} N as sampled, by {after:.4} N at one time");
+    // 2 sin(π · 19.7 Hz · 7 · 0.504 ms), to what the springs' friction adds.
+    assert!((before - 0.434).abs() < 0.03, "{before}");
+    assert!(after < LIMIT_N, "{after}");
+    assert!(at_one_time.text("flags").iter().all(|flags| flags.is_empty()));
+    // The board has said how it is about once a second.
+    let told = at_one_time.text("temperature_c").iter().filter(|text| !text.is_empty()).count();
+    assert!((6..=9).contains(&told), "{told}");
+}
+
 #[test]
 fn a_thousand_frames_per_second_come_whole() {
     let dir = tempfile::tempdir().unwrap();
@@ -139,10 +208,61 @@ fn a_thousand_frames_per_second_come_whole() {
 }
 
 #[test]
+fn the_self_test_finds_every_emitter_on_its_own_channel() {
+    let dir = tempfile::tempdir().unwrap();
+    let board = Board::start(dir.path(), "");
+    let said = board.order("self-test");
+    assert_eq!(said.lines().count(), 8, "{said}");
+    for (line, channel) in said.lines().zip(1..) {
+        let start = format!("emitter {channel} raises channel {channel} by ");
+        assert!(line.starts_with(&start) && line.ends_with("steps and no other"), "{line}");
+    }
+    board.order("start");
+    let refused = run(dir.path(), "board board self-test", 2);
+    assert!(refused.contains("not while it streams"), "{refused}");
+    board.end();
+}
+
+#[test]
+fn a_board_with_a_key_is_set_up_by_who_has_it() {
+    let dir = tempfile::tempdir().unwrap();
+    // Every twentieth packet is lost, either way: what is lost is sent again and done once.
+    let board = Board::start(dir.path(), "--loss 0.05 --seed 4");
+    board.order("key new key.txt");
+    let digits = fs::read_to_string(dir.path().join("key.txt")).unwrap();
+    assert_eq!(digits.trim().len(), 32);
+    let refused = |arguments: &str| run(dir.path(), &format!("board board {arguments}"), 2);
+    let said = refused("rate 50");
+    assert!(said.contains("not signed") && said.contains("--key"), "{said}");
+    assert!(refused("key remove").contains("not signed"));
+    fs::write(dir.path().join("other.txt"), "00112233445566778899aabbccddeeff\n").unwrap();
+    assert!(refused("--key other.txt rate 50").contains("another key"));
+    assert!(refused("--key load.txt rate 50").contains("load.txt"));
+    fs::write(dir.path().join("short.txt"), "0011\n").unwrap();
+    assert!(refused("--key short.txt rate 50").contains("32 hexadecimal digits"));
+    assert!(refused("--key key.txt key new key.txt").contains("is there"));
+
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
+    let fit = format!("fit {} --output cal.json", data.join("synthetic-train.csv").display());
+    run(dir.path(), &fit, 0);
+    board.order("--key key.txt upload cal.json");
+    board.order("--key key.txt rate 50");
+    let status = board.order("status");
+    assert!(status.contains("at 50 Hz") && status.contains("calibration 0x"), "{status}");
+    // Recording needs no key: it changes nothing.
+    board.record("log.csv", 20, "");
+    board.order("--key key.txt key share other.txt");
+    assert!(refused("--key key.txt rate 25").contains("another key"));
+    board.order("--key other.txt key remove");
+    board.order("rate 25");
+    board.end();
+}
+
+#[test]
 fn a_lossy_radio_costs_what_it_loses_and_every_loss_is_counted() {
     let dir = tempfile::tempdir().unwrap();
     let faults = "--loss 0.05 --duplication 0.02 --reordering 0.02 --corruption 0.001 --delay 5 \
-                  --bursts 0.002:5 --seed 3";
+                  --bursts 0.002:5 --seed 5";
     let board = Board::start(dir.path(), faults);
     let (log, said) = board.record("log.csv", 400, "");
     let books = board.end();

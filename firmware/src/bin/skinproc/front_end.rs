@@ -6,11 +6,18 @@ use embassy_stm32::adc::{Adc, AnyAdcChannel, SampleTime};
 use embassy_stm32::gpio::Output;
 use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
 use embassy_time::{Duration, Instant};
-use firmware::FrontEnd;
-use shared_proto::CHANNELS;
+use firmware::{Factory, FrontEnd};
+use shared_proto::{CHANNELS, Vitals};
 
 /// Longer than the converter needs for a source of 10 kΩ (DS11451, table "Maximum ADC RAIN").
 const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
+
+/// The reference takes 4 µs to sample, the thermometer 5 (DS11451, tables "Embedded internal voltage
+/// reference" and "TS characteristics"); this is 8 µs.
+const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
+
+/// Conversions of each: 33 µs.
+const VITAL_CONVERSIONS: usize = 4;
 
 /// A conversion later than 1 ms after the one before may be wrong, and is to be thrown away
 /// (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after calibration or previous
@@ -25,6 +32,9 @@ pub(crate) struct Photointerrupters {
     pub(crate) dma: Peri<'static, DMA1_CH1>,
     pub(crate) channels: [AnyAdcChannel<'static, ADC1>; CHANNELS],
     pub(crate) emitters: [Output<'static>; CHANNELS],
+    pub(crate) reference: AnyAdcChannel<'static, ADC1>,
+    pub(crate) thermometer: AnyAdcChannel<'static, ADC1>,
+    pub(crate) factory: Factory,
 }
 
 impl Photointerrupters {
@@ -52,5 +62,18 @@ impl FrontEnd for Photointerrupters {
         }
         self.read(channel, codes).await;
         self.last_conversion = Some(Instant::now());
+    }
+
+    /// The first conversion comes right after those of a frame, so that none is thrown away.
+    async fn vitals(&mut self) -> Vitals {
+        let mut codes = [[0; VITAL_CONVERSIONS]; 2];
+        let channels = [&mut self.reference, &mut self.thermometer];
+        for (channel, codes) in channels.into_iter().zip(&mut codes) {
+            let sequence = [(channel, SLOW_SAMPLE_TIME)].into_iter();
+            self.adc.read(self.dma.reborrow(), Irqs, sequence, codes).await;
+        }
+        self.last_conversion = Some(Instant::now());
+        let [reference, thermometer] = &codes;
+        self.factory.vitals(reference, thermometer)
     }
 }

@@ -11,6 +11,8 @@
 #[cfg(target_os = "none")]
 mod ecc;
 #[cfg(target_os = "none")]
+mod factory;
+#[cfg(target_os = "none")]
 mod faults;
 #[cfg(target_os = "none")]
 mod front_end;
@@ -20,6 +22,8 @@ mod interrupts;
 mod last_words;
 #[cfg(target_os = "none")]
 mod pages;
+#[cfg(target_os = "none")]
+mod randomness;
 #[cfg(target_os = "none")]
 mod start;
 #[cfg(target_os = "none")]

@@ -1,8 +1,10 @@
 //! From the reset to the running firmware.
 
+use crate::factory;
 use crate::front_end::Photointerrupters;
 use crate::interrupts::Irqs;
 use crate::last_words::{self, End};
+use crate::randomness;
 use crate::storage::Area;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
@@ -36,13 +38,15 @@ fn clocks() -> embassy_stm32::Config {
         prediv: rcc::PllPreDiv::DIV1,
         mul: rcc::PllMul::MUL10,
         divp: None,
-        divq: None,
+        // For random numbers.
+        divq: Some(rcc::PllQDiv::DIV4),
         divr: Some(rcc::PllRDiv::DIV2),
     });
     config.rcc.sys = rcc::Sysclk::PLL1_R;
     config.rcc.ls = rcc::LsConfig::off();
     // Off by default, and then the converter never gets ready.
     config.rcc.mux.adcsel = rcc::mux::Adcsel::SYS;
+    config.rcc.mux.clk48sel = rcc::mux::Clk48sel::PLL1_Q;
     config
 }
 
@@ -100,8 +104,12 @@ async fn main(_spawner: Spawner) {
     watchdog.unleash();
 
     let emitter = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
+    let adc = Adc::new(p.ADC1);
     let front_end = Photointerrupters {
-        adc: Adc::new(p.ADC1),
+        reference: adc.enable_vrefint().degrade_adc(),
+        thermometer: adc.enable_temperature().degrade_adc(),
+        factory: factory::codes(),
+        adc,
         last_conversion: None,
         dma: p.DMA1_CH1,
         channels: [
@@ -165,6 +173,7 @@ async fn main(_spawner: Spawner) {
         },
         reset_cause,
         last_words,
+        nonce: randomness::nonce(),
         line_bytes_per_s: Some(BAUD / BITS_PER_BYTE),
     })
     .await;

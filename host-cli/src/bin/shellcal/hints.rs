@@ -221,6 +221,12 @@ fn after_link(error: &LinkError) -> Option<&'static str> {
         LinkError::Refused { refusal: Refusal::LineTooSlow { .. }, .. } => {
             "choose a lower rate, or stream readings in place of wrenches"
         }
+        LinkError::Refused { refusal: Refusal::Unsigned | Refusal::BadSignature, .. } => {
+            "name the file with the board's key by `--key KEY`"
+        }
+        LinkError::Refused { refusal: Refusal::Streaming, .. } => {
+            "stop it first: `shellcal board PORT stop`"
+        }
         LinkError::SeveralBoards { .. } => "name one of them with `--board SERIAL`",
         LinkError::NotKept { .. } => "upload it again",
         _ => return None,

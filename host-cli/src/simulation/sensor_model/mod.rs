@@ -14,8 +14,8 @@
 //! numbers from ChaCha, elementary functions from `libm`, sums in a fixed order.
 //!
 //! Left out: the mass of the plate (its resonance, above 100 Hz, is far above what a hand can
-//! excite), light from one channel in another (one emitter is lit at a time), and the time between
-//! the conversions of the eight channels (a frame is one moment).
+//! excite), light from one channel in another (one emitter is lit at a time), and, but on the simulated
+//! board, the time between the conversions of the eight channels (a frame is one moment).
 
 mod geometry;
 mod load;
@@ -173,8 +173,7 @@ impl SensorModel {
             return [Exposure { light: 0.0, dark: 0.0 }; 8];
         }
         let motion = RigidMotion::new(&self.suspension.displacement(time_s, wrench));
-        let warm_up = -libm::expm1(-time_s.max(0.0) / self.surroundings.warm_up_s);
-        let warmth_k = self.start_k + self.surroundings.warm_up_k * warm_up;
+        let warmth_k = self.warmth_k(time_s);
         std::array::from_fn(|i| {
             let channel = &self.channels[i];
             let gap_m = motion.gap_m(&channel.reflector, &self.normals[i]);
@@ -183,6 +182,12 @@ impl SensorModel {
             let dark = self.ambient[i] + channel.offset_drift_per_k * warmth_k;
             Exposure { light, dark }
         })
+    }
+
+    /// How much warmer the instrument is at `time_s` than in the lab that it was made for.
+    pub fn warmth_k(&self, time_s: f64) -> f64 {
+        let warm_up = -libm::expm1(-time_s.max(0.0) / self.surroundings.warm_up_s);
+        self.start_k + self.surroundings.warm_up_k * warm_up
     }
 
     /// One conversion, with its noise and at the converter's resolution, of light that is given as a

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use firmware::{Clock, FrontEnd};
+use shared_proto::{COUNTS_PER_LSB, Vitals};
 
 use super::PacedClock;
 use crate::simulation::sensor_model::{Exposure, LoadScript, LoadTable, SensorModel};
@@ -11,6 +12,14 @@ use shell_data::wrench::PerAxis;
 /// Light from outside as a fraction of the full scale: what a lit room leaves under the shell. The
 /// firmware subtracts it.
 const AMBIENT: f64 = 0.03;
+
+/// Temperature around a board that has just been switched on, °C.
+const ROOM_C: f64 = 23.0;
+
+/// Supply of the converter, and the voltage reference of an STM32L432 (DS11451, table "Embedded internal
+/// voltage reference", typical), V.
+const SUPPLY_V: f64 = 3.3;
+const REFERENCE_V: f64 = 1.212;
 
 /// What is done to the shell, over the board's time.
 #[derive(Clone, Debug)]
@@ -48,7 +57,6 @@ pub struct Instrument {
     load: Load,
     clock: PacedClock,
     lit: Option<usize>,
-    exposures: [Exposure; 8],
 }
 
 impl fmt::Debug for Instrument {
@@ -60,8 +68,7 @@ impl fmt::Debug for Instrument {
 impl Instrument {
     /// An instrument under a load, whose conversions take time on `clock`.
     pub fn new(sensor: SensorModel, load: Load, clock: PacedClock) -> Self {
-        let exposures = [Exposure { light: 0.0, dark: 0.0 }; 8];
-        Self { sensor, load, clock, lit: None, exposures }
+        Self { sensor, load, clock, lit: None }
     }
 }
 
@@ -75,16 +82,29 @@ impl FrontEnd for Instrument {
 
     async fn convert(&mut self, channel: usize, codes: &mut [u16]) {
         let now_us = self.clock.now_us();
-        // A frame is one moment to the model: that of its first conversion.
-        if channel == 0 && self.lit.is_none() {
-            let time_s = now_us as f64 / 1e6;
-            let wrench = self.load.wrench_at(time_s);
-            self.exposures = self.sensor.expose(time_s, &wrench);
-        }
-        let Exposure { light, dark } = self.exposures[channel];
-        let seen = if self.lit == Some(channel) { AMBIENT + light + dark } else { AMBIENT };
+        let burst_us = (codes.len() as u64 * u64::from(Self::CONVERSION_NS)).div_ceil(1000);
+        let seen = match self.lit {
+            // The load moves on while the channels are converted: a burst is one moment, its middle.
+            Some(lit) => {
+                let time_s = (now_us as f64 + burst_us as f64 / 2.0) / 1e6;
+                let wrench = self.load.wrench_at(time_s);
+                let Exposure { light, dark } = self.sensor.expose(time_s, &wrench)[channel];
+                // The emitter of another channel does not reach this one.
+                if lit == channel { AMBIENT + light + dark } else { AMBIENT }
+            }
+            None => AMBIENT,
+        };
         codes.fill_with(|| self.sensor.conversion(seen));
-        let burst_ns = codes.len() as u64 * u64::from(Self::CONVERSION_NS);
-        self.clock.wait_until_us(now_us + burst_ns.div_ceil(1000)).await;
+        self.clock.wait_until_us(now_us + burst_us).await;
+    }
+
+    async fn vitals(&mut self) -> Vitals {
+        let warmth_k = self.sensor.warmth_k(self.clock.now_us() as f64 / 1e6);
+        let counts = REFERENCE_V / SUPPLY_V * f64::from(1 << 12) * f64::from(COUNTS_PER_LSB);
+        Vitals {
+            temperature_cdeg: Some(((ROOM_C + warmth_k) * 100.0).round() as i16),
+            supply_mv: Some((SUPPLY_V * 1000.0) as u16),
+            reference: Some(counts.round() as u16),
+        }
     }
 }

@@ -17,6 +17,7 @@ mod line;
 pub use clock::PacedClock;
 pub use instrument::{Instrument, Load};
 
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::{Arc, Mutex};
 use std::thread;
 
@@ -85,7 +86,7 @@ impl SimulatedBoard {
         thread::spawn(move || {
             let clock = PacedClock::start();
             let front_end = Instrument::new(sensor, load, clock.clone());
-            pollster::block_on(board(front_end, clock, receiver, sender));
+            pollster::block_on(board(unit_seed, front_end, clock, receiver, sender));
         });
         Ok(Self { port, radios })
     }
@@ -101,7 +102,23 @@ impl SimulatedBoard {
     }
 }
 
-async fn board(front_end: Instrument, clock: PacedClock, receiver: Receiver, sender: Sender) {
+/// The serial number of an instrument; 1 is that of the shipped data.
+fn serial(unit_seed: u64) -> [u8; 12] {
+    let mut serial = *b"simulated   ";
+    if unit_seed != 1 {
+        let number = format!("{:>3}", unit_seed % 1000);
+        serial[9..].copy_from_slice(number.as_bytes());
+    }
+    serial
+}
+
+async fn board(
+    unit_seed: u64,
+    front_end: Instrument,
+    clock: PacedClock,
+    receiver: Receiver,
+    sender: Sender,
+) {
     firmware::run(Parts {
         front_end,
         clock,
@@ -113,14 +130,20 @@ async fn board(front_end: Instrument, clock: PacedClock, receiver: Receiver, sen
         identity: Identity {
             board: Board::Simulated,
             firmware: VERSION,
-            serial: *b"simulated   ",
+            serial: serial(unit_seed),
             min_period_us: 1_000,
         },
         reset_cause: ResetCause::Power,
         last_words: LastWords::new(),
+        nonce: Some(nonce()),
         line_bytes_per_s: None,
     })
     .await;
+}
+
+/// Bytes from the system's source of randomness, which the standard library draws keys of hashes from.
+fn nonce() -> [u8; 8] {
+    RandomState::new().build_hasher().finish().to_le_bytes()
 }
 
 struct Memory(Option<Record>);

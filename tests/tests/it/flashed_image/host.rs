@@ -1,8 +1,8 @@
 //! The host's end of the flashed board's line: orders with answers, and the books of its samples.
 
 use shared_proto::{
-    Answer, BoardId, Boot, Calibration, Command, Decoder, Event, Framing, MAX_PIECE, Packet, Piece,
-    Sample, Status, crc32,
+    Answer, BoardId, Boot, Calibration, Command, Decoder, Event, Framing, Health, MAX_PIECE,
+    Packet, Piece, Sample, Status, crc32,
 };
 use system_tests::emulation::PlayedFrame;
 use system_tests::flashed::{FlashedBoard, Model, Report, SERIAL};
@@ -17,6 +17,7 @@ pub struct Host {
     pub decoder: Decoder,
     pub samples: Vec<Sample>,
     pub boots: Vec<Boot>,
+    pub healths: Vec<Health>,
     pub resets: Vec<String>,
     pub last: Report,
     number: u16,
@@ -34,6 +35,7 @@ impl Host {
             decoder: Decoder::new(Framing::Cobs),
             samples: Vec::new(),
             boots: Vec::new(),
+            healths: Vec::new(),
             resets: Vec::new(),
             last: last.clone(),
             number: 0,
@@ -56,11 +58,12 @@ impl Host {
     }
 
     fn take_bytes(&mut self, bytes: &[u8]) -> Vec<(u16, Answer)> {
-        let Self { decoder, samples, boots, .. } = self;
+        let Self { decoder, samples, boots, healths, .. } = self;
         let mut answers = Vec::new();
         decoder.feed(bytes, |event| match event {
             Event::Sample { sample, .. } => samples.push(sample),
             Event::Boot(boot) => boots.push(boot),
+            Event::Health(health) => healths.push(health),
             Event::Answer { number, answer } => answers.push((number, answer)),
             other => panic!("{other:?}"),
         });

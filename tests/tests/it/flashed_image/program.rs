@@ -49,7 +49,7 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     assert!(command("rate 400", 2).contains("Hz would do"));
 
     let log = dir.join("log.csv");
-    let arguments = format!("record {} --start -o log.csv", board.port);
+    let arguments = format!("record {} --start --as-sampled -o log.csv", board.port);
     let child = start(dir, &arguments);
     wait_for_rows(&log, 300);
     interrupt(&child);

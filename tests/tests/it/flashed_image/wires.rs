@@ -58,6 +58,17 @@ fn a_stream_is_what_the_converter_gave() {
     }
     let status = host.status();
     assert_eq!((status.late, status.overflowed, status.damaged), (0, 0, 0));
+    // How the board is: the model's supply and temperature, by the factory's codes.
+    let [health, ..] = host.healths[..] else { panic!("no word of health") };
+    assert_eq!(health.sequence, 0);
+    let dark = |channel| 16 * code(0, channel).0;
+    assert_eq!(health.dark, std::array::from_fn(dark));
+    // Codes are whole: a step of the reference is 2.2 mV, one of the thermometer 0.32 °C.
+    assert!(health.vitals.supply_mv.unwrap().abs_diff(3_300) <= 2);
+    assert!(health.vitals.temperature_cdeg.unwrap().abs_diff(3_150) <= 35);
+    // Two bursts of 52 µs and two settlings, and what starting them takes.
+    assert!((504..600).contains(&health.timing.step_us), "{:?}", health.timing);
+    assert!((278..350).contains(&health.timing.first_us), "{:?}", health.timing);
 }
 
 #[test]

@@ -7,12 +7,14 @@ use anyhow::Context;
 use clap::{Subcommand, ValueEnum};
 use serde_json::json;
 use serialport::SerialPort;
-use shared_proto::{Board, BoardId, Command, Identity, ResetCause, Stream};
+use shared_proto::{Board, BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::link::{Client, Uplink, for_board, serial_text};
+use shellcal::link::{Client, Uplink, for_board, judge, serial_text};
+use shellcal::output::Outputs;
 
+use super::key_file;
 use super::serial::{FramingArg, SerialArgs};
-use crate::files::InputPath;
+use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
@@ -33,6 +35,10 @@ pub(crate) struct BoardArgs {
     /// Serial number of the board, as `identify` prints it, where several hear
     #[arg(long, value_name = "SERIAL", value_parser = parse_serial, conflicts_with = "simulate")]
     board: Option<BoardId>,
+
+    /// Key that the board has been given, to sign what changes it
+    #[arg(long, value_name = "KEY", conflicts_with = "simulate")]
+    key: Option<InputPath>,
 
     #[command(flatten)]
     serial: SerialArgs,
@@ -82,12 +88,38 @@ enum Action {
         #[arg(long, value_name = "N", default_value_t = 50)]
         frames: u16,
     },
+    /// Light each emitter alone: it has to raise its own channel and no other; exit code 1 if not
+    SelfTest,
+    /// Have the board want its commands signed; give it a key over a wire, as it is sent as it is
+    Key {
+        /// What to do
+        #[command(subcommand)]
+        action: KeyAction,
+    },
     /// Upload a calibration, which the board keeps
     Upload {
         /// Calibration file, of model `cubic` or `linear`
         #[arg(value_name = "CAL")]
         calibration: InputPath,
     },
+}
+
+#[derive(Debug, Subcommand)]
+enum KeyAction {
+    /// Make a key, give it to the board, and write it to a file for `--key`
+    New {
+        /// File to write
+        #[arg(value_name = "KEY")]
+        file: OutputPath,
+    },
+    /// Give the board the key in a file, which another board has
+    Share {
+        /// File with a key
+        #[arg(value_name = "KEY")]
+        file: InputPath,
+    },
+    /// Take the key away
+    Remove,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -99,7 +131,7 @@ enum StreamArg {
 }
 
 impl BoardArgs {
-    pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let (port, action) = match (&self.port, &self.action) {
             (Some(port), Some(action)) => (port, action),
             #[cfg(unix)]
@@ -110,7 +142,7 @@ impl BoardArgs {
             ),
             (Some(_), None) => anyhow::bail!(
                 "nothing to do: `shellcal board PORT identify`, `status`, `start`, `stop`, `rate`, \
-                 `sampling`, `mode`, `zero` or `upload`"
+                 `sampling`, `mode`, `zero`, `upload`, `self-test` or `key`"
             ),
         };
         let calibration = match action {
@@ -122,6 +154,8 @@ impl BoardArgs {
         };
         let mut client = self.connect(port)?;
         match action {
+            Action::SelfTest => return self_test(&mut client, printer),
+            Action::Key { action } => set_key(&mut client, action, outputs)?,
             Action::Identify => return print_identity(&client.identify()?, printer),
             Action::Status => return print_status(&mut client, printer),
             Action::Start => client.order(Command::Start)?,
@@ -166,11 +200,64 @@ impl BoardArgs {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let number = (now.as_millis() / 10) as u16;
         let client = Client::new(port, name, Uplink { framing, to: self.serial.to }, number);
-        Ok(match self.board {
+        let client = match self.board {
             Some(board) => client.with_board(board),
+            None => client,
+        };
+        Ok(match &self.key {
+            Some(path) => client.with_key(key_file::read(path)?),
             None => client,
         })
     }
+}
+
+fn set_key<P: Read + Write>(
+    client: &mut Client<P>,
+    action: &KeyAction,
+    outputs: &Outputs,
+) -> anyhow::Result<()> {
+    match action {
+        KeyAction::New { file } => {
+            // On the disk before it is on the board: nobody could tell it afterwards.
+            let key = key_file::make(file, outputs)?;
+            client.set_key(Some(key))?;
+        }
+        KeyAction::Share { file } => client.set_key(Some(key_file::read(file)?))?,
+        KeyAction::Remove => client.set_key(None)?,
+    }
+    Ok(())
+}
+
+/// Lights the emitters one by one and says what they do.
+fn self_test<P: Read + Write>(
+    client: &mut Client<P>,
+    printer: &mut Printer,
+) -> anyhow::Result<Outcome> {
+    let mut faults = Vec::new();
+    let mut rises = Vec::new();
+    for emitter in 0..CHANNELS {
+        let rise = client.self_test(emitter as u8)?;
+        match judge(emitter, &rise) {
+            Ok(()) if !printer.json() => printer.line(format!(
+                "emitter {} raises channel {} by {} steps and no other",
+                emitter + 1,
+                emitter + 1,
+                rise[emitter]
+            ))?,
+            Ok(()) => {}
+            Err(fault) => {
+                if !printer.json() {
+                    printer.line(fault.to_string())?;
+                }
+                faults.push(fault.to_string());
+            }
+        }
+        rises.push(rise);
+    }
+    if printer.json() {
+        printer.document(&json!({ "rise": rises, "faults": faults }))?;
+    }
+    Ok(if faults.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
 }
 
 fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<Outcome> {

@@ -14,6 +14,7 @@ mod fit;
 mod frames;
 mod import;
 mod info;
+mod key_file;
 #[cfg(feature = "live")]
 mod live;
 mod man;
@@ -59,8 +60,9 @@ pub(crate) enum Command {
     ///
     /// Columns: t_s (the board's clock), s1 to s8 in steps of the 12-bit converter or, if the board
     /// streams wrenches, fx_n to mz_nm; index (sequence number), missing (frames lost before the row),
-    /// dropped (the board's own count, modulo 256) and flags (s3:saturated, s3:range, late, restart,
-    /// untared).
+    /// dropped (the board's own count, modulo 256), how the board is about once a second (temperature_c,
+    /// supply_v, and vrefint and dark1 to dark8 in steps), and flags (s3:saturated, s3:range, late,
+    /// restart, skewed, untared). The channels of a row are brought to one time, unless `--as-sampled`.
     /// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
     Record(Deferred<record::RecordArgs>),
 
@@ -198,7 +200,7 @@ impl Command {
     ) -> anyhow::Result<Outcome> {
         match self {
             Command::Ports(args) => args.run(printer),
-            Command::Board(args) => args.run(printer),
+            Command::Board(args) => args.run(printer, outputs),
             Command::Record(args) => args.run(printer),
             #[cfg(feature = "live")]
             Command::Live(args) => args.run(printer),

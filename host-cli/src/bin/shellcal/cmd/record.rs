@@ -7,7 +7,9 @@ use calibration::Calibration;
 use shared_proto::Framing;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::forces::{ForceOptions, LowPass, TareRule};
-use shellcal::link::{Journal, Progress, RecordOptions, Recorded, Sinks, Source, Uplink, record};
+use shellcal::link::{
+    Journal, Progress, RecordOptions, Recorded, RecordedBoard, Sinks, Source, Uplink, record,
+};
 use shellcal::recording::{LiveForces, Losses, protocol_name};
 
 use super::frames::{describe_forces, parse_count};
@@ -27,7 +29,8 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "RAW", conflicts_with_all = ["port", "duration", "reconnect", "start"])]
     replay: Option<InputPath>,
 
-    /// Log to write
+    /// Log to write; where a base station hears several boards, that of the first of them, and beside it
+    /// one for each other, with the address in its name
     #[arg(long, short, value_name = "LOG", required_unless_present = "raw")]
     output: Option<OutputPath>,
 
@@ -72,6 +75,11 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "N", requires = "calibration", default_value_t = 4)]
     order: usize,
 
+    /// Leave readings as they were sampled, the channels of a row one after the other within some ms,
+    /// instead of bringing them to one time
+    #[arg(long)]
+    as_sampled: bool,
+
     /// Wait for a port that goes away, and go on when it is back
     #[arg(long)]
     reconnect: bool,
@@ -93,6 +101,7 @@ impl RecordArgs {
             forces: calibration.map(|file| self.forces(file.calibration)),
             duration: self.duration,
             start: self.uplink()?,
+            as_sampled: self.as_sampled,
         };
         if let Some(forces) = &options.forces {
             printer.note(describe_forces(&forces.options));
@@ -222,7 +231,16 @@ fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
         recorded.board_time_s,
         recorded.framing.unwrap_or("no framing"),
         if losses.is_empty() { "nothing lost" } else { &losses },
-    ))
+    ))?;
+    for RecordedBoard { address, log, frames, losses } in &recorded.boards {
+        let losses = list_losses(losses);
+        let place = log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
+        printer.line(format!(
+            "board {address}: {frames} frames{place}; {}",
+            if losses.is_empty() { "nothing lost" } else { &losses },
+        ))?;
+    }
+    Ok(())
 }
 
 pub(super) fn parse_duration(text: &str) -> Result<Duration, String> {

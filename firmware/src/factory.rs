@@ -1,0 +1,89 @@
+//! Temperature and supply from what an STM32L4 was measured with when it was made.
+
+use shared_proto::{COUNTS_PER_LSB, Vitals};
+
+/// Supply in the factory, in mV (DS11451, tables "Embedded internal voltage reference" and "TS
+/// characteristics"; the tolerances there are 10 mV and 5 °C).
+const SUPPLY_MV: u32 = 3_000;
+
+/// Temperatures of the two codes of the thermometer, in hundredths of a degree Celsius.
+const COLD_CDEG: i32 = 3_000;
+const HOT_CDEG: i32 = 13_000;
+
+/// Codes that the factory has written into the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Factory {
+    /// Of the voltage reference.
+    pub reference: u16,
+    /// Of the thermometer when cold.
+    pub cold: u16,
+    /// Of the thermometer when hot.
+    pub hot: u16,
+}
+
+impl Factory {
+    /// What equally many codes of reference and thermometer say, one after the other.
+    pub fn vitals(&self, reference: &[u16], thermometer: &[u16]) -> Vitals {
+        let counts = |codes: &[u16]| {
+            let sum: u32 = codes.iter().map(|&code| u32::from(code)).sum();
+            let count = codes.len().max(1) as u32;
+            (sum * u32::from(COUNTS_PER_LSB) + count / 2) / count
+        };
+        let (reference, thermometer) = (counts(reference), counts(thermometer));
+        let factory = u32::from(self.reference) * u32::from(COUNTS_PER_LSB);
+        // A reference of nothing is no supply.
+        let supply_mv = (SUPPLY_MV * factory + reference / 2).checked_div(reference);
+        Vitals {
+            temperature_cdeg: supply_mv.and_then(|supply| self.temperature(thermometer, supply)),
+            supply_mv: supply_mv.and_then(|supply| u16::try_from(supply).ok()).filter(|&mv| mv > 0),
+            reference: u16::try_from(reference).ok().filter(|&counts| counts > 0),
+        }
+    }
+
+    /// In hundredths of a degree Celsius, from counts at a supply; `None` if that is no temperature.
+    fn temperature(&self, counts: u32, supply_mv: u32) -> Option<i16> {
+        let per_step = i64::from(COUNTS_PER_LSB);
+        let (cold, hot) = (i64::from(self.cold) * per_step, i64::from(self.hot) * per_step);
+        // As it would be at the factory's supply.
+        let counts = i64::from(counts) * i64::from(supply_mv) / i64::from(SUPPLY_MV);
+        let span = i64::from(HOT_CDEG - COLD_CDEG);
+        let above = (span * (counts - cold)).checked_div(hot - cold)?;
+        i16::try_from(i64::from(COLD_CDEG) + above).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FACTORY: Factory = Factory { reference: 1_655, cold: 1_035, hot: 1_380 };
+
+    #[test]
+    fn the_factorys_codes_give_the_factorys_conditions() {
+        let vitals = FACTORY.vitals(&[1_655; 4], &[1_035; 4]);
+        let expected = Vitals {
+            temperature_cdeg: Some(3_000),
+            supply_mv: Some(3_000),
+            reference: Some(16 * 1_655),
+        };
+        assert_eq!(vitals, expected);
+        assert_eq!(FACTORY.vitals(&[1_655], &[1_380]).temperature_cdeg, Some(13_000));
+    }
+
+    #[test]
+    fn a_higher_supply_makes_both_codes_smaller() {
+        // 3.3 V and 55 °C: 1655/1.1 and (1035 + 345/4)/1.1.
+        let vitals = FACTORY.vitals(&[1_504, 1_505], &[1_019, 1_019]);
+        assert_eq!(vitals.supply_mv, Some(3_300));
+        let off = vitals.temperature_cdeg.unwrap().abs_diff(5_500);
+        // A step of the thermometer is 100 °C/345 · 1.1.
+        assert!(off <= 32, "{off}");
+    }
+
+    #[test]
+    fn codes_that_say_nothing_are_unknown() {
+        assert_eq!(FACTORY.vitals(&[0; 4], &[0; 4]), Vitals::default());
+        let blank = Factory { reference: 0xFFFF, cold: 0xFFFF, hot: 0xFFFF };
+        assert_eq!(blank.vitals(&[1_500], &[1_000]).temperature_cdeg, None);
+    }
+}

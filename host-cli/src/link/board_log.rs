@@ -1,0 +1,139 @@
+//! The log of one board while it is recorded.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use shared_proto::xbee::Address;
+
+use super::Journal;
+use super::record_error::RecordError;
+use crate::recording::{BoardFrame, HeardBoard, LiveForces, Losses, RowWriter, address_text};
+use shell_data::wrench::PerAxis;
+
+/// What came of one board of several.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RecordedBoard {
+    /// Address of its module.
+    pub address: String,
+    /// Its log, if one is written.
+    pub log: Option<PathBuf>,
+    /// Distinct frames.
+    pub frames: u64,
+    /// What was lost of it, without API frames that were damaged: nobody knows whose they were.
+    #[serde(flatten)]
+    pub losses: Losses,
+}
+
+/// Frames of a board on their way into its log.
+pub(super) struct BoardLog {
+    /// Of its module, behind a base station in API mode.
+    pub(super) address: Option<Address>,
+    pub(super) log: Option<Journal>,
+    /// Made for the first frame, which tells the columns.
+    rows: Option<RowWriter>,
+    /// Marks that are not among the rows yet.
+    marks: Vec<(i64, u32)>,
+    /// Frames that logs before this one had no columns for.
+    other_content: u64,
+    pub(super) frames: u64,
+    /// Earliest and latest time of a frame.
+    extent_us: Option<(i64, i64)>,
+}
+
+impl BoardLog {
+    pub(super) fn new(address: Option<Address>, log: Option<Journal>) -> Self {
+        Self {
+            address,
+            log,
+            rows: None,
+            marks: Vec::new(),
+            other_content: 0,
+            frames: 0,
+            extent_us: None,
+        }
+    }
+
+    /// Writes frames, and empties them.
+    pub(super) fn write(
+        &mut self,
+        frames: &mut Vec<BoardFrame>,
+        numbered: bool,
+        forces: Option<&LiveForces>,
+        as_sampled: bool,
+    ) -> Result<(), RecordError> {
+        self.count(frames);
+        let (Some(log), Some(first)) = (&mut self.log, frames.first()) else {
+            frames.clear();
+            // What nobody records is marked on the screen only.
+            self.marks.clear();
+            return Ok(());
+        };
+        let rows = match &mut self.rows {
+            Some(rows) => rows,
+            None => {
+                let rows = RowWriter::new(first, numbered, forces.cloned(), as_sampled)?;
+                log.pending().extend_from_slice(rows.header().as_bytes());
+                self.rows.insert(rows)
+            }
+        };
+        self.marks.drain(..).for_each(|(index, number)| rows.mark(index, number));
+        rows.write(frames, log.pending())?;
+        log.flush()?;
+        Ok(())
+    }
+
+    /// Marks rows, by the index of a frame: the first from it on that is written after this.
+    pub(super) fn mark(&mut self, marks: impl Iterator<Item = (i64, u32)>) {
+        self.marks.extend(marks);
+    }
+
+    /// Ends the log, which may be followed by another.
+    pub(super) fn close(&mut self) -> Result<(), RecordError> {
+        self.finish()?;
+        self.other_content = self.other_content();
+        self.rows = None;
+        self.log.take().map_or(Ok(()), Journal::close)?;
+        Ok(())
+    }
+
+    /// Writes the frames that wait for those after them.
+    pub(super) fn finish(&mut self) -> Result<(), RecordError> {
+        if let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) {
+            rows.finish(log.pending())?;
+            log.flush()?;
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, frames: &[BoardFrame]) {
+        for frame in frames {
+            self.frames += 1;
+            let (first, last) = self.extent_us.unwrap_or((frame.time_us, frame.time_us));
+            self.extent_us = Some((first.min(frame.time_us), last.max(frame.time_us)));
+        }
+    }
+
+    /// The board's time from the first frame to the last.
+    pub(super) fn board_time_us(&self) -> i64 {
+        self.extent_us.map_or(0, |(first, last)| last - first)
+    }
+
+    pub(super) fn other_content(&self) -> u64 {
+        self.other_content + self.rows.as_ref().map_or(0, |rows| rows.other_content)
+    }
+
+    pub(super) fn newest_wrench(&self) -> Option<PerAxis<f64>> {
+        self.rows.as_ref().and_then(RowWriter::newest_wrench)
+    }
+
+    /// What came of it, with the books of the board of its address.
+    pub(super) fn recorded(&self, heard: &[HeardBoard]) -> RecordedBoard {
+        let board = heard.iter().find(|board| board.address == self.address);
+        RecordedBoard {
+            address: self.address.map(address_text).unwrap_or_default(),
+            log: self.log.as_ref().map(|log| log.path().to_path_buf()),
+            frames: self.frames,
+            losses: board.map(|board| board.reception().losses()).unwrap_or_default(),
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! What a board says of itself while it streams: when its readings are taken, and how it is.
+
+use crate::CHANNELS;
+use crate::bytes::{Bytes, Reader};
+
+/// When the readings of a frame are taken, after the time that its sample says.
+///
+/// A board has one converter, so its channels are read one after the other. A reading is the light at
+/// the middle of its lit conversions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Timing {
+    /// From the start of the frame to the reading of the first channel, in µs.
+    pub first_us: u16,
+    /// From the reading of one channel to that of the next, in µs.
+    pub step_us: u16,
+}
+
+/// Temperature and supply of a board, as far as it can measure them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Vitals {
+    /// Temperature of the chip in hundredths of a degree Celsius.
+    pub temperature_cdeg: Option<i16>,
+    /// Supply of the converter in mV.
+    pub supply_mv: Option<u16>,
+    /// Reading of the chip's voltage reference, in counts.
+    pub reference: Option<u16>,
+}
+
+/// Sent before the first sample of a stream, before the first with other settings, and once a second.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Health {
+    /// Number of the sample that follows.
+    pub sequence: u16,
+    /// The board's clock, as in samples.
+    pub clock_us: u32,
+    /// When readings are taken, from the sample that follows on.
+    pub timing: Timing,
+    /// Temperature and supply.
+    pub vitals: Vitals,
+    /// What the channels read with their emitters off, in counts.
+    pub dark: [u16; CHANNELS],
+}
+
+impl Vitals {
+    const NO_TEMPERATURE: i16 = i16::MIN;
+
+    fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        let temperature = self.temperature_cdeg.unwrap_or(Self::NO_TEMPERATURE);
+        out.extend(&temperature.to_le_bytes());
+        out.extend(&self.supply_mv.unwrap_or(0).to_le_bytes());
+        out.extend(&self.reference.unwrap_or(0).to_le_bytes());
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        let temperature = body.u16()?.cast_signed();
+        let (supply, reference) = (body.u16()?, body.u16()?);
+        Some(Self {
+            temperature_cdeg: (temperature != Self::NO_TEMPERATURE).then_some(temperature),
+            supply_mv: (supply != 0).then_some(supply),
+            reference: (reference != 0).then_some(reference),
+        })
+    }
+}
+
+impl Health {
+    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        out.extend(&self.clock_us.to_le_bytes());
+        out.extend(&self.timing.first_us.to_le_bytes());
+        out.extend(&self.timing.step_us.to_le_bytes());
+        self.vitals.write(out);
+        self.dark.iter().for_each(|dark| _ = out.extend(&dark.to_le_bytes()));
+    }
+
+    /// What a newer board adds is not looked at.
+    pub(crate) fn read(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
+        let clock_us = body.u32()?;
+        let timing = Timing { first_us: body.u16()?, step_us: body.u16()? };
+        let vitals = Vitals::read(&mut body)?;
+        let mut dark = [0; CHANNELS];
+        for dark in &mut dark {
+            *dark = body.u16()?;
+        }
+        Some(Self { sequence, clock_us, timing, vitals, dark })
+    }
+}
