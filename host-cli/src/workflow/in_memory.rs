@@ -144,6 +144,7 @@ impl RowFit {
                     excitation: self.loads.excitation(),
                 }),
                 sources,
+                columns: None,
             },
         })
     }

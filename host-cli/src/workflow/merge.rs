@@ -114,6 +114,7 @@ impl MergedFit {
                     excitation: None,
                 }),
                 sources: merged.sources.clone(),
+                columns: None,
             },
         }
     }

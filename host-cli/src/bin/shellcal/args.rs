@@ -3,6 +3,7 @@
 use clap::Parser;
 
 use crate::cmd::Command;
+use crate::config::ConfigArgs;
 use crate::printer::OutputArgs;
 
 /// From the recordings of an optical 6-axis force/torque shell to forces and moments.
@@ -13,6 +14,9 @@ use crate::printer::OutputArgs;
 pub(crate) struct Args {
     #[command(flatten)]
     pub(crate) output: OutputArgs,
+
+    #[command(flatten)]
+    pub(crate) config: ConfigArgs,
 
     #[command(subcommand)]
     pub(crate) command: Command,
