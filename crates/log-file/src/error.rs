@@ -6,6 +6,8 @@ use std::path::PathBuf;
 
 use table_file::TableError;
 
+pub use crate::stream::beside::Apart;
+
 /// A log that cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -41,6 +43,16 @@ pub enum LogError {
         path: PathBuf,
         /// What is wrong with it.
         problem: TableError,
+    },
+    /// The files do not belong together row by row.
+    #[error("`{}` and `{}` beside it: {problem}", path.display(), beside.display())]
+    Apart {
+        /// The file.
+        path: PathBuf,
+        /// The file beside it.
+        beside: PathBuf,
+        /// Why not.
+        problem: Apart,
     },
     /// The file is of a kind that is not read.
     #[error("`{}` is {what}, which is not read", path.display())]

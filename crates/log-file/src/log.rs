@@ -10,8 +10,9 @@ use crate::format::mapping::{ColumnRef, Format, Mapping};
 use crate::read::request::Wanted;
 use crate::stream::chunk::{CHUNK_BYTES, ChunkStream};
 use crate::stream::source::{ByteStream, LogSource};
+use shell_data::ColumnNames;
 use shell_data::telemetry::Telemetry;
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axis, PerAxis};
 use table_file::{FileKind, Table};
 
 /// A log whose layout is known.
@@ -29,7 +30,36 @@ impl Log {
     /// [`LogError`] if the file cannot be read, is empty, of a kind or layout that is not read, has two
     /// columns for one thing, or lacks a column that `mapping` names.
     pub fn open(path: &Path, mapping: &Mapping) -> Result<Self, LogError> {
+        Self::of(LogSource::new(path, mapping.table.as_deref())?, mapping)
+    }
+
+    /// The same with the columns of the file `beside`, row by row: they follow those of the log. Where
+    /// neither has names and nothing is specified, those of the log are readings and the six beside them the
+    /// wrench.
+    ///
+    /// # Errors
+    /// Those of [`Log::open`] for either file, and [`LogError::Apart`] if their rows are not the same.
+    pub fn open_beside(path: &Path, beside: &Path, mapping: &Mapping) -> Result<Self, LogError> {
         let source = LogSource::new(path, mapping.table.as_deref())?;
+        let source = source.with_beside(LogSource::new(beside, None)?);
+        let mut mapping = mapping.clone();
+        if let Some(sides) = source.sides()?.filter(|sides| !sides.has_names) {
+            let [readings, others] = sides.columns;
+            let places = |from: usize, count: usize| {
+                (from + 1..=from + count).map(ColumnRef::Position).collect::<Vec<_>>()
+            };
+            mapping.format = mapping.format.or(Some(Format::Csv));
+            if mapping.sensors.is_none() && mapping.time.is_none() {
+                mapping.sensors = Some(places(0, readings));
+            }
+            if mapping.wrench.is_none() && others == 6 {
+                mapping.wrench = places(readings, others).try_into().ok();
+            }
+        }
+        Self::of(source, &mapping)
+    }
+
+    fn of(source: LogSource, mapping: &Mapping) -> Result<Self, LogError> {
         let mut head = Vec::with_capacity(HEAD_BYTES as usize);
         let mut stream = source.open()?.take(HEAD_BYTES);
         stream.read_to_end(&mut head).map_err(|error| source.error(error))?;
@@ -87,6 +117,37 @@ impl Log {
         places.map(|&place| self.layout.columns[place].name.as_str()).collect()
     }
 
+    /// What `mapping` specifies of this log's columns, by their names: what other logs of the same kind
+    /// may be read by. Columns whose names others have, too, are left out.
+    pub fn specified(&self, mapping: &Mapping) -> ColumnNames {
+        let FileLayout { columns, roles, .. } = &self.layout;
+        let mapping = mapping.for_columns(&self.column_names());
+        let name = |place: usize| {
+            let name = &columns[place].name;
+            let is_own = columns.iter().filter(|column| column.name == *name).count() == 1;
+            (is_own && !name.is_empty()).then(|| name.clone())
+        };
+        let sensors =
+            mapping.sensors.and_then(|_| roles.sensors.iter().map(|&at| name(at)).collect());
+        let wrench: Option<Vec<String>> = mapping
+            .wrench
+            .and_then(|_| roles.wrench.iter().map(|place| place.and_then(name)).collect());
+        let wrench: Option<PerAxis<String>> = wrench.and_then(|wrench| wrench.try_into().ok());
+        let time = mapping.time.and(roles.time).and_then(name);
+        ColumnNames {
+            sensors,
+            moment_unit: mapping.moment_unit.filter(|_| wrench.is_some()),
+            wrench,
+            time_unit: mapping.time_unit.filter(|_| time.is_some()),
+            time,
+            group: mapping.group.and(roles.group).and_then(name),
+        }
+    }
+
+    fn column_names(&self) -> Vec<String> {
+        self.layout.columns.iter().map(|column| column.name.clone()).collect()
+    }
+
     /// The number of sensor channels, 0 if there are none.
     pub fn channels(&self) -> usize {
         self.layout.roles.sensors.len()
@@ -140,8 +201,7 @@ impl Log {
     /// # Errors
     /// [`LogError::MissingColumns`] with all that are not there.
     pub fn column_places(&self, references: &[ColumnRef]) -> Result<Vec<usize>, LogError> {
-        let names: Vec<String> =
-            self.layout.columns.iter().map(|column| column.name.clone()).collect();
+        let names = self.column_names();
         positions(&names, references).map_err(|error| LogError::MissingColumns {
             path: self.source.path.clone(),
             place: self.source.place(self.layout.names_line),

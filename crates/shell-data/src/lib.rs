@@ -24,11 +24,13 @@
 #![forbid(unsafe_code)]
 
 pub mod block;
+pub mod columns;
 pub mod fingerprint;
 pub mod statistics;
 pub mod telemetry;
 pub mod wrench;
 
 pub use block::Block;
+pub use columns::{ColumnNames, TimeUnit};
 pub use telemetry::Telemetry;
 pub use wrench::{Axis, MomentUnit, PerAxis};

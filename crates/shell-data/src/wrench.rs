@@ -75,6 +75,19 @@ pub enum MomentUnit {
     MillinewtonMetre,
 }
 
+impl MomentUnit {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::NewtonMetre, Self::MillinewtonMetre];
+
+    /// The symbol of the unit.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::NewtonMetre => "N·m",
+            Self::MillinewtonMetre => "mN·m",
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -165,6 +165,7 @@ mod tests {
     use calibration::scaling::Scaling;
     use calibration::solver::SolverKind;
     use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
+    use shell_data::{ColumnNames, MomentUnit, TimeUnit};
 
     fn file() -> CalibrationFile {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
@@ -204,6 +205,12 @@ mod tests {
                 checksum: Some("xxh128:00".into()),
                 rows: 12,
             }],
+            columns: Some(ColumnNames {
+                sensors: Some(vec!["a".into(), "b".into()]),
+                time_unit: Some(TimeUnit::Microsecond),
+                moment_unit: Some(MomentUnit::MillinewtonMetre),
+                ..ColumnNames::default()
+            }),
         };
         CalibrationFile { calibration, origin }
     }

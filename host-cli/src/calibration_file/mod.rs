@@ -15,6 +15,7 @@
 //! | `covariance` | see [`calibration::uncertainty`] |
 //! | `valid_range` | the smallest and largest reading of each channel in the training data |
 //! | `sources` | files, their checksums and rows |
+//! | `columns` | optional: the columns of the training logs that were specified, by name, and their units; taken of other logs that have them |
 //!
 //! That of a physics model has [`PHYSICS_SCHEMA_VERSION`] and instead of terms, scaling, coefficients and
 //! covariance:

@@ -8,6 +8,7 @@ use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::Selection;
 use serde::{Deserialize, Serialize};
+use shell_data::ColumnNames;
 use shell_data::wrench::PerAxis;
 
 /// Where a calibration comes from.
@@ -25,6 +26,8 @@ pub struct Origin {
     pub diagnostics: Option<Diagnostics>,
     /// The files it was made from.
     pub sources: Vec<Source>,
+    /// Which of their columns are what, where that was specified.
+    pub columns: Option<ColumnNames>,
 }
 
 /// Which solver was used, and how.

@@ -18,7 +18,8 @@ use calibration::validation::excitation::{AxisExcitation, Excitation};
 use calibration::validation::grouped::GroupKind;
 use calibration::validation::selection::{Candidate, CandidateErrors, Selection};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{MomentUnit, PerAxis};
+use shell_data::{ColumnNames, TimeUnit};
 
 use super::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
 
@@ -149,6 +150,22 @@ stored!(StoredOrigin of Origin {
     solver: Option<StoredSolverRecord>,
     diagnostics: Option<StoredDiagnostics>,
     sources: Vec<StoredSource>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    columns: Option<StoredColumnNames>,
+});
+stored!(StoredColumnNames of ColumnNames {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sensors: Option<Vec<String>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    wrench: Option<PerAxis<String>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    moment_unit: Option<Name<MomentUnit>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    time: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    time_unit: Option<Name<TimeUnit>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    group: Option<String>,
 });
 stored!(StoredSolverRecord of SolverRecord {
     name: Name<SolverKind>,
@@ -313,6 +330,22 @@ impl Named for GroupKind {
 
     fn name(self) -> &'static str {
         GroupKind::name(self)
+    }
+}
+
+impl Named for MomentUnit {
+    const ALL: &'static [Self] = &MomentUnit::ALL;
+
+    fn name(self) -> &'static str {
+        self.symbol()
+    }
+}
+
+impl Named for TimeUnit {
+    const ALL: &'static [Self] = &TimeUnit::ALL;
+
+    fn name(self) -> &'static str {
+        self.symbol()
     }
 }
 

@@ -141,6 +141,7 @@ impl RowFit {
                     excitation: self.loads.excitation(),
                 }),
                 sources,
+                columns: None,
             },
         })
     }

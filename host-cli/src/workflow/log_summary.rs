@@ -228,9 +228,11 @@ impl Timing {
         Some(self.end_s? - self.start_s?)
     }
 
-    /// The median interval in s, to 1 µs up to 65 ms and to 3 × 10⁻⁵ of itself above that.
+    /// The median interval in s, to 1 µs up to 65 ms and to 3 × 10⁻⁵ of itself above that, where it
+    /// is not beyond the longest.
     pub fn median_interval_s(&self) -> Option<f64> {
-        Some(self.intervals.median()? * 1e-6)
+        let longest = self.longest.map_or(f64::INFINITY, |longest| longest.length_s);
+        Some((self.intervals.median()? * 1e-6).min(longest))
     }
 
     /// The rate of rows in Hz that the median interval makes; `None` if that is 0.
@@ -339,10 +341,12 @@ mod tests {
 
     #[test]
     fn time_that_runs_backwards_is_counted_and_makes_no_interval() {
-        let timing = timing(&[5.0, 6.0, 2.0, 3.0, 3.0]);
-        assert_eq!((timing.backward_steps, timing.first_backward_row), (1, Some(2)));
-        assert_eq!(timing.equal_times, 1);
-        assert_eq!(timing.median_interval_s(), Some(1.0 + 7.5e-6), "the middle of a bin of 16 µs");
+        let backward = timing(&[5.0, 6.0, 2.0, 3.0, 3.0]);
+        assert_eq!((backward.backward_steps, backward.first_backward_row), (1, Some(2)));
+        assert_eq!(backward.equal_times, 1);
+        assert_eq!(backward.median_interval_s(), Some(1.0), "no longer than the longest");
+        let longer = timing(&[5.0, 6.0, 7.0, 9.0]);
+        assert_eq!(longer.median_interval_s(), Some(1.0 + 7.5e-6), "the middle of a bin of 16 µs");
     }
 
     #[test]

@@ -108,6 +108,7 @@ impl MergedFit {
                     excitation: None,
                 }),
                 sources: merged.sources.clone(),
+                columns: None,
             },
         }
     }

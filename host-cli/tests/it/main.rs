@@ -46,6 +46,7 @@ mod readme;
 #[cfg(unix)]
 mod record_port;
 mod record_replay;
+mod settings;
 mod shell_integration;
 mod simulate_command;
 mod solver_identities;
@@ -57,3 +58,4 @@ mod trial_intervals;
 mod trial_profiles;
 mod trial_real;
 mod virtual_trials;
+mod wrench_beside;

@@ -75,6 +75,7 @@ pub(crate) fn recognise(
         _ => name.clone(),
     };
     let labels: Vec<String> = names.iter().enumerate().map(with_unit).collect();
+    let mapping = &mapping.for_columns(&names);
     // A name that says its own unit needs none from below.
     let meaning = |(label, name): (&String, &String)| match meaning_of(label, format) {
         Meaning::Other => meaning_of(name, format),
@@ -392,6 +393,7 @@ fn describe(meaning: Meaning) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shell_data::ColumnNames;
 
     fn names(line: &str) -> Vec<String> {
         line.split(',').map(str::to_owned).collect()
@@ -414,6 +416,34 @@ mod tests {
         }
         assert_eq!(csv("S3,S1,S2").unwrap().1.sensors, [1, 2, 0]);
         assert_eq!(csv("time,AX").unwrap().1.sensors, [0; 0]);
+    }
+
+    #[test]
+    fn usual_columns_are_taken_where_the_log_has_them_and_nothing_is_specified() {
+        let usual = ColumnNames {
+            sensors: Some(names("b,a")),
+            wrench: Some(["u", "v", "w", "p", "q", "r"].map(str::to_owned)),
+            moment_unit: Some(MomentUnit::MillinewtonMetre),
+            time: Some("clock".to_owned()),
+            time_unit: Some(TimeUnit::Millisecond),
+            group: Some("run".to_owned()),
+        };
+        let mapping = Mapping { usual: Some(usual), ..Mapping::default() };
+        let open = |line: &str, mapping: &Mapping| {
+            recognise(names(line), &[], Format::Csv, mapping).unwrap()
+        };
+        let (columns, roles) = open("clock,a,b,u,v,w,p,q,r,run", &mapping);
+        assert_eq!(roles.sensors, [2, 1]);
+        assert_eq!((roles.time, roles.group), (Some(0), Some(9)));
+        assert_eq!(columns[0].meaning, Meaning::Time(TimeUnit::Millisecond));
+        assert_eq!(columns[6].meaning.per_si_unit(), 1e3);
+        // Another log is read as it always was, and what is specified goes first.
+        let (columns, roles) = open("time,s1,s2,b,Fx,Fy,Fz,Mx,My,Mz", &mapping);
+        assert_eq!((&*roles.sensors, roles.time), (&[1, 2][..], Some(0)));
+        assert_eq!(columns[0].meaning, Meaning::Time(TimeUnit::Second));
+        assert_eq!(columns[7].meaning.per_si_unit(), 1.0);
+        let mapping = Mapping { sensors: Some(refs("a")), ..mapping };
+        assert_eq!(open("a,b", &mapping).1.sensors, [0]);
     }
 
     #[test]

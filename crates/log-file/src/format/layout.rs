@@ -178,8 +178,8 @@ fn separated_header(
     first: &Line<'_>,
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
-    let table_names = source.as_table().and_then(Table::names);
-    let separator = if source.as_table().is_some() { b',' } else { separator(first.text) };
+    let table_names = source.as_whole_table().and_then(Table::names);
+    let separator = if source.as_whole_table().is_some() { b',' } else { separator(first.text) };
     let fields = |line: &Line<'_>| fields(line.text, separator);
     let has_commas = separator != b',';
     let is_numeric = |fields: &[Vec<u8>]| {

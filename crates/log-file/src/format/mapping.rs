@@ -1,6 +1,7 @@
 //! What the user specifies about a log that cannot be recognised.
 
-pub use shell_data::MomentUnit;
+use shell_data::ColumnNames;
+pub use shell_data::{MomentUnit, TimeUnit};
 use std::fmt;
 
 /// The kinds of log that can be read.
@@ -34,41 +35,6 @@ impl fmt::Display for Format {
             Format::Reference => "reference sensor CSV",
             Format::Console => "base-station console log",
         })
-    }
-}
-
-/// The unit of a time column.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TimeUnit {
-    /// s
-    Second,
-    /// ms
-    Millisecond,
-    /// µs
-    Microsecond,
-    /// ns
-    Nanosecond,
-}
-
-impl TimeUnit {
-    /// How many of this unit make a second.
-    pub const fn per_second(self) -> f64 {
-        match self {
-            TimeUnit::Second => 1.0,
-            TimeUnit::Millisecond => 1e3,
-            TimeUnit::Microsecond => 1e6,
-            TimeUnit::Nanosecond => 1e9,
-        }
-    }
-
-    /// The symbol of the unit.
-    pub const fn symbol(self) -> &'static str {
-        match self {
-            TimeUnit::Second => "s",
-            TimeUnit::Millisecond => "ms",
-            TimeUnit::Microsecond => "µs",
-            TimeUnit::Nanosecond => "ns",
-        }
     }
 }
 
@@ -109,4 +75,36 @@ pub struct Mapping {
     pub group: Option<ColumnRef>,
     /// The unit of the moment columns, whatever their names say.
     pub moment_unit: Option<MomentUnit>,
+    /// What is taken where nothing is specified above, if the log has such columns.
+    pub usual: Option<ColumnNames>,
+}
+
+impl Mapping {
+    /// What is specified for a log with columns of these names, the usual included. A unit belongs to its
+    /// columns, and is taken with them only.
+    pub(crate) fn for_columns(&self, names: &[String]) -> Self {
+        let mut mapping = self.clone();
+        let Some(usual) = mapping.usual.take() else { return mapping };
+        let has = |column: &String| names.contains(column);
+        let name = |column: String| ColumnRef::Name(column);
+        if mapping.sensors.is_none()
+            && let Some(sensors) = usual.sensors.filter(|all| all.iter().all(has))
+        {
+            mapping.sensors = Some(sensors.into_iter().map(name).collect());
+        }
+        if mapping.wrench.is_none()
+            && let Some(wrench) = usual.wrench.filter(|all| all.iter().all(has))
+        {
+            mapping.wrench = Some(wrench.map(name));
+            mapping.moment_unit = mapping.moment_unit.or(usual.moment_unit);
+        }
+        if mapping.time.is_none()
+            && let Some(time) = usual.time.filter(has)
+        {
+            mapping.time = Some(name(time));
+            mapping.time_unit = mapping.time_unit.or(usual.time_unit);
+        }
+        mapping.group = mapping.group.or_else(|| usual.group.filter(has).map(name));
+        mapping
+    }
 }

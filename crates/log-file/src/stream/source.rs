@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! file ─▶ gzip, zstd ─▶ UTF-16 ─┐
-//! file ─▶ table as CSV ─────────┴▶ text
+//! file ─▶ table as CSV ─────────┴▶ text ─▶ with that of a file beside it, line by line
 //! ```
 //!
 //! What a file is, is known by its first bytes, not by its name.
@@ -18,6 +18,7 @@ use flate2::bufread::MultiGzDecoder;
 use table_file::{FileKind, Numbering, Recognised, Table, TableError, TableText};
 use tempfile::TempPath;
 
+use super::beside::{Apart, Joined, Lines, Sides};
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
@@ -35,6 +36,8 @@ pub(crate) struct LogSource {
     utf16: Option<bool>,
     /// What came from standard input.
     spool: Option<Arc<TempPath>>,
+    /// A file whose columns stand beside those of this one, row by row.
+    beside: Option<Arc<LogSource>>,
 }
 
 /// What the text of a log is in.
@@ -56,6 +59,7 @@ impl LogSource {
             container: Container::Plain,
             utf16: None,
             spool: None,
+            beside: None,
         };
         if path.as_os_str() == "-" {
             let spool = spool_standard_input().map_err(|error| source.error(error))?;
@@ -106,6 +110,30 @@ impl LogSource {
         Ok(source)
     }
 
+    /// The same with the columns of another file, whose rows are those of this one.
+    pub(crate) fn with_beside(self, beside: Self) -> Self {
+        Self { beside: Some(Arc::new(beside)), ..self }
+    }
+
+    /// What the first lines of this and the file beside it say; `None` without such a file.
+    pub(crate) fn sides(&self) -> Result<Option<Sides>, LogError> {
+        let Some(beside) = &self.beside else { return Ok(None) };
+        let first_line = |source: &Self, stream: ByteStream| {
+            let mut lines = Lines::new(stream);
+            lines.next(1).map_err(|error| source.error(error))?;
+            Ok::<_, LogError>(lines.line)
+        };
+        let first = first_line(self, self.open_alone(false, &Arc::default())?)?;
+        let second = first_line(beside, beside.open()?)?;
+        let sides = Sides::new([&first, &second]);
+        sides.map(Some).map_err(|problem| self.apart(problem))
+    }
+
+    fn apart(&self, problem: Apart) -> LogError {
+        let beside = self.beside.as_ref().map(|beside| beside.path.clone()).unwrap_or_default();
+        LogError::Apart { path: self.path.clone(), beside, problem }
+    }
+
     /// The first bytes of a stream.
     fn start(&self, stream: impl Read) -> Result<Vec<u8>, LogError> {
         let mut start = Vec::with_capacity(table_file::RECOGNISED_BYTES);
@@ -137,6 +165,13 @@ impl LogSource {
         checksum: bool,
         bytes: &Arc<AtomicU64>,
     ) -> Result<ByteStream, LogError> {
+        let stream = self.open_alone(checksum, bytes)?;
+        let Some(beside) = &self.beside else { return Ok(stream) };
+        Ok(ByteStream::Joined(Box::new(Joined::new(stream, beside.open()?))))
+    }
+
+    /// Opens the text of the file itself.
+    fn open_alone(&self, checksum: bool, bytes: &Arc<AtomicU64>) -> Result<ByteStream, LogError> {
         let file = |bytes: &Arc<AtomicU64>| {
             let checksum = checksum.then(Box::default);
             Ok::<_, LogError>(CountingFile {
@@ -176,7 +211,7 @@ impl LogSource {
 
     /// Whether the bytes of the file are those of the text.
     pub(crate) fn is_plain(&self) -> bool {
-        matches!(self.container, Container::Plain) && self.utf16.is_none()
+        matches!(self.container, Container::Plain) && self.utf16.is_none() && self.beside.is_none()
     }
 
     /// How the file is compressed, if it is.
@@ -196,6 +231,11 @@ impl LogSource {
         }
     }
 
+    /// The table whose columns are all there are, if it is one.
+    pub(crate) fn as_whole_table(&self) -> Option<&Table> {
+        self.as_table().filter(|_| self.beside.is_none())
+    }
+
     /// What a line of the text, from 1, is in the file.
     pub(crate) fn place(&self, line: u64) -> Place {
         match (self.as_table().map(Table::numbering), line) {
@@ -212,6 +252,10 @@ impl LogSource {
         let path = self.path.clone();
         let source = match source.downcast::<TableError>() {
             Ok(problem) => return LogError::Table { path, problem },
+            Err(source) => source,
+        };
+        let source = match source.downcast::<Apart>() {
+            Ok(problem) => return self.apart(problem),
             Err(source) => source,
         };
         match (&self.container, source.kind()) {
@@ -248,6 +292,7 @@ pub(crate) enum ByteStream {
     Zstd(Box<Zstd<BufReader<CountingFile>>>),
     Table(Box<TableStream>),
     Utf16(Box<Utf16<ByteStream>>),
+    Joined(Box<Joined<ByteStream>>),
 }
 
 impl ByteStream {
@@ -263,6 +308,7 @@ impl ByteStream {
             ByteStream::Zstd(decoder) => decoder.get_ref().get_ref(),
             ByteStream::Table(table) => &table.whole,
             ByteStream::Utf16(decoder) => decoder.get_ref().file(),
+            ByteStream::Joined(joined) => joined.get_ref().file(),
         }
     }
 }
@@ -275,6 +321,7 @@ impl Read for ByteStream {
             ByteStream::Zstd(decoder) => decoder.read(buffer),
             ByteStream::Table(table) => table.read(buffer),
             ByteStream::Utf16(decoder) => decoder.read(buffer),
+            ByteStream::Joined(joined) => joined.read(buffer),
         }
     }
 }

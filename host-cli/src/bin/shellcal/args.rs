@@ -5,6 +5,7 @@ use std::ffi::OsString;
 use clap::{ColorChoice, Parser};
 
 use crate::cmd::Command;
+use crate::config::ConfigArgs;
 use crate::printer::OutputArgs;
 
 /// From the recordings of an optical 6-axis force/torque shell to forces and moments.
@@ -15,6 +16,9 @@ use crate::printer::OutputArgs;
 pub(crate) struct Args {
     #[command(flatten)]
     pub(crate) output: OutputArgs,
+
+    #[command(flatten)]
+    pub(crate) config: ConfigArgs,
 
     #[command(subcommand)]
     pub(crate) command: Command,

@@ -17,6 +17,7 @@ use shellcal::link::{LinkError, NotForBoard, RecordError};
 use shellcal::output::OutputError;
 use shellcal::recording::NoFrame;
 use shellcal::trial::TrialError;
+use shellcal::trial::manifest::suggest;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
@@ -52,7 +53,30 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             .or_else(|| known(cause, after_setup))
             .or_else(|| known(cause, after_output)),
     });
-    hint.map(str::to_owned)
+    error.chain().find_map(nearest_columns).or_else(|| hint.map(str::to_owned))
+}
+
+/// The names that are like those of columns that a log does not have.
+fn nearest_columns(cause: &(dyn Error + 'static)) -> Option<String> {
+    let error: &LogError = match cause.downcast_ref() {
+        Some(WorkflowError::Log(error)) => error,
+        _ => match (cause.downcast_ref(), cause.downcast_ref()) {
+            (Some(ConvertError::Log(error)), _) | (_, Some(TrialLogError::Log(error))) => error,
+            _ => cause.downcast_ref()?,
+        },
+    };
+    let LogError::MissingColumns { missing, found, .. } = error else { return None };
+    if let Some(name) = missing.iter().find(|name| found.contains(name)) {
+        return Some(format!(
+            "`{name}` is there, but was said to be something else: check `--sensors`, `--wrench` and `--time`"
+        ));
+    }
+    let nearest = |name: &String| {
+        let like = suggest(name, found.iter().map(String::as_str))?;
+        Some(format!("`{like}` for `{name}`"))
+    };
+    let nearest: Vec<String> = missing.iter().filter_map(nearest).collect();
+    (!nearest.is_empty()).then(|| format!("did you mean {}?", nearest.join(", ")))
 }
 
 /// What `after` says if the cause is of its kind.

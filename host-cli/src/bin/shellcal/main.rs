@@ -2,6 +2,7 @@
 
 mod args;
 mod cmd;
+mod config;
 mod files;
 mod hints;
 mod outcome;
@@ -12,7 +13,7 @@ mod tables;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches};
+use clap::{ArgMatches, CommandFactory, FromArgMatches};
 use shellcal::output;
 
 fn main() -> ExitCode {
@@ -22,16 +23,10 @@ fn main() -> ExitCode {
     }
     let mut command = args::Args::command().color(args::color_of(std::env::args_os()));
     let matches = command.get_matches_mut();
-    let args = match args::Args::from_arg_matches(&matches) {
-        Ok(args) => args,
-        Err(error) => error.format(&mut command).exit(),
-    };
+    let said = parsed(&mut command, &matches);
     output::before_unfinished(signals::listen);
-    let mut printer = printer::Printer::new(args.output);
-    let ran = files::outputs(&matches)
-        .map_err(anyhow::Error::from)
-        .and_then(|outputs| args.command.run(&mut printer, &outputs, args::Args::command));
-    match ran {
+    let mut printer = printer::Printer::new(said.output);
+    match run(&mut command, &said.config, matches, &mut printer) {
         Ok(outcome) => outcome.into(),
         Err(error) if hints::is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
@@ -39,4 +34,27 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// Ends the program where the command line cannot be.
+fn parsed(command: &mut clap::Command, matches: &ArgMatches) -> args::Args {
+    args::Args::from_arg_matches(matches).unwrap_or_else(|error| error.format(command).exit())
+}
+
+/// Runs a command, with the settings of its data.
+fn run(
+    command: &mut clap::Command,
+    config: &config::ConfigArgs,
+    matches: ArgMatches,
+    printer: &mut printer::Printer,
+) -> anyhow::Result<outcome::Outcome> {
+    let arguments = std::env::args_os().collect();
+    let configured = config::configure(arguments, command, config, matches)?;
+    let args = parsed(command, &configured.matches);
+    let outputs = files::outputs(&configured.matches)?;
+    if let Some(file) = configured.file() {
+        outputs.protect(file)?;
+    }
+    configured.explain(config, command, printer);
+    args.command.run(printer, &outputs, args::Args::command)
 }

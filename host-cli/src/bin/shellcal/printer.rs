@@ -9,15 +9,18 @@ use serde::Serialize;
 
 use crate::tables::{self, TableForm};
 
+/// What help calls the options of every command, which stand at its end.
+pub(crate) const GLOBAL: &str = "Every command";
+
 /// How much is said, and in which form.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct OutputArgs {
     /// Print one JSON document instead of tables
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = GLOBAL)]
     json: bool,
 
     /// Print nothing but results and errors: no progress, no notes
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, help_heading = GLOBAL)]
     quiet: bool,
 
     /// How tables are printed: text, markdown or csv; with csv nothing else goes to the standard output

@@ -58,7 +58,7 @@ impl Encoder<'_> {
                 flags: self
                     .table
                     .has_flags()
-                    .then(|| (0..frames.len()).map(|row| Table::flags(frames, row)).collect()),
+                    .then(|| (0..frames.len()).map(|row| self.table.flags(frames, row)).collect()),
             }),
         })
     }
@@ -98,7 +98,7 @@ impl Encoder<'_> {
                     json.push(b',');
                 }
                 json.extend_from_slice(b"\"flags\":\"");
-                Table::write_flags(frames, row, json);
+                self.table.write_flags(frames, row, json);
                 json.extend_from_slice(b"\"}");
             });
         }

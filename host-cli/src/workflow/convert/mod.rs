@@ -101,12 +101,13 @@ pub fn convert_to(
     let factors = options.columns.interval.map(|level| interval_factors(calibration, level));
     let factors = factors.transpose()?;
     let kept: Vec<String> = keep.iter().map(|&at| log.columns()[at].name.clone()).collect();
-    let table = Table::new(options.columns, factors.unwrap_or_default(), &kept);
+    let channels = channel_names(log);
+    let table = Table::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
     let is_recording = matches!(format, OutputFormat::Mcap { .. });
     if is_recording && !(options.columns.time && options.columns.axes == [true; 6]) {
         return Err(ConvertError::PartOfWrench);
     }
-    let encoder = Encoder { table: &table, format, channels: channel_names(log) };
+    let encoder = Encoder { table: &table, format, channels };
     let keeps_readings = encoder.needs_readings();
     let converter = Converter { calibration, pipeline: &pipeline, options, keeps_readings };
     let output = Output::new(&encoder, out)?;

@@ -12,6 +12,8 @@ pub(super) struct Table {
     factors: PerAxis<f64>,
     /// The names of the log's columns that are carried along.
     kept: Vec<String>,
+    /// What the channels are called in flags.
+    channels: Vec<String>,
 }
 
 /// What one column is made of.
@@ -31,10 +33,16 @@ impl Column<'_> {
 }
 
 impl Table {
-    /// `factors` are those of the interval, if there is to be one.
-    pub(super) fn new(columns: Columns, factors: PerAxis<f64>, kept: &[String]) -> Self {
+    /// `factors` are those of the interval, if there is to be one; `channels` are the names of the readings.
+    pub(super) fn new(
+        columns: Columns,
+        factors: PerAxis<f64>,
+        kept: &[String],
+        channels: &[String],
+    ) -> Self {
         let axes = Axis::ALL.into_iter().filter(|axis| columns.axes[axis.index()]).collect();
-        let mut table = Self { columns, axes, factors, kept: Vec::new() };
+        let channels = channels.iter().enumerate().map(|(at, name)| flag_name(at, name)).collect();
+        let mut table = Self { columns, axes, factors, kept: Vec::new(), channels };
         let own = table.names();
         // Two columns of one name would be one too many.
         let distinct = |name: &String| match own.contains(name) {
@@ -89,25 +97,26 @@ impl Table {
     }
 
     /// The flags of a frame.
-    pub(super) fn flags(frames: &ConvertedFrames, row: usize) -> String {
+    pub(super) fn flags(&self, frames: &ConvertedFrames, row: usize) -> String {
         let mut text = Vec::new();
-        Self::write_flags(frames, row, &mut text);
+        self.write_flags(frames, row, &mut text);
         String::from_utf8_lossy(&text).into_owned()
     }
 
     /// Adds the flags of a frame: channels out of range, saturated and left out.
-    pub(super) fn write_flags(frames: &ConvertedFrames, row: usize, text: &mut Vec<u8>) {
+    pub(super) fn write_flags(&self, frames: &ConvertedFrames, row: usize, text: &mut Vec<u8>) {
         let left_out = frames.left_out.get(row).copied().unwrap_or(0);
         let masks = [frames.out_of_range[row], frames.saturated[row], left_out];
         let start = text.len();
         let mut flagged = masks[0] | masks[1] | masks[2];
         while flagged != 0 {
-            let channel = flagged.trailing_zeros();
+            let channel = flagged.trailing_zeros() as usize;
             flagged &= flagged - 1;
+            let name = self.channels.get(channel).map_or("", String::as_str);
             for (mask, what) in masks.into_iter().zip(["range", "saturated", "left-out"]) {
                 if mask >> channel & 1 == 1 {
                     let space = if text.len() > start { " " } else { "" };
-                    text.extend_from_slice(format!("{space}s{}:{what}", channel + 1).as_bytes());
+                    text.extend_from_slice(format!("{space}{name}:{what}").as_bytes());
                 }
             }
         }
@@ -154,10 +163,24 @@ impl Table {
                 if !columns.is_empty() {
                     text.push(b',');
                 }
-                Self::write_flags(frames, row, text);
+                self.write_flags(frames, row, text);
             }
             text.push(b'\n');
         }
+    }
+}
+
+/// What a channel is called in flags: its name in the log without what separates flags, or `s1` for the
+/// first of channels that are numbered so.
+fn flag_name(channel: usize, name: &str) -> String {
+    let numbered = format!("s{}", channel + 1);
+    match name.trim() {
+        "" => numbered,
+        name if name.eq_ignore_ascii_case(&numbered) => numbered,
+        name => name
+            .chars()
+            .map(|c| if c.is_whitespace() || ":,;\"\\".contains(c) { '_' } else { c })
+            .collect(),
     }
 }
 
@@ -180,7 +203,7 @@ mod tests {
 
     fn written(columns: Columns) -> String {
         let mut text = Vec::new();
-        let table = Table::new(columns, [2.0; 6], &[]);
+        let table = Table::new(columns, [2.0; 6], &[], &["S1", "S2", "gap 3"].map(str::to_owned));
         table.header(&mut text);
         table.rows(&frames(), &mut text);
         String::from_utf8(text).unwrap()
@@ -208,7 +231,7 @@ mod tests {
                 assert_eq!(fields[1 + axis].parse(), Ok(frames().wrench[axis][row]));
                 assert_eq!(fields[7 + axis].parse(), Ok(frames().standard_errors[axis][row]));
             }
-            assert_eq!(fields[13], ["", "s1:range s3:range s3:saturated"][row]);
+            assert_eq!(fields[13], ["", "s1:range gap_3:range gap_3:saturated"][row]);
         }
     }
 

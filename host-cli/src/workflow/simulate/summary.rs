@@ -36,6 +36,9 @@ pub struct Summary {
     pub max_contacts: Option<[u32; 2]>,
     /// Work on all beams in one crossing, in J.
     pub energy_j: f64,
+    /// Mean drag from the first contact to the last in N, which is what a trial's window holds; zero
+    /// without contact.
+    pub crossing_drag_n: f64,
     /// What to know before trusting the figures.
     pub remarks: Vec<ChannelDiagnostic>,
 }
@@ -86,6 +89,7 @@ impl Summary {
             (short, ChannelDiagnostic::ShortPlateau),
         ];
         let no_contacts = free.then_some([0; 2]);
+        let energy_j = model.energy();
         Self {
             width_m: setup.channel.width_m,
             deflection_m: setup.deflection_m(),
@@ -102,7 +106,8 @@ impl Summary {
                 .or(free.then_some([0.0; 2])),
             min_contacts: plateau.map(|plateau| plateau.min_contacts).or(no_contacts),
             max_contacts: plateau.map(|plateau| plateau.max_contacts).or(no_contacts),
-            energy_j: model.energy(),
+            energy_j,
+            crossing_drag_n: extent.map_or(0.0, |[first, last]| energy_j / (last - first)),
             remarks: remarks.into_iter().filter_map(|(is, remark)| is.then_some(remark)).collect(),
         }
     }

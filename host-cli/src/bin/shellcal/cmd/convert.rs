@@ -113,8 +113,9 @@ impl ConvertArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let targets = self.targets(printer.json(), outputs)?;
         let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
-        let calibration = CalibrationFile::read(&self.calibration)?.calibration;
-        let mapping = self.mapping.mapping()?;
+        let file = CalibrationFile::read(&self.calibration)?;
+        let mapping = self.mapping.mapping_for(&file)?;
+        let calibration = file.calibration;
         let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let mut plot = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?;

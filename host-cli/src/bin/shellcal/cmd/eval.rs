@@ -14,7 +14,7 @@ use shellcal::output::Outputs;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
 use shellcal::workflow::selection::UsedRows;
 
-use super::mapping::MappingArgs;
+use super::mapping::{MappingArgs, open_logs};
 use super::quality::{significant, table_row};
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
@@ -35,6 +35,10 @@ pub(crate) struct EvalArgs {
     /// Logs with readings and a measured wrench
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
+
+    /// Take the wrench from these files, one for each log, row by row
+    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
+    wrench_from: Vec<InputPath>,
 
     /// Fail when the RMS error of Fx, Fy or Fz is above this many N
     #[arg(long, value_name = "N", value_parser = limit)]
@@ -79,10 +83,10 @@ struct Document {
 
 impl EvalArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let calibration = CalibrationFile::read(&self.calibration)?.calibration;
-        let mapping = self.mapping.mapping()?;
-        let open = |path: &InputPath| Log::open(path, &mapping);
-        let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let file = CalibrationFile::read(&self.calibration)?;
+        let mapping = self.mapping.mapping_for(&file)?;
+        let calibration = file.calibration;
+        let logs = open_logs(&self.logs, ("--wrench-from", &self.wrench_from), &mapping)?;
         let format = self.plot.as_ref().map(Format::of).transpose()?;
         let output = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?.zip(format);
         let mut plot = output.is_some().then(FitPlot::new);

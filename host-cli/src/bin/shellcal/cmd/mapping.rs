@@ -1,7 +1,11 @@
 //! The flags of every command that reads logs: what their columns are, and how they are read.
 
 use clap::ValueEnum;
-use log_file::{ColumnRef, Format, Mapping, MomentUnit, ReadOptions, TimeUnit};
+use log_file::{ColumnRef, Format, Log, Mapping, MomentUnit, ReadOptions, TimeUnit};
+use shell_data::ColumnNames;
+use shellcal::calibration_file::CalibrationFile;
+
+use crate::files::InputPath;
 
 /// What the columns of a log are, where their names do not say.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -71,7 +75,20 @@ impl MappingArgs {
             time_unit: self.time_unit.map(TimeUnit::from),
             group: self.group.clone(),
             moment_unit: self.moment_unit.map(MomentUnit::from),
+            usual: None,
         })
+    }
+
+    /// What the user says about the columns of logs that a calibration is for.
+    pub(crate) fn mapping_for(&self, calibration: &CalibrationFile) -> anyhow::Result<Mapping> {
+        Ok(Mapping { usual: calibration.origin.columns.clone(), ..self.mapping()? })
+    }
+
+    /// The columns of training logs that the user names, if any.
+    pub(crate) fn specified(&self, train: &[Log]) -> anyhow::Result<Option<ColumnNames>> {
+        let mapping = self.mapping()?;
+        let names = train.first().map(|log| log.specified(&mapping));
+        Ok(names.filter(|names| !names.is_empty()))
     }
 
     /// How to read.
@@ -82,6 +99,25 @@ impl MappingArgs {
             ..ReadOptions::default()
         }
     }
+}
+
+/// Opens logs, each with the file of its wrench where `option` names such files.
+pub(crate) fn open_logs(
+    logs: &[InputPath],
+    (option, wrenches): (&str, &[InputPath]),
+    mapping: &Mapping,
+) -> anyhow::Result<Vec<Log>> {
+    if wrenches.is_empty() {
+        return Ok(logs.iter().map(|log| Log::open(log, mapping)).collect::<Result<_, _>>()?);
+    }
+    anyhow::ensure!(
+        wrenches.len() == logs.len(),
+        "`{option}` names {} files for {} logs, expected one for each, in their order",
+        wrenches.len(),
+        logs.len()
+    );
+    let open = |(log, wrench): (&InputPath, &InputPath)| Log::open_beside(log, wrench, mapping);
+    Ok(logs.iter().zip(wrenches).map(open).collect::<Result<_, _>>()?)
 }
 
 /// A list of columns.

@@ -50,8 +50,9 @@ struct Noise {
 
 impl NoiseArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        let calibration = CalibrationFile::read(&self.calibration)?.calibration;
-        let mapping = self.mapping.mapping()?;
+        let file = CalibrationFile::read(&self.calibration)?;
+        let mapping = self.mapping.mapping_for(&file)?;
+        let calibration = file.calibration;
         let mut noises = Vec::new();
         for path in &self.logs {
             let log = Log::open(path, &mapping)?;

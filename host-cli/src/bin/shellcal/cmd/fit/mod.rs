@@ -33,7 +33,7 @@ use self::physics::Weighed;
 use self::report::{Known, report};
 use super::choices::{ModelArg, SolverArg};
 use super::covariance::{CovarianceArg, warn_of_few_groups};
-use super::mapping::MappingArgs;
+use super::mapping::{MappingArgs, open_logs};
 use super::origin;
 use super::outliers::report as outlier_reports;
 use super::validation::parse_cv;
@@ -59,6 +59,14 @@ pub(crate) struct FitArgs {
     /// Logs to test on
     #[arg(long, value_name = "TEST", num_args = 1..)]
     test: Vec<InputPath>,
+
+    /// Take the wrench from these files, one for each training log, row by row
+    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
+    wrench_from: Vec<InputPath>,
+
+    /// The same for each log to test on
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "test", help_heading = "Reading logs")]
+    test_wrench_from: Vec<InputPath>,
 
     /// Features of the readings
     #[arg(long, value_name = "MODEL", default_value = "cubic")]
@@ -209,8 +217,7 @@ impl FitArgs {
             "`--solver ridge-gcv` finds the parameter itself: leave out `--ridge`"
         );
         let mapping = self.mapping.mapping()?;
-        let open = |path: &InputPath| Log::open(path, &mapping);
-        let train = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let train = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
         let dropped = self.drop_rows(&train, printer, outputs)?;
         let excluded = dropped.excluded();
         let used = UsedRows { fresh: self.fresh, excluded: Some(&excluded) };
@@ -218,7 +225,8 @@ impl FitArgs {
             self.write_partial(path, train, printer, outputs)?;
             return Ok(Outcome::Done);
         }
-        let test = self.test.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let wrenches = ("--test-wrench-from", self.test_wrench_from.as_slice());
+        let test = open_logs(&self.test, wrenches, &mapping)?;
         let opened = self.open_outputs(outputs)?;
         if matches!(self.model, ModelArg::Physics) {
             let weighed = Weighed::default();
@@ -284,7 +292,8 @@ impl FitArgs {
             outliers: named.map(|named| outlier_reports(&named, &train)),
             dropped: self.dropped.as_ref().map(|_| outlier_reports(&dropped, &train)),
         };
-        let file = self.calibration_file(&fitted, choice)?;
+        let mut file = self.calibration_file(&fitted, choice)?;
+        file.origin.columns = self.mapping.specified(&train)?;
         self.write(opened, &file, fitted.plots.as_ref())?;
         report(printer, &fitted, &file, &known, start.elapsed().as_secs_f64())?;
         Ok(Outcome::Done)
@@ -374,6 +383,7 @@ impl FitArgs {
                     excitation: fitted.loads.excitation(),
                 }),
                 sources: self.sources(&fitted.train, &fitted.test),
+                columns: None,
             },
         })
     }

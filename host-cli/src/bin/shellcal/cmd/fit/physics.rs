@@ -147,7 +147,8 @@ impl FitArgs {
         if let Some(groups) = fitted.found {
             note_found(printer, groups);
         }
-        let file = self.physics_file(&fitted, weighed.selection)?;
+        let mut file = self.physics_file(&fitted, weighed.selection)?;
+        file.origin.columns = self.mapping.specified(train)?;
         self.write(opened, &file, fitted.plots.as_ref())?;
         report(printer, &fitted, &file, weighed.weighing.as_ref(), start.elapsed().as_secs_f64())
     }
@@ -178,6 +179,7 @@ impl FitArgs {
                     excitation: fitted.loads.excitation(),
                 }),
                 sources: self.sources(&fitted.train, &fitted.test),
+                columns: None,
             },
         })
     }

@@ -50,6 +50,16 @@ impl ChannelReport {
         for remark in &self.summary.remarks {
             printer.warning(format!("channel of {} cm: {remark}", cm(self.summary.width_m)));
         }
+        // Half the width of the body, and what is left on either side of it.
+        let Summary { width_m, deflection_m, .. } = self.summary;
+        let (half_m, gap_m) = (deflection_m + width_m / 2.0, -deflection_m);
+        if gap_m > half_m {
+            printer.warning(format!(
+                "channel of {} cm: the body passes {} cm away from the beams; lengths without a unit are in m",
+                cm(width_m),
+                cm(gap_m)
+            ));
+        }
     }
 
     /// The forces at the position asked for, if one was.

@@ -19,8 +19,9 @@ pub(super) struct Comparison {
     measured: MeasuredCondition,
     /// None where the robot runs free.
     width_m: Option<f64>,
-    simulated_drag_n: Option<f64>,
-    over_prediction_n: Option<f64>,
+    /// Mean from the first contact to the last.
+    simulated_drag_n: f64,
+    over_prediction_n: f64,
     /// Simulated over measured; none where either is not positive.
     ratio: Option<f64>,
     remarks: Vec<ChannelDiagnostic>,
@@ -52,11 +53,11 @@ impl SimulateArgs {
         };
         let summary =
             setup.map(|setup| model(&setup).map(|model| Summary::of(&model))).transpose()?;
-        let simulated_drag_n = summary.as_ref().map_or(Some(0.0), |summary| summary.mean_drag_n);
-        let over_prediction_n = simulated_drag_n.map(|drag| drag - measured.mean_drag_n);
-        let ratio = simulated_drag_n
-            .filter(|&drag| drag > 0.0 && measured.mean_drag_n > 0.0)
-            .map(|drag| drag / measured.mean_drag_n);
+        // A trial's mean is over its window, from the first contact to the last, not over the plateau.
+        let simulated_drag_n = summary.as_ref().map_or(0.0, |summary| summary.crossing_drag_n);
+        let over_prediction_n = simulated_drag_n - measured.mean_drag_n;
+        let is_drag = simulated_drag_n > 0.0 && measured.mean_drag_n > 0.0;
+        let ratio = is_drag.then(|| simulated_drag_n / measured.mean_drag_n);
         let width_m = setup.map(|setup| setup.channel.width_m);
         let remarks = summary.map_or_else(Vec::new, |summary| summary.remarks);
         Ok(Comparison { measured, width_m, simulated_drag_n, over_prediction_n, ratio, remarks })
@@ -92,8 +93,8 @@ pub(super) fn print(printer: &mut Printer, comparison: &[Comparison]) -> anyhow:
                 row.measured.trials.to_string(),
                 format!("{:.4}", row.measured.mean_drag_n),
                 or_dash(row.measured.sd_drag_n, 4),
-                or_dash(row.simulated_drag_n, 4),
-                or_dash(row.over_prediction_n, 4),
+                format!("{:.4}", row.simulated_drag_n),
+                format!("{:.4}", row.over_prediction_n),
                 or_dash(row.ratio, 2),
             ]
         })

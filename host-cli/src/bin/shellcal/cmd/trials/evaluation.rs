@@ -64,7 +64,11 @@ impl EvaluationArgs {
             None => Profile::velociroach(),
             Some(path) => read_profile(path)?,
         };
-        Ok(Equipment { profile, calibration, mapping: self.mapping.mapping()? })
+        let mapping = match &calibration {
+            Some(calibration) => self.mapping.mapping_for(calibration)?,
+            None => self.mapping.mapping()?,
+        };
+        Ok(Equipment { profile, calibration, mapping })
     }
 
     pub(crate) fn options(&self, equipment: &Equipment, trace: TraceExtent) -> TrialOptions {

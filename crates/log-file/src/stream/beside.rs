@@ -1,0 +1,231 @@
+//! Two files whose rows belong together as one text: the lines `1,2` and `3` make `1,2,3`.
+//!
+//! Both have names in their first line, or neither has. A name that both have is that of the first.
+
+use std::io::{self, BufRead, BufReader, Read};
+
+/// The longest line.
+const LONGEST: u64 = 1 << 20;
+
+/// How much text is made at a time.
+const TEXT_BYTES: usize = 1 << 16;
+
+/// Why two files are not rows of one log.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Apart {
+    /// The first alone, or the second, has this line.
+    #[error("line {0} is in one of them alone")]
+    Lines(u64),
+    /// Their first lines have other separators.
+    #[error("`{}` separates the columns of the one, `{}` those of the other", char::from(*.0), char::from(*.1))]
+    Separators(u8, u8),
+    /// One of them begins with names, the other with numbers.
+    #[error("one of them begins with names of columns, the other with numbers")]
+    Names,
+    /// The first is a log that begins with more than one line of names.
+    #[error("robot telemetry has no file beside it")]
+    Telemetry,
+    /// A line that is none.
+    #[error("line {0} is longer than {LONGEST} bytes")]
+    Long(u64),
+}
+
+/// What the first lines of two files say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Sides {
+    separator: u8,
+    /// Whether there are names.
+    pub(crate) has_names: bool,
+    /// How many columns each has.
+    pub(crate) columns: [usize; 2],
+}
+
+impl Sides {
+    /// Of the first lines.
+    pub(crate) fn new([first, second]: [&[u8]; 2]) -> Result<Self, Apart> {
+        if first.starts_with(b"%") {
+            return Err(Apart::Telemetry);
+        }
+        let separator = match [first, second].map(separator) {
+            [Some(first), Some(second)] if first != second => {
+                return Err(Apart::Separators(first, second));
+            }
+            [first, second] => first.or(second).unwrap_or(b','),
+        };
+        let fields =
+            |line: &[u8]| line.split(|&byte| byte == separator).map(<[u8]>::to_vec).collect();
+        let fields: [Vec<Vec<u8>>; 2] = [first, second].map(fields);
+        let has_names = |fields: &Vec<Vec<u8>>| {
+            2 * fields.iter().filter(|field| is_number(field, separator)).count() < fields.len()
+        };
+        let [one, other] = fields.each_ref().map(has_names);
+        match one == other {
+            true => {
+                Ok(Self { separator, has_names: one, columns: fields.each_ref().map(Vec::len) })
+            }
+            false => Err(Apart::Names),
+        }
+    }
+
+    /// The names of the second, those that the first has too marked as such.
+    fn names(self, [first, second]: [&[u8]; 2]) -> Vec<u8> {
+        let fields = |line: &'_ [u8]| {
+            let text = String::from_utf8_lossy(line).into_owned();
+            let names = text.split(char::from(self.separator)).map(|name| name.trim().to_owned());
+            names.collect::<Vec<_>>()
+        };
+        let of_first = fields(first);
+        let is_taken =
+            |name: &String| of_first.iter().any(|taken| taken.eq_ignore_ascii_case(name));
+        let own = |name: String| if is_taken(&name) { format!("2nd {name}") } else { name };
+        let names: Vec<String> = fields(second).into_iter().map(own).collect();
+        names.join(&char::from(self.separator).to_string()).into_bytes()
+    }
+}
+
+/// What separates the fields of a line, if it has several.
+fn separator(line: &[u8]) -> Option<u8> {
+    // Commas may also be those of decimals.
+    b";\t,".iter().copied().find(|separator| line.contains(separator))
+}
+
+fn is_number(field: &[u8], separator: u8) -> bool {
+    let text = String::from_utf8_lossy(field);
+    let text = text.trim().trim_matches('"');
+    let text = if separator == b',' { text.to_owned() } else { text.replace(',', ".") };
+    text.parse::<f64>().is_ok()
+}
+
+/// The text of two files.
+#[derive(Debug)]
+pub(crate) struct Joined<R> {
+    first: Lines<R>,
+    second: Lines<R>,
+    sides: Option<Sides>,
+    text: Vec<u8>,
+    at: usize,
+    line: u64,
+    ended: bool,
+}
+
+impl<R: Read> Joined<R> {
+    pub(crate) fn new(first: R, second: R) -> Self {
+        let (first, second) = (Lines::new(first), Lines::new(second));
+        Self { first, second, sides: None, text: Vec::new(), at: 0, line: 0, ended: false }
+    }
+
+    pub(crate) fn get_ref(&self) -> &R {
+        self.first.stream.get_ref()
+    }
+
+    fn refill(&mut self) -> io::Result<()> {
+        self.text.clear();
+        self.at = 0;
+        while self.text.len() < TEXT_BYTES && !self.ended {
+            self.line += 1;
+            let there = [self.first.next(self.line)?, self.second.next(self.line)?];
+            let lines = [self.first.line.as_slice(), self.second.line.as_slice()];
+            match (there, lines) {
+                ([false, false], _) => self.ended = true,
+                // Blank lines at the end belong to nothing.
+                (_, [[], []]) => self.text.push(b'\n'),
+                ([true, true], [[_, ..], [_, ..]]) => {
+                    let sides = match self.sides {
+                        Some(sides) => sides,
+                        None => Sides::new(lines).map_err(io::Error::other)?,
+                    };
+                    self.text.extend_from_slice(lines[0]);
+                    self.text.push(sides.separator);
+                    match self.sides.replace(sides) {
+                        None if sides.has_names => self.text.extend(sides.names(lines)),
+                        _ => self.text.extend_from_slice(lines[1]),
+                    }
+                    self.text.push(b'\n');
+                }
+                _ => return Err(io::Error::other(Apart::Lines(self.line))),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<R: Read> Read for Joined<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while self.at == self.text.len() && !self.ended {
+            self.refill()?;
+        }
+        let count = buffer.len().min(self.text.len() - self.at);
+        buffer[..count].copy_from_slice(&self.text[self.at..][..count]);
+        self.at += count;
+        Ok(count)
+    }
+}
+
+/// The lines of a file, one at a time.
+#[derive(Debug)]
+pub(crate) struct Lines<R> {
+    stream: BufReader<R>,
+    pub(crate) line: Vec<u8>,
+}
+
+impl<R: Read> Lines<R> {
+    pub(crate) fn new(stream: R) -> Self {
+        Self { stream: BufReader::with_capacity(TEXT_BYTES, stream), line: Vec::new() }
+    }
+
+    /// Reads the next line, without what ends it; `false` if there is none.
+    pub(crate) fn next(&mut self, number: u64) -> io::Result<bool> {
+        self.line.clear();
+        let read = (&mut self.stream).take(LONGEST).read_until(b'\n', &mut self.line)?;
+        if read as u64 == LONGEST && self.line.last() != Some(&b'\n') {
+            return Err(io::Error::other(Apart::Long(number)));
+        }
+        let end = self.line.trim_ascii_end().len();
+        self.line.truncate(end);
+        let mark = self.line.strip_prefix(b"\xef\xbb\xbf").map_or(0, |_| 3);
+        self.line.drain(..mark);
+        Ok(read > 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn joined(first: &str, second: &str) -> Result<String, String> {
+        let mut text = String::new();
+        let mut joined = Joined::new(first.as_bytes(), second.as_bytes());
+        match joined.read_to_string(&mut text) {
+            Ok(_) => Ok(text),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    #[test]
+    fn lines_stand_beside_each_other() {
+        assert_eq!(joined("1,2\n3,4\n", "5\r\n6"), Ok("1,2,5\n3,4,6\n".to_owned()));
+        assert_eq!(
+            joined("t,a\n1,2\n", "\u{feff}T,fx\n3,4\n\n"),
+            Ok("t,a,2nd T,fx\n1,2,3,4\n\n".to_owned())
+        );
+        assert_eq!(joined("1,5;2\n", "3,5;4\n"), Ok("1,5;2;3,5;4\n".to_owned()));
+        let many = |value: &str| format!("{value}\n").repeat(50_000);
+        assert_eq!(joined(&many("1,2"), &many("3")), Ok(many("1,2,3")));
+    }
+
+    #[test]
+    fn files_that_are_not_row_by_row_are_told() {
+        for (first, second, expected) in [
+            ("1,2\n3,4\n", "5\n", Apart::Lines(2)),
+            ("1,2\n", "5\n6\n", Apart::Lines(2)),
+            ("1,2\n\n", "5\n6\n", Apart::Lines(2)),
+            ("1,2\n", "5;6\n", Apart::Separators(b',', b';')),
+            ("a,b\n1,2\n", "5\n6\n", Apart::Names),
+            ("% a|b\n1,2\n", "a\n6\n", Apart::Telemetry),
+        ] {
+            assert_eq!(joined(first, second), Err(expected.to_string()), "{first:?} {second:?}");
+        }
+        assert_eq!(joined(&"1".repeat(2 << 20), "1\n"), Err(Apart::Long(1).to_string()));
+    }
+}

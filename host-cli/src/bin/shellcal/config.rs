@@ -1,0 +1,260 @@
+//! Settings that belong to a set of data: `shellcal.toml` beside it, or the file of `--config`.
+//!
+//! Each key is the long name of an option, and stands in for it in every command that has it, unless the
+//! command line says otherwise.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use clap::parser::ValueSource;
+use clap::{Arg, ArgMatches, Command};
+use shellcal::input;
+use toml::{Spanned, Value};
+
+use crate::files::InputPath;
+use crate::printer::{GLOBAL, Printer};
+
+/// Its name beside the data.
+const FILE: &str = "shellcal.toml";
+
+/// Where settings come from.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct ConfigArgs {
+    /// Take settings from this file, not from `shellcal.toml` beside the data
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "FILE", conflicts_with = "no_config")]
+    config: Option<InputPath>,
+
+    /// Take no settings from a file
+    #[arg(long, global = true, help_heading = GLOBAL)]
+    no_config: bool,
+
+    /// Say what each setting is, and where it comes from
+    #[arg(long, global = true, help_heading = GLOBAL, conflicts_with = "quiet")]
+    verbose: bool,
+}
+
+/// What a key is in the help of commands: options of the same name are others elsewhere.
+const KEYS: [(&str, Option<&str>); 18] = [
+    ("format", Some("Reading logs")),
+    ("table", Some("Reading logs")),
+    ("sensors", Some("Reading logs")),
+    ("wrench", Some("Reading logs")),
+    ("time", Some("Reading logs")),
+    ("time-unit", Some("Reading logs")),
+    ("group", Some("Reading logs")),
+    ("moment-unit", Some("Reading logs")),
+    ("tare", Some("Taring")),
+    ("tare-time", Some("Taring")),
+    ("no-tare", Some("Taring")),
+    ("lowpass", Some("Filtering")),
+    ("no-lowpass", Some("Filtering")),
+    ("order", Some("Filtering")),
+    ("causal", Some("Filtering")),
+    ("rate", Some("Filtering")),
+    ("profile", None),
+    ("reference", None),
+];
+
+/// Options that say the same thing: if the command line has one, no other is taken from the file.
+const ALTERNATIVES: [&[&str]; 3] =
+    [&["tare", "tare-time", "no-tare"], &["lowpass", "no-lowpass"], &["causal", "zero-phase"]];
+
+/// The settings of a file.
+#[derive(Debug)]
+struct Config {
+    path: PathBuf,
+    /// By key: the line, and the value as on a command line; `None` of a switch that is on.
+    settings: BTreeMap<String, (usize, Option<OsString>)>,
+}
+
+/// The command line with the settings of its data added.
+#[derive(Debug)]
+pub(crate) struct Configured {
+    pub(crate) matches: ArgMatches,
+    config: Option<Config>,
+    /// What was taken from it.
+    taken: Vec<&'static str>,
+}
+
+/// Adds the settings of a file to what the command line says.
+///
+/// # Errors
+/// A file that cannot be read, a key or a value that cannot be.
+pub(crate) fn configure(
+    arguments: Vec<OsString>,
+    command: &mut Command,
+    args: &ConfigArgs,
+    matches: ArgMatches,
+) -> anyhow::Result<Configured> {
+    let path = match &args.config {
+        _ if args.no_config => None,
+        Some(path) => Some(path.to_path_buf()),
+        None => beside_data(command, &matches)?,
+    };
+    let Some(path) = path else {
+        return Ok(Configured { matches, config: None, taken: Vec::new() });
+    };
+    let config = Config::read(path)?;
+    let (of_command, given) = innermost(command, &matches);
+    let mut added = Vec::new();
+    let mut taken = Vec::new();
+    for (key, heading) in KEYS {
+        let Some((_, value)) = config.settings.get(key) else { continue };
+        let is_given = |key: &str| {
+            option(of_command, key).is_some_and(|option| is_on_command_line(given, option))
+        };
+        let alternatives = ALTERNATIVES.iter().find(|all| all.contains(&key));
+        let said = alternatives.map_or(is_given(key), |all| all.iter().any(|key| is_given(key)));
+        let is_same = |option: &Arg| heading.is_none() || option.get_help_heading() == heading;
+        if said || !option(of_command, key).is_some_and(is_same) {
+            continue;
+        }
+        let mut argument = OsString::from(format!("--{key}"));
+        if let Some(value) = value {
+            argument.push("=");
+            argument.push(value);
+        }
+        added.push(argument);
+        taken.push(key);
+    }
+    if added.is_empty() {
+        return Ok(Configured { matches, config: Some(config), taken });
+    }
+    // Before the end of options, if there is one.
+    let mut all = arguments;
+    let end = all.iter().position(|argument| argument == "--").unwrap_or(all.len());
+    all.splice(end..end, added);
+    let matches = command.try_get_matches_from_mut(all).map_err(|error| {
+        let said = error.to_string();
+        let said = said.lines().next().unwrap_or_default();
+        let said = said.strip_prefix("error: ").unwrap_or(said);
+        anyhow::anyhow!("`{}`: {said}", config.path.display())
+    })?;
+    Ok(Configured { matches, config: Some(config), taken })
+}
+
+impl Configured {
+    /// The file that settings were taken from.
+    pub(crate) fn file(&self) -> Option<&Path> {
+        self.config.as_ref().filter(|_| !self.taken.is_empty()).map(|config| config.path.as_path())
+    }
+
+    /// Says where each setting comes from, if that is wanted.
+    pub(crate) fn explain(&self, args: &ConfigArgs, command: &Command, printer: &mut Printer) {
+        let (of_command, given) = innermost(command, &self.matches);
+        for (key, heading) in KEYS.into_iter().filter(|_| args.verbose) {
+            let is_same = |option: &&Arg| heading.is_none() || option.get_help_heading() == heading;
+            let Some(option) = option(of_command, key).filter(is_same) else { continue };
+            let values = given.get_raw(option.get_id().as_str()).into_iter().flatten();
+            let values: Vec<_> = values.map(|value| value.to_string_lossy()).collect();
+            let line = self.config.as_ref().and_then(|config| {
+                let (line, _) = config.settings.get(key).filter(|_| self.taken.contains(&key))?;
+                Some((config.path.display(), line))
+            });
+            let origin = match line {
+                Some((path, line)) => format!("`{path}`, line {line}"),
+                None if is_on_command_line(given, option) => "the command line".to_owned(),
+                None if values.is_empty() => continue,
+                None => "the default".to_owned(),
+            };
+            printer.note(format!("--{key} {}: from {origin}", values.join(",")));
+        }
+    }
+}
+
+/// The subcommand that is called, and what it was given.
+fn innermost<'a>(
+    mut command: &'a Command,
+    mut matches: &'a ArgMatches,
+) -> (&'a Command, &'a ArgMatches) {
+    while let Some((name, of_subcommand)) = matches.subcommand() {
+        let Some(subcommand) = command.find_subcommand(name) else { break };
+        (command, matches) = (subcommand, of_subcommand);
+    }
+    (command, matches)
+}
+
+fn option<'a>(command: &'a Command, long: &str) -> Option<&'a Arg> {
+    command.get_arguments().find(|option| option.get_long() == Some(long))
+}
+
+fn is_on_command_line(matches: &ArgMatches, option: &Arg) -> bool {
+    matches.value_source(option.get_id().as_str()) == Some(ValueSource::CommandLine)
+}
+
+/// The file beside what a command reads.
+fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option<PathBuf>> {
+    let (of_command, given) = innermost(command, matches);
+    let mut found: Vec<PathBuf> = Vec::new();
+    for positional in of_command.get_positionals() {
+        for path in given.get_raw(positional.get_id().as_str()).into_iter().flatten() {
+            let beside = Path::new(path).with_file_name(FILE);
+            if beside.is_file() && !found.contains(&beside) {
+                found.push(beside);
+            }
+        }
+    }
+    match found.as_slice() {
+        [first, second, ..] => bail!(
+            "there are settings in `{}` and in `{}`: say which are meant with `--config`, or `--no-config`",
+            first.display(),
+            second.display()
+        ),
+        _ => Ok(found.pop()),
+    }
+}
+
+impl Config {
+    fn read(path: PathBuf) -> anyhow::Result<Self> {
+        let text =
+            input::read_text(&path).with_context(|| format!("cannot read `{}`", path.display()))?;
+        let line_of = |at: usize| 1 + text.get(..at).unwrap_or_default().matches('\n').count();
+        let values: BTreeMap<Spanned<String>, Value> = toml::from_str(&text).map_err(|error| {
+            let line = line_of(error.span().map_or(0, |span| span.start));
+            let message = error.message().replace('\n', ", ");
+            anyhow::anyhow!("`{}`, line {line}: {message}", path.display())
+        })?;
+        let mut settings = BTreeMap::new();
+        for (key, value) in values {
+            let line = line_of(key.span().start);
+            let wrong = |what: String| anyhow::anyhow!("`{}`, line {line}: {what}", path.display());
+            let key = key.into_inner();
+            if !KEYS.iter().any(|(known, _)| *known == key) {
+                let near = |known: &&str| strsim::jaro_winkler(known, &key);
+                let nearest = KEYS.iter().map(|(known, _)| *known);
+                let nearest =
+                    nearest.max_by(|a, b| near(a).total_cmp(&near(b))).unwrap_or_default();
+                return Err(wrong(format!("unknown key `{key}`; the nearest is `{nearest}`")));
+            }
+            let value = match value {
+                Value::Boolean(false) => continue,
+                Value::Boolean(true) => None,
+                // Beside the file, as its name there says.
+                Value::String(name) if key == "profile" => {
+                    Some(path.with_file_name("").join(name).into_os_string())
+                }
+                value => Some(plain(&value).map(OsString::from).ok_or_else(|| {
+                    wrong(format!("`{key}` is neither a text, a number nor a list of them"))
+                })?),
+            };
+            settings.insert(key, (line, value));
+        }
+        Ok(Self { path, settings })
+    }
+}
+
+/// A value as it stands on a command line.
+fn plain(value: &Value) -> Option<String> {
+    match value {
+        Value::String(text) => Some(text.clone()),
+        Value::Integer(number) => Some(number.to_string()),
+        Value::Float(number) => Some(number.to_string()),
+        Value::Array(values) => {
+            let values: Option<Vec<String>> = values.iter().map(plain).collect();
+            values.map(|values| values.join(","))
+        }
+        _ => None,
+    }
+}

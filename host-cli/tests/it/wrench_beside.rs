@@ -1,0 +1,140 @@
+//! Readings and wrench in two files, row by row.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use system_tests::{program, real_recording};
+
+/// Columns `from` to `to` of a CSV, the line of names with them or not.
+fn columns(text: &str, [from, to]: [usize; 2], with_names: bool) -> String {
+    let cut = |line: &str| {
+        line.split(',').skip(from).take(to - from).collect::<Vec<_>>().join(",") + "\n"
+    };
+    text.lines().skip(usize::from(!with_names)).map(cut).collect()
+}
+
+fn coefficients(dir: &Path, name: &str) -> Value {
+    let text = fs::read_to_string(dir.join(name)).unwrap();
+    serde_json::from_str::<Value>(&text).unwrap()["coefficients"].clone()
+}
+
+#[test]
+fn a_wrench_in_another_file_gives_the_same_coefficients() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    program::run(dir, "synth train --rows 3000 --seed 5 -o whole.csv", 0);
+    let text = fs::read_to_string(dir.join("whole.csv")).unwrap();
+    program::run(dir, "fit whole.csv --model linear --covariance rows -o whole.json", 0);
+    // Time is in both, and the first one's counts.
+    let wrench = columns(&text, [9, 15], true);
+    let wrench: String = wrench
+        .lines()
+        .enumerate()
+        .map(|(at, line)| match at {
+            0 => format!("t_s,{line}\n"),
+            row => format!("{row},{line}\n"),
+        })
+        .collect();
+    fs::write(dir.join("readings.csv"), columns(&text, [0, 9], true)).unwrap();
+    fs::write(dir.join("wrench.csv"), &wrench).unwrap();
+    fs::write(dir.join("bare_readings.csv"), columns(&text, [1, 9], false)).unwrap();
+    fs::write(dir.join("bare_wrench.csv"), columns(&text, [9, 15], false)).unwrap();
+    for (files, to) in [
+        ("readings.csv --wrench-from wrench.csv", "two.json"),
+        ("bare_readings.csv --wrench-from bare_wrench.csv", "bare.json"),
+        (
+            "bare_readings.csv --wrench-from bare_wrench.csv --sensors 1-8 --wrench 9-14",
+            "said.json",
+        ),
+    ] {
+        program::run(dir, &format!("fit {files} --model linear --covariance rows -o {to}"), 0);
+        assert_eq!(coefficients(dir, to), coefficients(dir, "whole.json"), "{files}");
+    }
+    let rms = |command: &str| -> [f64; 6] {
+        let output = program::output(dir, command);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+        std::array::from_fn(|axis| document["all"]["errors"][axis]["rms"].as_f64().unwrap())
+    };
+    let two = rms("eval whole.json readings.csv --wrench-from wrench.csv --json");
+    for (two, whole) in two.into_iter().zip(rms("eval whole.json whole.csv --json")) {
+        // Squares are summed block by block, and blocks are cut by bytes.
+        assert!((two / whole - 1.0).abs() < 1e-12, "{two} for {whole}");
+    }
+}
+
+#[test]
+fn files_whose_rows_are_not_the_same_are_told_and_nothing_is_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    fs::write(dir.join("a.csv"), "s1,s2\n1,2\n3,4\n5,6\n").unwrap();
+    fs::write(dir.join("short.csv"), "fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n1,2,3,4,5,6\n").unwrap();
+    fs::write(dir.join("bare.csv"), "1,2,3,4,5,6\n".repeat(4)).unwrap();
+    fs::write(
+        dir.join("wrong.csv"),
+        "fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n1,2,3,4,5,6\n1,2,x,4,5,6\n1,2,3,4,5,6\n",
+    )
+    .unwrap();
+    for (files, expected) in [
+        (
+            "a.csv --wrench-from short.csv",
+            "`a.csv` and `short.csv` beside it: line 3 is in one of them alone",
+        ),
+        ("a.csv --wrench-from bare.csv", "begins with names of columns, the other with numbers"),
+        ("a.csv --wrench-from nowhere.csv", "nowhere.csv"),
+        ("a.csv --wrench-from a.csv bare.csv", "names 2 files for 1 logs"),
+        ("a.csv --wrench-from wrong.csv", "`a.csv`, line 3"),
+    ] {
+        let said = program::run(dir, &format!("fit {files} --model linear -o cal.json"), 2);
+        assert!(said.contains(expected), "{files}: {said}");
+    }
+    assert!(!dir.join("cal.json").exists());
+}
+
+/// The figures are those of plain least squares on standardised columns, in double precision.
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn the_figures_of_soft_robotic_tongs_are_reached_by_one_command() {
+    let dir = tempfile::tempdir().unwrap();
+    let fit = |set: &str, model: &str| -> (Value, String) {
+        let file = |name: &str| {
+            real_recording(&format!("others/tongs/{set}_{name}.csv")).display().to_string()
+        };
+        let (train, test) = (file("pose_train"), file("pose_test"));
+        let command = format!(
+            "fit {train} --wrench-from {} --test {test} --test-wrench-from {} --model {model} --json",
+            file("FT_train"),
+            file("FT_test")
+        );
+        let output = program::output(dir.path(), &command);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{said}");
+        (serde_json::from_slice(&output.stdout).unwrap(), said)
+    };
+    let rms = |errors: &Value| -> Vec<f64> {
+        (0..6).map(|axis| errors[axis]["rms"].as_f64().unwrap()).collect()
+    };
+    let assert_digits = |found: &[f64], expected: &[f64]| {
+        for (found, expected) in found.iter().zip(expected) {
+            // Four decimals are given.
+            assert!((found - expected).abs() <= 0.5e-4 + 1e-12, "{found} for {expected}");
+        }
+    };
+    for (model, expected) in [
+        ("linear", [0.5989, 1.5812, 1.2457, 0.0684, 0.0227, 0.0119]),
+        ("cubic", [0.4181, 1.3508, 1.1654, 0.0484, 0.0178, 0.0104]),
+        ("quadratic", [0.3676, 1.1695, 1.0088, 0.0372, 0.0154, 0.0087]),
+    ] {
+        let (document, _) = fit("baseline", model);
+        assert_digits(&rms(&document["test"]), &expected);
+    }
+    let (document, said) = fit("internal", "linear");
+    assert_digits(&rms(&document["train"]), &[0.6971, 0.7681, 0.5627, 0.1122, 0.0839, 0.0211]);
+    let fx = document["test"][0]["rms"].as_f64().unwrap();
+    assert!((fx - 96.0).abs() < 0.5, "{fx}");
+    assert!(
+        said.contains("1500 of 1500 test rows") || document.to_string().contains("1500"),
+        "{said}"
+    );
+}
