@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use calibration::validation::grouped::{GroupKind, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupKind, RandomSplit};
 use calibration::{Basis, Model};
 use log_file::{Log, ReadOptions};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
@@ -58,7 +58,7 @@ impl Partial {
                 Some(_) => random_split(RANDOM_FOLDS, seed),
                 None => RandomSplit::default(),
             };
-            let sums = in_memory::sum(&rows, basis, split, 0)?;
+            let sums = in_memory::sum(&rows, basis, (Apart::Groups, split), 0)?;
             let total = sums.total().ok_or(WorkflowError::NoRows)?.clone();
             let model = Model { basis, intercept, channels: total.channels() };
             let mut partial = PartialFit::new(model, total);

@@ -41,7 +41,16 @@ pub(crate) fn check(
     bytes: u64,
     stored: u64,
 ) -> Result<usize, TableError> {
-    let limit = ANY.saturating_add(stored.saturating_mul(RATIO));
+    within(kind, what, bytes, ANY.saturating_add(stored.saturating_mul(RATIO)))
+}
+
+/// Checks that a part takes no more than `limit`.
+pub(crate) fn within(
+    kind: FileKind,
+    what: impl Fn() -> String,
+    bytes: u64,
+    limit: u64,
+) -> Result<usize, TableError> {
     match usize::try_from(bytes) {
         Ok(size) if bytes <= limit => Ok(size),
         _ => Err(TableError::TooLarge { kind, what: what(), bytes, limit }),
@@ -54,19 +63,13 @@ pub(crate) fn check_description(
     what: &str,
     bytes: u64,
 ) -> Result<usize, TableError> {
-    match usize::try_from(bytes) {
-        Ok(size) if bytes <= DESCRIPTION => Ok(size),
-        _ => Err(TableError::TooLarge { kind, what: what.to_owned(), bytes, limit: DESCRIPTION }),
-    }
+    within(kind, || what.to_owned(), bytes, DESCRIPTION)
 }
 
 /// Checks the number of columns.
 pub(crate) fn check_columns(kind: FileKind, columns: usize) -> Result<(), TableError> {
     match columns <= COLUMNS {
         true => Ok(()),
-        false => Err(TableError::Unsupported {
-            kind,
-            what: format!("{columns} columns, more than {COLUMNS}"),
-        }),
+        false => Err(kind.unsupported(format!("{columns} columns, more than {COLUMNS}"))),
     }
 }

@@ -34,6 +34,25 @@ impl<'a> Bytes<'a> {
         str::from_utf8(self.take(usize::try_from(length).ok()?)?).ok()
     }
 
+    /// A number in groups of seven bits, the lowest first.
+    pub(crate) fn varint(&mut self) -> Option<u64> {
+        let mut value = 0;
+        for shift in (0..64).step_by(7) {
+            let byte = self.u8()?;
+            value |= u64::from(byte & 0x7f) << shift;
+            if byte < 0x80 {
+                return Some(value);
+            }
+        }
+        None
+    }
+
+    /// A number of either sign, of which small ones are short.
+    pub(crate) fn zigzag(&mut self) -> Option<i64> {
+        let value = self.varint()?;
+        Some((value >> 1) as i64 ^ -((value & 1) as i64))
+    }
+
     little_endian!(u8: u8, u16: u16, u32: u32, u64: u64, i32: i32, i64: i64, f64: f64);
 }
 

@@ -61,6 +61,26 @@ pub enum TableError {
     },
 }
 
+impl FileKind {
+    /// The error of a file of this kind that is cut short or contradicts itself.
+    pub(crate) fn damaged(self, what: impl Into<String>) -> TableError {
+        TableError::Damaged { kind: self, what: what.into() }
+    }
+
+    /// The error of a file of this kind that is right, but holds what is not read.
+    pub(crate) fn unsupported(self, what: impl Into<String>) -> TableError {
+        TableError::Unsupported { kind: self, what: what.into() }
+    }
+
+    /// The error of bytes that cannot be read: damage, if the file ends before them.
+    pub(crate) fn unread(self, error: io::Error, what: impl Into<String>) -> TableError {
+        match error.kind() {
+            io::ErrorKind::UnexpectedEof => self.damaged(what),
+            _ => TableError::Io(error),
+        }
+    }
+}
+
 fn quoted(names: &[String]) -> String {
     names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }

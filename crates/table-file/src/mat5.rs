@@ -12,7 +12,7 @@ use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Batch, Cell, Layout, Numbering, Rows, batch_rows};
+use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
 
 const KIND: FileKind = FileKind::Matlab;
 
@@ -121,7 +121,7 @@ fn inflate(compressed: &[u8], file_bytes: usize, total: &mut u64) -> Result<Vec<
     let mut stream = ZlibDecoder::new(compressed);
     let mut piece = vec![0; 1 << 16];
     loop {
-        let read = stream.read(&mut piece).map_err(|error| damaged(error.to_string()))?;
+        let read = stream.read(&mut piece).map_err(|error| KIND.damaged(error.to_string()))?;
         if read == 0 {
             return Ok(inflated);
         }
@@ -131,18 +131,15 @@ fn inflate(compressed: &[u8], file_bytes: usize, total: &mut u64) -> Result<Vec<
     }
 }
 
-fn damaged(what: impl Into<String>) -> TableError {
-    TableError::Damaged { kind: KIND, what: what.into() }
-}
-
 fn array(
     bytes: &Arc<Vec<u8>>,
     content: Range<usize>,
     is_little: bool,
 ) -> Result<Array, TableError> {
     let mut parts = Elements::new(bytes, content, is_little);
-    let mut part = || parts.next()?.ok_or_else(|| damaged(CUT_OFF));
-    let flags = integers(&bytes[part()?.1], is_little).next().ok_or_else(|| damaged(CUT_OFF))?;
+    let mut part = || parts.next()?.ok_or_else(|| KIND.damaged(CUT_OFF));
+    let flags =
+        integers(&bytes[part()?.1], is_little).next().ok_or_else(|| KIND.damaged(CUT_OFF))?;
     let sides = integers(&bytes[part()?.1], is_little);
     let size: Vec<usize> = sides.map(|side| usize::try_from(side).unwrap_or(0)).collect();
     let name = String::from_utf8_lossy(&bytes[part()?.1]).into_owned();
@@ -152,7 +149,9 @@ fn array(
         true => {
             let (kind, range) = part()?;
             let element = element(kind).ok_or_else(|| {
-                damaged(format!("`{name}` holds elements of kind {kind}, which are not numbers"))
+                KIND.damaged(format!(
+                    "`{name}` holds elements of kind {kind}, which are not numbers"
+                ))
             })?;
             Some(Numbers { bytes: Arc::clone(bytes), range, element, is_little })
         }
@@ -179,7 +178,7 @@ impl<'a> Elements<'a> {
         if rest.is_empty() {
             return Ok(None);
         }
-        let cut_off = || damaged(format!("{CUT_OFF} at byte {}", self.rest.start));
+        let cut_off = || KIND.damaged(format!("{CUT_OFF} at byte {}", self.rest.start));
         let word = |at: usize| rest.get(at..).and_then(|b| integers(b, self.is_little).next());
         let first = word(0).ok_or_else(cut_off)?;
         // Up to four bytes stand in the tag itself.
@@ -235,10 +234,7 @@ struct MatTable {
 pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, TableError> {
     let file = File::open(path)?;
     let length = file.metadata()?.len();
-    if length > LONGEST {
-        let what = "the file".to_owned();
-        return Err(TableError::TooLarge { kind: KIND, what, bytes: length, limit: LONGEST });
-    }
+    budget::within(KIND, || "the file".to_owned(), length, LONGEST)?;
     let mut bytes = Vec::new();
     file.take(LONGEST).read_to_end(&mut bytes)?;
     let arrays = arrays_of_log(&arrays_of(bytes)?, part)?;
@@ -292,10 +288,6 @@ fn names(array: &Array) -> Vec<String> {
 impl Layout for MatTable {
     fn names(&self) -> Option<&[String]> {
         self.names.as_deref()
-    }
-
-    fn numbering(&self) -> Numbering {
-        if self.names.is_some() { Numbering::Named } else { Numbering::Unnamed }
     }
 
     fn rows(&self) -> Result<Box<dyn Rows>, TableError> {

@@ -63,17 +63,9 @@ impl Kind {
     }
 }
 
-fn damaged(what: impl Into<String>) -> TableError {
-    TableError::Damaged { kind: KIND, what: what.into() }
-}
-
-fn unsupported(what: impl Into<String>) -> TableError {
-    TableError::Unsupported { kind: KIND, what: what.into() }
-}
-
 pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
     let mut file = File::open(path)?;
-    let cut = |_| damaged("its header is cut off");
+    let cut = |error| KIND.unread(error, "its header is cut off");
     let mut start = [0; 10];
     file.read_exact(&mut start).map_err(cut)?;
     let short = u64::from(u16::from_le_bytes([start[8], start[9]]));
@@ -84,7 +76,7 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
             file.read_exact(&mut more).map_err(cut)?;
             (12, u64::from(u32::from_le_bytes([start[8], start[9], more[0], more[1]])))
         }
-        version => return Err(unsupported(format!("format version {version}"))),
+        version => return Err(KIND.unsupported(format!("format version {version}"))),
     };
     let size = budget::check_description(KIND, "its header", length)?;
     let mut header = vec![0; size];
@@ -94,10 +86,9 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
     let (expected, found) = (npy.rows.saturating_mul(npy.row_bytes), file.metadata()?.len());
     let found = found.saturating_sub(npy.start);
     if found < expected {
-        return Err(damaged(format!(
-            "its {} rows take {expected} bytes, {found} are there",
-            npy.rows
-        )));
+        return Err(
+            KIND.damaged(format!("its {} rows take {expected} bytes, {found} are there", npy.rows))
+        );
     }
     Ok(Arc::new(npy))
 }
@@ -105,13 +96,15 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
 /// What a header says.
 fn layout(path: &Path, header: &str, start: u64) -> Result<Npy, TableError> {
     let Some(Literal::Dictionary(entries)) = python_literal::parse(header) else {
-        return Err(damaged("its header is not a dictionary"));
+        return Err(KIND.damaged("its header is not a dictionary"));
     };
     let entry = |name: &str| {
         let found = entries.iter().find(|(key, _)| *key == Literal::Text(name.to_owned()));
-        found.map(|(_, value)| value).ok_or_else(|| damaged(format!("its header has no `{name}`")))
+        found
+            .map(|(_, value)| value)
+            .ok_or_else(|| KIND.damaged(format!("its header has no `{name}`")))
     };
-    let shape = shape(entry("shape")?).ok_or_else(|| damaged("its shape is none"))?;
+    let shape = shape(entry("shape")?).ok_or_else(|| KIND.damaged("its shape is none"))?;
     let by_column = *entry("fortran_order")? == Literal::Truth(true);
     let (columns, names, record) = match entry("descr")? {
         Literal::Text(kind) => {
@@ -131,7 +124,7 @@ fn layout(path: &Path, header: &str, start: u64) -> Result<Npy, TableError> {
             let (columns, names, size) = record(fields)?;
             (columns, Some(names), size)
         }
-        _ => return Err(damaged("its `descr` is no type")),
+        _ => return Err(KIND.damaged("its `descr` is no type")),
     };
     let by_column = by_column && columns.len() > 1 && names.is_none();
     let rows = shape.first().copied().unwrap_or(0);
@@ -139,7 +132,7 @@ fn layout(path: &Path, header: &str, start: u64) -> Result<Npy, TableError> {
 }
 
 fn dimensions(shape: &[u64]) -> TableError {
-    unsupported(format!("an array of shape {shape:?}, expected one of rows and columns"))
+    KIND.unsupported(format!("an array of shape {shape:?}, expected one of rows and columns"))
 }
 
 fn shape(shape: &Literal) -> Option<Vec<u64>> {
@@ -165,14 +158,15 @@ fn places(
 fn record(fields: &[Literal]) -> Result<(Vec<Place>, Vec<String>, u64), TableError> {
     let (mut columns, mut names, mut offset) = (Vec::new(), Vec::new(), 0);
     for field in fields {
-        let Literal::List(parts) = field else { return Err(damaged("a field is no tuple")) };
+        let Literal::List(parts) = field else { return Err(KIND.damaged("a field is no tuple")) };
         let (name, kind, count) = match parts.as_slice() {
             [Literal::Text(name), Literal::Text(kind)] => (name, kind, None),
             [Literal::Text(name), Literal::Text(kind), sides] => {
-                let sides = shape(sides).ok_or_else(|| damaged("the shape of a field is none"))?;
+                let sides =
+                    shape(sides).ok_or_else(|| KIND.damaged("the shape of a field is none"))?;
                 (name, kind, Some(sides.iter().fold(1, |all: u64, side| all.saturating_mul(*side))))
             }
-            _ => return Err(unsupported("records within records")),
+            _ => return Err(KIND.unsupported("records within records")),
         };
         let (kind, is_little) = match kind.strip_prefix("|V").map(str::parse::<usize>) {
             // Bytes that only fill up.
@@ -196,7 +190,7 @@ fn record(fields: &[Literal]) -> Result<(Vec<Place>, Vec<String>, u64), TableErr
 
 /// The type that `<f8`, `|b1`, `<M8[ns]` and the like mean, and its order of bytes.
 fn kind(name: &str) -> Result<(Kind, bool), TableError> {
-    let wrong = || unsupported(format!("values of type `{name}`"));
+    let wrong = || KIND.unsupported(format!("values of type `{name}`"));
     let order = name.chars().next().ok_or_else(wrong)?;
     let (is_little, name_of) = match order {
         '<' | '|' | '=' => (true, &name[1..]),
@@ -259,10 +253,7 @@ impl Rows for NpyRows {
         }
         batch.resize_with(columns, Vec::new);
         batch.iter_mut().for_each(Vec::clear);
-        let cut = |error: std::io::Error| match error.kind() {
-            std::io::ErrorKind::UnexpectedEof => damaged("its rows are cut off"),
-            _ => TableError::Io(error),
-        };
+        let cut = |error| KIND.unread(error, "its rows are cut off");
         if self.npy.by_column {
             let size = self.npy.columns[0].kind.size();
             self.bytes.resize(rows as usize * size, 0);

@@ -51,23 +51,6 @@ pub(crate) fn read(bytes: &mut Bytes<'_>) -> Option<Value> {
     structure(bytes, DEPTH)
 }
 
-fn varint(bytes: &mut Bytes<'_>) -> Option<u64> {
-    let mut value = 0;
-    for shift in (0..64).step_by(7) {
-        let byte = bytes.u8()?;
-        value |= u64::from(byte & 0x7f) << shift;
-        if byte < 0x80 {
-            return Some(value);
-        }
-    }
-    None
-}
-
-fn zigzag(bytes: &mut Bytes<'_>) -> Option<i64> {
-    let value = varint(bytes)?;
-    Some((value >> 1) as i64 ^ -((value & 1) as i64))
-}
-
 fn structure(bytes: &mut Bytes<'_>, depth: usize) -> Option<Value> {
     let depth = depth.checked_sub(1)?;
     let (mut fields, mut number) = (Vec::new(), 0_i16);
@@ -77,7 +60,7 @@ fn structure(bytes: &mut Bytes<'_>, depth: usize) -> Option<Value> {
             return Some(Value::Struct(fields));
         }
         number = match head >> 4 {
-            0 => i16::try_from(zigzag(bytes)?).ok()?,
+            0 => i16::try_from(bytes.zigzag()?).ok()?,
             step => number.checked_add(i16::from(step))?,
         };
         let value = match head & 0xf {
@@ -94,20 +77,20 @@ fn value(bytes: &mut Bytes<'_>, kind: u8, depth: usize) -> Option<Value> {
         // In a list.
         1 | 2 => Value::Truth(bytes.u8()? == 1),
         3 => Value::Whole(i64::from(bytes.u8()? as i8)),
-        4..=6 => Value::Whole(zigzag(bytes)?),
+        4..=6 => Value::Whole(bytes.zigzag()?),
         7 => {
             bytes.take(8)?;
             Value::Real
         }
         8 => {
-            let length = usize::try_from(varint(bytes)?).ok()?;
+            let length = usize::try_from(bytes.varint()?).ok()?;
             Value::Bytes(bytes.take(length)?.to_vec())
         }
         9 | 10 => {
             let depth = depth.checked_sub(1)?;
             let head = bytes.u8()?;
             let count = match head >> 4 {
-                15 => usize::try_from(varint(bytes)?).ok()?,
+                15 => usize::try_from(bytes.varint()?).ok()?,
                 count => usize::from(count),
             };
             // Every element takes a byte or more.
@@ -123,7 +106,7 @@ fn value(bytes: &mut Bytes<'_>, kind: u8, depth: usize) -> Option<Value> {
         11 => {
             // Maps are not needed.
             let depth = depth.checked_sub(1)?;
-            let count = varint(bytes)?;
+            let count = bytes.varint()?;
             if count > 0 {
                 let kinds = bytes.u8()?;
                 for _ in 0..count {

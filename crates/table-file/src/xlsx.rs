@@ -20,10 +20,6 @@ const KIND: FileKind = FileKind::Xlsx;
 /// As many rows and columns as a sheet can have; we read fewer columns.
 const LAST_ROW: u64 = 1 << 20;
 
-fn damaged(what: impl Into<String>) -> TableError {
-    TableError::Damaged { kind: KIND, what: what.into() }
-}
-
 /// A sheet of a workbook.
 #[derive(Debug)]
 struct Sheet {
@@ -48,7 +44,7 @@ fn each(
     entry: &Entry,
     mut take: impl FnMut(Event) -> Result<(), TableError>,
 ) -> Result<(), TableError> {
-    let wrong = |what: String| damaged(format!("`{}`: {what}", entry.name));
+    let wrong = |what: String| KIND.damaged(format!("`{}`: {what}", entry.name));
     let mut xml = Xml::new(entry.open(path)?);
     while let Some(event) = xml.next().map_err(wrong)? {
         take(event)?;
@@ -62,7 +58,8 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
         let name = name.trim_start_matches('/');
         files.iter().find(|file| file.name.eq_ignore_ascii_case(name))
     };
-    let workbook = find("xl/workbook.xml").ok_or_else(|| damaged("it has no `xl/workbook.xml`"))?;
+    let workbook =
+        find("xl/workbook.xml").ok_or_else(|| KIND.damaged("it has no `xl/workbook.xml`"))?;
     let mut sheets: Vec<(String, String)> = Vec::new();
     let mut shared = Shared::default();
     each(path, workbook, |event| {
@@ -100,9 +97,9 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
             Ok(())
         })?;
     }
-    let target = target.ok_or_else(|| damaged(format!("its sheet `{id}` is nowhere")))?;
+    let target = target.ok_or_else(|| KIND.damaged(format!("its sheet `{id}` is nowhere")))?;
     let target = if target.starts_with('/') { target } else { format!("xl/{target}") };
-    let entry = find(&target).ok_or_else(|| damaged(format!("it has no `{target}`")))?.clone();
+    let entry = find(&target).ok_or_else(|| KIND.damaged(format!("it has no `{target}`")))?.clone();
     if let Some(texts) = find("xl/sharedStrings.xml") {
         shared.texts = shared_texts(path, texts)?;
     }
@@ -261,7 +258,7 @@ impl Rows for SheetRows {
 
 impl SheetRows {
     fn next_row(&mut self) -> Result<Option<(u64, Vec<Cell>)>, TableError> {
-        let wrong = |name: &str, what: String| damaged(format!("`{name}`: {what}"));
+        let wrong = |name: &str, what: String| KIND.damaged(format!("`{name}`: {what}"));
         let mut number = self.row + 1;
         let mut cells: Vec<Cell> = Vec::new();
         let mut cell: Option<OpenCell> = None;

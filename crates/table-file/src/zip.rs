@@ -13,10 +13,6 @@ use crate::kind::FileKind;
 
 const KIND: FileKind = FileKind::Xlsx;
 
-fn damaged(what: impl Into<String>) -> TableError {
-    TableError::Damaged { kind: KIND, what: what.into() }
-}
-
 /// A file in an archive.
 #[derive(Clone, Debug)]
 pub(crate) struct Entry {
@@ -40,7 +36,7 @@ pub(crate) fn entries(path: &Path) -> Result<Vec<Entry>, TableError> {
     file.seek(SeekFrom::Start(start))?;
     let mut end = Vec::new();
     (&mut file).take(END).read_to_end(&mut end)?;
-    let cut = || damaged("it is cut off: the directory of the archive is missing");
+    let cut = || KIND.damaged("it is cut off: the directory of the archive is missing");
     let at = end.windows(4).rposition(|window| window == b"PK\x05\x06").ok_or_else(cut)?;
     let mut record = Bytes::new(&end[at + 4..]);
     if record.rest.len() < 18 {
@@ -50,10 +46,7 @@ pub(crate) fn entries(path: &Path) -> Result<Vec<Entry>, TableError> {
     let size = record.u32().map(u64::from).ok_or_else(cut)?;
     let offset = record.u32().map(u64::from).ok_or_else(cut)?;
     if offset == u64::from(u32::MAX) {
-        return Err(TableError::Unsupported {
-            kind: KIND,
-            what: "it is larger than 4 GB".to_owned(),
-        });
+        return Err(KIND.unsupported("it is larger than 4 GB"));
     }
     let bytes = budget::check_description(KIND, "the directory of the archive", size)?;
     if offset.checked_add(size).is_none_or(|end| end > length) {
@@ -65,7 +58,7 @@ pub(crate) fn entries(path: &Path) -> Result<Vec<Entry>, TableError> {
     let mut entries = Vec::new();
     let mut rest = Bytes::new(&directory);
     while !rest.rest.is_empty() {
-        entries.push(entry(&mut rest).ok_or_else(|| damaged("the directory of the archive"))?);
+        entries.push(entry(&mut rest).ok_or_else(|| KIND.damaged("the directory of the archive"))?);
     }
     Ok(entries)
 }
@@ -120,9 +113,9 @@ impl Long<'_> {
 impl Entry {
     /// Its content as a stream, which may be of any length.
     pub(crate) fn open(&self, path: &Path) -> Result<Content, TableError> {
-        let wrong = || damaged(format!("`{}` in the archive", self.name));
+        let wrong = || KIND.damaged(format!("`{}` in the archive", self.name));
         if self.is_encrypted {
-            return Err(TableError::Unsupported { kind: KIND, what: "it is encrypted".to_owned() });
+            return Err(KIND.unsupported("it is encrypted"));
         }
         let mut file = File::open(path)?;
         let length = file.metadata()?.len();
@@ -143,7 +136,7 @@ impl Entry {
             8 => Ok(Content::Deflated(Box::new(DeflateDecoder::new(packed)))),
             method => {
                 let what = format!("`{}` is compressed by method {method}", self.name);
-                Err(TableError::Unsupported { kind: KIND, what })
+                Err(KIND.unsupported(what))
             }
         }
     }

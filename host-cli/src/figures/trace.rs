@@ -17,12 +17,12 @@ const SLIVERS: usize = 2048;
 /// A wrench over time, reduced to what a figure needs.
 #[derive(Clone, Debug)]
 pub struct WrenchTrace {
-    axes: PerAxis<Trace>,
+    axes: PerAxis<Curve>,
 }
 
 /// One quantity over time.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Trace {
+pub(super) struct Curve {
     window: Option<Window>,
 }
 
@@ -51,7 +51,7 @@ impl Default for WrenchTrace {
 impl WrenchTrace {
     /// No rows yet.
     pub fn new() -> Self {
-        Self { axes: std::array::from_fn(|_| Trace::default()) }
+        Self { axes: std::array::from_fn(|_| Curve::default()) }
     }
 
     /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and
@@ -69,7 +69,7 @@ impl WrenchTrace {
     }
 }
 
-impl Trace {
+impl Curve {
     pub(super) fn add(&mut self, time: &[f64], values: &[f64]) {
         let finite = || {
             let pairs = time.iter().copied().zip(values.iter().copied());
@@ -198,7 +198,7 @@ pub fn trace_figure(title: &str, trace: &WrenchTrace) -> Figure {
 
 /// The range of the values, and zero unless it is far from all of them: what the sensor was tared to
 /// belongs in the picture.
-fn shown_range(trace: &Trace) -> Range {
+fn shown_range(trace: &Curve) -> Range {
     let values = trace.points().map(|(_, value)| Range { low: value, high: value });
     let range = values.reduce(Range::union).unwrap_or(Range { low: 0.0, high: 0.0 });
     let with_zero = range.union(Range { low: 0.0, high: 0.0 });
@@ -207,7 +207,7 @@ fn shown_range(trace: &Trace) -> Range {
 }
 
 /// The line through the points, without those that fall on the one before.
-pub(super) fn path(panel: &Panel, trace: &Trace) -> String {
+pub(super) fn path(panel: &Panel, trace: &Curve) -> String {
     let mut path = String::new();
     let mut before = String::new();
     for (t, v) in trace.points() {
@@ -226,8 +226,8 @@ pub(super) fn path(panel: &Panel, trace: &Trace) -> String {
 mod tests {
     use super::*;
 
-    fn trace(values: &[(f64, f64)], split: usize) -> Trace {
-        let mut trace = Trace::default();
+    fn trace(values: &[(f64, f64)], split: usize) -> Curve {
+        let mut trace = Curve::default();
         for block in values.chunks(split) {
             let (time, values): (Vec<_>, Vec<_>) = block.iter().copied().unzip();
             trace.add(&time, &values);

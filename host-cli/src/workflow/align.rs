@@ -7,7 +7,7 @@
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use super::selection::Rows;
+use super::selection::RowFilter;
 use crate::alignment::{AlignError, Aligned, Options, Recording, align};
 use log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::Axis;
@@ -18,7 +18,7 @@ pub struct AlignOptions {
     /// Time that the board averages a frame over, s; 0 for an instant.
     pub exposure_s: f64,
     /// Which rows of the board log are frames.
-    pub rows: Rows,
+    pub rows: RowFilter,
 }
 
 /// Two logs lined up.
@@ -76,8 +76,10 @@ pub fn align_logs(
     board.require(&readings)?;
     let (wrench, reference_summary) = columns(reference, &wrench, read)?;
     let (readings, board_summary) = columns(board, &readings, read)?;
-    let options =
-        Options { exposure_s: options.exposure_s, repeats_are_stale: options.rows == Rows::Fresh };
+    let options = Options {
+        exposure_s: options.exposure_s,
+        repeats_are_stale: options.rows == RowFilter::Fresh,
+    };
     let aligned = align(wrench, readings, options).map_err(|source| AlignLogsError::Align {
         reference: reference.path().to_owned(),
         board: board.path().to_owned(),
@@ -106,7 +108,7 @@ fn columns(
 
 /// How many rows of a training log were written, and how many were not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct TrainingRows {
+pub struct WrittenRows {
     /// Written.
     pub written: usize,
     /// Left out because the reference was not recording, or had a gap, around that time.
@@ -117,7 +119,7 @@ pub struct TrainingRows {
 ///
 /// # Errors
 /// Whatever `out` says.
-pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<TrainingRows> {
+pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<WrittenRows> {
     write!(out, "t_s")?;
     for channel in 1..=aligned.channels() {
         write!(out, ",s{channel}")?;
@@ -140,5 +142,5 @@ pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<Tra
         }
         writeln!(out)
     })?;
-    Ok(TrainingRows { written, uncovered })
+    Ok(WrittenRows { written, uncovered })
 }

@@ -8,7 +8,7 @@ use super::selection::UsedRows;
 use super::solving::{Problem, Solved, solve};
 pub use super::uncertainty::CovarianceFrom;
 use super::uncertainty::Uncertainty;
-use super::{WorkflowError, check_channels};
+use super::{WorkflowError, check_logs};
 use crate::calibration_file::LARGEST;
 use crate::figures::FitPlot;
 use calibration::exact::{ExactError, Moments};
@@ -134,9 +134,12 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         Uncertainty::of(&solution, solver, options.ridge, options.covariance);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
     read_before.store(train_bytes, Ordering::Relaxed);
-    let spread = Spread::within(&ranges);
-    let judge = Judge::new(&solution, &ranges, &spread).filter(|_| options.looks);
-    let judge = judge.as_ref().map(|judge| (judge, &spread));
+    let judge = options.looks.then(|| {
+        let spread = Spread::within(&ranges);
+        Some((Judge::new(&solution, &ranges, &spread)?, spread))
+    });
+    let judge = judge.flatten();
+    let judge = judge.as_ref().map(|(judge, spread)| (judge, spread));
     let errors = errors(&calibration, &mut rows, size_unit.as_ref(), options.plot, judge)?;
     if let (Some(covariance), Some(unit)) = (&mut covariance, size_unit) {
         covariance.shape = shape(&errors.train, &unit);
@@ -193,13 +196,7 @@ pub(super) fn solution(
 
 /// The first of the training logs, if all logs have what a fit needs.
 fn check<'a>(train: &'a [Log], test: &[Log]) -> Result<&'a Log, WorkflowError> {
-    let first = train.first().ok_or(WorkflowError::NoLogs)?;
-    let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-    for log in train.iter().chain(test) {
-        log.require(&wanted)?;
-        check_channels(log, first.channels())?;
-    }
-    Ok(first)
+    check_logs(train, test, &Wanted { readings: true, wrench: true, ..Wanted::default() })
 }
 
 /// About as many bytes has a row of a log.

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::Arc;
 
-use super::{WorkflowError, check_channels};
+use super::{WorkflowError, check_logs};
 use calibration::validation::grouped::GroupKind;
 use calibration::validation::plateaus::{PlateauFinder, Steps, Stretches};
 use log_file::{self, Log, ReadOptions, Wanted};
@@ -23,6 +23,13 @@ pub enum HeldOut {
     Plateaus,
     /// So many folds of groups.
     Folds(usize),
+}
+
+impl From<Option<usize>> for HeldOut {
+    /// So many folds of groups, or each group.
+    fn from(folds: Option<usize>) -> Self {
+        folds.map_or(Self::Auto, Self::Folds)
+    }
 }
 
 /// What a group is.
@@ -205,12 +212,8 @@ struct Part {
 
 /// Reads the logs once to find groups. Logs are groups of their own where only others have any.
 fn find(logs: &[Log], read: &ReadOptions<'_>) -> Result<Option<FoundGroups>, WorkflowError> {
-    let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let wanted = wanted_to_find(logs);
-    for log in logs {
-        log.require(&wanted)?;
-        check_channels(log, first.channels())?;
-    }
+    check_logs(logs, &[], &wanted)?;
     let finder = |log: &Log| -> Result<PlateauFinder, WorkflowError> {
         let sample = log.sample(&wanted)?;
         Ok(PlateauFinder::new(Steps::of_sample(&sample.time_s, &sample.wrench)))

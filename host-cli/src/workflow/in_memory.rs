@@ -11,10 +11,7 @@ use super::WorkflowError;
 use super::eval::{BlockErrors, Evaluation};
 use super::fit::{check_sizes, root_mean_square, shape};
 use super::groups::GroupBy;
-use super::model_choice::{
-    CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, RANDOM_FOLDS, choose_from,
-    random_split,
-};
+use super::model_choice::{CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, choose_from};
 use super::selection::UsedRows;
 use super::solving::{Problem, Solved, solve};
 use super::uncertainty::{CovarianceFrom, Uncertainty};
@@ -25,7 +22,7 @@ use calibration::solver::{Blocks, Pass, PassWorker, Solution, SolverKind};
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
 use calibration::validation::grouped::{
-    BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
 };
 use calibration::{Basis, Calibration, FitError, Model};
 use log_file::ReadOptions;
@@ -172,12 +169,10 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
     let sample = || Ok(rows_sample(source));
     let Solved { solution, ranges, solver, not_exact } = solve(&problem, &mut rows, sample)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
-    let by_group = choice.as_ref().is_some_and(|choice| choice.by_group);
-    let few_groups = choice.as_ref().is_some_and(|choice| choice.few_groups.is_some());
-    let from = match sums {
-        _ if options.covariance == CovarianceRule::Nothing || few_groups => CovarianceFrom::Nothing,
-        Some(sums) if by_group => CovarianceFrom::Groups(sums),
-        _ => CovarianceFrom::Rows,
+    let from = match &choice {
+        Some(choice) => choice.covariance_from(options.covariance),
+        None if options.covariance == CovarianceRule::Nothing => CovarianceFrom::Nothing,
+        None => CovarianceFrom::Rows,
     };
     let Uncertainty { mut covariance, not_grouped } =
         Uncertainty::of(&solution, solver, ridge, from);
@@ -215,19 +210,19 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
     })
 }
 
-/// Sums rows by their labels, or all under one.
+/// Sums rows by their labels as `apart` says, or all under one.
 ///
 /// # Errors
 /// [`WorkflowError`] if they cannot be summed exactly, or the caller stopped it.
 pub fn sum(
     source: &dyn RowSource,
     basis: Basis,
-    random: RandomSplit,
+    (apart, random): (Apart, RandomSplit),
     threads: usize,
 ) -> Result<GroupedMoments, WorkflowError> {
     let channels = source.channels();
     Model { basis, intercept: true, channels }.check_size().map_err(FitError::from)?;
-    let mut sums = GroupSums::new(basis, channels, random);
+    let mut sums = GroupSums::new(basis, channels, apart, random);
     let empty = sums.worker();
     let has_groups = source.has_groups();
     let work =
@@ -251,40 +246,30 @@ fn choose(
     source: &dyn RowSource,
     options: &RowFitOptions,
 ) -> Result<Option<ModelChoice>, WorkflowError> {
-    let validates = options.basis.is_none() || options.cross_validation.is_some();
-    let by_group = match options.covariance {
-        CovarianceRule::Groups => true,
-        CovarianceRule::Auto => source.has_groups() && options.solver == SolverKind::Exact,
-        CovarianceRule::Rows | CovarianceRule::Nothing => false,
-    };
-    if !validates && !by_group {
-        return Ok(None);
-    }
-    if !source.has_groups() {
-        return Err(WorkflowError::NoGroupLabels);
-    }
-    let random = options.cross_validation.map_or_else(RandomSplit::default, |folds| {
-        random_split(folds.unwrap_or(RANDOM_FOLDS), options.seed)
-    });
-    let basis = options.basis.unwrap_or(Basis::Poly3);
     let asked = ModelChoiceOptions {
         basis: options.basis,
         intercept: options.intercept,
         ridge: options.ridge,
         solver: options.solver,
-        cross_validation: options.cross_validation.map(|folds| match folds {
-            Some(folds) => HeldOut::Folds(folds),
-            None => HeldOut::Auto,
-        }),
+        cross_validation: options.cross_validation.map(HeldOut::from),
         seed: options.seed,
         covariance: options.covariance,
         used: UsedRows::default(),
         read: ReadOptions::default(),
     };
-    match sum(source, basis, random, options.threads) {
+    let labels = source.has_groups().then_some(&GroupBy::Column);
+    if !asked.validates() && !asked.wants_groups(labels) {
+        return Ok(None);
+    }
+    if labels.is_none() {
+        return Err(WorkflowError::NoGroupLabels);
+    }
+    let basis = options.basis.unwrap_or(Basis::Poly3);
+    let sum = |apart| sum(source, basis, (apart, asked.random_split()), options.threads);
+    match asked.sum_apart(sum) {
         // Better standard errors were not asked for by name.
         Err(WorkflowError::Fit(FitError::NotExact(_)) | WorkflowError::Validation(_))
-            if !validates && options.covariance == CovarianceRule::Auto =>
+            if !asked.validates() && options.covariance == CovarianceRule::Auto =>
         {
             Ok(None)
         }

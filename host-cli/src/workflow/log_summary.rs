@@ -174,13 +174,13 @@ pub struct Timing {
     /// How often two rows in a row have the same time.
     pub equal_times: u64,
     /// The longest interval.
-    pub longest: Option<Interval>,
+    pub longest: Option<SampleInterval>,
     intervals: Histogram,
 }
 
 /// An interval between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval {
+pub struct SampleInterval {
     /// How long, in s.
     pub length_s: f64,
     /// When it starts, in s.
@@ -219,7 +219,7 @@ impl Timing {
         self.equal_times += u64::from(length_s == 0.0);
         self.intervals.add((length_s * 1e6).round() as u64);
         if self.longest.is_none_or(|longest| length_s > longest.length_s) {
-            self.longest = Some(Interval { length_s, start_s: before, row });
+            self.longest = Some(SampleInterval { length_s, start_s: before, row });
         }
     }
 

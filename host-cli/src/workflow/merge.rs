@@ -5,7 +5,7 @@ use super::WorkflowError;
 use super::model_choice::choose_from;
 use super::model_choice::{CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, RANDOM_FOLDS};
 use super::selection::UsedRows;
-use super::uncertainty::{CovarianceFrom, Uncertainty};
+use super::uncertainty::Uncertainty;
 use crate::calibration_file::{
     CalibrationFile, Diagnostics, MergeError, Origin, PartialFit, SolverRecord,
 };
@@ -72,13 +72,7 @@ pub fn fit(merged: &PartialFit, options: &MergedFitOptions) -> Result<MergedFit,
     let ranges = merged.moments.reading_ranges();
     let solution = solve_moments(&merged.moments, &model, choice.ridge, &ranges)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
-    let from = match &choice.sums {
-        _ if options.covariance == CovarianceRule::Nothing || choice.few_groups.is_some() => {
-            CovarianceFrom::Nothing
-        }
-        Some(sums) if choice.by_group => CovarianceFrom::Groups(sums),
-        _ => CovarianceFrom::Rows,
-    };
+    let from = choice.covariance_from(options.covariance);
     let found = Uncertainty::of(&solution, SolverKind::Exact, choice.ridge, from);
     calibration.covariance = found.covariance;
     let train = parts.and_then(|parts| parts.in_sample(choice.ridge));
@@ -129,10 +123,7 @@ fn choose(merged: &PartialFit, options: &MergedFitOptions) -> Result<ModelChoice
         intercept: merged.model.intercept,
         ridge: options.ridge,
         solver: SolverKind::Exact,
-        cross_validation: options.cross_validation.map(|folds| match folds {
-            Some(folds) => HeldOut::Folds(folds),
-            None => HeldOut::Auto,
-        }),
+        cross_validation: options.cross_validation.map(HeldOut::from),
         seed: 0,
         covariance: options.covariance,
         used: UsedRows::default(),

@@ -37,7 +37,7 @@ use crate::calibration_file::MergeError;
 use calibration::FitError;
 use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
-use log_file::{Log, LogError};
+use log_file::{Log, LogError, Wanted};
 
 /// Why a task over logs could not be done.
 #[derive(Debug, thiserror::Error)]
@@ -108,6 +108,20 @@ pub struct ChannelMismatch {
     pub expected: usize,
     /// Channels of the log.
     pub found: usize,
+}
+
+/// The first of `logs`, if all, and `others` beside them, have what is wanted and as many channels as it.
+fn check_logs<'a>(
+    logs: &'a [Log],
+    others: &[Log],
+    wanted: &Wanted,
+) -> Result<&'a Log, WorkflowError> {
+    let first = logs.first().ok_or(WorkflowError::NoLogs)?;
+    for log in logs.iter().chain(others) {
+        log.require(wanted)?;
+        check_channels(log, first.channels())?;
+    }
+    Ok(first)
 }
 
 fn check_channels(log: &Log, expected: usize) -> Result<(), ChannelMismatch> {

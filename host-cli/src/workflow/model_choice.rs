@@ -6,12 +6,13 @@ pub use super::groups::HeldOut;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::moments::{self, SumOptions};
 use super::selection::UsedRows;
+use super::uncertainty::CovarianceFrom;
 use calibration::exact::Moments;
 use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
 use calibration::validation::advice::Advice;
 use calibration::validation::cross_validation::{CrossValidation, cross_validate};
-use calibration::validation::grouped::{GroupedMoments, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, Selection};
 use calibration::{Basis, FitError, Model};
 use log_file::{Log, ReadOptions};
@@ -93,6 +94,17 @@ pub struct ModelChoice {
 }
 
 impl ModelChoice {
+    /// What the covariance is found from, by `rule`.
+    pub fn covariance_from(&self, rule: CovarianceRule) -> CovarianceFrom<'_> {
+        match &self.sums {
+            _ if rule == CovarianceRule::Nothing || self.few_groups.is_some() => {
+                CovarianceFrom::Nothing
+            }
+            Some(sums) if self.by_group => CovarianceFrom::Groups(sums),
+            _ => CovarianceFrom::Rows,
+        }
+    }
+
     /// The groups that were found, where they are not given.
     pub fn found_groups(&self) -> Option<FoundSummary> {
         self.sums.as_ref().and(self.group_by.as_ref())?.found().map(FoundGroups::summary)
@@ -123,7 +135,6 @@ pub fn choose(
     train: &[Log],
     options: &ModelChoiceOptions<'_>,
 ) -> Result<ModelChoice, WorkflowError> {
-    let folds = options.folds();
     let validates = options.validates();
     let asks_for_groups = validates || options.covariance == CovarianceRule::Groups;
     let group_by = match options.cross_validation {
@@ -136,7 +147,7 @@ pub fn choose(
     if !validates && !choice.by_group {
         return Ok(choice);
     }
-    let sums = options.sum(train, choice.basis, group_by.ok_or(WorkflowError::NoGroups)?, folds);
+    let sums = options.sum(train, choice.basis, group_by.ok_or(WorkflowError::NoGroups)?);
     let sums = match sums {
         // Better standard errors were not asked for by name.
         Err(WorkflowError::Fit(FitError::NotExact(reason))) if !validates => {
@@ -149,7 +160,7 @@ pub fn choose(
         }
         sums => sums?,
     };
-    options.decide(choice, sums, folds)
+    options.decide(choice, sums)
 }
 
 /// The same, from sums that have been made already: for `options.basis` or, where the family is to be
@@ -162,7 +173,7 @@ pub fn choose_from(
     group_by: GroupBy,
     options: &ModelChoiceOptions<'_>,
 ) -> Result<ModelChoice, WorkflowError> {
-    options.decide(options.open(Some(group_by)), sums, options.folds())
+    options.decide(options.open(Some(group_by)), sums)
 }
 
 /// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
@@ -185,7 +196,7 @@ fn advice(
 
 impl ModelChoiceOptions<'_> {
     /// Whether it takes groups to answer what is asked.
-    fn validates(&self) -> bool {
+    pub(super) fn validates(&self) -> bool {
         self.basis.is_none() || self.cross_validation.is_some()
     }
 
@@ -226,7 +237,6 @@ impl ModelChoiceOptions<'_> {
         &self,
         mut choice: ModelChoice,
         sums: GroupedMoments,
-        folds: Option<usize>,
     ) -> Result<ModelChoice, WorkflowError> {
         // A few groups say little about how groups scatter.
         choice.by_group &=
@@ -247,7 +257,8 @@ impl ModelChoiceOptions<'_> {
             choice.few_groups = FewGroups::of(model.term_count(), sums.groups.len());
         }
         if self.cross_validation.is_some() {
-            choice.cross_validation = Some(cross_validate(&sums, &model, choice.ridge, folds)?);
+            let found = cross_validate(&sums, &model, choice.ridge, self.folds())?;
+            choice.cross_validation = Some(found);
             if choice.advice.is_none() {
                 choice.advice = advice(&sums, &model, choice.ridge)?;
             }
@@ -257,7 +268,7 @@ impl ModelChoiceOptions<'_> {
     }
 
     /// Whether the covariance is to come from groups, if those are `group_by`.
-    fn wants_groups(&self, group_by: Option<&GroupBy>) -> bool {
+    pub(super) fn wants_groups(&self, group_by: Option<&GroupBy>) -> bool {
         match self.covariance {
             CovarianceRule::Groups => true,
             _ => self.takes_groups() && group_by.is_some_and(GroupBy::is_of_poses),
@@ -274,12 +285,34 @@ impl ModelChoiceOptions<'_> {
         train: &[Log],
         basis: Basis,
         group_by: GroupBy,
-        folds: Option<usize>,
     ) -> Result<GroupedMoments, WorkflowError> {
-        let random = self.cross_validation.map_or_else(RandomSplit::default, |_| {
-            random_split(folds.unwrap_or(RANDOM_FOLDS), self.seed)
-        });
-        let options = SumOptions { basis, group_by, random, used: self.used, read: self.read };
-        Ok(moments::sum(train, &options)?.grouped)
+        self.sum_apart(|apart| {
+            let (group_by, random) = (group_by.clone(), self.random_split());
+            let (used, read) = (self.used, self.read);
+            let options = SumOptions { basis, group_by, apart, random, used, read };
+            Ok(moments::sum(train, &options)?.grouped)
+        })
+    }
+
+    /// Sums by group; by sets of groups where there are too many and folds of them are asked for.
+    pub(super) fn sum_apart(
+        &self,
+        sum: impl Fn(Apart) -> Result<GroupedMoments, WorkflowError>,
+    ) -> Result<GroupedMoments, WorkflowError> {
+        match sum(Apart::Groups) {
+            Err(WorkflowError::Validation(ValidationError::TooManyGroups { .. }))
+                if self.folds().is_some() =>
+            {
+                sum(Apart::Sets)
+            }
+            sums => sums,
+        }
+    }
+
+    /// The random split that held-out errors are compared with, where they are asked for.
+    pub(super) fn random_split(&self) -> RandomSplit {
+        self.cross_validation.map_or_else(RandomSplit::default, |_| {
+            random_split(self.folds().unwrap_or(RANDOM_FOLDS), self.seed)
+        })
     }
 }

@@ -2,13 +2,13 @@
 
 use super::groups::GroupBy;
 use super::selection::UsedRows;
-use super::{WorkflowError, check_channels};
+use super::{WorkflowError, check_logs};
 use calibration::FitError;
 use calibration::model::{Basis, Model};
 use calibration::reading_ranges::ReadingRanges;
 use calibration::validation::ValidationError;
 use calibration::validation::grouped::{
-    BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
 };
 use log_file::{self, Log, ReadOptions, ReadSummary};
 use shell_data::block::Block;
@@ -20,6 +20,8 @@ pub struct SumOptions<'a> {
     pub basis: Basis,
     /// What a group is.
     pub group_by: GroupBy,
+    /// What is summed apart.
+    pub apart: Apart,
     /// Rows that are summed again, drawn at random.
     pub random: RandomSplit,
     /// Which rows of the training logs are used.
@@ -33,7 +35,7 @@ pub struct SumOptions<'a> {
 pub struct Sums {
     /// The sums by group.
     pub grouped: GroupedMoments,
-    /// For each group, the log that has its first row.
+    /// For each group or set of groups, the log that has its first row.
     pub first_in: Vec<usize>,
     /// What each log was.
     pub summaries: Vec<ReadSummary>,
@@ -45,16 +47,11 @@ pub struct Sums {
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, lack a
 /// group column that is asked for, or their rows cannot be summed exactly.
 pub fn sum(logs: &[Log], options: &SumOptions<'_>) -> Result<Sums, WorkflowError> {
-    let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let wanted = options.group_by.wanted(logs);
-    for log in logs {
-        log.require(&wanted)?;
-        check_channels(log, first.channels())?;
-    }
-    let channels = first.channels();
+    let channels = check_logs(logs, &[], &wanted)?.channels();
     let model = Model { basis: options.basis, intercept: true, channels };
     model.check_size().map_err(FitError::from)?;
-    let mut sums = GroupSums::new(options.basis, channels, options.random);
+    let mut sums = GroupSums::new(options.basis, channels, options.apart, options.random);
     let empty = sums.worker();
     let init = || empty.clone();
     let map = |worker: &mut GroupWorker,

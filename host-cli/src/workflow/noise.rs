@@ -3,7 +3,7 @@
 //! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
 //! forces are those of the [pipeline](crate::forces) without a low-pass, which would hide the noise.
 
-use super::selection::{Rows, TimeWindow, by_column};
+use super::selection::{RowFilter, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
 use crate::forces::ForcePipeline;
 use calibration::Calibration;
@@ -15,7 +15,7 @@ use shell_data::wrench::PerAxis;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseOptions {
     /// Which rows are used.
-    pub rows: Rows,
+    pub rows: RowFilter,
     /// The stretch of time that is unloaded; `None` for all of the log.
     pub window: Option<TimeWindow>,
 }
@@ -32,7 +32,7 @@ pub struct NoiseSummary {
     /// Frames used.
     pub frames: u64,
     /// Which rows these were.
-    pub rows_used: Rows,
+    pub rows_used: RowFilter,
     /// The wrench, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: PerAxis<Scatter>,

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::fit::{self, FitOptions};
 use super::selection::{Excluded, UsedRows};
-use super::{WorkflowError, check_channels};
+use super::{WorkflowError, check_logs};
 use calibration::Basis;
 use calibration::quality::{self, AxisErrors};
 use calibration::reading_ranges::ReadingRanges;
@@ -131,16 +131,11 @@ impl Outliers {
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read or the other rows do not determine a calibration.
 pub fn find(train: &[Log], options: &OutlierOptions<'_>) -> Result<Outliers, WorkflowError> {
-    let first = train.first().ok_or(WorkflowError::NoLogs)?;
-    let wanted = wanted();
-    for log in train {
-        log.require(&wanted)?;
-        check_channels(log, first.channels())?;
-    }
-    let (spread, rows) = spread(train, &wanted, options)?;
+    check_logs(train, &[], &wanted())?;
+    let (spread, rows) = spread(train, options)?;
     let out_of_range = match options.valid_range {
         None => Vec::new(),
-        Some(range) => pass(train, &wanted, options, |_, block| outside(block, range))?,
+        Some(range) => pass(train, options, |_, block| outside(block, range))?,
     };
     let never: Excluded = key(&out_of_range).collect();
     let everything = options.solve(train, &never)?;
@@ -152,7 +147,7 @@ pub fn find(train: &[Log], options: &OutlierOptions<'_>) -> Result<Outliers, Wor
             _ => options.solve(train, &excluded)?.judge(&spread),
         };
         let Some(by) = by else { return Ok(Outliers::default()) };
-        let judged = pass(train, &wanted, options, |log, block| {
+        let judged = pass(train, options, |log, block| {
             let is_left_out = |row: usize| excluded.contains(log, block.place, row);
             by.judge(block, &spread, is_left_out)
         })?;
@@ -186,7 +181,7 @@ pub fn find(train: &[Log], options: &OutlierOptions<'_>) -> Result<Outliers, Wor
     if let (Some(without), Some(with)) =
         (judge.filter(|_| !found.rows.is_empty()), everything.judge(&spread))
     {
-        found.rms = rms(train, &wanted, options, &excluded, [&with, &without])?;
+        found.rms = rms(train, options, &excluded, [&with, &without])?;
     }
     Ok(found)
 }
@@ -210,11 +205,34 @@ impl OutlierOptions<'_> {
             intercept: self.intercept,
             ridge: self.ridge,
             used: UsedRows { fresh: self.fresh, excluded: Some(excluded) },
-            read: ReadOptions { checksum: false, progress: None, ..self.read },
+            read: self.quiet(),
             ..FitOptions::default()
         };
         let (solution, ranges) = fit::solution(train, &options)?;
         Ok(Solved { solution, ranges })
+    }
+
+    /// Passes over all rows: their blocks to `map`, on any thread, and what comes of them to `fold`, in
+    /// order.
+    fn each_block<T: Send>(
+        &self,
+        train: &[Log],
+        map: impl Fn(usize, &mut Block) -> T + Sync,
+        mut fold: impl FnMut(T),
+    ) -> Result<(), WorkflowError> {
+        let logs: Vec<&Log> = train.iter().collect();
+        let map = |(): &mut (), log: usize, block: &mut Block| map(log, block);
+        let fold = |_: usize, of_block: T| {
+            fold(of_block);
+            Ok::<_, WorkflowError>(())
+        };
+        log_file::read_all(&logs, &wanted(), &self.quiet(), || (), map, fold)?;
+        Ok(())
+    }
+
+    /// How logs are read: what a fit says of them, it says itself.
+    fn quiet(&self) -> ReadOptions<'_> {
+        ReadOptions { checksum: false, progress: None, ..self.read }
     }
 }
 
@@ -229,33 +247,24 @@ fn key<'a>(
 }
 
 /// The spread of readings and loads, and the number of rows.
-fn spread(
-    train: &[Log],
-    wanted: &Wanted,
-    options: &OutlierOptions<'_>,
-) -> Result<(Spread, u64), WorkflowError> {
+fn spread(train: &[Log], options: &OutlierOptions<'_>) -> Result<(Spread, u64), WorkflowError> {
     let (mut all, mut rows) = (Spread::default(), 0);
-    let map = |(): &mut (), _: usize, block: &mut Block| (Spread::of(block, 1), block.rows as u64);
-    let fold = |_: usize, (spread, of_block): (Spread, u64)| {
+    let map = |_: usize, block: &mut Block| (Spread::of(block, 1), block.rows as u64);
+    options.each_block(train, map, |(spread, of_block)| {
         all.merge(&spread);
         rows += of_block;
-        Ok::<_, WorkflowError>(())
-    };
-    let read = ReadOptions { checksum: false, progress: None, ..options.read };
-    let logs: Vec<&Log> = train.iter().collect();
-    log_file::read_all(&logs, wanted, &read, || (), map, fold)?;
+    })?;
     Ok((all, rows))
 }
 
 /// Passes over all rows and gathers those that `look` finds, with the rows beside them.
 fn pass(
     train: &[Log],
-    wanted: &Wanted,
     options: &OutlierOptions<'_>,
     look: impl Fn(usize, &Block) -> Vec<Judged> + Sync,
 ) -> Result<Vec<Suspect>, WorkflowError> {
     let mut found = Vec::new();
-    let map = |(): &mut (), log: usize, block: &mut Block| -> Vec<Suspect> {
+    let map = |log: usize, block: &mut Block| -> Vec<Suspect> {
         let mut judged = look(log, block);
         if options.fresh {
             let fresh = block.fresh_rows();
@@ -277,13 +286,7 @@ fn pass(
         };
         judged.into_iter().map(suspect).collect()
     };
-    let fold = |_: usize, suspects: Vec<Suspect>| {
-        found.extend(suspects);
-        Ok::<_, WorkflowError>(())
-    };
-    let read = ReadOptions { checksum: false, progress: None, ..options.read };
-    let logs: Vec<&Log> = train.iter().collect();
-    log_file::read_all(&logs, wanted, &read, || (), map, fold)?;
+    options.each_block(train, map, |suspects| found.extend(suspects))?;
     Ok(found)
 }
 
@@ -297,14 +300,13 @@ fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<Judged> {
 /// Errors of two fits on the rows that both are to hold for.
 fn rms(
     train: &[Log],
-    wanted: &Wanted,
     options: &OutlierOptions<'_>,
     excluded: &Excluded,
     judges: [&Judge; 2],
 ) -> Result<Option<[PerAxis<f64>; 2]>, WorkflowError> {
     let mut errors = [PerAxis::<AxisErrors>::default(); 2];
     let used = UsedRows { fresh: options.fresh, excluded: Some(excluded) };
-    let map = |(): &mut (), log: usize, block: &mut Block| {
+    let map = |log: usize, block: &mut Block| {
         used.select(log, block);
         judges.map(|judge| {
             let mut predicted = PerAxis::default();
@@ -312,13 +314,9 @@ fn rms(
             quality::errors(&predicted, &block.wrench)
         })
     };
-    let fold = |_: usize, of_block: [PerAxis<AxisErrors>; 2]| {
+    options.each_block(train, map, |of_block| {
         errors.iter_mut().zip(&of_block).for_each(|(all, block)| quality::merge(all, block));
-        Ok::<_, WorkflowError>(())
-    };
-    let read = ReadOptions { checksum: false, progress: None, ..options.read };
-    let logs: Vec<&Log> = train.iter().collect();
-    log_file::read_all(&logs, wanted, &read, || (), map, fold)?;
+    })?;
     let rms = errors.map(|axes| axes.map(|axis| axis.quality().map_or(0.0, |of| of.rms)));
     Ok((errors[0][0].rows() > 0).then_some(rms))
 }

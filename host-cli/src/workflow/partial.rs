@@ -6,7 +6,7 @@ use super::model_choice::{RANDOM_FOLDS, random_split};
 use super::moments::{self, SumOptions, Sums};
 use super::selection::UsedRows;
 use crate::calibration_file::{PartialFit, PartialGroups, Role, Source};
-use calibration::validation::grouped::{GroupKind, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupKind, RandomSplit};
 use calibration::{Basis, Model};
 use log_file::{Log, ReadOptions};
 
@@ -56,6 +56,7 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
     let sum_options = SumOptions {
         basis: options.basis,
         group_by: group_by.map_or(GroupBy::File, GroupBy::from),
+        apart: Apart::Groups,
         random,
         used: UsedRows { fresh: options.fresh, excluded: None },
         read: ReadOptions { checksum: true, ..options.read },

@@ -6,7 +6,7 @@ use super::eval::{EvalOptions, Evaluation, eval};
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::model_choice::HeldOut;
 use super::selection::UsedRows;
-use super::{WorkflowError, check_channels};
+use super::{WorkflowError, check_logs};
 use crate::figures::FitPlot;
 use calibration::physics::{
     Choice, PhysicsCalibration, PhysicsError, PhysicsValidation, TrainingRows,
@@ -122,13 +122,9 @@ pub fn read_rows(
     used: UsedRows<'_>,
     read: &ReadOptions<'_>,
 ) -> Result<GroupedRows, WorkflowError> {
-    let first = train.first().ok_or(WorkflowError::NoLogs)?;
     let labelled = group_by.unwrap_or(&GroupBy::File);
     let wanted = labelled.wanted(train);
-    for log in train {
-        log.require(&wanted)?;
-        check_channels(log, first.channels())?;
-    }
+    let first = check_logs(train, &[], &wanted)?;
     let (mut rows, mut labels) = (TrainingRows::default(), Labels::default());
     rows.readings.resize_with(first.channels(), Vec::new);
     let logs: Vec<&Log> = train.iter().collect();
@@ -193,11 +189,7 @@ pub fn fit(
     test: &[Log],
     options: &PhysicsOptions<'_>,
 ) -> Result<PhysicsFit, WorkflowError> {
-    let channels = train.first().ok_or(WorkflowError::NoLogs)?.channels();
-    for log in test {
-        log.require(&Wanted { readings: true, wrench: true, ..Wanted::default() })?;
-        check_channels(log, channels)?;
-    }
+    check_logs(train, test, &Wanted { readings: true, wrench: true, ..Wanted::default() })?;
     let read = ReadOptions { checksum: false, ..options.read };
     let held_out = options.cross_validation.unwrap_or(HeldOut::Auto);
     let group_by = groups::held_out(train, held_out, &read)?;

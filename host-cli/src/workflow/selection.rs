@@ -9,7 +9,7 @@ use shell_data::wrench::{Axis, PerAxis};
 /// Which rows of a log are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Rows {
+pub enum RowFilter {
     /// Every row.
     All,
     /// Rows whose readings differ from those of the row before: each frame once, where a log runs
@@ -26,10 +26,10 @@ pub struct TimeWindow {
     pub end_s: f64,
 }
 
-impl Rows {
+impl RowFilter {
     /// Leaves in `block` the rows that are used.
     pub fn select(self, block: &mut Block) {
-        if self == Rows::Fresh {
+        if self == RowFilter::Fresh {
             block.retain_rows(&block.fresh_rows());
         }
     }
@@ -83,8 +83,8 @@ impl UsedRows<'_> {
 
 /// For every row of a block, whether it is a frame: where repeats of the row before are stale, by the
 /// kind of log or because only fresh rows are used, a repeat is not used.
-pub(super) fn fresh_rows(log: &Log, used: Rows, block: &Block) -> Vec<bool> {
-    match log.repeats_are_stale() || used == Rows::Fresh {
+pub(super) fn fresh_rows(log: &Log, used: RowFilter, block: &Block) -> Vec<bool> {
+    match log.repeats_are_stale() || used == RowFilter::Fresh {
         true => block.fresh_rows(),
         false => vec![true; block.rows],
     }

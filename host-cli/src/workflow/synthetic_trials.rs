@@ -10,7 +10,7 @@ use crate::simulation::synthetic_trial::{
     TrialLayout, write_telemetry_header, write_telemetry_row,
 };
 use crate::simulation::virtual_robot::{
-    Condition, TrialSettings, TrialSettingsError, Truth, VirtualTrial,
+    ChannelForces, TrialSettings, TrialSettingsError, Truth, VirtualTrial,
 };
 
 /// A trial that could not be made.
@@ -113,7 +113,7 @@ pub fn write_set(
         .map_err(|source| SyntheticTrialError::Directory { path: directory.to_owned(), source })?;
     let mut trials = Vec::new();
     let mut manifest = String::from("file,condition,t_enter_s,t_exit_s\n");
-    for (index, condition) in Condition::PAPER.into_iter().enumerate() {
+    for (index, condition) in ChannelForces::PAPER.into_iter().enumerate() {
         for run in 1..=per_condition {
             let seed = base.seed.wrapping_add(index as u64 * per_condition + run - 1);
             let trial = VirtualTrial::new(TrialSettings { condition, seed, ..base })?;

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+use shellcal::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::write_log;
 use system_tests::program;
 
@@ -20,7 +20,7 @@ fn said(output: &Output) -> String {
 
 /// A fast trial of some three seconds and its window.
 fn write_trial(path: &Path, seed: u64, layout: TrialLayout, missing: f64) -> [f64; 2] {
-    let condition = Condition { specific_resistance: 15.0, ..Condition::PAPER[4] };
+    let condition = ChannelForces { specific_resistance: 15.0, ..ChannelForces::PAPER[4] };
     let settings = TrialSettings { missing, ..TrialSettings::new(condition, seed) };
     let trial = VirtualTrial::new(settings).unwrap();
     write_log(&mut fs::File::create(path).unwrap(), &trial, layout).unwrap();
@@ -279,6 +279,46 @@ fn results_are_the_same_bytes_for_any_number_of_threads() {
     let files: Vec<&str> =
         trials.lines().skip(1).map(|line| line.split(',').next().unwrap()).collect();
     assert_eq!(files, ["1.txt", "2.txt", "3.txt", "4.txt", "5.txt", "6.txt"]);
+}
+
+/// Compares the tables of Parquet with those of CSV, in the packages that people use.
+const CHECK: &str = r#"
+import csv, polars, pyarrow.parquet
+for name in ["trials", "strides", "conditions"]:
+    rows = list(csv.DictReader(open(f"csv/{name}.csv")))
+    for table in [polars.read_parquet(f"pq/{name}.parquet"), pyarrow.parquet.read_table(f"pq/{name}.parquet")]:
+        columns = table.to_dict(as_series=False) if isinstance(table, polars.DataFrame) else table.to_pydict()
+        assert list(columns) == list(rows[0]), list(columns)
+        for column, values in columns.items():
+            texts = [row[column] for row in rows]
+            of = lambda text, value: text if isinstance(value, str) else float(text) if text else None
+            assert values == [of(text, value) for text, value in zip(texts, values)], column
+strides = polars.read_parquet("pq/strides.parquet")
+first = strides["t_start_s"].min()
+assert polars.scan_parquet("pq/strides.parquet").filter(polars.col("t_start_s") <= first).collect().height > 0
+print("checked", strides.height)
+"#;
+
+/// The Python is the one that `SHELLCAL_PYTHON` names.
+#[test]
+#[cfg_attr(
+    not(python_packages),
+    ignore = "SHELLCAL_PYTHON names no Python with polars and pyarrow"
+)]
+fn python_packages_read_the_tables() {
+    let (dir, windows) = folder(2);
+    let dir = dir.path();
+    let rows: Vec<String> = (windows.iter().enumerate())
+        .map(|(i, [enter, exit])| format!("{}.txt,{i},{enter},{exit}", i + 1))
+        .collect();
+    let output = batch(dir, &rows.join("\n"), "-c cal.json --csv csv --parquet pq");
+    assert!(output.status.success(), "{}", said(&output));
+    let python = option_env!("SHELLCAL_PYTHON").unwrap_or("python3");
+    let checked =
+        std::process::Command::new(python).args(["-c", CHECK]).current_dir(dir).output().unwrap();
+    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+    let strides = fs::read_to_string(dir.join("csv/strides.csv")).unwrap().lines().count() - 1;
+    assert_eq!(String::from_utf8_lossy(&checked.stdout).trim(), format!("checked {strides}"));
 }
 
 #[test]

@@ -14,7 +14,7 @@ use shellcal::workflow::ChannelMismatch;
 use shellcal::workflow::convert::{
     Columns, Conversion, ConvertError, ConvertOptions, ConvertSummary, convert,
 };
-use shellcal::workflow::selection::Rows;
+use shellcal::workflow::selection::RowFilter;
 use system_tests::real_recording;
 
 /// Coefficients without any pattern, in N per count.
@@ -55,7 +55,12 @@ const ALL: Columns =
     Columns { time: true, axes: [true; 6], standard_errors: false, interval: None, flags: true };
 
 fn options() -> ConvertOptions {
-    ConvertOptions { rows: Rows::All, forces: ForceOptions::RAW, columns: ALL, full_scale: None }
+    ConvertOptions {
+        rows: RowFilter::All,
+        forces: ForceOptions::RAW,
+        columns: ALL,
+        full_scale: None,
+    }
 }
 
 fn low_pass(cutoff_hz: f64, zero_phase: bool) -> Option<LowPass> {
@@ -122,7 +127,7 @@ fn the_result_is_the_same_for_any_threads_and_blocks() {
     let path = csv(directory.path(), 400, 3);
     for low_pass in [None, low_pass(20.0, false), low_pass(20.0, true)] {
         let options = ConvertOptions {
-            rows: Rows::Fresh,
+            rows: RowFilter::Fresh,
             forces: ForceOptions { low_pass, ..tared(TareRule::First(50)) },
             ..options()
         };
@@ -371,10 +376,10 @@ fn the_labs_trial_is_converted_as_by_direct_evaluation() {
     // The tare is of fresh frames, whichever rows are written.
     let is_fresh = |&i: &usize| i == 0 || log[i].1 != log[i - 1].1;
     let fresh: Vec<&(f64, [f64; 8])> = (0..log.len()).filter(is_fresh).map(|i| &log[i]).collect();
-    for rows in [Rows::All, Rows::Fresh] {
+    for rows in [RowFilter::All, RowFilter::Fresh] {
         let used: Vec<&(f64, [f64; 8])> = match rows {
-            Rows::All => log.iter().collect(),
-            Rows::Fresh => fresh.clone(),
+            RowFilter::All => log.iter().collect(),
+            RowFilter::Fresh => fresh.clone(),
         };
         let options = ConvertOptions { rows, forces: tared(TareRule::First(50)), ..options() };
         let (text, summary) = run_on(&open(&trial), &calibration, &options).unwrap();

@@ -11,7 +11,7 @@ use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, SolverKind, solve_moments};
 use calibration::validation::ValidationError;
 use calibration::validation::cross_validation::cross_validate;
-use calibration::validation::grouped::{GroupSums, GroupedMoments, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupSums, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, select};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
@@ -61,7 +61,7 @@ fn rows_of(block: &Block, keep: impl Fn(usize) -> bool) -> Block {
 
 fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
     let random = RandomSplit { folds: random_folds, held_out: random_folds, seed: 1 };
-    let mut all = GroupSums::new(basis, block.readings.len(), random);
+    let mut all = GroupSums::new(basis, block.readings.len(), Apart::Groups, random);
     let mut worker = all.worker();
     all.add(worker.add(block).unwrap()).unwrap();
     all.finish([worker]).unwrap()

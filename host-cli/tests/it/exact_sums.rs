@@ -1,7 +1,7 @@
 //! What the exact sums promise: the same bits in any order, certain rank, honest refusal.
 
 use calibration::exact::{
-    Accumulator, ExactError, Fit, MAX_ROWS, Moments, RankLoss, SolveError, StoredMoments,
+    Accumulator, ExactError, ExactRankLoss, Fit, MAX_ROWS, Moments, SolveError, StoredMoments,
 };
 use calibration::model::{Basis, Model};
 use calibration::reading_ranges::ReadingRanges;
@@ -52,7 +52,7 @@ fn bits(fit: &Fit) -> Vec<[(u64, u64); 6]> {
     fit.coefficients.iter().map(|row| row.map(of)).collect()
 }
 
-fn loss(moments: &Moments, basis: Basis, intercept: bool) -> RankLoss {
+fn loss(moments: &Moments, basis: Basis, intercept: bool) -> ExactRankLoss {
     match solve(moments, basis, intercept) {
         Err(SolveError::RankDeficient(loss)) => loss,
         other => panic!("{other:?}"),

@@ -6,7 +6,7 @@ use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::noise::{NoiseError, NoiseOptions, NoiseSummary, noise};
-use shellcal::workflow::selection::{Rows, TimeWindow};
+use shellcal::workflow::selection::{RowFilter, TimeWindow};
 
 fn calibration(channels: usize) -> Calibration {
     let model = Model { basis: Basis::Linear, intercept: false, channels };
@@ -37,7 +37,7 @@ fn run(path: &Path, options: NoiseOptions) -> Result<NoiseSummary, NoiseError> {
 fn scatter_about_the_mean_of_fresh_frames_in_a_window() {
     let directory = tempfile::tempdir().unwrap();
     let window = Some(TimeWindow { start_s: 0.0, end_s: 2.99 });
-    let options = NoiseOptions { rows: Rows::Fresh, window };
+    let options = NoiseOptions { rows: RowFilter::Fresh, window };
     let summary = run(&log(directory.path()), options).unwrap();
     assert_eq!((summary.rows, summary.repeated_rows, summary.frames), (400, 200, 150));
     // Half of the frames one count up: mean and RMS half a count, up to the rounding of 150 sums.
@@ -57,10 +57,10 @@ fn a_window_without_frames_and_another_sensor_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let path = log(directory.path());
     let window = Some(TimeWindow { start_s: 10.0, end_s: 11.0 });
-    let error = run(&path, NoiseOptions { rows: Rows::All, window }).unwrap_err();
+    let error = run(&path, NoiseOptions { rows: RowFilter::All, window }).unwrap_err();
     assert!(matches!(error, NoiseError::TooFewFrames { found: 0, .. }));
     let log = Log::open(&path, &Mapping::default()).unwrap();
-    let options = NoiseOptions { rows: Rows::All, window: None };
+    let options = NoiseOptions { rows: RowFilter::All, window: None };
     let error = noise(&log, &calibration(8), &options, &ReadOptions::default()).unwrap_err();
     let expected = "has `2` sensor channels, expected `8`";
     assert!(error.to_string().ends_with(expected), "{error}");

@@ -9,7 +9,7 @@ use log_file::{Log, Mapping, ReadOptions};
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::forces::{ForceOptions, LowPass};
 use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+use shellcal::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use shellcal::trial::manifest::Manifest;
 use shellcal::trial::{Instrument, Profile, Trace, TraceExtent, Trial, TrialOptions};
 use shellcal::workflow::batch::{self, BatchOptions};
@@ -160,7 +160,7 @@ fn every_command_gives_the_same_forces_of_a_recording() {
 fn rows_that_repeat_a_frame_change_no_force() {
     let folder = tempfile::tempdir().unwrap();
     calibration(folder.path());
-    let settings = TrialSettings::new(Condition::named("3 cm").unwrap(), 3);
+    let settings = TrialSettings::new(ChannelForces::named("3 cm").unwrap(), 3);
     let trial = VirtualTrial::new(TrialSettings { missing: 0.1, ..settings }).unwrap();
     let mut file = fs::File::create(folder.path().join("run.txt")).unwrap();
     write_log(&mut file, &trial, TrialLayout::Full).unwrap();

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use calibration::solver::solve_moments;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
-use calibration::validation::grouped::{GroupSums, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
 use log_file::{Log, Mapping, ReadOptions};
 use shell_data::block::Block;
@@ -97,6 +97,7 @@ fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
             let options = SumOptions {
                 basis,
                 group_by: GroupBy::Column,
+                apart: Apart::Groups,
                 random: RandomSplit::default(),
                 used: UsedRows::default(),
                 read: ReadOptions::default(),
@@ -147,7 +148,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
             }
             block.groups.push((pose.to_string(), 40));
         }
-        let mut sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
+        let mut sums = GroupSums::new(Basis::Linear, 2, Apart::Groups, RandomSplit::default());
         let mut worker = sums.worker();
         sums.add(worker.add(&block).unwrap()).unwrap();
         let sums = sums.finish([worker]).unwrap();

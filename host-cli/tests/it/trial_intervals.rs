@@ -3,12 +3,12 @@
 
 use calibration::solver::solve_moments;
 use calibration::uncertainty::Covariance;
-use calibration::validation::grouped::{GroupSums, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
 use shell_data::block::Block;
 use shellcal::forces::{FirstRows, PipelineSetup};
 use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
-use shellcal::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+use shellcal::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use shellcal::trial::{
     Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialRows, evaluate,
 };
@@ -42,7 +42,7 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
             _ => block.groups.push((label, 1)),
         }
     }
-    let mut sums = GroupSums::new(Basis::Cubic, 8, RandomSplit::default());
+    let mut sums = GroupSums::new(Basis::Cubic, 8, Apart::Groups, RandomSplit::default());
     let mut worker = sums.worker();
     sums.add(worker.add(&block).unwrap()).unwrap();
     let sums = sums.finish([worker]).unwrap();
@@ -110,7 +110,7 @@ fn ninety_five_percent_intervals_of_drag_energy_hold_the_truth() {
         let mut held = [0; 5];
         for unit_seed in 1..=CALIBRATIONS {
             let calibration = calibrate(unit_seed, 20_000, elastic);
-            for (condition, held) in Condition::PAPER.into_iter().zip(&mut held) {
+            for (condition, held) in ChannelForces::PAPER.into_iter().zip(&mut held) {
                 for run in 0..RUNS {
                     let seed = 1000 * unit_seed + run;
                     let settings = TrialSettings::new(condition, seed);

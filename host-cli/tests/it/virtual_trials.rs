@@ -9,7 +9,9 @@ use shell_data::telemetry::Telemetry;
 use shellcal::forces::{ForceOptions, TareRule};
 use shellcal::simulation::sensor_model::{Parameters, SensorModel};
 use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{Condition, Counter, Side, TrialSettings, VirtualTrial};
+use shellcal::simulation::virtual_robot::{
+    ChannelForces, Counter, Side, TrialSettings, VirtualTrial,
+};
 use shellcal::trial::{
     Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialResult, TrialRows,
     evaluate,
@@ -90,7 +92,7 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
     for seed in 0..1000 {
         let settings = TrialSettings {
             // Fast through the channel: two seconds are enough for 26 strides.
-            condition: Condition { specific_resistance: 15.0, ..Condition::PAPER[4] },
+            condition: ChannelForces { specific_resistance: 15.0, ..ChannelForces::PAPER[4] },
             stride_hz: draws.between(4.0, 16.0),
             lead_in_s: 0.3,
             encoder_noise: draws.between(0.0, 40.0),
@@ -99,7 +101,7 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
             missing: if draws.one_in(2) { draws.between(0.0, 0.2) } else { 0.0 },
             stall: draws.one_in(3),
             reversed: draws.one_in(3),
-            ..TrialSettings::new(Condition::PAPER[4], seed)
+            ..TrialSettings::new(ChannelForces::PAPER[4], seed)
         };
         for (count, is) in mishaps.iter_mut().zip([
             settings.counter != Counter::Long,
@@ -185,7 +187,7 @@ fn errors(settings: TrialSettings, calibration: &Calibration, options: &TrialOpt
 #[test]
 fn drag_energy_and_specific_resistance_are_those_of_the_truth() {
     let calibration = true_calibration(1);
-    let three_cm = Condition::named("3 cm").unwrap();
+    let three_cm = ChannelForces::named("3 cm").unwrap();
     let elastic = |seed| TrialSettings { elastic: true, ..TrialSettings::new(three_cm, seed) };
 
     // Readings that scatter by 1.2 counts, as those of the original board do (0.7 to 1.6), tared on a
@@ -219,7 +221,7 @@ fn a_window_found_in_a_log_is_where_the_beams_were_touched() {
     let instrument = Instrument { profile: &profile, calibration: Some(&calibration) };
     let folder = tempfile::tempdir().unwrap();
     let find = |name: &str, seed| {
-        let settings = TrialSettings::new(Condition::named(name).unwrap(), seed);
+        let settings = TrialSettings::new(ChannelForces::named(name).unwrap(), seed);
         let trial = VirtualTrial::new(TrialSettings { elastic: true, ..settings }).unwrap();
         let path = folder.path().join("trial.txt");
         write_log(&mut fs::File::create(&path).unwrap(), &trial, TrialLayout::Full).unwrap();

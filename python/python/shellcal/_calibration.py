@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from . import _arrays, _html
+from . import _arrays, _html, _options
 from ._errors import ArrayError, NotFittedError, OptionError, ShellcalWarning
+from ._files import PathLike, write_whole
 from ._native import Fitted
 from ._native import fit as _fit
 from ._origin import made_by
-
-PathLike = str | os.PathLike[str]
 
 
 class Calibration:
@@ -158,24 +157,24 @@ class Calibration:
         names = _column_names(X)
         readings = _arrays.readings(X)
         wrench = _arrays.wrench(y, readings.shape[0])
-        fitted, remarks = _fit(
+        fitted, messages = _fit(
             readings,
             wrench,
             _arrays.labels(groups, readings.shape[0]),
-            model=_text("model", self.model),
+            model=_options.text("model", self.model),
             intercept=bool(self.intercept),
-            ridge=_number("ridge", self.ridge),
-            solver=_text("solver", self.solver),
-            truncate=None if self.truncate is None else _number("truncate", self.truncate),
-            cross_validation=_folds(self.cv),
-            seed=_count("seed", self.seed),
-            covariance=_text("covariance", self.covariance),
-            threads=_count("threads", self.threads, most=1024),
+            ridge=_options.number("ridge", self.ridge),
+            solver=_options.text("solver", self.solver),
+            truncate=None if self.truncate is None else _options.number("truncate", self.truncate),
+            cross_validation=_options.folds(self.cv),
+            seed=_options.count("seed", self.seed),
+            covariance=_options.text("covariance", self.covariance),
+            threads=_options.count("threads", self.threads, most=1024),
             made_by=made_by(),
             serial=self.serial,
         )
-        for remark in remarks:
-            warnings.warn(remark, ShellcalWarning, stacklevel=2)
+        for message in messages:
+            warnings.warn(message, ShellcalWarning, stacklevel=2)
         self._take(fitted)
         self._outputs = None if np.asarray(y).ndim == 1 else wrench.shape[1]
         if names is not None:
@@ -228,7 +227,7 @@ class Calibration:
         fitted = self._known()
         self._check_names(X)
         readings = _arrays.readings(X, fitted.channels())
-        if interval is not None and not 0.0 < _number("interval", interval) < 1.0:
+        if interval is not None and not 0.0 < _options.number("interval", interval) < 1.0:
             raise OptionError(f"interval is `{interval}`, expected a share between 0 and 1 such as 0.95")
         wants_errors = return_std or interval is not None
         if wants_errors and not fitted.has_standard_errors():
@@ -305,15 +304,7 @@ class Calibration:
 
     def save(self, path: PathLike) -> None:
         """Writes the document to a file, whole or not at all."""
-        document = self.to_json().encode()
-        temporary = f"{os.fspath(path)}.{os.getpid()}.tmp"
-        try:
-            with open(temporary, "wb") as file:
-                file.write(document)
-            os.replace(temporary, path)
-        finally:
-            if os.path.exists(temporary):
-                os.remove(temporary)
+        write_whole(path, self.to_json().encode())
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)
@@ -395,35 +386,3 @@ def _column_names(X: Any) -> Any:
     if columns is None or not all(isinstance(name, str) for name in columns):
         return None
     return np.asarray(list(columns), dtype=object)
-
-
-def _folds(cv: bool | int) -> tuple[int | None] | None:
-    """As the core has it: not asked for, each group, or so many folds."""
-    if cv is False or cv is None:
-        return None
-    if cv is True:
-        return (None,)
-    if isinstance(cv, (int, np.integer)) and cv >= 2:
-        return (int(cv),)
-    raise OptionError(f"cv is `{cv}`, expected True, False or a number of folds from 2 up")
-
-
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise OptionError(f"{name} is {value!r}, expected a name")
-    return value
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, (bool, str, bytes)):
-        raise OptionError(f"{name} is {value!r}, expected a number")
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise OptionError(f"{name} is {value!r}, expected a number") from None
-
-
-def _count(name: str, value: Any, most: int = 2**64 - 1) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value <= most:
-        raise OptionError(f"{name} is {value!r}, expected an integer from 0 to {most}")
-    return int(value)

@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ._errors import OptionError
+from ._files import PathLike
 from ._native import read_log as _read_log
-
-PathLike = str | os.PathLike[str]
 
 _COLUMNS = ("format", "sensors", "wrench", "time", "group", "time_unit", "moment_unit")
 

@@ -6,9 +6,10 @@ import os
 from collections.abc import Iterable
 from typing import Any
 
-from . import _arrays
-from ._calibration import Calibration, PathLike, _count, _folds, _number, _text
+from . import _arrays, _options
+from ._calibration import Calibration
 from ._errors import CountedTwiceError, OptionError
+from ._files import PathLike, write_whole
 from ._log import reading
 from ._native import Partial as _Sums
 from ._native import read_partials
@@ -44,7 +45,7 @@ class Partial:
         if not isinstance(groups, bool) and groups not in ("auto", "file", "column"):
             raise OptionError(f"groups is {groups!r}, expected True, False, `auto`, `file` or `column`")
         kept: str | None = groups if isinstance(groups, str) else "auto" if groups else None
-        self._what = (_text("model", model), bool(intercept), kept, _count("seed", seed))
+        self._what = (_options.text("model", model), bool(intercept), kept, _options.count("seed", seed))
         self._sums: _Sums | None = None
 
     def add(self, X: Any, y: Any, *, groups: Any = None, name: PathLike = "<array>") -> Partial:
@@ -114,10 +115,10 @@ class Partial:
         It lacks what takes the rows: largest errors, how errors and loads are distributed.
         """
         fitted = self._known().solve(
-            None if model is None else _text("model", model),
-            _number("ridge", ridge),
-            _folds(cv),
-            _text("covariance", covariance),
+            None if model is None else _options.text("model", model),
+            _options.number("ridge", ridge),
+            _options.folds(cv),
+            _options.text("covariance", covariance),
             made_by(),
             serial,
         )
@@ -150,9 +151,8 @@ class Partial:
         return [cls._of(sums) for sums in read_partials(documents)]
 
     def save(self, path: PathLike) -> None:
-        """Writes the document to a file."""
-        with open(path, "wb") as file:
-            file.write(self.to_bytes())
+        """Writes the document to a file, whole or not at all."""
+        write_whole(path, self.to_bytes())
 
     @classmethod
     def _of(cls, sums: _Sums) -> Partial:

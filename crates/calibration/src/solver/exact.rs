@@ -5,7 +5,7 @@ use faer::Mat;
 use super::pass::Pass;
 use super::problem::FitProblem;
 use super::solution::Solution;
-use crate::exact::{Accumulator, ExactError, Moments, RankLoss as ExactLoss, SolveError};
+use crate::exact::{Accumulator, ExactError, ExactRankLoss, Moments, SolveError};
 use crate::factor::InverseFactor;
 use crate::rank_loss::{Dependence, RankLoss};
 use crate::reading_ranges::ReadingRanges;
@@ -140,7 +140,7 @@ pub fn solve_moments(
 }
 
 /// Names the channels that cause the loss of rank: constant ones first, then other relations.
-fn explain(loss: ExactLoss, ranges: &ReadingRanges) -> RankLoss {
+fn explain(loss: ExactRankLoss, ranges: &ReadingRanges) -> RankLoss {
     let constant = ranges.constant_channels();
     let mut dependences: Vec<Dependence> = constant
         .iter()

@@ -93,7 +93,7 @@ pub fn cross_validate(
         return Err(ValidationError::Undetermined(reason));
     }
     Ok(CrossValidation {
-        groups: sums.groups.len(),
+        groups: sums.group_count,
         folds: folds.len(),
         rows: whole.rows(),
         undetermined,

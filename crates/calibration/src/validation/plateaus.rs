@@ -300,16 +300,13 @@ fn lengths(starts: impl Iterator<Item = u64>, end: u64) -> Vec<u64> {
 
 #[cfg(test)]
 mod tests {
+    use system_tests::random::Random;
+
     use super::*;
 
-    /// Uniform numbers from −1 to 1.
-    struct Random(u64);
-
-    impl Random {
-        fn next(&mut self) -> f64 {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        }
+    /// Uniform, from −1 to 1.
+    fn uniform(random: &mut Random) -> f64 {
+        2.0 * random.unit() - 1.0
     }
 
     /// Loads of six axes that are held for so many rows each, with noise of that size; 100 rows a
@@ -318,10 +315,10 @@ mod tests {
         let mut random = Random(7);
         let mut wrench = vec![Vec::new(); 6];
         for &rows in rows {
-            let load: PerAxis<f64> = std::array::from_fn(|_| random.next());
+            let load: PerAxis<f64> = std::array::from_fn(|_| uniform(&mut random));
             for _ in 0..rows {
                 for (column, load) in wrench.iter_mut().zip(load) {
-                    column.push(load + noise * random.next());
+                    column.push(load + noise * uniform(&mut random));
                 }
             }
         }
@@ -377,7 +374,7 @@ mod tests {
         let (time, mut wrench) = held(&ROWS, 0.0);
         let mut random = Random(3);
         for row in 0..wrench[0].len() {
-            if random.next() > 0.8 {
+            if uniform(&mut random) > 0.8 {
                 wrench[4][row] += 0.001;
             }
         }

@@ -23,14 +23,6 @@ const KIND: FileKind = FileKind::Mcap;
 /// How many rows may wait for messages of other topics.
 const WAITING: usize = 4096;
 
-fn damaged(what: impl Into<String>) -> TableError {
-    TableError::Damaged { kind: KIND, what: what.into() }
-}
-
-fn unsupported(what: impl Into<String>) -> TableError {
-    TableError::Unsupported { kind: KIND, what: what.into() }
-}
-
 /// A table in a recording.
 #[derive(Debug)]
 struct Recording {
@@ -110,7 +102,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
     if topics.is_empty() && part.is_none() {
         others.sort();
         others.dedup();
-        return Err(unsupported(format!(
+        return Err(KIND.unsupported(format!(
             "no messages of type geometry_msgs/msg/WrenchStamped or in JSON; its topics are {others:?}"
         )));
     }
@@ -142,7 +134,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
 }
 
 fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
-    damaged(format!("topic `{}`, the message at {} s: {what}", topic.name, seconds(log_time)))
+    KIND.damaged(format!("topic `{}`, the message at {} s: {what}", topic.name, seconds(log_time)))
 }
 
 /// The decimal number of seconds.
@@ -228,7 +220,7 @@ impl RecordingRows {
             Waiting { cells, given: vec![false; topics] }
         });
         if std::mem::replace(&mut row.given[at], true) {
-            return Err(unsupported(format!(
+            return Err(KIND.unsupported(format!(
                 "topic `{}` has several messages at {} s",
                 topic.name,
                 seconds(log_time)
@@ -255,6 +247,8 @@ impl RecordingRows {
     /// The error of topics that have no rows in common.
     fn apart(&self) -> TableError {
         let names: Vec<&str> = self.topics.iter().map(|topic| topic.name.as_str()).collect();
-        unsupported(format!("its topics {names:?} were logged at times of their own: choose one"))
+        KIND.unsupported(format!(
+            "its topics {names:?} were logged at times of their own: choose one"
+        ))
     }
 }

@@ -1,10 +1,10 @@
 //! The records of a recording, within chunks or not, one after the other.
 
 use std::fs::File;
-use std::io::{BufReader, ErrorKind, Read};
+use std::io::{BufReader, Read};
 use std::path::Path;
 
-use super::{KIND, damaged, unsupported};
+use super::KIND;
 use crate::budget::{self, Unpacked};
 use crate::bytes::Bytes;
 use crate::codec::{Codec, unpack};
@@ -45,15 +45,13 @@ impl Records {
         records.read(&mut magic)?;
         match magic == MAGIC {
             true => Ok(records),
-            false => Err(damaged("it does not begin as one")),
+            false => Err(KIND.damaged("it does not begin as one")),
         }
     }
 
     fn read(&mut self, bytes: &mut [u8]) -> Result<(), TableError> {
-        self.file.read_exact(bytes).map_err(|error| match error.kind() {
-            ErrorKind::UnexpectedEof => damaged(format!("it is cut off at byte {}", self.at)),
-            _ => TableError::Io(error),
-        })?;
+        let read = self.file.read_exact(bytes);
+        read.map_err(|error| KIND.unread(error, format!("it is cut off at byte {}", self.at)))?;
         self.at += bytes.len() as u64;
         Ok(())
     }
@@ -62,7 +60,7 @@ impl Records {
     pub(super) fn next(&mut self) -> Result<Option<Record>, TableError> {
         loop {
             if let Some(rest) = self.chunk.get(self.in_chunk..).filter(|rest| !rest.is_empty()) {
-                let cut = || damaged(format!("a record in the chunk before byte {}", self.at));
+                let cut = || KIND.damaged(format!("a record in the chunk before byte {}", self.at));
                 let mut bytes = Bytes::new(rest);
                 let kind = bytes.u8().ok_or_else(cut)?;
                 let length = bytes.u64().and_then(|length| usize::try_from(length).ok());
@@ -91,7 +89,7 @@ impl Records {
         let kind = head[0];
         let length = Bytes::new(&head[1..]).u64().unwrap_or(u64::MAX);
         if length > self.length - self.at {
-            return Err(damaged(format!("it is cut off in the record at byte {at}")));
+            return Err(KIND.damaged(format!("it is cut off in the record at byte {at}")));
         }
         match kind {
             // The end of the data, or of a file without it.
@@ -100,18 +98,11 @@ impl Records {
                 Ok(None)
             }
             0x03..=0x05 => {
-                if length > MESSAGE {
-                    let what = format!("the message at byte {at}");
-                    return Err(TableError::TooLarge {
-                        kind: KIND,
-                        what,
-                        bytes: length,
-                        limit: MESSAGE,
-                    });
-                }
-                let mut content = vec![0; length as usize];
+                let what = || format!("the message at byte {at}");
+                let mut content = vec![0; budget::within(KIND, what, length, MESSAGE)?];
                 self.read(&mut content)?;
-                record(kind, &content).ok_or_else(|| damaged(format!("the record at byte {at}")))
+                record(kind, &content)
+                    .ok_or_else(|| KIND.damaged(format!("the record at byte {at}")))
             }
             0x06 => {
                 let mut content = vec![0; length as usize];
@@ -137,7 +128,7 @@ fn chunk(
     at: u64,
     count: impl FnOnce(u64) -> Result<(), TableError>,
 ) -> Result<Vec<u8>, TableError> {
-    let wrong = || damaged(format!("the chunk at byte {at}"));
+    let wrong = || KIND.damaged(format!("the chunk at byte {at}"));
     let mut bytes = Bytes::new(content);
     bytes.take(16).ok_or_else(wrong)?;
     let size = bytes.u64().ok_or_else(wrong)?;
@@ -146,7 +137,7 @@ fn chunk(
         "" => Codec::None,
         "lz4" => Codec::Lz4Frame,
         "zstd" => Codec::Zstd,
-        other => return Err(unsupported(format!("chunks compressed with `{other}`"))),
+        other => return Err(KIND.unsupported(format!("chunks compressed with `{other}`"))),
     };
     let packed = bytes.u64().and_then(|length| bytes.take(usize::try_from(length).ok()?));
     let packed = packed.ok_or_else(wrong)?;
@@ -154,12 +145,12 @@ fn chunk(
     count(size)?;
     let size = budget::check(KIND, what, size, content.len() as u64)?;
     let records = unpack(codec, packed, size)
-        .map_err(|what| damaged(format!("the chunk at byte {at}: {what}")))?;
+        .map_err(|what| KIND.damaged(format!("the chunk at byte {at}: {what}")))?;
     match checksum {
         // Not given.
         0 => Ok(records),
         _ if crc32fast::hash(&records) == checksum => Ok(records),
-        _ => Err(damaged(format!("the chunk at byte {at}: its checksum is another"))),
+        _ => Err(KIND.damaged(format!("the chunk at byte {at}: its checksum is another"))),
     }
 }
 

@@ -5,7 +5,7 @@ use crate::bytes::Bytes;
 
 /// Integers of a fixed width: runs of one value, and values packed bit by bit.
 #[derive(Clone, Debug)]
-pub(super) struct Hybrid {
+pub(crate) struct Hybrid {
     bytes: Vec<u8>,
     at: usize,
     width: u32,
@@ -22,11 +22,11 @@ enum Run {
 
 impl Hybrid {
     /// `None` if there is no such width.
-    pub(super) fn new(bytes: Vec<u8>, width: u32) -> Option<Self> {
+    pub(crate) fn new(bytes: Vec<u8>, width: u32) -> Option<Self> {
         (width <= 32).then_some(Self { bytes, at: 0, width, run: Run::Same(0, 0) })
     }
 
-    pub(super) fn next(&mut self) -> Option<u64> {
+    pub(crate) fn next(&mut self) -> Option<u64> {
         loop {
             match &mut self.run {
                 Run::Same(0, _) | Run::Packed(0, _) => self.next_run()?,
@@ -47,7 +47,7 @@ impl Hybrid {
     fn next_run(&mut self) -> Option<()> {
         let mut rest = Bytes::new(self.bytes.get(self.at..)?);
         let before = rest.rest.len();
-        let head = varint(&mut rest)?;
+        let head = rest.varint()?;
         self.run = match head & 1 {
             0 => {
                 let mut value = 0;
@@ -86,18 +86,6 @@ fn bits(bytes: &[u8], start: usize, width: u32) -> u64 {
     (shifted & ((1_u128 << width) - 1)) as u64
 }
 
-fn varint(bytes: &mut Bytes<'_>) -> Option<u64> {
-    let mut value = 0;
-    for shift in (0..64).step_by(7) {
-        let byte = bytes.u8()?;
-        value |= u64::from(byte & 0x7f) << shift;
-        if byte < 0x80 {
-            return Some(value);
-        }
-    }
-    None
-}
-
 /// Integers as differences, in blocks of some widths.
 #[derive(Clone, Debug)]
 pub(super) struct Delta {
@@ -119,10 +107,10 @@ pub(super) struct Delta {
 impl Delta {
     pub(super) fn new(bytes: Vec<u8>) -> Option<Self> {
         let mut head = Bytes::new(&bytes);
-        let block = usize::try_from(varint(&mut head)?).ok()?;
-        let miniblocks = usize::try_from(varint(&mut head)?).ok()?;
-        let left = varint(&mut head)?;
-        let value = unzigzag(varint(&mut head)?);
+        let block = usize::try_from(head.varint()?).ok()?;
+        let miniblocks = usize::try_from(head.varint()?).ok()?;
+        let left = head.varint()?;
+        let value = head.zigzag()?;
         let per_miniblock = block.checked_div(miniblocks)?;
         if miniblocks > 1024
             || per_miniblock == 0
@@ -169,7 +157,7 @@ impl Delta {
         }
         if self.miniblock >= self.miniblocks {
             let mut rest = Bytes::new(self.bytes.get(self.at..)?);
-            self.least = unzigzag(varint(&mut rest)?);
+            self.least = rest.zigzag()?;
             self.widths = rest.take(self.miniblocks)?.to_vec();
             self.at = self.bytes.len() - rest.rest.len();
             self.miniblock = 0;
@@ -179,10 +167,6 @@ impl Delta {
         // The miniblock must have begun.
         (width <= 64 && (width == 0 || self.at < self.bytes.len())).then_some(())
     }
-}
-
-fn unzigzag(value: u64) -> i64 {
-    (value >> 1) as i64 ^ -((value & 1) as i64)
 }
 
 #[cfg(test)]

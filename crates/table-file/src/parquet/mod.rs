@@ -6,7 +6,7 @@
 //!
 //! Every column holds one page at a time. Lists become columns that name their type.
 
-mod encoding;
+pub(crate) mod encoding;
 mod page;
 mod schema;
 
@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 use self::page::ColumnReader;
 use self::schema::Leaf;
-use crate::budget::Unpacked;
+use crate::budget::{self, Unpacked};
 use crate::bytes::Bytes;
 use crate::codec::Codec;
 use crate::error::TableError;
@@ -32,14 +32,6 @@ const FOOTER: u64 = 4 << 20;
 
 /// So many values may be in a byte of a file, beyond some millions.
 const VALUES_PER_BYTE: u64 = 2048;
-
-fn damaged(what: impl Into<String>) -> TableError {
-    TableError::Damaged { kind: KIND, what: what.into() }
-}
-
-fn unsupported(what: impl Into<String>) -> TableError {
-    TableError::Unsupported { kind: KIND, what: what.into() }
-}
 
 /// A table in a file.
 #[derive(Debug)]
@@ -70,7 +62,7 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
     let length = file.metadata()?.len();
     let footer = footer(&mut file, length)?;
     let leaves = schema::leaves(&footer)?;
-    let groups = footer.list(4).ok_or_else(|| damaged("its footer lists no row groups"))?;
+    let groups = footer.list(4).ok_or_else(|| KIND.damaged("its footer lists no row groups"))?;
     let groups: Result<Vec<RowGroup>, _> = groups
         .iter()
         .enumerate()
@@ -80,10 +72,12 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
     let rows = groups.iter().fold(0, |all: u64, group| all.saturating_add(group.rows));
     let values = rows.saturating_mul(leaves.len() as u64);
     if values > (1 << 22) + length.saturating_mul(VALUES_PER_BYTE) {
-        return Err(damaged(format!("{rows} rows of {} columns in {length} bytes", leaves.len())));
+        return Err(
+            KIND.damaged(format!("{rows} rows of {} columns in {length} bytes", leaves.len()))
+        );
     }
     if rows > 0 && !leaves.iter().any(|leaf| leaf.kind.is_read()) {
-        return Err(unsupported("no column of numbers or texts"));
+        return Err(KIND.unsupported("no column of numbers or texts"));
     }
     let names = leaves.iter().map(|leaf| leaf.name.clone()).collect();
     let (leaves, groups) = (Arc::new(leaves), Arc::new(groups));
@@ -91,26 +85,23 @@ pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
 }
 
 fn footer(file: &mut File, length: u64) -> Result<Value, TableError> {
-    let cut = || damaged("it is cut off: its end is missing");
+    let cut = || KIND.damaged("it is cut off: its end is missing");
     let before = length.checked_sub(12).ok_or_else(cut)? + 4;
     file.seek(SeekFrom::Start(before))?;
     let mut end = [0; 8];
     file.read_exact(&mut end)?;
     match &end[4..] {
         b"PAR1" => {}
-        b"PARE" => return Err(unsupported("it is encrypted")),
+        b"PARE" => return Err(KIND.unsupported("it is encrypted")),
         _ => return Err(cut()),
     }
     let bytes = u64::from(u32::from_le_bytes([end[0], end[1], end[2], end[3]]));
-    if bytes > FOOTER {
-        let what = "its footer".to_owned();
-        return Err(TableError::TooLarge { kind: KIND, what, bytes, limit: FOOTER });
-    }
+    let size = budget::within(KIND, || "its footer".to_owned(), bytes, FOOTER)?;
     let start = before.checked_sub(bytes).ok_or_else(cut)?;
     file.seek(SeekFrom::Start(start))?;
-    let mut footer = vec![0; bytes as usize];
+    let mut footer = vec![0; size];
     file.read_exact(&mut footer)?;
-    thrift::read(&mut Bytes::new(&footer)).ok_or_else(|| damaged("its footer"))
+    thrift::read(&mut Bytes::new(&footer)).ok_or_else(|| KIND.damaged("its footer"))
 }
 
 fn row_group(
@@ -119,12 +110,12 @@ fn row_group(
     leaves: &[Leaf],
     length: u64,
 ) -> Result<RowGroup, TableError> {
-    let wrong = || damaged(format!("row group {}", at + 1));
+    let wrong = || KIND.damaged(format!("row group {}", at + 1));
     let rows = group.whole(3).and_then(|rows| u64::try_from(rows).ok()).ok_or_else(wrong)?;
     let chunks = group.list(1).filter(|chunks| chunks.len() == leaves.len()).ok_or_else(wrong)?;
     let chunks = chunks.iter().zip(leaves).map(|(chunk, leaf)| {
         if chunk.text(1).is_some_and(|path| !path.is_empty()) {
-            return Err(unsupported("its columns are in files of their own"));
+            return Err(KIND.unsupported("its columns are in files of their own"));
         }
         let data = chunk.field(3).ok_or_else(wrong)?;
         let place = |number| data.whole(number).and_then(|at| u64::try_from(at).ok());
@@ -132,7 +123,7 @@ fn row_group(
         // The dictionary comes first, if there is one.
         let start = place(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
         if start.checked_add(bytes).is_none_or(|end| end > length) {
-            return Err(damaged(format!("column `{}` lies beyond its end", leaf.name)));
+            return Err(KIND.damaged(format!("column `{}` lies beyond its end", leaf.name)));
         }
         let codec = match data.whole(4) {
             Some(0) => Codec::None,
@@ -151,7 +142,7 @@ fn row_group(
                 let what = format!(
                     "column `{column}` is compressed with {name}, not Snappy, Zstandard or gzip"
                 );
-                return Err(unsupported(what));
+                return Err(KIND.unsupported(what));
             }
         };
         Ok(Chunk { codec, start, bytes })

@@ -5,7 +5,7 @@ use std::io::{Read, Seek, SeekFrom};
 
 use super::encoding::{Delta, Hybrid};
 use super::schema::{Kind, Leaf, Physical};
-use super::{Chunk, KIND, Source, damaged, unsupported};
+use super::{Chunk, KIND, Source};
 use crate::budget;
 use crate::bytes::Bytes;
 use crate::calendar::iso_of;
@@ -84,7 +84,7 @@ impl ColumnReader {
         count: usize,
         cells: &mut Vec<Cell>,
     ) -> Result<(), TableError> {
-        let wrong = || damaged(format!("column `{}`: a page of values", leaf.name));
+        let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
         while cells.len() < count {
             let Some(page) = self.page.as_mut().filter(|page| page.left > 0) else {
                 self.next_page(source, leaf)?;
@@ -120,9 +120,9 @@ impl ColumnReader {
         let count = |number| whole(number).and_then(|count| u64::try_from(count).ok());
         let unpack = |packed: &[u8], codec, size: u64| {
             unpack(codec, packed, size as usize)
-                .map_err(|what| damaged(format!("column `{name}`, a compressed page: {what}")))
+                .map_err(|what| KIND.damaged(format!("column `{name}`, a compressed page: {what}")))
         };
-        let wrong = || damaged(format!("column `{name}`: the head of a page"));
+        let wrong = || KIND.damaged(format!("column `{name}`: the head of a page"));
         match head.kind {
             DICTIONARY => {
                 let bytes = unpack(&packed, self.codec, head.unpacked)?;
@@ -148,7 +148,9 @@ impl ColumnReader {
                     0 => None,
                     levels => {
                         if whole(3) != Some(3) {
-                            return Err(unsupported(format!("column `{name}`: levels as bits")));
+                            return Err(
+                                KIND.unsupported(format!("column `{name}`: levels as bits"))
+                            );
                         }
                         let length = Bytes::new(&bytes).u32().ok_or_else(wrong)? as usize;
                         let level_bytes = bytes.get(4..).and_then(|rest| rest.get(..length));
@@ -192,9 +194,9 @@ impl ColumnReader {
     fn head(&self, file: &mut File, name: &str) -> Result<Head, TableError> {
         let there = self.end.saturating_sub(self.at);
         if there == 0 {
-            return Err(damaged(format!("column `{name}` has fewer values than rows")));
+            return Err(KIND.damaged(format!("column `{name}` has fewer values than rows")));
         }
-        let wrong = || damaged(format!("column `{name}`: the head of a page"));
+        let wrong = || KIND.damaged(format!("column `{name}`: the head of a page"));
         // As a rule short; once more where it is not.
         for most in [1 << 10, HEAD] {
             let mut bytes = vec![0; there.min(most) as usize];
@@ -229,7 +231,7 @@ impl ColumnReader {
         encoding: Option<i64>,
         leaf: &Leaf,
     ) -> Result<Values, TableError> {
-        let wrong = || damaged(format!("column `{}`: a page of values", leaf.name));
+        let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
         let is_whole = matches!(leaf.physical, Physical::Int32 | Physical::Int64);
         Ok(match encoding {
             Some(0) if leaf.physical == Physical::Boolean => Values::Bits(bytes, 0),
@@ -256,7 +258,9 @@ impl ColumnReader {
                     Some(7) => "DELTA_BYTE_ARRAY".to_owned(),
                     other => format!("{}", other.unwrap_or(-1)),
                 };
-                return Err(unsupported(format!("column `{}` has the encoding {name}", leaf.name)));
+                return Err(
+                    KIND.unsupported(format!("column `{}` has the encoding {name}", leaf.name))
+                );
             }
         })
     }

@@ -1,6 +1,6 @@
 //! The columns of a Parquet file, from the tree of its schema.
 
-use super::{damaged, unsupported};
+use super::KIND;
 use crate::budget;
 use crate::error::TableError;
 use crate::thrift::Value;
@@ -76,7 +76,7 @@ struct Above {
 pub(super) fn leaves(footer: &Value) -> Result<Vec<Leaf>, TableError> {
     let elements = footer.list(2).unwrap_or_default();
     let mut elements = elements.iter();
-    let root = elements.next().ok_or_else(|| damaged("its footer has no schema"))?;
+    let root = elements.next().ok_or_else(|| KIND.damaged("its footer has no schema"))?;
     let mut leaves = Vec::new();
     let above = Above { path: String::new(), levels: 0, is_repeated: false, depth: 0 };
     for _ in 0..root.whole(5).unwrap_or(0) {
@@ -90,7 +90,7 @@ fn add<'a>(
     above: &Above,
     leaves: &mut Vec<Leaf>,
 ) -> Result<(), TableError> {
-    let element = elements.next().ok_or_else(|| damaged("its schema is cut off"))?;
+    let element = elements.next().ok_or_else(|| KIND.damaged("its schema is cut off"))?;
     let name = element.text(4).unwrap_or_default();
     let repetition = element.whole(3).unwrap_or(0);
     let here = Above {
@@ -100,13 +100,13 @@ fn add<'a>(
         depth: above.depth + 1,
     };
     if here.depth > DEPTH {
-        return Err(unsupported("structs within structs without end"));
+        return Err(KIND.unsupported("structs within structs without end"));
     }
     let children = element.whole(5).unwrap_or(0);
     if children > 0 {
         return (0..children).try_for_each(|_| add(elements, &here, leaves));
     }
-    budget::check_columns(super::KIND, leaves.len() + 1)?;
+    budget::check_columns(KIND, leaves.len() + 1)?;
     let physical = match element.whole(1) {
         Some(0) => Physical::Boolean,
         Some(1) => Physical::Int32,
@@ -118,9 +118,9 @@ fn add<'a>(
         Some(7) => {
             let length = element.whole(2).and_then(|length| usize::try_from(length).ok());
             let length = length.filter(|length| (1..1 << 20).contains(length));
-            Physical::Fixed(length.ok_or_else(|| damaged(format!("column `{}`", here.path)))?)
+            Physical::Fixed(length.ok_or_else(|| KIND.damaged(format!("column `{}`", here.path)))?)
         }
-        _ => return Err(damaged(format!("column `{}` has no type", here.path))),
+        _ => return Err(KIND.damaged(format!("column `{}` has no type", here.path))),
     };
     let kind = if here.is_repeated { Kind::Opaque("list") } else { kind(element, physical) };
     leaves.push(Leaf { name: here.path, kind, physical, levels: here.levels });

@@ -1,6 +1,6 @@
 //! Tables as files, row after row.
 //!
-//! Arrow and MCAP are written as the rows come; NumPy and MATLAB, which begin with the number of rows,
+//! Arrow, MCAP and Parquet are written as the rows come; NumPy and MATLAB, which begin with the number of rows,
 //! are held in memory until then.
 
 mod arrow;
@@ -8,12 +8,15 @@ mod flatbuffer;
 mod mat5;
 pub mod mcap;
 mod npy;
+mod parquet;
+mod thrift;
 
 use std::io;
 
 pub use arrow::ArrowWriter;
 pub use mat5::MatWriter;
 pub use npy::NpyWriter;
+pub use parquet::{Cells, ParquetWriter, parquet_file};
 
 /// Some rows of a column.
 #[derive(Clone, Copy, Debug)]

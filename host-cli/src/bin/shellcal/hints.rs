@@ -78,7 +78,9 @@ fn after_validation(error: &ValidationError) -> Option<&'static str> {
         ValidationError::TooFewGroups { .. } => {
             "record more poses, give several logs, or name the column of groups with `--group`"
         }
-        ValidationError::TooManyGroups { .. } => "name the column of groups with `--group`",
+        ValidationError::TooManyGroups { .. } => {
+            "name the column of groups with `--group`, or deal them into K folds with `--cv=K`"
+        }
         ValidationError::Folds { .. } => "leave the number out to hold out one group at a time",
         ValidationError::Undetermined(_) | ValidationError::NoModel => {
             "record more poses, choose a smaller `--model`, or accept a damped answer with \

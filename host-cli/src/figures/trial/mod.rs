@@ -18,7 +18,7 @@ use super::figure::Figure;
 use super::palette;
 use super::panel::{LEFT_MARGIN, Panel};
 use super::svg::{Anchor, Canvas, Rect, Style, text_width};
-use super::trace::Trace as Line;
+use super::trace::Curve;
 use crate::trial::Trace;
 
 /// Width of a figure: a column of 88 mm at twice its size.
@@ -57,9 +57,9 @@ impl Pen {
 }
 
 /// A quantity over time, kept in as few points as draw the same line.
-fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Line {
+fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Curve {
     let values: Vec<f64> = values.into_iter().collect();
-    let mut line = Line::default();
+    let mut line = Curve::default();
     line.add(time_s, &values);
     line
 }
@@ -92,13 +92,13 @@ pub(crate) fn stride_s(trace: &Trace) -> Option<f64> {
 }
 
 /// The smallest and the largest of all values, and zero.
-fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a Line>) -> (f64, f64) {
+fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a Curve>) -> (f64, f64) {
     let values = lines.into_iter().flat_map(|line| line.points().map(|(_, value)| value));
     values.fold((0.0, 0.0), |(low, high), value| (value.min(low), value.max(high)))
 }
 
 /// Draws curves in a panel over its zero line.
-fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&Line, Pen)]) {
+fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&Curve, Pen)]) {
     let (_, zero) = panel.place(panel.x.range.0, 0.0);
     let area = panel.area;
     canvas.clipped(area, |canvas| {

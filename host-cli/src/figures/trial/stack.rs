@@ -7,7 +7,7 @@ use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
 use super::super::svg::Canvas;
 use super::{
-    DASHED, Key, Line, Passage, Pen, SOLID, TOP, WIDTH, draw_legend, draw_lines, draw_title,
+    Curve, DASHED, Key, Passage, Pen, SOLID, TOP, WIDTH, draw_legend, draw_lines, draw_title,
     empty_figure, line, range_with_zero, wide_area,
 };
 use crate::trial::Trace;
@@ -19,7 +19,7 @@ const LEGEND: f64 = 20.0;
 
 struct StackRow<'a> {
     axis: (&'a str, &'a str),
-    lines: Vec<(Line, Pen)>,
+    lines: Vec<(Curve, Pen)>,
     keys: Vec<Key<'a>>,
 }
 
@@ -113,7 +113,7 @@ fn stack_rows<'a>(
 }
 
 /// Angles within a turn, one line for each, so that none leads back from its end to its start.
-fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<Line> {
+fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<Curve> {
     let turn = |i: usize| (angle_rad[i] / TAU).floor();
     let mut lines = Vec::new();
     let mut start = 0;

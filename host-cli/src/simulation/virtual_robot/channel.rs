@@ -8,7 +8,7 @@ use shell_data::wrench::PerAxis;
 
 /// A channel of beams, by the level of its forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Condition {
+pub struct ChannelForces {
     /// How manifests call it: the largest deflection of the beams.
     pub name: &'static str,
     /// Mean drag while the robot is in the channel, N.
@@ -19,14 +19,14 @@ pub struct Condition {
     pub specific_resistance: f64,
 }
 
-impl Condition {
+impl ChannelForces {
     /// The five of the paper, with its mean specific resistances and, for deflections of 1, 2 and
     /// 3 cm, its mean drag (§V-B). At 0 cm the published energies per stride, −0.52 against
     /// −9.12 mJ, put the drag at 0.52/9.12 · 0.13 N. Its lift is drawn, not written down: negative,
     /// and growing with the drag; here it is 1.2 times as large.
     pub const PAPER: [Self; 5] = {
-        const fn of(name: &'static str, drag_n: f64, specific_resistance: f64) -> Condition {
-            Condition { name, drag_n, lift_n: -1.2 * drag_n, specific_resistance }
+        const fn of(name: &'static str, drag_n: f64, specific_resistance: f64) -> ChannelForces {
+            ChannelForces { name, drag_n, lift_n: -1.2 * drag_n, specific_resistance }
         }
         [
             of("free", 0.0, 45.2),
@@ -46,7 +46,7 @@ impl Condition {
 /// The wrench of one trial.
 #[derive(Clone, Debug)]
 pub(super) struct Contact {
-    condition: Condition,
+    condition: ChannelForces,
     window_s: [f64; 2],
     entering: f64,
     beams: [Wave; 4],
@@ -78,7 +78,7 @@ const CONTACT_M: [f64; 3] = [0.02, 0.0, 0.02];
 impl Contact {
     /// In the channel over `window_s`, entering it and leaving it over a share `entering` each.
     pub(super) fn new(
-        condition: Condition,
+        condition: ChannelForces,
         window_s: [f64; 2],
         entering: f64,
         velocity_m_s: f64,
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn the_mean_drag_and_lift_are_those_of_the_condition() {
-        let condition = Condition::named("3 cm").unwrap();
+        let condition = ChannelForces::named("3 cm").unwrap();
         for seed in 0..20 {
             let mut random = Stream::new(seed, Purpose::Trial, 0);
             let contact = Contact::new(condition, [1.0, 7.0], 0.39, 0.047, &mut random);

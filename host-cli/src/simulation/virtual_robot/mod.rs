@@ -27,7 +27,7 @@ mod gait;
 mod telemetry;
 mod truth;
 
-pub use channel::Condition;
+pub use channel::ChannelForces;
 pub use constants::Constants;
 pub use gait::{Gait, Side};
 pub use telemetry::{COLUMNS, TELEMETRY_COLUMNS, TelemetryRow};
@@ -59,7 +59,7 @@ pub struct TrialSettings {
     /// Names the instrument.
     pub unit_seed: u64,
     /// What the robot runs through.
-    pub condition: Condition,
+    pub condition: ChannelForces,
     /// Strides per second.
     pub stride_hz: f64,
     /// How long the robot stands before it starts, s.
@@ -86,7 +86,7 @@ impl TrialSettings {
     pub const PAPER_NOISE: f64 = 1.7;
 
     /// The trial of a condition as the lab records it: 13 strides a second, no mishaps.
-    pub fn new(condition: Condition, seed: u64) -> Self {
+    pub fn new(condition: ChannelForces, seed: u64) -> Self {
         Self {
             seed,
             unit_seed: 1,
@@ -283,7 +283,7 @@ fn check(settings: &TrialSettings) -> Result<(), TrialSettingsError> {
     if !(0.0..1.0).contains(&missing) {
         return Err(ModelError::Loss { share: missing }.into());
     }
-    let Condition { drag_n, lift_n, specific_resistance, .. } = condition;
+    let ChannelForces { drag_n, lift_n, specific_resistance, .. } = condition;
     let forces_fit = drag_n.abs() <= 10.0 && lift_n.abs() <= 10.0;
     if !(forces_fit && (1.0..=1000.0).contains(&specific_resistance)) {
         return Err(TrialSettingsError::Condition { drag_n, lift_n, specific_resistance });

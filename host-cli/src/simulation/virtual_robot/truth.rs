@@ -121,11 +121,11 @@ impl VirtualTrial {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Condition, Counter};
+    use super::super::{ChannelForces, Counter};
     use super::*;
 
     fn trial(change: impl FnOnce(&mut TrialSettings)) -> VirtualTrial {
-        let mut settings = TrialSettings::new(Condition::named("3 cm").unwrap(), 7);
+        let mut settings = TrialSettings::new(ChannelForces::named("3 cm").unwrap(), 7);
         change(&mut settings);
         VirtualTrial::new(settings).unwrap()
     }

@@ -206,11 +206,11 @@ mod tests {
     use system_tests::random::Random;
 
     use super::*;
-    use crate::simulation::virtual_robot::{Condition, TrialSettings, VirtualTrial};
+    use crate::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 
     /// Time and true drag of a trial at 100 Hz, with noise of a deterministic kind.
     fn trial(name: &str, seed: u64) -> (VirtualTrial, Vec<f64>, Vec<f64>) {
-        let settings = TrialSettings::new(Condition::named(name).unwrap(), seed);
+        let settings = TrialSettings::new(ChannelForces::named(name).unwrap(), seed);
         let trial = VirtualTrial::new(settings).unwrap();
         let end_s = trial.times_s()[trial.times_s().len() - 1];
         let time_s: Vec<f64> = (0..(end_s * 100.0) as u32).map(|i| 0.01 * f64::from(i)).collect();

@@ -3,13 +3,12 @@
 use std::io::{self, Write};
 
 use table_file::write::mcap::{Channel, Chunk, ChunkBuilder, McapWriter, wrench_stamped};
-use table_file::write::{ArrowWriter, MatWriter, NpyWriter, TableWriter, Values};
+use table_file::write::{ArrowWriter, MatWriter, NpyWriter, ParquetWriter, TableWriter, Values};
 
 use super::error::ConvertError;
 use super::format::OutputFormat;
 use super::frames::ConvertedFrames;
 use super::table::Table;
-use crate::table::ParquetWriter;
 
 /// The topics of a recording.
 const WRENCH_TOPIC: &str = "/wrench";

@@ -2,7 +2,7 @@
 
 use super::job::ConvertOptions;
 use crate::forces::ForcePipeline;
-use crate::workflow::selection::Rows;
+use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
@@ -101,8 +101,8 @@ impl Converter<'_> {
         let fresh = block.fresh_rows();
         let time_s = block.time_s.clone();
         let written = match self.options.rows {
-            Rows::Fresh => fresh.clone(),
-            Rows::All => vec![true; block.rows],
+            RowFilter::Fresh => fresh.clone(),
+            RowFilter::All => vec![true; block.rows],
         };
         let is_new = |row: usize| row == 0 || fresh[row];
         let new_rows: Vec<usize> = (0..block.rows).filter(|&row| is_new(row)).collect();

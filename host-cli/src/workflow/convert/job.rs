@@ -2,7 +2,7 @@
 
 use super::columns::Columns;
 use crate::forces::ForceOptions;
-use crate::workflow::selection::Rows;
+use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
 use log_file::{Log, ReadOptions};
 
@@ -10,7 +10,7 @@ use log_file::{Log, ReadOptions};
 #[derive(Clone, Debug)]
 pub struct ConvertOptions {
     /// Which rows are written.
-    pub rows: Rows,
+    pub rows: RowFilter,
     /// How readings become forces.
     pub forces: ForceOptions,
     /// What is written of every frame.

@@ -3,7 +3,7 @@
 use super::frames::ConvertedFrames;
 use crate::forces::{AppliedLowPass, TareResult};
 use crate::workflow::sampling::Rate;
-use crate::workflow::selection::{Rows, by_column};
+use crate::workflow::selection::{RowFilter, by_column};
 use shell_data::wrench::PerAxis;
 
 /// What a conversion has done.
@@ -18,7 +18,7 @@ pub struct ConvertSummary {
     /// ConvertedFrames written.
     pub frames: u64,
     /// Which rows these were.
-    pub rows_used: Rows,
+    pub rows_used: RowFilter,
     /// What was taken as unloaded.
     pub tare: Option<TareResult>,
     /// The filter, and the rate of its grid.

@@ -8,7 +8,7 @@ use super::csv_columns::{Table, TableError};
 
 /// The trials of one condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Condition {
+pub struct MeasuredCondition {
     /// Its name in the table.
     #[serde(rename = "condition")]
     pub name: String,
@@ -38,7 +38,7 @@ pub enum ConditionChannel {
 ///
 /// # Errors
 /// [`TableError`] naming file, line and column.
-pub fn read_trials(path: &Path) -> Result<Vec<Condition>, TableError> {
+pub fn read_trials(path: &Path) -> Result<Vec<MeasuredCondition>, TableError> {
     let mut table = Table::open(path)?;
     let condition = table.column(&["condition"])?;
     let drag = table.column(&["drag_mean_n"])?;
@@ -54,7 +54,8 @@ pub fn read_trials(path: &Path) -> Result<Vec<Condition>, TableError> {
             None => groups[at].2 += 1,
         }
     }
-    let conditions: Vec<Condition> = groups.into_iter().filter_map(Condition::of).collect();
+    let conditions: Vec<MeasuredCondition> =
+        groups.into_iter().filter_map(MeasuredCondition::of).collect();
     if conditions.is_empty() {
         let column = table.name(drag).to_owned();
         return Err(TableError::Empty { path: table.path().to_path_buf(), column });
@@ -62,7 +63,7 @@ pub fn read_trials(path: &Path) -> Result<Vec<Condition>, TableError> {
     Ok(conditions)
 }
 
-impl Condition {
+impl MeasuredCondition {
     /// `None` if no trial has a drag.
     fn of((name, drags, without_drag): (String, Vec<f64>, usize)) -> Option<Self> {
         let trials = drags.len();
@@ -77,7 +78,7 @@ impl Condition {
 mod tests {
     use super::*;
 
-    fn read(text: &str) -> Result<Vec<Condition>, TableError> {
+    fn read(text: &str) -> Result<Vec<MeasuredCondition>, TableError> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
         read_trials(file.path())

@@ -12,11 +12,11 @@ mod parameter;
 mod summary;
 mod sweep;
 
-pub use compare::{Condition, ConditionChannel, read_trials};
+pub use compare::{ConditionChannel, MeasuredCondition, read_trials};
 pub use csv_columns::TableError;
 pub use curve::{Passage, curve, read_trace};
 pub use grid::{Cell, GridAxis, grid};
-pub use monte_carlo::{Interval, MonteCarlo, Spread, Uncertain, monte_carlo};
+pub use monte_carlo::{DrawStatistics, MonteCarlo, Spread, Uncertain, monte_carlo};
 pub use parameter::{Dimension, Parameter};
 pub use summary::{ChannelDiagnostic, Summary, summarise};
 pub use sweep::{BeamRow, Course, SweepRow, beam_rows};

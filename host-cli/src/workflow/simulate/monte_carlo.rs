@@ -37,18 +37,18 @@ pub struct MonteCarlo {
     /// The share of the channels that lies within an interval.
     pub level: f64,
     /// Mean drag on the plateau in N.
-    pub mean_drag_n: Option<Interval>,
+    pub mean_drag_n: Option<DrawStatistics>,
     /// Greatest drag on the plateau in N.
-    pub peak_drag_n: Option<Interval>,
+    pub peak_drag_n: Option<DrawStatistics>,
     /// Smallest drag on the plateau in N.
-    pub minimum_drag_n: Option<Interval>,
+    pub minimum_drag_n: Option<DrawStatistics>,
     /// Work of one crossing in J.
-    pub energy_j: Option<Interval>,
+    pub energy_j: Option<DrawStatistics>,
 }
 
 /// A figure over all draws.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Interval {
+pub struct DrawStatistics {
     /// As many of the draws are below this as above [`high`](Self::high).
     pub low: f64,
     /// Half of the draws are below.
@@ -78,7 +78,7 @@ pub fn monte_carlo(
         progress(draw + 1);
     }
     let over = |figure: fn(&Summary) -> Option<f64>| {
-        Interval::of(summaries.iter().filter_map(figure).collect(), level)
+        DrawStatistics::of(summaries.iter().filter_map(figure).collect(), level)
     };
     MonteCarlo {
         draws,
@@ -106,7 +106,7 @@ fn drawn(setup: &Setup, uncertain: &[Uncertain], seed: u64, draw: usize) -> Setu
     drawn
 }
 
-impl Interval {
+impl DrawStatistics {
     /// `None` without values.
     fn of(mut values: Vec<f64>, level: f64) -> Option<Self> {
         values.sort_by(f64::total_cmp);

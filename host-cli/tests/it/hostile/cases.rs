@@ -425,6 +425,26 @@ fn standard_errors_by_group_that_were_asked_for_are_found_or_refused() {
 
 /// Rows that are not kept between the passes, and a file that is another one in the second.
 #[test]
+fn folds_may_be_of_any_number_of_groups() {
+    let dir = tempfile::tempdir().unwrap();
+    says(&dir, "synth train --rows 5200 --seed 3 -o train.csv", 0);
+    let text = read(&dir, "train.csv");
+    let mut lines = text.lines();
+    let mut labelled = format!("{},pose\n", lines.next().unwrap());
+    for (row, line) in lines.enumerate() {
+        writeln!(labelled, "{line},{}", row / 2).unwrap();
+    }
+    write(&dir, "poses.csv", labelled);
+    let said = says(&dir, "fit poses.csv --group pose --cv", 2);
+    assert!(said.contains("more than `2000` groups") && said.contains("--cv=K"), "{said}");
+    let output = program::output(dir.path(), "fit poses.csv --group pose --cv=10 --json");
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = &document["cross_validation"];
+    assert_eq!((&found["groups"], &found["folds"]), (&2600.into(), &10.into()), "{document}");
+    assert_eq!(found["rows"], 5200, "{document}");
+}
+
+#[test]
 fn a_file_that_changes_between_two_passes_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("long.csv");

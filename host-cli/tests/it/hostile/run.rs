@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 /// What a command takes at most.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Its data and stacks in KiB.
-const MEMORY: u64 = 400 << 10;
+/// Its data and stacks in KiB: what any command may take on files of up to 1 MB.
+const MEMORY: u64 = 256 << 10;
 
 /// A signal, and when it is sent.
 #[derive(Clone, Copy, Debug)]

@@ -3,7 +3,7 @@
 use faer::Mat;
 
 use super::cholesky::Bordered;
-use super::rank::RankLoss;
+use super::rank::ExactRankLoss;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::rounding::shifted;
 use crate::model::Model;
@@ -50,7 +50,7 @@ pub enum SolveError {
     },
     /// Some features are combinations of others.
     #[error("{0}")]
-    RankDeficient(RankLoss),
+    RankDeficient(ExactRankLoss),
     /// The features are independent, but so nearly not that refinement does not converge.
     #[error("the features are so nearly dependent that their coefficients cannot be computed")]
     NearlyDependent,

@@ -18,4 +18,4 @@ pub use self::fit::{Fit, SolveError};
 pub use self::group_scatter::{GroupScatter, GroupScatterError};
 pub use self::held_out::HeldOutErrors;
 pub use self::partition::{PartMoments, PartitionedMoments};
-pub use self::rank::{RankLoss, Relation};
+pub use self::rank::{ExactRankLoss, Relation};

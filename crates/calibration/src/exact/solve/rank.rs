@@ -11,7 +11,7 @@ use crate::model::Term;
 
 /// Features that are not independent over the rows.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RankLoss {
+pub struct ExactRankLoss {
     /// Independent features.
     pub rank: usize,
     /// Features.
@@ -43,7 +43,7 @@ pub(crate) fn rank_loss(
     moments: &Moments,
     model_terms: &[Term],
     positions: &[usize],
-) -> Option<RankLoss> {
+) -> Option<ExactRankLoss> {
     let size = model_terms.len();
     // The simplest first, so that what depends on what reads best.
     let mut order: Vec<usize> = (0..size).collect();
@@ -90,7 +90,7 @@ pub(crate) fn rank_loss(
         }
     });
     let relations = relations.collect();
-    Some(RankLoss { rank: size - dependent.len(), features: size, relations })
+    Some(ExactRankLoss { rank: size - dependent.len(), features: size, relations })
 }
 
 /// Whether `‖x_j − Σ shares·x‖² = 0`.
@@ -114,7 +114,7 @@ fn divides(term: Term, multiple: Term) -> bool {
     term.factors().iter().all(|factor| rest.any(|other| other == factor))
 }
 
-impl fmt::Display for RankLoss {
+impl fmt::Display for ExactRankLoss {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         /// More do not help to find the cause.
         const SHOWN: usize = 4;

@@ -11,7 +11,8 @@
 //! Memory: a group costs about 16 bytes for each distinct sum and some 50 for each sum with a wrench
 //! (under 150 kB for eight channels and poly3, 20 kB for the cubic model), in each worker that has
 //! met it up to 256 rows that wait to be summed together, and at most `MAX_OPEN` groups of a worker
-//! have working sums besides. There may be [`MAX_GROUPS`] groups.
+//! have working sums besides. There may be [`MAX_GROUPS`] groups, or any number
+//! of them in as many sets, see [`Apart::Sets`].
 
 mod moments;
 mod random_split;
@@ -22,4 +23,4 @@ pub(super) use self::moments::total;
 pub use self::moments::{GroupKind, GroupedMoments};
 pub use self::random_split::RandomSplit;
 pub use self::sums::GroupSums;
-pub use self::worker::{BlockGroups, GroupWorker, MAX_GROUPS};
+pub use self::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS};

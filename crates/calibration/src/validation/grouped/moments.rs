@@ -29,6 +29,8 @@ impl GroupKind {
 pub struct GroupedMoments {
     /// Label and sums of each group, in the order of their first rows.
     pub groups: Vec<(String, Moments)>,
+    /// How many groups there are: more than have sums where sets of them were summed.
+    pub group_count: usize,
     /// The sums of rows that were drawn at random from the same ones.
     pub random: Vec<Moments>,
     total: Option<Moments>,
@@ -44,7 +46,7 @@ impl GroupedMoments {
     /// If bases or numbers of channels differ.
     pub fn new(groups: Vec<(String, Moments)>, random: Vec<Moments>) -> Result<Self, ExactError> {
         let total = total(groups.iter().map(|(_, moments)| moments))?;
-        Ok(Self { groups, random, total })
+        Ok(Self { group_count: groups.len(), groups, random, total })
     }
 
     /// The sums over the rows of all groups; `None` for zero groups.

@@ -1,11 +1,11 @@
 //! Sums by group of all rows, from those of the workers.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use super::moments::GroupedMoments;
 use super::random_split::RandomSplit;
-use super::worker::{BlockGroups, GroupWorker, MAX_GROUPS, RowSet};
+use super::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS, RowSet};
 use crate::exact::Moments;
 use crate::model::Basis;
 use crate::validation::ValidationError;
@@ -15,28 +15,39 @@ use crate::validation::ValidationError;
 pub struct GroupSums {
     basis: Basis,
     channels: usize,
+    apart: Apart,
     random: RandomSplit,
     indices: HashMap<Arc<str>, usize>,
     /// Sums of each group, in the order of their first rows.
     groups: Vec<(Arc<str>, Option<Moments>)>,
+    /// Hashes of the groups that have been dealt into sets.
+    dealt: HashSet<u64>,
     folds: Vec<Option<Moments>>,
 }
 
 impl GroupSums {
-    /// Zero rows: for `basis` and the bases within it, by group and as `random` says.
-    pub fn new(basis: Basis, channels: usize, random: RandomSplit) -> Self {
-        let folds = vec![None; random.held_out];
-        Self { basis, channels, random, indices: HashMap::new(), groups: Vec::new(), folds }
+    /// Zero rows: for `basis` and the bases within it, by what is `apart` and as `random` says.
+    pub fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
+        Self {
+            basis,
+            channels,
+            apart,
+            random,
+            indices: HashMap::new(),
+            groups: Vec::new(),
+            dealt: HashSet::new(),
+            folds: vec![None; random.held_out],
+        }
     }
 
-    /// The number of groups so far.
+    /// The number of groups, or sets of them, so far.
     pub fn group_count(&self) -> usize {
         self.groups.len()
     }
 
     /// A worker without rows.
     pub fn worker(&self) -> GroupWorker {
-        GroupWorker::new(self.basis, self.channels, self.random)
+        GroupWorker::new(self.basis, self.channels, self.apart, self.random)
     }
 
     /// Adds what a worker hands over with a block, after all blocks before it.
@@ -48,6 +59,7 @@ impl GroupSums {
         for label in block.labels {
             self.group(&label)?;
         }
+        self.dealt.extend(block.dealt);
         block.settled.into_iter().try_for_each(|(rows, moments)| self.add_moments(rows, moments))
     }
 
@@ -67,7 +79,12 @@ impl GroupSums {
         }
         let sums = |(label, sums): (Arc<str>, Option<Moments>)| Some((label.to_string(), sums?));
         let groups = self.groups.into_iter().filter_map(sums).collect();
-        Ok(GroupedMoments::new(groups, self.folds.into_iter().flatten().collect())?)
+        let random = self.folds.into_iter().flatten().collect();
+        let mut grouped = GroupedMoments::new(groups, random)?;
+        if self.apart == Apart::Sets {
+            grouped.group_count = self.dealt.len();
+        }
+        Ok(grouped)
     }
 
     fn add_moments(&mut self, rows: RowSet, moments: Moments) -> Result<(), ValidationError> {
@@ -122,7 +139,7 @@ mod tests {
         const GROUPS: usize = 2 * MAX_OPEN + 2;
         const ROWS: usize = 420 * GROUPS;
         let whole = interleaved(0, ROWS, GROUPS);
-        let mut sums = GroupSums::new(Basis::Quadratic, 2, RandomSplit::default());
+        let mut sums = GroupSums::new(Basis::Quadratic, 2, Apart::Groups, RandomSplit::default());
         let mut workers = [sums.worker(), sums.worker()];
         for (i, start) in (0..ROWS).step_by(3000).enumerate() {
             let block = interleaved(start, 3000.min(ROWS - start), GROUPS);
@@ -144,5 +161,30 @@ mod tests {
             alone.absorb(&readings, &wrench).unwrap();
             assert_eq!(*moments, alone.finish().unwrap(), "group {group}");
         }
+    }
+
+    #[test]
+    fn more_groups_than_may_be_are_dealt_whole_into_sets_and_counted() {
+        const GROUPS: usize = 3 * MAX_GROUPS;
+        const ROWS: usize = 2 * GROUPS;
+        let sum = |apart: Apart, parts: usize| {
+            let mut sums = GroupSums::new(Basis::Linear, 2, apart, RandomSplit::default());
+            let mut workers = [sums.worker(), sums.worker()];
+            for (i, start) in (0..ROWS).step_by(parts).enumerate() {
+                let block = interleaved(start, parts.min(ROWS - start), GROUPS);
+                sums.add(workers[i % 2].add(&block)?)?;
+            }
+            sums.finish(workers)
+        };
+        let too_many = ValidationError::TooManyGroups { limit: MAX_GROUPS };
+        assert_eq!(sum(Apart::Groups, ROWS).unwrap_err(), too_many);
+        let found = sum(Apart::Sets, ROWS).unwrap();
+        assert_eq!(found.group_count, GROUPS);
+        // Poisson of mean 3: of 2000 sets e⁻³, some 100, stay empty.
+        assert!((1850..1950).contains(&found.groups.len()), "{}", found.groups.len());
+        // Both rows of a group are in one set, so that every number of rows is even.
+        assert!(found.groups.iter().all(|(_, moments)| moments.rows() % 2 == 0));
+        assert_eq!(found.total().unwrap().rows(), ROWS as u64);
+        assert_eq!(sum(Apart::Sets, 777).unwrap(), found);
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
-use super::random_split::{RandomSplit, deal};
+use super::random_split::{RandomSplit, deal, mix};
 use crate::exact::{Accumulator, Adder, Moments};
 use crate::model::Basis;
 use crate::validation::ValidationError;
@@ -16,10 +16,22 @@ pub const MAX_GROUPS: usize = 2000;
 /// been for longest are handed over.
 pub(super) const MAX_OPEN: usize = 64;
 
+/// What has sums of its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Apart {
+    /// Each group; there may be [`MAX_GROUPS`].
+    #[default]
+    Groups,
+    /// Each of [`MAX_GROUPS`] sets that the groups are dealt into, each whole: for folds of any number of
+    /// groups.
+    Sets,
+}
+
 /// Sums by group of the rows that one worker thread gets.
 #[derive(Clone, Debug)]
 pub struct GroupWorker {
     channels: usize,
+    apart: Apart,
     random: RandomSplit,
     adder: Adder,
     indices: HashMap<Arc<str>, usize>,
@@ -42,17 +54,27 @@ pub(super) enum RowSet {
 #[derive(Debug)]
 #[must_use]
 pub struct BlockGroups {
-    /// Labels in the order of their first rows.
+    /// Labels of what has sums of its own, in the order of first rows.
     pub(super) labels: Vec<Arc<str>>,
+    /// Where groups are dealt into sets: a hash of each group.
+    pub(super) dealt: Vec<u64>,
     pub(super) settled: Vec<(RowSet, Moments)>,
 }
 
 impl GroupWorker {
-    pub(super) fn new(basis: Basis, channels: usize, random: RandomSplit) -> Self {
+    pub(super) fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
         let adder = Adder::new(basis, channels);
         let fold = |fold| (RowSet::Fold(fold), adder.begin());
         let sums = (0..random.held_out).map(fold).collect();
-        Self { channels, random, adder, indices: HashMap::new(), sums, open: VecDeque::new() }
+        Self {
+            channels,
+            apart,
+            random,
+            adder,
+            indices: HashMap::new(),
+            sums,
+            open: VecDeque::new(),
+        }
     }
 
     /// Adds the rows of a block, by its group labels.
@@ -63,9 +85,22 @@ impl GroupWorker {
     pub fn add(&mut self, block: &Block) -> Result<BlockGroups, ValidationError> {
         let columns: Vec<&[f64]> =
             block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
-        let labels = rows_by_label(&block.groups);
+        let (mut dealt, sets);
+        let runs = match self.apart {
+            Apart::Groups => {
+                dealt = Vec::new();
+                &block.groups
+            }
+            Apart::Sets => {
+                (sets, dealt) = deal_into_sets(&block.groups);
+                dealt.sort_unstable();
+                dealt.dedup();
+                &sets
+            }
+        };
+        let labels = rows_by_label(runs);
         let mut groups =
-            BlockGroups { labels: Vec::with_capacity(labels.len()), settled: Vec::new() };
+            BlockGroups { labels: Vec::with_capacity(labels.len()), dealt, settled: Vec::new() };
         for (label, rows) in labels {
             let (index, label) = self.group(label)?;
             groups.labels.push(label);
@@ -140,6 +175,18 @@ impl GroupWorker {
     pub(super) fn open_sums(&self) -> usize {
         self.sums.iter().filter(|(_, sums)| sums.is_open()).count()
     }
+}
+
+/// The same runs with the labels of their sets, and the hashes of their groups: always the same set for
+/// one label.
+fn deal_into_sets(runs: &[(String, usize)]) -> (Vec<(String, usize)>, Vec<u64>) {
+    let deal = |(label, rows): &(String, usize)| {
+        // FNV-1a, mixed: its high bits are poor for short labels.
+        let fnv = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);
+        let hash = mix(label.as_bytes().iter().fold(0xcbf2_9ce4_8422_2325, fnv));
+        ((format!("set {}", hash % MAX_GROUPS as u64 + 1), *rows), hash)
+    };
+    runs.iter().map(deal).unzip()
 }
 
 /// The rows of every label, labels in the order of their first rows.

@@ -9,7 +9,7 @@ use shellcal::alignment::{Aligned, ClockMap, LeftOut};
 use shellcal::figures::{Format, match_figure};
 use shellcal::output::Outputs;
 use shellcal::workflow::align::{
-    AlignLogsError, AlignOptions, AlignedLogs, TrainingRows, align_logs, write_training,
+    AlignLogsError, AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
 };
 
 use super::frames::{FrameArgs, note_rows};
@@ -77,7 +77,7 @@ struct Report<'a> {
     /// t_reference = t_log + offset_s + skew · (t_log − pivot_s).
     clock: ClockMap,
     skew_ppm: f64,
-    rows: TrainingRows,
+    rows: WrittenRows,
     explained: f64,
     residual_counts: &'a [f64],
     spring_delay_s: f64,
@@ -182,7 +182,7 @@ impl AlignArgs {
         &self,
         printer: &mut Printer,
         aligned: &Aligned,
-        rows: TrainingRows,
+        rows: WrittenRows,
     ) -> anyhow::Result<()> {
         let (clock, quality) = (&aligned.clock, &aligned.quality);
         if rows.uncovered > 0 {

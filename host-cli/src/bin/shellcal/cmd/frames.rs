@@ -5,7 +5,7 @@ use std::path::Path;
 
 use log_file::Log;
 use shellcal::forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
-use shellcal::workflow::selection::{Rows, TimeWindow};
+use shellcal::workflow::selection::{RowFilter, TimeWindow};
 
 use crate::printer::Printer;
 
@@ -92,12 +92,12 @@ pub(crate) struct FrameArgs {
 }
 
 impl FrameArgs {
-    pub(crate) fn rows(&self, log: &Log) -> Rows {
+    pub(crate) fn rows(&self, log: &Log) -> RowFilter {
         match (self.all_rows, self.fresh) {
-            (true, _) => Rows::All,
-            (_, true) => Rows::Fresh,
-            _ if log.repeats_are_stale() => Rows::Fresh,
-            _ => Rows::All,
+            (true, _) => RowFilter::All,
+            (_, true) => RowFilter::Fresh,
+            _ if log.repeats_are_stale() => RowFilter::Fresh,
+            _ => RowFilter::All,
         }
     }
 }
@@ -106,16 +106,16 @@ impl FrameArgs {
 pub(crate) fn note_rows(
     printer: &mut Printer,
     log: &Path,
-    used: Rows,
+    used: RowFilter,
     [rows, repeated, skipped]: [u64; 3],
 ) {
     let mut text = match used {
-        Rows::Fresh => format!(
+        RowFilter::Fresh => format!(
             "{}: {} of {rows} rows used, {repeated} repeat the frame before",
             log.display(),
             rows - repeated
         ),
-        Rows::All => {
+        RowFilter::All => {
             format!("{}: {rows} rows used, {repeated} repeat the row before", log.display())
         }
     };

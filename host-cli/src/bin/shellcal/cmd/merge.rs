@@ -16,6 +16,7 @@ use shellcal::workflow::model_choice::{CovarianceRule, RANDOM_FOLDS};
 use super::choices::ModelArg;
 use super::covariance::{CovarianceArg, warn_of_few_groups};
 use super::origin;
+use super::partial_output::Destination;
 use super::quality::{significant, table_row};
 use super::validation::{print_cross_validation, print_selection};
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
@@ -134,25 +135,15 @@ struct Merged {
 
 impl MergeArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let to_stdout = self.partial.as_ref().is_some_and(OutputOrStdout::is_stdout);
-        anyhow::ensure!(
-            !(to_stdout && printer.json()),
-            "`--partial -` writes the partial fit to the standard output: leave out `--json`"
-        );
         let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
-        let partial = self.partial.as_ref().filter(|_| !to_stdout);
-        let partial = partial.map(|path| outputs.create(path)).transpose()?;
+        let partial = self.partial.as_ref();
+        let destination = partial.map(|path| Destination::open(path, printer, outputs));
+        let destination = destination.transpose()?;
         let merged = self.merged(printer)?;
         let sum = merged.sum.as_ref().context("no partial fits were given")?;
-        if self.partial.is_some() {
-            let document = sum.to_json();
-            match partial {
-                Some(mut file) => {
-                    file.write_all(document.as_bytes())?;
-                    file.commit()?;
-                }
-                None => printer.stream().write_all(document.as_bytes())?,
-            }
+        if let Some(destination) = destination {
+            let to_stdout = matches!(destination, Destination::Stdout);
+            destination.write(sum, printer)?;
             self.report(printer, &merged, sum, None, to_stdout)?;
             return Ok(Outcome::Done);
         }

@@ -22,6 +22,7 @@ mod merge;
 mod noise;
 mod origin;
 mod outliers;
+mod partial_output;
 mod place;
 mod ports;
 mod quality;

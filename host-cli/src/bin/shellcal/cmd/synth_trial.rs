@@ -7,7 +7,7 @@ use clap::builder::PossibleValue;
 use serde::Serialize;
 use shellcal::output::Outputs;
 use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{Condition, Counter, TrialSettings, VirtualTrial};
+use shellcal::simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
 
 use crate::files::{OutputPath, OutputPlace};
@@ -131,12 +131,12 @@ struct CommonArgs {
 
 /// A condition, by its name.
 #[derive(Clone, Copy, Debug)]
-struct ConditionArg(Condition);
+struct ConditionArg(ChannelForces);
 
 impl ValueEnum for ConditionArg {
     fn value_variants<'a>() -> &'a [Self] {
         const {
-            let [a, b, c, d, e] = Condition::PAPER;
+            let [a, b, c, d, e] = ChannelForces::PAPER;
             &[Self(a), Self(b), Self(c), Self(d), Self(e)]
         }
     }
@@ -182,7 +182,7 @@ struct MadeSet<'a> {
 }
 
 impl CommonArgs {
-    fn settings(&self, condition: Condition) -> TrialSettings {
+    fn settings(&self, condition: ChannelForces) -> TrialSettings {
         TrialSettings {
             unit_seed: self.unit_seed,
             stride_hz: self.stride_frequency,
@@ -247,8 +247,8 @@ impl TrialArgs {
 
 impl TrialsArgs {
     pub(super) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let base = self.common.settings(Condition::PAPER[0]);
-        let count = self.per_condition * Condition::PAPER.len() as u64;
+        let base = self.common.settings(ChannelForces::PAPER[0]);
+        let count = self.per_condition * ChannelForces::PAPER.len() as u64;
         /// Of a trial, about.
         const BYTES: u64 = 1_000_000;
         let bar = printer.progress("making trials", count * BYTES);

@@ -4,7 +4,7 @@ use calibration::Model;
 use log_file::{Log, ReadOptions};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::groups::FoundSummary;
-use shellcal::workflow::model_choice::{self, CovarianceRule, ModelChoice, ModelChoiceOptions};
+use shellcal::workflow::model_choice::{self, ModelChoice, ModelChoiceOptions};
 use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::{Weighing, weigh};
 
@@ -32,10 +32,7 @@ impl FitArgs {
             solver: self.solver.0,
             cross_validation: self.cv,
             seed: self.cv_seed,
-            covariance: match self.wants_covariance() {
-                true => self.covariance.rule(),
-                false => CovarianceRule::Nothing,
-            },
+            covariance: self.covariance_rule(),
             used,
             read: ReadOptions { progress: Some(&progress), ..self.mapping.read_options() },
         };

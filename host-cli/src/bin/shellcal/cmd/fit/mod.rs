@@ -22,8 +22,8 @@ use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::{AtomicFile, Outputs};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
-use shellcal::workflow::fit::{self, CovarianceFrom, Fit, FitOptions};
-use shellcal::workflow::model_choice::{HeldOut, ModelChoice};
+use shellcal::workflow::fit::{self, Fit, FitOptions};
+use shellcal::workflow::model_choice::{CovarianceRule, HeldOut, ModelChoice};
 use shellcal::workflow::partial::KeptGroups;
 use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::Weighing;
@@ -315,12 +315,7 @@ impl FitArgs {
             truncate: self.truncate,
             used,
             total: choice.sums.as_ref().and_then(GroupedMoments::total),
-            covariance: match &choice.sums {
-                _ if !self.wants_covariance() => CovarianceFrom::Nothing,
-                _ if choice.few_groups.is_some() => CovarianceFrom::Nothing,
-                Some(sums) if choice.by_group => CovarianceFrom::Groups(sums),
-                _ => CovarianceFrom::Rows,
-            },
+            covariance: choice.covariance_from(self.covariance_rule()),
             plot: self.plot.is_some(),
             looks: self.outliers == OutliersArg::Report,
             read,
@@ -328,11 +323,12 @@ impl FitArgs {
     }
 
     /// A covariance is of use in a calibration file; one by groups is found for whoever asks for it.
-    fn wants_covariance(&self) -> bool {
+    fn covariance_rule(&self) -> CovarianceRule {
         match self.covariance {
-            CovarianceArg::Groups => true,
-            CovarianceArg::Auto | CovarianceArg::Rows => self.output.is_some(),
-            CovarianceArg::None => false,
+            CovarianceArg::Auto | CovarianceArg::Rows if self.output.is_none() => {
+                CovarianceRule::Nothing
+            }
+            asked => asked.rule(),
         }
     }
 

@@ -1,7 +1,5 @@
 //! `shellcal fit --partial`: sums for `shellcal merge`, and no fit.
 
-use std::io::Write;
-
 use calibration::Basis;
 use log_file::Log;
 use shellcal::output::Outputs;
@@ -9,6 +7,7 @@ use shellcal::workflow::partial::{self, PartialOptions};
 
 use super::super::choices::ModelArg;
 use super::super::origin;
+use super::super::partial_output::Destination;
 use super::{FitArgs, GroupsArg};
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;
@@ -32,12 +31,7 @@ impl FitArgs {
                 anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
             }
         };
-        let to_stdout = path.is_stdout();
-        anyhow::ensure!(
-            !(to_stdout && printer.json()),
-            "`--partial -` writes the partial fit to the standard output: leave out `--json`"
-        );
-        let output = (!to_stdout).then(|| outputs.create(path)).transpose()?;
+        let destination = Destination::open(path, printer, outputs)?;
         let options = PartialOptions {
             basis,
             intercept: !self.no_intercept,
@@ -49,14 +43,7 @@ impl FitArgs {
         let mut partial = partial::sum(&mut train, &options)?;
         partial.made_by = origin::program();
         partial.date = origin::date()?;
-        let document = partial.to_json();
-        match output {
-            Some(mut output) => {
-                output.write_all(document.as_bytes())?;
-                output.commit()?;
-            }
-            None => printer.stream().write_all(document.as_bytes())?,
-        }
+        destination.write(&partial, printer)?;
         let (rows, model) = (partial.moments.rows(), partial.model);
         if printer.json() {
             return printer.document(&serde_json::json!({ "model": model.name(), "rows": rows }));
@@ -65,7 +52,7 @@ impl FitArgs {
         if let Some(groups) = &partial.groups {
             done += &format!(", in {} groups by {}", groups.groups.len(), groups.by.name());
         }
-        if to_stdout {
+        if path.is_stdout() {
             printer.note(done);
             return Ok(());
         }

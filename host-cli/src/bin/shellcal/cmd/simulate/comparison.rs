@@ -3,7 +3,7 @@
 use anyhow::bail;
 use serde::Serialize;
 use shellcal::workflow::simulate::{
-    ChannelDiagnostic, Condition, ConditionChannel, Summary, read_trials,
+    ChannelDiagnostic, ConditionChannel, MeasuredCondition, Summary, read_trials,
 };
 
 use super::args::{SimulateArgs, of_deflection, of_width};
@@ -16,7 +16,7 @@ use crate::printer::Printer;
 #[derive(Debug, Serialize)]
 pub(super) struct Comparison {
     #[serde(flatten)]
-    measured: Condition,
+    measured: MeasuredCondition,
     /// None where the robot runs free.
     width_m: Option<f64>,
     simulated_drag_n: Option<f64>,
@@ -43,7 +43,7 @@ impl SimulateArgs {
             .map(Some)
     }
 
-    fn simulate(&self, measured: Condition) -> anyhow::Result<Comparison> {
+    fn simulate(&self, measured: MeasuredCondition) -> anyhow::Result<Comparison> {
         let base = self.geometry.setup();
         let setup = match self.channel_of(&measured.name)? {
             ConditionChannel::Free => None,

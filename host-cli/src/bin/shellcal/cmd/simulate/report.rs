@@ -2,7 +2,7 @@
 
 use beam_channel::{Angle, Normal, Setup};
 use serde::Serialize;
-use shellcal::workflow::simulate::{Interval, Parameter};
+use shellcal::workflow::simulate::{DrawStatistics, Parameter};
 
 use super::channel::ChannelReport;
 use super::format::{cm, or_dash, percent};
@@ -87,7 +87,7 @@ pub(super) fn print_uncertainty(
             ("energy (mJ)", result.energy_j, 1e3, 3),
         ];
         for (name, interval, scale, decimals) in figures {
-            let figure = |of: fn(&Interval) -> f64| {
+            let figure = |of: fn(&DrawStatistics) -> f64| {
                 or_dash(interval.as_ref().map(|interval| scale * of(interval)), decimals)
             };
             rows.push(vec![

@@ -3,9 +3,9 @@
 //! Numbers in CSV have the fewest digits that read back as the same number; missing values are
 //! empty, and null in Parquet.
 
-mod parquet;
+use std::io;
 
-pub use self::parquet::{ParquetError, ParquetWriter};
+use table_file::write::{Cells, parquet_file};
 
 /// Columns of one length, each with a name that carries its unit.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,6 +33,15 @@ impl Column {
             Self::Number(values) => values.len(),
             Self::Full(values) => values.len(),
             Self::Count(values) => values.len(),
+        }
+    }
+
+    fn cells(&self) -> Cells<'_> {
+        match self {
+            Self::Text(values) => Cells::Texts(values),
+            Self::Number(values) => Cells::OptionalNumbers(values),
+            Self::Full(values) => Cells::Numbers(values),
+            Self::Count(values) => Cells::OptionalCounts(values),
         }
     }
 }
@@ -86,6 +95,15 @@ impl Table {
         }
         text
     }
+
+    /// The table as a Parquet file.
+    ///
+    /// # Errors
+    /// What [`parquet_file`] says.
+    pub fn to_parquet(&self) -> io::Result<Vec<u8>> {
+        let columns = self.columns.iter().map(|(name, column)| (name.as_str(), column.cells()));
+        parquet_file(&columns.collect::<Vec<_>>())
+    }
 }
 
 /// A field, in quotes where it has to be (RFC 4180).
@@ -101,9 +119,11 @@ pub(crate) fn write_text(value: &str, text: &mut Vec<u8>) {
 
 #[cfg(test)]
 mod tests {
+    use table_file::FileKind;
+
     use super::*;
 
-    pub(super) fn table() -> Table {
+    fn table() -> Table {
         Table::new([
             ("file", Column::Text(vec!["a, \"b\"".to_owned(), String::new()])),
             ("drag_n", Column::Number(vec![Some(0.1), None])),
@@ -120,5 +140,26 @@ mod tests {
         let rows: Vec<_> = reader.records().map(Result::unwrap).collect();
         assert_eq!(rows[0], vec!["a, \"b\"", "0.1", "1.0", ""]);
         assert_eq!(rows[1], vec!["", "", "-1e-300", "7"]);
+    }
+    #[test]
+    fn parquet_reads_back_as_what_it_was_made_from() {
+        // More rows than there are in a row group.
+        let many = 70_000;
+        let names = (0..many).map(|row| format!("trial {}", row / 1000));
+        let drag = (0..many).map(|row| (row % 3 > 0).then_some(f64::from(row) / 7.0));
+        let long = Table::new([
+            ("file", Column::Text(names.collect())),
+            ("drag_n", Column::Number(drag.collect())),
+        ]);
+        let file = tempfile::NamedTempFile::new().unwrap();
+        for (table, line) in [(table(), 1), (long, 65_537)] {
+            std::fs::write(file.path(), table.to_parquet().unwrap()).unwrap();
+            let read = table_file::Table::open(file.path(), FileKind::Parquet, None).unwrap();
+            let text = std::io::read_to_string(read.text().unwrap()).unwrap();
+            // The reader writes whole numbers as such.
+            let expected = String::from_utf8(table.to_csv()).unwrap();
+            let expected = expected.replace(".0,", ",").replace(".0\n", "\n");
+            assert!(text == expected, "{:?}", text.lines().nth(line));
+        }
     }
 }
