@@ -89,16 +89,25 @@ pub struct WordEncoding {
 }
 
 impl WordEncoding {
-    /// Appends the values of `words` to `out`.
-    pub fn values(self, words: &[u16], out: &mut Vec<f64>) {
-        let start = out.len();
-        out.resize(start + words.len(), 0.0);
-        Arch::new().dispatch(Values { words: self, counts: words, out: &mut out[start..] });
+    /// Writes the values of `words` to `out`, which is as long.
+    pub fn values(self, words: &[u16], out: &mut [f64]) {
+        Arch::new().dispatch(Values { words: self, counts: words, out });
     }
 
     #[inline(always)]
     fn value(self, word: f64) -> f64 {
         (self.base + word) * self.times / self.over
+    }
+
+    /// Whether values are whole numbers, which need no division: readings, as a rule.
+    fn is_whole(self) -> bool {
+        self.over == 1.0
+    }
+
+    /// [`value`](Self::value) where they are.
+    #[inline(always)]
+    fn whole_value(self, word: f64) -> f64 {
+        (self.base + word) * self.times
     }
 }
 
@@ -136,6 +145,16 @@ impl NullaryFnOnce for Count<'_> {
 
     #[inline(always)]
     fn call(self) -> bool {
+        match self.words.is_whole() {
+            true => self.count(WordEncoding::whole_value),
+            false => self.count(WordEncoding::value),
+        }
+    }
+}
+
+impl Count<'_> {
+    #[inline(always)]
+    fn count(self, value_of: impl Fn(WordEncoding, f64) -> f64) -> bool {
         let Self { words, per_value, values, out } = self;
         // Without a way out of the loop: it is all or nothing, and nearly always all.
         let mut all = true;
@@ -143,7 +162,7 @@ impl NullaryFnOnce for Count<'_> {
             let raised = (value * per_value - words.base) + TO_LOWEST_BITS;
             let word = raised - TO_LOWEST_BITS;
             let fits = (word >= 0.0) & (word <= f64::from(u16::MAX));
-            all &= fits & (words.value(word) == value);
+            all &= fits & (value_of(words, word) == value);
             *out = raised.to_bits() as u16;
         }
         all
@@ -163,6 +182,12 @@ impl NullaryFnOnce for Values<'_> {
     #[inline(always)]
     fn call(self) {
         let Self { words, counts, out } = self;
+        if words.is_whole() {
+            for (out, &count) in out.iter_mut().zip(counts) {
+                *out = words.whole_value(f64::from(count));
+            }
+            return;
+        }
         for (out, &count) in out.iter_mut().zip(counts) {
             *out = words.value(f64::from(count));
         }
@@ -228,7 +253,7 @@ mod tests {
             };
             let values: Vec<f64> = counts.iter().map(print).collect();
             let step = DecimalStep::of(&values).unwrap();
-            let (mut words, mut back) = (vec![0; values.len()], Vec::new());
+            let (mut words, mut back) = (vec![0; values.len()], vec![0.0; values.len()]);
             step.count(&values, &mut words).unwrap().values(&words, &mut back);
             prop_assert_eq!(back, values);
         }

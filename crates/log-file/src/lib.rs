@@ -57,7 +57,7 @@ pub use error::{Field, LogError, Place, RowProblem};
 pub use format::columns::{Column, Meaning};
 pub use format::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
 pub use log::Log;
-pub use read::all::read_all;
+pub use read::all::{read_all, threads_for};
 pub use read::request::{ReadOptions, ReadSummary, Wanted};
 pub use read::selection::Selection;
 pub use stream::pipeline;

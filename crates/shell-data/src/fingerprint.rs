@@ -57,6 +57,20 @@ pub fn row_hashes<'a>(
     hashes
 }
 
+/// As xxHash finishes.
+#[inline(always)]
+fn mixed(hash: u64) -> u64 {
+    let hash = (hash ^ (hash >> 29)).wrapping_mul(0x1656_67b1_9e37_79f9);
+    hash ^ (hash >> 32)
+}
+
+/// A number for some values, which is the same for the same ones in the same order, and for others hardly
+/// ever.
+pub fn hash(values: impl Iterator<Item = f64>) -> u64 {
+    // Mixed after each: they may be few and much alike.
+    values.fold(0, |hash: u64, value| mixed(hash.rotate_left(23) ^ value.to_bits()))
+}
+
 /// [`Fingerprint::of`], inlined whole into code for the widest vectors of the processor.
 struct OfBlock<'a>(&'a Block);
 
@@ -69,10 +83,9 @@ impl NullaryFnOnce for OfBlock<'_> {
         let columns = block.readings.iter().chain(&block.wrench);
         let hashes = row_hashes(0, block.rows, columns.map(Vec::as_slice));
         let mut fingerprint = Fingerprint { rows: block.rows as u64, ..Fingerprint::default() };
-        // As xxHash finishes, so that sums of rows say which rows they are.
-        for mut hash in hashes {
-            hash = (hash ^ (hash >> 29)).wrapping_mul(0x1656_67b1_9e37_79f9);
-            hash ^= hash >> 32;
+        // Mixed, so that sums of rows say which rows they are.
+        for hash in hashes {
+            let hash = mixed(hash);
             fingerprint.sum = fingerprint.sum.wrapping_add(hash);
             fingerprint.squares = fingerprint.squares.wrapping_add(hash.wrapping_mul(hash | 1));
         }

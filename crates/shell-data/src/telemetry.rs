@@ -17,6 +17,18 @@ pub enum Telemetry {
     LeftBackEmf,
     /// Battery voltage.
     Battery,
+    /// Current that both motors, or the whole robot, draw.
+    Current,
+    /// Current of the right motor.
+    RightCurrent,
+    /// Current of the left motor.
+    LeftCurrent,
+    /// Electrical power of both motors, or of the whole robot.
+    Power,
+    /// Electrical power of the right motor.
+    RightPower,
+    /// Electrical power of the left motor.
+    LeftPower,
     /// Angular rate about x.
     GyroX,
     /// Angular rate about y.
@@ -33,7 +45,7 @@ pub enum Telemetry {
 
 impl Telemetry {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 19] = [
         Self::RightLeg,
         Self::LeftLeg,
         Self::RightDuty,
@@ -41,6 +53,12 @@ impl Telemetry {
         Self::RightBackEmf,
         Self::LeftBackEmf,
         Self::Battery,
+        Self::Current,
+        Self::RightCurrent,
+        Self::LeftCurrent,
+        Self::Power,
+        Self::RightPower,
+        Self::LeftPower,
         Self::GyroX,
         Self::GyroY,
         Self::GyroZ,
@@ -49,8 +67,8 @@ impl Telemetry {
         Self::AccelerationZ,
     ];
 
-    /// What the electrical power is computed from.
-    pub const POWER: [Self; 5] =
+    /// What the electrical power of motors is computed from.
+    pub const MOTORS: [Self; 5] =
         [Self::RightDuty, Self::LeftDuty, Self::RightBackEmf, Self::LeftBackEmf, Self::Battery];
 
     /// What people call it.
@@ -63,6 +81,12 @@ impl Telemetry {
             Self::RightBackEmf => "right back EMF",
             Self::LeftBackEmf => "left back EMF",
             Self::Battery => "battery",
+            Self::Current => "current",
+            Self::RightCurrent => "right motor current",
+            Self::LeftCurrent => "left motor current",
+            Self::Power => "power",
+            Self::RightPower => "right motor power",
+            Self::LeftPower => "left motor power",
             Self::GyroX => "gyro x",
             Self::GyroY => "gyro y",
             Self::GyroZ => "gyro z",
@@ -83,6 +107,12 @@ impl Telemetry {
             Self::RightBackEmf => &["rbemf", "bemfr", "rightbemf", "rightbackemf", "rbackemf"],
             Self::LeftBackEmf => &["lbemf", "bemfl", "leftbemf", "leftbackemf", "lbackemf"],
             Self::Battery => &["vbatt", "vbat", "battv", "batt", "battery", "batteryvoltage"],
+            Self::Current => &["current", "currenta", "ibatt", "ibat", "batterycurrent"],
+            Self::RightCurrent => &["rcurrent", "currentr", "rightcurrent", "rightmotorcurrent"],
+            Self::LeftCurrent => &["lcurrent", "currentl", "leftcurrent", "leftmotorcurrent"],
+            Self::Power => &["power", "powerw", "electricalpower", "batterypower"],
+            Self::RightPower => &["rpower", "powerr", "rightpower", "rightmotorpower"],
+            Self::LeftPower => &["lpower", "powerl", "leftpower", "leftmotorpower"],
             Self::GyroX => &["gyrox", "gryox", "gx"],
             Self::GyroY => &["gyroy", "gryoy", "gy"],
             Self::GyroZ => &["gyroz", "gryoz", "gz"],
@@ -118,6 +148,8 @@ mod tests {
             ("RBEMF", Some(RightBackEmf)),
             ("LBEMF", Some(LeftBackEmf)),
             ("VBatt", Some(Battery)),
+            ("current_a", Some(Current)),
+            ("Right Motor Power", Some(RightPower)),
             ("S1", None),
         ] {
             assert_eq!(Telemetry::of_name(&plain(name)), expected, "{name}");

@@ -146,8 +146,35 @@ pub fn recognise(head: &[u8]) -> Recognised {
     if head.starts_with(b"PK\x03\x04") {
         return archive(head);
     }
+    if is_matlab_4(head) {
+        let remedy =
+            "save it in MATLAB with `save(…, '-v7')`, or in Python with `scipy.io.savemat`";
+        return Recognised::Foreign { what: "a MATLAB 4 file", remedy };
+    }
     let foreign = FOREIGN.iter().find(|(start, ..)| head.starts_with(start));
     foreign.map_or(Recognised::Unknown, |&(_, what, remedy)| Recognised::Foreign { what, remedy })
+}
+
+/// Whether a file begins with a matrix of MATLAB's level 4, which has no mark: five integers (type, rows,
+/// columns, whether there is an imaginary part, length of the name) and a name with a zero at its end
+/// ("MAT-File Format", MathWorks, chapter 2).
+fn is_matlab_4(head: &[u8]) -> bool {
+    let Some((header, name)) = head.split_first_chunk::<20>() else { return false };
+    let word = |at: usize| [header[at], header[at + 1], header[at + 2], header[at + 3]];
+    // The thousands of the type are the machine's order of bytes.
+    let orders: [(fn([u8; 4]) -> u32, u32); 2] = [(u32::from_le_bytes, 0), (u32::from_be_bytes, 1)];
+    orders.into_iter().any(|(read, machine)| {
+        let [kind, rows, columns, imaginary, length] = [0, 4, 8, 12, 16].map(|at| read(word(at)));
+        let name =
+            (length as usize).checked_sub(1).and_then(|last| name.get(..=last)?.split_last());
+        let is_name = |(end, name): (&u8, &[u8])| {
+            *end == 0 && !name.is_empty() && name.iter().all(u8::is_ascii_graphic)
+        };
+        kind / 100 == 10 * machine
+            && (kind / 10 % 10 <= 5 && kind % 10 <= 2)
+            && (rows > 0 && columns > 0 && imaginary <= 1)
+            && name.is_some_and(is_name)
+    })
 }
 
 /// A zip archive, by the name of the first file in it and what follows.
@@ -192,6 +219,7 @@ mod tests {
             (b"PK\x03\x04....[Content_Types].xml", Table(FileKind::Xlsx)),
             (b"t_s,s1,s2\n", Unknown),
             (b"\x1f\x8b\x08", Unknown),
+            (&[0; 64], Unknown),
             (b"", Unknown),
         ] {
             assert_eq!(recognise(head), expected, "{head:?}");
@@ -202,6 +230,9 @@ mod tests {
             (b"PK\x03\x04....arr_0.npy", "an archive of NumPy arrays (.npz)"),
             (b"PK\x03\x04....notes.txt", "a zip archive"),
             (b"SQLite format 3\0", "an SQLite database"),
+            // `scipy.io.savemat(…, {"xy": …}, format="4")` of 3 by 2 numbers; the same of a Sun.
+            (b"\0\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03\0\0\0xy\0\0", "a MATLAB 4 file"),
+            (b"\0\0\x03\xe8\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03xy\0@", "a MATLAB 4 file"),
         ] {
             let Recognised::Foreign { what, .. } = recognise(head) else { panic!("{expected}") };
             assert_eq!(what, expected);

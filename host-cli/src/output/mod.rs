@@ -20,7 +20,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use identity::{Files, Identity};
 use temporary::Temporary;
 
-pub use temporary::remove_unfinished;
+pub use temporary::{before_unfinished, remove_unfinished};
 
 /// What a command reads and writes.
 #[derive(Debug, Default)]

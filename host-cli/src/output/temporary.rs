@@ -10,6 +10,15 @@ use tempfile::NamedTempFile;
 
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
+/// What is to be done before there is one, until it is done.
+static BEFORE: Mutex<Option<fn()>> = Mutex::new(None);
+
+/// Has `prepare` called before the first temporary file is made, which is when there is something to
+/// remove: many commands make none.
+pub fn before_unfinished(prepare: fn()) {
+    *BEFORE.lock().unwrap_or_else(PoisonError::into_inner) = Some(prepare);
+}
+
 fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     // Whoever panicked while holding it has left the list whole: each change is one call.
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
@@ -43,6 +52,9 @@ impl Temporary {
         // a new file has the permissions of its folder.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        if let Some(prepare) = BEFORE.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            prepare();
+        }
         let mut unfinished = unfinished();
         let file = builder.tempfile_in(directory)?;
         unfinished.insert(file.path().to_path_buf());

@@ -9,6 +9,7 @@ use super::leg::{STILL_RAD, Strides, unwrap};
 use super::profile::Profile;
 use super::rows::TrialRows;
 use crate::forces::TareFrames;
+use shell_data::telemetry::Telemetry;
 
 /// A stall is reported when the leg stands still for this many strides.
 const STALL_STRIDES: f64 = 2.0;
@@ -51,7 +52,8 @@ pub(super) fn diagnose_tare(
     enter_s: f64,
     diagnostics: &mut Vec<Diagnostic>,
 ) {
-    let (turned_rad, end_s) = (turned_rad(tare, profile.telemetry.leg_rad_per_count), tare.end_s());
+    let (turned_rad, end_s) =
+        (turned_rad(tare, profile.leg_rad(Telemetry::RightLeg)), tare.end_s());
     if turned_rad > STILL_RAD {
         diagnostics.push(Diagnostic::MovingTare { turned_rad, end_s });
     }

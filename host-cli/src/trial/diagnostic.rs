@@ -53,6 +53,20 @@ pub enum Diagnostic {
         /// Of how many.
         of: u64,
     },
+    /// The battery reads what no battery of a robot gives: its unit is another than the profile says.
+    BatteryUnit {
+        /// The median in the window, as the log has it.
+        reads: f64,
+        /// What the profile takes that for, V.
+        battery_v: f64,
+    },
+    /// A column of power or current, whose unit the profile does not give.
+    NoUnit {
+        /// What it is called.
+        column: &'static str,
+        /// Its key in a profile.
+        key: &'static str,
+    },
     /// Without the right leg's position: no strides.
     NoLeg,
     /// The right leg does not complete a turn in the window.
@@ -144,6 +158,8 @@ impl Diagnostic {
             Self::NoCalibration => "no_calibration",
             Self::NoPower { .. } => "no_power",
             Self::NoBattery { .. } => "no_battery",
+            Self::BatteryUnit { .. } => "battery_unit",
+            Self::NoUnit { .. } => "no_unit",
             Self::NoLeg => "no_leg",
             Self::NoStride => "no_stride",
             Self::StalledLeg { .. } => "stalled_leg",
@@ -185,6 +201,16 @@ impl fmt::Display for Diagnostic {
             Self::NoBattery { rows, of } => {
                 write!(f, "the battery reads no voltage in {rows} of {of} rows: {NO_ENERGY}")
             }
+            Self::BatteryUnit { reads, battery_v } => write!(
+                f,
+                "the battery reads {reads} in the log, which the profile takes for {battery_v:.3} V: are these \
+                 volts? then give the profile `battery = {{ unit = \"V\" }}` under `[columns]`; {NO_ENERGY}"
+            ),
+            Self::NoUnit { column, key } => write!(
+                f,
+                "the log has {column}, whose unit is not known: give the profile `{key} = {{ unit = … }}` \
+                 under `[columns]`; {NO_ENERGY}"
+            ),
             Self::NoLeg => write!(f, "the log has no right leg position: strides are left out"),
             Self::NoStride => write!(f, "the right leg does not complete a turn in the window"),
             Self::StalledLeg { longest_s } => {

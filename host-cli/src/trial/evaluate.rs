@@ -118,8 +118,8 @@ impl Evaluation<'_> {
     fn means(&self, span: &Span) -> Means {
         let forces = self.signals.forces.as_ref();
         let mean = |axis: Axis| forces.map(|forces| span.mean(&forces.wrench[axis.index()]));
-        let total_w = self.signals.total_w.as_ref();
-        let energy_j = total_w.map(|power| span.integral(&self.input.rows.times_s, power));
+        let power = self.signals.power.as_ref();
+        let energy_j = power.map(|power| span.integral(&self.input.rows.times_s, &power.total_w));
         Means { fx_n: mean(Axis::Fx), fz_n: mean(Axis::Fz), energy_j }
     }
 

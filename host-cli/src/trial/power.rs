@@ -1,43 +1,223 @@
 //! Electrical power of the leg motors.
+//!
+//! It is taken from the first of these that the log has: columns of power, the battery's voltage times
+//! columns of current, or the formula of the motor with duty and back EMF. The first two need their
+//! units in the profile.
 
+use std::ops::Range;
+
+use super::diagnostic::Diagnostic;
 use super::profile::Profile;
 use super::rows::TrialRows;
+use super::telemetry_column::key_of;
 use shell_data::telemetry::Telemetry;
 
-/// The power of each motor at every row, W.
+/// Power at every row, W.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Power {
-    pub(super) right_w: Vec<f64>,
-    pub(super) left_w: Vec<f64>,
+    pub(super) total_w: Vec<f64>,
+    /// Of the right and the left motor, where the log tells them apart.
+    pub(super) sides_w: Option<[Vec<f64>; 2]>,
 }
 
+/// Of all, of the right and of the left motor.
+const POWERS: [Telemetry; 3] = [Telemetry::Power, Telemetry::RightPower, Telemetry::LeftPower];
+const CURRENTS: [Telemetry; 3] =
+    [Telemetry::Current, Telemetry::RightCurrent, Telemetry::LeftCurrent];
+
+/// What the power of a robot is measured as, if it is.
+pub const MEASURED_POWER: [Telemetry; 6] =
+    [POWERS[0], POWERS[1], POWERS[2], CURRENTS[0], CURRENTS[1], CURRENTS[2]];
+
+/// What the battery of a robot gives, V. Readings beyond are in another unit than the profile says.
+const BATTERY_V: std::ops::RangeInclusive<f64> = 0.5..=100.0;
+
 impl Power {
-    /// From telemetry; the columns that are not there, if any are missing.
-    pub(super) fn new(rows: &TrialRows, profile: &Profile) -> Result<Self, Vec<&'static str>> {
-        let columns = Telemetry::POWER.map(|kind| rows.telemetry(kind));
-        let [Some(duty_r), Some(duty_l), Some(emf_r), Some(emf_l), Some(battery)] = columns else {
-            let missing =
-                Telemetry::POWER.iter().zip(columns).filter(|(_, column)| column.is_none());
-            return Err(missing.map(|(kind, _)| kind.name()).collect());
-        };
-        let scales = profile.telemetry;
-        let side = |duty: &[f64], emf: &[f64]| {
-            let samples = duty.iter().zip(emf).zip(battery);
-            samples
-                .map(|((&duty, &emf), &battery)| {
-                    profile.motor.power_w(
-                        duty / scales.duty_counts,
-                        battery * scales.battery_v_per_count,
-                        emf * scales.back_emf_v_per_count,
-                    )
-                })
-                .collect()
-        };
-        Ok(Self { right_w: side(duty_r, emf_r), left_w: side(duty_l, emf_l) })
+    /// From telemetry; why there is none, if so. The battery is looked at in the rows `window`.
+    pub(super) fn new(
+        rows: &TrialRows,
+        profile: &Profile,
+        window: Range<usize>,
+    ) -> Result<Self, Diagnostic> {
+        let telemetry = Columns { rows, profile };
+        if let Some(power) = Self::of_columns(POWERS.map(|kind| telemetry.in_si(kind))) {
+            return Ok(power);
+        }
+        let currents = CURRENTS.map(|kind| telemetry.in_si(kind));
+        let has_battery = rows.telemetry(Telemetry::Battery).is_some();
+        if has_battery && let Some(currents) = Self::of_columns(currents) {
+            let battery = telemetry.battery(window)?;
+            let times =
+                |current: Vec<f64>| current.iter().zip(&battery).map(|(i, v)| i * v).collect();
+            let sides_w = currents.sides_w.map(|sides| sides.map(times));
+            return Ok(Self { total_w: times(currents.total_w), sides_w });
+        }
+        telemetry.motors(window)
     }
 
-    /// Of both motors, W.
-    pub(super) fn total_w(&self) -> Vec<f64> {
-        self.right_w.iter().zip(&self.left_w).map(|(right, left)| right + left).collect()
+    /// Of columns for all, for the right and for the left motor, as far as they are there.
+    fn of_columns([total, right, left]: [Option<Vec<f64>>; 3]) -> Option<Self> {
+        let sides_w = right.zip(left).map(|(right, left)| [right, left]);
+        let total_w = total.or_else(|| sides_w.as_ref().map(sum))?;
+        Some(Self { total_w, sides_w })
+    }
+}
+
+fn sum([right, left]: &[Vec<f64>; 2]) -> Vec<f64> {
+    right.iter().zip(left).map(|(right, left)| right + left).collect()
+}
+
+/// The telemetry of a trial, in the units of its robot.
+struct Columns<'a> {
+    rows: &'a TrialRows,
+    profile: &'a Profile,
+}
+
+impl Columns<'_> {
+    /// A column whose unit the profile gives, in SI.
+    fn in_si(&self, kind: Telemetry) -> Option<Vec<f64>> {
+        let unit = self.profile.unit(kind)?;
+        Some(self.rows.telemetry(kind)?.iter().map(|value| value * unit).collect())
+    }
+
+    /// A column in SI, of counts that are `per_count` each if no unit is given.
+    fn scaled(&self, kind: Telemetry, per_count: f64) -> Vec<f64> {
+        let unit = self.profile.unit(kind).unwrap_or(per_count);
+        self.rows.telemetry(kind).unwrap_or_default().iter().map(|value| value * unit).collect()
+    }
+
+    /// The voltage of the battery, V.
+    fn battery(&self, window: Range<usize>) -> Result<Vec<f64>, Diagnostic> {
+        let counts = self.rows.telemetry(Telemetry::Battery).unwrap_or_default();
+        let in_window = counts.get(window).unwrap_or_default();
+        let empty = in_window.iter().filter(|&&counts| counts <= 0.0).count() as u64;
+        if empty > 0 {
+            return Err(Diagnostic::NoBattery { rows: empty, of: in_window.len() as u64 });
+        }
+        let volts = self.scaled(Telemetry::Battery, self.profile.telemetry.battery_v_per_count);
+        let mut sorted = in_window.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        if let Some(&reads) = sorted.get(sorted.len() / 2) {
+            let unit = self.profile.unit(Telemetry::Battery);
+            let battery_v = reads * unit.unwrap_or(self.profile.telemetry.battery_v_per_count);
+            if !BATTERY_V.contains(&battery_v) {
+                return Err(Diagnostic::BatteryUnit { reads, battery_v });
+            }
+        }
+        Ok(volts)
+    }
+
+    /// By the formula of the motors.
+    fn motors(&self, window: Range<usize>) -> Result<Power, Diagnostic> {
+        let missing = Telemetry::MOTORS.iter().filter(|kind| self.rows.telemetry(**kind).is_none());
+        let missing: Vec<&str> = missing.map(|kind| kind.name()).collect();
+        if !missing.is_empty() {
+            let unknown =
+                MEASURED_POWER.into_iter().filter(|kind| self.profile.unit(*kind).is_none());
+            let unknown = unknown.into_iter().find(|kind| self.rows.telemetry(*kind).is_some());
+            return Err(match unknown.and_then(|kind| Some((kind, key_of(kind)?))) {
+                Some((kind, key)) => Diagnostic::NoUnit { column: kind.name(), key },
+                None => Diagnostic::NoPower { missing },
+            });
+        }
+        let battery = self.battery(window)?;
+        let scales = self.profile.telemetry;
+        let side = |duty: Telemetry, back_emf: Telemetry| -> Vec<f64> {
+            let back_emf = self.scaled(back_emf, scales.back_emf_v_per_count);
+            let unit = self.profile.unit(duty);
+            let share = |duty: f64| unit.map_or(duty / scales.duty_counts, |unit| duty * unit);
+            let samples = self.rows.telemetry(duty).unwrap_or_default().iter().zip(&battery);
+            let power = |((&duty, &battery), &back_emf): ((&f64, &f64), &f64)| {
+                self.profile.motor.power_w(share(duty), battery, back_emf)
+            };
+            samples.zip(&back_emf).map(power).collect()
+        };
+        let right = side(Telemetry::RightDuty, Telemetry::RightBackEmf);
+        let sides = [right, side(Telemetry::LeftDuty, Telemetry::LeftBackEmf)];
+        Ok(Power { total_w: sum(&sides), sides_w: Some(sides) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Telemetry::{
+        Battery, Current, LeftBackEmf, LeftCurrent, LeftDuty, RightBackEmf, RightCurrent, RightDuty,
+    };
+
+    fn power(
+        columns: &str,
+        telemetry: &[(Telemetry, [f64; 2])],
+    ) -> Result<([f64; 2], Option<f64>), Diagnostic> {
+        let profile = format!("base = \"velociroach\"\n[columns]\n{columns}");
+        let telemetry = telemetry.iter().map(|(kind, values)| (*kind, values.to_vec())).collect();
+        let rows = TrialRows { telemetry, ..TrialRows::default() };
+        let power = Power::new(&rows, &Profile::parse(&profile).unwrap(), 0..2)?;
+        let left = power.sides_w.map(|[_, left]| left[0]);
+        Ok((power.total_w.try_into().unwrap(), left))
+    }
+
+    const VOLTS: &str = "battery = { unit = \"V\" }\n";
+
+    #[test]
+    fn power_is_as_it_was_measured() {
+        let watts = [(Telemetry::Power, [1.5, 2.5]), (Battery, [4.0, 4.0]), (Current, [9.0, 9.0])];
+        let units = "power = { unit = \"W\" }\ncurrent = { unit = \"A\" }\n".to_owned() + VOLTS;
+        assert_eq!(power(&units, &watts), Ok(([1.5, 2.5], None)), "power before current");
+        assert_eq!(power(&units, &watts[1..]), Ok(([36.0, 36.0], None)));
+        // 500 mA and 250 mA at 4 V.
+        let sides = [(RightCurrent, [500.0; 2]), (LeftCurrent, [250.0; 2]), (Battery, [4.0; 2])];
+        let milli = "right_current = { unit = \"mA\" }\nleft_current = { unit = \"mA\" }\n";
+        assert_eq!(power(&(milli.to_owned() + VOLTS), &sides), Ok(([3.0, 3.0], Some(1.0))));
+    }
+
+    #[test]
+    fn the_formula_of_the_motor_takes_units_and_counts() {
+        // Half duty at 4 V with 0.7 V of back EMF is 2 W, as the example of the motor has it.
+        let telemetry = [
+            (RightDuty, [50.0; 2]),
+            (LeftDuty, [-50.0; 2]),
+            (RightBackEmf, [700.0; 2]),
+            (LeftBackEmf, [700.0; 2]),
+            (Battery, [4.0; 2]),
+        ];
+        let units = "right_duty = { unit = \"%\" }\nleft_duty = { unit = \"%\" }\n\
+                     right_back_emf = { unit = \"mV\" }\nleft_back_emf = { unit = \"mV\" }\n";
+        let (total, left) = power(&(units.to_owned() + VOLTS), &telemetry).unwrap();
+        // A handful of roundings.
+        assert!((total[0] - 4.0).abs() < 1e-14 && (left.unwrap() - 2.0).abs() < 1e-14);
+        let counts = telemetry.map(|(kind, [value, _])| {
+            let counts = match kind {
+                RightDuty | LeftDuty => value / 100.0 * 4096.0,
+                RightBackEmf | LeftBackEmf => value / 1000.0 / 0.01009765625,
+                _ => value / 0.004420549581839905,
+            };
+            (kind, [counts; 2])
+        });
+        let (total, _) = power("", &counts).unwrap();
+        assert!((total[0] - 4.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn columns_in_units_that_nobody_gave_are_asked_about() {
+        let motors = Telemetry::MOTORS.map(|kind| (kind, [3.7; 2]));
+        let Err(asked) = power("", &motors) else { panic!("3.7 counts are no battery") };
+        assert_eq!(asked.code(), "battery_unit");
+        let said = asked.to_string();
+        assert!(
+            said.contains("reads 3.7") && said.contains("battery = { unit = \"V\" }"),
+            "{said}"
+        );
+        assert!(power(VOLTS, &motors).is_ok());
+        let millivolts = Telemetry::MOTORS.map(|kind| (kind, [3700.0; 2]));
+        assert_eq!(power(VOLTS, &millivolts).unwrap_err().code(), "battery_unit");
+        let said =
+            power("", &[(Current, [1.0; 2]), (Battery, [800.0; 2])]).unwrap_err().to_string();
+        assert!(said.contains("`current = { unit = "), "{said}");
+        assert_eq!(power("", &[(Battery, [800.0; 2])]).unwrap_err().code(), "no_power");
+        assert_eq!(
+            power(VOLTS, &Telemetry::MOTORS.map(|kind| (kind, [0.0, 1.0]))).unwrap_err().code(),
+            "no_battery"
+        );
     }
 }

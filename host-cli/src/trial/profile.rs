@@ -1,10 +1,15 @@
 //! Robot profiles: what the counts of a robot's telemetry mean, and what the robot is.
 //!
 //! A profile is a TOML document. [`Profile::velociroach`] is built in; its file says where each
-//! constant comes from.
+//! constant comes from. A document with `base = "velociroach"` has only what differs from it.
+
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use shell_data::telemetry::Telemetry;
+use toml::Spanned;
 
+use super::telemetry_column::{TelemetryColumn, check_column, key_of};
 use super::toml_place::{TomlError, parse};
 
 /// The built-in profile as a document, to start another from.
@@ -18,6 +23,9 @@ pub struct Profile {
     pub name: String,
     /// What its telemetry counts mean.
     pub telemetry: TelemetryScales,
+    /// Columns of telemetry that its logs have by other names, or in units in place of counts.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub columns: BTreeMap<String, TelemetryColumn>,
     /// Its leg motors.
     pub motor: Motor,
     /// Its body.
@@ -84,10 +92,15 @@ impl Profile {
     /// Reads a profile.
     ///
     /// # Errors
-    /// [`TomlError`] with line and column: no TOML, a key that is missing or unknown, or a constant
-    /// that is not a positive number.
+    /// [`TomlError`] with line and column: no TOML, a key that is missing or unknown, a constant
+    /// that is not a positive number, or a unit that the column cannot have.
     pub fn parse(text: &str) -> Result<Self, TomlError> {
-        let profile: Self = parse(text)?;
+        let has_base = parse::<toml::Table>(text)?.contains_key("base");
+        let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
+        for (key, column) in &profile.columns {
+            check_column(key, column)
+                .map_err(|message| TomlError::at_key(text, "columns", key, message))?;
+        }
         let length = profile.robot.length_m.map(|length| ("robot", "length_m", length));
         for (table, key, value) in profile.constants().into_iter().chain(length) {
             if !(value > 0.0 && value.is_finite()) {
@@ -96,6 +109,26 @@ impl Profile {
             }
         }
         Ok(profile)
+    }
+
+    /// What the profile says of a column of telemetry.
+    fn column(&self, kind: Telemetry) -> Option<&TelemetryColumn> {
+        self.columns.get(key_of(kind)?)
+    }
+
+    /// The name that its logs have for a column of telemetry, where the profile gives one.
+    pub fn column_name(&self, kind: Telemetry) -> Option<&str> {
+        self.column(kind)?.name.as_deref()
+    }
+
+    /// How much of the SI unit the unit of a column is, where the profile gives one.
+    pub(super) fn unit(&self, kind: Telemetry) -> Option<f64> {
+        self.column(kind)?.unit_in_si(kind)
+    }
+
+    /// The angle of what a column of a leg's position counts, rad.
+    pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
+        self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
     }
 
     /// All constants with their tables and keys.
@@ -114,6 +147,60 @@ impl Profile {
             ("robot", "gravity_m_s2", robot.gravity_m_s2),
             ("channel", "length_m", channel.length_m),
         ]
+    }
+}
+
+/// A table of constants, with their places.
+type Constants = BTreeMap<Spanned<String>, f64>;
+
+/// A document that has only what differs from a profile that is built in.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Differences {
+    base: Spanned<String>,
+    name: Option<String>,
+    #[serde(default)]
+    columns: BTreeMap<String, TelemetryColumn>,
+    #[serde(default)]
+    telemetry: Constants,
+    #[serde(default)]
+    motor: Constants,
+    #[serde(default)]
+    robot: Constants,
+    #[serde(default)]
+    channel: Constants,
+}
+
+impl Differences {
+    fn parse(text: &str) -> Result<Profile, TomlError> {
+        let Self { base, name, columns, telemetry, motor, robot, channel } = parse(text)?;
+        if base.get_ref() != "velociroach" {
+            let message =
+                format!("no profile `{}` is built in, only `velociroach`", base.get_ref());
+            return Err(TomlError::at(text, base.span().start, message));
+        }
+        let mut document: toml::Table = parse(VELOCIROACH)?;
+        let tables =
+            [("telemetry", telemetry), ("motor", motor), ("robot", robot), ("channel", channel)];
+        for (table, constants) in tables {
+            let Some(toml::Value::Table(of_base)) = document.get_mut(table) else { continue };
+            for (key, value) in constants {
+                let Some(constant) = of_base.get_mut(key.get_ref()) else {
+                    let known: Vec<String> = of_base.keys().map(|key| format!("`{key}`")).collect();
+                    let known = known.join(", ");
+                    let message = format!("unknown field `{}`, expected {known}", key.get_ref());
+                    return Err(TomlError::at(text, key.span().start, message));
+                };
+                *constant = toml::Value::Float(value);
+            }
+        }
+        // Every table and key is one of the base's, and every value a number.
+        let mut profile: Profile = document
+            .try_into()
+            .map_err(|error: toml::de::Error| TomlError::at(text, 0, error.to_string()))?;
+        profile.name = name.unwrap_or(profile.name);
+        profile.columns = columns;
+        Ok(profile)
     }
 }
 
@@ -165,6 +252,34 @@ mod tests {
         // Half duty at 4 V with 0.7 V of back EMF: 0.5·3.3/3.3 = 0.5 A in the mean.
         assert!((motor.power_w(-0.5, 4.0, 0.7) - 2.0).abs() < 1e-15);
         assert!((motor.torque_nm(-0.5, 4.0, 0.7) + 0.705e-3).abs() < 1e-18);
+    }
+
+    #[test]
+    fn a_profile_has_what_differs_from_its_base() {
+        let text = "base = \"velociroach\"\nname = \"tortoise\"\n[robot]\nmass_kg = 2\n\n\
+                    [columns]\nbattery = { name = \"U\", unit = \"mV\" }\n";
+        let profile = Profile::parse(text).unwrap();
+        let velociroach = Profile::velociroach();
+        assert_eq!((profile.name.as_str(), profile.robot.mass_kg), ("tortoise", 2.0));
+        assert_eq!(profile.motor, velociroach.motor);
+        assert_eq!(profile.robot.length_m, velociroach.robot.length_m);
+        assert_eq!(profile.column_name(Telemetry::Battery), Some("U"));
+        assert_eq!(profile.unit(Telemetry::Battery), Some(1e-3));
+        assert_eq!(profile.unit(Telemetry::RightDuty), None);
+        for (old, new, line, message) in [
+            ("velociroach", "ostrich", 1, "no profile `ostrich` is built in"),
+            ("mass_kg", "mass_g", 4, "unknown field `mass_g`, expected"),
+            ("= 2", "= -2", 4, "`robot.mass_kg` is `-2`"),
+            ("= 2", "= \"2\"", 4, "invalid type: string"),
+            ("[robot]", "[body]", 3, "unknown field `body`"),
+            ("\"mV\"", "\"A\"", 7, "`battery` cannot be in `A`, expected `V` or `mV`"),
+            ("battery", "batery", 7, "no column `batery`, expected"),
+            ("name = \"U\", unit", "units", 7, "unknown field `units`"),
+        ] {
+            let error = Profile::parse(&text.replace(old, new)).unwrap_err();
+            assert!(error.message.contains(message), "{error}");
+            assert_eq!(error.line, line, "{error}");
+        }
     }
 
     #[test]

@@ -19,8 +19,6 @@ use shell_data::wrench::{Axis, PerAxis};
 pub(super) struct Signals {
     pub(super) forces: Option<TrialForces>,
     pub(super) power: Option<Power>,
-    /// Power of both motors, W.
-    pub(super) total_w: Option<Vec<f64>>,
     /// Angles, rad.
     pub(super) right_leg: Option<Vec<f64>>,
     pub(super) left_leg: Option<Vec<f64>>,
@@ -44,8 +42,10 @@ impl Signals {
             let reasons: Vec<String> = diagnostics.iter().map(Diagnostic::to_string).collect();
             return Err(TrialError::Nothing(reasons.join("; ")));
         }
-        let rad_per_count = instrument.profile.telemetry.leg_rad_per_count;
-        let leg = |kind| Some(unwrap(&rows.times_s, rows.telemetry(kind)?, rad_per_count));
+        let leg = |kind| {
+            let rad = instrument.profile.leg_rad(kind);
+            Some(unwrap(&rows.times_s, rows.telemetry(kind)?, rad))
+        };
         let right_leg = leg(Telemetry::RightLeg);
         let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
         let strides = right_leg.as_ref();
@@ -56,9 +56,8 @@ impl Signals {
         }
         diagnose_frames(input, forces.as_ref(), window, diagnostics);
         diagnose_legs(strides.as_ref(), diagnostics);
-        let total_w = power.as_ref().map(Power::total_w);
         let left_leg = leg(Telemetry::LeftLeg);
-        Ok(Self { forces, power, total_w, right_leg, left_leg, strides })
+        Ok(Self { forces, power, right_leg, left_leg, strides })
     }
 
     /// The signals at some rows.
@@ -69,14 +68,18 @@ impl Signals {
             None => PerAxis::default(),
             Some(forces) => forces.wrench.each_ref().map(|axis| cut(axis)),
         };
+        let sides = self.power.as_ref().and_then(|power| power.sides_w.as_ref());
+        let side = |place: usize| sides.map_or_else(Vec::new, |sides| cut(&sides[place]));
+        let total = self.power.as_ref().filter(|power| power.sides_w.is_none());
         Trace {
             t_s: cut(&of.times_s),
             wrench,
             fresh: of.fresh.get(rows.clone()).unwrap_or_default().to_vec(),
             right_leg_rad: cut_optional(&self.right_leg),
             left_leg_rad: cut_optional(&self.left_leg),
-            right_power_w: cut(self.power.as_ref().map_or(&[], |power| &power.right_w)),
-            left_power_w: cut(self.power.as_ref().map_or(&[], |power| &power.left_w)),
+            right_power_w: side(0),
+            left_power_w: side(1),
+            power_w: total.map_or_else(Vec::new, |power| cut(&power.total_w)),
             stride_times_s: self.strides.as_ref().map_or_else(Vec::new, |s| s.times_s.clone()),
         }
     }
@@ -115,13 +118,6 @@ fn find_power(
     window: Range<usize>,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Option<Power> {
-    let power = Power::new(input.rows, input.instrument.profile);
-    let power = power.map_err(|missing| diagnostics.push(Diagnostic::NoPower { missing })).ok()?;
-    let battery = &input.rows.telemetry(Telemetry::Battery)?[window];
-    let empty = battery.iter().filter(|&&counts| counts <= 0.0).count() as u64;
-    if empty > 0 {
-        diagnostics.push(Diagnostic::NoBattery { rows: empty, of: battery.len() as u64 });
-        return None;
-    }
-    Some(power)
+    let power = Power::new(input.rows, input.instrument.profile, window);
+    power.map_err(|why| diagnostics.push(why)).ok()
 }

@@ -134,6 +134,7 @@ pub fn trace_table(trace: &Trace) -> Table {
         ("left_leg_rad", &trace.left_leg_rad),
         ("right_power_w", &trace.right_power_w),
         ("left_power_w", &trace.left_power_w),
+        ("power_w", &trace.power_w),
     ];
     let columns = std::iter::once(("t_s", &trace.t_s)).chain(axes).chain(others);
     let columns = columns.filter(|(_, column)| !column.is_empty());

@@ -20,6 +20,8 @@ pub struct Trace {
     pub right_power_w: Vec<f64>,
     /// Electrical power of the left motor, W.
     pub left_power_w: Vec<f64>,
+    /// Electrical power of both motors, where the log does not tell them apart, W.
+    pub power_w: Vec<f64>,
     /// Start of each whole stride, and the end of the last, s.
     pub stride_times_s: Vec<f64>,
 }
@@ -52,6 +54,7 @@ impl Trace {
         for (mean, power) in [
             (&mut thinned.right_power_w, &self.right_power_w),
             (&mut thinned.left_power_w, &self.left_power_w),
+            (&mut thinned.power_w, &self.power_w),
         ] {
             for (mean, pair) in mean.iter_mut().skip(1).zip(rows.windows(2)) {
                 let since = &power[pair[0] + 1..=pair[1]];
@@ -74,6 +77,7 @@ impl Trace {
             left_leg_rad: pick(&self.left_leg_rad),
             right_power_w: pick(&self.right_power_w),
             left_power_w: pick(&self.left_power_w),
+            power_w: pick(&self.power_w),
             stride_times_s: self.stride_times_s.clone(),
         }
     }

@@ -103,7 +103,7 @@ impl BlockErrors {
             errors: quality::errors(&predicted, &block.wrench),
             sizes: size_unit.map(|unit| sizes(&predicted, &block.wrench, unit)),
             stands_out: judge.is_some_and(|(judge, spread)| {
-                let judged = judge.judge_predicted(block, &predicted, spread, |_| false);
+                let judged = judge.judge_predicted(block, &predicted, spread, &|_| false);
                 judged.iter().any(Judged::may_matter)
             }),
             drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),

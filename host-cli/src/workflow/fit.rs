@@ -19,7 +19,7 @@ use calibration::uncertainty::ErrorShape;
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
 use calibration::validation::outliers::{Judge, Spread};
-use calibration::validation::shared_loads::RowSample;
+use calibration::validation::shared_loads::{RowSample, SharedRows};
 use calibration::{Basis, Calibration, FitError, Model, Polynomial};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::block::Block;
@@ -229,7 +229,7 @@ fn errors(
     // Training rows are within the range that they define: there is nothing to look for.
     let mut without_range = calibration.clone();
     without_range.valid_range = None;
-    let (mut train_rows, mut test_rows) = (RowSample::default(), RowSample::default());
+    let (mut train_rows, mut shared) = (RowSample::default(), None);
     let is_tested = train < logs.len();
     let stride = |logs: &[&Log]| {
         RowSample::stride(logs.iter().map(|log| log.bytes()).sum::<u64>() / BYTES_OF_ROW)
@@ -249,8 +249,16 @@ fn errors(
         Ok((errors, of_train, fingerprint, sample))
     };
     let summaries = rows.each_block(map, |log, (block, of_block, fingerprint, sample)| {
-        if let Some(sample) = sample {
-            if log < train { train_rows.add(sample) } else { test_rows.add(sample) }
+        match sample {
+            Some(sample) if log < train => train_rows.add(&sample),
+            // All training rows have come before.
+            Some(sample) => {
+                let found = || train_rows.plateaus().map(SharedRows::new);
+                if let Some(shared) = shared.get_or_insert_with(found) {
+                    shared.add(&sample);
+                }
+            }
+            None => {}
         }
         fingerprints[log].merge(fingerprint);
         let plot = plots.as_mut().map(|(of_train, of_test)| match log < train {
@@ -272,7 +280,7 @@ fn errors(
     }
     check_sizes(calibration, &evaluations)?;
     let test = evaluations.split_off(train);
-    let on_plateaus = test_rows.share_on_plateaus_of(&train_rows);
+    let on_plateaus = shared.flatten().and_then(|shared| shared.share());
     Ok(Errors { train: evaluations, loads, test, on_plateaus, stands_out, plots })
 }
 

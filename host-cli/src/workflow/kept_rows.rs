@@ -107,7 +107,8 @@ impl<'a> KeptBlock<'a> {
         let (mut words, mut others) = (self.words, &self.others[..]);
         let columns = block.readings.iter_mut().chain(&mut block.wrench);
         for (kept, column) in self.columns.iter().zip(columns) {
-            column.clear();
+            // Those of the block before are written over.
+            column.resize(self.rows, 0.0);
             match kept {
                 Column::Words(how) => {
                     let words = words.split_off(..self.rows).expect("as many as there are rows");
@@ -115,7 +116,7 @@ impl<'a> KeptBlock<'a> {
                 }
                 Column::Other => {
                     let numbers = others.split_off(..self.rows).expect("likewise");
-                    column.extend_from_slice(numbers);
+                    column.copy_from_slice(numbers);
                 }
             }
         }

@@ -133,7 +133,7 @@ impl<'a> LogRows<'a> {
             blocks.flat_map(|(log, blocks)| blocks.iter().map(move |block| (log, block))).collect();
         pipeline::run(
             &mut KeptBlocks(blocks.into_iter()),
-            self.read.thread_count(),
+            log_file::threads_for(&self.logs[..logs], &self.read),
             || (Block::default(), init()),
             |(block, state), kept| {
                 let (log, kept) = kept.expect("a piece that was handed out");

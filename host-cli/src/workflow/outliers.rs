@@ -149,7 +149,7 @@ pub fn find(train: &[Log], options: &OutlierOptions<'_>) -> Result<Outliers, Wor
         let Some(by) = by else { return Ok(Outliers::default()) };
         let judged = pass(train, options, |log, block| {
             let is_left_out = |row: usize| excluded.contains(log, block.place, row);
-            by.judge(block, &spread, is_left_out)
+            by.judge(block, &spread, &is_left_out)
         })?;
         // All that stands out is left out first; then what belongs goes back.
         let is_left_out = |suspect: &&Suspect| match round {

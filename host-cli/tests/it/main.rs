@@ -54,5 +54,6 @@ mod synth_command;
 mod synth_physics;
 mod trial_figures_command;
 mod trial_intervals;
+mod trial_profiles;
 mod trial_real;
 mod virtual_trials;

@@ -178,13 +178,12 @@ impl NullaryFnOnce for SumsOf<'_> {
         let wrench = self.0;
         let rows = wrench[0].len();
         let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
-        sums.axes = std::array::from_fn(|axis| AxisSums::of(&wrench[axis]));
-        sums.mean = std::array::from_fn(|axis| sum(&wrench[axis]) / rows as f64);
-        for a in 0..6 {
-            for b in a..6 {
-                sums.products[a][b] = product(&wrench[a], sums.mean[a], &wrench[b], sums.mean[b]);
-            }
+        // A loop: the closure of an array may stay a call, and then knows nothing of vectors.
+        for (axis, column) in wrench.iter().enumerate() {
+            sums.axes[axis] = AxisSums::of(column);
+            sums.mean[axis] = sum(column) / rows as f64;
         }
+        sums.products = products(wrench, &sums.mean);
         sums
     }
 }
@@ -198,30 +197,34 @@ impl AxisSums {
         let (mut min, mut max) = ([column[0]; LANES], [column[0]; LANES]);
         let (mut above, mut below) = ([0.0; LANES], [0.0; LANES]);
         let (mut positive, mut negative) = ([0.0; LANES], [0.0; LANES]);
-        let mut add = |i: usize, x: f64| {
-            min[i] = if x < min[i] { x } else { min[i] };
-            max[i] = if x > max[i] { x } else { max[i] };
-            let (up, down) = (if x > 0.0 { x } else { 0.0 }, if x < 0.0 { x } else { 0.0 });
-            positive[i] += up * up;
-            negative[i] += down * down;
-            // Whole numbers below 2⁵³.
-            above[i] += if x > 0.0 { 1.0 } else { 0.0 };
-            below[i] += if x < 0.0 { 1.0 } else { 0.0 };
-        };
         let (chunks, rest) = column.as_chunks::<LANES>();
         for chunk in chunks {
-            chunk.iter().enumerate().for_each(|(i, &x)| add(i, x));
+            for i in 0..LANES {
+                min[i] = if chunk[i] < min[i] { chunk[i] } else { min[i] };
+                max[i] = if chunk[i] > max[i] { chunk[i] } else { max[i] };
+            }
         }
-        for (i, &x) in rest.iter().enumerate() {
-            add(i, x);
+        // Zeros are on neither side.
+        let mut last = [0.0; LANES];
+        last[..rest.len()].copy_from_slice(rest);
+        for chunk in chunks.iter().chain([&last]) {
+            for i in 0..LANES {
+                let x = chunk[i];
+                let (up, down) = (if x > 0.0 { x } else { 0.0 }, if x < 0.0 { x } else { 0.0 });
+                positive[i] += up * up;
+                negative[i] += down * down;
+                // Whole numbers below 2⁵³.
+                above[i] += if x > 0.0 { 1.0 } else { 0.0 };
+                below[i] += if x < 0.0 { 1.0 } else { 0.0 };
+            }
         }
         let sign = |rows: [f64; LANES], squares: [f64; LANES]| Sign {
             rows: rows.iter().sum::<f64>() as u64,
             squares: squares.iter().sum(),
         };
         Self {
-            min: min.into_iter().fold(column[0], f64::min),
-            max: max.into_iter().fold(column[0], f64::max),
+            min: min.iter().chain(rest).copied().fold(column[0], f64::min),
+            max: max.iter().chain(rest).copied().fold(column[0], f64::max),
             positive: sign(above, positive),
             negative: sign(below, negative),
         }
@@ -279,19 +282,39 @@ fn sum(column: &[f64]) -> f64 {
     sums.iter().chain(rest).sum()
 }
 
+/// Sums of products of deviations from the means, the upper triangle.
 #[inline(always)]
-fn product(a: &[f64], mean_a: f64, b: &[f64], mean_b: f64) -> f64 {
-    let mut sums = [0.0; LANES];
-    let ((a, rest_a), (b, rest_b)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
-    for (a, b) in a.iter().zip(b) {
-        for i in 0..LANES {
-            sums[i] += (a[i] - mean_a) * (b[i] - mean_b);
+fn products(wrench: &[Vec<f64>], mean: &PerAxis<f64>) -> PerAxis<PerAxis<f64>> {
+    /// Deviations that stay in a core's cache; whole lanes.
+    const ROWS: usize = 32 * LANES;
+    let mut deviations = [[0.0; ROWS]; 6];
+    let mut sums = [[[0.0; LANES]; 6]; 6];
+    let rows = wrench[0].len();
+    for start in (0..rows).step_by(ROWS) {
+        let end = rows.min(start + ROWS);
+        let used = (end - start).next_multiple_of(LANES);
+        for a in 0..6 {
+            let (column, own) = (&wrench[a][start..end], &mut deviations[a]);
+            for (deviation, x) in own.iter_mut().zip(column) {
+                *deviation = x - mean[a];
+            }
+            // Lanes beyond the rows add nothing.
+            own[end - start..used].fill(0.0);
+        }
+        for a in 0..6 {
+            for b in a..6 {
+                let mut lanes = sums[a][b];
+                let columns = deviations[a][..used].as_chunks::<LANES>().0.iter();
+                for (x, y) in columns.zip(deviations[b][..used].as_chunks::<LANES>().0) {
+                    for i in 0..LANES {
+                        lanes[i] += x[i] * y[i];
+                    }
+                }
+                sums[a][b] = lanes;
+            }
         }
     }
-    for (i, (a, b)) in rest_a.iter().zip(rest_b).enumerate() {
-        sums[i] += (a - mean_a) * (b - mean_b);
-    }
-    sums.iter().sum()
+    sums.map(|axis| axis.map(|lanes| lanes.iter().sum()))
 }
 
 fn condition(correlation: &PerAxis<PerAxis<f64>>) -> Option<f64> {

@@ -210,7 +210,7 @@ impl Judge {
         &self,
         block: &Block,
         spread: &Spread,
-        has_left_out: impl Fn(usize) -> bool,
+        has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<Judged> {
         let mut predicted = PerAxis::default();
         self.calibration.wrench(&block.readings, &mut predicted);
@@ -218,12 +218,15 @@ impl Judge {
     }
 
     /// The same where the wrench that the calibration predicts is known.
+    ///
+    /// Nothing here is generic: that would be compiled with whoever calls it, and programs may be
+    /// optimised for size.
     pub fn judge_predicted(
         &self,
         block: &Block,
         predicted: &PerAxis<Vec<f64>>,
         spread: &Spread,
-        has_left_out: impl Fn(usize) -> bool,
+        has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<Judged> {
         let found = Arch::new().dispatch(Excess { noise: &self.noise, block, predicted, spread });
         // What is beside the first and the last row is in other blocks.
@@ -282,7 +285,7 @@ impl Judge {
     }
 }
 
-/// By how much each row exceeds what is not looked at: the largest of its errors, distances of readings
+/// By how much each row between two others exceeds what is not looked at: the largest of its errors, distances of readings
 /// from their mean and jumps, each in units of its limit. Inlined whole into code for the widest vectors of
 /// the processor.
 struct Excess<'a> {
@@ -297,32 +300,55 @@ impl NullaryFnOnce for Excess<'_> {
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
+        /// Rows that are looked at together: what they exceed stays in registers.
+        const TOGETHER: usize = 16;
+        let rows = self.block.rows;
+        let mut excess = vec![0.0; rows];
+        let mut row = 1;
+        while row + TOGETHER < rows {
+            excess[row..row + TOGETHER].copy_from_slice(&self.of_rows::<TOGETHER>(row));
+            row += TOGETHER;
+        }
+        while row + 1 < rows {
+            [excess[row]] = self.of_rows(row);
+            row += 1;
+        }
+        excess
+    }
+}
+
+impl Excess<'_> {
+    /// Of some rows from `row` on, each of which is between two others.
+    #[inline(always)]
+    fn of_rows<const N: usize>(&self, row: usize) -> [f64; N] {
         let Self { noise, block, predicted, spread } = self;
-        let mut excess = vec![0.0; block.rows];
-        for ((predicted, measured), noise) in predicted.iter().zip(&block.wrench).zip(noise) {
-            let scale = (LOOK_AT_ERROR * noise).recip();
-            for ((excess, p), m) in excess.iter_mut().zip(predicted).zip(measured) {
-                raise(excess, (p - m).abs() * scale);
+        let mut excess = [0.0; N];
+        for axis in 0..6 {
+            let scale = (LOOK_AT_ERROR * noise[axis]).recip();
+            let p: &[f64; N] = lanes(&predicted[axis], row);
+            let m: &[f64; N] = lanes(&block.wrench[axis], row);
+            for i in 0..N {
+                raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
             }
         }
         for (column, of) in block.readings.iter().zip(&spread.columns) {
             let (mean, sd) = (of.mean, of.rms_about_mean());
-            let scale = (LOOK_AT_READING * sd).recip();
-            for (excess, reading) in excess.iter_mut().zip(column) {
-                raise(excess, (reading - mean).abs() * scale);
-            }
-            let scale = (JUMP * sd).recip();
-            // Of the rows between two others.
-            let (Some(excess), Some(values)) = (excess.get_mut(1..), column.get(1..)) else {
-                break;
-            };
-            let beside = column.iter().zip(values.get(1..).unwrap_or_default());
-            for ((excess, value), (before, after)) in excess.iter_mut().zip(values).zip(beside) {
-                raise(excess, jump(*value, [*before, *after]) * scale);
+            let (scale, jump_scale) = ((LOOK_AT_READING * sd).recip(), (JUMP * sd).recip());
+            let value: &[f64; N] = lanes(column, row);
+            let (before, after): (&[f64; N], &[f64; N]) =
+                (lanes(column, row - 1), lanes(column, row + 1));
+            for i in 0..N {
+                raise(&mut excess[i], (value[i] - mean).abs() * scale);
+                raise(&mut excess[i], jump(value[i], [before[i], after[i]]) * jump_scale);
             }
         }
         excess
     }
+}
+
+#[inline(always)]
+fn lanes<const N: usize>(column: &[f64], row: usize) -> &[f64; N] {
+    column[row..].first_chunk().expect("rows of the block")
 }
 
 /// Where a limit is zero, zero in its units is not a number and raises nothing.

@@ -6,10 +6,8 @@
 //! plateau that is set up again, with the same weights, has other readings. Rows may be in any order, as
 //! programs leave them that split at random. Where the reference flickers this says nothing.
 
-use std::collections::HashMap;
-
 use shell_data::block::Block;
-use shell_data::wrench::PerAxis;
+use shell_data::fingerprint;
 
 /// Rows that are kept.
 const KEPT: usize = 4096;
@@ -23,30 +21,43 @@ const FEWEST_LOADS: usize = 3;
 /// Rows spread over some logs.
 #[derive(Clone, Debug, Default)]
 pub struct RowSample {
-    rows: Vec<SampledRow>,
-}
-
-#[derive(Clone, Debug)]
-struct SampledRow {
-    load: PerAxis<u64>,
+    channels: usize,
+    /// A number for each row that is the same for the same wrench, and hardly ever for another.
+    loads: Vec<u64>,
+    /// Row by row.
     readings: Vec<f64>,
 }
 
-/// The readings at one load.
-struct AtLoad {
-    rows: usize,
+/// The loads that the rows of a sample were held at, in the order of their numbers.
+#[derive(Clone, Debug)]
+pub struct Plateaus(Vec<Plateau>);
+
+#[derive(Clone, Debug)]
+struct Plateau {
+    load: u64,
+    /// The readings at it.
     ranges: Vec<[f64; 2]>,
+}
+
+/// Which of some rows lie on plateaus.
+#[derive(Clone, Debug)]
+pub struct SharedRows {
+    plateaus: Plateaus,
+    are_shared: Vec<bool>,
 }
 
 impl RowSample {
     /// Every so-manieth row of a block; see [`stride`](Self::stride).
     pub fn of(block: &Block, stride: usize) -> Self {
-        let row = |row: usize| SampledRow {
+        let channels = block.readings.len();
+        let mut sample = Self { channels, ..Self::default() };
+        for row in (0..block.rows).step_by(stride) {
             // Zeros of either sign are one load.
-            load: std::array::from_fn(|axis| (block.wrench[axis][row] + 0.0).to_bits()),
-            readings: block.readings.iter().map(|column| column[row]).collect(),
-        };
-        Self { rows: (0..block.rows).step_by(stride).map(row).collect() }
+            let load = block.wrench.iter().map(|axis| axis[row] + 0.0);
+            sample.loads.push(fingerprint::hash(load));
+            sample.readings.extend(block.readings.iter().map(|column| column[row]));
+        }
+        sample
     }
 
     /// Which rows of logs to take, of some `rows` that they have: about as many as are kept.
@@ -56,45 +67,85 @@ impl RowSample {
     }
 
     /// Adds the rows of a block after those before; every second is let go where they are too many.
-    pub fn add(&mut self, block: Self) {
-        self.rows.extend(block.rows);
-        while self.rows.len() > KEPT {
+    pub fn add(&mut self, block: &Self) {
+        self.channels = block.channels;
+        self.loads.extend_from_slice(&block.loads);
+        self.readings.extend_from_slice(&block.readings);
+        while self.loads.len() > KEPT {
+            let left = self.loads.len().div_ceil(2);
+            for row in 1..left {
+                self.loads[row] = self.loads[2 * row];
+                let from = 2 * row * self.channels;
+                self.readings.copy_within(from..from + self.channels, row * self.channels);
+            }
+            self.loads.truncate(left);
+            self.readings.truncate(left * self.channels);
+        }
+    }
+
+    fn readings(&self, row: usize) -> &[f64] {
+        &self.readings[row * self.channels..][..self.channels]
+    }
+
+    /// The plateaus that the rows are made of; `None` if they are not.
+    pub fn plateaus(&self) -> Option<Plateaus> {
+        let mut rows: Vec<usize> = (0..self.loads.len()).collect();
+        rows.sort_unstable_by_key(|&row| self.loads[row]);
+        let (mut plateaus, mut held) = (Vec::new(), 0);
+        for rows in rows.chunk_by(|&a, &b| self.loads[a] == self.loads[b]) {
+            if rows.len() < FEWEST_ROWS {
+                continue;
+            }
+            held += rows.len();
+            let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; self.channels];
+            for &row in rows {
+                for (range, &reading) in ranges.iter_mut().zip(self.readings(row)) {
+                    *range = [range[0].min(reading), range[1].max(reading)];
+                }
+            }
+            plateaus.push(Plateau { load: self.loads[rows[0]], ranges });
+        }
+        let is_made_of = plateaus.len() >= FEWEST_LOADS && 2 * held >= self.loads.len();
+        is_made_of.then_some(Plateaus(plateaus))
+    }
+}
+
+impl Plateaus {
+    fn have(&self, load: u64, readings: &[f64]) -> bool {
+        self.0.binary_search_by_key(&load, |at| at.load).is_ok_and(|at| {
+            self.0[at].ranges.iter().zip(readings).all(|([least, most], reading)| {
+                let width = most - least;
+                (least - width..=most + width).contains(reading)
+            })
+        })
+    }
+}
+
+impl SharedRows {
+    /// No rows yet.
+    pub fn new(plateaus: Plateaus) -> Self {
+        Self { plateaus, are_shared: Vec::new() }
+    }
+
+    /// Adds the rows of a block; of too many, every second is let go, as in [`RowSample::add`].
+    pub fn add(&mut self, block: &RowSample) {
+        let is_shared = |row: usize| self.plateaus.have(block.loads[row], block.readings(row));
+        let are_shared: Vec<bool> = (0..block.loads.len()).map(is_shared).collect();
+        self.are_shared.extend(are_shared);
+        while self.are_shared.len() > KEPT {
             let mut row = 0_usize;
-            self.rows.retain(|_| {
+            self.are_shared.retain(|_| {
                 row += 1;
                 row % 2 == 1
             });
         }
     }
 
-    /// The share of these rows that lie on plateaus of `train`; `None` where those are not made of
-    /// plateaus.
-    pub fn share_on_plateaus_of(&self, train: &Self) -> Option<f64> {
-        let mut loads: HashMap<PerAxis<u64>, AtLoad> = HashMap::new();
-        for row in &train.rows {
-            let at = loads.entry(row.load).or_insert_with(|| AtLoad {
-                rows: 0,
-                ranges: row.readings.iter().map(|&reading| [reading; 2]).collect(),
-            });
-            at.rows += 1;
-            for (range, &reading) in at.ranges.iter_mut().zip(&row.readings) {
-                *range = [range[0].min(reading), range[1].max(reading)];
-            }
-        }
-        loads.retain(|_, at| at.rows >= FEWEST_ROWS);
-        let held: usize = loads.values().map(|at| at.rows).sum();
-        if loads.len() < FEWEST_LOADS || 2 * held < train.rows.len() || self.rows.is_empty() {
-            return None;
-        }
-        let is_shared = |row: &&SampledRow| {
-            loads.get(&row.load).is_some_and(|at| {
-                at.ranges.iter().zip(&row.readings).all(|([least, most], reading)| {
-                    let width = most - least;
-                    (least - width..=most + width).contains(reading)
-                })
-            })
-        };
-        Some(self.rows.iter().filter(is_shared).count() as f64 / self.rows.len() as f64)
+    /// The share of the rows that lie on plateaus; `None` of no rows.
+    pub fn share(&self) -> Option<f64> {
+        let shared = self.are_shared.iter().filter(|is_shared| **is_shared).count();
+        let rows = self.are_shared.len();
+        (rows > 0).then(|| shared as f64 / rows as f64)
     }
 }
 
@@ -116,19 +167,25 @@ mod tests {
 
     fn sample(blocks: &[Block]) -> RowSample {
         let mut all = RowSample::default();
-        blocks.iter().for_each(|block| all.add(RowSample::of(block, 7)));
+        blocks.iter().for_each(|block| all.add(&RowSample::of(block, 7)));
         all
+    }
+
+    fn share(test: &[Block], train: &[Block]) -> Option<f64> {
+        let mut shared = SharedRows::new(sample(train).plateaus()?);
+        test.iter().for_each(|block| shared.add(&RowSample::of(block, 7)));
+        shared.share()
     }
 
     #[test]
     fn rows_of_the_same_plateaus_are_found_in_any_order_and_those_of_others_are_not() {
-        let train = sample(&vec![held(300, |load| 100.0 * load); 20]);
-        assert!(train.rows.len() <= KEPT);
-        let same = sample(&[held(40, |load| 100.0 * load)]);
-        assert!(same.share_on_plateaus_of(&train).unwrap() > 0.99);
+        let train = vec![held(300, |load| 100.0 * load); 20];
+        assert!(sample(&train).loads.len() <= KEPT);
+        assert!(share(&[held(40, |load| 100.0 * load)], &train).unwrap() > 0.99);
+        // As many as have to be thinned out.
+        assert!(share(&train, &train).unwrap() > 0.99);
         // The same weights, in another session.
-        let again = sample(&[held(40, |load| 100.0 * load + 30.0)]);
-        assert_eq!(again.share_on_plateaus_of(&train), Some(0.0));
+        assert_eq!(share(&[held(40, |load| 100.0 * load + 30.0)], &train), Some(0.0));
     }
 
     #[test]
@@ -137,12 +194,10 @@ mod tests {
         for column in &mut moving.wrench {
             column.iter_mut().enumerate().for_each(|(row, load)| *load = row as f64);
         }
-        assert_eq!(
-            sample(&[moving.clone()]).share_on_plateaus_of(&sample(&[moving.clone()])),
-            None
-        );
+        assert_eq!(share(&[moving.clone()], &[moving.clone()]), None);
         moving.wrench.iter_mut().for_each(|column| column[..2000].fill(0.0));
-        assert_eq!(sample(&[moving.clone()]).share_on_plateaus_of(&sample(&[moving])), None);
-        assert_eq!(RowSample::default().share_on_plateaus_of(&RowSample::default()), None);
+        assert_eq!(share(&[moving.clone()], &[moving]), None);
+        assert_eq!(share(&[], &[]), None);
+        assert_eq!(share(&[], &[held(300, |load| load)]), None);
     }
 }

@@ -251,7 +251,7 @@ fn meaning_of(name: &str, format: Format) -> Meaning {
         return meaning;
     }
     // A reading may be in any unit.
-    let name = plain(name.split(['(', '[']).next().unwrap_or(name));
+    let name = without_unit(name);
     if let Some(telemetry) = Telemetry::of_name(&name) {
         return Meaning::Telemetry(telemetry);
     }
@@ -278,7 +278,7 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
     }
     for prefix in OTHER_READINGS {
         let channel = |(at, name): (usize, &String)| {
-            let name = plain(name.split(['(', '[']).next().unwrap_or(name));
+            let name = without_unit(name);
             let is_free = meanings[at] == Meaning::Other;
             numbered(&name, prefix).filter(|_| is_free).map(|channel| (channel, at))
         };
@@ -366,6 +366,11 @@ fn split_unit(name: &str) -> (String, String) {
     let name = name.trim();
     let stem = name.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
     (plain(stem), plain(&name[stem.len()..]))
+}
+
+/// A name as far as the unit in brackets, letters and digits only.
+fn without_unit(name: &str) -> String {
+    plain(name.split(['(', '[']).next().unwrap_or(name))
 }
 
 /// Letters and digits only, in lower case.

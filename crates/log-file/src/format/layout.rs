@@ -6,6 +6,7 @@ use memchr::memchr;
 use super::columns::{Column, ColumnRoles, ColumnsError, Meaning, recognise};
 use super::mapping::{Format, Mapping, TimeUnit};
 use crate::error::LogError;
+use crate::parse::console;
 use crate::parse::number::{NumberError, parse_date, parse_field};
 use crate::parse::rows::is_comment;
 use crate::stream::clock_turns::ClockTurns;
@@ -349,8 +350,10 @@ fn is_number(field: &[u8]) -> bool {
 
 /// Whether some line reports a received payload, `SRC: 0x2052 |  [69, 20, …]`.
 fn is_console(head: &[u8]) -> bool {
-    head.split(|&b| b == b'\n').any(|line| crate::parse::console::payload(line).is_some())
-        || head.starts_with(b"SRC: ")
+    // Most logs say so nowhere, which is known sooner than line by line.
+    memchr::memmem::find(head, b"SRC:").is_some()
+        && (head.starts_with(b"SRC: ")
+            || head.split(|&b| b == b'\n').any(|line| console::payload(line).is_some()))
 }
 
 /// The first byte that no text has: a control character other than white space.

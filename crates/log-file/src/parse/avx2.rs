@@ -37,19 +37,18 @@ impl InstructionSet for Avx2 {
         let length = end.wrapping_sub(start);
         // The last digit stands at the end of the register.
         let register = lines.get(end.wrapping_sub(16)..).and_then(<[u8]>::first_chunk::<16>);
-        match register {
-            Some(register) if length <= 16 => {
-                // Fifteen digits are below 2⁵³.
-                match self.digits(register, length) {
-                    Some((mantissa, decimals)) => Some(quotient(negative, mantissa, decimals)),
-                    None => self.other_number(lines, at, end),
-                }
+        let plain = match register {
+            Some(register) if length <= 16 => self.digits(register, length),
+            Some(_) if length <= 32 => self.many_digits(lines, start, end),
+            _ => None,
+        };
+        match plain {
+            // Fifteen digits are below 2⁵³.
+            Some((mantissa, decimals)) if length <= 16 => {
+                Some(quotient(negative, mantissa, decimals))
             }
-            Some(_) if length <= 32 => match self.many_digits(lines, start, end) {
-                Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
-                None => self.other_number(lines, at, end),
-            },
-            _ => self.other_number(lines, at, end),
+            Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
+            None => self.other_number(lines, at, end),
         }
     }
 }

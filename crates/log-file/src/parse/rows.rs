@@ -392,7 +392,7 @@ fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     Some(plain)
 }
 
-/// Whether a line is a remark.
+/// Whether a line is a comment.
 pub(crate) fn is_comment(line: &[u8]) -> bool {
     let line = line.trim_ascii_start();
     line.starts_with(b"#") || line.starts_with(b"//")

@@ -52,6 +52,19 @@ impl Log {
     }
 }
 
+/// The most text that is read by one thread: another would be ready when it is done.
+const READ_ALONE: u64 = 256 << 10;
+
+/// The number of threads that read some logs, or work on the rows of such logs.
+pub fn threads_for(logs: &[&Log], options: &ReadOptions<'_>) -> usize {
+    let is_plain = logs.iter().all(|log| log.source.is_plain());
+    let bytes: u64 = logs.iter().map(|log| log.bytes()).sum();
+    match options.threads {
+        0 if is_plain && bytes <= READ_ALONE => 1,
+        _ => options.thread_count(),
+    }
+}
+
 /// Streams all of `logs` once, as [`Log::read_init`] does one of them: `map` and `fold` also get the
 /// index of the log that a block is from. Returns a summary of each log and the states.
 ///
@@ -74,7 +87,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     let mut summaries = Summaries::new(logs);
     let workers = pipeline::run(
         &mut chunks,
-        options.thread_count(),
+        threads_for(logs, options),
         || (BlockBuffer::default(), init()),
         |(buffer, state), LogChunk { log, chunk }| {
             let log = *log;

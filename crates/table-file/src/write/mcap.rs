@@ -5,8 +5,6 @@
 
 use std::io::{self, Write};
 
-use lz4_flex::frame::FrameEncoder;
-
 /// What a channel carries.
 #[derive(Clone, Debug)]
 pub struct Channel {
@@ -61,37 +59,44 @@ float64 y
 float64 z
 ";
 
-/// A wrench at a time, as ROS 2 sends it (CDR, the lowest byte first).
-pub fn wrench_stamped(time_ns: u64, frame_id: &str, wrench: [f64; 6]) -> Vec<u8> {
+/// Adds a wrench at a time to a message, as ROS 2 sends it (CDR, the lowest byte first).
+pub fn wrench_stamped(message: &mut Vec<u8>, time_ns: u64, frame_id: &str, wrench: [f64; 6]) {
     let (seconds, nanoseconds) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
-    let mut bytes = vec![0, 1, 0, 0];
-    bytes.extend((seconds as u32).to_le_bytes());
-    bytes.extend((nanoseconds as u32).to_le_bytes());
-    bytes.extend((frame_id.len() as u32 + 1).to_le_bytes());
-    bytes.extend(frame_id.as_bytes());
-    bytes.push(0);
+    message.extend([0, 1, 0, 0]);
+    let start = message.len();
+    message.extend((seconds as u32).to_le_bytes());
+    message.extend((nanoseconds as u32).to_le_bytes());
+    message.extend((frame_id.len() as u32 + 1).to_le_bytes());
+    message.extend(frame_id.as_bytes());
+    message.push(0);
     // Doubles stand at multiples of eight bytes after the first four.
-    bytes.resize(4 + (bytes.len() - 4).next_multiple_of(8), 0);
-    wrench.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
-    bytes
+    message.resize(start + (message.len() - start).next_multiple_of(8), 0);
+    wrench.iter().for_each(|value| message.extend(value.to_le_bytes()));
 }
 
 /// Messages that are written together.
 #[derive(Debug, Default)]
 pub struct ChunkBuilder {
     records: Vec<u8>,
-    /// For each channel, when and where its messages are.
-    index: Vec<Vec<(u64, u64)>>,
+    index: Vec<Index>,
+    /// The first and last time.
+    times: Option<(u64, u64)>,
 }
 
-/// A chunk that is ready to be written.
+/// When and where the messages of a channel are in a chunk, as it is written.
+type Index = Vec<u8>;
+
+/// What the index of a message takes.
+const INDEX_BYTES: usize = 16;
+
+/// A chunk that is ready to be written. Nothing is compressed, as ROS 2 records by default: LZ4 takes
+/// longer than all that is done to make the messages.
 #[derive(Debug)]
 pub struct Chunk {
-    record: Vec<u8>,
-    index: Vec<Vec<(u64, u64)>>,
+    records: Vec<u8>,
+    checksum: u32,
+    index: Vec<Index>,
     times: (u64, u64),
-    packed: u64,
-    unpacked: u64,
 }
 
 const SCHEMA: u8 = 0x03;
@@ -106,6 +111,9 @@ const DATA_END: u8 = 0x0f;
 const HEADER: u8 = 0x01;
 const FOOTER: u8 = 0x02;
 
+/// The name of no compression.
+const UNCOMPRESSED: &str = "";
+
 fn record(kind: u8, content: &[u8]) -> Vec<u8> {
     let mut bytes = vec![kind];
     bytes.extend((content.len() as u64).to_le_bytes());
@@ -119,47 +127,54 @@ fn text(bytes: &mut Vec<u8>, text: &str) {
 }
 
 impl ChunkBuilder {
-    /// Adds a message to the channel of that number, from 0.
-    pub fn message(&mut self, channel: u16, time_ns: u64, data: &[u8]) {
+    /// A chunk with room for so many bytes.
+    pub fn with_capacity(bytes: usize) -> Self {
+        Self { records: Vec::with_capacity(bytes), ..Self::default() }
+    }
+
+    /// Adds a message to the channel of that number, from 0; `write` adds what it says.
+    pub fn message(&mut self, channel: u16, time_ns: u64, write: impl FnOnce(&mut Vec<u8>)) {
         let place = usize::from(channel);
         self.index.resize_with(self.index.len().max(place + 1), Vec::new);
-        self.index[place].push((time_ns, self.records.len() as u64));
-        // Channel, no sequence number, when it was logged and published.
+        let start = self.records.len();
+        self.index[place].extend_from_slice(&time_ns.to_le_bytes());
+        self.index[place].extend_from_slice(&(start as u64).to_le_bytes());
+        let (first, last) = self.times.unwrap_or((time_ns, time_ns));
+        self.times = Some((first.min(time_ns), last.max(time_ns)));
+        // Its length when it is known, channel, no sequence number, when it was logged and published.
         let mut head = [0; 31];
         head[0] = MESSAGE;
-        head[1..9].copy_from_slice(&(22 + data.len() as u64).to_le_bytes());
         head[9..11].copy_from_slice(&(channel + 1).to_le_bytes());
         head[15..23].copy_from_slice(&time_ns.to_le_bytes());
         head[23..31].copy_from_slice(&time_ns.to_le_bytes());
         self.records.extend_from_slice(&head);
-        self.records.extend_from_slice(data);
+        write(&mut self.records);
+        let length = (self.records.len() - start - 9) as u64;
+        self.records[start + 1..start + 9].copy_from_slice(&length.to_le_bytes());
     }
 
-    /// Compresses the messages; `None` if there are none.
-    ///
-    /// # Errors
-    /// What the encoder says.
-    pub fn finish(self) -> io::Result<Option<Chunk>> {
-        let times = || self.index.iter().flatten().map(|(time, _)| *time);
-        let Some(times) = times().min().zip(times().max()) else { return Ok(None) };
-        let mut encoder = FrameEncoder::new(Vec::new());
-        encoder.write_all(&self.records)?;
-        let packed = encoder.finish().map_err(io::Error::other)?;
-        let mut content = Vec::with_capacity(packed.len() + 64);
-        content.extend(times.0.to_le_bytes());
-        content.extend(times.1.to_le_bytes());
-        content.extend((self.records.len() as u64).to_le_bytes());
-        content.extend(crc32fast::hash(&self.records).to_le_bytes());
-        text(&mut content, "lz4");
-        content.extend((packed.len() as u64).to_le_bytes());
-        content.extend(&packed);
-        Ok(Some(Chunk {
-            record: record(CHUNK, &content),
-            index: self.index,
-            times,
-            packed: packed.len() as u64,
-            unpacked: self.records.len() as u64,
-        }))
+    /// What is to be written of them; `None` if there are no messages.
+    pub fn finish(self) -> Option<Chunk> {
+        let checksum = crc32fast::hash(&self.records);
+        Some(Chunk { times: self.times?, records: self.records, checksum, index: self.index })
+    }
+}
+
+impl Chunk {
+    /// What stands before the messages.
+    fn head(&self) -> Vec<u8> {
+        let bytes = self.records.len() as u64;
+        let mut content = Vec::new();
+        content.extend(self.times.0.to_le_bytes());
+        content.extend(self.times.1.to_le_bytes());
+        content.extend(bytes.to_le_bytes());
+        content.extend(self.checksum.to_le_bytes());
+        text(&mut content, UNCOMPRESSED);
+        content.extend(bytes.to_le_bytes());
+        let mut head = vec![CHUNK];
+        head.extend((content.len() as u64 + bytes).to_le_bytes());
+        head.extend(content);
+        head
     }
 }
 
@@ -233,7 +248,8 @@ impl<W: Write> McapWriter<W> {
     /// What the system says.
     pub fn write(&mut self, chunk: &Chunk) -> io::Result<()> {
         let start = self.at;
-        self.bytes(&chunk.record)?;
+        self.bytes(&chunk.head())?;
+        self.bytes(&chunk.records)?;
         let index_start = self.at;
         let mut offsets = Vec::new();
         for (place, messages) in chunk.index.iter().enumerate().filter(|(_, it)| !it.is_empty()) {
@@ -241,24 +257,22 @@ impl<W: Write> McapWriter<W> {
             offsets.extend(number.to_le_bytes());
             offsets.extend(self.at.to_le_bytes());
             let mut content = number.to_le_bytes().to_vec();
-            content.extend((16 * messages.len() as u32).to_le_bytes());
-            for (time, offset) in messages {
-                content.extend(time.to_le_bytes());
-                content.extend(offset.to_le_bytes());
-            }
+            content.extend((messages.len() as u32).to_le_bytes());
+            content.extend_from_slice(messages);
             self.bytes(&record(MESSAGE_INDEX, &content))?;
-            self.counts[place] += messages.len() as u64;
+            self.counts[place] += (messages.len() / INDEX_BYTES) as u64;
         }
         let mut content = Vec::new();
-        for number in [chunk.times.0, chunk.times.1, start, chunk.record.len() as u64] {
+        for number in [chunk.times.0, chunk.times.1, start, index_start - start] {
             content.extend(number.to_le_bytes());
         }
         content.extend((offsets.len() as u32).to_le_bytes());
         content.extend(offsets);
         content.extend((self.at - index_start).to_le_bytes());
-        text(&mut content, "lz4");
-        content.extend(chunk.packed.to_le_bytes());
-        content.extend(chunk.unpacked.to_le_bytes());
+        text(&mut content, UNCOMPRESSED);
+        for _ in ["in the file", "unpacked"] {
+            content.extend((chunk.records.len() as u64).to_le_bytes());
+        }
         self.chunks.push(record(CHUNK_INDEX, &content));
         let (first, last) = self.times.unwrap_or(chunk.times);
         self.times = Some((first.min(chunk.times.0), last.max(chunk.times.1)));

@@ -13,6 +13,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches};
+use shellcal::output;
 
 fn main() -> ExitCode {
     if std::env::args_os().len() < 2 {
@@ -25,7 +26,7 @@ fn main() -> ExitCode {
         Ok(args) => args,
         Err(error) => error.format(&mut command).exit(),
     };
-    signals::listen();
+    output::before_unfinished(signals::listen);
     let mut printer = printer::Printer::new(args.output);
     let ran = files::outputs(&matches)
         .map_err(anyhow::Error::from)

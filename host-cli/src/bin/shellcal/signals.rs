@@ -4,7 +4,7 @@
 //! their temporary files, which are removed first.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Once, OnceLock};
 
 use anyhow::Context;
 
@@ -13,12 +13,16 @@ static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 /// Listens from now on. A program that could not would leave temporary files and nothing worse.
 pub(crate) fn listen() {
-    let _ = platform::listen(platform::wanted());
+    static BEGUN: Once = Once::new();
+    BEGUN.call_once(|| {
+        let _ = platform::listen(platform::wanted());
+    });
 }
 
 /// A flag that a signal sets, in place of ending the program.
 pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let flag = Arc::clone(STOP.get_or_init(Arc::default));
+    listen();
     // Whoever wants to be stopped can be, even where a shell has it started in the background.
     platform::listen(platform::unwanted()).context("cannot listen for Ctrl-C")?;
     Ok(flag)

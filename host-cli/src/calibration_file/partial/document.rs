@@ -17,6 +17,7 @@ use std::path::Path;
 use calibration::exact::Moments;
 use calibration::model::Model;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_128;
 
@@ -66,9 +67,12 @@ struct GroupDocument {
     moments: MomentsDocument,
 }
 
+/// What is read before all else.
 #[derive(Deserialize)]
-struct Version {
+struct Header {
     partial_schema_version: u64,
+    /// Whether there is one, wherever it stands.
+    checksum: Option<IgnoredAny>,
 }
 
 impl PartialFit {
@@ -88,8 +92,8 @@ impl PartialFit {
     /// # Errors
     /// [`Problem`] if it is no partial fit of a known version.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
-        let version: Version = serde_json::from_slice(text).map_err(problem)?;
-        let found = version.partial_schema_version;
+        let header: Header = serde_json::from_slice(text).map_err(problem)?;
+        let found = header.partial_schema_version;
         if !(PARTIAL_SCHEMA_VERSION..=GROUPED_PARTIAL_SCHEMA_VERSION).contains(&found) {
             return Err(Problem::SchemaVersion { found });
         }
@@ -97,7 +101,7 @@ impl PartialFit {
         let has_groups = document.groups.is_some();
         let partial = document.value().map_err(Problem::Inconsistent)?;
         // Last: what can be named says more.
-        check(text, has_groups).map_err(Problem::Inconsistent)?;
+        check(text, header.checksum.is_some(), has_groups).map_err(Problem::Inconsistent)?;
         Ok(partial)
     }
 
@@ -135,6 +139,12 @@ impl Document {
         let (model, moments) = (self.model.value(), self.moments.value()?);
         if !suits(&moments, &model) {
             return Err("`moments` are not those of `model`".to_owned());
+        }
+        let rows =
+            self.sources.iter().fold(0, |rows: u64, source| rows.saturating_add(source.rows));
+        if rows != moments.rows() {
+            let summed = moments.rows();
+            return Err(format!("`sources` have {rows} rows, `moments` are of {summed}"));
         }
         let sources = self.sources.len();
         let groups =
@@ -242,11 +252,14 @@ fn with_checksum(document: String) -> String {
 }
 
 /// Whether the document is what its checksum is of, where it has one or must have.
-fn check(document: &[u8], must_have: bool) -> Result<(), String> {
+fn check(document: &[u8], has_checksum: bool, must_have: bool) -> Result<(), String> {
     let Some(at) = memchr::memmem::rfind(document, CHECKSUM.as_bytes()) else {
-        return match must_have {
-            true => Err("it is not what was written: it has no checksum".to_owned()),
-            false => Ok(()),
+        return match (has_checksum, must_have) {
+            (true, _) => {
+                Err("it is not what was written: its checksum is not its last line".into())
+            }
+            (false, true) => Err("it is not what was written: it has no checksum".into()),
+            (false, false) => Ok(()),
         };
     };
     let (content, end) = document.split_at(at);

@@ -108,6 +108,9 @@ fn stack_rows<'a>(
             power.keys.push(Key::Line(side, pen));
         }
     }
+    if let Some(watts) = part(&trace.power_w).filter(|watts| !watts.is_empty()) {
+        power.lines.push((line(time_s, watts), SOLID));
+    }
     panels.extend([legs, power].into_iter().filter(|row| !row.lines.is_empty()));
     panels
 }

@@ -68,38 +68,41 @@ impl Encoder<'_> {
         frames: &ConvertedFrames,
         frame_id: &str,
     ) -> Result<Option<Chunk>, ConvertError> {
-        let mut chunk = ChunkBuilder::default();
         let numbers = self.table.numbers(frames);
         // Time and wrench are in messages of their own.
         let names: Vec<String> = self.table.names().into_iter().skip(7).collect();
         let details = self.channels.iter().zip(&frames.readings);
         let details = details.chain(names.iter().zip(&numbers[7..]));
-        // The names as they stand in every message.
+        // The names as they stand in every message, after the brace or comma.
         let key = |name: &String| serde_json::to_string(name).map(|name| format!("{name}:"));
         let details = details.map(|(name, values)| Ok((key(name)?, values)));
         let details: Vec<(String, &Vec<f64>)> =
             details.collect::<Result<_, serde_json::Error>>().map_err(io::Error::other)?;
+        // Two messages with their heads; numbers have up to 24 digits.
+        let names: usize = details.iter().map(|(name, _)| name.len() + 25).sum();
+        let mut chunk = ChunkBuilder::with_capacity(frames.len() * (160 + frame_id.len() + names));
         let mut digits = zmij::Buffer::new();
-        let mut json = Vec::new();
         for row in 0..frames.len() {
             let time_s = frames.time_s[row];
             let time_ns = nanoseconds(time_s).ok_or(ConvertError::Epoch { time_s })?;
             let wrench = frames.wrench.each_ref().map(|axis| axis[row]);
-            chunk.message(0, time_ns, &wrench_stamped(time_ns, frame_id, wrench));
-            json.clear();
-            json.push(b'{');
-            for (name, values) in &details {
-                json.extend_from_slice(name.as_bytes());
-                let number = digits.format(values[row]);
-                json.extend_from_slice(number.strip_suffix(".0").unwrap_or(number).as_bytes());
-                json.push(b',');
-            }
-            json.extend_from_slice(b"\"flags\":\"");
-            json.extend_from_slice(Table::flags(frames, row).as_bytes());
-            json.extend_from_slice(b"\"}");
-            chunk.message(1, time_ns, &json);
+            chunk.message(0, time_ns, |message| {
+                wrench_stamped(message, time_ns, frame_id, wrench);
+            });
+            chunk.message(1, time_ns, |json| {
+                json.push(b'{');
+                for (name, values) in &details {
+                    json.extend_from_slice(name.as_bytes());
+                    let number = digits.format(values[row]);
+                    json.extend_from_slice(number.strip_suffix(".0").unwrap_or(number).as_bytes());
+                    json.push(b',');
+                }
+                json.extend_from_slice(b"\"flags\":\"");
+                Table::write_flags(frames, row, json);
+                json.extend_from_slice(b"\"}");
+            });
         }
-        Ok(chunk.finish()?)
+        Ok(chunk.finish())
     }
 
     /// The JSON schema of what goes with a wrench.

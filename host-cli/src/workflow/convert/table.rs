@@ -90,10 +90,27 @@ impl Table {
 
     /// The flags of a frame.
     pub(super) fn flags(frames: &ConvertedFrames, row: usize) -> String {
-        let left_out = frames.left_out.get(row).copied().unwrap_or(0);
         let mut text = Vec::new();
-        write_flags([frames.out_of_range[row], frames.saturated[row], left_out], &mut text);
+        Self::write_flags(frames, row, &mut text);
         String::from_utf8_lossy(&text).into_owned()
+    }
+
+    /// Adds the flags of a frame: channels out of range, saturated and left out.
+    pub(super) fn write_flags(frames: &ConvertedFrames, row: usize, text: &mut Vec<u8>) {
+        let left_out = frames.left_out.get(row).copied().unwrap_or(0);
+        let masks = [frames.out_of_range[row], frames.saturated[row], left_out];
+        let start = text.len();
+        let mut flagged = masks[0] | masks[1] | masks[2];
+        while flagged != 0 {
+            let channel = flagged.trailing_zeros();
+            flagged &= flagged - 1;
+            for (mask, what) in masks.into_iter().zip(["range", "saturated", "left-out"]) {
+                if mask >> channel & 1 == 1 {
+                    let space = if text.len() > start { " " } else { "" };
+                    text.extend_from_slice(format!("{space}s{}:{what}", channel + 1).as_bytes());
+                }
+            }
+        }
     }
 
     fn columns_of<'a>(&self, frames: &'a ConvertedFrames) -> Vec<Column<'a>> {
@@ -137,26 +154,9 @@ impl Table {
                 if !columns.is_empty() {
                     text.push(b',');
                 }
-                let left_out = frames.left_out.get(row).copied().unwrap_or(0);
-                let masks = [frames.out_of_range[row], frames.saturated[row], left_out];
-                if masks != [0; 3] {
-                    write_flags(masks, text);
-                }
+                Self::write_flags(frames, row, text);
             }
             text.push(b'\n');
-        }
-    }
-}
-
-/// Channels out of range, saturated and left out.
-fn write_flags(masks: [u64; 3], text: &mut Vec<u8>) {
-    let start = text.len();
-    for channel in 0..64 {
-        for (flags, what) in masks.into_iter().zip(["range", "saturated", "left-out"]) {
-            if flags >> channel & 1 == 1 {
-                let space = if text.len() > start { " " } else { "" };
-                text.extend_from_slice(format!("{space}s{}:{what}", channel + 1).as_bytes());
-            }
         }
     }
 }

@@ -3,11 +3,12 @@
 use super::job::{TrialJob, TrialLogError};
 use crate::forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames};
 use crate::trial::{
-    LogTimes, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows, evaluate,
+    LogTimes, MEASURED_POWER, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows,
+    evaluate,
 };
 use crate::workflow::sampling::Sampling;
 use calibration::Calibration;
-use log_file::{LogError, ReadSummary, Selection, Wanted};
+use log_file::{ColumnRef, LogError, ReadSummary, Selection, Wanted};
 use shell_data::block::Block;
 use shell_data::telemetry::Telemetry;
 
@@ -79,14 +80,19 @@ impl<'a> Reading<'a> {
     fn new(job: &TrialJob<'a>, window: (f64, f64)) -> Result<Self, LogError> {
         let TrialJob { log, instrument, options, .. } = *job;
         let channels = log.channels();
-        let mut kinds = Telemetry::POWER.to_vec();
+        let mut kinds =
+            MEASURED_POWER.iter().chain(&Telemetry::MOTORS).copied().collect::<Vec<_>>();
         kinds.push(Telemetry::RightLeg);
         if options.trace != TraceExtent::Nothing {
             kinds.push(Telemetry::LeftLeg);
         }
         let mut found = Vec::new();
         for kind in kinds {
-            found.extend(log.telemetry(kind)?.map(|place| (kind, place)));
+            let place = match instrument.profile.column_name(kind) {
+                Some(name) => Some(log.column_places(&[ColumnRef::Name(name.to_owned())])?[0]),
+                None => log.telemetry(kind)?,
+            };
+            found.extend(place.map(|place| (kind, place)));
         }
         let (kinds, others): (Vec<_>, Vec<_>) = found.into_iter().unzip();
         let readings = instrument.calibration.is_some() && channels > 0;

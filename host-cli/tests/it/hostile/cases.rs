@@ -108,7 +108,14 @@ fn signals_leave_no_temporary_files() {
     for (signal, number) in [("-INT", 2), ("-TERM", 15), ("-HUP", 1)] {
         use std::os::unix::process::ExitStatusExt;
         let dir = tempfile::tempdir().unwrap();
-        let mut child = program::start(dir.path(), "synth train --rows 100000000 -o big.csv");
+        // A program that is started in the background of a script has its signals ignored, and ignores
+        // them too: this one is not to, whatever starts the test.
+        let mut child = std::process::Command::new("env")
+            .args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_shellcal")])
+            .args(["synth", "train", "--rows", "30000000", "-o", "big.csv"])
+            .current_dir(dir.path())
+            .spawn()
+            .unwrap();
         let started = std::time::Instant::now();
         while hidden(dir.path()).is_empty() {
             assert!(started.elapsed().as_secs() < 20, "no temporary file");
@@ -292,6 +299,16 @@ fn partial_fits_that_were_changed_are_refused() {
     write(&dir, "changed.json", text.replacen("train.csv", "other.csv", 1));
     let said = says(&dir, "merge changed.json", 2);
     assert!(said.contains("the checksum does not match"), "{said}");
+    // Written anew by another program, which may have changed anything.
+    let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
+    write(&dir, "changed.json", document.to_string());
+    let said = says(&dir, "merge changed.json", 2);
+    assert!(said.contains("its checksum is not its last line"), "{said}");
+    document.as_object_mut().unwrap().remove("checksum");
+    document["sources"] = serde_json::json!([]);
+    write(&dir, "changed.json", document.to_string());
+    let said = says(&dir, "merge partial.json changed.json", 2);
+    assert!(said.contains("`sources` have 0 rows, `moments` are of 2600"), "{said}");
     // Without a checksum, as earlier programs wrote them.
     let content = text.rsplit_once(",\n  \"checksum\"").unwrap().0.to_owned() + "\n}\n";
     write(&dir, "old.json", &content);

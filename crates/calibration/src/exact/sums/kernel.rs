@@ -74,8 +74,12 @@ fn tile<S: Simd, const L: usize, const R: usize>(
 ) {
     let rights = right.len() / ROWS;
     let left: [&[S::f64s]; L] = left.map(|column| S::as_simd_f64s(column).0);
-    let right: [&[S::f64s]; R] =
-        std::array::from_fn(|r| S::as_simd_f64s(column(right, first + r)).0);
+    let mut rights_now: [&[S::f64s]; R] = [&[]; R];
+    // A loop: the closure of an array may stay a call.
+    for (r, now) in rights_now.iter_mut().enumerate() {
+        *now = S::as_simd_f64s(column(right, first + r)).0;
+    }
+    let right = rights_now;
     let mut sums = [[simd.splat_f64s(0.0); R]; L];
     for step in 0..ROWS / S::F64_LANES {
         for l in 0..L {

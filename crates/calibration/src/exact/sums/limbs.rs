@@ -220,10 +220,12 @@ impl Limbs {
         const TOGETHER: usize = 32;
         let (column, _) = column.as_chunks::<TOGETHER>();
         for (block, numbers) in column.iter().enumerate() {
-            let mut rest: [f64; TOGETHER] = std::array::from_fn(|i| numbers[i] * scale);
-            let mut largest: f64 = 0.0;
-            for x in rest {
-                largest = if x.abs() > largest { x.abs() } else { largest };
+            // Loops over lanes: closures may stay calls, and sums and maxima wait for each other.
+            let mut rest = *numbers;
+            let mut is_over = [false; TOGETHER];
+            for i in 0..TOGETHER {
+                rest[i] *= scale;
+                is_over[i] = rest[i].abs() > top;
             }
             for limb in (0..count).rev() {
                 // Adding and taking away 1.5·2^(52 + e) rounds to a multiple of 2^e, exactly.
@@ -237,8 +239,9 @@ impl Limbs {
                     out[i] = rounded * down;
                 }
             }
-            let left: f64 = rest.iter().map(|x| x.abs()).sum();
-            exact &= largest <= top && left == 0.0;
+            for i in 0..TOGETHER {
+                exact &= !is_over[i] & (rest[i] == 0.0);
+            }
         }
         exact
     }
