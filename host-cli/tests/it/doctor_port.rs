@@ -199,6 +199,9 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
     }
 }
 
+/// What it is called, the board, more arguments, and what is to be found.
+type Case<'a> = (&'a str, Plan, &'a str, Vec<(&'a str, &'a str)>);
+
 #[test]
 fn planted_faults_of_boards_are_found() {
     let dir = tempfile::tempdir().unwrap();
@@ -210,7 +213,7 @@ fn planted_faults_of_boards_are_found() {
     let warning = |check: &'static str| vec![(check, "warning")];
     let stream = |sample: fn(u64) -> Option<Sample>| Plan { sample, ..Plan::sound() };
     let sends = |sends: Sends| Plan { sends, ..Plan::sound() };
-    let cases: Vec<(&str, Plan, &str, Vec<(&str, &str)>)> = vec![
+    let cases: Vec<Case<'_>> = vec![
         ("sound", Plan::sound(), "", vec![]),
         ("silent", sends(Sends::Nothing), "", fault("silent")),
         ("noise", sends(Sends::Noise), "", fault("noise")),
