@@ -118,9 +118,9 @@ pub fn interview(options: &InterviewOptions, stop: &AtomicBool) -> Result<Interv
     let sinks = Sinks { watcher: Some(Box::new(Keep(Arc::clone(&frames)))), ..Sinks::default() };
     let recording = RecordOptions {
         protocol: Some(protocol),
-        forces: None,
         duration: Some(options.listen),
         start,
+        ..RecordOptions::default()
     };
     let mut source = Source::port(port, false)?;
     let recorded = record(&mut source, sinks, &recording, stop, &mut |_| {});

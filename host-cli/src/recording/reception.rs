@@ -280,6 +280,22 @@ impl Reception {
 }
 
 impl BoardFrame {
+    /// A frame of which nothing else is known.
+    pub fn new(time_us: i64, index: i64, measured: Measured) -> Self {
+        Self {
+            time_us,
+            index,
+            measured,
+            saturated: 0,
+            dropped: 0,
+            restarted: false,
+            timing: None,
+            health: None,
+            skewed: false,
+            rssi_dbm: None,
+        }
+    }
+
     /// What it holds, for the columns of a log.
     pub fn content(&self, numbered: bool) -> Content {
         match self.measured {

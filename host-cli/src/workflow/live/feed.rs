@@ -115,14 +115,7 @@ mod tests {
     #[test]
     fn who_does_not_fetch_misses_the_oldest_and_is_told_how_many() {
         let feed = Feed::default();
-        let frame = |index: i64| BoardFrame {
-            time_us: index * 1000,
-            index,
-            measured: Measured::Wrench([0.0; 6]),
-            saturated: 0,
-            dropped: 0,
-            restarted: false,
-        };
+        let frame = |index: i64| BoardFrame::new(index * 1000, index, Measured::Wrench([0.0; 6]));
         for start in (0..40_000).step_by(100) {
             let frames: Vec<_> = (start..start + 100).map(frame).collect();
             feed.watcher().see(&frames);

@@ -129,13 +129,7 @@ impl Player<'_> {
                 .fold(0, |mask, channel| mask | 1 << channel),
             Measured::Wrench(_) => 0,
         };
-        BoardFrame {
-            time_us: (block.time_s[row] * 1e6).round() as i64,
-            index,
-            measured,
-            saturated,
-            dropped: 0,
-            restarted: false,
-        }
+        let time_us = (block.time_s[row] * 1e6).round() as i64;
+        BoardFrame { saturated, ..BoardFrame::new(time_us, index, measured) }
     }
 }
