@@ -20,7 +20,7 @@ use crate::steps;
 use crate::toolchain;
 
 /// What the image may take of the STM32L432KC's 256 KiB of flash and 64 KiB of RAM.
-const FLASH_LIMIT: u64 = 64 * 1024;
+const FLASH_LIMIT: u64 = 80 * 1024;
 const RAM_LIMIT: u64 = 16 * 1024;
 
 /// The board's core, and the rate at which frames are due.

@@ -63,8 +63,8 @@ class Core:
         uc.mem_map(SYSTEM_MEMORY, 0x1_0000, UC_PROT_READ | UC_PROT_EXEC)
         uc.mem_write(TRAP, b"\x00\xbf" * 8)
         uc.mem_write(UNIQUE_ID, board.serial)
-        for address, code in FACTORY.items():
-            uc.mem_write(address, struct.pack("<H", code))
+        for address, value in FACTORY.items():
+            uc.mem_write(address, struct.pack("<H", value))
         self.vectors = struct.unpack_from("<64I", code)
         self.lengths = {}
         uc.hook_add(UC_HOOK_BLOCK, self._enter_block)
