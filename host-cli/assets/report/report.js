@@ -176,7 +176,9 @@
       table: { t_s, drag_n, lift_n, drag_stride_n, lift_stride_n } });
   }
 
-  function stack(id, trial) {
+  function stack(id, numbers) {
+    const { drag_n, lift_n } = numbers;
+    const trial = { ...numbers, fx_n: drag_n && drag_n.map((drag) => (drag === null ? null : -drag)), fz_n: lift_n };
     const rows = [];
     [["Fx", "fx_n"], ["Fy", "fy_n"], ["Fz", "fz_n"]].forEach(([name, key]) => {
       if (trial[key]) rows.push([`${name} (N)`, [[name, trial[key], 0, "solid"]]]);

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::LiveRow;
+use super::row::LiveRow;
 
 /// How much is kept, s.
 pub const LONGEST_S: f64 = 60.0;

@@ -13,11 +13,12 @@
 
 mod history;
 mod model;
+mod row;
 mod scale;
 
 pub use history::{History, LONGEST_S};
 pub use model::{
-    ChannelState, ChannelView, LiveModel, LiveRow, LiveSetup, MARKS, Mark, TARE_ROWS, TraceView,
-    WINDOWS_S,
+    ChannelState, ChannelView, LiveModel, LiveSetup, MARKS, Mark, TARE_ROWS, TraceView, WINDOWS_S,
 };
+pub use row::LiveRow;
 pub use scale::{nice_bound, nice_range};

@@ -55,7 +55,11 @@ struct Table {
 
 impl Table {
     fn shipped(name: &str) -> Self {
-        let text = fs::read_to_string(shipped(name)).unwrap();
+        Self::read(&shipped(name))
+    }
+
+    fn read(path: &Path) -> Self {
+        let text = fs::read_to_string(path).unwrap();
         let mut lines = text.lines();
         let header: Vec<String> = lines.next().unwrap().split(',').map(str::to_owned).collect();
         let numeric = header.iter().filter(|name| *name != "group").count();
@@ -183,12 +187,15 @@ fn planted_faults_of_logs_are_found() {
     // 13 A line that was cut, 14 a log that is too short, 15 a file that is no log.
     let text = zero().text().replacen("\n2", "\nx2", 1);
     fs::write(dir.join("cut.csv"), text).unwrap();
-    assert_found(dir, "cut.csv", &[("bad-rows", "fault")]);
+    // Without that row, one is missing.
+    assert_found(dir, "cut.csv", &[("bad-rows", "fault"), ("losses", "warning")]);
     let mut short = zero();
     short.rows.truncate(30);
     found("short.csv", &short, &[("short", "warning")]);
     fs::write(dir.join("notes.txt"), "Sensor 7, 3 May.\nThe shell was off.\n").unwrap();
     assert_found(dir, "notes.txt", &[("unreadable", "fault")]);
+    fs::write(dir.join("table.csv"), "speed,mass\n1,2\n3,4\n").unwrap();
+    assert_found(dir, "table.csv", &[("no-values", "fault")]);
     // 16 Loads beyond those of the training, 17 another sensor's calibration.
     let beyond = (1..=8)
         .map(|channel| format!("s{channel}"))
@@ -200,10 +207,12 @@ fn planted_faults_of_logs_are_found() {
     let (_, found_other, report) = examine(dir, "other.csv --calibration cal.json");
     assert!(found_other.iter().any(|(check, _)| check == "error"), "{report}");
     with_calibration("seven.csv", &zero().without(&["s8"]), &[("channels-other", "fault")]);
-    // 18 A zero that creeps: half a newton over the recording, on the channels that see only z.
+    // 18 A zero that creeps: by 100 counts over the recording, on channels of all kinds.
+    succeed(dir, "synth zero --rows 2000 --output long.csv");
+    let long = Table::read(&dir.join("long.csv")).without(&WRENCH);
     let creeping = ["s1", "s2", "s3", "s4"]
         .into_iter()
-        .fold(zero(), |table, name| table.change(name, |row, s| s + (row as f64 * 0.2).round()));
+        .fold(long, |table, name| table.change(name, |row, s| s + (row as f64 * 0.05).round()));
     creeping.write(dir, "creep.csv");
     let (_, found_creep, report) = examine(dir, "creep.csv --calibration cal.json");
     assert!(found_creep.iter().any(|(check, _)| check == "drift"), "{report}");

@@ -5,7 +5,7 @@ use shared_proto::{Identity, Protocol, ResetCause, Status, Stream, crc32};
 use shell_data::block::Block;
 
 use super::Finding;
-use super::channels::{check_channels, without_consequences};
+use super::channels::{check_channels, identical_columns, outside, without_consequences};
 use super::finding::percent;
 use crate::link::{Heard, Interview, LinkError, Stretch, for_board, serial_text};
 use crate::recording::{BoardFrame, Measured, protocol_name};
@@ -34,9 +34,6 @@ const MANY_LOST: f64 = 1e-2;
 
 /// A quartz is right to some 10⁻⁴, and a period in whole µs to 10⁻³ at 1 kHz.
 const RATE_ERROR: f64 = 0.01;
-
-/// Frames outside the calibrated range that make a warning, and a fault.
-const OUTSIDE: [f64; 2] = [0.05, 0.5];
 
 /// What is wrong with a board.
 pub fn check_board(facts: &BoardFacts<'_>) -> Vec<Finding> {
@@ -278,20 +275,6 @@ fn check_stream(stretch: &Stretch, facts: &BoardFacts<'_>) -> Vec<Finding> {
     without_consequences(findings)
 }
 
-/// Rows outside the range of the training data.
-pub(super) fn outside(rows: u64, of: u64) -> Option<Finding> {
-    let share = rows as f64 / of.max(1) as f64;
-    let seen = format!("{} of the frames are outside the calibrated range", percent(share));
-    let [some, most] = OUTSIDE;
-    let advice = "calibrate over the loads that occur; if nothing touches the shell, it or a \
-                  reflector has moved since: calibrate again";
-    match share {
-        _ if share > most => Some(Finding::fault("range", seen, advice)),
-        _ if share > some => Some(Finding::warning("range", seen, advice)),
-        _ => None,
-    }
-}
-
 fn lost(stretch: &Stretch) -> Vec<Finding> {
     let losses = &stretch.recorded.losses;
     let sent = (stretch.recorded.frames + losses.missing).max(1) as f64;
@@ -355,5 +338,5 @@ fn summary(frames: &[BoardFrame]) -> LogSummary {
 
 /// Pairs of channels that are the same in every frame, and not constant.
 fn identical(frames: &[BoardFrame]) -> Vec<(usize, usize)> {
-    super::log::identical(&columns(frames))
+    identical_columns(&columns(frames))
 }

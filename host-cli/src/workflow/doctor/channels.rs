@@ -14,6 +14,9 @@ const ENOUGH_FRAMES: u64 = 20;
 /// exchange or other a little better.
 const UNLIKELY: f64 = 2.0;
 
+/// Frames outside the calibrated range that make a warning, and a fault.
+const OUTSIDE: [f64; 2] = [0.05, 0.5];
+
 /// Saturated, dead, quiet and swapped channels.
 pub(super) fn check_channels(
     summary: &LogSummary,
@@ -133,4 +136,39 @@ fn swapped(summary: &LogSummary, calibration: &Calibration) -> Option<Finding> {
                       `--sensors`";
         Finding::fault("channels-swapped", seen, advice)
     })
+}
+
+/// Rows outside the range of the training data.
+pub(super) fn outside(rows: u64, of: u64) -> Option<Finding> {
+    let share = rows as f64 / of.max(1) as f64;
+    let seen = format!("{} of the frames are outside the calibrated range", percent(share));
+    let [some, most] = OUTSIDE;
+    let advice = "calibrate over the loads that occur; if nothing touches the shell, it or a \
+                  reflector has moved since: calibrate again";
+    match share {
+        _ if share > most => Some(Finding::fault("range", seen, advice)),
+        _ if share > some => Some(Finding::warning("range", seen, advice)),
+        _ => None,
+    }
+}
+
+/// Pairs of columns that are the same, of those in `before` if that is known.
+pub(super) fn identical_in(
+    columns: &[Vec<f64>],
+    before: Option<Vec<(usize, usize)>>,
+) -> Vec<(usize, usize)> {
+    let all = || {
+        let pairs = |first: usize| (first + 1..columns.len()).map(move |second| (first, second));
+        (0..columns.len()).flat_map(pairs).collect::<Vec<_>>()
+    };
+    let mut pairs = before.unwrap_or_else(all);
+    pairs.retain(|&(first, second)| columns[first] == columns[second]);
+    pairs
+}
+
+/// Pairs of columns that are the same, and change.
+pub(super) fn identical_columns(columns: &[Vec<f64>]) -> Vec<(usize, usize)> {
+    let changes = |column: &[f64]| column.iter().any(|value| *value != column[0]);
+    let pairs = identical_in(columns, None).into_iter();
+    pairs.filter(|&(first, _)| changes(&columns[first])).collect()
 }

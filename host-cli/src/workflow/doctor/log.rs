@@ -10,8 +10,7 @@ use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
 
 use super::Finding;
-use super::board::outside;
-use super::channels::{check_channels, without_consequences};
+use super::channels::{check_channels, identical_in, outside, without_consequences};
 use super::finding::percent;
 use crate::calibration_file::CalibrationFile;
 use crate::workflow::log_summary::LogSummary;
@@ -253,24 +252,6 @@ fn quality_of(errors: &PerAxis<AxisErrors>) -> Option<Vec<quality::AxisQuality>>
     errors.iter().map(AxisErrors::quality).collect()
 }
 
-/// Pairs of columns that are the same, of those in `before` if that is known.
-fn identical_in(columns: &[Vec<f64>], before: Option<Vec<(usize, usize)>>) -> Vec<(usize, usize)> {
-    let all = || {
-        let pairs = |first: usize| (first + 1..columns.len()).map(move |second| (first, second));
-        (0..columns.len()).flat_map(pairs).collect::<Vec<_>>()
-    };
-    let mut pairs = before.unwrap_or_else(all);
-    pairs.retain(|&(first, second)| columns[first] == columns[second]);
-    pairs
-}
-
-/// Pairs of columns that are the same, and change.
-pub(super) fn identical(columns: &[Vec<f64>]) -> Vec<(usize, usize)> {
-    let changes = |column: &[f64]| column.iter().any(|value| *value != column[0]);
-    let pairs = identical_in(columns, None).into_iter();
-    pairs.filter(|&(first, _)| changes(&columns[first])).collect()
-}
-
 /// The exchange of two channels that makes the error smallest, if it does so by far.
 fn find_swap(calibration: &Calibration, rows: &Block) -> Option<(usize, usize, f64)> {
     let error = |readings: &[Vec<f64>]| {
@@ -334,6 +315,11 @@ pub fn check_log(facts: &LogFacts, calibration: Option<&Calibration>) -> Vec<Fin
         let advice = "`docs/logs.md` has the formats that are read; `--sensors`, `--wrench` and \
                       `--time` name columns";
         return vec![Finding::fault("unreadable", why, advice)];
+    }
+    if facts.summary.readings.is_empty() && facts.summary.wrench.is_empty() {
+        let seen = "no column holds readings, and no six a wrench";
+        let advice = "name them with `--sensors` or `--wrench`; `shellcal info` lists the columns";
+        return vec![Finding::fault("no-values", seen, advice)];
     }
     let mut findings = Vec::new();
     if let Some((rows, first)) = &facts.bad_rows {
