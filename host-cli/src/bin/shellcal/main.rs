@@ -12,6 +12,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches};
+use shell_data::instructions;
 use shellcal::output;
 
 fn main() -> ExitCode {
@@ -27,8 +28,9 @@ fn main() -> ExitCode {
     };
     output::before_unfinished(signals::listen);
     let mut printer = printer::Printer::new(args.output);
-    let ran = files::outputs(&matches)
+    let ran = instructions::chosen()
         .map_err(anyhow::Error::from)
+        .and_then(|_| Ok(files::outputs(&matches)?))
         .and_then(|outputs| args.command.run(&mut printer, &outputs, args::Args::command));
     match ran {
         Ok(outcome) => outcome.into(),

@@ -22,6 +22,10 @@ pub(crate) struct OutputArgs {
     /// Print nothing but results and errors: no progress, no notes
     #[arg(long, short, global = true)]
     quiet: bool,
+
+    /// Say more about how the work is done
+    #[arg(long, global = true, conflicts_with = "quiet")]
+    verbose: bool,
 }
 
 /// Where a command's results and remarks go.
@@ -79,6 +83,13 @@ impl Printer {
     /// Writes a note about the work to stderr, but not with `--quiet`.
     pub(crate) fn note(&mut self, text: impl AsRef<str>) {
         if !self.options.quiet {
+            self.talk(text.as_ref());
+        }
+    }
+
+    /// Writes a note about how the work is done to stderr, with `--verbose` only.
+    pub(crate) fn detail(&mut self, text: impl AsRef<str>) {
+        if self.options.verbose {
             self.talk(text.as_ref());
         }
     }
