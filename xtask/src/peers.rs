@@ -12,6 +12,8 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 
+use shell_data::instructions::available;
+
 use crate::measure::{Measurement, argument, installed, measure, summary};
 use crate::steps;
 
@@ -24,6 +26,10 @@ pub(crate) struct Args {
     /// Rows of the training file (the paper's number)
     #[arg(long, default_value_t = 77_522)]
     train_rows: usize,
+
+    /// The same again with so many training rows, which do not fit a cache
+    #[arg(long, value_name = "ROWS", num_args = 0..=1, default_missing_value = "5000000")]
+    large: Option<usize>,
 
     /// Rows of the test file (the paper's number)
     #[arg(long, default_value_t = 19_932)]
@@ -60,25 +66,35 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     ensure!(args.peers.is_dir(), "`{}` is not a directory", args.peers.display());
     let shellcal = steps::build_shellcal()?;
     let dir = steps::scratch("bench-peers")?;
+    let (name, vectors) = (processor(), available()[0].0);
+    println!("{name}, vectors: {vectors}\n");
     let both = [Numbers::Short, Numbers::Full];
     for numbers in args.numbers.as_ref().map_or(&both[..], std::slice::from_ref) {
         let make = |kind, rows| match numbers {
             Numbers::Short => synthetic(&shellcal, &dir, kind, rows),
             Numbers::Full => with_all_digits(&args.peers, &dir, rows),
         };
-        let (train, test) = (make("train", args.train_rows)?, make("test", args.test_rows)?);
-        println!("{numbers:?} numbers\n");
-        compare(args, &shellcal, &dir, [&train, &test])?;
+        let test = make("test", args.test_rows)?;
+        for rows in [Some(args.train_rows), args.large].into_iter().flatten() {
+            println!("{numbers:?} numbers, {rows} + {} rows", args.test_rows);
+            compare(args, &shellcal, &dir, [&make("train", rows)?, &test])?;
+        }
     }
     Ok(())
+}
+
+/// What the processor calls itself.
+fn processor() -> String {
+    let described = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = described.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.to_owned())
 }
 
 /// All tools on one pair of files.
 fn compare(args: &Args, shellcal: &Path, dir: &Path, files: [&Path; 2]) -> Result<()> {
     let [train, test] = files;
     let bytes = fs::metadata(train)?.len() + fs::metadata(test)?.len();
-    let megabytes = bytes as f64 / 1e6;
-    println!("{} + {} rows, {megabytes:.1} MB\n", args.train_rows, args.test_rows);
+    println!("{:.1} MB\n", bytes as f64 / 1e6);
 
     let floor_s = floor(&files, args.runs)?;
     println!("floor (read both files, find the newlines, one thread): {:.1} ms\n", floor_s * 1e3);
@@ -131,24 +147,27 @@ fn synthetic(shellcal: &Path, dir: &Path, kind: &str, rows: usize) -> Result<Pat
 
 /// The peers that are installed here, each on the same files.
 fn peers(dir: &Path, train: &Path, test: &Path, model: &str) -> Vec<Tool> {
-    let known: [(&'static str, &str, &str, &[&str]); 5] = [
-        ("pandas + numpy", "python3", "peer_fit.py", &["-c", "import numpy, pandas"]),
-        ("polars + numpy", "python3", "peer_polars.py", &["-c", "import numpy, polars"]),
-        ("scikit-learn", "python3", "peer_sklearn.py", &["-c", "import pandas, sklearn"]),
-        ("R data.table", "Rscript", "peer_fit.R", &["-e", "library(data.table)"]),
-        ("Octave", "octave-cli", "peer_fit.m", &["--version"]),
+    let own = steps::workspace().join("xtask/peers");
+    let own = own.as_path();
+    let known: [(&'static str, &str, &Path, &str, &[&str]); 6] = [
+        ("pandas + numpy", "python3", dir, "peer_fit.py", &["-c", "import numpy, pandas"]),
+        ("polars + numpy", "python3", dir, "peer_polars.py", &["-c", "import numpy, polars"]),
+        ("scikit-learn", "python3", dir, "peer_sklearn.py", &["-c", "import pandas, sklearn"]),
+        ("DuckDB + numpy", "python3", own, "duckdb_fit.py", &["-c", "import duckdb, numpy"]),
+        ("R data.table", "Rscript", dir, "peer_fit.R", &["-e", "library(data.table)"]),
+        ("Octave", "octave-cli", dir, "peer_fit.m", &["--version"]),
     ];
     known
         .into_iter()
-        .filter(|(name, program, _, check)| {
+        .filter(|(name, program, _, _, check)| {
             let found = installed(program, check);
             if !found {
                 println!("{name}: not installed here, left out");
             }
             found
         })
-        .map(|(name, program, script, _)| {
-            let files = [&dir.join(script), train, test].map(argument);
+        .map(|(name, program, folder, script, _)| {
+            let files = [&folder.join(script), train, test].map(argument);
             let command = [&[program.to_owned()], &files[..], &[model.to_owned()]].concat();
             Tool { name, command }
         })

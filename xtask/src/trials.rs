@@ -1,5 +1,6 @@
 //! `cargo xtask bench-trials`: batches of trials, process start to exit, against a notebook's
-//! pipeline in pandas; and how they grow with the windows and with the number of trials.
+//! pipeline in pandas and a vectorised one in polars and SciPy; and how they grow with the windows and
+//! with the number of trials.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     matrix: Option<PathBuf>,
 
-    /// Runs of every batch; the peer runs once, as it takes its time
+    /// Runs of every batch; the notebook runs once, as it takes its time
     #[arg(long, default_value_t = 9)]
     runs: usize,
 }
@@ -73,24 +74,26 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let manifest = write_manifest(&dir, "windows", &logs, |[from, to]| vec![[from, to]])?;
     let traces = ["--traces".into(), argument(&dir.join("traces")), "--whole-logs".into()];
     let ours = [repeat(&batch(&manifest, &[]))?, repeat(&batch(&manifest, &traces))?];
-    let script = args.peers.join("peer_trial.py");
-    let theirs = match installed("python3", &["-c", "import pandas, scipy"]) {
-        true => Some(peer(&script, &matrix, &logs, &dir)?),
-        false => {
-            println!("python3 with pandas and scipy is not installed here, the peer is left out");
-            None
+    let own = steps::workspace().join("xtask/peers/polars_trials.py");
+    let notebook = args.peers.join("peer_trial.py");
+    let mut theirs = Vec::new();
+    for (name, script, needs, runs) in [
+        ("notebook", &notebook, "import pandas, scipy", 1),
+        ("polars", &own, "import polars, scipy", args.runs),
+    ] {
+        match installed("python3", &["-c", needs]) {
+            true => theirs.push((name, peer(script, &matrix, &logs, &dir, runs)?)),
+            false => println!("{name}: `{needs}` fails in python3 here, left out"),
         }
-    };
-    println!("{:<16} {:>12} {:>14} {:>8} {:>9}", "", "shellcal ms", "peer ms", "ratio", "peak MB");
+    }
+    println!("{:<16} {:<10} {:>10} {:>8} {:>9}", "", "", "ms", "ratio", "peak MB");
     for (i, name) in ["results", "and traces"].into_iter().enumerate() {
-        let peer = theirs.map(|both| both[i].wall_s * 1e3);
-        let ms = ours[i].wall_s * 1e3;
-        println!(
-            "{name:<16} {ms:>12.1} {:>14} {:>8} {:>9.1}",
-            peer.map_or("–".into(), |peer| format!("{peer:.0}")),
-            peer.map_or("–".into(), |peer| format!("{:.0}", peer / ms)),
-            ours[i].peak_bytes as f64 / 1e6,
-        );
+        let all = [("shellcal", &ours)].into_iter().chain(theirs.iter().map(|(n, of)| (*n, of)));
+        for (tool, both) in all {
+            let (ms, megabytes) = (both[i].wall_s * 1e3, both[i].peak_bytes as f64 / 1e6);
+            let ratio = both[i].wall_s / ours[i].wall_s;
+            println!("{name:<16} {tool:<10} {ms:>10.1} {ratio:>8.1} {megabytes:>9.1}");
+        }
     }
 
     println!("\nthe same logs, less of their windows");
@@ -170,14 +173,21 @@ fn write_manifest(
     Ok(path)
 }
 
-/// The peer on all logs in one run, without and with its table of every row.
-fn peer(script: &Path, matrix: &Path, logs: &[Log], dir: &Path) -> Result<[Measurement; 2]> {
+/// A peer on all logs in one process, without and with its table of every row.
+fn peer(
+    script: &Path,
+    matrix: &Path,
+    logs: &[Log],
+    dir: &Path,
+    runs: usize,
+) -> Result<[Measurement; 2]> {
     let run = |more: &[String]| {
         let mut command = vec!["python3".into(), argument(script)];
         command.extend_from_slice(more);
         command.push(argument(matrix));
         command.extend(logs.iter().map(|log| argument(&log.path)));
-        measure(&command)
+        let runs: Result<Vec<_>> = (0..runs).map(|_| measure(&command)).collect();
+        Ok::<_, anyhow::Error>(summary(&runs?))
     };
     Ok([run(&[])?, run(&["--csv".into(), argument(&dir.join("peer"))])?])
 }

@@ -1,6 +1,6 @@
 //! Applying a calibration: from readings to wrenches.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use super::model::Model;
 use super::physics::PhysicsCalibration;
@@ -9,6 +9,7 @@ use super::reading_ranges::{ReadingRange, ReadingRanges};
 use super::scaling::Scaling;
 use super::solver::Solution;
 use super::uncertainty::Covariance;
+use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
 /// A fitted model and what is needed to apply and to trust it.
@@ -123,7 +124,7 @@ impl Calibration {
         let rows = self.rows_of(readings);
         let columns = readings.iter().zip(self.valid_range.iter().flatten());
         // Where a calibration is used as it should be, there is no such column.
-        let arch = Arch::new();
+        let arch = arch();
         let outside: Vec<_> = columns
             .filter(|&(column, &range)| arch.dispatch(LeavesRange { column, range }))
             .collect();

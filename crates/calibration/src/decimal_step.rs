@@ -4,7 +4,8 @@
 //! rounded to a double where it is read. Such numbers can be kept and calculated with as the small
 //! integers that they are.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
+use shell_data::instructions::arch;
 
 /// A decimal step: `times / over`. Its multiples are those rounded to doubles.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,7 +73,7 @@ impl DecimalStep {
         let base = (first * self.per_value()).round() - f64::from(1 << 15);
         let words = WordEncoding { times: self.times as f64, over: self.over as f64, base };
         let per_value = self.per_value();
-        Arch::new().dispatch(Count { words, per_value, values, out }).then_some(words)
+        arch().dispatch(Count { words, per_value, values, out }).then_some(words)
     }
 
     fn per_value(self) -> f64 {
@@ -91,7 +92,7 @@ pub struct WordEncoding {
 impl WordEncoding {
     /// Writes the values of `words` to `out`, which is as long.
     pub fn values(self, words: &[u16], out: &mut [f64]) {
-        Arch::new().dispatch(Values { words: self, counts: words, out });
+        arch().dispatch(Values { words: self, counts: words, out });
     }
 
     #[inline(always)]

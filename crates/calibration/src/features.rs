@@ -5,10 +5,11 @@
 
 use std::ops::Range;
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use super::model::{Model, Term};
 use super::scaling::Scaling;
+use shell_data::instructions::arch;
 
 /// The features of a model, in the order of its [terms](Model::terms), ready to be evaluated.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,7 +85,7 @@ impl Features {
         columns: &mut [f64],
         stride: usize,
     ) {
-        Arch::new().dispatch(Fill { features: self, readings, rows, columns, stride });
+        arch().dispatch(Fill { features: self, readings, rows, columns, stride });
     }
 
     /// The features of the [`LANES`] rows from `start`, of which the last may be missing: those repeat

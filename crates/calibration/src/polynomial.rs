@@ -1,10 +1,11 @@
 //! Wrenches as sums of features of the readings.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::features::{Features, LANES, RowLanes};
 use super::model::Model;
 use super::scaling::Scaling;
+use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
 /// `W = X(s)·C`: the features of standardised readings, and their coefficients.
@@ -57,7 +58,7 @@ impl Polynomial {
     ) {
         wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
         let features = vec![[0.0; LANES]; self.features.len()];
-        Arch::new().dispatch(Convert { polynomial: self, readings, rows, features, wrench });
+        arch().dispatch(Convert { polynomial: self, readings, rows, features, wrench });
     }
 }
 

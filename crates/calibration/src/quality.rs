@@ -2,8 +2,9 @@
 //!
 //! Everything is a [`RunningVariance`], computed block by block and merged.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
+use shell_data::instructions::arch;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
 
@@ -41,7 +42,7 @@ impl AxisErrors {
     /// The same with room for the errors, which may be used again.
     fn with_room(predicted: &[f64], measured: &[f64], errors: &mut Vec<f64>) -> Self {
         assert_eq!(predicted.len(), measured.len(), "a prediction for every measurement");
-        Arch::new().dispatch(ErrorsOf { predicted, measured, errors })
+        arch().dispatch(ErrorsOf { predicted, measured, errors })
     }
 
     /// Adds the rows of `other`.

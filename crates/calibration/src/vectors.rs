@@ -3,19 +3,20 @@
 //! Each is a value with [`WithSimd`] and not a closure: a closure may stay a function of its own,
 //! which then knows nothing of wide vectors, and calls the library for every fused multiply-add.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
+use shell_data::instructions::arch;
 
 /// Sums carried side by side: enough to hide how long one addition takes.
 const LANES: usize = 16;
 
 /// `xᵀy`, of equal lengths.
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    Arch::new().dispatch(Dot { x, y })
+    arch().dispatch(Dot { x, y })
 }
 
 /// `y += c·x`, of equal lengths.
 pub(super) fn add_multiple(y: &mut [f64], c: f64, x: &[f64]) {
-    Arch::new().dispatch(AddMultiple { y, c, x });
+    arch().dispatch(AddMultiple { y, c, x });
 }
 
 struct Dot<'a> {

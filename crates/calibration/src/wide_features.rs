@@ -5,10 +5,11 @@
 
 use std::ops::Range;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::features::{Features, Recipe};
 use crate::double_double::{two_product, two_sum};
+use shell_data::instructions::arch;
 
 impl Features {
     /// Fills features and what rounding leaves out of them, laid out as by [`Features::fill`].
@@ -45,7 +46,7 @@ impl Features {
                         (&heads_before[j * stride..][..n], &tails_before[j * stride..][..n])
                     };
                     let (x, y) = (of(a), of(b));
-                    Arch::new().dispatch(Products { x, y, head, tail });
+                    arch().dispatch(Products { x, y, head, tail });
                 }
             }
             is_rounded |= tail.iter().any(|&rest| rest != 0.0);

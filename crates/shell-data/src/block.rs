@@ -3,7 +3,8 @@
 //! Logs are read and worked on in blocks, so that memory does not grow with the length of a file
 //! and the inner loops run down contiguous columns.
 
-use pulp::{Arch, NullaryFnOnce};
+use crate::instructions::arch;
+use pulp::NullaryFnOnce;
 
 /// A run of consecutive rows of a log. Columns that were not asked for are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -53,7 +54,7 @@ impl Block {
         }
         let firsts = self.readings.iter().map(|column| &column[0]);
         let repeats_before = self.readings_before.as_ref().is_some_and(|b| firsts.eq(b));
-        usize::from(repeats_before) + Arch::new().dispatch(RepeatedRows(&self.readings))
+        usize::from(repeats_before) + arch().dispatch(RepeatedRows(&self.readings))
     }
 
     /// Keeps the rows for which `keep` is true, in every column.

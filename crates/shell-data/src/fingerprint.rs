@@ -3,9 +3,10 @@
 //! A copy of a log among the training logs counts its rows twice; held out against its original, or
 //! tested on, it makes errors look far smaller than they are.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use crate::Block;
+use crate::instructions::arch;
 
 /// What is left of the rows of a log: equal for equal rows in any order, and for others hardly ever.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,7 +20,7 @@ pub struct Fingerprint {
 impl Fingerprint {
     /// Of readings and wrench of the rows of a block.
     pub fn of(block: &Block) -> Self {
-        Arch::new().dispatch(OfBlock(block))
+        arch().dispatch(OfBlock(block))
     }
 
     /// Counts the rows of `other` in: of the same log, in any order.

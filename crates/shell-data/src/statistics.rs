@@ -11,7 +11,8 @@
 //! assert_eq!((all.count, all.mean, all.squares), (4, 3.0, 14.0));
 //! ```
 
-use pulp::{Arch, NullaryFnOnce};
+use crate::instructions::arch;
+use pulp::NullaryFnOnce;
 
 /// Number, mean and sum of squared deviations of some values; merges with that of other values.
 ///
@@ -49,7 +50,7 @@ impl MergeWeights {
 impl RunningVariance {
     /// Of the values in `column`, in two passes.
     pub fn of(column: &[f64]) -> Self {
-        Arch::new().dispatch(VarianceOf(column))
+        arch().dispatch(VarianceOf(column))
     }
 
     /// As [`Self::of`], to be inlined into vectorised code of the caller.

@@ -3,11 +3,12 @@
 //! Sums are kept in eight lanes whatever the registers, so that results are the same bits on every
 //! machine.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
+use shell_data::instructions::arch;
 
 /// Σ a b for each `b` of `others`.
 pub(super) fn dots<'b>(a: &[f64], others: impl Iterator<Item = &'b [f64]>, sums: &mut [f64]) {
-    Arch::new().dispatch(Dots { a, others, sums });
+    arch().dispatch(Dots { a, others, sums });
 }
 
 struct Dots<'a, I> {
@@ -47,7 +48,7 @@ pub(super) fn combine(
     values: &mut [f64],
     slopes: &mut [f64],
 ) {
-    Arch::new().dispatch(Combine { rows, weights, values, slopes });
+    arch().dispatch(Combine { rows, weights, values, slopes });
 }
 
 struct Combine<'a> {

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{BlockErrors, Evaluation};
-use super::log_rows::{LogRows, store};
+use super::log_rows::{LogRows, MEMORY, store};
 use super::selection::UsedRows;
 use super::solving::{Problem, Solved, solve};
 pub use super::uncertainty::CovarianceFrom;
@@ -51,6 +51,9 @@ pub struct FitOptions<'a> {
     pub plot: bool,
     /// Look whether any training row does not belong.
     pub looks: bool,
+    /// The memory in bytes that rows may take, so that logs are read once: those whose rows take more
+    /// are read again for every pass.
+    pub memory: u64,
     /// How logs are read. Progress counts the bytes of all passes, see [`bytes_to_read`].
     pub read: ReadOptions<'a>,
 }
@@ -69,6 +72,7 @@ impl Default for FitOptions<'_> {
             covariance: CovarianceFrom::Nothing,
             plot: false,
             looks: false,
+            memory: MEMORY,
             read: ReadOptions::default(),
         }
     }
@@ -97,6 +101,8 @@ pub struct Fit {
     pub on_plateaus: Option<f64>,
     /// Whether a training row does not belong, if that was asked.
     pub stands_out: bool,
+    /// What the rows would take in memory, about, where they took more than they may and were read again.
+    pub wanted_memory: Option<u64>,
     /// What a figure needs of training and test logs.
     pub plots: Option<(FitPlot, FitPlot)>,
 }
@@ -110,8 +116,9 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
 /// Fits a calibration to `train` and finds its errors there and on `test`.
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
-/// often by solvers that iterate. Some 100,000 rows are kept between the passes, those of the test
-/// logs among them; longer logs are read again, so that memory does not grow with them.
+/// often by solvers that iterate. Their rows are kept between the passes, those of the test logs among
+/// them, unless they take more than [`FitOptions::memory`]: longer logs are read again, so that memory does
+/// not grow with them.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the
@@ -126,8 +133,8 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         }
     };
     let read = ReadOptions { progress: Some(&report), ..options.read };
-    let mut store = store(train, test);
-    let mut rows = LogRows::new(train, test, options.used, read, store.room());
+    let mut store = store(train, test, options.memory);
+    let mut rows = LogRows::new(train, test, options.used, read, store.room(), options.memory);
     let Solved { solution, ranges, solver, not_exact } = solve_rows(first, &mut rows, options)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
     let Uncertainty { mut covariance, not_grouped } =
@@ -157,6 +164,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
         test,
         on_plateaus,
         stands_out,
+        wanted_memory: rows.wanted_memory(),
         plots,
     })
 }
@@ -188,8 +196,10 @@ pub(super) fn solution(
     options: &FitOptions<'_>,
 ) -> Result<(Solution, ReadingRanges), WorkflowError> {
     let first = check(train, &[])?;
-    let mut store = store(train, &[]);
-    let mut rows = LogRows::new(train, &[], options.used, options.read, store.room());
+    // The exact solver passes over the rows once.
+    let memory = if options.solver == SolverKind::Exact { 0 } else { options.memory };
+    let mut store = store(train, &[], memory);
+    let mut rows = LogRows::new(train, &[], options.used, options.read, store.room(), memory);
     let Solved { solution, ranges, .. } = solve_rows(first, &mut rows, options)?;
     Ok((solution, ranges))
 }

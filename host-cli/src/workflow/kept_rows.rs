@@ -14,8 +14,10 @@ pub(super) struct Store(Option<MmapMut>);
 
 impl Store {
     /// Room for so many bytes of rows, about `expected` of which will be used.
-    pub(super) fn new(bytes: usize, expected: u64) -> Self {
-        let map = MmapMut::map_anon(bytes).ok();
+    pub(super) fn new(bytes: u64, expected: u64) -> Self {
+        let words = usize::try_from(bytes / size_of::<u64>() as u64).unwrap_or(0);
+        // What is not written to takes no memory.
+        let map = MmapMut::map_anon(words * size_of::<u64>()).ok();
         if let Some(map) = map.as_ref().filter(|_| expected >= HUGE_PAGE) {
             take_huge_pages(map);
         }
@@ -42,12 +44,23 @@ fn take_huge_pages(_: &MmapMut) {}
 const HUGE_PAGE: u64 = 2 << 20;
 
 /// Memory for rows that is not yet taken.
-pub(super) struct Room<'a>(Mutex<&'a mut [u16]>);
+pub(super) struct Room<'a>(Mutex<&'a mut [u64]>);
 
 impl<'a> Room<'a> {
-    fn take(&self, words: usize) -> Option<&'a mut [u16]> {
+    fn take(&self, words: usize) -> Option<&'a mut [u64]> {
         // A poisoned lock means that a thread has panicked, and the panic will be passed on.
         self.0.lock().unwrap_or_else(PoisonError::into_inner).split_off_mut(..words)
+    }
+
+    /// Room for so many numbers as small integers.
+    fn words(&self, count: usize) -> Option<&'a mut [u16]> {
+        let room = bytemuck::cast_slice_mut(self.take(count.div_ceil(4))?);
+        Some(&mut room[..count])
+    }
+
+    /// Room for so many numbers as they are.
+    fn numbers(&self, count: usize) -> Option<&'a mut [f64]> {
+        self.take(count).map(bytemuck::cast_slice_mut)
     }
 }
 
@@ -56,19 +69,31 @@ impl<'a> Room<'a> {
 pub(super) struct KeptBlock<'a> {
     rows: usize,
     /// The readings, then the wrench.
-    columns: Vec<Column>,
-    /// Those columns that are small integers, one after another.
-    words: &'a [u16],
-    others: Vec<f64>,
+    columns: Vec<Column<'a>>,
 }
 
 /// How the numbers of one column are kept.
 #[derive(Clone, Copy, Debug)]
-enum Column {
+enum Column<'a> {
     /// As multiples of a step.
-    Words(WordEncoding),
+    Words(WordEncoding, &'a [u16]),
     /// As they are.
-    Other,
+    Numbers(&'a [f64]),
+}
+
+impl<'a> Column<'a> {
+    /// Of `numbers`, most of which are multiples of `step`, if there is one; `None` if there is no room.
+    fn new(numbers: &[f64], step: Option<DecimalStep>, room: &Room<'a>) -> Option<Self> {
+        if let Some(step) = step {
+            let words = room.words(numbers.len())?;
+            if let Some(how) = step.count(numbers, words) {
+                return Some(Self::Words(how, words));
+            }
+        }
+        let copy = room.numbers(numbers.len())?;
+        copy.copy_from_slice(numbers);
+        Some(Self::Numbers(copy))
+    }
 }
 
 /// What the numbers of each column are multiples of: in the first block, and then mostly in all.
@@ -80,23 +105,17 @@ impl<'a> KeptBlock<'a> {
     pub(super) fn new(block: &Block, steps: &Steps, room: &Room<'a>) -> Option<Self> {
         let columns = || block.readings.iter().chain(&block.wrench);
         let steps = steps.get_or_init(|| columns().map(|column| DecimalStep::of(column)).collect());
-        let words = room.take(steps.len() * block.rows)?;
-        let (mut kept, mut others, mut used) = (Vec::with_capacity(steps.len()), Vec::new(), 0);
-        for (column, step) in columns().zip(steps) {
-            let out = &mut words[used..used + block.rows];
-            let column_words = step.and_then(|step| step.count(column, out));
-            match column_words {
-                Some(_) => used += block.rows,
-                None => others.extend_from_slice(column),
-            }
-            kept.push(column_words.map_or(Column::Other, Column::Words));
-        }
-        Some(Self { rows: block.rows, columns: kept, words, others })
+        let kept = columns().zip(steps).map(|(column, step)| Column::new(column, *step, room));
+        Some(Self { rows: block.rows, columns: kept.collect::<Option<_>>()? })
     }
 
-    /// What the rows take besides the room.
-    pub(super) fn other_bytes(&self) -> usize {
-        size_of_val(&self.others[..])
+    /// The memory that the rows take.
+    pub(super) fn bytes(&self) -> u64 {
+        let of = |column: &Column<'_>| match column {
+            Column::Words(_, words) => size_of_val(*words),
+            Column::Numbers(numbers) => size_of_val(*numbers),
+        };
+        self.columns.iter().map(of).sum::<usize>() as u64
     }
 
     /// Writes the rows into `block` as they were read, of so many channels.
@@ -104,20 +123,13 @@ impl<'a> KeptBlock<'a> {
         block.rows = self.rows;
         block.readings.resize_with(channels, Vec::new);
         block.wrench.resize_with(self.columns.len() - channels, Vec::new);
-        let (mut words, mut others) = (self.words, &self.others[..]);
         let columns = block.readings.iter_mut().chain(&mut block.wrench);
         for (kept, column) in self.columns.iter().zip(columns) {
             // Those of the block before are written over.
             column.resize(self.rows, 0.0);
-            match kept {
-                Column::Words(how) => {
-                    let words = words.split_off(..self.rows).expect("as many as there are rows");
-                    how.values(words, column);
-                }
-                Column::Other => {
-                    let numbers = others.split_off(..self.rows).expect("likewise");
-                    column.copy_from_slice(numbers);
-                }
+            match *kept {
+                Column::Words(how, words) => how.values(words, column),
+                Column::Numbers(numbers) => column.copy_from_slice(numbers),
             }
         }
     }

@@ -16,13 +16,13 @@ use log_file::pipeline::{self, Pieces};
 use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 
-/// The bytes that kept rows may take as small integers, and again as other numbers: some 100,000 rows
-/// of eight channels, or 300,000 where the wrench is that of a digital sensor.
-const KEPT_BYTES: usize = 8 << 20;
+/// The memory that kept rows may take: some four million rows of eight channels with the wrench in all
+/// digits, or nine million where it is that of a digital sensor.
+pub(super) const MEMORY: u64 = 256_000_000;
 
-/// Test logs are read together with the training logs if all of them are at most this long, so that
-/// their rows are likely to be kept: one pass of all cores in place of two.
-const TOGETHER_BYTES: u64 = 3 * KEPT_BYTES as u64;
+/// Rows take this share of their text, more or less: half where numbers have all digits, a quarter where
+/// they are short.
+const SHARE_OF_TEXT: u64 = 3;
 
 /// The rows of logs for training and for tests.
 pub(super) struct LogRows<'a> {
@@ -39,13 +39,22 @@ pub(super) struct LogRows<'a> {
     /// The rows of the first of the logs, as far as they are kept.
     kept: Vec<Vec<KeptBlock<'a>>>,
     room: Room<'a>,
+    /// The memory that rows may take.
+    memory: u64,
+    /// What all rows would take, where they have not been kept.
+    wanted_memory: Option<u64>,
 }
 
-/// Memory for the rows of such logs.
-pub(super) fn store(train: &[Log], test: &[Log]) -> Store {
-    let bytes: u64 = train.iter().chain(test).map(Log::bytes).sum();
-    // Rows take a quarter of their text or so.
-    Store::new(KEPT_BYTES, bytes / 4)
+/// Memory for the rows of such logs, so many bytes at most.
+pub(super) fn store(train: &[Log], test: &[Log], memory: u64) -> Store {
+    let logs = || train.iter().chain(test);
+    let bytes: u64 = logs().map(Log::bytes).sum();
+    // A number and what ends it are two bytes at least, and eight at most when they are kept.
+    let most = match logs().any(|log| log.is_compressed() || log.table_kind().is_some()) {
+        true => memory,
+        false => memory.min(4 * bytes),
+    };
+    Store::new(most, bytes / SHARE_OF_TEXT)
 }
 
 impl<'a> LogRows<'a> {
@@ -56,11 +65,27 @@ impl<'a> LogRows<'a> {
         used: UsedRows<'a>,
         read: ReadOptions<'a>,
         room: Room<'a>,
+        memory: u64,
     ) -> Self {
         let logs: Vec<&Log> = train.iter().chain(test).collect();
         let stamps = logs.iter().map(|log| stamp(log.path())).collect();
-        let (summaries, kept) = (Vec::new(), Vec::new());
-        Self { logs, train: train.len(), used, read, stamps, summaries, kept, room }
+        Self {
+            logs,
+            train: train.len(),
+            used,
+            read,
+            stamps,
+            summaries: Vec::new(),
+            kept: Vec::new(),
+            room,
+            memory,
+            wanted_memory: None,
+        }
+    }
+
+    /// What the rows would take in memory that have been read again, about.
+    pub(super) fn wanted_memory(&self) -> Option<u64> {
+        self.wanted_memory
     }
 
     /// The training logs, then the test logs.
@@ -180,34 +205,49 @@ impl<'a> LogRows<'a> {
     /// The first pass over the training logs: reads them, and the test logs if all are short, and
     /// keeps their rows if they are few.
     fn first_pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
-        let is_short = self.logs.iter().map(|log| log.bytes()).sum::<u64>() <= TOGETHER_BYTES;
+        let text = |logs: &[&Log]| logs.iter().map(|log| log.bytes()).sum::<u64>();
+        // One pass of all cores in place of two, where the rows of the tests are likely to be kept.
+        let is_short = text(&self.logs) / SHARE_OF_TEXT <= self.memory;
         let logs = if is_short { self.logs.len() } else { self.train };
         let (steps, is_kept) = (Steps::new(), AtomicBool::new(true));
+        let before: Vec<u64> = (0..logs).map(|log| text(&self.logs[..log])).collect();
+        let (all_text, memory) = (text(&self.logs[..logs]), self.memory);
         let init = || PassWorker::new(pass);
         let map = |worker: &mut PassWorker<'_, P>, log: usize, block: &mut Block| {
             let partial = (log < self.train).then(|| worker.reduce(block)).transpose()?.flatten();
             let is_kept = is_kept.load(Ordering::Relaxed);
             let kept = is_kept.then(|| KeptBlock::new(block, &steps, &self.room)).flatten();
-            Ok((partial, kept))
+            Ok((partial, (kept, block.place)))
         };
-        let (mut all, mut kept, mut other_bytes) = (pass.empty(), Vec::new(), 0);
+        let (mut all, mut kept, mut kept_bytes) = (pass.empty(), Vec::new(), 0_u64);
         kept.resize_with(logs, Vec::new);
-        let fold = |log: usize, (partial, block): (Option<P::Partial>, Option<KeptBlock<'a>>)| {
+        let mut wanted_memory = None;
+        type Mapped<'a, P> = (Option<P>, (Option<KeptBlock<'a>>, u64));
+        let fold = |log: usize, (partial, (block, place)): Mapped<'a, P::Partial>| {
             if let Some(partial) = partial {
                 pass.merge(&mut all, partial);
             }
-            other_bytes += block.as_ref().map_or(0, KeptBlock::other_bytes);
-            let Some(block) = block.filter(|_| other_bytes <= KEPT_BYTES) else {
+            // What all would take, by what those before this block have: known in time, the memory
+            // is not touched in vain.
+            let text = before[log] + place;
+            let expected = (u128::from(kept_bytes) * u128::from(all_text))
+                .checked_div(u128::from(text))
+                .map_or(0, |bytes| u64::try_from(bytes).unwrap_or(u64::MAX));
+            if is_kept.load(Ordering::Relaxed) && (block.is_none() || expected > memory) {
                 is_kept.store(false, Ordering::Relaxed);
+                wanted_memory =
+                    Some(if expected > 0 { expected } else { all_text / SHARE_OF_TEXT });
                 kept.truncate(if log < self.train { 0 } else { self.train });
-                return;
-            };
-            if let Some(kept) = kept.get_mut(log) {
+            }
+            if let (Some(block), Some(kept)) =
+                (block.filter(|_| is_kept.load(Ordering::Relaxed)), kept.get_mut(log))
+            {
+                kept_bytes += block.bytes();
                 kept.push(block);
             }
         };
         let (summaries, workers) = self.read_logs(0..logs, &self.read, init, map, fold)?;
-        (self.summaries, self.kept) = (summaries, kept);
+        (self.summaries, self.kept, self.wanted_memory) = (summaries, kept, wanted_memory);
         PassWorker::merge(workers, &mut all);
         Ok(all)
     }

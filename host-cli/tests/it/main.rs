@@ -29,12 +29,14 @@ mod exact_sums;
 mod found_groups;
 mod golden;
 mod hostile;
+mod instruction_sets;
 #[cfg(all(unix, feature = "live"))]
 mod live;
 mod log_bad_input;
 mod log_containers;
 mod log_formats;
 mod log_real;
+mod memory;
 mod noise;
 mod one_pipeline;
 mod outages;

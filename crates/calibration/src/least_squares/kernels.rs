@@ -3,9 +3,10 @@
 //! Compiled for the widest vectors that the machine has, as those of
 //! [`vectors`](crate::vectors).
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use crate::double_double::{DoubleDouble, two_product, two_sum};
+use shell_data::instructions::arch;
 
 /// Sums carried side by side: enough to hide how long one addition takes.
 pub(super) const LANES: usize = 16;
@@ -20,7 +21,7 @@ pub(super) struct Wide<'a> {
 /// `xᵀy` as if computed in double-double and rounded last: compensated summation (Ogita, Rump and
 /// Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
 pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
-    Arch::new().dispatch(Dot { x, y })
+    arch().dispatch(Dot { x, y })
 }
 
 struct Dot<'a> {
@@ -75,7 +76,7 @@ fn lanes<const X: bool, const Y: bool>(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble
 
 /// `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
 pub(super) fn add_multiple(heads: &mut [f64], tails: &mut [f64], c: DoubleDouble, x: Wide<'_>) {
-    Arch::new().dispatch(AddMultiple { heads, tails, c, x });
+    arch().dispatch(AddMultiple { heads, tails, c, x });
 }
 
 struct AddMultiple<'a> {

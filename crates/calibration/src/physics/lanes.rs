@@ -121,7 +121,8 @@ fn polynomial<S: Simd, const N: usize>(simd: S, x: S::f64s, coefficients: &[f64;
 
 #[cfg(test)]
 mod tests {
-    use pulp::{Arch, WithSimd};
+    use pulp::WithSimd;
+    use shell_data::instructions::arch;
 
     use super::*;
     use crate::physics::response::Answer;
@@ -147,7 +148,7 @@ mod tests {
         for place in -400..=400 {
             let q = f64::from(place) / 8.0;
             for nu in [0.3, 1.0, 2.7] {
-                let found = Arch::new().dispatch(At { q, h: 1.3, nu });
+                let found = arch().dispatch(At { q, h: 1.3, nu });
                 let expected = Answer::at_displacement(q, 0.0, 1.3, nu);
                 // The derivative by ln ν is the last of the gradient.
                 let by_shape = expected.gradient(&[0.0; 6])[9];

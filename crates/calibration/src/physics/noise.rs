@@ -14,7 +14,8 @@
 //! Soc. B 39, 1977).
 
 use super::lanes::MOST_LANES;
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
+use shell_data::instructions::arch;
 
 /// Least variances, of a reading in units of its range: a thousandth squared, less than one count
 /// of ten bits.
@@ -60,7 +61,7 @@ impl Noise {
         (0..steps).fold(self, |noise, _| {
             let mut sums = LikelihoodSums::default();
             for column in residuals {
-                sums = Arch::new().dispatch(Add { sums, noise, column });
+                sums = arch().dispatch(Add { sums, noise, column });
             }
             let [a, b, c, d, e] = sums.0.map(|lanes| lanes.iter().sum::<f64>());
             let Self { reading, displacement } = noise;

@@ -3,12 +3,13 @@
 //! Rows are dealt in turn to [`MOST_LANES`] sums, which are added at the end, in vectors of any
 //! width: the bits are the same on every machine.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 use super::data::Data;
 use super::lanes::{Answers, MOST_LANES};
 use super::noise::Residual;
 use super::response::{PARAMETERS, Parameters, SHAPE};
+use shell_data::instructions::arch;
 
 /// Places of the lower triangle of a matrix of the parameters.
 const TRIANGLE: usize = PARAMETERS * (PARAMETERS + 1) / 2;
@@ -27,7 +28,7 @@ pub(super) struct Sums {
 impl Sums {
     /// At the parameters `p`.
     pub(super) fn of(p: &Parameters, data: &Data<'_>) -> Self {
-        Arch::new().dispatch(SumsOf { p, data })
+        arch().dispatch(SumsOf { p, data })
     }
 }
 
@@ -37,7 +38,7 @@ pub(super) fn residuals(
     covariance: &[Parameters; PARAMETERS],
     data: &Data<'_>,
 ) -> Vec<Residual> {
-    Arch::new().dispatch(ResidualsOf { p, covariance, data })
+    arch().dispatch(ResidualsOf { p, covariance, data })
 }
 
 struct SumsOf<'a> {

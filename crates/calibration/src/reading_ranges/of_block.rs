@@ -1,10 +1,11 @@
 //! The ranges of the readings of a block of rows.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use super::ranges::{ReadingRange, ReadingRanges};
 use crate::error::FitError;
 use shell_data::block::Block;
+use shell_data::instructions::arch;
 use shell_data::wrench::Axis;
 
 impl ReadingRanges {
@@ -21,12 +22,12 @@ impl ReadingRanges {
             .map(|i| format!("s{i}"))
             .chain(Axis::ALL.map(|axis| axis.name().to_owned()));
         for (name, column) in names.zip(block.readings.iter().chain(&block.wrench)) {
-            if !Arch::new().dispatch(AllFinite(column)) {
+            if !arch().dispatch(AllFinite(column)) {
                 let row = column.iter().position(|x| !x.is_finite()).unwrap_or(0);
                 return Err(FitError::NotFinite { column: name, row });
             }
         }
-        let ranges = block.readings.iter().map(|c| Arch::new().dispatch(RangeOf(c))).collect();
+        let ranges = block.readings.iter().map(|c| arch().dispatch(RangeOf(c))).collect();
         Ok(Self { rows: block.rows as u64, channels: ranges })
     }
 }

@@ -1,11 +1,12 @@
 //! Standard errors of converted samples, with or without a tare.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use super::covariance::{CoefficientCovariance, Covariance, TriangularColumns};
 use crate::conversion::{Calibration, Kind};
 use crate::features::{Features, LANES, RowLanes};
 use crate::physics::Flags;
+use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
 /// The unloaded state that later samples are measured from.
@@ -104,7 +105,7 @@ impl Calibration {
         };
         let Some(covariance) = &self.covariance else { return false };
         let features = vec![[0.0; LANES]; polynomial.features().len()];
-        Arch::new().dispatch(Errors {
+        arch().dispatch(Errors {
             features: polynomial.features(),
             covariance,
             readings,

@@ -7,8 +7,9 @@
 //! push from the side at some height is a force and a moment.
 
 use faer::{Mat, Side};
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
+use shell_data::instructions::arch;
 use shell_data::statistics::MergeWeights;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -109,7 +110,7 @@ impl WrenchSums {
         if rows == 0 {
             return Self::default();
         }
-        Arch::new().dispatch(SumsOf(wrench))
+        arch().dispatch(SumsOf(wrench))
     }
 
     /// Adds the rows of `other`.

@@ -26,13 +26,14 @@
 use std::ops::Range;
 
 use faer::Mat;
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use crate::conversion::Calibration;
 use crate::features::Features;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use crate::solver::Solution;
 use shell_data::block::Block;
+use shell_data::instructions::arch;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
 
@@ -228,7 +229,7 @@ impl Judge {
         spread: &Spread,
         has_left_out: &dyn Fn(usize) -> bool,
     ) -> Vec<Judged> {
-        let found = Arch::new().dispatch(Excess { noise: &self.noise, block, predicted, spread });
+        let found = arch().dispatch(Excess { noise: &self.noise, block, predicted, spread });
         // What is beside the first and the last row is in other blocks.
         let is_edge = |row: usize| row == 0 || row + 1 == block.rows;
         let is_looked_at = |&row: &usize| found[row] > 1.0 || is_edge(row) || has_left_out(row);

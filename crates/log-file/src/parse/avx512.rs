@@ -19,9 +19,8 @@ pub(crate) struct Widest {
 }
 
 impl Widest {
-    /// `None` on processors that are not such.
-    pub(crate) fn detect() -> Option<Self> {
-        Some(Self { v4: V4::try_new()?, wide: Avx2::detect()? })
+    pub(crate) fn new(v4: V4) -> Self {
+        Self { v4, wide: Avx2::new(*v4) }
     }
 }
 

@@ -6,6 +6,8 @@
 //! contain a line break.
 
 use memchr::{memchr, memchr_iter};
+use pulp::Arch;
+use shell_data::instructions::arch;
 
 use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
@@ -117,15 +119,24 @@ impl RowPlan {
         skip_bad_rows: bool,
         parsed: &mut ParsedRows,
     ) -> Result<(), RowError> {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(widest) = Widest::detect() {
-            return self.parse_lines_with(widest, lines, skip_bad_rows, parsed);
+        self.parse_lines_by(arch(), lines, skip_bad_rows, parsed)
+    }
+
+    /// The same by one of the sets of instructions that this processor has.
+    fn parse_lines_by(
+        &self,
+        instructions: Arch,
+        lines: &[u8],
+        skip_bad_rows: bool,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), RowError> {
+        match instructions {
+            #[cfg(target_arch = "x86_64")]
+            Arch::V4(v4) => self.parse_lines_with(Widest::new(v4), lines, skip_bad_rows, parsed),
+            #[cfg(target_arch = "x86_64")]
+            Arch::V3(v3) => self.parse_lines_with(Avx2::new(v3), lines, skip_bad_rows, parsed),
+            _ => self.parse_lines_with(Portable, lines, skip_bad_rows, parsed),
         }
-        #[cfg(target_arch = "x86_64")]
-        if let Some(wide) = Avx2::detect() {
-            return self.parse_lines_with(wide, lines, skip_bad_rows, parsed);
-        }
-        self.parse_lines_with(Portable, lines, skip_bad_rows, parsed)
     }
 
     fn parse_lines_with(
@@ -480,6 +491,7 @@ fn parse_unusual(lines: &[u8], start: usize, end: usize) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use shell_data::instructions::available;
 
     use super::*;
 
@@ -491,14 +503,10 @@ mod tests {
         RowPlan { separator: b',', uses, group: Some(1), names, largest_reading: 65_535.0 }
     }
 
-    fn parse(
-        set: impl InstructionSet,
-        lines: &[u8],
-        skip: bool,
-    ) -> (Result<(), RowError>, ParsedRows) {
+    fn parse(instructions: Arch, lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) {
         let mut parsed = ParsedRows::default();
         parsed.clear(NUMBERS, 0);
-        let result = plan().parse_lines_with(set, lines, skip, &mut parsed);
+        let result = plan().parse_lines_by(instructions, lines, skip, &mut parsed);
         parsed.finish();
         (result, parsed)
     }
@@ -529,13 +537,9 @@ mod tests {
     fn assert_all_ways_agree(lines: &[u8]) {
         for skip in [false, true] {
             let (result, expected) = parse_slowly(lines, skip);
-            let mut ways = vec![parse(Portable, lines, skip)];
-            #[cfg(target_arch = "x86_64")]
-            ways.extend(Avx2::detect().map(|wide| parse(wide, lines, skip)));
-            #[cfg(target_arch = "x86_64")]
-            ways.extend(Widest::detect().map(|widest| parse(widest, lines, skip)));
-            for (found, parsed) in ways {
-                assert_eq!(found, result, "{:?}", String::from_utf8_lossy(lines));
+            for (name, instructions) in available() {
+                let (found, parsed) = parse(instructions, lines, skip);
+                assert_eq!(found, result, "{name}: {:?}", String::from_utf8_lossy(lines));
                 if result.is_ok() {
                     assert_eq!(bits(&parsed), bits(&expected));
                     assert_eq!(parsed, expected, "{:?}", String::from_utf8_lossy(lines));
@@ -617,7 +621,7 @@ mod tests {
             ("1,a,,2\n3,a,,", 1, true),
             ("1,a,,2\n,a,,4", 1, false),
         ] {
-            let (result, parsed) = parse(Portable, lines.as_bytes(), false);
+            let (result, parsed) = parse(Arch::Scalar, lines.as_bytes(), false);
             assert_eq!((parsed.rows, result.is_ok()), (rows, is_right), "{lines}");
         }
     }

@@ -29,10 +29,6 @@ pub(crate) struct ConfigArgs {
     /// Take no settings from a file
     #[arg(long, global = true, help_heading = GLOBAL)]
     no_config: bool,
-
-    /// Say what each setting is, and where it comes from
-    #[arg(long, global = true, help_heading = GLOBAL, conflicts_with = "quiet")]
-    verbose: bool,
 }
 
 /// What a key is in the help of commands: options of the same name are others elsewhere.
@@ -142,9 +138,9 @@ impl Configured {
     }
 
     /// Says where each setting comes from, if that is wanted.
-    pub(crate) fn explain(&self, args: &ConfigArgs, command: &Command, printer: &mut Printer) {
+    pub(crate) fn explain(&self, command: &Command, printer: &mut Printer) {
         let (of_command, given) = innermost(command, &self.matches);
-        for (key, heading) in KEYS.into_iter().filter(|_| args.verbose) {
+        for (key, heading) in KEYS.into_iter().filter(|_| printer.is_verbose()) {
             let is_same = |option: &&Arg| heading.is_none() || option.get_help_heading() == heading;
             let Some(option) = option(of_command, key).filter(is_same) else { continue };
             let values = given.get_raw(option.get_id().as_str()).into_iter().flatten();
@@ -159,7 +155,7 @@ impl Configured {
                 None if values.is_empty() => continue,
                 None => "the default".to_owned(),
             };
-            printer.note(format!("--{key} {}: from {origin}", values.join(",")));
+            printer.detail(format!("--{key} {}: from {origin}", values.join(",")));
         }
     }
 }

@@ -14,6 +14,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{ArgMatches, CommandFactory, FromArgMatches};
+use shell_data::instructions;
 use shellcal::output;
 
 fn main() -> ExitCode {
@@ -48,6 +49,7 @@ fn run(
     matches: ArgMatches,
     printer: &mut printer::Printer,
 ) -> anyhow::Result<outcome::Outcome> {
+    instructions::chosen()?;
     let arguments = std::env::args_os().collect();
     let configured = config::configure(arguments, command, config, matches)?;
     let args = parsed(command, &configured.matches);
@@ -55,6 +57,6 @@ fn run(
     if let Some(file) = configured.file() {
         outputs.protect(file)?;
     }
-    configured.explain(config, command, printer);
+    configured.explain(command, printer);
     args.command.run(printer, &outputs, args::Args::command)
 }

@@ -23,6 +23,10 @@ pub(crate) struct OutputArgs {
     #[arg(long, short, global = true, help_heading = GLOBAL)]
     quiet: bool,
 
+    /// Say more: what each setting is and where it comes from, how the work is done
+    #[arg(long, global = true, help_heading = GLOBAL, conflicts_with = "quiet")]
+    verbose: bool,
+
     /// How tables are printed: text, markdown or csv; with csv nothing else goes to the standard output
     #[arg(long = "as", global = true, value_name = "FORM", value_enum, default_value_t = TableForm::Text, conflicts_with = "json", hide_possible_values = true)]
     form: TableForm,
@@ -171,6 +175,18 @@ impl Printer {
     /// Writes a note about the work to stderr, but not with `--quiet`.
     pub(crate) fn note(&mut self, text: impl AsRef<str>) {
         if !self.options.quiet {
+            self.talk("", Tint::None, text.as_ref());
+        }
+    }
+
+    /// Whether more is to be said.
+    pub(crate) fn is_verbose(&self) -> bool {
+        self.options.verbose
+    }
+
+    /// Writes a note about how the work is done to stderr, with `--verbose` only.
+    pub(crate) fn detail(&mut self, text: impl AsRef<str>) {
+        if self.options.verbose {
             self.talk("", Tint::None, text.as_ref());
         }
     }

@@ -1,8 +1,9 @@
 //! The unit and the range of the readings of a channel.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use super::reading_unit::ReadingUnit;
+use shell_data::instructions::arch;
 
 /// The unit and the range of the readings of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +58,7 @@ impl ChannelRange {
 /// bits.
 pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
     if known == ReadingUnit::COUNT {
-        let (lowest, highest, integers) = Arch::new().dispatch(ScanIntegers(column));
+        let (lowest, highest, integers) = arch().dispatch(ScanIntegers(column));
         if integers && (column.is_empty() || fits(lowest) && fits(highest)) {
             return Ok(ChannelRange {
                 unit: known,

@@ -1,8 +1,9 @@
 //! Cholesky factorisation in double-double arithmetic, vectorised.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use crate::double_double::DoubleDouble;
+use shell_data::instructions::arch;
 
 /// Right-hand sides that are solved for at once: six axes, and two idle ones to fill a vector.
 pub(crate) const LANES: usize = 8;
@@ -80,7 +81,7 @@ impl Bordered {
     /// # Errors
     /// The column at which the matrix turned out not to be positive definite.
     pub(crate) fn factor(&mut self) -> Result<(), usize> {
-        Arch::new().dispatch(CholeskyFactor(self))
+        arch().dispatch(CholeskyFactor(self))
     }
 
     #[inline(always)]
@@ -123,12 +124,12 @@ impl Bordered {
 
     /// `x` with `R·x = y`, in place.
     pub(crate) fn solve_upper(&self, y: &mut [AxisRow]) {
-        Arch::new().dispatch(SolveUpper(self, y));
+        arch().dispatch(SolveUpper(self, y));
     }
 
     /// `y` with `Rᵀ·y = b`, in place.
     pub(crate) fn solve_lower(&self, b: &mut [AxisRow]) {
-        Arch::new().dispatch(SolveLower(self, b));
+        arch().dispatch(SolveLower(self, b));
     }
 }
 

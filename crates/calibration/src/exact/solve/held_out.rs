@@ -14,7 +14,7 @@
 //! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
 //! before the tenth was wrong.
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
 use super::fit::{Fit, SolveError};
@@ -26,6 +26,7 @@ use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
 use crate::model::Term;
 use crate::quality::AxisQuality;
+use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
 /// Pivots of Cholesky, relative to the diagonal, above which its coefficients have more than ten
@@ -147,7 +148,7 @@ impl EquationScales {
     /// The errors of scaled coefficients on a part.
     fn errors(&self, part: &PartMoments, coefficients: &[AxisRow]) -> PerAxis<HeldOutErrors> {
         let (sums, squares) =
-            Arch::new().dispatch(Errors { columns: &self.columns, part, coefficients });
+            arch().dispatch(Errors { columns: &self.columns, part, coefficients });
         std::array::from_fn(|axis| {
             let unit = power_of_two(self.axes[axis]);
             HeldOutErrors {

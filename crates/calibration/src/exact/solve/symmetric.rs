@@ -10,12 +10,13 @@ use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::{Mat, Par, Side};
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 
 use super::cholesky::{AxisRow, ElementLanes, LANES};
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::rounding::round;
+use shell_data::instructions::arch;
 
 /// A symmetric matrix.
 #[derive(Clone, Debug)]
@@ -66,7 +67,7 @@ impl Symmetric {
 
     /// `b − A·x`.
     pub(crate) fn residual(&self, b: &[AxisRow], x: &[AxisRow]) -> Vec<AxisRow> {
-        Arch::new().dispatch(Residual { matrix: self, b, x })
+        arch().dispatch(Residual { matrix: self, b, x })
     }
 
     /// `x` with `A·x = b`, to about 20 digits; `None` if that cannot be computed this way.

@@ -9,8 +9,6 @@
 
 use std::sync::Arc;
 
-use pulp::Arch;
-
 use super::block_sums::{Scratch, SumBlock};
 use super::digits::{Digits, Numbers};
 use super::expected_rows::ExpectedRows;
@@ -25,6 +23,7 @@ use crate::exact::moments::layout::MomentLayout;
 use crate::exact::moments::product_sums::Moments;
 use crate::exact::moments::reading_unit::count;
 use crate::model::Basis;
+use shell_data::instructions::arch;
 use shell_data::wrench::Axis;
 
 /// Sums rows of readings and wrenches exactly, in memory that does not grow with the rows.
@@ -244,7 +243,7 @@ impl Accumulator {
 
     fn sum(&mut self) -> bool {
         let open = self.open.as_mut().expect("opened before");
-        Arch::new().dispatch(SumBlock {
+        arch().dispatch(SumBlock {
             layout: &self.layout,
             open,
             rows: self.staged,

@@ -131,7 +131,7 @@ mod tests {
                     .flat_map(|a| right.chunks(ROWS).map(move |b| dot(a, b)))
                     .collect();
                 let mut out = vec![f64::NAN; lefts * rights];
-                pulp::Arch::new().dispatch(Products(&left, &right, &mut out));
+                shell_data::instructions::arch().dispatch(Products(&left, &right, &mut out));
                 assert_eq!(out, expected);
                 out.fill(f64::NAN);
                 products(pulp::Scalar::new(), &left, 0..lefts, &right, &mut out);

@@ -21,12 +21,11 @@ mod lane_cholesky;
 mod newton;
 mod ready;
 
-use pulp::Arch;
-
 use self::newton::Invert;
 use self::ready::Ready;
 use super::model::PhysicsModel;
 use super::noise::Noise;
+use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
 /// A wrench and how far to trust it.
@@ -129,7 +128,7 @@ impl Inversion {
         };
         let mut sums = column();
         let invert = Invert { inversion: self, readings, out: &mut out, sums: &mut sums };
-        Arch::new().dispatch(invert);
+        arch().dispatch(invert);
         (out, sums)
     }
 

@@ -96,8 +96,8 @@ pub(crate) enum Command {
     /// Fit a calibration to logs with readings and a measured wrench
     ///
     /// Prints the error of every axis, on the training logs and on test logs that the fit has not
-    /// seen. Some 100,000 rows are kept; where there are more, they are read twice: memory
-    /// does not grow with the logs.
+    /// seen. Rows are kept in the memory of `--memory`; where they take more, they are read twice:
+    /// memory does not grow with the logs.
     Fit(Deferred<fit::FitArgs>),
 
     /// Merge partial fits to a calibration

@@ -164,9 +164,16 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "FILE.csv")]
     dropped: Option<OutputPath>,
 
+    /// Memory that rows may take, so that logs are read once; those whose rows take more are read twice
+    #[arg(long, value_name = "MB", default_value_t = 256)]
+    memory: u64,
+
     #[command(flatten)]
     mapping: MappingArgs,
 }
+
+/// A megabyte, as `--memory` has it.
+const MEGABYTE: u64 = 1_000_000;
 
 /// The share of test rows on plateaus of the training data that is worth a word.
 const MUCH_SHARED: f64 = 0.1;
@@ -252,6 +259,13 @@ impl FitArgs {
             .map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
 
+        if let Some(wanted) = fitted.wanted_memory {
+            printer.detail(format!(
+                "the logs were read twice: their rows would take about {} MB, and `--memory` allows {} MB",
+                wanted.div_ceil(MEGABYTE),
+                self.memory
+            ));
+        }
         if let Some(reason) = &fitted.not_exact {
             printer.warning(format!("not solved exactly but by refined QR: {reason}"));
         }
@@ -327,6 +341,7 @@ impl FitArgs {
             covariance: choice.covariance_from(self.covariance_rule()),
             plot: self.plot.is_some(),
             looks: self.outliers == OutliersArg::Report,
+            memory: self.memory.saturating_mul(MEGABYTE),
             read,
         }
     }
