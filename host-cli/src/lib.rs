@@ -39,6 +39,7 @@ pub mod forces;
 pub mod input;
 pub mod link;
 pub mod output;
+pub mod payload;
 mod random;
 pub mod recording;
 pub mod report;
