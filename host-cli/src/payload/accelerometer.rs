@@ -8,19 +8,19 @@
 //! Its offsets are then no different from the sensor's zero, and stay in it.
 
 use faer::Mat;
-use serde::{Deserialize, Serialize};
 
 use super::PayloadError;
 use super::fit::{LEAST_SPREAD, check_spread, spread};
 use super::vector::{
-    Matrix, Vector, add, dot, inverse, mean, norm, product, scaled, subtract, sum_of_products, times,
+    Matrix, Vector, add, dot, inverse, mean, norm, product, scaled, subtract, sum_of_products,
+    times,
 };
 
 /// The least poses for the twelve numbers of an accelerometer.
 const LEAST_POSES: usize = 6;
 
 /// How an accelerometer sits at the sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accelerometer {
     /// From accelerations as they stand in logs to gravity in the sensor's frame, m/s².
     pub matrix: Matrix,
@@ -87,7 +87,8 @@ pub fn frame_from_forces(
     let not_finite = || PayloadError::NotFinite { pose: 1 };
     let svd = Mat::from_fn(3, 3, |i, j| products[i][j]).svd().map_err(|_| not_finite())?;
     let (u, v) = (svd.U(), svd.V());
-    let column = |m: faer::MatRef<'_, f64>, j: usize| -> Vector { std::array::from_fn(|i| m[(i, j)]) };
+    let column =
+        |m: faer::MatRef<'_, f64>, j: usize| -> Vector { std::array::from_fn(|i| m[(i, j)]) };
     let handed = |m| dot(column(m, 0), super::vector::cross(column(m, 1), column(m, 2)));
     // A mirror image is no rotation: the weakest direction is turned over.
     let signs = [1.0, 1.0, (handed(u) * handed(v)).signum()];

@@ -12,7 +12,6 @@
 //! moments; those of c and T₀ include that of m. c needs gravity to turn about two axes or more: along a
 //! single line of directions its component on that line has no lever.
 
-use serde::{Deserialize, Serialize};
 use shell_data::wrench::PerAxis;
 
 use super::vector::{Vector, add, cross, dot, inverse, mean, norm, scaled, subtract, times};
@@ -35,10 +34,9 @@ pub struct Pose {
 }
 
 /// What a sensor carries, and how sure that is.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PayloadFit {
     /// What it carries.
-    #[serde(flatten)]
     pub payload: Payload,
     /// The standard error of each number.
     pub standard_errors: Payload,
@@ -61,7 +59,8 @@ pub fn fit(poses: &[Pose]) -> Result<PayloadFit, PayloadError> {
     if poses.len() < LEAST_POSES {
         return Err(PayloadError::TooFewPoses { found: poses.len(), needed: LEAST_POSES });
     }
-    let is_finite = |pose: &Pose| pose.wrench.iter().chain(&pose.gravity_m_s2).all(|v| v.is_finite());
+    let is_finite =
+        |pose: &Pose| pose.wrench.iter().chain(&pose.gravity_m_s2).all(|v| v.is_finite());
     if let Some(bad) = poses.iter().position(|pose| !is_finite(pose)) {
         return Err(PayloadError::NotFinite { pose: bad + 1 });
     }
@@ -78,9 +77,8 @@ pub fn fit(poses: &[Pose]) -> Result<PayloadFit, PayloadError> {
     let pull = |pose: &Pose| dot(turn(pose), subtract(force(pose), mean_force));
     let mass_kg = poses.iter().map(pull).sum::<f64>() / squares;
     let force_bias_n = subtract(mean_force, scaled(gravity, mass_kg));
-    let left = |pose: &Pose| {
-        subtract(force(pose), add(scaled(pose.gravity_m_s2, mass_kg), force_bias_n))
-    };
+    let left =
+        |pose: &Pose| subtract(force(pose), add(scaled(pose.gravity_m_s2, mass_kg), force_bias_n));
     let force_squares: f64 = poses.iter().map(|pose| dot(left(pose), left(pose))).sum();
     let force_variance = force_squares / (3.0 * n - 4.0);
     let mass_error = (force_variance / squares).sqrt();
@@ -88,8 +86,7 @@ pub fn fit(poses: &[Pose]) -> Result<PayloadFit, PayloadError> {
     if mass_kg.is_nan() || mass_kg <= 2.0 * mass_error {
         return Err(PayloadError::NoMass { mass_kg, standard_error_kg: mass_error });
     }
-    let force_bias_error =
-        gravity.map(|g| (force_variance * (1.0 / n + g * g / squares)).sqrt());
+    let force_bias_error = gravity.map(|g| (force_variance * (1.0 / n + g * g / squares)).sqrt());
 
     let weight = |pose: &Pose| scaled(turn(pose), mass_kg);
     let mut normal = [[0.0; 3]; 3];
@@ -148,7 +145,8 @@ pub(super) fn spread(
     let size = gravity.map(norm).sum::<f64>() / count;
     let total: f64 = turns.clone().map(|turn| dot(turn, turn)).sum();
     // The main line by power iteration: no more than its size is wanted.
-    let mut line = turns.clone().max_by(|a, b| dot(*a, *a).total_cmp(&dot(*b, *b))).unwrap_or_default();
+    let mut line =
+        turns.clone().max_by(|a, b| dot(*a, *a).total_cmp(&dot(*b, *b))).unwrap_or_default();
     let mut along = 0.0;
     for _ in 0..200 {
         let size = norm(line);

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Poses at rest whose orientation is known
-//! give all ten by least squares ([`fit`]), and the frame, scale and offset of an accelerometer besides
+//! give all ten by least squares ([`fit()`]), and the frame, scale and offset of an accelerometer besides
 //! ([`Accelerometer`]). In a run the accelerometer then says g at any time ([`Motion`]), and the load is taken
 //! off. Torque from turning faster and faster (the tensor of inertia) is not modelled: that needs rates of
 //! turn.
@@ -30,7 +30,6 @@ pub use lag::{Lag, find_lag};
 pub use motion::{Motion, MotionError};
 pub use vector::{Matrix, Vector, norm};
 
-use serde::{Deserialize, Serialize};
 use shell_data::wrench::PerAxis;
 use vector::cross;
 
@@ -38,7 +37,7 @@ use vector::cross;
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
 /// A rigid body on a sensor, and the sensor's zero.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Payload {
     /// Mass m, kg.
     pub mass_kg: f64,

@@ -138,7 +138,9 @@ mod tests {
     fn a_motion_is_straight_between_samples_and_held_beyond() {
         let motion =
             Motion::new(&[1.0, 2.0, 2.0, 4.0], &[[0.0; 3], [1.0; 3], [9.0; 3], [3.0; 3]]).unwrap();
-        for (time, value) in [(0.0, 0.0), (1.5, 0.5), (2.0, 1.0), (3.0, 2.0), (4.0, 3.0), (9.0, 3.0)] {
+        for (time, value) in
+            [(0.0, 0.0), (1.5, 0.5), (2.0, 1.0), (3.0, 2.0), (4.0, 3.0), (9.0, 3.0)]
+        {
             assert_eq!(motion.at(time), [value; 3], "{time}");
         }
         assert_eq!(motion.clone().earlier_by(1.0).at(0.5), [0.5; 3]);

@@ -55,7 +55,13 @@ const ALL: Columns =
     Columns { time: true, axes: [true; 6], standard_errors: false, interval: None, flags: true };
 
 fn options() -> ConvertOptions {
-    ConvertOptions { rows: Rows::All, forces: ForceOptions::RAW, columns: ALL, full_scale: None }
+    ConvertOptions {
+        rows: Rows::All,
+        forces: ForceOptions::RAW,
+        load: None,
+        columns: ALL,
+        full_scale: None,
+    }
 }
 
 fn low_pass(cutoff_hz: f64, zero_phase: bool) -> Option<LowPass> {

@@ -35,6 +35,7 @@ mod one_pipeline;
 mod outages;
 mod outliers;
 mod partial_fits;
+mod payload;
 mod physics_command;
 mod prediction_intervals;
 mod readme;
