@@ -46,7 +46,7 @@ fn interval_factors(calibration: &Calibration, level: f64) -> Result<PerAxis<f64
     match calibration.kind() {
         Kind::Polynomial(_) => {
             let covariance = calibration.covariance.as_ref().ok_or(ConvertError::NoCovariance)?;
-            Ok(covariance.interval_factors(level))
+            Ok(covariance.interval_factors(level)?)
         }
         Kind::Physics(physics) => {
             let intervals = physics.intervals.as_ref().ok_or(ConvertError::NoCovariance)?;

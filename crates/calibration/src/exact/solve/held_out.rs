@@ -145,7 +145,11 @@ impl EquationScales {
     }
 
     /// The errors of scaled coefficients on a part.
-    fn errors(&self, part: &PartMoments, coefficients: &[AxisRow]) -> PerAxis<HeldOutErrors> {
+    pub(super) fn errors(
+        &self,
+        part: &PartMoments,
+        coefficients: &[AxisRow],
+    ) -> PerAxis<HeldOutErrors> {
         let (sums, squares) =
             Arch::new().dispatch(Errors { columns: &self.columns, part, coefficients });
         std::array::from_fn(|axis| {
