@@ -28,6 +28,13 @@ pub enum SetupError {
         /// The length of a beam in m; the depth must be less than twice this.
         beam_length_m: f64,
     },
+    /// Friction holds a tip where bar and spring balance: the body cannot pass.
+    Locks {
+        /// Which wall.
+        wall: Wall,
+        /// The coefficient of friction.
+        friction: f64,
+    },
     /// The middle of the body lies on or beyond the line of a wall's beam tips.
     BeyondTips {
         /// Which wall.
@@ -51,6 +58,11 @@ impl fmt::Display for SetupError {
                  twice their length of {:.2} mm or more they cannot turn out of its way",
                 1e3 * depth_m,
                 1e3 * beam_length_m
+            ),
+            Self::Locks { wall, friction } => write!(
+                f,
+                "the body jams: at a friction coefficient of {friction} the tips of the {wall} beams do not slide \
+                 along it"
             ),
             Self::BeyondTips { wall, offset_m, half_width_m } => write!(
                 f,

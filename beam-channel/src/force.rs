@@ -4,6 +4,7 @@ use libm::{atan2, sqrt};
 
 use crate::contact::Contact;
 use crate::path::Path;
+use crate::setup::LEAST_FRICTION;
 use crate::{Angle, Normal, Setup};
 
 /// What one beam does to the body.
@@ -20,6 +21,9 @@ pub struct BeamForce {
 }
 
 /// The paper's force of a beam, `(k_t/L)·Δθ·(n̂ + μ_k·t̂)`.
+///
+/// Bar and spring balance if its part across the bar, along `ê = (upright, reach)/L`, is `(k_t/L)·Δθ`: where that is
+/// asked for, the force is divided by `(n̂ + μ_k·t̂)·ê`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Law {
     /// `k_t/L`, in N/rad.
@@ -47,7 +51,7 @@ impl Law {
     #[inline]
     pub(crate) fn force(&self, path: &Path, contact: &Contact) -> BeamForce {
         let deflection_rad = self.deflection(path, contact);
-        let push = self.stiffness * deflection_rad / sqrt(self.square(contact));
+        let push = self.stiffness * deflection_rad / self.divisor(path, contact);
         let Contact { sin, cos, back, out, .. } = *contact;
         let fx_n = -push * (out + self.friction * back);
         let fy_n = -push * (back - self.friction * out);
@@ -60,7 +64,7 @@ impl Law {
         self.stiffness
             * self.deflection(path, contact)
             * (contact.out + self.friction * contact.back)
-            / sqrt(self.square(contact))
+            / self.divisor(path, contact)
     }
 
     /// The sign of `d drag/d travel` and its size, in N/m, on the arc of `contact`.
@@ -73,17 +77,25 @@ impl Law {
         let back_slope = path.half_length * cos + path.shear * sin;
         let out_slope = -path.half_width * sin;
         let push_slope = out_slope + self.friction * back_slope;
-        // Half the slope of N².
-        let square_slope = match self.normal {
-            Normal::Unit => back * back_slope + out * out_slope,
-            Normal::AsPrinted => -(back * back_slope + out * out_slope),
+        // Of what the force is divided by, as a share of it.
+        let divisor_slope = match self.normal {
+            Normal::Unit => (back * back_slope + out * out_slope) / self.square(contact),
+            Normal::AsPrinted => -(back * back_slope + out * out_slope) / self.square(contact),
+            Normal::MomentBalance => {
+                let upright = path.beam - rise;
+                let along = back - self.friction * out;
+                let along_slope = back_slope - self.friction * out_slope;
+                let slope = upright * push_slope - out * push
+                    + reach * along_slope
+                    + upright * out * along / reach;
+                slope / (upright * push + reach * along)
+            }
         };
         let past = self.angle == Angle::Folded && rise > path.beam;
         let turned = if past { -out } else { out };
-        let square = self.square(contact);
         let slope = turned * push
-            + reach * self.deflection(path, contact) * (push_slope - push * square_slope / square);
-        self.stiffness * slope / (sqrt(square) * steepness)
+            + reach * self.deflection(path, contact) * (push_slope - push * divisor_slope);
+        self.stiffness * slope / (self.divisor(path, contact) * steepness)
     }
 
     /// `Δθ` in rad. The arctangent is right to rounding where the paper's arcsine is not: near 90°.
@@ -96,12 +108,33 @@ impl Law {
         }
     }
 
-    /// The square of what normal and tangent are divided by, in m².
+    /// What normal and tangent are divided by, in m.
+    #[inline]
+    fn divisor(&self, path: &Path, contact: &Contact) -> f64 {
+        match self.normal {
+            Normal::Unit | Normal::AsPrinted => sqrt(self.square(contact)),
+            Normal::MomentBalance => self.across(path, contact),
+        }
+    }
+
+    /// Whether the tip slides: where the part across the bar of normal and tangent is zero, friction locks it.
+    pub(crate) fn slides(&self, path: &Path, contact: &Contact) -> bool {
+        self.across(path, contact) > 0.5 * LEAST_FRICTION * sqrt(self.square(contact))
+    }
+
+    /// The part across the bar of normal and tangent, unscaled, in m.
+    fn across(&self, path: &Path, contact: &Contact) -> f64 {
+        let Contact { rise, reach, back, out, .. } = *contact;
+        let (push, along) = (out + self.friction * back, back - self.friction * out);
+        ((path.beam - rise) * push + reach * along) / path.beam
+    }
+
+    /// The square of the length of normal and tangent, as the paper has it, in m².
     #[inline]
     fn square(&self, contact: &Contact) -> f64 {
         let length = contact.back * contact.back + contact.out * contact.out;
         match self.normal {
-            Normal::Unit => length,
+            Normal::Unit | Normal::MomentBalance => length,
             // R_x² cos² φ + R_y² sin² φ, where the above is R_y² cos² φ + R_x² sin² φ.
             Normal::AsPrinted => self.axes - length,
         }

@@ -5,7 +5,10 @@ use core::ops::Range;
 
 use crate::contact::Contact;
 use crate::force::{BeamForce, Law};
-use crate::{Setup, SetupError, Side, Wall};
+use crate::{Normal, Setup, SetupError, Side, Wall};
+
+/// Places of each arc at which it is looked whether a tip slides.
+const PLACES: u32 = 64;
 
 /// A body in a channel, all that does not depend on its position worked out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,7 +42,29 @@ impl Model {
         let mirrored = setup.pose.offset_m == 0.0 && setup.pose.yaw_rad == 0.0;
         let left = Side::new(setup, Wall::Left)?;
         let right = if mirrored { left } else { Side::new(setup, Wall::Right)? };
-        Ok(Self { setup: *setup, law: Law::new(setup), sides: [left, right], mirrored })
+        let model = Self { setup: *setup, law: Law::new(setup), sides: [left, right], mirrored };
+        if setup.rules.normal == Normal::MomentBalance {
+            model.check_sliding()?;
+        }
+        Ok(model)
+    }
+
+    /// Whether the tips slide everywhere.
+    fn check_sliding(&self) -> Result<(), SetupError> {
+        for wall in Wall::BOTH {
+            let Some(side) = self.side(wall) else { continue };
+            let ends = side.arcs().iter().map(|arc| arc.bracket.z);
+            // Smooth in z; at the ends themselves it may be zero without friction.
+            let places = ends.flat_map(|[from, to]| {
+                (1..PLACES).map(move |i| from + (to - from) * f64::from(i) / f64::from(PLACES))
+            });
+            for z in places {
+                if !self.law.slides(side.path(), &side.path().place(z)) {
+                    return Err(SetupError::Locks { wall, friction: self.setup.beam.friction });
+                }
+            }
+        }
+        Ok(())
     }
 
     /// What the model was made from.
@@ -168,5 +193,40 @@ impl BeamForce {
         let Self { fx_n, fy_n, mz_nm, deflection_rad } = self;
         let sign = wall.sign();
         Self { fx_n, fy_n: sign * fy_n, mz_nm: sign * mz_nm, deflection_rad }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Angle, Rules};
+
+    /// Without friction nothing takes energy but the springs: the work on a beam is what its spring holds when
+    /// the tip slips off.
+    #[test]
+    fn without_friction_the_work_on_a_beam_is_the_energy_of_its_spring() {
+        for (width_m, offset_m, yaw_rad) in [
+            (0.08, 0.0, 0.0),
+            (0.06, 0.0, 0.0),
+            (0.04, 0.0, 0.0),
+            (0.07, 0.004, 0.2),
+            (0.07, -0.004, -0.3),
+        ] {
+            let mut setup = Setup::default();
+            setup.channel.width_m = width_m;
+            (setup.pose.offset_m, setup.pose.yaw_rad) = (offset_m, yaw_rad);
+            setup.rules = Rules { angle: Angle::True, normal: Normal::MomentBalance };
+            let mut model = Model::new(&setup).unwrap();
+            setup.beam.friction = 0.0;
+            model.law = Law::new(&setup);
+            for (_, side) in model.solved() {
+                let end = side.contact_after(side.travel_m()).unwrap();
+                let deflection = model.law.force(side.path(), &end).deflection_rad;
+                let energy = 0.5 * setup.beam.torsional_stiffness() * deflection * deflection;
+                let work = model.passage(side);
+                // Where the tip slips off the travel stands still: its angle is known to half the digits.
+                assert!((work / energy - 1.0).abs() < 1e-7, "{width_m} {yaw_rad}: {work} {energy}");
+            }
+        }
     }
 }

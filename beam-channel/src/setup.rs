@@ -5,6 +5,9 @@ use crate::SetupError;
 /// Lengths outside this range, in m, are taken for a slip of the unit; within it nothing overflows.
 const LENGTHS: (f64, f64) = (1e-6, 1e6);
 
+/// Less friction leaves the force where a beam slips off without bound, if bar and spring balance.
+pub(crate) const LEAST_FRICTION: f64 = 1e-3;
+
 /// Everything the model needs to know. The default is the robot and the obstacle track of the
 /// paper (its Table I) in the channel of 1 cm deflection (its Table II).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -94,6 +97,10 @@ pub enum Normal {
     /// By the denominator that the paper prints, which has the semi-axes swapped: their length
     /// then runs from `R_y/R_x` at the nose to `R_x/R_y` at the flank.
     AsPrinted,
+    /// So that the moment of the force about the beam's base is that of its spring, which the paper's force has
+    /// only where it is across the beam. Belongs to [`Angle::True`]. Without friction the force would
+    /// grow without bound where a beam slips off.
+    MomentBalance,
 }
 
 impl Default for Ellipse {
@@ -139,7 +146,11 @@ impl Setup {
     /// # Errors
     /// [`SetupError::OutOfRange`] naming the first quantity that makes no sense.
     pub(crate) fn check(&self) -> Result<(), SetupError> {
-        let Self { ellipse, beam, channel, pose, .. } = self;
+        let Self { ellipse, beam, channel, pose, rules } = self;
+        let least_friction = match rules.normal {
+            Normal::Unit | Normal::AsPrinted => 0.0,
+            Normal::MomentBalance => LEAST_FRICTION,
+        };
         let quarter_turn = core::f64::consts::FRAC_PI_2;
         for (quantity, value, (least, greatest)) in [
             ("body's semi-length in m", ellipse.semi_length_m, LENGTHS),
@@ -148,7 +159,7 @@ impl Setup {
             ("beam's width in m", beam.width_m, LENGTHS),
             ("beam's thickness in m", beam.thickness_m, (1e-9, LENGTHS.1)),
             ("flexural modulus in Pa", beam.flexural_modulus_pa, (1.0, 1e15)),
-            ("friction coefficient", beam.friction, (0.0, 100.0)),
+            ("friction coefficient", beam.friction, (least_friction, 100.0)),
             ("channel's width in m", channel.width_m, LENGTHS),
             ("number of beams", f64::from(channel.beams), (1.0, 1e9)),
             ("spacing of the beams in m", channel.pitch_m, LENGTHS),

@@ -3,10 +3,10 @@
 //! Three layers, arrows pointing inward only:
 //!
 //! - *pure core*: the crates [`shell_data`] and [`calibration`], and [`alignment`], [`figures`],
-//!   [`forces`], [`live`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices and matrices
-//!   in, values out; no files, no clocks, no printing;
-//! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`input`], [`link`], [`output`]: the world to
-//!   core types and back, and [`workflow`], which joins them to the core;
+//!   [`forces`], [`live`], [`payload`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices
+//!   and matrices in, values out; no files, no clocks, no printing;
+//! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`input`], [`link`], [`output`],
+//!   [`payload_file`]: the world to core types and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
 //! From a training log to the wrench of a frame:
@@ -40,6 +40,8 @@ pub mod input;
 pub mod link;
 pub mod live;
 pub mod output;
+pub mod payload;
+pub mod payload_file;
 mod random;
 pub mod recording;
 pub mod report;

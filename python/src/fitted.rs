@@ -124,7 +124,10 @@ impl Fitted {
         let refused = |message: String| Told { class: "FitError", message, ..Told::default() };
         match self.0.calibration.kind() {
             Kind::Polynomial(_) => match &self.0.calibration.covariance {
-                Some(covariance) => Ok(covariance.interval_factors(level)),
+                Some(covariance) => {
+                    let factors = covariance.interval_factors(level);
+                    Ok(factors.map_err(|error| refused(error.to_string()))?)
+                }
                 None => Err(refused("the calibration has no covariance".to_owned()).into()),
             },
             Kind::Physics(physics) => match &physics.intervals {

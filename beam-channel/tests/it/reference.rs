@@ -2,7 +2,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use beam_channel::{Angle, Channel, Model, Normal, Plateau, Setup, Turn, Wall};
+use beam_channel::{Angle, Channel, Model, Normal, Plateau, Rules, Setup, Turn, Wall};
 use serde_json::Value;
 
 /// The reference is printed to 15 digits; ten more roundings lie within this.
@@ -332,4 +332,40 @@ fn plateau_of(setup: &Setup, change: &dyn Fn(&mut Setup)) -> Plateau {
     let mut changed = *setup;
     change(&mut changed);
     Model::new(&changed).unwrap().plateau().unwrap()
+}
+
+/// Mean drag where the moment of a force about its beam's base is that of the spring, of the paper's robot: by
+/// an independent quadrature over the place of the tip (numpy, 400 nodes of Gauss and Legendre), whose figures
+/// of the paper's force are those above.
+#[test]
+fn forces_that_balance_their_springs_have_the_means_of_an_independent_computation() {
+    for (width_m, expected) in
+        [(0.08, 0.100_279_455_449), (0.06, 0.197_335_571_349), (0.04, 0.332_538_541_772)]
+    {
+        let mut setup = Setup::default();
+        setup.channel.width_m = width_m;
+        setup.rules = Rules { angle: Angle::True, normal: Normal::MomentBalance };
+        let plateau = Model::new(&setup).unwrap().plateau().unwrap();
+        // Its stiffness was 8.48·10⁻⁴ N·m/rad; the digits given are twelve.
+        assert!((plateau.mean_drag_n / expected - 1.0).abs() < 1e-10, "{plateau:?}");
+        let (low, high) = (plateau.minimum.drag_n, plateau.peak.drag_n);
+        assert!(low < plateau.mean_drag_n && plateau.mean_drag_n < high, "{plateau:?}");
+        // The slope that extremes are roots of is that of the drag.
+        let model = Model::new(&setup).unwrap();
+        for step in 0..400 {
+            let x = plateau.extent_m[0] + f64::from(step) / 400.0 * setup.channel.pitch_m;
+            let drag = -model.total(x).fx_n;
+            assert!((low - 1e-12..=high + 1e-12).contains(&drag), "{x}: {drag} {low} {high}");
+        }
+    }
+}
+
+/// Friction that holds the tips is named.
+#[test]
+fn a_body_that_friction_holds_is_refused() {
+    let rules = Rules { angle: Angle::True, normal: Normal::MomentBalance };
+    let mut setup = Setup { rules, ..Setup::default() };
+    setup.beam.friction = 0.0;
+    let error = Model::new(&setup).unwrap_err();
+    assert!(error.to_string().contains("friction coefficient is 0"), "{error}");
 }

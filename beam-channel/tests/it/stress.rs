@@ -141,6 +141,7 @@ fn setups() -> impl Strategy<Value = Setup> {
     let rules = prop::sample::select(vec![
         Rules::default(),
         Rules { normal: Normal::AsPrinted, angle: Angle::True },
+        Rules { normal: Normal::MomentBalance, angle: Angle::True },
     ]);
     let shape = (decades(1e-3, 1.0), decades(0.02, 50.0), decades(0.02, 50.0), 0.0..1.2_f64);
     let pose = (-0.6..0.6_f64, -1.5..1.5_f64, any::<bool>());

@@ -135,6 +135,13 @@ impl Document {
                 return Err("`covariance.degrees_of_freedom` is `0`".to_owned());
             }
             covariance.shape.clone().value().map_or(Ok(()), |shape| shape.check())?;
+            if let Some(intervals) = &covariance.intervals {
+                intervals.check("covariance.intervals")?;
+            }
+            let is_share = |share: &f64| (0.0..=1.0).contains(share);
+            if !covariance.shared.iter().flatten().all(is_share) {
+                return Err("`covariance.shared` has a share that is not from 0 to 1".to_owned());
+            }
             let residual = &covariance.residual;
             let is_symmetric = |a: usize, b: usize| {
                 let size = (residual[a][a] * residual[b][b]).abs().sqrt();
@@ -179,6 +186,8 @@ mod tests {
                 factor: vec![vec![0.1], vec![0.2, 1e-300], vec![0.3, 5e-324, 0.7]],
             },
             shape: None,
+            shared: None,
+            intervals: None,
         });
         calibration.valid_range = Some(vec![ReadingRange { min: 0.5, max: 4095.0 }; 2]);
         let quality = AxisQuality { rms: 0.1, max: Some(0.4), bias: -1e-17, r_squared: None };

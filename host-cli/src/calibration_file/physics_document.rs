@@ -91,11 +91,7 @@ impl Document {
             return Err("`physics.wrench_scale` is not above zero".to_owned());
         }
         if let Some(intervals) = &self.intervals {
-            let levels = &intervals.levels;
-            let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
-            if !ascending || intervals.factors.iter().any(|f| f.len() != levels.len()) {
-                return Err("`intervals.factors` are not one for each ascending level".to_owned());
-            }
+            intervals.check("intervals")?;
         }
         Ok(())
     }

@@ -205,6 +205,10 @@ stored!(StoredCovariance of Covariance {
     coefficients: StoredCoefficientCovariance,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     shape: Option<StoredErrorShape>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    shared: Option<PerAxis<f64>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    intervals: Option<StoredGroupIntervals>,
 });
 stored!(StoredErrorShape of ErrorShape { levels: Vec<f64>, quantiles: PerAxis<Vec<f64>> });
 
@@ -230,6 +234,18 @@ stored!(StoredGroupIntervals of GroupIntervals {
     levels: Vec<f64>,
     factors: PerAxis<Vec<f64>>,
 });
+
+impl StoredGroupIntervals {
+    /// Whether its parts, in the field of this name, fit together.
+    pub(super) fn check(&self, name: &str) -> Result<(), String> {
+        let Self { levels, factors, .. } = self;
+        let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
+        if !ascending || factors.iter().any(|factors| factors.len() != levels.len()) {
+            return Err(format!("`{name}.factors` are not one for each ascending level"));
+        }
+        Ok(())
+    }
+}
 
 /// [`CoefficientCovariance`] in a document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -20,6 +20,7 @@ pub mod moments;
 pub mod noise;
 pub mod outliers;
 pub mod partial;
+pub mod payload;
 pub mod physics;
 pub mod report;
 pub mod sampling;

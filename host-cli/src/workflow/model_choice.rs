@@ -107,7 +107,8 @@ impl ModelChoice {
 
     /// The groups that were found, where they are not given.
     pub fn found_groups(&self) -> Option<FoundSummary> {
-        self.sums.as_ref().and(self.group_by.as_ref())?.found().map(FoundGroups::summary)
+        let is_used = self.sums.is_some() || self.cross_validation.is_some();
+        self.group_by.as_ref().filter(|_| is_used)?.found().map(FoundGroups::summary)
     }
 }
 
@@ -122,7 +123,8 @@ pub struct FewGroups {
 }
 
 impl FewGroups {
-    fn of(features: usize, groups: usize) -> Option<Self> {
+    /// Of a model with so many features; `None` where the groups are enough.
+    pub fn of(features: usize, groups: usize) -> Option<Self> {
         (2 * features > groups).then_some(Self { features, groups })
     }
 }

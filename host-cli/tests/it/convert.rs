@@ -58,6 +58,7 @@ fn options() -> ConvertOptions {
     ConvertOptions {
         rows: RowFilter::All,
         forces: ForceOptions::RAW,
+        load: None,
         columns: ALL,
         full_scale: None,
     }
@@ -246,6 +247,8 @@ fn standard_errors_are_those_of_the_calibration() {
             factor: vec![vec![1e-4], vec![0.0, 2e-4], vec![0.0, 0.0, 3e-4]],
         },
         shape: None,
+        shared: None,
+        intervals: None,
     });
     let columns = Columns { standard_errors: true, interval: Some(0.95), ..ALL };
     let options = ConvertOptions { columns, ..options() };

@@ -42,6 +42,7 @@ mod one_pipeline;
 mod outages;
 mod outliers;
 mod partial_fits;
+mod payload;
 mod physics_command;
 mod prediction_intervals;
 mod readme;

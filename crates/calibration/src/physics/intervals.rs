@@ -11,6 +11,7 @@
 use std::collections::BTreeMap;
 
 use shell_data::wrench::PerAxis;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 /// The levels that are kept; for one between, the next above.
 pub const LEVELS: [f64; 10] = [0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
@@ -73,6 +74,44 @@ impl Scores {
     }
 }
 
+/// The size at a level, evenly between those of the levels that so many groups tell.
+fn size_between(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
+    let mass = (scores.len() + 1) as f64;
+    let below = (level * mass + 1e-9).floor();
+    let share = (level * mass - below).max(0.0);
+    let low = size_that_holds(scores, axis, below / mass);
+    match share > 1e-9 {
+        true => low + share * (size_that_holds(scores, axis, (below + 1.0) / mass) - low),
+        false => low,
+    }
+}
+
+/// The least size that holds the errors of a new group with a probability of `level`.
+fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
+    let normal = Normal::standard();
+    let within = |size: f64, (mean, scatter): (f64, f64)| match scatter > 0.0 {
+        true => normal.cdf((size - mean) / scatter) - normal.cdf((-size - mean) / scatter),
+        false => f64::from(u8::from(mean <= size)),
+    };
+    let mass = |size: f64| {
+        let held: f64 = scores.iter().map(|score| within(size, score[axis])).sum();
+        held / (scores.len() + 1) as f64
+    };
+    // Eight standard deviations hold all but 10⁻¹⁵.
+    let reach = |score: &PerAxis<(f64, f64)>| score[axis].0 + 8.0 * score[axis].1;
+    let sizes = scores.iter().map(reach).filter(|size| size.is_finite());
+    let (mut below, mut at) = (0.0, sizes.fold(0.0, f64::max));
+    if mass(at) < level - 1e-9 {
+        return f64::INFINITY;
+    }
+    // Each step halves what is left: after sixty no digit is.
+    for _ in 0..60 {
+        let middle = 0.5 * (below + at);
+        if mass(middle) < level - 1e-9 { below = middle } else { at = middle }
+    }
+    at
+}
+
 /// The least G with `G/(G + 1) ≥ level`.
 fn groups_needed(level: f64) -> usize {
     // A level such as 0.95 is not quite 0.95.
@@ -93,6 +132,23 @@ fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
 }
 
 impl GroupIntervals {
+    /// From the errors of every group that was held out, in standard errors: the size of their mean, and how they
+    /// scatter about it, taken as normal. Between the levels that so many groups tell, `k/(G + 1)`, it runs
+    /// evenly. Levels that would take more than is known are left out.
+    pub fn of_groups(scores: &[PerAxis<(f64, f64)>]) -> Self {
+        let groups = scores.len();
+        let is_known = |level: f64| groups_needed(level) <= groups;
+        let mut levels: Vec<f64> = LEVELS.into_iter().filter(|&level| is_known(level)).collect();
+        let mut factors: PerAxis<Vec<f64>> = std::array::from_fn(|axis| {
+            levels.iter().map(|&level| size_between(scores, axis, level)).collect()
+        });
+        let finite = |place: &usize| factors.iter().all(|factors| factors[*place].is_finite());
+        let known = (0..levels.len()).take_while(finite).count();
+        levels.truncate(known);
+        factors.iter_mut().for_each(|factors| factors.truncate(known));
+        Self { groups, levels, factors }
+    }
+
     /// How many standard errors an interval of this level reaches either way, per axis.
     ///
     /// # Errors
@@ -129,6 +185,25 @@ mod tests {
         assert_eq!(scores(&groups[..19]).factors(0.95), Ok([19.0; 6]));
         let refused = scores(&groups[..18]).factors(0.95).unwrap_err();
         assert_eq!((refused.needed, refused.groups), (19, 18));
+    }
+
+    #[test]
+    fn groups_without_scatter_are_as_one_row_each_and_normal_ones_have_normal_quantiles() {
+        let alone: Vec<PerAxis<(f64, f64)>> = (1..=39).map(|i| [(f64::from(i), 0.0); 6]).collect();
+        let intervals = GroupIntervals::of_groups(&alone);
+        for (level, expected) in [(0.95, 38.0), (0.5, 20.0)] {
+            let found = intervals.factors(level).unwrap()[3];
+            assert!((found - expected).abs() < 1e-12, "{found}");
+        }
+        // Many groups that scatter about zero: quantiles of the normal distribution, but for 1/(G + 1).
+        let many = vec![[(0.0, 2.0); 6]; 100_000];
+        let found = GroupIntervals::of_groups(&many).factors(0.95).unwrap()[0];
+        assert!((found - 2.0 * 1.959_964).abs() < 1e-3, "{found}");
+        // Two of forty groups cannot be told: 95 % is beyond what the others hold, 90 % is not.
+        let mut unknown = alone;
+        unknown[..2].fill([(f64::INFINITY, 0.0); 6]);
+        let intervals = GroupIntervals::of_groups(&unknown);
+        assert!(intervals.factors(0.9).is_ok() && intervals.factors(0.95).is_err());
     }
 
     #[test]

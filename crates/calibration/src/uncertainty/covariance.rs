@@ -3,8 +3,10 @@
 use faer::Mat;
 
 use super::interval::{ErrorShape, normal_quantile, student_quantile};
+use super::new_groups::held_out_intervals;
 use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
 use crate::model::Model;
+use crate::physics::{GroupIntervals, TooFewGroups};
 use crate::solver::Solution;
 use crate::validation::ValidationError;
 use crate::validation::grouped::GroupedMoments;
@@ -21,6 +23,10 @@ pub struct Covariance {
     pub coefficients: CoefficientCovariance,
     /// How the training errors are distributed, where that is known.
     pub shape: Option<ErrorShape>,
+    /// The share of the squared errors that the rows of a group have in common, where groups are known.
+    pub shared: Option<PerAxis<f64>>,
+    /// Intervals from groups that were held out, where groups are few.
+    pub intervals: Option<GroupIntervals>,
 }
 
 /// The columns of an upper triangular matrix, of lengths 1, 2, …, one per feature.
@@ -58,6 +64,8 @@ impl Covariance {
             degrees_of_freedom,
             coefficients: CoefficientCovariance::Rows { factor: columns(&factor) },
             shape: None,
+            shared: None,
+            intervals: None,
         })
     }
 
@@ -90,30 +98,37 @@ impl Covariance {
                     },
                 }
             })?;
-        let rows = total.rows() as f64;
         Ok(Self {
-            residual: found.residual_products.map(|row| row.map(|product| product / rows)),
+            residual: found.residual_covariance(total.rows()),
             degrees_of_freedom: found.groups as u64 - 1,
             coefficients: CoefficientCovariance::Groups {
                 groups: found.groups as u64,
                 factors: found.factors.each_ref().map(columns),
             },
             shape: None,
+            shared: Some(found.shared),
+            intervals: held_out_intervals(sums, model, ridge),
         })
     }
 
     /// How many standard errors either way a prediction interval of `level` reaches, per axis.
     ///
+    /// # Errors
+    /// [`TooFewGroups`] where groups are too few to tell.
+    ///
     /// # Panics
     /// If `level` is not above 0 and below 1.
-    pub fn interval_factors(&self, level: f64) -> PerAxis<f64> {
+    pub fn interval_factors(&self, level: f64) -> Result<PerAxis<f64>, TooFewGroups> {
         assert!(0.0 < level && level < 1.0, "a level between 0 and 1");
+        if let Some(intervals) = &self.intervals {
+            return intervals.factors(level);
+        }
         let z = normal_quantile(level);
         let t = student_quantile(level, self.degrees_of_freedom as f64);
-        std::array::from_fn(|axis| match &self.shape {
+        Ok(std::array::from_fn(|axis| match &self.shape {
             None => t,
             Some(shape) => shape.quantile(axis, level) * t / z,
-        })
+        }))
     }
 
     /// Standard deviation of the residuals, per axis, N and N·m.

@@ -18,15 +18,17 @@
 //!
 //! ```text
 //! untared   se² = S[a][a] + ‖Tᵀx‖²
-//! tared     se² = S[a][a]·(1 + 1/n) + ‖Tᵀ(x − x₀)‖²
+//! tared     se² = S[a][a]·(1 + ρ + (1 − ρ)/n) + ‖Tᵀ(x − x₀)‖²
 //! ```
 //!
-//! with G − 1 degrees of freedom for G groups (Bester, Conley & Hansen, J. Econometrics 165, 2011;
+//! with ρ the share of the squared errors that the rows of a group have in common: the error of the tare's
+//! pose is not noise, and does not fall with more frames. There are G − 1 degrees of freedom for G groups (Bester, Conley & Hansen, J. Econometrics 165, 2011;
 //! Cameron & Miller, J. Human Resources 50, 2015, §VI). With a ridge, `F` and `T` include it, which
 //! leaves out the bias that the ridge brings.
 
 mod covariance;
 mod interval;
+mod new_groups;
 mod prediction;
 
 pub use self::covariance::{CoefficientCovariance, Covariance, TriangularColumns};

@@ -159,7 +159,11 @@ impl NullaryFnOnce for Errors<'_> {
     #[inline(always)]
     fn call(self) {
         let Errors { features, covariance, readings, rows, tare, mut lanes, errors } = self;
-        let own = 1.0 + tare.map_or(0.0, |tare| (tare.frames as f64).recip());
+        let own: PerAxis<f64> = std::array::from_fn(|axis| {
+            let shared = covariance.shared.map_or(0.0, |shared| shared[axis]);
+            let of_tare = |tare: &Tare| shared + (1.0 - shared) / tare.frames as f64;
+            1.0 + tare.map_or(0.0, of_tare)
+        });
         let variances: PerAxis<f64> = std::array::from_fn(|axis| covariance.residual[axis][axis]);
         for start in (0..rows).step_by(LANES) {
             features.lanes(readings, start, &mut lanes);
@@ -174,14 +178,15 @@ impl NullaryFnOnce for Errors<'_> {
             match &covariance.coefficients {
                 CoefficientCovariance::Rows { factor } => {
                     let spread = spread(factor, &lanes);
-                    for (errors, variance) in errors.iter_mut().zip(variances) {
+                    let axes = errors.iter_mut().zip(variances).zip(own);
+                    for ((errors, variance), own) in axes {
                         let error = |&spread: &f64| (variance * (own + spread)).sqrt();
                         errors.extend(spread[..filled].iter().map(error));
                     }
                 }
                 CoefficientCovariance::Groups { factors, .. } => {
-                    let axes = errors.iter_mut().zip(factors).zip(variances);
-                    for ((errors, factor), variance) in axes {
+                    let axes = errors.iter_mut().zip(factors).zip(variances).zip(own);
+                    for (((errors, factor), variance), own) in axes {
                         let spread = spread(factor, &lanes);
                         let error = |&spread: &f64| (variance * own + spread).sqrt();
                         errors.extend(spread[..filled].iter().map(error));
@@ -237,6 +242,8 @@ mod tests {
             degrees_of_freedom: readings.len() as u64 - 2,
             coefficients: CoefficientCovariance::Rows { factor: f },
             shape: None,
+            shared: None,
+            intervals: None,
         });
         (calibration, mean, squares)
     }
@@ -279,6 +286,22 @@ mod tests {
         // The row [3, 1]: 0.25 of its own, (3·axis)² and 2² of the coefficients.
         let expected = |axis: usize| (0.25 + 9.0 * (axis * axis) as f64 + 4.0).sqrt();
         (0..6).for_each(|axis| assert!((errors[axis][0] - expected(axis)).abs() < 1e-14));
+    }
+
+    #[test]
+    fn the_error_of_the_pose_of_a_tare_does_not_fall_with_more_frames() {
+        let (mut calibration, ..) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        if let Some(covariance) = &mut calibration.covariance {
+            let factors = std::array::from_fn(|_| vec![vec![0.0], vec![0.0, 0.0]]);
+            covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
+            covariance.shared = Some([0.75; 6]);
+        }
+        for (frames, expected) in [(1, 2.0), (1000, 1.75 + 0.25e-3)] {
+            let tare = calibration.tare(&[vec![3.0; frames]]).unwrap();
+            let mut errors = PerAxis::default();
+            assert!(calibration.standard_errors(&[vec![10.0]], Some(&tare), &mut errors));
+            assert!((errors[1][0] - 0.5 * f64::sqrt(expected)).abs() < 1e-14, "{frames}");
+        }
     }
 
     #[test]

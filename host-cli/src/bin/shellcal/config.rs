@@ -140,7 +140,10 @@ impl Configured {
     /// Says where each setting comes from, if that is wanted.
     pub(crate) fn explain(&self, command: &Command, printer: &mut Printer) {
         let (of_command, given) = innermost(command, &self.matches);
-        for (key, heading) in KEYS.into_iter().filter(|_| printer.is_verbose()) {
+        if !printer.is_verbose() {
+            return;
+        }
+        for (key, heading) in KEYS {
             let is_same = |option: &&Arg| heading.is_none() || option.get_help_heading() == heading;
             let Some(option) = option(of_command, key).filter(is_same) else { continue };
             let values = given.get_raw(option.get_id().as_str()).into_iter().flatten();

@@ -15,6 +15,7 @@ use shellcal::forces::ForceError;
 use shellcal::forces::filter::FilterError;
 use shellcal::link::{LinkError, NotForBoard, RecordError};
 use shellcal::output::OutputError;
+use shellcal::payload::PayloadError;
 use shellcal::recording::NoFrame;
 use shellcal::trial::TrialError;
 use shellcal::trial::manifest::suggest;
@@ -22,6 +23,7 @@ use shellcal::workflow::WorkflowError;
 use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::noise::NoiseError;
+use shellcal::workflow::payload::PayloadLogError;
 use shellcal::workflow::trial::TrialLogError;
 
 /// The next step after `error`, where one is known.
@@ -43,6 +45,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             .or_else(|| known(cause, after_calibration))
             .or_else(|| known(cause, after_conversion))
             .or_else(|| known(cause, after_noise))
+            .or_else(|| known(cause, after_payload))
             .or_else(|| known(cause, after_alignment))
             .or_else(|| known(cause, after_trial))
             .or_else(|| known(cause, after_validation))
@@ -91,6 +94,9 @@ fn after_setup(error: &SetupError) -> Option<&'static str> {
     Some(match error {
         SetupError::Jams { .. } => {
             "give a wider channel (`--width`) or longer beams (`--beam-length`)"
+        }
+        SetupError::Locks { .. } => {
+            "give less friction (`--friction`) or a wider channel (`--width`)"
         }
         SetupError::BeyondTips { .. } => "the offset is a length: `--off-centre 5mm`",
         _ => return None,
@@ -212,6 +218,38 @@ fn after_noise(error: &NoiseError) -> Option<&'static str> {
         NoiseError::Log(error) => return after_log(error),
         NoiseError::Channels(_) => CHANNELS,
         NoiseError::TooFewFrames { .. } => "`shellcal info` tells the times of a log",
+        _ => return None,
+    })
+}
+
+fn after_payload(error: &PayloadLogError) -> Option<&'static str> {
+    Some(match error {
+        PayloadLogError::Log(error) => return after_log(error),
+        PayloadLogError::Payload(PayloadError::NoMass { .. }) => {
+            "does gravity point down in its columns, and is the wrench the load on the sensor, not its reaction?"
+        }
+        PayloadLogError::Payload(PayloadError::NotFinite { .. }) => {
+            "leave the row out, or such rows with `--skip-bad-rows`"
+        }
+        PayloadLogError::Payload(_) => {
+            "record the sensor at rest in six directions or more: upright, upside down, on each side"
+        }
+        PayloadLogError::NoMotion { .. }
+        | PayloadLogError::OrientationColumns { .. }
+        | PayloadLogError::AccelerationColumns { .. } => {
+            "name the columns with `--orientation` or `--accelerations`, in a run those of another log with \
+             `--motion`"
+        }
+        PayloadLogError::NoOrientation { .. } => {
+            "correct the row, or name the right columns with `--orientation`"
+        }
+        PayloadLogError::AccelerationUnit { .. } => {
+            "scale them to m/s², or give orientations besides: then any unit will do"
+        }
+        PayloadLogError::UnknownFrame { .. } => {
+            "fit the payload to poses that have accelerations, too, or name columns of `--orientation`"
+        }
+        PayloadLogError::Motion { .. } => "`shellcal info` tells the times of a log",
         _ => return None,
     })
 }

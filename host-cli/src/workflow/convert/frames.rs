@@ -37,12 +37,16 @@ pub(super) struct ConvertedRows {
     pub(super) written: Vec<bool>,
     /// What is written; without wrenches if those are to be filtered.
     pub(super) frames: ConvertedFrames,
+    /// Rows whose load is not known.
+    pub(super) without_motion: u64,
 }
 
 /// What turns readings into frames.
 pub(super) struct Converter<'a> {
     pub(super) calibration: &'a Calibration,
     pub(super) pipeline: &'a ForcePipeline,
+    /// What is taken off besides the load at each row.
+    pub(super) zero: PerAxis<f64>,
     pub(super) options: &'a ConvertOptions,
     /// Whether frames keep their readings.
     pub(super) keeps_readings: bool,
@@ -93,9 +97,10 @@ impl Converter<'_> {
     pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
         if self.pipeline.low_pass().is_none() {
             self.options.rows.select(block);
-            let wrench = self.pipeline.wrench(self.calibration, &block.readings);
+            let mut wrench = self.pipeline.wrench(self.calibration, &block.readings);
+            let without_motion = self.take_off_load(&block.time_s, &mut wrench);
             let frames = ConvertedFrames { wrench, ..self.frames(block) };
-            return ConvertedRows { frames, ..ConvertedRows::default() };
+            return ConvertedRows { frames, without_motion, ..ConvertedRows::default() };
         }
         // The filter sees every row, and each frame is converted once.
         let fresh = block.fresh_rows();
@@ -116,9 +121,16 @@ impl Converter<'_> {
         };
         let frame_of_row: Vec<usize> = (0..block.rows).map(of_row).collect();
         let spread = |frames: Vec<f64>| frame_of_row.iter().map(|&frame| frames[frame]).collect();
-        let wrench = by_frame.map(spread);
+        let mut wrench = by_frame.map(spread);
+        let without_motion = self.take_off_load(&time_s, &mut wrench);
         self.options.rows.select(block);
-        ConvertedRows { time_s, wrench, written, frames: self.frames(block) }
+        ConvertedRows { time_s, wrench, written, frames: self.frames(block), without_motion }
+    }
+
+    /// Takes off what the sensor carries; returns the number of rows where that is not known.
+    fn take_off_load(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) -> u64 {
+        let load = self.options.load.as_ref();
+        load.map_or(0, |load| load.subtract(times_s, &self.zero, wrench))
     }
 
     /// All but the wrenches.

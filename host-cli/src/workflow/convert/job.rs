@@ -2,6 +2,7 @@
 
 use super::columns::Columns;
 use crate::forces::ForceOptions;
+use crate::workflow::payload::CarriedLoad;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
 use log_file::{Log, ReadOptions};
@@ -13,6 +14,8 @@ pub struct ConvertOptions {
     pub rows: RowFilter,
     /// How readings become forces.
     pub forces: ForceOptions,
+    /// What the sensor carries, which is taken off before tare and low-pass.
+    pub load: Option<CarriedLoad>,
     /// What is written of every frame.
     pub columns: Columns,
     /// The highest reading that the converter can give, in counts: a reading there, or at zero, is

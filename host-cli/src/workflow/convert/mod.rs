@@ -26,9 +26,11 @@ pub use columns::Columns;
 pub use error::ConvertError;
 pub use format::{DEFAULT_FRAME_ID, OutputFormat, OutputPlan, UnknownExtension};
 pub use job::{Conversion, ConvertOptions};
+use summary::Totals;
 pub use summary::{AxisSummary, ConvertSummary};
 
 use super::check_channels;
+use super::payload::LoadSummary;
 use crate::figures::WrenchTrace;
 use calibration::{Calibration, Kind};
 use encode::{Encoder, Output};
@@ -44,7 +46,7 @@ fn interval_factors(calibration: &Calibration, level: f64) -> Result<PerAxis<f64
     match calibration.kind() {
         Kind::Polynomial(_) => {
             let covariance = calibration.covariance.as_ref().ok_or(ConvertError::NoCovariance)?;
-            Ok(covariance.interval_factors(level))
+            Ok(covariance.interval_factors(level)?)
         }
         Kind::Physics(physics) => {
             let intervals = physics.intervals.as_ref().ok_or(ConvertError::NoCovariance)?;
@@ -93,8 +95,11 @@ pub fn convert_to(
     if options.columns.need_errors() && !calibration.has_standard_errors() {
         return Err(ConvertError::NoCovariance);
     }
-    let pipeline = survey(conversion)?;
-    let time = options.columns.time || trace.is_some() || pipeline.low_pass().is_some();
+    let (pipeline, zero) = survey(conversion)?;
+    let time = options.columns.time
+        || trace.is_some()
+        || pipeline.low_pass().is_some()
+        || options.load.is_some();
     let OutputPlan { format, keep } = plan;
     let wanted = Wanted { readings: true, time, others: keep.clone(), ..Wanted::default() };
     log.require(&wanted)?;
@@ -109,9 +114,11 @@ pub fn convert_to(
     }
     let encoder = Encoder { table: &table, format, channels };
     let keeps_readings = encoder.needs_readings();
-    let converter = Converter { calibration, pipeline: &pipeline, options, keeps_readings };
+    let converter = Converter { calibration, pipeline: &pipeline, zero, options, keeps_readings };
     let output = Output::new(&encoder, out)?;
-    let mut writer = Writer::new(log.path(), &encoder, &pipeline, output, trace);
+    let totals = Totals::new(options.load.is_some());
+    let mut writer = Writer::new(log.path(), &encoder, &pipeline, output, trace, totals);
+    let mut rows_without_motion = 0;
     let summary = log.read(
         &wanted,
         &read,
@@ -121,9 +128,12 @@ pub fn convert_to(
             let encoded = pipeline.low_pass().is_none().then(|| encoder.encode(&rows.frames));
             (rows, encoded)
         },
-        |(rows, encoded)| match encoded {
-            Some(encoded) => writer.write(&rows.frames, encoded?),
-            None => writer.filter(rows),
+        |(rows, encoded)| {
+            rows_without_motion += rows.without_motion;
+            match encoded {
+                Some(encoded) => writer.write(&rows.frames, encoded?),
+                None => writer.filter(rows),
+            }
         },
     )?;
     let (totals, sampling) = writer.finish()?;
@@ -143,5 +153,11 @@ pub fn convert_to(
         saturated_frames: totals.saturated,
         left_out_frames: totals.left_out,
         axes: totals.axes(),
+        load: options.load.as_ref().map(|load| LoadSummary {
+            has_inertia: load.has_inertia,
+            lag: load.lag,
+            rows_without_motion,
+            standard_deviation: totals.standard_deviation(),
+        }),
     })
 }

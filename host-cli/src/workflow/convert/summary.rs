@@ -2,8 +2,10 @@
 
 use super::frames::ConvertedFrames;
 use crate::forces::{AppliedLowPass, TareResult};
+use crate::workflow::payload::LoadSummary;
 use crate::workflow::sampling::Rate;
 use crate::workflow::selection::{RowFilter, by_column};
+use shell_data::statistics::RunningVariance;
 use shell_data::wrench::PerAxis;
 
 /// What a conversion has done.
@@ -35,6 +37,9 @@ pub struct ConvertSummary {
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: PerAxis<AxisSummary>,
+    /// What the load that the sensor carries has left, where one was taken off.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub load: Option<LoadSummary>,
 }
 
 fn is_zero(count: &u64) -> bool {
@@ -60,9 +65,16 @@ pub(super) struct Totals {
     pub(super) saturated: u64,
     pub(super) left_out: u64,
     axes: PerAxis<Option<(f64, f64, f64)>>,
+    /// Wanted where a load was taken off.
+    scatter: Option<PerAxis<RunningVariance>>,
 }
 
 impl Totals {
+    /// Nothing counted yet.
+    pub(super) fn new(with_scatter: bool) -> Self {
+        Self { scatter: with_scatter.then(PerAxis::default), ..Self::default() }
+    }
+
     /// Adds some frames; the number of the first whose wrench is not finite is an error.
     pub(super) fn add(&mut self, frames: &ConvertedFrames) -> Result<(), u64> {
         for (total, column) in self.axes.iter_mut().zip(&frames.wrench) {
@@ -81,12 +93,23 @@ impl Totals {
                 *total = Some((min, sum, max));
             }
         }
+        for (scatter, column) in self.scatter.iter_mut().flatten().zip(&frames.wrench) {
+            scatter.merge(&RunningVariance::of(column));
+        }
         let marked = |flags: &[u64]| flags.iter().filter(|&&channels| channels != 0).count() as u64;
         self.frames += frames.len() as u64;
         self.out_of_range += marked(&frames.out_of_range);
         self.saturated += marked(&frames.saturated);
         self.left_out += marked(&frames.left_out);
         Ok(())
+    }
+
+    /// Zero where it was not wanted.
+    pub(super) fn standard_deviation(&self) -> PerAxis<f64> {
+        self.scatter.unwrap_or_default().map(|scatter| match scatter.count {
+            0 => 0.0,
+            _ => scatter.rms_about_mean(),
+        })
     }
 
     pub(super) fn axes(&self) -> PerAxis<AxisSummary> {

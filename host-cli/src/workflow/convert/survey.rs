@@ -1,22 +1,30 @@
-//! What must be known of a log before its frames can be converted: tare and clock.
+//! What must be known of a log before its frames can be converted: tare, clock, and the load that the tare
+//! has in it.
 
 use super::error::ConvertError;
 use super::job::Conversion;
 use crate::forces::{FirstRows, ForcePipeline, PipelineSetup, TareRule};
 use crate::workflow::selection::{Stop, fresh_rows};
 use log_file::Wanted;
+use shell_data::wrench::PerAxis;
 
-/// Reads as much of the log as tare and clock need.
-pub(super) fn survey(conversion: &Conversion<'_>) -> Result<ForcePipeline, ConvertError> {
+/// Reads as much of the log as tare and clock need. Also returns what is to be taken off besides the load at
+/// each row: the sensor's zero, or, of tared wrenches, the load that the tare has taken off already.
+pub(super) fn survey(
+    conversion: &Conversion<'_>,
+) -> Result<(ForcePipeline, PerAxis<f64>), ConvertError> {
     let Conversion { log, calibration, options, read } = conversion;
     let mut forces = options.forces;
     if forces.low_pass.is_some() && !log.has_time() && forces.low_pass_is_optional {
         forces.low_pass = None;
     }
-    let mut setup = PipelineSetup::new(forces);
+    let mut setup = match options.load {
+        Some(_) => PipelineSetup::keeping_frames(forces),
+        None => PipelineSetup::new(forces),
+    };
     if !setup.is_done() {
         let by_time = matches!(forces.tare, TareRule::Between(..));
-        let time = log.has_time() || by_time || forces.low_pass.is_some();
+        let time = log.has_time() || by_time || forces.low_pass.is_some() || options.load.is_some();
         if forces.low_pass.is_some() && !log.has_time() {
             let (path, reason) = (log.path().display().to_string(), "it has no time column");
             return Err(ConvertError::NoRate { path, reason });
@@ -39,5 +47,10 @@ pub(super) fn survey(conversion: &Conversion<'_>) -> Result<ForcePipeline, Conve
         }
     }
     let finished = setup.finish(calibration);
-    Ok(finished.map_err(|error| ConvertError::of_log(log.path(), error))?.0)
+    let (pipeline, frames) = finished.map_err(|error| ConvertError::of_log(log.path(), error))?;
+    let zero = options.load.as_ref().map(|load| {
+        let tared = frames.and_then(|frames| load.mean(&frames.times_s));
+        tared.map_or(load.payload.bias(), |mean| mean.map(|load| -load))
+    });
+    Ok((pipeline, zero.unwrap_or_default()))
 }

@@ -37,6 +37,7 @@ impl<'a> Writer<'a> {
         pipeline: &ForcePipeline,
         output: Output<'a>,
         trace: Option<&'a mut WrenchTrace>,
+        totals: Totals,
     ) -> Self {
         Self {
             path,
@@ -48,7 +49,7 @@ impl<'a> Writer<'a> {
             waiting_rows: Vec::new(),
             sampling: pipeline.low_pass().map(|_| Sampling::new()),
             latest_s: f64::NEG_INFINITY,
-            totals: Totals::default(),
+            totals,
         }
     }
 

@@ -46,6 +46,15 @@ pub struct GroupScatter {
     pub factors: PerAxis<Mat<f64>>,
     /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
     pub residual_products: PerAxis<PerAxis<f64>>,
+    /// The share of the squared errors that the rows of a group have in common: their mean, squared.
+    pub shared: PerAxis<f64>,
+}
+
+impl GroupScatter {
+    /// The covariance of the errors of one of so many rows, in products of N and N·m.
+    pub fn residual_covariance(&self, rows: u64) -> PerAxis<PerAxis<f64>> {
+        self.residual_products.map(|row| row.map(|product| product / rows as f64))
+    }
 }
 
 /// Why groups say nothing about the scatter of the coefficients.
@@ -82,9 +91,15 @@ impl PartitionedMoments<'_> {
         let mut products = fit.residual_products;
         let mut defect = Mat::<f64>::identity(size, size);
         let mut alone = Vec::new();
+        let (mut common, mut squares) = (PerAxis::<f64>::default(), PerAxis::<f64>::default());
         for (place, group) in groups.iter().enumerate() {
             let part = scales.part(&group.in_units_of(self.total));
             let gram = Symmetric::new(part.gram.iter().copied(), &scales.columns);
+            let errors = scales.errors(&part, &coefficients);
+            for (axis, errors) in errors.iter().enumerate() {
+                common[axis] += errors.sum * errors.sum / errors.rows as f64;
+                squares[axis] += errors.squares;
+            }
             let share = factor.transpose() * (gram.rounded() * &factor);
             defect -= &share;
             let score = gram.residual(&part.right, &coefficients);
@@ -120,7 +135,11 @@ impl PartitionedMoments<'_> {
         }
         let back = Mat::from_fn(size, size, |i, j| factor[(j, i)] / stretch[j]);
         let factors = scores.each_ref().map(|scores| upper_root(&(scores * &back)));
-        Ok(GroupScatter { groups: groups.len(), factors, residual_products: products })
+        let shared = std::array::from_fn(|axis| match squares[axis] > 0.0 {
+            true => (common[axis] / squares[axis]).min(1.0),
+            false => 0.0,
+        });
+        Ok(GroupScatter { groups: groups.len(), factors, residual_products: products, shared })
     }
 }
 
@@ -230,6 +249,16 @@ mod tests {
             products += eg.transpose() * (power(-1.0) * &eg);
         }
         assert_eq!(found.groups, 7);
+        for axis in 0..6 {
+            let (mut common, mut all) = (0.0, 0.0);
+            for g in 0..7 {
+                let own: Vec<f64> =
+                    (0..n).filter(|&row| groups[row] == g).map(|row| e[(row, axis)]).collect();
+                common += own.iter().sum::<f64>().powi(2) / own.len() as f64;
+                all += own.iter().map(|e| e * e).sum::<f64>();
+            }
+            assert!((found.shared[axis] - common / all).abs() < 1e-10, "{axis}");
+        }
         for axis in 0..6 {
             let t = &found.factors[axis];
             assert!((0..p).all(|j| (j + 1..p).all(|i| t[(i, j)] == 0.0)), "upper triangular");

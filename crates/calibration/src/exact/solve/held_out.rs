@@ -146,7 +146,11 @@ impl EquationScales {
     }
 
     /// The errors of scaled coefficients on a part.
-    fn errors(&self, part: &PartMoments, coefficients: &[AxisRow]) -> PerAxis<HeldOutErrors> {
+    pub(super) fn errors(
+        &self,
+        part: &PartMoments,
+        coefficients: &[AxisRow],
+    ) -> PerAxis<HeldOutErrors> {
         let (sums, squares) =
             arch().dispatch(Errors { columns: &self.columns, part, coefficients });
         std::array::from_fn(|axis| {

@@ -13,6 +13,7 @@ use shellcal::calibration_file::CalibrationFile;
 use shellcal::figures::{Format, WrenchTrace, trace_figure};
 use shellcal::forces::{AppliedLowPass, RowRule};
 use shellcal::output::Outputs;
+use shellcal::payload_file::PayloadFile;
 use shellcal::workflow::convert::{
     Columns, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, OutputFormat,
     OutputPlan, convert_to,
@@ -20,6 +21,7 @@ use shellcal::workflow::convert::{
 
 use super::frames::{ForceArgs, FrameArgs, note_rows};
 use super::mapping::{Columns as ColumnList, MappingArgs, parse_columns};
+use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputPath, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -84,6 +86,14 @@ pub(crate) struct ConvertArgs {
     #[command(flatten)]
     forces: ForceArgs,
 
+    /// Take off weight and, with accelerations, inertia of what the sensor carries, before tare and low-pass:
+    /// a file of `shellcal payload fit`
+    #[arg(long, value_name = "PAYLOAD", help_heading = "Motion")]
+    payload: Option<InputPath>,
+
+    #[command(flatten)]
+    motion: MotionArgs,
+
     #[command(flatten)]
     frames: FrameArgs,
 
@@ -116,6 +126,12 @@ impl ConvertArgs {
         let file = CalibrationFile::read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file)?;
         let calibration = file.calibration;
+        let payload = self.payload.as_ref().map(|path| PayloadFile::read(path)).transpose()?;
+        if payload.is_none() && self.motion.is_given() {
+            bail!(
+                "`--motion`, `--orientation` and `--accelerations` are of use with `--payload` only"
+            );
+        }
         let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let mut plot = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?;
@@ -123,14 +139,19 @@ impl ConvertArgs {
         let mut conversions = Vec::new();
         for (log, target) in logs.iter().zip(targets) {
             let mut trace = plot.is_some().then(WrenchTrace::new);
-            let summary =
-                self.convert(log, &calibration, &target, trace.as_mut(), printer, outputs)?;
+            let read = self.mapping.read_options();
+            let load = |file| self.motion.load(file, log, &calibration, &read, &mapping);
+            let load = payload.as_ref().map(load).transpose()?;
+            let options = ConvertOptions { load, ..self.options(log, &calibration) };
+            let conversion = Conversion { log, calibration: &calibration, options: &options, read };
+            let summary = self.convert(conversion, &target, trace.as_mut(), printer, outputs)?;
             if let (Some(trace), Some(format), Some(mut file)) = (trace, plot_format, plot.take()) {
                 let figure = trace_figure(&file_name(log), &trace);
                 file.write_all(&figure.render(format)?).context("cannot write the picture")?;
                 file.commit()?;
             }
             report(printer, log, &summary);
+            self.motion.report(printer, log, &summary);
             if let (Target::File(path), false) = (&target, printer.json()) {
                 printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
                 print_axes(printer, &summary)?;
@@ -149,18 +170,17 @@ impl ConvertArgs {
 
     fn convert(
         &self,
-        log: &Log,
-        calibration: &Calibration,
+        conversion: Conversion<'_>,
         target: &Target,
         trace: Option<&mut WrenchTrace>,
         printer: &mut Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<ConvertSummary> {
-        let options = self.options(log, calibration);
+        let log = conversion.log;
         let bar = printer.progress(&log.path().display().to_string(), log.bytes());
         let progress = |bytes| bar.set_position(bytes);
-        let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
-        let conversion = Conversion { log, calibration, options: &options, read };
+        let read = ReadOptions { progress: Some(&progress), ..conversion.read };
+        let conversion = Conversion { read, ..conversion };
         let mut plan = OutputPlan { keep: self.kept(log)?, ..OutputPlan::default() };
         let summary = match target {
             Target::Stdout => {
@@ -218,6 +238,7 @@ impl ConvertArgs {
         ConvertOptions {
             rows: self.frames.rows(log),
             forces: self.forces.options(RowRule::Time),
+            load: None,
             columns: self.columns(log, calibration),
             full_scale: Some(self.full_scale.unwrap_or_else(|| full_scale(calibration))),
         }

@@ -71,6 +71,15 @@ impl ForceArgs {
             rule,
         }
     }
+
+    /// The same, of a sensor whose zero is known: nothing is subtracted unless that is asked for.
+    pub(crate) fn options_without_tare(&self, rule: RowRule) -> ForceOptions {
+        let options = self.options(rule);
+        match (self.tare, self.tare_time) {
+            (None, None) => ForceOptions { tare: TareRule::Untared, ..options },
+            _ => options,
+        }
+    }
 }
 
 /// How forces are made, for people.

@@ -24,6 +24,7 @@ mod noise;
 mod origin;
 mod outliers;
 mod partial_output;
+mod payload;
 mod place;
 mod ports;
 mod quality;
@@ -116,6 +117,9 @@ pub(crate) enum Command {
     /// Writes one row per frame: time, wrench, the standard error of each axis where the calibration
     /// carries a covariance, and flags for readings that cannot be trusted.
     Convert(Deferred<convert::ConvertArgs>),
+
+    /// Find what a sensor carries, and take its weight and inertia off a wrench
+    Payload(Deferred<payload::PayloadArgs>),
 
     /// Measure the noise of an unloaded sensor: RMS about the mean, per axis and channel
     Noise(Deferred<noise::NoiseArgs>),
@@ -211,6 +215,7 @@ impl Command {
             Command::Merge(args) => args.run(printer, outputs),
             Command::Eval(args) => args.run(printer, outputs),
             Command::Convert(args) => args.run(printer, outputs),
+            Command::Payload(args) => args.run(printer, outputs),
             Command::Noise(args) => args.run(printer),
             Command::Trial(args) => args.run(printer, outputs),
             Command::Batch(args) => args.run(printer, outputs),

@@ -100,8 +100,9 @@ struct CovarianceReport<'a> {
     degrees_of_freedom: u64,
     /// In products of N and N·m.
     residual: &'a PerAxis<PerAxis<f64>>,
-    /// Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m.
-    interval_95: PerAxis<f64>,
+    /// Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `None` where
+    /// groups are too few to tell.
+    interval_95: Option<PerAxis<f64>>,
 }
 
 impl<'a> CovarianceReport<'a> {
@@ -115,7 +116,9 @@ impl<'a> CovarianceReport<'a> {
             groups,
             degrees_of_freedom: covariance.degrees_of_freedom,
             residual: &covariance.residual,
-            interval_95: std::array::from_fn(|axis| factors[axis] * sd[axis]),
+            interval_95: factors
+                .ok()
+                .map(|factors| std::array::from_fn(|axis| factors[axis] * sd[axis])),
         }
     }
 }
@@ -126,8 +129,13 @@ fn print_covariance(printer: &mut Printer, covariance: &Covariance) -> anyhow::R
         Some(groups) => format!("{groups} groups of rows"),
         None => "rows taken as independent".to_owned(),
     };
+    if let Err(too_few) = covariance.interval_factors(0.95) {
+        printer.warning(too_few.to_string());
+        return Ok(());
+    }
+    let half_widths = report.interval_95.unwrap_or_default();
     let half = |axis: Axis| {
-        let half = significant(report.interval_95[axis.index()], 2);
+        let half = significant(half_widths[axis.index()], 2);
         format!("{} ±{half} {}", axis.name(), axis.unit())
     };
     printer.line(format!("95 % intervals, from {of}: {}", Axis::ALL.map(half).join(", ")))

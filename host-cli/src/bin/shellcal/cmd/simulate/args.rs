@@ -101,6 +101,11 @@ pub(super) struct GeometryArgs {
     #[arg(long)]
     as_printed: bool,
 
+    /// Scale the force so that its moment about the beam's base is that of its spring, which the paper's is not;
+    /// implies `--true-angle`
+    #[arg(long, conflicts_with = "as_printed")]
+    moment_balance: bool,
+
     /// Take the angle that a beam has turned beyond 90° too, not the paper's arcsine
     #[arg(long)]
     true_angle: bool,
@@ -217,8 +222,13 @@ impl GeometryArgs {
     /// The set-up but for the channel's width.
     pub(super) fn setup(&self) -> Setup {
         let pitch_m = self.spacing.unwrap_or(self.channel_length / f64::from(self.beams));
-        let angle = if self.true_angle { Angle::True } else { Angle::Folded };
-        let normal = if self.as_printed { Normal::AsPrinted } else { Normal::Unit };
+        let is_true = self.true_angle || self.moment_balance;
+        let angle = if is_true { Angle::True } else { Angle::Folded };
+        let normal = match (self.as_printed, self.moment_balance) {
+            (true, _) => Normal::AsPrinted,
+            (_, true) => Normal::MomentBalance,
+            _ => Normal::Unit,
+        };
         Setup {
             ellipse: Ellipse { semi_length_m: self.rx, semi_width_m: self.ry },
             beam: Beam {

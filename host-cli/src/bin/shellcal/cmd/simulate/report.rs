@@ -16,6 +16,8 @@ pub(super) struct SetupReport {
     torsional_stiffness_nm_rad: f64,
     as_printed: bool,
     true_angle: bool,
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    moment_balance: bool,
 }
 
 impl SetupReport {
@@ -27,6 +29,7 @@ impl SetupReport {
             torsional_stiffness_nm_rad: setup.beam.torsional_stiffness(),
             as_printed: setup.rules.normal == Normal::AsPrinted,
             true_angle: setup.rules.angle == Angle::True,
+            moment_balance: setup.rules.normal == Normal::MomentBalance,
         }
     }
 }

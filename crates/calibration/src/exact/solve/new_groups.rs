@@ -1,0 +1,56 @@
+//! What a fit to some groups of rows says of others, from sums alone.
+//!
+//! With `T·Tᵀ` the covariance of the coefficients of an axis, the mean over the rows of a group of the variance
+//! that they bring is `tr(TᵀA_gT)/n`; its errors are as in [`held_out`](super::held_out).
+
+use faer::Mat;
+
+use super::fit::SolveError;
+use super::group_scatter::GroupScatter;
+use super::held_out::HeldOutErrors;
+use super::partition::{PartitionedMoments, counted_coefficients};
+use super::symmetric::Symmetric;
+use crate::exact::moments::product_sums::Moments;
+use shell_data::wrench::PerAxis;
+
+/// A group that was not fitted.
+#[derive(Clone, Copy, Debug)]
+pub struct NewGroup {
+    /// The errors on its rows.
+    pub errors: PerAxis<HeldOutErrors>,
+    /// The variance of its rows that comes from the coefficients, on average, squares of N and N·m.
+    pub variance: PerAxis<f64>,
+}
+
+impl PartitionedMoments<'_> {
+    /// What the fit to all rows of these sums, whose coefficients scatter by `scatter`, says of groups of other
+    /// rows. `ridge` is as in [`Moments::solve`].
+    ///
+    /// # Errors
+    /// [`SolveError`] if the rows do not determine the coefficients.
+    pub fn on_new_groups<const N: usize>(
+        &self,
+        scatter: &GroupScatter,
+        groups: [&Moments; N],
+        ridge: f64,
+    ) -> Result<[NewGroup; N], SolveError> {
+        let fit = self.total.solve(&self.model, ridge)?;
+        let (scales, coefficients) = (self.scales_of(&fit), counted_coefficients(&fit));
+        let stretch: Vec<f64> = fit.counted.stretch.iter().map(|s| s.to_f64()).collect();
+        // Rows are features: from those of the fit to those that are counted.
+        let factors = scatter.factors.each_ref().map(|factor| {
+            Mat::from_fn(factor.nrows(), factor.ncols(), |i, j| stretch[i] * factor[(i, j)])
+        });
+        Ok(groups.map(|group| {
+            let part = scales.part(&group.in_units_of(self.total));
+            let gram = Symmetric::new(part.gram.iter().copied(), &scales.columns).rounded();
+            let rows = part.rows.max(1) as f64;
+            let variance = factors.each_ref().map(|factor| {
+                let products = &gram * factor;
+                let trace = |j: usize| factor.col(j).transpose() * products.col(j);
+                (0..factor.ncols()).map(trace).sum::<f64>().max(0.0) / rows
+            });
+            NewGroup { errors: scales.errors(&part, &coefficients), variance }
+        }))
+    }
+}

@@ -1,0 +1,150 @@
+//! Intervals of polynomials from errors on groups that were held out.
+//!
+//! The score of a group is what the fit without it errs there, in standard errors of that fit: a mean over its
+//! rows and what scatters about it, taken as normal. Both come from the sums of the group, so that no row is
+//! read again. What the scores say, [`GroupIntervals`] does.
+
+use crate::exact::{Moments, PartitionedMoments};
+use crate::model::Model;
+use crate::physics::GroupIntervals;
+use crate::validation::grouped::GroupedMoments;
+use shell_data::wrench::PerAxis;
+
+/// With more groups than this the scatter of the groups and the shape of the training errors say enough (95.0
+/// to 95.7 % of the sensor model's errors are in intervals of 95 % from 60 groups), and as many fits would take
+/// long.
+const MOST_GROUPS: usize = 50;
+
+/// The intervals of the fit of `model` to all rows of `sums`; `None` where there are many groups.
+pub(super) fn held_out_intervals(
+    sums: &GroupedMoments,
+    model: &Model,
+    ridge: f64,
+) -> Option<GroupIntervals> {
+    let groups = sums.groups.len();
+    let whole = sums.total().filter(|_| (2..=MOST_GROUPS).contains(&groups))?;
+    let unknown = [(f64::INFINITY, 0.0); 6];
+    let score = |group| score_without(sums, whole, model, ridge, group).unwrap_or(unknown);
+    let scores: Vec<PerAxis<(f64, f64)>> = (0..groups).map(score).collect();
+    Some(GroupIntervals::of_groups(&scores))
+}
+
+/// Mean and scatter of the errors of a group, in standard errors, by the fit to all others; `None` where that
+/// cannot be.
+fn score_without(
+    sums: &GroupedMoments,
+    whole: &Moments,
+    model: &Model,
+    ridge: f64,
+    group: usize,
+) -> Option<PerAxis<(f64, f64)>> {
+    let held_out = &sums.groups[group].1;
+    let rest = whole.without(held_out);
+    let others = sums.groups.iter().enumerate().filter(|(other, _)| *other != group);
+    let others: Vec<&Moments> = others.map(|(_, (_, moments))| moments).collect();
+    let parts = PartitionedMoments::new(&rest, model).ok()?;
+    let scatter = parts.by_group(&others, ridge).ok()?;
+    let [new] = parts.on_new_groups(&scatter, [held_out], ridge).ok()?;
+    let residual = scatter.residual_covariance(rest.rows());
+    Some(std::array::from_fn(|axis| {
+        let errors = &new.errors[axis];
+        let rows = errors.rows.max(1) as f64;
+        let (mean, square) = (errors.sum / rows, errors.squares / rows);
+        let unit = (residual[axis][axis] + new.variance[axis]).sqrt();
+        // An axis without errors has no scores.
+        let score = |value: f64| if unit > 0.0 { value / unit } else { 0.0 };
+        (score(mean.abs()), score((square - mean * mean).max(0.0).sqrt()))
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Covariance;
+    use super::*;
+    use crate::model::Basis;
+    use crate::validation::grouped::{GroupSums, RandomSplit};
+    use shell_data::block::Block;
+
+    /// Uniform numbers from −1 to 1.
+    fn noise(i: usize) -> f64 {
+        let z = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let z = (z ^ (z >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        ((z ^ (z >> 32)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// Groups of twelve rows, two channels; what a group errs is common to its rows but for a tenth.
+    fn block(groups: usize) -> Block {
+        let rows = 12 * groups;
+        let reading = |c: usize, row: usize| {
+            (2000.0 + 800.0 * noise(row / 12 * 7 + c) + 20.0 * noise(row * 3 + c)).round()
+        };
+        let readings: Vec<Vec<f64>> =
+            (0..2).map(|c| (0..rows).map(|row| reading(c, row)).collect()).collect();
+        let load = |axis: usize, row: usize| {
+            0.01 * readings[axis % 2][row]
+                + noise(row / 12 * 13 + axis + 500)
+                + 0.1 * noise(row * 29 + axis)
+        };
+        Block {
+            rows,
+            wrench: (0..6).map(|axis| (0..rows).map(|row| load(axis, row)).collect()).collect(),
+            readings,
+            groups: (0..groups).map(|group| (group.to_string(), 12)).collect(),
+            ..Block::default()
+        }
+    }
+
+    fn sums(block: &Block) -> GroupedMoments {
+        let mut sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
+        let mut worker = sums.worker();
+        sums.add(worker.add(block).unwrap()).unwrap();
+        sums.finish([worker]).unwrap()
+    }
+
+    /// Fits and standard errors of the rows without each group, by the ordinary ways of the crate.
+    #[test]
+    fn scores_are_those_of_fits_to_the_other_rows() {
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let block = block(12);
+        let grouped = sums(&block);
+        for group in [0, 7] {
+            let whole = grouped.total().unwrap();
+            let found = score_without(&grouped, whole, &model, 0.0, group).unwrap();
+            let is_in = |row: usize| row / 12 == group;
+            let mut rest = block.clone();
+            rest.retain_rows(&(0..block.rows).map(|row| !is_in(row)).collect::<Vec<_>>());
+            let mut part = block.clone();
+            part.retain_rows(&(0..block.rows).map(is_in).collect::<Vec<_>>());
+            let rest = sums(&rest);
+            let total = rest.total().unwrap();
+            let ranges = total.reading_ranges();
+            let solution = crate::solver::solve_moments(total, &model, 0.0, &ranges).unwrap();
+            let mut calibration = crate::Calibration::of_solution(&solution, &ranges);
+            calibration.covariance = Some(Covariance::of_groups(&rest, &model, 0.0).unwrap());
+            let (mut wrench, mut errors) = (PerAxis::default(), PerAxis::default());
+            calibration.wrench(&part.readings, &mut wrench);
+            assert!(calibration.standard_errors(&part.readings, None, &mut errors));
+            for axis in 0..6 {
+                let off: Vec<f64> =
+                    wrench[axis].iter().zip(&part.wrench[axis]).map(|(a, b)| a - b).collect();
+                let mean = off.iter().sum::<f64>() / 12.0;
+                let scatter = (off.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / 12.0).sqrt();
+                let unit = errors[axis].iter().map(|e| e * e).sum::<f64>() / 12.0;
+                let expected = (mean.abs() / unit.sqrt(), scatter / unit.sqrt());
+                // Condition numbers below 100, squared, in double precision.
+                assert!((found[axis].0 / expected.0 - 1.0).abs() < 1e-9, "{found:?} {expected:?}");
+                assert!((found[axis].1 / expected.1 - 1.0).abs() < 1e-9, "{found:?} {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn many_groups_need_no_intervals_of_their_own_and_few_tell_low_levels_only() {
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let of = |groups| held_out_intervals(&sums(&block(groups)), &model, 0.0);
+        assert_eq!(of(MOST_GROUPS + 1), None);
+        assert!(of(MOST_GROUPS).unwrap().factors(0.95).is_ok());
+        let few = of(12).unwrap();
+        assert!(few.factors(0.9).is_ok() && few.factors(0.95).is_err());
+    }
+}

@@ -1,0 +1,143 @@
+//! `shellcal payload fit`: from poses at rest to what the sensor carries.
+
+use std::io::Write;
+
+use log_file::Log;
+use shellcal::output::Outputs;
+use shellcal::payload::{LEAST_SPREAD, Payload, PayloadFit};
+use shellcal::payload_file::PayloadFile;
+use shellcal::workflow::payload::{FittedPayload, GravityFrom, fit_payload};
+
+use super::load::MotionColumnArgs;
+use crate::cmd::mapping::MappingArgs;
+use crate::cmd::origin;
+use crate::files::{InputPath, OutputPath};
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal payload fit poses.csv -o payload.json
+  shellcal payload fit poses.csv --group pose --gravity 9.82085 -o payload.json";
+
+/// More rows than this that no label puts together are hardly poses.
+const MANY_POSES: usize = 500;
+/// A spread of directions below this many times the least leaves errors large, whatever they are.
+const POOR_SPREAD: f64 = 100.0 * LEAST_SPREAD;
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct FitArgs {
+    /// Logs of wrenches at rest
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<InputPath>,
+
+    /// Write what was found (JSON)
+    #[arg(long, short, value_name = "PAYLOAD.json")]
+    output: Option<OutputPath>,
+
+    #[command(flatten)]
+    columns: MotionColumnArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+impl FitArgs {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let mapping = self.mapping.mapping()?;
+        let open = |path: &InputPath| Log::open(path, &mapping);
+        let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let found = fit_payload(&logs, &self.columns.columns(), &self.mapping.read_options())?;
+        let paths = self.logs.iter().map(|path| path.to_path_buf());
+        let file = PayloadFile {
+            fit: found.fit,
+            accelerometer: found.accelerometer,
+            made_by: origin::program(),
+            date: origin::date()?,
+            sources: paths.zip(found.rows.iter().copied()).collect(),
+        };
+        if let Some(mut output) = output {
+            output.write_all(file.to_json().as_bytes())?;
+            output.commit()?;
+        }
+        if printer.json() {
+            printer.line(file.to_json().trim_end())?;
+        } else {
+            print(printer, &found.fit)?;
+        }
+        say(printer, &found);
+        Ok(Outcome::Done)
+    }
+}
+
+/// The ten numbers with their standard errors.
+fn print(printer: &mut Printer, fit: &PayloadFit) -> anyhow::Result<()> {
+    let rows: Vec<Vec<String>> = rows(&fit.payload, &fit.standard_errors)
+        .into_iter()
+        .map(|(name, value, error, decimals)| {
+            vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
+        })
+        .collect();
+    printer.table(&["quantity", "value", "standard error"], &rows)?;
+    printer.line(format!(
+        "{} poses; left over: {:.5} N, {:.6} N·m (RMS)",
+        fit.poses, fit.residual_rms_n, fit.residual_rms_nm
+    ))
+}
+
+/// Name, value, standard error and decimals of each number.
+fn rows(payload: &Payload, errors: &Payload) -> Vec<(String, f64, f64, usize)> {
+    let mut rows = vec![("mass (kg)".to_owned(), payload.mass_kg, errors.mass_kg, 6)];
+    let vectors = [
+        ("centre", "mm", payload.centre_m, errors.centre_m, 1e3, 3),
+        ("F₀", "N", payload.force_bias_n, errors.force_bias_n, 1.0, 6),
+        ("T₀", "N·m", payload.moment_bias_nm, errors.moment_bias_nm, 1.0, 6),
+    ];
+    for (name, unit, value, error, scale, decimals) in vectors {
+        for (axis, label) in ["x", "y", "z"].into_iter().enumerate() {
+            let label = format!("{name} {label} ({unit})");
+            rows.push((label, scale * value[axis], scale * error[axis], decimals));
+        }
+    }
+    rows
+}
+
+/// How it was found, and where that may not suffice.
+fn say(printer: &mut Printer, found: &FittedPayload) {
+    let FittedPayload { fit, accelerometer, gravity_from, is_grouped, skipped_rows, .. } = found;
+    if *skipped_rows > 0 {
+        printer.note(format!("{skipped_rows} bad rows left out"));
+    }
+    match (gravity_from, accelerometer) {
+        (GravityFrom::Accelerations, _) => printer.note(
+            "gravity from accelerations alone, their frame from the forces; offsets of the accelerometer are \
+             in F₀ and T₀",
+        ),
+        (GravityFrom::Orientation, Some(it)) => {
+            let [x, y, z] = it.residual_rms_m_s2;
+            printer.note(format!(
+                "accelerometer: frame, scale and offsets found; left over: {x:.3}, {y:.3}, {z:.3} m/s² (RMS)"
+            ));
+        }
+        (GravityFrom::Orientation, None) => printer.note(
+            "no accelerometer: inertia cannot be taken off (`ax ay az` in six poses or more that turn \
+             gravity in all of space tell its frame)",
+        ),
+    }
+    let rest = fit.spread_rad[1];
+    if rest < POOR_SPREAD {
+        printer.warning(format!(
+            "beside one line gravity turns by {:.1}° only: poses in all directions tell more",
+            rest.to_degrees()
+        ));
+    }
+    if !is_grouped && fit.poses > MANY_POSES {
+        printer.warning(format!(
+            "each of {} rows counts as a pose: if poses last for rows, name the column that labels them \
+             with `--group`, or standard errors are too small",
+            fit.poses
+        ));
+    }
+}

@@ -1,0 +1,142 @@
+//! The flags that say how a sensor lay and moved, and what it carries.
+
+use anyhow::bail;
+use calibration::Calibration;
+use log_file::{ColumnRef, Log, Mapping, ReadOptions};
+use shellcal::payload::STANDARD_GRAVITY_M_S2;
+use shellcal::payload_file::PayloadFile;
+use shellcal::workflow::convert::ConvertSummary;
+use shellcal::workflow::payload::{CarriedLoad, MotionColumns, find_motion_lag, read_motion};
+
+use crate::cmd::mapping::{Columns, parse_columns};
+use crate::files::InputPath;
+use crate::printer::Printer;
+
+/// Which columns say how a sensor lies and moves.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Motion")]
+pub(in crate::cmd) struct MotionColumnArgs {
+    /// Columns of orientation: 3 of gravity in the sensor's frame, 4 of a quaternion (x y z w) or 9 of a rotation
+    /// matrix, row by row, to a frame whose z is up [default: by their names]
+    #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
+    orientation: Option<Columns>,
+
+    /// Columns of acceleration along x, y, z [default: by their names]
+    #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
+    accelerations: Option<Columns>,
+
+    /// Gravity, m/s², where columns do not say it
+    #[arg(long, value_name = "M/S²", default_value_t = STANDARD_GRAVITY_M_S2, value_parser = parse_gravity)]
+    gravity: f64,
+}
+
+/// How a sensor moved in a run.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Motion")]
+pub(in crate::cmd) struct MotionArgs {
+    /// The log of orientations or accelerations [default: columns of the log itself]
+    #[arg(long, value_name = "LOG")]
+    motion: Option<InputPath>,
+
+    /// How much later the clock of `--motion` is, s [default: found from forces and accelerations]
+    #[arg(long, value_name = "SECONDS", requires = "motion", allow_negative_numbers = true)]
+    motion_lag: Option<f64>,
+
+    #[command(flatten)]
+    columns: MotionColumnArgs,
+}
+
+impl MotionColumnArgs {
+    pub(super) fn columns(&self) -> MotionColumns {
+        let references = |columns: &Option<Columns>| -> Option<Vec<ColumnRef>> {
+            columns.as_ref().map(|columns| columns.references().to_vec())
+        };
+        MotionColumns {
+            orientation: references(&self.orientation),
+            accelerations: references(&self.accelerations),
+            gravity_m_s2: self.gravity,
+        }
+    }
+}
+
+impl MotionArgs {
+    /// Whether anything is said of a motion.
+    pub(in crate::cmd) fn is_given(&self) -> bool {
+        let MotionColumnArgs { orientation, accelerations, .. } = &self.columns;
+        self.motion.is_some() || orientation.is_some() || accelerations.is_some()
+    }
+
+    /// What the sensor carried while `log` was recorded.
+    pub(in crate::cmd) fn load(
+        &self,
+        file: &PayloadFile,
+        log: &Log,
+        calibration: &Calibration,
+        read: &ReadOptions<'_>,
+        mapping: &Mapping,
+    ) -> anyhow::Result<CarriedLoad> {
+        let PayloadFile { fit, accelerometer, .. } = file;
+        let (payload, columns) = (fit.payload, self.columns.columns());
+        let Some(path) = &self.motion else {
+            let (motion, has_inertia) = read_motion(log, &columns, accelerometer.as_ref(), read)?;
+            return Ok(CarriedLoad { payload, motion, has_inertia, lag: None });
+        };
+        // Of the log's mapping only what a clock is holds for another file.
+        let other = Mapping { time_unit: mapping.time_unit, ..Mapping::default() };
+        let other = Log::open(path, &other)?;
+        let (motion, has_inertia) = read_motion(&other, &columns, accelerometer.as_ref(), read)?;
+        let lag = match self.motion_lag {
+            Some(_) => None,
+            None => find_motion_lag(log, calibration, &payload, &motion, read)?,
+        };
+        let lag_s = self.motion_lag.or(lag.map(|lag| lag.lag_s)).unwrap_or(0.0);
+        if !lag_s.is_finite() {
+            bail!("`--motion-lag` is `{lag_s}`, expected seconds");
+        }
+        Ok(CarriedLoad { payload, motion: motion.earlier_by(lag_s), has_inertia, lag })
+    }
+
+    /// Says what was taken off.
+    pub(in crate::cmd) fn report(
+        &self,
+        printer: &mut Printer,
+        log: &Log,
+        summary: &ConvertSummary,
+    ) {
+        let Some(load) = &summary.load else { return };
+        let path = log.path().display();
+        printer.note(match load.has_inertia {
+            true => "payload: weight and inertia taken off",
+            false => "payload: weight taken off; inertia needs accelerations",
+        });
+        match (load.lag, self.motion.is_some() && self.motion_lag.is_none()) {
+            (Some(lag), _) => printer.note(format!(
+                "motion: its clock is {:.2} ms late (standard error {:.2} ms)",
+                1e3 * lag.lag_s,
+                1e3 * lag.standard_error_s
+            )),
+            (None, true) => printer.warning(format!(
+                "`{path}`: forces and motion do not tell the lag of their clocks, it is taken as 0; \
+                 `--motion-lag` sets it"
+            )),
+            (None, false) => {}
+        }
+        if load.rows_without_motion > 0 {
+            printer.warning(format!(
+                "`{path}`: {} rows are far from any sample of the motion: the nearest is held there",
+                load.rows_without_motion
+            ));
+        }
+        let [fx, fy, fz, mx, my, mz] = load.standard_deviation;
+        printer.note(format!(
+            "standard deviation: {fx:.4} {fy:.4} {fz:.4} N, {mx:.5} {my:.5} {mz:.5} N·m"
+        ));
+    }
+}
+
+fn parse_gravity(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(gravity) if (0.1..=30.0).contains(&gravity) => Ok(gravity),
+        _ => Err("expected m/s², from 0.1 to 30".to_owned()),
+    }
+}

@@ -1,0 +1,41 @@
+//! `shellcal payload`: what a sensor carries.
+
+mod fit;
+pub(in crate::cmd) mod load;
+mod subtract;
+
+use clap::Subcommand;
+use shellcal::output::Outputs;
+
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct PayloadArgs {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Find mass, centre of mass and the sensor's zero from poses at rest
+    ///
+    /// A log of wrenches with the orientation of each row (`gx gy gz` of gravity in the sensor's frame,
+    /// `r11` … `r33`, `qx qy qz qw`), accelerations (`ax ay az`), or both: then the frame, scale and offsets
+    /// of the accelerometer are found, too. Every row is a pose, or every label of the group column.
+    Fit(fit::FitArgs),
+
+    /// Take weight and inertia of a payload off a log of wrenches
+    ///
+    /// For a log of readings see `shellcal convert --payload`.
+    Subtract(subtract::SubtractArgs),
+}
+
+impl PayloadArgs {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        match &self.action {
+            Action::Fit(args) => args.run(printer, outputs),
+            Action::Subtract(args) => args.run(printer, outputs),
+        }
+    }
+}

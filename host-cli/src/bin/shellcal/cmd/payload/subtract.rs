@@ -1,0 +1,142 @@
+//! `shellcal payload subtract`: a payload taken off a log of wrenches.
+//!
+//! A reference sensor is one whose six channels are the axes: what holds for readings, `convert` does.
+
+use std::io::Write;
+
+use calibration::scaling::Scaling;
+use calibration::{Basis, Calibration, Model};
+use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, ReadOptions, Wanted};
+use shell_data::wrench::{Axis, PerAxis};
+use shellcal::forces::RowRule;
+use shellcal::output::Outputs;
+use shellcal::payload_file::PayloadFile;
+use shellcal::workflow::convert::{
+    Columns, Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, convert_to,
+};
+use shellcal::workflow::selection::Rows;
+
+use super::load::MotionArgs;
+use crate::cmd::frames::ForceArgs;
+use crate::cmd::mapping::MappingArgs;
+use crate::files::{InputPath, OutputPath};
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+/// Channels of a wrench.
+const AXES: usize = Axis::ALL.len();
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal payload subtract payload.json wrench.csv -o contact.csv
+  shellcal payload subtract payload.json wrench.csv --motion accelerations.csv --lowpass 20 -o contact.csv";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct SubtractArgs {
+    /// Payload file
+    #[arg(value_name = "PAYLOAD")]
+    payload: InputPath,
+
+    /// A log of time and wrench
+    #[arg(value_name = "LOG")]
+    log: InputPath,
+
+    /// Write the wrench that is left: .csv, .parquet, .arrow or .feather, .mat, .npy or .mcap [default:
+    /// standard output, as CSV]
+    #[arg(long, short, value_name = "FILE")]
+    output: Option<OutputPath>,
+
+    #[command(flatten)]
+    motion: MotionArgs,
+
+    #[command(flatten)]
+    forces: ForceArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+impl SubtractArgs {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        if printer.json() && self.output.is_none() {
+            anyhow::bail!("`--json` needs `--output`: the table would go to the same place");
+        }
+        let format = match &self.output {
+            Some(path) => OutputFormat::of(path, DEFAULT_FRAME_ID)?,
+            None => OutputFormat::Csv,
+        };
+        let file = PayloadFile::read(&self.payload)?;
+        let mapping = self.mapping.mapping()?;
+        let (log, calibration) = wrench_log(&self.log, mapping.clone())?;
+        let read = self.mapping.read_options();
+        let load = self.motion.load(&file, &log, &calibration, &read, &mapping)?;
+        let options = ConvertOptions {
+            rows: Rows::All,
+            forces: self.forces.options_without_tare(RowRule::Time),
+            load: Some(load),
+            columns: Columns {
+                time: true,
+                axes: [true; 6],
+                standard_errors: false,
+                interval: None,
+                flags: false,
+            },
+            full_scale: None,
+        };
+        let plan = OutputPlan { format, ..OutputPlan::default() };
+        let bar = printer.progress(&log.path().display().to_string(), log.bytes());
+        let progress = |bytes| bar.set_position(bytes);
+        let read = ReadOptions { progress: Some(&progress), ..read };
+        let conversion =
+            Conversion { log: &log, calibration: &calibration, options: &options, read };
+        let summary = match &self.output {
+            Some(path) => {
+                let mut file = outputs.create(path)?;
+                let summary = convert_to(&conversion, &plan, &mut file, None)?;
+                file.commit()?;
+                summary
+            }
+            None => {
+                let mut out = printer.stream();
+                let summary = convert_to(&conversion, &plan, &mut out, None)?;
+                out.flush()?;
+                summary
+            }
+        };
+        bar.finish_and_clear();
+        self.motion.report(printer, &log, &summary);
+        if printer.json() {
+            printer.document(&summary)?;
+        }
+        Ok(Outcome::Done)
+    }
+}
+
+/// A log of wrenches as one of readings, and the calibration that makes the one of the other.
+fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibration)> {
+    let log = Log::open(path, &mapping)?;
+    log.require(&Wanted { time: true, wrench: true, ..Wanted::default() })?;
+    let mut columns: PerAxis<(usize, f64)> = Default::default();
+    for (place, column) in log.columns().iter().enumerate() {
+        match column.meaning {
+            Meaning::Force(axis, milli) => {
+                columns[axis.index()] = (place, if milli { 1e-3 } else { 1.0 });
+            }
+            Meaning::Moment(axis, unit) => {
+                let milli = unit == MomentUnit::MillinewtonMetre;
+                columns[axis.index()] = (place, if milli { 1e-3 } else { 1.0 });
+            }
+            _ => {}
+        }
+    }
+    let sensors = columns.map(|(place, _)| ColumnRef::Position(place + 1)).to_vec();
+    let as_readings = Mapping { sensors: Some(sensors), wrench: None, ..mapping };
+    let model = Model { basis: Basis::Linear, intercept: false, channels: AXES };
+    let row = |from: usize| -> PerAxis<f64> {
+        std::array::from_fn(|to| if from == to { columns[from].1 } else { 0.0 })
+    };
+    let coefficients = (0..AXES).map(row).collect();
+    let calibration = Calibration::new(model, Scaling::identity(AXES), coefficients);
+    Ok((Log::open(path, &as_readings)?, calibration))
+}

@@ -1,0 +1,154 @@
+//! From what an accelerometer says to gravity in the sensor's frame.
+//!
+//! An accelerometer at rest says −g, in a frame, a unit and with offsets of its own. Poses whose gravity is known
+//! give all of these: `a = A·g + b` by least squares, axis by axis, and turned around `g = A⁻¹·(a − b)`. The
+//! noise is in a, so that is what is fitted. Where only the accelerometer knows how the sensor lies, the
+//! forces tell its frame: the rotation R that makes `F ≈ m·R·u + F₀` best for the directions `u = −a` (Wahba,
+//! SIAM Review 7, 409, 1965; solved by the singular value decomposition, Markley, J. Astronaut. Sci. 38, 245, 1988).
+//! Its offsets are then no different from the sensor's zero, and stay in it.
+
+use faer::Mat;
+
+use super::PayloadError;
+use super::fit::{LEAST_SPREAD, check_spread, spread};
+use super::vector::{
+    Matrix, Vector, add, dot, inverse, mean, norm, product, scaled, subtract, sum_of_products,
+    times,
+};
+
+/// The least poses for the twelve numbers of an accelerometer.
+const LEAST_POSES: usize = 6;
+
+/// How an accelerometer sits at the sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Accelerometer {
+    /// From accelerations as they stand in logs to gravity in the sensor's frame, m/s².
+    pub matrix: Matrix,
+    /// Gravity where the accelerometer says zero, m/s².
+    pub offset_m_s2: Vector,
+    /// Root mean square of what it said of gravity less what that was, each axis, m/s²; zero where gravity is
+    /// known from it alone.
+    pub residual_rms_m_s2: Vector,
+}
+
+impl Accelerometer {
+    /// Fits frame, scale and offsets to accelerations and the gravity that they were taken in, in m/s².
+    /// `None` where gravity does not turn in all of space, or in too few poses.
+    pub fn fit(accelerations: &[Vector], gravity: &[Vector]) -> Option<Self> {
+        let count = accelerations.len();
+        if count < LEAST_POSES || count != gravity.len() {
+            return None;
+        }
+        let (mean_a, mean_g) = (mean(accelerations.iter().copied()), mean(gravity.iter().copied()));
+        let pairs = || {
+            let turns = gravity.iter().map(|g| subtract(*g, mean_g));
+            accelerations.iter().map(|a| subtract(*a, mean_a)).zip(turns)
+        };
+        let scatter = sum_of_products(pairs().map(|(_, turn)| (turn, turn)));
+        let size = gravity.iter().map(|g| norm(*g)).sum::<f64>() / count as f64;
+        // The volume of the scatter against its size: gravity has to turn out of any plane.
+        let determinant = dot(scatter[0], super::vector::cross(scatter[1], scatter[2]));
+        let share = determinant.max(0.0).sqrt() / (count as f64).powf(1.5) / size.powi(3);
+        if share.is_nan() || share < LEAST_SPREAD {
+            return None;
+        }
+        let response = product(&sum_of_products(pairs()), &inverse(&scatter));
+        let matrix = inverse(&response);
+        let offset_m_s2 = subtract(mean_g, times(&matrix, mean_a));
+        let mut fitted = Self { matrix, offset_m_s2, residual_rms_m_s2: [0.0; 3] };
+        let squares = accelerations.iter().zip(gravity).fold([0.0; 3], |sum, (a, g)| {
+            add(sum, subtract(fitted.gravity(*a), *g).map(|left| left * left))
+        });
+        fitted.residual_rms_m_s2 = squares.map(|sum| (sum / count as f64).sqrt());
+        fitted.matrix.iter().flatten().all(|value| value.is_finite()).then_some(fitted)
+    }
+
+    /// Apparent gravity in the sensor's frame, m/s².
+    pub fn gravity(&self, acceleration: Vector) -> Vector {
+        add(times(&self.matrix, acceleration), self.offset_m_s2)
+    }
+}
+
+/// The frame of an accelerometer from the forces on a sensor at rest, N, and accelerations of which one is
+/// `unit_m_s2`.
+///
+/// # Errors
+/// [`PayloadError`] where the sensor does not turn about two axes.
+pub fn frame_from_forces(
+    accelerations: &[Vector],
+    forces: &[Vector],
+    unit_m_s2: f64,
+) -> Result<Accelerometer, PayloadError> {
+    let (mean_a, mean_f) = (mean(accelerations.iter().copied()), mean(forces.iter().copied()));
+    let turns = accelerations.iter().map(|a| subtract(*a, mean_a));
+    check_spread(spread(turns.clone(), accelerations.iter().copied()))?;
+    let pulls = forces.iter().map(|force| subtract(*force, mean_f));
+    let products = sum_of_products(turns.map(|turn| scaled(turn, -1.0)).zip(pulls));
+    let not_finite = || PayloadError::NotFinite { pose: 1 };
+    let svd = Mat::from_fn(3, 3, |i, j| products[i][j]).svd().map_err(|_| not_finite())?;
+    let (u, v) = (svd.U(), svd.V());
+    let column =
+        |m: faer::MatRef<'_, f64>, j: usize| -> Vector { std::array::from_fn(|i| m[(i, j)]) };
+    let handed = |m| dot(column(m, 0), super::vector::cross(column(m, 1), column(m, 2)));
+    // A mirror image is no rotation: the weakest direction is turned over.
+    let signs = [1.0, 1.0, (handed(u) * handed(v)).signum()];
+    let rotation: Matrix = std::array::from_fn(|i| {
+        std::array::from_fn(|j| (0..3).map(|k| v[(i, k)] * signs[k] * u[(j, k)]).sum())
+    });
+    Ok(Accelerometer {
+        matrix: rotation.map(|row| scaled(row, -unit_m_s2)),
+        offset_m_s2: [0.0; 3],
+        residual_rms_m_s2: [0.0; 3],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn directions() -> Vec<Vector> {
+        let angle = |i: i32, k: f64| f64::from(i) * k;
+        (0..9)
+            .map(|i| {
+                let (a, b) = (angle(i, 0.9), angle(i, 2.3));
+                [a.cos() * b.cos(), a.cos() * b.sin(), a.sin()].map(|v| 9.81 * v)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn frame_scale_and_offsets_are_found_again() {
+        // Multiples of g in a frame turned by a quarter, one axis 2 % long, with offsets.
+        let says = |g: &Vector| [0.02 - g[2] / 9.81, 0.05 + 1.02 * g[0] / 9.81, 0.1 - g[1] / 9.81];
+        let gravity = directions();
+        let accelerations: Vec<Vector> = gravity.iter().map(says).collect();
+        let found = Accelerometer::fit(&accelerations, &gravity).unwrap();
+        for (a, g) in accelerations.iter().zip(&gravity) {
+            assert!(norm(subtract(found.gravity(*a), *g)) < 1e-13);
+        }
+        let plane: Vec<Vector> = gravity.iter().map(|g| [g[0], g[1], 0.0]).collect();
+        let says: Vec<Vector> = plane.iter().map(says).collect();
+        assert_eq!(Accelerometer::fit(&says, &plane), None);
+        assert_eq!(Accelerometer::fit(&accelerations[..5], &gravity[..5]), None);
+    }
+
+    #[test]
+    fn forces_tell_the_frame_of_an_accelerometer() {
+        let (s, c) = 0.7_f64.sin_cos();
+        let turned = |g: &Vector| [c * g[0] - s * g[1], s * g[0] + c * g[1], g[2]];
+        // In all of space, and in a plane.
+        let flat: Vec<Vector> = directions().iter().map(|g| [g[0], 0.0, g[2]]).collect();
+        for gravity in [directions(), flat] {
+            let accelerations: Vec<Vector> =
+                gravity.iter().map(|g| scaled(turned(g), -1.0 / 9.81)).collect();
+            let forces: Vec<Vector> =
+                gravity.iter().map(|g| add(scaled(*g, 0.3), [5.0, -2.0, 1.0])).collect();
+            let found = frame_from_forces(&accelerations, &forces, 9.81).unwrap();
+            for (a, g) in accelerations.iter().zip(&gravity) {
+                assert!(norm(subtract(found.gravity(*a), *g)) < 1e-12, "{found:?}");
+            }
+        }
+        let still = [[0.0, 0.0, -1.0]; 5];
+        assert!(frame_from_forces(&still, &[[1.0, 0.0, 0.0]; 5], 9.81).is_err());
+    }
+}

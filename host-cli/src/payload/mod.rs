@@ -1,0 +1,65 @@
+//! What a sensor carries: loads on it that are not contact.
+//!
+//! A tool, a shell, a hand behind the sensor weighs on it, and pulls when it is accelerated. With the
+//! apparent gravity `g` in the sensor's frame (gravity less acceleration, what an accelerometer measures but
+//! for its sign),
+//!
+//! ```text
+//! F = m·g + F₀        T = c × m·g + T₀
+//! ```
+//!
+//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Poses at rest whose orientation is known
+//! give all ten by least squares ([`fit()`]), and the frame, scale and offset of an accelerometer besides
+//! ([`Accelerometer`]). In a run the accelerometer then says g at any time ([`Motion`]), and the load is taken
+//! off. Torque from turning faster and faster (the tensor of inertia) is not modelled: that needs rates of
+//! turn.
+//!
+//! Pure: no files, no printing.
+
+mod accelerometer;
+mod error;
+mod fit;
+mod lag;
+mod motion;
+mod vector;
+
+pub use accelerometer::{Accelerometer, frame_from_forces};
+pub use error::PayloadError;
+pub use fit::{LEAST_SPREAD, PayloadFit, Pose, fit};
+pub use lag::{Lag, find_lag};
+pub use motion::{Motion, MotionError};
+pub use vector::{Matrix, Vector, norm};
+
+use shell_data::wrench::PerAxis;
+use vector::cross;
+
+/// Gravity where nothing else is said, m/s² (the standard value of the third CGPM, 1901).
+pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
+
+/// A rigid body on a sensor, and the sensor's zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Payload {
+    /// Mass m, kg.
+    pub mass_kg: f64,
+    /// Centre of mass c in the sensor's frame, m.
+    pub centre_m: Vector,
+    /// F₀, N.
+    pub force_bias_n: Vector,
+    /// T₀, N·m.
+    pub moment_bias_nm: Vector,
+}
+
+impl Payload {
+    /// The wrench of the body in apparent gravity, m/s², without the sensor's zero: N and N·m.
+    pub fn load(&self, gravity_m_s2: Vector) -> PerAxis<f64> {
+        let [x, y, z] = gravity_m_s2.map(|g| self.mass_kg * g);
+        let [mx, my, mz] = cross(self.centre_m, [x, y, z]);
+        [x, y, z, mx, my, mz]
+    }
+
+    /// The sensor's zero, N and N·m.
+    pub fn bias(&self) -> PerAxis<f64> {
+        let ([x, y, z], [mx, my, mz]) = (self.force_bias_n, self.moment_bias_nm);
+        [x, y, z, mx, my, mz]
+    }
+}

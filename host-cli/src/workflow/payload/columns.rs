@@ -1,0 +1,274 @@
+//! The columns of a log that say how a sensor lies and moves.
+
+use crate::payload::{STANDARD_GRAVITY_M_S2, Vector, norm};
+use log_file::{ColumnRef, Log, LogError};
+
+use super::PayloadLogError;
+
+/// How far an orientation may be from one, as a share: logs have few digits.
+const ROUGH: f64 = 0.02;
+
+/// What the user says of the columns of orientation and acceleration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotionColumns {
+    /// Three columns of gravity, four of a quaternion (x y z w) or nine of a rotation matrix, row by row; from
+    /// the sensor's frame to one whose z is up. `None` for those with usual names.
+    pub orientation: Option<Vec<ColumnRef>>,
+    /// Accelerations along x, y, z. `None` for those with usual names.
+    pub accelerations: Option<Vec<ColumnRef>>,
+    /// Gravity, m/s².
+    pub gravity_m_s2: f64,
+}
+
+impl Default for MotionColumns {
+    fn default() -> Self {
+        Self { orientation: None, accelerations: None, gravity_m_s2: STANDARD_GRAVITY_M_S2 }
+    }
+}
+
+/// Columns of a log, by place from 0.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct FoundColumns {
+    /// In the order in which they are tried.
+    pub(super) orientations: Vec<Orientation>,
+    /// Whether the user named them.
+    pub(super) is_named: bool,
+    pub(super) accelerations: Option<[usize; 3]>,
+}
+
+/// What tells how a sensor lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Orientation {
+    /// Gravity in the sensor's frame, in m/s² or multiples of g.
+    Gravity([usize; 3]),
+    /// The rotation from the sensor's frame to one whose z is up: the last row of its matrix.
+    LastRow([usize; 3]),
+    /// The same as a quaternion x y z w.
+    Quaternion([usize; 4]),
+}
+
+impl MotionColumns {
+    /// The columns of a log.
+    pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, PayloadLogError> {
+        let by_name = |names: &[&str]| places(log, names);
+        let mut found = FoundColumns {
+            orientations: Vec::new(),
+            is_named: self.orientation.is_some(),
+            accelerations: None,
+        };
+        if let Some(references) = &self.orientation {
+            let at = log.column_places(references)?;
+            found.orientations.push(match *at.as_slice() {
+                [x, y, z] => Orientation::Gravity([x, y, z]),
+                [x, y, z, w] => Orientation::Quaternion([x, y, z, w]),
+                [_, _, _, _, _, _, x, y, z] => Orientation::LastRow([x, y, z]),
+                _ => return Err(PayloadLogError::OrientationColumns { found: at.len() }),
+            });
+        } else {
+            let gravity = by_name(&["gx", "gy", "gz"])
+                .or_else(|| by_name(&["gravity_x", "gravity_y", "gravity_z"]));
+            let rotation = by_name(&["r31", "r32", "r33"]);
+            let quaternion = by_name(&["qx", "qy", "qz", "qw"]).or_else(|| {
+                by_name(&["orientation.x", "orientation.y", "orientation.z", "orientation.w"])
+            });
+            let three = |at: Vec<usize>| [at[0], at[1], at[2]];
+            found.orientations.extend(gravity.map(|at| Orientation::Gravity(three(at))));
+            found.orientations.extend(rotation.map(|at| Orientation::LastRow(three(at))));
+            found
+                .orientations
+                .extend(quaternion.map(|at| Orientation::Quaternion([at[0], at[1], at[2], at[3]])));
+        }
+        found.accelerations = match &self.accelerations {
+            Some(references) => {
+                let at = log.column_places(references)?;
+                let found = at.len();
+                let three = <[usize; 3]>::try_from(at);
+                Some(three.map_err(|_| PayloadLogError::AccelerationColumns { found })?)
+            }
+            None => by_name(&["ax", "ay", "az"])
+                .or_else(|| by_name(&["acc_x", "acc_y", "acc_z"]))
+                .or_else(|| by_name(&["accel_x", "accel_y", "accel_z"]))
+                .or_else(|| {
+                    let axes = ["x", "y", "z"].map(|axis| format!("linear_acceleration.{axis}"));
+                    by_name(&axes.each_ref().map(String::as_str))
+                })
+                .map(|at| [at[0], at[1], at[2]]),
+        };
+        if found.orientations.is_empty() && found.accelerations.is_none() {
+            return Err(PayloadLogError::NoMotion { path: log.path().to_path_buf() });
+        }
+        Ok(found)
+    }
+}
+
+impl FoundColumns {
+    /// All places, to be [read](log_file::Wanted::others); and what is then at which place of a row.
+    pub(super) fn places(&self) -> Vec<usize> {
+        let of = |orientation: &Orientation| match orientation {
+            Orientation::Gravity(at) | Orientation::LastRow(at) => at.to_vec(),
+            Orientation::Quaternion(at) => at.to_vec(),
+        };
+        let accelerations = self.accelerations.iter().flatten().copied();
+        self.orientations.iter().flat_map(of).chain(accelerations).collect()
+    }
+
+    /// Gravity in the sensor's frame of every row, m/s², from the first of the columns that hold it; `None`
+    /// where there are none. `columns` are those of [`Self::places`].
+    pub(super) fn gravity(
+        &self,
+        log: &Log,
+        columns: &[Vec<f64>],
+        gravity_m_s2: f64,
+    ) -> Result<Option<Vec<Vector>>, PayloadLogError> {
+        let mut first = 0;
+        for orientation in &self.orientations {
+            let width = match orientation {
+                Orientation::Quaternion(_) => 4,
+                _ => 3,
+            };
+            let columns = &columns[first..first + width];
+            first += width;
+            match orientation.gravity(columns, gravity_m_s2) {
+                Ok(gravity) => return Ok(Some(gravity)),
+                // Rates of turn go by the names of gravity, too.
+                Err(_) if matches!(orientation, Orientation::Gravity(_)) && !self.is_named => {}
+                Err((row, what)) => {
+                    let (path, row) = (log.path().to_path_buf(), row as u64 + 1);
+                    return Err(PayloadLogError::NoOrientation { path, row, what });
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Accelerations of every row as they stand, likewise.
+    pub(super) fn accelerations(&self, columns: &[Vec<f64>]) -> Option<Vec<Vector>> {
+        self.accelerations?;
+        let [x, y, z] = columns.last_chunk::<3>()?;
+        Some(x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z]).collect())
+    }
+}
+
+impl Orientation {
+    /// Gravity of every row, m/s²; or the first row that is no orientation, from 0, and why.
+    fn gravity(
+        self,
+        columns: &[Vec<f64>],
+        gravity_m_s2: f64,
+    ) -> Result<Vec<Vector>, (usize, String)> {
+        let rows = columns[0].len();
+        // Few digits turn a direction a little, and must not make gravity weaker.
+        let down = |up: Vector| {
+            let size = norm(up);
+            up.map(|value| -value * gravity_m_s2 / size)
+        };
+        let near = |row: usize, size: f64, expected: f64, what: &str| {
+            let is_near = (size / expected - 1.0).abs() <= ROUGH;
+            let text = || format!("{what} `{size:.4}` long, expected {expected:.4}");
+            if is_near { Ok(()) } else { Err((row, text())) }
+        };
+        let vector = |row: usize| -> Vector { std::array::from_fn(|axis| columns[axis][row]) };
+        match self {
+            Self::Gravity(_) => {
+                let mut sizes: Vec<f64> = (0..rows).map(|row| norm(vector(row))).collect();
+                let middle = rows / 2;
+                let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+                let is_m_s2 = (9.6..9.95).contains(&median);
+                let expected = if is_m_s2 { median } else { 1.0 };
+                let unit = if is_m_s2 { 1.0 } else { gravity_m_s2 };
+                let one = |row| {
+                    near(row, norm(vector(row)), expected, "gravity is")?;
+                    Ok(vector(row).map(|value| value * unit))
+                };
+                (0..rows).map(one).collect()
+            }
+            Self::LastRow(_) => {
+                let one = |row| {
+                    near(row, norm(vector(row)), 1.0, "the last row of the rotation matrix is")?;
+                    Ok(down(vector(row)))
+                };
+                (0..rows).map(one).collect()
+            }
+            Self::Quaternion(_) => {
+                let one = |row: usize| {
+                    let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
+                    let square = x * x + y * y + z * z + w * w;
+                    near(row, square.sqrt(), 1.0, "the quaternion is")?;
+                    let up = [
+                        2.0 * (x * z - w * y),
+                        2.0 * (y * z + w * x),
+                        square - 2.0 * (x * x + y * y),
+                    ];
+                    Ok(down(up))
+                };
+                (0..rows).map(one).collect()
+            }
+        }
+    }
+}
+
+/// The places of columns with these names, without regard to case, spaces and punctuation, and with a unit
+/// after them; all or `None`.
+fn places(log: &Log, names: &[&str]) -> Option<Vec<usize>> {
+    let plain = |name: &str| -> String {
+        let name = name.split(['(', '[']).next().unwrap_or(name);
+        name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
+    };
+    let columns: Vec<String> = log.columns().iter().map(|column| plain(&column.name)).collect();
+    let place = |name: &&str| {
+        let name = plain(name);
+        columns.iter().position(|column| {
+            column.strip_prefix(name.as_str()).is_some_and(|rest| ["", "ms2", "g"].contains(&rest))
+        })
+    };
+    names.iter().map(place).collect()
+}
+
+/// Which columns a motion is read from, if they are there.
+///
+/// # Errors
+/// [`LogError::MissingColumns`].
+pub(super) fn require(log: &Log, found: &FoundColumns) -> Result<(), LogError> {
+    log.require(&log_file::Wanted { others: found.places(), ..Default::default() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn column(values: &[f64]) -> Vec<f64> {
+        values.to_vec()
+    }
+
+    #[test]
+    fn a_matrix_and_a_quaternion_say_the_same() {
+        // Turned by 40° about x: gravity gets a part along −y of the sensor.
+        let (s, c) = 40_f64.to_radians().sin_cos();
+        let matrix = Orientation::LastRow([0; 3]);
+        let matrix = matrix.gravity(&[column(&[0.0]), column(&[s]), column(&[c])], 9.8).unwrap();
+        let (hs, hc) = 20_f64.to_radians().sin_cos();
+        let quaternion = [hs, 0.0, 0.0, hc].map(|value| vec![value]);
+        let quaternion = Orientation::Quaternion([0; 4]).gravity(&quaternion, 9.8).unwrap();
+        for axis in 0..3 {
+            let expected = [0.0, -9.8 * s, -9.8 * c][axis];
+            assert!((matrix[0][axis] - expected).abs() < 1e-14);
+            assert!((quaternion[0][axis] - expected).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn rates_of_turn_are_no_gravity() {
+        let gravity = Orientation::Gravity([0; 3]);
+        let of = |rows: [[f64; 3]; 3]| {
+            let columns: [Vec<f64>; 3] =
+                std::array::from_fn(|axis| rows.map(|row| row[axis]).to_vec());
+            gravity.gravity(&columns, 9.81)
+        };
+        let turning = of([[0.1, 0.0, 0.0], [3.0, 1.0, 0.0], [-2.0, 0.5, 0.5]]);
+        assert!(turning.is_err());
+        let in_g = of([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]).unwrap();
+        assert_eq!(in_g[0], [0.0, 0.0, 9.81]);
+        let local = of([[0.0, 0.0, 9.82], [0.0, 9.82, 0.0], [-9.82, 0.0, 0.0]]).unwrap();
+        assert_eq!(local[2], [-9.82, 0.0, 0.0]);
+    }
+}

@@ -1,0 +1,91 @@
+//! What a sensor carries: fitted to poses at rest, and taken off a run.
+
+mod carried;
+mod columns;
+mod motion;
+mod poses;
+
+use std::path::PathBuf;
+
+pub use carried::{CarriedLoad, LoadSummary};
+pub use columns::MotionColumns;
+pub use motion::{find_motion_lag, read_motion};
+pub use poses::{FittedPayload, GravityFrom, fit_payload};
+
+use crate::payload::{MotionError, PayloadError};
+use log_file::LogError;
+
+/// Logs that do not tell what a sensor carries, or how it moved.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PayloadLogError {
+    /// A log cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// There was nothing to work on.
+    #[error("no logs were given")]
+    NoLogs,
+    /// The poses do not suffice.
+    #[error(transparent)]
+    Payload(#[from] PayloadError),
+    /// Nothing says how the sensor lies.
+    #[error(
+        "`{}` has no columns of orientation (`gx gy gz` of gravity, `r11` … `r33`, `qx qy qz qw`) or \
+         acceleration (`ax ay az`)", path.display()
+    )]
+    NoMotion {
+        /// The log.
+        path: PathBuf,
+    },
+    /// A number of columns that stands for nothing.
+    #[error(
+        "`{found}` columns of orientation, expected 3 (gravity), 4 (quaternion x y z w) or 9 (rotation matrix, \
+         row by row)"
+    )]
+    OrientationColumns {
+        /// How many there are.
+        found: usize,
+    },
+    /// A number of columns of acceleration other than three.
+    #[error("`{found}` columns of acceleration, expected 3")]
+    AccelerationColumns {
+        /// How many there are.
+        found: usize,
+    },
+    /// An orientation that is none.
+    #[error("`{}`, data row {row}: {what}", path.display())]
+    NoOrientation {
+        /// The log.
+        path: PathBuf,
+        /// The row, from 1, counted without headers.
+        row: u64,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// Accelerations in a unit that their size does not tell.
+    #[error(
+        "`{}`: accelerations at rest are `{size:.4}` long, neither m/s² nor multiples of g", path.display()
+    )]
+    AccelerationUnit {
+        /// The log.
+        path: PathBuf,
+        /// Their median.
+        size: f64,
+    },
+    /// Accelerations without a frame.
+    #[error(
+        "`{}` has accelerations, but the payload does not know the accelerometer's frame", path.display()
+    )]
+    UnknownFrame {
+        /// The log.
+        path: PathBuf,
+    },
+    /// Samples that are no motion.
+    #[error("`{}`: {error}", path.display())]
+    Motion {
+        /// The log.
+        path: PathBuf,
+        /// Why.
+        error: MotionError,
+    },
+}

@@ -1,0 +1,95 @@
+//! How a sensor moved, from a log.
+
+use super::PayloadLogError;
+use super::columns::{MotionColumns, require};
+use crate::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
+use crate::workflow::selection::Stop;
+use calibration::Calibration;
+use log_file::{Log, LogError, ReadOptions, Wanted};
+
+/// The most rows that the lag of two clocks is looked for in: minutes of a fast sensor.
+const LAG_ROWS: usize = 200_000;
+
+/// Reads apparent gravity from a log: from accelerations, where the payload knows their frame, otherwise from
+/// orientations, which say nothing of inertia. Also says whether accelerations were used.
+///
+/// # Errors
+/// [`PayloadLogError`].
+pub fn read_motion(
+    log: &Log,
+    columns: &MotionColumns,
+    accelerometer: Option<&Accelerometer>,
+    read: &ReadOptions<'_>,
+) -> Result<(Motion, bool), PayloadLogError> {
+    let found = columns.find(log)?;
+    require(log, &found)?;
+    let wanted = Wanted { time: true, others: found.places(), ..Wanted::default() };
+    let mut times_s: Vec<f64> = Vec::new();
+    let mut others: Vec<Vec<f64>> = vec![Vec::new(); wanted.others.len()];
+    log.read(
+        &wanted,
+        read,
+        |block| (std::mem::take(&mut block.time_s), std::mem::take(&mut block.others)),
+        |(times, columns)| {
+            times_s.extend(times);
+            others.iter_mut().zip(columns).for_each(|(all, column)| all.extend(column));
+            Ok::<_, LogError>(())
+        },
+    )?;
+    let path = || log.path().to_path_buf();
+    let (gravity, is_measured) = match (accelerometer, found.accelerations(&others)) {
+        (Some(accelerometer), Some(accelerations)) => {
+            (accelerations.into_iter().map(|a| accelerometer.gravity(a)).collect(), true)
+        }
+        (_, accelerations) => match found.gravity(log, &others, columns.gravity_m_s2)? {
+            Some(gravity) => (gravity, false),
+            None if accelerations.is_some() => {
+                return Err(PayloadLogError::UnknownFrame { path: path() });
+            }
+            None => return Err(PayloadLogError::NoMotion { path: path() }),
+        },
+    };
+    let gravity: Vec<Vector> = gravity;
+    let bad = gravity.iter().position(|g| g.iter().any(|value| !value.is_finite()));
+    if let Some(row) = bad {
+        let what = "motion is not finite".to_owned();
+        return Err(PayloadLogError::NoOrientation { path: path(), row: row as u64 + 1, what });
+    }
+    let motion = Motion::new(&times_s, &gravity);
+    Ok((motion.map_err(|error| PayloadLogError::Motion { path: path(), error })?, is_measured))
+}
+
+/// How late a motion is against a log of readings; `None` where that is not clear.
+///
+/// # Errors
+/// [`LogError`].
+pub fn find_motion_lag(
+    log: &Log,
+    calibration: &Calibration,
+    payload: &Payload,
+    motion: &Motion,
+    read: &ReadOptions<'_>,
+) -> Result<Option<Lag>, LogError> {
+    let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
+    let mut times_s: Vec<f64> = Vec::new();
+    let mut forces: [Vec<f64>; 3] = Default::default();
+    let result = log.read(
+        &wanted,
+        read,
+        |block| {
+            let mut wrench = Default::default();
+            calibration.wrench(&block.readings, &mut wrench);
+            let [x, y, z, ..] = wrench;
+            (std::mem::take(&mut block.time_s), [x, y, z])
+        },
+        |(times, columns)| {
+            times_s.extend(times);
+            forces.iter_mut().zip(columns).for_each(|(all, column)| all.extend(column));
+            if times_s.len() >= LAG_ROWS { Err(Stop::Enough) } else { Ok(()) }
+        },
+    );
+    match result {
+        Ok(_) | Err(Stop::Enough) => Ok(find_lag(payload, motion, &times_s, &forces)),
+        Err(Stop::Failed(error)) => Err(error),
+    }
+}

@@ -1,0 +1,189 @@
+//! Poses at rest from logs, and what they tell.
+
+use std::collections::HashMap;
+
+use super::PayloadLogError;
+use super::columns::{MotionColumns, require};
+use crate::payload::{
+    Accelerometer, PayloadFit, Pose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces, norm,
+};
+use log_file::{Log, LogError, ReadOptions, Wanted};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
+
+/// What poses told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedPayload {
+    /// What the sensor carries.
+    pub fit: PayloadFit,
+    /// How its accelerometer sits.
+    pub accelerometer: Option<Accelerometer>,
+    /// What said how the sensor lies.
+    pub gravity_from: GravityFrom,
+    /// Whether rows of a pose were put together by labels.
+    pub is_grouped: bool,
+    /// Rows of each log.
+    pub rows: Vec<u64>,
+    /// Rows that were wrong and left out, of all.
+    pub skipped_rows: u64,
+}
+
+/// What said how the sensor lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GravityFrom {
+    /// Columns of orientation.
+    Orientation,
+    /// Accelerations alone.
+    Accelerations,
+}
+
+/// The mean of the rows of a pose.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    rows: f64,
+    wrench: PerAxis<f64>,
+    gravity: Vector,
+    acceleration: Vector,
+}
+
+impl Sum {
+    fn add(&mut self, wrench: PerAxis<f64>, gravity: Vector, acceleration: Vector) {
+        // A running mean keeps what is common out of the rounding.
+        self.rows += 1.0;
+        let share = 1.0 / self.rows;
+        let pairs = self.wrench.iter_mut().zip(wrench);
+        let pairs = pairs.chain(self.gravity.iter_mut().zip(gravity));
+        let pairs = pairs.chain(self.acceleration.iter_mut().zip(acceleration));
+        pairs.for_each(|(mean, value)| *mean += (value - *mean) * share);
+    }
+}
+
+/// Fits what a sensor carries to logs of poses at rest: a pose is the rows under a label of the group column, or
+/// every row by itself.
+///
+/// # Errors
+/// [`PayloadLogError`].
+pub fn fit_payload(
+    logs: &[Log],
+    columns: &MotionColumns,
+    read: &ReadOptions<'_>,
+) -> Result<FittedPayload, PayloadLogError> {
+    let first = logs.first().ok_or(PayloadLogError::NoLogs)?;
+    let is_grouped = logs.iter().all(Log::has_groups);
+    let mut poses = Poses::default();
+    let (mut rows, mut skipped_rows) = (Vec::new(), 0);
+    for log in logs {
+        let found = columns.find(log)?;
+        require(log, &found)?;
+        let wanted = Wanted {
+            wrench: true,
+            groups: is_grouped,
+            others: found.places(),
+            ..Wanted::default()
+        };
+        let mut blocks: Vec<Block> = Vec::new();
+        let summary = log.read(&wanted, read, std::mem::take, |block| {
+            blocks.push(block);
+            Ok::<_, LogError>(())
+        })?;
+        rows.push(summary.rows);
+        skipped_rows += summary.skipped_rows;
+        let whole = |column: usize| -> Vec<f64> {
+            blocks.iter().flat_map(|block| block.others[column].iter().copied()).collect()
+        };
+        let others: Vec<Vec<f64>> = (0..wanted.others.len()).map(whole).collect();
+        let gravity = found.gravity(log, &others, columns.gravity_m_s2)?;
+        let accelerations = found.accelerations(&others);
+        if gravity.is_none() && accelerations.is_none() {
+            return Err(PayloadLogError::NoMotion { path: log.path().to_path_buf() });
+        }
+        poses.all_have_gravity &= gravity.is_some();
+        poses.all_have_accelerations &= accelerations.is_some();
+        let mut row = 0;
+        for block in &blocks {
+            let labels =
+                block.groups.iter().flat_map(|(label, rows)| std::iter::repeat_n(label, *rows));
+            let mut labels = labels.map(Some).chain(std::iter::repeat(None));
+            for place in 0..block.rows {
+                let at = |column: &Option<Vec<Vector>>| {
+                    column.as_ref().map_or([0.0; 3], |column| column[row])
+                };
+                let wrench = std::array::from_fn(|axis| block.wrench[axis][place]);
+                let label = labels.next().flatten();
+                poses.pose_of(label).add(wrench, at(&gravity), at(&accelerations));
+                row += 1;
+            }
+        }
+    }
+    let Poses { sums, all_have_gravity, all_have_accelerations, .. } = poses;
+    let accelerations: Vec<Vector> = sums.iter().map(|sum| sum.acceleration).collect();
+    let (gravity, accelerometer, gravity_from) = if all_have_gravity {
+        let gravity: Vec<Vector> = sums.iter().map(|sum| sum.gravity).collect();
+        let accelerometer =
+            all_have_accelerations.then(|| Accelerometer::fit(&accelerations, &gravity)).flatten();
+        (gravity, accelerometer, GravityFrom::Orientation)
+    } else if all_have_accelerations {
+        let forces: Vec<Vector> =
+            sums.iter().map(|sum| [sum.wrench[0], sum.wrench[1], sum.wrench[2]]).collect();
+        let unit = unit_m_s2(first, &accelerations, columns.gravity_m_s2)?;
+        let found = frame_from_forces(&accelerations, &forces, unit)?;
+        let gravity = accelerations.iter().map(|a| found.gravity(*a)).collect();
+        (gravity, Some(found), GravityFrom::Accelerations)
+    } else {
+        return Err(PayloadLogError::NoMotion { path: first.path().to_path_buf() });
+    };
+    let poses: Vec<Pose> = sums
+        .iter()
+        .zip(gravity)
+        .map(|(sum, gravity_m_s2)| Pose { wrench: sum.wrench, gravity_m_s2 })
+        .collect();
+    let fit = fit(&poses)?;
+    Ok(FittedPayload { fit, accelerometer, gravity_from, is_grouped, rows, skipped_rows })
+}
+
+/// Poses in the order in which they begin.
+struct Poses {
+    sums: Vec<Sum>,
+    by_label: HashMap<String, usize>,
+    all_have_gravity: bool,
+    all_have_accelerations: bool,
+}
+
+impl Default for Poses {
+    fn default() -> Self {
+        let (sums, by_label) = (Vec::new(), HashMap::new());
+        Self { sums, by_label, all_have_gravity: true, all_have_accelerations: true }
+    }
+}
+
+impl Poses {
+    fn pose_of(&mut self, label: Option<&String>) -> &mut Sum {
+        let next = self.sums.len();
+        let place = match label {
+            None => next,
+            Some(label) => *self.by_label.entry(label.clone()).or_insert(next),
+        };
+        if place == next {
+            self.sums.push(Sum::default());
+        }
+        &mut self.sums[place]
+    }
+}
+
+/// What one of the accelerations at rest is, by their size.
+fn unit_m_s2(
+    log: &Log,
+    accelerations: &[Vector],
+    gravity_m_s2: f64,
+) -> Result<f64, PayloadLogError> {
+    let mut sizes: Vec<f64> = accelerations.iter().map(|a| norm(*a)).collect();
+    sizes.sort_by(f64::total_cmp);
+    let size = sizes.get(sizes.len() / 2).copied().unwrap_or_default();
+    // Offsets of an accelerometer are within a tenth of what it measures.
+    match size {
+        0.8..1.2 => Ok(gravity_m_s2),
+        8.0..12.0 => Ok(gravity_m_s2 / STANDARD_GRAVITY_M_S2),
+        _ => Err(PayloadLogError::AccelerationUnit { path: log.path().to_path_buf(), size }),
+    }
+}
