@@ -62,7 +62,7 @@ mod tests {
     use super::super::Covariance;
     use super::*;
     use crate::model::Basis;
-    use crate::validation::grouped::{GroupSums, RandomSplit};
+    use crate::validation::grouped::{Apart, GroupSums, RandomSplit};
     use shell_data::block::Block;
 
     /// Uniform numbers from −1 to 1.
@@ -95,7 +95,7 @@ mod tests {
     }
 
     fn sums(block: &Block) -> GroupedMoments {
-        let mut sums = GroupSums::new(Basis::Linear, 2, RandomSplit::default());
+        let mut sums = GroupSums::new(Basis::Linear, 2, Apart::Groups, RandomSplit::default());
         let mut worker = sums.worker();
         sums.add(worker.add(block).unwrap()).unwrap();
         sums.finish([worker]).unwrap()

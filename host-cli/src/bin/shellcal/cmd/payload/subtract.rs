@@ -14,7 +14,7 @@ use shellcal::payload_file::PayloadFile;
 use shellcal::workflow::convert::{
     Columns, Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, convert_to,
 };
-use shellcal::workflow::selection::Rows;
+use shellcal::workflow::selection::RowFilter;
 
 use super::load::MotionArgs;
 use crate::cmd::frames::ForceArgs;
@@ -72,7 +72,7 @@ impl SubtractArgs {
         let read = self.mapping.read_options();
         let load = self.motion.load(&file, &log, &calibration, &read, &mapping)?;
         let options = ConvertOptions {
-            rows: Rows::All,
+            rows: RowFilter::All,
             forces: self.forces.options_without_tare(RowRule::Time),
             load: Some(load),
             columns: Columns {
