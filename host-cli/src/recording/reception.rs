@@ -315,21 +315,6 @@ impl BoardFrame {
         Self { saturated, dropped, restarted, ..Self::new(time_us, index, measured) }
     }
 
-    fn new(time_us: i64, index: i64, measured: Measured) -> Self {
-        Self {
-            time_us,
-            index,
-            measured,
-            saturated: 0,
-            dropped: 0,
-            restarted: false,
-            timing: None,
-            health: None,
-            skewed: false,
-            rssi_dbm: None,
-        }
-    }
-
     fn of_scan(scan: &skinproc::Scan, index: i64, timeline: &mut Timeline) -> Self {
         let (time_us, restarted) =
             timeline.place(scan.clock_us, Arrival::InOrder { missing: 0 }, Silence::Short);

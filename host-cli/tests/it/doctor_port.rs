@@ -162,7 +162,7 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
         let is_heard = plan.baud.is_none_or(|baud| board.baud_rate().unwrap() == baud);
         let mut replies = Vec::new();
         decoder.feed(&buffer[..count], |event| {
-            let Event::Command { number, to, command } = event else { return };
+            let Event::Command { number, to, command, .. } = event else { return };
             for &serial in &plan.serials {
                 if to.is_none_or(|to| to == BoardId::of_serial(&serial)) {
                     let answer = plan.answer(&command, serial);

@@ -228,6 +228,7 @@ fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
         let options = SumOptions {
             basis: Basis::Linear,
             group_by: GroupBy::Column,
+            apart: Apart::Groups,
             random: RandomSplit::default(),
             used: UsedRows::default(),
             read: ReadOptions::default(),

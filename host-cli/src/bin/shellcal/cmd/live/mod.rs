@@ -191,8 +191,8 @@ impl LiveArgs {
         let options_of_recording = RecordOptions {
             protocol: self.framing.map(FramingArg::protocol),
             forces,
-            duration: None,
             start: uplink,
+            ..RecordOptions::default()
         };
         let mut source = Source::port(options, true)?;
         let (feed, done) = (feed.clone(), Arc::clone(done));
