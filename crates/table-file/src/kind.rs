@@ -162,7 +162,8 @@ fn is_matlab_4(head: &[u8]) -> bool {
     let Some((header, name)) = head.split_first_chunk::<20>() else { return false };
     let word = |at: usize| [header[at], header[at + 1], header[at + 2], header[at + 3]];
     // The thousands of the type are the machine's order of bytes.
-    let orders: [(fn([u8; 4]) -> u32, u32); 2] = [(u32::from_le_bytes, 0), (u32::from_be_bytes, 1)];
+    type Order = fn([u8; 4]) -> u32;
+    let orders = [(u32::from_le_bytes as Order, 0), (u32::from_be_bytes as Order, 1)];
     orders.into_iter().any(|(read, machine)| {
         let [kind, rows, columns, imaginary, length] = [0, 4, 8, 12, 16].map(|at| read(word(at)));
         let name =

@@ -28,11 +28,11 @@ pub(crate) struct OutputArgs {
     verbose: bool,
 
     /// How tables are printed: text, markdown or csv; with csv nothing else goes to the standard output
-    #[arg(long = "as", global = true, value_name = "FORM", value_enum, default_value_t = TableForm::Text, conflicts_with = "json", hide_possible_values = true)]
+    #[arg(long = "as", global = true, help_heading = GLOBAL, value_name = "FORM", value_enum, default_value_t = TableForm::Text, conflicts_with = "json", hide_possible_values = true)]
     form: TableForm,
 
     /// Whether to colour what goes to a terminal: auto, always or never; `NO_COLOR` counts as never
-    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t = ColorArg::Auto, hide_possible_values = true)]
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "WHEN", value_enum, default_value_t = ColorArg::Auto, hide_possible_values = true)]
     color: ColorArg,
 }
 
