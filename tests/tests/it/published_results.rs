@@ -10,7 +10,7 @@ use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
 use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{FitOptions, fit};
 use shellcal::workflow::noise::{NoiseOptions, noise};
-use shellcal::workflow::selection::Rows;
+use shellcal::workflow::selection::RowFilter;
 
 /// A recording of the simulated instrument, written as a log and opened as one.
 fn log(directory: &Path, kind: Kind, seed: u64, rows: usize) -> Log {
@@ -53,7 +53,7 @@ fn at_the_papers_size_errors_and_noise_are_of_the_papers_order() {
     }
 
     // The paper's zero-load noise lies between 0.015 and 0.048 N.
-    let noise_options = NoiseOptions { rows: Rows::Fresh, window: None };
+    let noise_options = NoiseOptions { rows: RowFilter::Fresh, window: None };
     let scatter =
         noise(&zero, &fitted.calibration, &noise_options, &ReadOptions::default()).unwrap();
     for axis in &scatter.axes[..3] {
