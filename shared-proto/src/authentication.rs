@@ -12,10 +12,9 @@
 //! that was recorded is of no use later, neither on this run of the board nor on the next. What is
 //! sent is not hidden: the radio's own encryption does that.
 
-use core::fmt;
-
 use crate::bytes::{Bytes, Reader};
 use crate::command::{BoardId, Command, MAX_PIECE};
+use crate::key::Key;
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::Sha256;
 
@@ -23,24 +22,6 @@ use sha2::Sha256;
 pub const MAX_SIGNED_PIECE: usize = 24;
 
 const TAG: usize = 8;
-
-/// What host and board share.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct Key([u8; Self::LEN]);
-
-/// What a board wants signatures to be made with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Challenge {
-    /// Whether the board has a key, and so wants signatures.
-    pub is_keyed: bool,
-    /// The board's number of this run.
-    pub nonce: [u8; 8],
-    /// The counter of the last signed command that was accepted.
-    pub counter: u32,
-    /// Commands that were refused for want of a signature, or for a wrong or an old one, since the
-    /// start; it stays at the largest value.
-    pub refused: u32,
-}
 
 /// What makes a command one of who knows the key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,19 +32,6 @@ pub struct Signature {
 }
 
 impl Key {
-    /// Bytes of a key.
-    pub const LEN: usize = 16;
-
-    /// A key of random bytes; `None` of zeros, which stand for none.
-    pub fn new(bytes: [u8; Self::LEN]) -> Option<Self> {
-        (bytes != [0; Self::LEN]).then_some(Self(bytes))
-    }
-
-    /// Its bytes.
-    pub const fn bytes(&self) -> &[u8; Self::LEN] {
-        &self.0
-    }
-
     fn mac(
         &self,
         nonce: &[u8; 8],
@@ -79,7 +47,7 @@ impl Key {
         content.extend(&BoardId::code(to).to_le_bytes());
         command.write(&mut content);
         // A key of any length is one.
-        let mut mac = Hmac::<Sha256>::new(&padded(&self.0).into());
+        let mut mac = Hmac::<Sha256>::new(&padded(self.bytes()).into());
         mac.update(&content);
         mac
     }
@@ -117,31 +85,6 @@ fn padded(key: &[u8; Key::LEN]) -> [u8; 64] {
     let mut block = [0; 64];
     block[..Key::LEN].copy_from_slice(key);
     block
-}
-
-/// Does not show the key.
-impl fmt::Debug for Key {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Key(…)")
-    }
-}
-
-impl Challenge {
-    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
-        out.push(u8::from(self.is_keyed));
-        out.extend(&self.nonce);
-        out.extend(&self.counter.to_le_bytes());
-        out.extend(&self.refused.to_le_bytes());
-    }
-
-    pub(crate) fn read(body: &mut Reader<'_>) -> Option<Self> {
-        Some(Self {
-            is_keyed: body.u8()? & 1 != 0,
-            nonce: body.array()?,
-            counter: body.u32()?,
-            refused: body.u32()?,
-        })
-    }
 }
 
 impl Signature {

@@ -4,9 +4,9 @@
 //! command that was lost can be sent again: doing any of them twice is the same as doing it once.
 
 use crate::CHANNELS;
-use crate::authentication::{Challenge, Key};
 use crate::bytes::{Bytes, Reader};
 use crate::calibration::crc32;
+use crate::key::{Challenge, Key};
 
 /// Gives an enum its one-byte codes both ways. A code without a variant is `Other`, so that what a
 /// newer board says can be read by an older host as far as it goes.

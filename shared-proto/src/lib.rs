@@ -46,13 +46,14 @@ mod detect;
 mod error;
 mod frame;
 mod health;
+mod key;
 mod outage;
 mod packet;
 mod sequence;
 pub mod skinproc;
 pub mod xbee;
 
-pub use authentication::{Challenge, Key, MAX_SIGNED_PIECE, Signature};
+pub use authentication::{MAX_SIGNED_PIECE, Signature};
 pub use bytes::Bytes;
 pub use calibration::{Calibration, FEATURES, crc32};
 pub use command::{
@@ -64,6 +65,7 @@ pub use detect::{Protocol, detect};
 pub use error::DecodeError;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
 pub use health::{Health, Timing, Vitals};
+pub use key::{Challenge, Key};
 pub use outage::Silence;
 pub use packet::{
     Boot, COUNTS_PER_LSB, Packet, READINGS_FRAME, Sample, VERSION, Values, WRENCH_FRAME,

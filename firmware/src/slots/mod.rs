@@ -2,9 +2,9 @@
 //!
 //! | offset in the slot | bytes | field |
 //! |---:|---:|---|
-//! | 0 | 672 | record |
-//! | 672 | 4 | generation, little-endian: one more than that of the other slot when it was written |
-//! | 676 | 4 | CRC-32 of all before it, little-endian |
+//! | 0 | 696 | record |
+//! | 696 | 4 | generation, little-endian: one more than that of the other slot when it was written |
+//! | 700 | 4 | CRC-32 of all before it, little-endian |
 //!
 //! A slot counts if its CRC is right, and of two that count the newer generation is in use. A new
 //! record goes into the other slot, so until its last byte is written the old one is in use. A slot

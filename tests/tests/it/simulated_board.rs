@@ -240,7 +240,7 @@ fn a_board_with_a_key_is_set_up_by_who_has_it() {
     assert!(refused("--key load.txt rate 50").contains("load.txt"));
     fs::write(dir.path().join("short.txt"), "0011\n").unwrap();
     assert!(refused("--key short.txt rate 50").contains("32 hexadecimal digits"));
-    assert!(refused("--key key.txt key new key.txt").contains("is there"));
+    assert!(refused("--key key.txt key new other.txt").contains("is there"));
 
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
     let fit = format!("fit {} --output cal.json", data.join("synthetic-train.csv").display());

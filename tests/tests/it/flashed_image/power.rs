@@ -5,8 +5,8 @@ use system_tests::flashed::Model;
 
 use super::host::{Host, calibration, crc_of};
 
-/// One page erased, and a slot of 680 bytes in double words.
-const OPERATIONS: u64 = 1 + 680 / 8;
+/// One page erased, and a slot of 704 bytes in double words.
+const OPERATIONS: u64 = 1 + 704 / 8;
 
 /// What an operation has done that the power was cut during.
 const OUTCOMES: [&str; 4] = ["nothing", "some bits", "unreadable", "complete"];
