@@ -42,6 +42,7 @@ mod readme;
 #[cfg(unix)]
 mod record_port;
 mod record_replay;
+mod refits;
 mod shell_integration;
 mod simulate_command;
 mod solver_identities;
