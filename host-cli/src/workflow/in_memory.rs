@@ -125,7 +125,7 @@ impl RowFit {
                 sensor_serial,
                 solver: Some(SolverRecord {
                     name: self.solver,
-                    ridge: self.ridge,
+                    ridge: self.solution.ridge,
                     truncate: self.truncate,
                 }),
                 diagnostics: Some(Diagnostics {

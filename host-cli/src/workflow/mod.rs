@@ -22,6 +22,7 @@ pub mod outliers;
 pub mod partial;
 pub mod payload;
 pub mod physics;
+pub mod refits;
 pub mod report;
 pub mod sampling;
 pub mod selection;

@@ -49,6 +49,7 @@ mod readme;
 #[cfg(unix)]
 mod record_port;
 mod record_replay;
+mod refits;
 mod settings;
 mod shell_integration;
 mod simulate_command;

@@ -39,4 +39,5 @@ pub use self::dense::{Dense, solve_dense};
 pub use self::method::Method;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};
 pub use self::solve::solve;
+pub(crate) use self::solve::{ridge_by_gcv, triangle};
 pub use super::triangle::{LeastSquares, LeastSquaresError, Ridge};

@@ -7,7 +7,7 @@ use super::rows::Rows;
 use super::wide_gram::FormWideGram;
 use super::wide_qr::FactorWide;
 use super::{gcv, huber, rank_revealing, refinement};
-use crate::triangle::{LeastSquares, Ridge};
+use crate::triangle::{LeastSquares, Ridge, Triangle};
 
 /// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`.
 ///
@@ -28,14 +28,33 @@ pub fn solve<R: Rows>(
         Method::Svd { truncate } => {
             rank_revealing::svd(&rows.pass(&FormTriangle { shape })?, ridge, truncate)?
         }
-        Method::RidgeGcv => {
-            let triangle = rows.pass(&FormTriangle { shape })?;
-            triangle.solve(Ridge { lambda: gcv::lambda(&triangle, ridge.free_column)?, ..ridge })?
-        }
+        Method::RidgeGcv => ridge_by_gcv(rows, ridge.free_column)?.0,
         Method::Gram => rows.pass(&FormGram { shape })?.solve(ridge)?,
         Method::WideGram => rows.pass(&FormWideGram { shape })?.solve(ridge)?,
         Method::WideTsqr => rows.pass(&FactorWide { shape })?.solve(ridge)?,
         Method::RefinedTsqr => refinement::solve(rows, ridge)?,
         Method::Huber => huber::solve(rows, ridge)?,
     })
+}
+
+/// The solution with the ridge that generalised cross-validation finds, and its λ.
+///
+/// # Errors
+/// As [`solve`].
+pub(crate) fn ridge_by_gcv<R: Rows>(
+    rows: &mut R,
+    free_column: Option<usize>,
+) -> Result<(LeastSquares, f64), R::Error> {
+    let triangle = triangle(rows)?;
+    let lambda = gcv::lambda(&triangle, free_column)?;
+    Ok((triangle.solve(Ridge { lambda, free_column })?, lambda))
+}
+
+/// The triangle of all rows.
+///
+/// # Errors
+/// If rows cannot be read.
+pub(crate) fn triangle<R: Rows>(rows: &mut R) -> Result<Triangle, R::Error> {
+    let shape = rows.shape();
+    rows.pass(&FormTriangle { shape })
 }

@@ -135,6 +135,7 @@ pub fn solve_moments(
         rows: fit.rows,
         condition: fit.condition,
         rank: fit.rank,
+        ridge,
         scaling: Scaling { centre: fit.centre, scale: fit.scale },
     })
 }

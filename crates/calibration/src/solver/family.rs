@@ -12,6 +12,7 @@ use crate::least_squares::{
     self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape,
 };
 use crate::reading_ranges::ReadingRanges;
+use crate::triangle::Triangle;
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
 
@@ -132,15 +133,32 @@ pub fn fit_by<B: Blocks>(
     let features = Features::new(model, scaling);
     let free_column = model.intercept.then(|| features.len() - 1);
     let mut rows = FeatureRows { blocks, features: &features, ranges: None };
-    let solved = least_squares::solve(&mut rows, method, Ridge { lambda, free_column });
+    let ridge = Ridge { lambda, free_column };
+    let solved = match method {
+        Method::RidgeGcv => least_squares::ridge_by_gcv(&mut rows, free_column),
+        _ => least_squares::solve(&mut rows, method, ridge).map(|solved| (solved, lambda)),
+    };
     let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.channels));
     match solved {
-        Ok(solved) => Ok((Solution::new(&features, solved), ranges)),
+        Ok((solved, lambda)) => Ok((Solution::new(&features, solved, lambda), ranges)),
         Err(Stopped::Solving(error)) => {
             Err(FitError::of_least_squares(error, &features, &ranges).into())
         }
         Err(Stopped::Reading(error)) => Err(error),
     }
+}
+
+/// The triangle of the QR factorisation of features and wrench of the rows of a block.
+///
+/// # Errors
+/// [`FitError`] if a reading or a wrench is not finite.
+pub(crate) fn triangle(features: &Features, block: &Block) -> Result<Triangle, FitError> {
+    let mut blocks = std::slice::from_ref(block);
+    let mut rows = FeatureRows { blocks: &mut blocks, features, ranges: None };
+    least_squares::triangle(&mut rows).map_err(|stopped| match stopped {
+        Stopped::Reading(error) => error,
+        Stopped::Solving(_) => FitError::Overflow,
+    })
 }
 
 /// Blocks as rows of features and wrench.

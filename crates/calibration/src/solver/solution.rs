@@ -28,10 +28,12 @@ pub struct Solution {
     pub condition: f64,
     /// Independent features.
     pub rank: usize,
+    /// λ of the ridge: that which was asked for, or which the solver found.
+    pub ridge: f64,
 }
 
 impl Solution {
-    pub(super) fn new(features: &Features, solved: LeastSquares) -> Self {
+    pub(super) fn new(features: &Features, solved: LeastSquares, ridge: f64) -> Self {
         Self {
             model: features.model(),
             scaling: features.scaling().clone(),
@@ -41,6 +43,7 @@ impl Solution {
             rows: solved.rows,
             condition: solved.condition,
             rank: solved.rank,
+            ridge,
         }
     }
 }

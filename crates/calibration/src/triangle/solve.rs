@@ -112,6 +112,14 @@ impl Triangle {
         misfit.transpose() * &misfit + self.rest_products()
     }
 
+    /// Sums of the residuals `X·C − Y` of any `C`, where the column `ones` of `X` is ones.
+    pub(crate) fn sums_of_residuals(&self, coefficients: MatRef<'_, f64>, ones: usize) -> Vec<f64> {
+        let (p, q) = (self.features, self.r.nrows() - self.features);
+        let misfit = self.r() * coefficients - self.r.as_ref().submatrix(0, p, p, q);
+        let column = self.r().col(ones).to_owned();
+        (0..q).map(|a| column.transpose() * misfit.col(a)).collect()
+    }
+
     /// `EᵀE`, q × q: what no `C` can fit.
     pub(crate) fn rest_products(&self) -> Mat<f64> {
         let (p, q) = (self.features, self.r.nrows() - self.features);

@@ -146,19 +146,29 @@ pub(super) fn fold_groups(
     sums: &GroupedMoments,
     folds: usize,
 ) -> Result<Vec<Vec<usize>>, ValidationError> {
-    let groups = sums.groups.len();
+    let rows: Vec<u64> = sums.groups.iter().map(|(_, moments)| moments.rows()).collect();
+    deal_groups(&rows, folds)
+}
+
+/// Groups of so many rows, by their places, dealt into folds of about the same number of rows: the largest
+/// first, each into the fold with the fewest.
+///
+/// # Errors
+/// [`ValidationError::Folds`] unless there are two folds to as many as groups.
+pub fn deal_groups(rows: &[u64], folds: usize) -> Result<Vec<Vec<usize>>, ValidationError> {
+    let groups = rows.len();
     if !(2..=groups).contains(&folds) {
         return Err(ValidationError::Folds { folds, groups });
     }
     let mut order: Vec<usize> = (0..groups).collect();
-    order.sort_by_key(|&group| std::cmp::Reverse(sums.groups[group].1.rows()));
+    order.sort_by_key(|&group| std::cmp::Reverse(rows[group]));
     let mut dealt = vec![(0, Vec::new()); folds];
     for group in order {
-        let (rows, fold) = (dealt.iter_mut())
+        let (of_fold, fold) = (dealt.iter_mut())
             .min_by_key(|(rows, fold)| (*rows, fold.len()))
             .map(|(rows, fold)| (rows, fold))
             .expect("two folds or more");
-        *rows += sums.groups[group].1.rows();
+        *of_fold += rows[group];
         fold.push(group);
     }
     Ok(dealt.into_iter().map(|(_, fold)| fold).collect())

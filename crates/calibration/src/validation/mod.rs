@@ -6,8 +6,8 @@
 //! group and finds the errors on it from those sums, [`selection`] compares models by these
 //! errors, [`plateaus`] finds groups where none are named, [`excitation`] says how well the training loads cover the six axes.
 //!
-//! Left out: readings that the exact solver cannot take. Without exact sums, taking a group away
-//! from the whole would cancel.
+//! Without exact sums, taking a group away from the whole would cancel: for readings that the exact solver
+//! cannot take, [`triangles`] puts the other groups together instead.
 
 pub mod advice;
 pub mod comparison;
@@ -18,8 +18,10 @@ pub mod outliers;
 pub mod plateaus;
 pub mod selection;
 pub mod shared_loads;
+pub mod triangles;
 
 use super::exact::{ExactError, SolveError};
+use crate::FitError;
 
 /// Why a calibration cannot be validated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -64,6 +66,9 @@ pub enum ValidationError {
     /// The sums do not suit the model.
     #[error(transparent)]
     Solve(#[from] SolveError),
+    /// A row that no fit can take.
+    #[error(transparent)]
+    Rows(Box<FitError>),
     /// None of the models can be fitted.
     #[error("the rows determine none of the models")]
     NoModel,

@@ -80,19 +80,44 @@ pub fn select(
     let whole = whole.ok_or(ValidationError::TooFewGroups { found: groups })?;
     let folds = fold_groups(sums, groups.min(FOLDS))?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
-    let mut candidates = Vec::new();
-    for basis in Basis::ALL {
-        let model = Model { basis, intercept, channels: whole.channels() };
-        let Ok(parts) = PartitionedMoments::new(whole, &model) else { continue };
-        let try_ridge = |ridge: f64| -> Result<Candidate, ValidationError> {
+    let model = |basis| Model { basis, intercept, channels: whole.channels() };
+    let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
+        let Ok(parts) = PartitionedMoments::new(whole, &model(basis)) else { return Ok(None) };
+        let folds = &folds;
+        Ok(Some(Box::new(move |ridge| {
             let errors = folds.iter().map(|fold| errors_on(&parts, &sums.groups, fold, ridge));
             let errors: Vec<_> = errors.collect::<Result<_, _>>()?;
-            let errors: Option<Vec<_>> = errors.into_iter().map(Result::ok).collect();
+            Ok(errors.into_iter().map(Result::ok).collect())
+        })))
+    };
+    let mut selection = choose(model, ridges, &variances, errors_of)?;
+    selection.folds = folds.len();
+    Ok(selection)
+}
+
+/// The errors on each fold by ridge; `None` where the model cannot be fitted without one of them.
+pub(super) type ErrorsByRidge<'a> =
+    Box<dyn Fn(f64) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, ValidationError> + 'a>;
+
+/// Compares models by the errors that `errors_of` gives of a family, if that can be fitted at all.
+pub(super) fn choose<'a>(
+    model: impl Fn(Basis) -> Model,
+    ridges: &[f64],
+    variances: &PerAxis<f64>,
+    errors_of: impl Fn(Basis) -> Result<Option<ErrorsByRidge<'a>>, ValidationError>,
+) -> Result<Selection, ValidationError> {
+    let mut candidates = Vec::new();
+    let mut folds = 0;
+    for basis in Basis::ALL {
+        let Some(errors) = errors_of(basis)? else { continue };
+        let mut try_ridge = |ridge: f64| -> Result<Candidate, ValidationError> {
+            let errors = errors(ridge)?;
+            folds = errors.as_ref().map_or(folds, Vec::len);
             Ok(Candidate {
                 basis,
                 ridge,
-                features: model.term_count(),
-                errors: errors.map(|errors| summarise(&errors, &variances)),
+                features: model(basis).term_count(),
+                errors: errors.map(|errors| summarise(&errors, variances)),
             })
         };
         let first = candidates.len();
@@ -116,7 +141,7 @@ pub fn select(
         .filter(|(_, _, errors)| errors.score <= limit)
         .min_by(|a, b| a.1.features.cmp(&b.1.features).then(a.2.score.total_cmp(&b.2.score)))
         .map_or(best, |(i, ..)| i);
-    Ok(Selection { folds: folds.len(), candidates, best, chosen })
+    Ok(Selection { folds, candidates, best, chosen })
 }
 
 /// Whether the last of some candidates has the smallest error.

@@ -21,6 +21,6 @@ mod worker;
 
 pub(super) use self::moments::total;
 pub use self::moments::{GroupKind, GroupedMoments};
-pub use self::random_split::RandomSplit;
+pub use self::random_split::{RandomSplit, deal};
 pub use self::sums::GroupSums;
 pub use self::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS};

@@ -16,7 +16,7 @@ pub struct RandomSplit {
 
 /// The rows of the folds that are held out: at random, but a row, and all that equal it, always to the
 /// same fold, whatever blocks a log is cut into and whatever other columns it has.
-pub(super) fn deal(columns: &[&[f64]], rows: usize, split: &RandomSplit) -> Vec<Vec<usize>> {
+pub fn deal(columns: &[&[f64]], rows: usize, split: &RandomSplit) -> Vec<Vec<usize>> {
     let mut dealt = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {
         return dealt;

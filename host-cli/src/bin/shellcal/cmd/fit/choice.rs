@@ -4,7 +4,8 @@ use calibration::Model;
 use log_file::{Log, ReadOptions};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::groups::FoundSummary;
-use shellcal::workflow::model_choice::{self, ModelChoice, ModelChoiceOptions};
+use shellcal::workflow::model_choice::{ModelChoice, ModelChoiceOptions};
+use shellcal::workflow::refits;
 use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::{Weighing, weigh};
 
@@ -36,7 +37,7 @@ impl FitArgs {
             used,
             read: ReadOptions { progress: Some(&progress), ..self.mapping.read_options() },
         };
-        let choice = model_choice::choose(train, &options);
+        let choice = refits::choose(train, &options, self.truncate);
         bar.finish_and_clear();
         let choice = choice?;
         if let Some(groups) = choice.found_groups() {

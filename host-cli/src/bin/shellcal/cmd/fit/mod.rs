@@ -382,7 +382,7 @@ impl FitArgs {
                 sensor_serial: self.serial.clone(),
                 solver: Some(SolverRecord {
                     name: fitted.solver,
-                    ridge: choice.ridge,
+                    ridge: fitted.solution.ridge,
                     truncate: self.truncate,
                 }),
                 diagnostics: Some(Diagnostics {
