@@ -99,7 +99,7 @@ fn variances(folds: &[Block]) -> PerAxis<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::validation::grouped::{GroupSums, RandomSplit};
+    use crate::validation::grouped::{Apart, GroupSums, RandomSplit};
     use crate::validation::selection;
 
     fn noise(i: usize) -> f64 {
@@ -127,7 +127,7 @@ mod tests {
             Block { rows, wrench, readings, groups, ..Block::default() }
         };
         let folds: Vec<Block> = (0..7).map(fold).collect();
-        let mut sums = GroupSums::new(Basis::Poly3, 3, RandomSplit::default());
+        let mut sums = GroupSums::new(Basis::Poly3, 3, Apart::Groups, RandomSplit::default());
         let mut worker = sums.worker();
         for fold in &folds {
             sums.add(worker.add(fold).unwrap()).unwrap();
