@@ -7,7 +7,7 @@
 //! [`Boards`] has a [`Reception`] for every board that a base station hears.
 //! [`Reception`] unwraps sequence and clock and finds restarts of the board; [`RowWriter`] puts the
 //! frames of a batch in order, marks gaps and adds forces where there is a calibration. The channels of
-//! a frame are brought to one time ([`simultaneous`]); nothing else is interpolated: a frame that did
+//! a frame are brought to one time; nothing else is interpolated: a frame that did
 //! not arrive has no row, and the row after it says how many are missing.
 //!
 //! Readings are in steps of the 12-bit converter, those of the original board as they are, those of
