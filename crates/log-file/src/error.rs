@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use table_file::TableError;
 
-pub use crate::stream::beside::Apart;
+pub use crate::stream::beside::RowMismatch;
 
 /// A log that cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -46,13 +46,13 @@ pub enum LogError {
     },
     /// The files do not belong together row by row.
     #[error("`{}` and `{}` beside it: {problem}", path.display(), beside.display())]
-    Apart {
+    RowMismatch {
         /// The file.
         path: PathBuf,
         /// The file beside it.
         beside: PathBuf,
         /// Why not.
-        problem: Apart,
+        problem: RowMismatch,
     },
     /// The file is of a kind that is not read.
     #[error("`{}` is {what}, which is not read", path.display())]

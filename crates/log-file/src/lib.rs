@@ -53,7 +53,7 @@ mod parse;
 mod read;
 mod stream;
 
-pub use error::{Apart, Field, LogError, Place, RowProblem};
+pub use error::{Field, LogError, Place, RowMismatch, RowProblem};
 pub use format::columns::{Column, Meaning};
 pub use format::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
 pub use log::Log;

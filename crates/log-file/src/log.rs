@@ -38,7 +38,7 @@ impl Log {
     /// wrench.
     ///
     /// # Errors
-    /// Those of [`Log::open`] for either file, and [`LogError::Apart`] if their rows are not the same.
+    /// Those of [`Log::open`] for either file, and [`LogError::RowMismatch`] if their rows are not the same.
     pub fn open_beside(path: &Path, beside: &Path, mapping: &Mapping) -> Result<Self, LogError> {
         let source = LogSource::new(path, mapping.table.as_deref())?;
         let source = source.with_beside(LogSource::new(beside, None)?);

@@ -17,7 +17,7 @@ pub struct PortState {
     pub refusal: Option<LinkError>,
     /// The group that may open it.
     pub group: Option<String>,
-    /// Whether whoever asks is in that group.
+    /// Whether the user of this process is in that group.
     pub in_group: Option<bool>,
     /// A process that has it open: its name and number.
     pub holder: Option<(String, u32)>,

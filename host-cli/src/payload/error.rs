@@ -34,7 +34,7 @@ pub enum PayloadError {
         /// Its standard error.
         standard_error_kg: f64,
     },
-    /// A number that is none.
+    /// A value that is infinite or NaN.
     #[error("pose `{pose}` has a value that is not finite")]
     NotFinite {
         /// The pose, from 1.

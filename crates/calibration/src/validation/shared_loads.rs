@@ -141,7 +141,7 @@ impl SharedRows {
         }
     }
 
-    /// The share of the rows that lie on plateaus; `None` of no rows.
+    /// The share of the rows that lie on plateaus; `None` for zero rows.
     pub fn share(&self) -> Option<f64> {
         let shared = self.are_shared.iter().filter(|is_shared| **is_shared).count();
         let rows = self.are_shared.len();

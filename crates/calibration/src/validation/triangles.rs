@@ -101,11 +101,11 @@ mod tests {
     use super::*;
     use crate::validation::grouped::{Apart, GroupSums, RandomSplit};
     use crate::validation::selection;
+    use system_tests::random::Random;
 
+    /// Uniform numbers from −1 to 1.
     fn noise(i: usize) -> f64 {
-        let z = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let z = (z ^ (z >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        ((z ^ (z >> 32)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        2.0 * Random(i as u64).unit() - 1.0
     }
 
     /// The same rows by exact sums: seven groups, which are the folds.

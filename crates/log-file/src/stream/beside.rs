@@ -13,7 +13,7 @@ const TEXT_BYTES: usize = 1 << 16;
 /// Why two files are not rows of one log.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Apart {
+pub enum RowMismatch {
     /// The first alone, or the second, has this line.
     #[error("line {0} is in one of them alone")]
     Lines(u64),
@@ -26,7 +26,7 @@ pub enum Apart {
     /// The first is a log that begins with more than one line of names.
     #[error("robot telemetry has no file beside it")]
     Telemetry,
-    /// A line that is none.
+    /// A line beyond the longest that is read.
     #[error("line {0} is longer than {LONGEST} bytes")]
     Long(u64),
 }
@@ -43,13 +43,13 @@ pub(crate) struct Sides {
 
 impl Sides {
     /// Of the first lines.
-    pub(crate) fn new([first, second]: [&[u8]; 2]) -> Result<Self, Apart> {
+    pub(crate) fn new([first, second]: [&[u8]; 2]) -> Result<Self, RowMismatch> {
         if first.starts_with(b"%") {
-            return Err(Apart::Telemetry);
+            return Err(RowMismatch::Telemetry);
         }
         let separator = match [first, second].map(separator) {
             [Some(first), Some(second)] if first != second => {
-                return Err(Apart::Separators(first, second));
+                return Err(RowMismatch::Separators(first, second));
             }
             [first, second] => first.or(second).unwrap_or(b','),
         };
@@ -64,7 +64,7 @@ impl Sides {
             true => {
                 Ok(Self { separator, has_names: one, columns: fields.each_ref().map(Vec::len) })
             }
-            false => Err(Apart::Names),
+            false => Err(RowMismatch::Names),
         }
     }
 
@@ -143,7 +143,7 @@ impl<R: Read> Joined<R> {
                     }
                     self.text.push(b'\n');
                 }
-                _ => return Err(io::Error::other(Apart::Lines(self.line))),
+                _ => return Err(io::Error::other(RowMismatch::Lines(self.line))),
             }
         }
         Ok(())
@@ -179,7 +179,7 @@ impl<R: Read> Lines<R> {
         self.line.clear();
         let read = (&mut self.stream).take(LONGEST).read_until(b'\n', &mut self.line)?;
         if read as u64 == LONGEST && self.line.last() != Some(&b'\n') {
-            return Err(io::Error::other(Apart::Long(number)));
+            return Err(io::Error::other(RowMismatch::Long(number)));
         }
         let end = self.line.trim_ascii_end().len();
         self.line.truncate(end);
@@ -217,15 +217,15 @@ mod tests {
     #[test]
     fn files_that_are_not_row_by_row_are_told() {
         for (first, second, expected) in [
-            ("1,2\n3,4\n", "5\n", Apart::Lines(2)),
-            ("1,2\n", "5\n6\n", Apart::Lines(2)),
-            ("1,2\n\n", "5\n6\n", Apart::Lines(2)),
-            ("1,2\n", "5;6\n", Apart::Separators(b',', b';')),
-            ("a,b\n1,2\n", "5\n6\n", Apart::Names),
-            ("% a|b\n1,2\n", "a\n6\n", Apart::Telemetry),
+            ("1,2\n3,4\n", "5\n", RowMismatch::Lines(2)),
+            ("1,2\n", "5\n6\n", RowMismatch::Lines(2)),
+            ("1,2\n\n", "5\n6\n", RowMismatch::Lines(2)),
+            ("1,2\n", "5;6\n", RowMismatch::Separators(b',', b';')),
+            ("a,b\n1,2\n", "5\n6\n", RowMismatch::Names),
+            ("% a|b\n1,2\n", "a\n6\n", RowMismatch::Telemetry),
         ] {
             assert_eq!(joined(first, second), Err(expected.to_string()), "{first:?} {second:?}");
         }
-        assert_eq!(joined(&"1".repeat(2 << 20), "1\n"), Err(Apart::Long(1).to_string()));
+        assert_eq!(joined(&"1".repeat(2 << 20), "1\n"), Err(RowMismatch::Long(1).to_string()));
     }
 }

@@ -18,7 +18,7 @@ use flate2::bufread::MultiGzDecoder;
 use table_file::{FileKind, Numbering, Recognised, Table, TableError, TableText};
 use tempfile::TempPath;
 
-use super::beside::{Apart, Joined, Lines, Sides};
+use super::beside::{Joined, Lines, RowMismatch, Sides};
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
@@ -126,12 +126,12 @@ impl LogSource {
         let first = first_line(self, self.open_alone(false, &Arc::default())?)?;
         let second = first_line(beside, beside.open()?)?;
         let sides = Sides::new([&first, &second]);
-        sides.map(Some).map_err(|problem| self.apart(problem))
+        sides.map(Some).map_err(|problem| self.row_mismatch(problem))
     }
 
-    fn apart(&self, problem: Apart) -> LogError {
+    fn row_mismatch(&self, problem: RowMismatch) -> LogError {
         let beside = self.beside.as_ref().map(|beside| beside.path.clone()).unwrap_or_default();
-        LogError::Apart { path: self.path.clone(), beside, problem }
+        LogError::RowMismatch { path: self.path.clone(), beside, problem }
     }
 
     /// The first bytes of a stream.
@@ -254,8 +254,8 @@ impl LogSource {
             Ok(problem) => return LogError::Table { path, problem },
             Err(source) => source,
         };
-        let source = match source.downcast::<Apart>() {
-            Ok(problem) => return self.apart(problem),
+        let source = match source.downcast::<RowMismatch>() {
+            Ok(problem) => return self.row_mismatch(problem),
             Err(source) => source,
         };
         match (&self.container, source.kind()) {

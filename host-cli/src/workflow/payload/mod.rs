@@ -52,7 +52,7 @@ pub enum PayloadLogError {
         /// How many there are.
         found: usize,
     },
-    /// An orientation that is none.
+    /// Values that are no rotation or direction.
     #[error("`{}`, data row {row}: {what}", path.display())]
     NoOrientation {
         /// The log.
