@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use ratatui::Terminal;
-use ratatui::backend::CrosstermBackend;
+use ratatui::backend::{Backend, CrosstermBackend};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use ratatui::crossterm::terminal::{
     EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
 };
 use ratatui::crossterm::{cursor, execute};
+use ratatui::layout::{Rect, Size};
+use ratatui::{Terminal, TerminalOptions, Viewport};
 use shellcal::link::{Journal, Progress, Wish};
 use shellcal::live::LiveModel;
 use shellcal::output::OutputError;
@@ -23,6 +24,9 @@ use super::screen::Screen;
 
 /// Time from picture to picture: thirty a second.
 const PERIOD: Duration = Duration::from_micros(33_333);
+
+/// The screen of a terminal that does not tell its size, as VT100 had it.
+const UNKNOWN_SIZE: Rect = Rect::new(0, 0, 80, 24);
 
 /// The view and what it is of.
 pub(super) struct View {
@@ -121,7 +125,13 @@ impl Stage {
     fn enter() -> anyhow::Result<Self> {
         enable_raw_mode().context("cannot take keys from the terminal")?;
         execute!(io::stdout(), EnterAlternateScreen, cursor::Hide)?;
-        Ok(Self(Terminal::new(CrosstermBackend::new(io::stdout()))?))
+        let backend = CrosstermBackend::new(io::stdout());
+        // A console on a serial port says that it has no columns and no rows.
+        let viewport = match backend.size()? {
+            Size { width: 0, .. } | Size { height: 0, .. } => Viewport::Fixed(UNKNOWN_SIZE),
+            _ => Viewport::Fullscreen,
+        };
+        Ok(Self(Terminal::with_options(backend, TerminalOptions { viewport })?))
     }
 }
 
