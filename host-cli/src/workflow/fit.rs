@@ -1,9 +1,14 @@
 //! From training logs to a calibration: one pass to fit or several, one to find the errors.
+//!
+//! The exact sums tell root mean square, bias and R² of the errors as well, so logs whose rows do not fit into
+//! memory are passed over once, unless more is asked for.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::eval::{BlockErrors, Evaluation};
-use super::log_rows::{LogRows, MEMORY, store};
+use super::log_facts::{Gathering, LogFacts};
+pub use super::log_rows::MEMORY;
+use super::log_rows::{LogRows, may_exceed, store};
 use super::selection::UsedRows;
 use super::solving::{Problem, Solved, solve};
 pub use super::uncertainty::CovarianceFrom;
@@ -11,7 +16,7 @@ use super::uncertainty::Uncertainty;
 use super::{WorkflowError, check_logs};
 use crate::calibration_file::LARGEST;
 use crate::figures::FitPlot;
-use calibration::exact::{ExactError, Moments};
+use calibration::exact::{ExactError, Moments, PartitionedMoments};
 use calibration::quality::AxisQuality;
 use calibration::reading_ranges::ReadingRanges;
 use calibration::solver::{Solution, SolverKind};
@@ -19,11 +24,9 @@ use calibration::uncertainty::ErrorShape;
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
 use calibration::validation::outliers::{Judge, Spread};
-use calibration::validation::shared_loads::{RowSample, SharedRows};
 use calibration::{Basis, Calibration, FitError, Model, Polynomial};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::block::Block;
-use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::PerAxis;
 
 /// What is to be fitted, and how.
@@ -45,14 +48,19 @@ pub struct FitOptions<'a> {
     /// The exact sums of the training rows, where they have been made already: the exact solver
     /// then does not read the rows again.
     pub total: Option<&'a Moments>,
+    /// What was gathered of the training logs when those were made.
+    pub facts: Option<&'a LogFacts>,
     /// What the covariance is to be found from.
     pub covariance: CovarianceFrom<'a>,
     /// Reduce predictions and measurements to what a figure needs.
     pub plot: bool,
     /// Look whether any training row does not belong.
     pub looks: bool,
-    /// The memory in bytes that rows may take, so that logs are read once: those whose rows take more
-    /// are read again for every pass.
+    /// Find the error of every training row, its largest ones and whatever stands out, also where that means
+    /// reading the training logs again.
+    pub residuals: bool,
+    /// The memory in bytes that rows may take. Logs whose rows take more are read again for every pass, but
+    /// for the last one over the training logs, which the exact sums spare.
     pub memory: u64,
     /// How logs are read. Progress counts the bytes of all passes, see [`bytes_to_read`].
     pub read: ReadOptions<'a>,
@@ -69,9 +77,11 @@ impl Default for FitOptions<'_> {
             truncate: None,
             used: UsedRows::default(),
             total: None,
+            facts: None,
             covariance: CovarianceFrom::Nothing,
             plot: false,
             looks: false,
+            residuals: false,
             memory: MEMORY,
             read: ReadOptions::default(),
         }
@@ -91,8 +101,10 @@ pub struct Fit {
     pub not_exact: Option<ExactError>,
     /// Why groups were asked for and the covariance is that of independent rows.
     pub not_grouped: Option<ValidationError>,
-    /// Errors on each training log.
+    /// What each training log was, and the errors on it where rows were passed over again.
     pub train: Vec<Evaluation>,
+    /// Errors on all training rows; without the largest where the rows were passed over once.
+    pub train_quality: PerAxis<AxisQuality>,
     /// The wrench that the training logs have measured.
     pub loads: WrenchSums,
     /// Errors on each test log.
@@ -101,24 +113,42 @@ pub struct Fit {
     pub on_plateaus: Option<f64>,
     /// Whether a training row does not belong, if that was asked.
     pub stands_out: bool,
-    /// What the rows would take in memory, about, where they took more than they may and were read again.
-    pub wanted_memory: Option<u64>,
+    /// What became of training logs whose rows take more memory than they may.
+    pub beyond_memory: Option<BeyondMemory>,
     /// What a figure needs of training and test logs.
     pub plots: Option<(FitPlot, FitPlot)>,
 }
 
-/// The bytes that [`fit`] reads: training logs twice, test logs once.
-pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
-    let bytes = |logs: &[Log]| logs.iter().map(Log::bytes).sum::<u64>();
-    2 * bytes(train) + bytes(test)
+/// Training logs whose rows take more memory than they may.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BeyondMemory {
+    /// What the rows would take, about.
+    pub wanted: u64,
+    /// Whether they were read again for the error of every row.
+    pub read_again: bool,
+}
+
+impl FitOptions<'_> {
+    /// Whether the rows of training logs are wanted after the coefficients are known, wherever they are.
+    fn wants_rows(&self) -> bool {
+        self.residuals || self.plot || self.solver != SolverKind::Exact
+    }
+
+    /// The bytes that [`fit`] reads, at most: training logs once or twice, test logs once.
+    pub fn bytes_to_read(&self, train: &[Log], test: &[Log]) -> u64 {
+        let bytes = |logs: &[Log]| logs.iter().map(Log::bytes).sum::<u64>();
+        let passes = if self.wants_rows() || self.total.is_some() { 2 } else { 1 };
+        passes * bytes(train) + bytes(test)
+    }
 }
 
 /// Fits a calibration to `train` and finds its errors there and on `test`.
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
 /// often by solvers that iterate. Their rows are kept between the passes, those of the test logs among
-/// them, unless they take more than [`FitOptions::memory`]: longer logs are read again, so that memory does
-/// not grow with them.
+/// them, unless they take more than [`FitOptions::memory`], so that memory does not grow with them. Longer logs
+/// are passed over once by the exact solver, whose sums tell all but the largest errors, and read again by
+/// others or where [`FitOptions::residuals`] or a figure is asked for.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, the logs differ in their number of channels, or the
@@ -134,39 +164,77 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     };
     let read = ReadOptions { progress: Some(&report), ..options.read };
     let mut store = store(train, test, options.memory);
-    let mut rows = LogRows::new(train, test, options.used, read, store.room(), options.memory);
-    let Solved { solution, ranges, solver, not_exact } = solve_rows(first, &mut rows, options)?;
+    let wants_shape = !matches!(options.covariance, CovarianceFrom::Nothing);
+    let spreads = wants_shape && !options.wants_rows() && may_exceed(train, options.memory);
+    let gathering = Gathering::new(train, test, spreads);
+    let gathered = (gathering, options.facts.cloned().unwrap_or_default());
+    let mut rows =
+        LogRows::new([train, test], gathered, options.used, read, store.room(), options.memory);
+    let Solved { solution, ranges, solver, not_exact, moments } =
+        solve_rows(first, &mut rows, options)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
     let Uncertainty { mut covariance, not_grouped } =
         Uncertainty::of(&solution, solver, options.ridge, options.covariance);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
-    read_before.store(train_bytes, Ordering::Relaxed);
-    let judge = options.looks.then(|| {
+    let wanted = rows.beyond_memory();
+    let has_shape = size_unit.is_none() || rows.facts().spread().is_some();
+    let is_enough = solver == SolverKind::Exact && !options.wants_rows() && has_shape;
+    let sums = moments.as_ref().or(options.total).filter(|_| wanted.is_some() && is_enough);
+    let judge = (options.looks && sums.is_none()).then(|| {
         let spread = Spread::within(&ranges);
         Some((Judge::new(&solution, &ranges, &spread)?, spread))
     });
     let judge = judge.flatten();
     let judge = judge.as_ref().map(|(judge, spread)| (judge, spread));
-    let errors = errors(&calibration, &mut rows, size_unit.as_ref(), options.plot, judge)?;
+    if sums.is_none() && !rows.keeps_training() {
+        read_before.store(train_bytes, Ordering::Relaxed);
+    }
+    let look = Look { size_unit: size_unit.as_ref(), plot: options.plot, judge };
+    let first = if sums.is_some() { rows.train() } else { 0 };
+    let Errors { train, test, stands_out, plots } = errors(&calibration, &mut rows, first, &look)?;
+    let train_quality = match sums {
+        Some(sums) => in_sample(sums, &solution)?,
+        None => total(&train).quality().ok_or(WorkflowError::NoRows)?,
+    };
+    let tested = total(&test).quality();
+    check_sizes(&calibration, [Some(&train_quality), tested.as_ref()].into_iter().flatten())?;
     if let (Some(covariance), Some(unit)) = (&mut covariance, size_unit) {
-        covariance.shape = shape(&errors.train, &unit);
+        let rms = train_quality.map(|axis| axis.rms);
+        covariance.shape = match rows.facts().spread().filter(|_| sums.is_some()) {
+            Some(spread) => {
+                let errors =
+                    BlockErrors::of(&calibration, spread.block(), Some(&unit), false, None);
+                let mut of_spread = Evaluation::default();
+                of_spread.add(&errors, None);
+                of_spread.sizes.map(|sizes| ErrorShape::of_errors(&sizes, &unit, &rms))
+            }
+            None => shape(&train, &unit),
+        };
     }
     calibration.covariance = covariance;
-    let Errors { train, loads, test, on_plateaus, stands_out, plots } = errors;
+    let facts = rows.facts();
     Ok(Fit {
         calibration,
-        solution,
         solver,
         not_exact,
         not_grouped,
         train,
-        loads,
+        train_quality,
+        loads: *facts.loads(),
         test,
-        on_plateaus,
+        on_plateaus: facts.share_on_plateaus(),
         stands_out,
-        wanted_memory: rows.wanted_memory(),
+        beyond_memory: wanted.map(|wanted| BeyondMemory { wanted, read_again: sums.is_none() }),
         plots,
+        solution,
     })
+}
+
+/// The errors of a solution on the rows of `sums`, which it is of.
+fn in_sample(sums: &Moments, solution: &Solution) -> Result<PerAxis<AxisQuality>, FitError> {
+    PartitionedMoments::new(sums, &solution.model)
+        .and_then(|parts| parts.in_sample(solution.ridge))
+        .map_err(|_| FitError::NearlyDependent)
 }
 
 /// Solves for the rows of logs, of which `first` is the first.
@@ -199,7 +267,9 @@ pub(super) fn solution(
     // The exact solver passes over the rows once.
     let memory = if options.solver == SolverKind::Exact { 0 } else { options.memory };
     let mut store = store(train, &[], memory);
-    let mut rows = LogRows::new(train, &[], options.used, options.read, store.room(), memory);
+    let gathered = (Gathering::NOTHING, LogFacts::default());
+    let mut rows =
+        LogRows::new([train, &[]], gathered, options.used, options.read, store.room(), memory);
     let Solved { solution, ranges, .. } = solve_rows(first, &mut rows, options)?;
     Ok((solution, ranges))
 }
@@ -209,104 +279,79 @@ fn check<'a>(train: &'a [Log], test: &[Log]) -> Result<&'a Log, WorkflowError> {
     check_logs(train, test, &Wanted { readings: true, wrench: true, ..Wanted::default() })
 }
 
-/// About as many bytes has a row of a log.
-const BYTES_OF_ROW: u64 = 100;
-
 /// How a calibration does on the logs of a fit; see [`Fit`].
 struct Errors {
     train: Vec<Evaluation>,
-    loads: WrenchSums,
     test: Vec<Evaluation>,
-    on_plateaus: Option<f64>,
     stands_out: bool,
     plots: Option<(FitPlot, FitPlot)>,
 }
 
-/// Passes over all rows once more. Sizes of training errors are counted in `size_unit`, if there is one.
+/// What is looked at beside the errors.
+struct Look<'a> {
+    /// Sizes of training errors are counted in these units, if there are any.
+    size_unit: Option<&'a PerAxis<f64>>,
+    plot: bool,
+    judge: Option<(&'a Judge, &'a Spread)>,
+}
+
+/// Passes over the rows once more, of the logs from the one at `first` on. Of those before there is no more
+/// than what they were.
 fn errors(
     calibration: &Calibration,
     rows: &mut LogRows<'_>,
-    size_unit: Option<&PerAxis<f64>>,
-    plot: bool,
-    judge: Option<(&Judge, &Spread)>,
+    first: usize,
+    look: &Look<'_>,
 ) -> Result<Errors, WorkflowError> {
-    let logs = rows.logs().to_vec();
-    let train = rows.train();
-    let mut plots = plot.then(|| (FitPlot::new(), FitPlot::new()));
-    let (mut loads, mut stands_out) = (WrenchSums::default(), false);
+    let (train, logs) = (rows.train(), rows.logs().to_vec());
+    let mut plots = look.plot.then(|| (FitPlot::new(), FitPlot::new()));
+    let mut stands_out = false;
     let mut evaluations = vec![Evaluation::default(); logs.len()];
-    let mut fingerprints = vec![Fingerprint::default(); logs.len()];
     // Training rows are within the range that they define: there is nothing to look for.
     let mut without_range = calibration.clone();
     without_range.valid_range = None;
-    let (mut train_rows, mut shared) = (RowSample::default(), None);
-    let is_tested = train < logs.len();
-    let stride = |logs: &[&Log]| {
-        RowSample::stride(logs.iter().map(|log| log.bytes()).sum::<u64>() / BYTES_OF_ROW)
-    };
-    let strides = [stride(&logs[..train]), stride(&logs[train..])];
-    // A log by itself is a copy of none.
-    let is_alone = logs.len() == 1;
     let map = |log: usize, block: &Block| {
-        let fingerprint = if is_alone { Fingerprint::default() } else { Fingerprint::of(block) };
-        let is_train = log < train;
-        let errors = match is_train {
-            true => BlockErrors::of(&without_range, block, size_unit, plot, judge),
-            false => BlockErrors::of(calibration, block, None, plot, None),
-        };
-        let sample = is_tested.then(|| RowSample::of(block, strides[usize::from(!is_train)]));
-        let of_train = is_train.then(|| WrenchSums::of(&block.wrench));
-        Ok((errors, of_train, fingerprint, sample))
+        Ok(match log < train {
+            true => BlockErrors::of(&without_range, block, look.size_unit, look.plot, look.judge),
+            false => BlockErrors::of(calibration, block, None, look.plot, None),
+        })
     };
-    let summaries = rows.each_block(map, |log, (block, of_block, fingerprint, sample)| {
-        match sample {
-            Some(sample) if log < train => train_rows.add(&sample),
-            // All training rows have come before.
-            Some(sample) => {
-                let found = || train_rows.plateaus().map(SharedRows::new);
-                if let Some(shared) = shared.get_or_insert_with(found) {
-                    shared.add(&sample);
-                }
-            }
-            None => {}
-        }
-        fingerprints[log].merge(fingerprint);
+    rows.each_block(first, map, |log, block| {
         let plot = plots.as_mut().map(|(of_train, of_test)| match log < train {
             true => of_train,
             false => of_test,
         });
         evaluations[log].add(&block, plot);
         stands_out |= block.stands_out;
-        if let Some(of_block) = of_block {
-            loads.merge(&of_block);
-        }
     })?;
-    for (evaluation, summary) in evaluations.iter_mut().zip(summaries) {
+    let facts = rows.facts();
+    facts.check_copies(&logs)?;
+    let known = evaluations.iter_mut().zip(facts.summaries()).zip(facts.rows());
+    for ((evaluation, summary), &rows) in known {
+        evaluation.rows = rows;
         evaluation.note(summary);
     }
-    if let Some((earlier, later)) = Fingerprint::first_copy(&fingerprints) {
-        let path = |log: usize| logs[log].path().to_path_buf();
-        return Err(WorkflowError::Copy { earlier: path(earlier), later: path(later) });
-    }
-    check_sizes(calibration, &evaluations)?;
     let test = evaluations.split_off(train);
-    let on_plateaus = shared.flatten().and_then(|shared| shared.share());
-    Ok(Errors { train: evaluations, loads, test, on_plateaus, stands_out, plots })
+    Ok(Errors { train: evaluations, test, stands_out, plots })
+}
+
+/// Of all logs.
+fn total(evaluations: &[Evaluation]) -> Evaluation {
+    let mut total = Evaluation::default();
+    evaluations.iter().for_each(|evaluation| total.merge(evaluation));
+    total
 }
 
 /// Whether coefficients and errors can be written to a calibration's document, of which products of two
 /// errors are part.
-pub(super) fn check_sizes(
+pub(super) fn check_sizes<'a>(
     calibration: &Calibration,
-    evaluations: &[Evaluation],
+    errors: impl IntoIterator<Item = &'a PerAxis<AxisQuality>>,
 ) -> Result<(), FitError> {
-    let is_sane = |of: &Evaluation| {
-        let is_small = |axis: &AxisQuality| axis.rms * axis.rms <= LARGEST;
-        of.quality().is_none_or(|axes| axes.iter().all(is_small))
-    };
+    let is_small = |axis: &AxisQuality| axis.rms * axis.rms <= LARGEST;
     let coefficients = calibration.polynomial().map_or(&[][..], Polynomial::coefficients);
     let is_large = |coefficient: &f64| coefficient.abs() > LARGEST;
-    if !evaluations.iter().all(is_sane) || coefficients.iter().flatten().any(is_large) {
+    if !errors.into_iter().flatten().all(is_small) || coefficients.iter().flatten().any(is_large) {
         return Err(FitError::Overflow);
     }
     Ok(())
@@ -322,8 +367,7 @@ pub(super) fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
 
 /// How the training errors are distributed.
 pub(super) fn shape(train: &[Evaluation], unit: &PerAxis<f64>) -> Option<ErrorShape> {
-    let mut total = Evaluation::default();
-    train.iter().for_each(|evaluation| total.merge(evaluation));
+    let total = total(train);
     let rms = total.quality()?.map(|axis| axis.rms);
     Some(ErrorShape::of_errors(total.sizes.as_ref()?, unit, &rms))
 }

@@ -168,7 +168,7 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
     };
     let mut rows = InMemory { source, threads: options.threads };
     let sample = || Ok(rows_sample(source));
-    let Solved { solution, ranges, solver, not_exact } = solve(&problem, &mut rows, sample)?;
+    let Solved { solution, ranges, solver, not_exact, .. } = solve(&problem, &mut rows, sample)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
     let from = match &choice {
         Some(choice) => choice.covariance_from(options.covariance),
@@ -192,7 +192,7 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
             Ok(())
         },
     )?;
-    check_sizes(&calibration, std::slice::from_ref(&train))?;
+    check_sizes(&calibration, &train.quality())?;
     if let (Some(covariance), Some(unit)) = (&mut covariance, unit) {
         covariance.shape = shape(std::slice::from_ref(&train), &unit);
     }
@@ -256,6 +256,7 @@ fn choose(
         seed: options.seed,
         covariance: options.covariance,
         used: UsedRows::default(),
+        memory: 0,
         read: ReadOptions::default(),
     };
     let labels = source.has_groups().then_some(&GroupBy::Column);

@@ -1,14 +1,15 @@
 //! The rows of training and test logs, to be passed over as often as a fit asks.
 //!
 //! Parsing is the dearest part of a fit, so the rows of short logs are kept from the first pass on.
-//! Longer logs are read again on every pass: memory does not grow with them.
+//! Longer logs are read again on every pass: memory does not grow with them. What can be said of rows
+//! without a calibration is gathered on the way when they are read for the first time.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::WorkflowError;
-use super::batch::{Stamp, stamp};
 use super::kept_rows::{KeptBlock, Room, Steps, Store};
+use super::log_facts::{Gathering, LogFacts};
 use super::selection::UsedRows;
 use calibration::FitError;
 use calibration::solver::{Blocks, Pass, PassWorker};
@@ -16,13 +17,36 @@ use log_file::pipeline::{self, Pieces};
 use log_file::{self, Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 
-/// The memory that kept rows may take: some four million rows of eight channels with the wrench in all
-/// digits, or nine million where it is that of a digital sensor.
-pub(super) const MEMORY: u64 = 256_000_000;
+/// The memory that kept rows may take: half a million rows of eight channels with the wrench in all
+/// digits, or more than a million where it is that of a digital sensor. A fit takes less than 64 MB with it.
+pub const MEMORY: u64 = 40_000_000;
 
 /// Rows take this share of their text, more or less: half where numbers have all digits, a quarter where
 /// they are short.
 const SHARE_OF_TEXT: u64 = 3;
+
+/// Text is about so many times as long as its file where that is compressed.
+const COMPRESSION: u64 = 4;
+
+/// How long the text of logs is, about.
+fn text_bytes<'a>(logs: impl IntoIterator<Item = &'a Log>) -> u64 {
+    let text = |log: &Log| match log.is_compressed() || log.table_kind().is_some() {
+        true => COMPRESSION * log.bytes(),
+        false => log.bytes(),
+    };
+    logs.into_iter().map(text).sum()
+}
+
+/// The memory that the rows of logs will take, about, as far as their sizes tell.
+fn expected_memory<'a>(logs: impl IntoIterator<Item = &'a Log>) -> u64 {
+    text_bytes(logs) / SHARE_OF_TEXT
+}
+
+/// Whether the rows of some logs may take more memory than they may, so that something else has to be kept
+/// of them.
+pub(super) fn may_exceed(logs: &[Log], memory: u64) -> bool {
+    2 * expected_memory(logs) > memory
+}
 
 /// The rows of logs for training and for tests.
 pub(super) struct LogRows<'a> {
@@ -32,10 +56,9 @@ pub(super) struct LogRows<'a> {
     /// Which rows are used.
     used: UsedRows<'a>,
     read: ReadOptions<'a>,
-    /// What their files are before they are read.
-    stamps: Vec<Stamp>,
-    /// What the first of the logs were, as far as they have been read.
-    summaries: Vec<ReadSummary>,
+    gathering: Gathering,
+    /// What has been gathered of the first of the logs, those that have been read.
+    facts: LogFacts,
     /// The rows of the first of the logs, as far as they are kept.
     kept: Vec<Vec<KeptBlock<'a>>>,
     room: Room<'a>,
@@ -58,24 +81,25 @@ pub(super) fn store(train: &[Log], test: &[Log], memory: u64) -> Store {
 }
 
 impl<'a> LogRows<'a> {
-    /// The rows of some logs. Progress counts the bytes of all logs in each pass that reads them.
+    /// The rows of some logs, of the first of which `facts` are known. Progress counts the bytes of all logs
+    /// in each pass that reads them.
     pub(super) fn new(
-        train: &'a [Log],
-        test: &'a [Log],
+        [train, test]: [&'a [Log]; 2],
+        (gathering, mut facts): (Gathering, LogFacts),
         used: UsedRows<'a>,
         read: ReadOptions<'a>,
         room: Room<'a>,
         memory: u64,
     ) -> Self {
         let logs: Vec<&Log> = train.iter().chain(test).collect();
-        let stamps = logs.iter().map(|log| stamp(log.path())).collect();
+        facts.expect(logs[facts.known()..].iter().copied());
         Self {
             logs,
             train: train.len(),
             used,
             read,
-            stamps,
-            summaries: Vec::new(),
+            gathering,
+            facts,
             kept: Vec::new(),
             room,
             memory,
@@ -83,9 +107,27 @@ impl<'a> LogRows<'a> {
         }
     }
 
-    /// What the rows would take in memory that have been read again, about.
-    pub(super) fn wanted_memory(&self) -> Option<u64> {
-        self.wanted_memory
+    /// What the rows would take in memory, about, after a pass: where the training logs take more than they
+    /// may.
+    pub(super) fn beyond_memory(&self) -> Option<u64> {
+        let expected = || {
+            let expected = expected_memory(self.logs[..self.train].iter().copied());
+            Some(expected).filter(|&expected| expected > self.memory)
+        };
+        match self.keeps_training() {
+            true => None,
+            false => self.wanted_memory.or_else(expected),
+        }
+    }
+
+    /// Whether the rows of the training logs are kept.
+    pub(super) fn keeps_training(&self) -> bool {
+        self.kept.len() >= self.train
+    }
+
+    /// What has been gathered of the logs that have been read.
+    pub(super) fn facts(&self) -> &LogFacts {
+        &self.facts
     }
 
     /// The training logs, then the test logs.
@@ -98,48 +140,74 @@ impl<'a> LogRows<'a> {
         self.train
     }
 
-    /// Passes over the rows of all logs: `map` gets blocks and the log that they are from on any
-    /// thread, `fold` gets the results of `map`, in order. Returns summaries of the logs.
+    /// Passes over the rows of logs from the one at `first` on: `map` gets blocks and the log that they are
+    /// from on any thread, `fold` gets the results of `map`, in order.
     pub(super) fn each_block<T: Send>(
         &mut self,
+        first: usize,
         map: impl Fn(usize, &Block) -> Result<T, FitError> + Sync,
         fold: impl FnMut(usize, T),
-    ) -> Result<&[ReadSummary], WorkflowError> {
-        self.pass_over(self.logs.len(), || (), |(), log, block| map(log, block), fold)?;
-        Ok(&self.summaries)
+    ) -> Result<(), WorkflowError> {
+        let logs = first..self.logs.len();
+        self.pass_over(logs, || (), |(), log, block| map(log, block), fold)?;
+        Ok(())
     }
 
-    /// Passes over the rows of the first `logs` logs. Returns the states of the workers, made by
-    /// `init`.
+    /// Passes over the rows of some logs. Returns the states of the workers, made by `init`.
     fn pass_over<S: Send, T: Send>(
         &mut self,
-        logs: usize,
+        logs: Range<usize>,
         init: impl Fn() -> S + Sync,
         map: impl Fn(&mut S, usize, &Block) -> Result<T, FitError> + Sync,
         mut fold: impl FnMut(usize, T),
     ) -> Result<Vec<S>, WorkflowError> {
-        let kept = self.kept.len().min(logs);
-        let mut states = self.pass_over_kept(kept, &init, &map, &mut fold)?;
-        // The checksums of logs that were read before are known.
-        let known = self.summaries.len().clamp(kept, logs);
-        let map = |state: &mut S, log: usize, block: &mut Block| map(state, log, block);
+        let kept = self.kept.len().clamp(logs.start, logs.end);
+        let mut states = self.pass_over_kept(logs.start..kept, &init, &map, &mut fold)?;
+        let known = self.facts.known().clamp(kept, logs.end);
         if kept < known {
+            // The checksums of logs that were read before are known.
             let read = ReadOptions { checksum: false, ..self.read };
+            let map = |state: &mut S, log: usize, block: &mut Block| map(state, log, block);
             states.extend(self.read_logs(kept..known, &read, &init, map, &mut fold)?.1);
             self.check_unchanged(kept..known)?;
         }
-        if known < logs {
-            let read = self.read;
-            let (summaries, new) = self.read_logs(known..logs, &read, init, map, &mut fold)?;
-            self.summaries.extend(summaries);
+        if known < logs.end {
+            let map = |state: &mut S, log: usize, block: &mut Block| map(state, log, block);
+            let facts = std::mem::take(&mut self.facts);
+            let (facts, new) = self.read_new(known..logs.end, facts, init, map, fold)?;
+            self.facts = facts;
             states.extend(new);
         }
         Ok(states)
     }
 
+    /// Reads logs for the first time, those after all that `facts` are of, which it adds to. Also returns the
+    /// states of the workers.
+    fn read_new<S: Send, T: Send>(
+        &self,
+        logs: Range<usize>,
+        mut facts: LogFacts,
+        init: impl Fn() -> S + Sync,
+        map: impl Fn(&mut S, usize, &mut Block) -> Result<T, FitError> + Sync,
+        mut fold: impl FnMut(usize, T),
+    ) -> Result<(LogFacts, Vec<S>), WorkflowError> {
+        let gathering = self.gathering;
+        let map = |state: &mut S, log: usize, block: &mut Block| {
+            let of_block = gathering.of(log, block);
+            Ok((of_block, map(state, log, block)?))
+        };
+        let add = |log: usize, (of_block, value)| {
+            facts.add(&gathering, log, of_block);
+            fold(log, value);
+        };
+        let (summaries, states) = self.read_logs(logs, &self.read, init, map, add)?;
+        facts.finish(summaries);
+        Ok((facts, states))
+    }
+
     /// Whether some logs that were read again are still what they were.
     fn check_unchanged(&self, logs: Range<usize>) -> Result<(), WorkflowError> {
-        let has_changed = |&log: &usize| stamp(self.logs[log].path()) != self.stamps[log];
+        let has_changed = |&log: &usize| !self.facts.is_unchanged(log, self.logs[log]);
         match logs.into_iter().find(has_changed) {
             Some(log) => Err(WorkflowError::Changed { path: self.logs[log].path().to_path_buf() }),
             None => Ok(()),
@@ -148,17 +216,20 @@ impl<'a> LogRows<'a> {
 
     fn pass_over_kept<S: Send, T: Send>(
         &self,
-        logs: usize,
+        logs: Range<usize>,
         init: &(impl Fn() -> S + Sync),
         map: &(impl Fn(&mut S, usize, &Block) -> Result<T, FitError> + Sync),
         fold: &mut impl FnMut(usize, T),
     ) -> Result<Vec<S>, WorkflowError> {
-        let blocks = self.kept[..logs].iter().enumerate();
+        if logs.is_empty() {
+            return Ok(Vec::new());
+        }
+        let blocks = logs.clone().zip(&self.kept[logs.clone()]);
         let blocks: Vec<_> =
             blocks.flat_map(|(log, blocks)| blocks.iter().map(move |block| (log, block))).collect();
         pipeline::run(
             &mut KeptBlocks(blocks.into_iter()),
-            log_file::threads_for(&self.logs[..logs], &self.read),
+            log_file::threads_for(&self.logs[logs], &self.read),
             || (Block::default(), init()),
             |(block, state), kept| {
                 let (log, kept) = kept.expect("a piece that was handed out");
@@ -205,13 +276,14 @@ impl<'a> LogRows<'a> {
     /// The first pass over the training logs: reads them, and the test logs if all are short, and
     /// keeps their rows if they are few.
     fn first_pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
-        let text = |logs: &[&Log]| logs.iter().map(|log| log.bytes()).sum::<u64>();
         // One pass of all cores in place of two, where the rows of the tests are likely to be kept.
-        let is_short = text(&self.logs) / SHARE_OF_TEXT <= self.memory;
+        let is_short = expected_memory(self.logs.iter().copied()) <= self.memory;
         let logs = if is_short { self.logs.len() } else { self.train };
         let (steps, is_kept) = (Steps::new(), AtomicBool::new(true));
+        let text = |logs: &[&Log]| text_bytes(logs.iter().copied());
         let before: Vec<u64> = (0..logs).map(|log| text(&self.logs[..log])).collect();
         let (all_text, memory) = (text(&self.logs[..logs]), self.memory);
+        let rough = expected_memory(self.logs[..logs].iter().copied());
         let init = || PassWorker::new(pass);
         let map = |worker: &mut PassWorker<'_, P>, log: usize, block: &mut Block| {
             let partial = (log < self.train).then(|| worker.reduce(block)).transpose()?.flatten();
@@ -235,8 +307,7 @@ impl<'a> LogRows<'a> {
                 .map_or(0, |bytes| u64::try_from(bytes).unwrap_or(u64::MAX));
             if is_kept.load(Ordering::Relaxed) && (block.is_none() || expected > memory) {
                 is_kept.store(false, Ordering::Relaxed);
-                wanted_memory =
-                    Some(if expected > 0 { expected } else { all_text / SHARE_OF_TEXT });
+                wanted_memory = Some(if expected > 0 { expected } else { rough }.max(memory));
                 kept.truncate(if log < self.train { 0 } else { self.train });
             }
             if let (Some(block), Some(kept)) =
@@ -246,8 +317,12 @@ impl<'a> LogRows<'a> {
                 kept.push(block);
             }
         };
-        let (summaries, workers) = self.read_logs(0..logs, &self.read, init, map, fold)?;
-        (self.summaries, self.kept, self.wanted_memory) = (summaries, kept, wanted_memory);
+        let facts = std::mem::take(&mut self.facts);
+        let (facts, workers) = {
+            let this = &*self;
+            this.read_new(0..logs, facts, init, map, fold)?
+        };
+        (self.facts, self.kept, self.wanted_memory) = (facts, kept, wanted_memory);
         PassWorker::merge(workers, &mut all);
         Ok(all)
     }
@@ -262,7 +337,7 @@ impl Blocks for LogRows<'_> {
     }
 
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
-        if self.summaries.is_empty() {
+        if self.facts.known() == 0 {
             return self.first_pass(pass);
         }
         let mut all = pass.empty();
@@ -272,7 +347,7 @@ impl Blocks for LogRows<'_> {
                 pass.merge(&mut all, partial);
             }
         };
-        let workers = self.pass_over(self.train, || PassWorker::new(pass), reduce, merge)?;
+        let workers = self.pass_over(0..self.train, || PassWorker::new(pass), reduce, merge)?;
         PassWorker::merge(workers, &mut all);
         Ok(all)
     }

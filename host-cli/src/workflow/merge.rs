@@ -128,6 +128,7 @@ fn choose(merged: &PartialFit, options: &MergedFitOptions) -> Result<ModelChoice
         seed: 0,
         covariance: options.covariance,
         used: UsedRows::default(),
+        memory: 0,
         read: ReadOptions::default(),
     };
     let random_folds = options.cross_validation.map(|folds| folds.unwrap_or(RANDOM_FOLDS));

@@ -4,7 +4,9 @@
 use super::WorkflowError;
 pub use super::groups::HeldOut;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
-use super::moments::{self, SumOptions};
+use super::log_facts::{Gathering, LogFacts};
+use super::log_rows::may_exceed;
+use super::moments::{self, SumOptions, Sums};
 use super::selection::UsedRows;
 use super::uncertainty::CovarianceFrom;
 use calibration::exact::Moments;
@@ -64,6 +66,8 @@ pub struct ModelChoiceOptions<'a> {
     pub covariance: CovarianceRule,
     /// Which rows of the training logs are used.
     pub used: UsedRows<'a>,
+    /// The memory that rows may take in the fit, see [`FitOptions::memory`](super::fit::FitOptions::memory).
+    pub memory: u64,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -83,6 +87,8 @@ pub struct ModelChoice {
     pub advice: Option<Advice>,
     /// The sums of the training rows, by group, where they were made.
     pub sums: Option<GroupedMoments>,
+    /// What was gathered of the rows when those were made.
+    pub facts: Option<LogFacts>,
     /// What the groups of those are.
     pub group_by: Option<GroupBy>,
     /// Whether the covariance is to come from the groups.
@@ -162,7 +168,8 @@ pub fn choose(
         }
         sums => sums?,
     };
-    options.decide(choice, sums)
+    let Sums { grouped, facts, .. } = sums;
+    Ok(ModelChoice { facts, ..options.decide(choice, grouped)? })
 }
 
 /// The same, from sums that have been made already: for `options.basis` or, where the family is to be
@@ -219,6 +226,7 @@ impl ModelChoiceOptions<'_> {
             cross_validation: None,
             advice: None,
             sums: None,
+            facts: None,
             by_group: self.wants_groups(group_by.as_ref()),
             group_by,
             not_grouped: None,
@@ -282,25 +290,24 @@ impl ModelChoiceOptions<'_> {
         self.covariance == CovarianceRule::Auto && self.solver == SolverKind::Exact
     }
 
-    fn sum(
-        &self,
-        train: &[Log],
-        basis: Basis,
-        group_by: GroupBy,
-    ) -> Result<GroupedMoments, WorkflowError> {
+    fn sum(&self, train: &[Log], basis: Basis, group_by: GroupBy) -> Result<Sums, WorkflowError> {
+        let spreads = self.covariance != CovarianceRule::Nothing && may_exceed(train, self.memory);
+        let gathering = Some(Gathering::of_training(train, spreads));
         self.sum_apart(|apart| {
             let (group_by, random) = (group_by.clone(), self.random_split());
             let (used, read) = (self.used, self.read);
-            let options = SumOptions { basis, group_by, apart, random, used, read };
-            Ok(moments::sum(train, &options)?.grouped)
+            moments::sum(
+                train,
+                &SumOptions { basis, group_by, apart, random, used, gathering, read },
+            )
         })
     }
 
     /// Sums by group; by sets of groups where there are too many and folds of them are asked for.
-    pub(super) fn sum_apart(
+    pub(super) fn sum_apart<T>(
         &self,
-        sum: impl Fn(Apart) -> Result<GroupedMoments, WorkflowError>,
-    ) -> Result<GroupedMoments, WorkflowError> {
+        sum: impl Fn(Apart) -> Result<T, WorkflowError>,
+    ) -> Result<T, WorkflowError> {
         match sum(Apart::Groups) {
             Err(WorkflowError::Validation(ValidationError::TooManyGroups { .. }))
                 if self.folds().is_some() =>

@@ -1,6 +1,7 @@
 //! From logs to exact sums, group by group, in one pass and without fitting anything.
 
 use super::groups::GroupBy;
+use super::log_facts::{BlockFacts, Gathering, LogFacts};
 use super::selection::UsedRows;
 use super::{WorkflowError, check_logs};
 use calibration::FitError;
@@ -26,6 +27,8 @@ pub struct SumOptions<'a> {
     pub random: RandomSplit,
     /// Which rows of the training logs are used.
     pub used: UsedRows<'a>,
+    /// What is gathered of the rows beside their sums.
+    pub gathering: Option<Gathering>,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -39,6 +42,8 @@ pub struct Sums {
     pub first_in: Vec<usize>,
     /// What each log was.
     pub summaries: Vec<ReadSummary>,
+    /// What was gathered, if anything.
+    pub facts: Option<LogFacts>,
 }
 
 /// Sums the rows of `logs`.
@@ -54,25 +59,31 @@ pub fn sum(logs: &[Log], options: &SumOptions<'_>) -> Result<Sums, WorkflowError
     let mut sums = GroupSums::new(options.basis, channels, options.apart, options.random);
     let empty = sums.worker();
     let init = || empty.clone();
-    let map = |worker: &mut GroupWorker,
-               log: usize,
-               block: &mut Block|
-     -> Result<BlockGroups, WorkflowError> {
+    type Mapped = Result<(BlockGroups, Option<BlockFacts>), WorkflowError>;
+    let map = |worker: &mut GroupWorker, log: usize, block: &mut Block| -> Mapped {
         options.group_by.label(logs, log, block)?;
         options.used.select(log, block);
         // Names what is not finite, as every fit does.
         ReadingRanges::of_block(block, channels)?;
-        Ok(worker.add(block)?)
+        let facts = options.gathering.map(|gathering| gathering.of(log, block));
+        Ok((worker.add(block)?, facts))
     };
     let all: Vec<&Log> = logs.iter().collect();
-    let mut first_in = Vec::new();
-    let fold = |log, groups: Result<BlockGroups, WorkflowError>| -> Result<(), WorkflowError> {
-        sums.add(groups?)?;
+    let (mut first_in, mut facts) = (Vec::new(), LogFacts::default());
+    facts.expect(logs);
+    let fold = |log, mapped: Mapped| -> Result<(), WorkflowError> {
+        let (groups, of_block) = mapped?;
+        sums.add(groups)?;
+        if let (Some(gathering), Some(of_block)) = (&options.gathering, of_block) {
+            facts.add(gathering, log, of_block);
+        }
         first_in.resize(sums.group_count(), log);
         Ok(())
     };
     let (summaries, workers) = log_file::read_all(&all, &wanted, &options.read, init, map, fold)?;
-    Ok(Sums { grouped: sums.finish(workers)?, first_in, summaries })
+    facts.finish(summaries.iter().cloned());
+    let facts = options.gathering.map(|_| facts);
+    Ok(Sums { grouped: sums.finish(workers)?, first_in, summaries, facts })
 }
 
 impl From<ValidationError> for WorkflowError {

@@ -59,9 +59,10 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         apart: Apart::Groups,
         random,
         used: UsedRows { fresh: options.fresh, excluded: None },
+        gathering: None,
         read: ReadOptions { checksum: true, ..options.read },
     };
-    let Sums { grouped, first_in, summaries } = moments::sum(logs, &sum_options)?;
+    let Sums { grouped, first_in, summaries, .. } = moments::sum(logs, &sum_options)?;
     let total = grouped.total().ok_or(WorkflowError::NoRows)?.clone();
     let model =
         Model { basis: options.basis, intercept: options.intercept, channels: total.channels() };

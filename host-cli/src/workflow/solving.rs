@@ -29,6 +29,8 @@ pub(super) struct Solved {
     pub(super) solver: SolverKind,
     /// Why it is not the exact one, where that was asked for.
     pub(super) not_exact: Option<ExactError>,
+    /// The exact sums of the rows, where the solver has made them.
+    pub(super) moments: Option<Moments>,
 }
 
 /// Solves by the solver that is asked for. `sample` is of the rows, for solvers that need to know their
@@ -39,8 +41,10 @@ pub(super) fn solve<B: Blocks<Error = WorkflowError>>(
     sample: impl Fn() -> Result<Block, WorkflowError>,
 ) -> Result<Solved, WorkflowError> {
     let solver = problem.solver;
-    let solved =
-        |(solution, ranges), solver, not_exact| Solved { solution, ranges, solver, not_exact };
+    let solved = |found: Found, solver, not_exact| {
+        let Found { solution, ranges, moments } = found;
+        Solved { solution, ranges, solver, not_exact, moments }
+    };
     match solve_by(solver, problem, rows, &sample) {
         Err(WorkflowError::Fit(FitError::NotExact(error))) if solver == SolverKind::Exact => {
             let solver = SolverKind::RefinedTsqr;
@@ -50,25 +54,39 @@ pub(super) fn solve<B: Blocks<Error = WorkflowError>>(
     }
 }
 
+/// What a solver finds.
+struct Found {
+    solution: Solution,
+    ranges: ReadingRanges,
+    moments: Option<Moments>,
+}
+
 fn solve_by<B: Blocks<Error = WorkflowError>>(
     solver: SolverKind,
     problem: &Problem<'_>,
     rows: &mut B,
     sample: &impl Fn() -> Result<Block, WorkflowError>,
-) -> Result<(Solution, ReadingRanges), WorkflowError> {
+) -> Result<Found, WorkflowError> {
     let Problem { model, ridge, truncate, total, .. } = *problem;
-    if let (Some(total), SolverKind::Exact) = (total, solver) {
-        let ranges = total.reading_ranges();
-        let solution = solver::solve_moments(total, &model, ridge, &ranges)?;
-        return Ok((solution, ranges));
+    if solver == SolverKind::Exact {
+        let made = match total {
+            Some(_) => None,
+            // It chooses its own centre and scale.
+            None => {
+                let scaling = Scaling::identity(model.channels);
+                Some(solver::exact_moments(&FitProblem { model, scaling, ridge }, rows)?)
+            }
+        };
+        let Some(sums) = total.or(made.as_ref()) else { return Err(WorkflowError::NoRows) };
+        let ranges = sums.reading_ranges();
+        let solution = solver::solve_moments(sums, &model, ridge, &ranges)?;
+        return Ok(Found { solution, ranges, moments: made });
     }
-    // The exact solver chooses its own centre and scale. For the others a sample tells, unless the
-    // answer depends on it.
+    // A sample tells centre and scale, unless the answer depends on them.
     let is_penalised = ridge > 0.0
         || solver == SolverKind::RidgeGcv
         || (solver == SolverKind::Svd && truncate.is_some());
     let scaling = match solver {
-        SolverKind::Exact => Scaling::identity(model.channels),
         _ if is_penalised => {
             let centring = Centring { channels: model.channels, intercept: model.intercept };
             centring.scaling(&rows.pass(&centring)?)
@@ -76,8 +94,9 @@ fn solve_by<B: Blocks<Error = WorkflowError>>(
         _ => Scaling::of_sample(&sample()?.readings, model.intercept),
     };
     let problem = FitProblem { model, scaling, ridge };
-    match solver {
-        SolverKind::Svd => solver::fit_by(Method::Svd { truncate }, problem, rows),
-        _ => solver::fit(solver, problem, rows),
-    }
+    let (solution, ranges) = match solver {
+        SolverKind::Svd => solver::fit_by(Method::Svd { truncate }, problem, rows)?,
+        _ => solver::fit(solver, problem, rows)?,
+    };
+    Ok(Found { solution, ranges, moments: None })
 }

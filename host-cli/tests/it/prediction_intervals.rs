@@ -112,6 +112,7 @@ fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
                 apart: Apart::Groups,
                 random: RandomSplit::default(),
                 used: UsedRows::default(),
+                gathering: None,
                 read: ReadOptions::default(),
             };
             let sums = sum(&logs, &options).unwrap().grouped;
@@ -231,6 +232,7 @@ fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
             apart: Apart::Groups,
             random: RandomSplit::default(),
             used: UsedRows::default(),
+            gathering: None,
             read: ReadOptions::default(),
         };
         let sums = sum(&train, &options).unwrap().grouped;

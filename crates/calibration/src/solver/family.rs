@@ -7,6 +7,7 @@ use super::pass_worker::PassWorker;
 use super::problem::FitProblem;
 use super::solution::Solution;
 use crate::FitError;
+use crate::exact::Moments;
 use crate::features::Features;
 use crate::least_squares::{
     self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape,
@@ -75,17 +76,25 @@ pub fn fit<B: Blocks>(
     fit_by(method, problem, blocks)
 }
 
-/// The exact solver, which needs one pass and whose sums know the ranges.
-fn fit_exactly<B: Blocks>(
-    problem: &FitProblem,
-    blocks: &mut B,
-) -> Result<(Solution, ReadingRanges), B::Error> {
+/// The exact sums of the rows, for [`solve_moments`] and all else that can be told from them.
+///
+/// # Errors
+/// [`FitError::NotExact`] if they cannot be exact; whatever `blocks` can fail with.
+pub fn exact_moments<B: Blocks>(problem: &FitProblem, blocks: &mut B) -> Result<Moments, B::Error> {
     problem.model.check_size().map_err(FitError::from)?;
     let mut exact = Exact::new(problem)?;
     if let Some(sample) = blocks.sample() {
         exact.expect(&sample);
     }
-    let moments = blocks.pass(&exact)?.finish()?;
+    Ok(blocks.pass(&exact)?.finish()?)
+}
+
+/// The exact solver, which needs one pass and whose sums know the ranges.
+fn fit_exactly<B: Blocks>(
+    problem: &FitProblem,
+    blocks: &mut B,
+) -> Result<(Solution, ReadingRanges), B::Error> {
+    let moments = exact_moments(problem, blocks)?;
     let ranges = moments.reading_ranges();
     Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges))
 }

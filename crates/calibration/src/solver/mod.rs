@@ -16,7 +16,7 @@ mod solution;
 pub use self::centring::{Centring, ReadingSums};
 pub use self::exact::{Exact, ExactPartial, solve_moments};
 pub(crate) use self::family::triangle;
-pub use self::family::{Blocks, fit, fit_by};
+pub use self::family::{Blocks, exact_moments, fit, fit_by};
 pub use self::kind::SolverKind;
 pub use self::pass::Pass;
 pub use self::pass_worker::PassWorker;

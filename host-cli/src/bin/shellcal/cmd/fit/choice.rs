@@ -35,7 +35,12 @@ impl FitArgs {
             seed: self.cv_seed,
             covariance: self.covariance_rule(),
             used,
-            read: ReadOptions { progress: Some(&progress), ..self.mapping.read_options() },
+            memory: self.memory_bytes(),
+            read: ReadOptions {
+                checksum: self.output.is_some(),
+                progress: Some(&progress),
+                ..self.mapping.read_options()
+            },
         };
         let choice = refits::choose(train, &options, self.truncate);
         bar.finish_and_clear();

@@ -10,7 +10,6 @@ mod weighing;
 use std::io::Write;
 use std::time::Instant;
 
-use anyhow::Context;
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::{GroupKind, GroupedMoments};
 use clap::ValueEnum;
@@ -22,7 +21,7 @@ use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::{AtomicFile, Outputs};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
-use shellcal::workflow::fit::{self, Fit, FitOptions};
+use shellcal::workflow::fit::{self, BeyondMemory, Fit, FitOptions};
 use shellcal::workflow::model_choice::{CovarianceRule, HeldOut, ModelChoice};
 use shellcal::workflow::partial::KeptGroups;
 use shellcal::workflow::selection::UsedRows;
@@ -152,9 +151,9 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "SERIAL")]
     serial: Option<String>,
 
-    /// Rows that do not belong
-    #[arg(long, value_name = "WHAT", default_value = "report")]
-    outliers: OutliersArg,
+    /// Rows that do not belong [default: report, in logs that fit into `--memory`]
+    #[arg(long, value_name = "WHAT")]
+    outliers: Option<OutliersArg>,
 
     /// Readings outside are wrong: leave out rows with any
     #[arg(long, value_name = "LO:HI", value_parser = parse_range, allow_hyphen_values = true)]
@@ -164,9 +163,15 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "FILE.csv")]
     dropped: Option<OutputPath>,
 
-    /// Memory that rows may take, so that logs are read once; those whose rows take more are read twice
-    #[arg(long, value_name = "MB", default_value_t = 256)]
+    /// Memory that training rows may take. Logs whose rows take more are read once and forgotten: their errors
+    /// come from sums, without the largest
+    #[arg(long, value_name = "MB", default_value_t = fit::MEMORY / MEGABYTE)]
     memory: u64,
+
+    /// Look at the error of every training row, also where that means reading logs beyond `--memory` twice:
+    /// the largest errors, and rows that do not belong
+    #[arg(long)]
+    residuals: bool,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -248,24 +253,19 @@ impl FitArgs {
             self.run_physics(&Logs { train, test }, opened, weighed, used, start, printer)?;
             return Ok(Outcome::Done);
         }
-        let bar = printer.progress("fit", fit::bytes_to_read(&train, &test));
+        let options = self.options(ReadOptions::default(), used, &choice);
+        let bar = printer.progress("fit", options.bytes_to_read(&train, &test));
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions {
             checksum: self.output.is_some(),
             progress: Some(&progress),
             ..self.mapping.read_options()
         };
-        let fitted = fit::fit(&train, &test, &self.options(read, used, &choice))
+        let fitted = fit::fit(&train, &test, &FitOptions { read, ..options })
             .map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
 
-        if let Some(wanted) = fitted.wanted_memory {
-            printer.detail(format!(
-                "the logs were read twice: their rows would take about {} MB, and `--memory` allows {} MB",
-                wanted.div_ceil(MEGABYTE),
-                self.memory
-            ));
-        }
+        let left_out_residuals = self.tell_passes(&fitted, printer);
         if let Some(reason) = &fitted.not_exact {
             printer.warning(format!("not solved exactly but by refined QR: {reason}"));
         }
@@ -305,12 +305,36 @@ impl FitArgs {
             advice: choice.advice.clone(),
             outliers: named.map(|named| outlier_reports(&named, &train)),
             dropped: self.dropped.as_ref().map(|_| outlier_reports(&dropped, &train)),
+            left_out_residuals,
         };
         let mut file = self.calibration_file(&fitted, choice)?;
         file.origin.columns = self.mapping.specified(&train)?;
         self.write(opened, &file, fitted.plots.as_ref())?;
         report(printer, &fitted, &file, &known, start.elapsed().as_secs_f64())?;
         Ok(Outcome::Done)
+    }
+
+    /// Says how often logs beyond the memory were read; returns why there are no residuals, where there are none.
+    fn tell_passes(&self, fitted: &Fit, printer: &mut Printer) -> Option<String> {
+        let BeyondMemory { wanted, read_again } = fitted.beyond_memory?;
+        let reason = format!(
+            "the rows of the training logs would take about {} MB, and `--memory` allows {} MB",
+            wanted.div_ceil(MEGABYTE),
+            self.memory
+        );
+        if read_again {
+            printer.detail(format!("the training logs were read twice: {reason}"));
+            return None;
+        }
+        printer.note(format!(
+            "the training logs were read once, without a look at the largest errors and for rows that do not \
+             belong: {reason}. `--residuals` reads them twice"
+        ));
+        Some(reason)
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.memory.saturating_mul(MEGABYTE)
     }
 
     /// Says which rows do not determine a calibration.
@@ -340,8 +364,10 @@ impl FitArgs {
             total: choice.sums.as_ref().and_then(GroupedMoments::total),
             covariance: choice.covariance_from(self.covariance_rule()),
             plot: self.plot.is_some(),
-            looks: self.outliers == OutliersArg::Report,
-            memory: self.memory.saturating_mul(MEGABYTE),
+            facts: choice.facts.as_ref(),
+            looks: self.looks_for_outliers(),
+            residuals: self.residuals || self.outliers == Some(OutliersArg::Report),
+            memory: self.memory_bytes(),
             read,
         }
     }
@@ -391,7 +417,7 @@ impl FitArgs {
                     repeated_rows: train.repeated_rows,
                     rank: fitted.solution.rank,
                     condition: condition.is_finite().then_some(condition),
-                    train: train.quality().context("no training rows are left")?,
+                    train: fitted.train_quality,
                     test: test.quality(),
                     cross_validation: choice.cross_validation,
                     selection: choice.selection,

@@ -24,6 +24,11 @@ pub(super) enum OutliersArg {
 }
 
 impl FitArgs {
+    /// Whether rows that do not belong are to be named, as they are unless something else is asked for.
+    pub(super) fn looks_for_outliers(&self) -> bool {
+        matches!(self.outliers, None | Some(OutliersArg::Report))
+    }
+
     /// Finds the rows that are to be left out, lists them and says so.
     pub(super) fn drop_rows(
         &self,
@@ -31,7 +36,7 @@ impl FitArgs {
         printer: &mut Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<Outliers> {
-        let drops = self.outliers == OutliersArg::Drop;
+        let drops = self.outliers == Some(OutliersArg::Drop);
         if !drops && self.valid_range.is_none() {
             anyhow::ensure!(
                 self.dropped.is_none(),

@@ -26,7 +26,6 @@ use super::super::origin;
 use super::super::quality::significant;
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};
 use super::choice::note_found;
-use super::outliers::OutliersArg;
 use super::report::{note_range, print_errors};
 use super::weighing::{WeighingReport, in_words};
 use super::{FitArgs, Logs, Opened, total};
@@ -141,7 +140,7 @@ impl FitArgs {
             PhysicsOptions { cross_validation: self.cv, used, plot: self.plot.is_some(), read };
         let fitted = physics::fit(train, test, &options).map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
-        if self.outliers == OutliersArg::Report && fitted.stands_out() {
+        if self.looks_for_outliers() && fitted.stands_out() {
             self.name_outliers(train, printer);
         }
         if let Some(groups) = fitted.found {

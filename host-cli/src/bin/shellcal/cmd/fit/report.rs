@@ -42,6 +42,9 @@ struct Report<'a> {
     condition: Option<f64>,
     axes: PerAxis<&'static str>,
     train: PerAxis<StoredQuality>,
+    /// Why there are no largest errors of training rows, and none was looked at.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    train_residuals_left_out: Option<&'a str>,
     test: Option<PerAxis<StoredQuality>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     cross_validation: Option<StoredCrossValidation>,
@@ -187,6 +190,8 @@ pub(super) struct Known<'a> {
     pub(super) outliers: Option<Vec<OutlierReport>>,
     /// Rows that were left out.
     pub(super) dropped: Option<Vec<OutlierReport>>,
+    /// Why the errors of training rows were not looked at one by one, where they were not.
+    pub(super) left_out_residuals: Option<String>,
 }
 
 pub(super) fn report(
@@ -217,6 +222,7 @@ pub(super) fn report(
             condition: diagnostics.condition,
             axes: Axis::ALL.map(Axis::column),
             train: Stored::of(&diagnostics.train),
+            train_residuals_left_out: known.left_out_residuals.as_deref(),
             test: Stored::of(&diagnostics.test),
             cross_validation: Stored::of(&diagnostics.cross_validation),
             selection: Stored::of(&diagnostics.selection),

@@ -1,0 +1,207 @@
+//! [`InstructionSet`] in the registers of aarch64: marks are looked for in 16 bytes at a time, four times, and
+//! the digits of a number of up to 16 bytes are joined within one register, those of up to 32 in two.
+
+use std::arch::aarch64::uint8x16_t;
+
+use pulp::aarch64::Neon as Registers;
+
+use super::digit_masks::{CLOSE_UP, LAST};
+use super::instruction_set::{BLOCK, InstructionSet, Portable};
+use super::number::{quotient, signed};
+
+/// Processors with NEON: all of aarch64 that run a system with programs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Neon(Registers);
+
+impl Neon {
+    pub(crate) fn new(neon: Registers) -> Self {
+        Self(neon)
+    }
+}
+
+impl InstructionSet for Neon {
+    fn run<R>(self, task: impl FnOnce() -> R) -> R {
+        self.0.vectorize(task)
+    }
+
+    #[inline(always)]
+    fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2] {
+        [self.places_of(wanted[0], bytes), self.places_of(wanted[1], bytes)]
+    }
+
+    #[inline(always)]
+    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        let negative = *lines.get(at)? == b'-';
+        let start = at + usize::from(negative);
+        let length = end.wrapping_sub(start);
+        // The last digit stands at the end of the register.
+        let register = lines.get(end.wrapping_sub(16)..).and_then(<[u8]>::first_chunk::<16>);
+        let plain = match register {
+            Some(register) if length <= 16 => self.digits(register, length),
+            Some(register) if length <= 32 => self.many_digits(lines, register, start, end),
+            _ => None,
+        };
+        match plain {
+            // Fifteen digits are below 2⁵³.
+            Some((mantissa, decimals)) if length <= 16 => {
+                Some(quotient(negative, mantissa, decimals))
+            }
+            Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
+            None => Portable.plain_number(lines, at, end),
+        }
+    }
+}
+
+// No closures here: what is not inlined into code for these processors cannot use their registers.
+impl Neon {
+    #[inline(always)]
+    fn load(self, bytes: &[u8; 16]) -> uint8x16_t {
+        let [low, high]: [[u8; 8]; 2] = pulp::cast(*bytes);
+        let neon = self.0.neon;
+        let [low, high] = [u64::from_le_bytes(low), u64::from_le_bytes(high)];
+        neon.vcombine_u8(neon.vcreate_u8(low), neon.vcreate_u8(high))
+    }
+
+    /// A bit for each byte that is `byte`.
+    #[inline(always)]
+    fn places_of(self, byte: u8, bytes: &[u8; BLOCK]) -> u64 {
+        let neon = self.0.neon;
+        let (quarters, _) = bytes.as_chunks::<16>();
+        let byte = neon.vdupq_n_u8(byte);
+        // The bit of each byte within its eight; neighbours are then added three times, which brings those
+        // of eight bytes into one.
+        let bits = self.load(&[1, 2, 4, 8, 16, 32, 64, 128, 1, 2, 4, 8, 16, 32, 64, 128]);
+        let first = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[0]), byte), bits);
+        let second = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[1]), byte), bits);
+        let third = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[2]), byte), bits);
+        let fourth = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[3]), byte), bits);
+        let low = neon.vpaddq_u8(first, second);
+        let high = neon.vpaddq_u8(third, fourth);
+        let all = neon.vpaddq_u8(low, high);
+        let all = neon.vpaddq_u8(all, all);
+        neon.vgetq_lane_u64::<0>(neon.vreinterpretq_u64_u8(all))
+    }
+
+    /// Four bits for each byte of a register of ones and zeros, the first in the lowest.
+    #[inline(always)]
+    fn marks(self, bytes: uint8x16_t) -> u64 {
+        let neon = self.0.neon;
+        let narrowed = neon.vshrn_n_u16::<4>(neon.vreinterpretq_u16_u8(bytes));
+        neon.vget_lane_u64::<0>(neon.vreinterpret_u64_u8(narrowed))
+    }
+
+    /// The number that the digits spell in the last `length` bytes of a register, and how many of
+    /// them follow a point. `None` where there are no digits in front of the point or behind it, more
+    /// than 15 in all, or anything else.
+    #[inline(always)]
+    fn digits(self, register: &[u8; 16], mut length: usize) -> Option<(u64, usize)> {
+        let neon = self.0.neon;
+        let mut register = self.load(register);
+        let points = self.marks(neon.vceqq_u8(register, neon.vdupq_n_u8(b'.')));
+        let points = points >> ((16 - length) * 4 % 64);
+        let mut decimals = 0;
+        if points != 0 {
+            // The point is closed up.
+            let whole_digits = points.trailing_zeros() as usize / 4;
+            length -= 1;
+            decimals = length.wrapping_sub(whole_digits);
+            let close_up = CLOSE_UP.get(decimals)?;
+            if decimals == 0 || whole_digits == 0 {
+                return None;
+            }
+            register = neon.vqtbl1q_u8(register, self.load(close_up));
+        }
+        // What precedes the number becomes zeros.
+        let last = LAST.get(length.wrapping_sub(1)).filter(|_| length <= 15)?;
+        let values = neon.vsubq_u8(register, neon.vdupq_n_u8(b'0'));
+        let values = neon.vandq_u8(values, self.load(last));
+        let is_number = neon.vmaxvq_u8(values) <= 9;
+        is_number.then(|| {
+            let [high, low] = self.join(values);
+            (high * 100_000_000 + low, decimals)
+        })
+    }
+
+    /// The number that the digits of `lines[start..end]` spell, more than 16 bytes and up to 32, and how many
+    /// of them follow a point; `register` has the last of them. `None` where there are no digits in front of
+    /// the point or behind it, more than fit 64 bits, or anything else.
+    #[inline(always)]
+    fn many_digits(
+        self,
+        lines: &[u8],
+        register: &[u8; 16],
+        start: usize,
+        end: usize,
+    ) -> Option<(u64, usize)> {
+        let neon = self.0.neon;
+        let length = end - start;
+        let before: &[u8; 16] = lines.get(end.wrapping_sub(32)..)?.first_chunk()?;
+        // The same bytes one place closer to the end.
+        let closer: &[u8; 32] = lines.get(end.wrapping_sub(33)..)?.first_chunk()?;
+        let (before_closer, closer) = closer.split_first_chunk::<16>()?;
+        let closer: &[u8; 16] = closer.first_chunk()?;
+        let (mut high, mut low) = (self.load(before), self.load(register));
+        let point = neon.vdupq_n_u8(b'.');
+        // Those in front of the number are shifted out.
+        let of_high = self.marks(neon.vceqq_u8(high, point)).checked_shr(128 - 4 * length as u32)?;
+        let of_low = self.marks(neon.vceqq_u8(low, point));
+        let (mut digits, mut decimals) = (length, 0);
+        if of_high | of_low != 0 {
+            // The point is closed up. A second one is no digit.
+            let whole_digits = match of_high {
+                0 => length - 16 + of_low.trailing_zeros() as usize / 4,
+                _ => of_high.trailing_zeros() as usize / 4,
+            };
+            digits -= 1;
+            decimals = digits - whole_digits;
+            if decimals == 0 || whole_digits == 0 {
+                return None;
+            }
+            let [first, second] = self.last_of_32(decimals);
+            high = neon.vbslq_u8(first, high, self.load(before_closer));
+            low = neon.vbslq_u8(second, low, self.load(closer));
+        }
+        // What precedes the number becomes zeros.
+        let [first, second] = self.last_of_32(digits);
+        let zero = neon.vdupq_n_u8(b'0');
+        let high = neon.vandq_u8(neon.vsubq_u8(high, zero), first);
+        let low = neon.vandq_u8(neon.vsubq_u8(low, zero), second);
+        if neon.vmaxvq_u8(neon.vmaxq_u8(high, low)) > 9 {
+            return None;
+        }
+        let ([first, second], [third, fourth]) = (self.join(high), self.join(low));
+        // Below 2⁶⁴.
+        let fits = first == 0 && second < 1844;
+        fits.then(|| (second * 10_000_000_000_000_000 + third * 100_000_000 + fourth, decimals))
+    }
+
+    /// Masks of so many bytes at the end of 32.
+    #[inline(always)]
+    fn last_of_32(self, bytes: usize) -> [uint8x16_t; 2] {
+        let neon = self.0.neon;
+        let places = self.load(&[15, 14, 13, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2, 1, 0]);
+        let low = neon.vcgtq_u8(neon.vdupq_n_u8(bytes as u8), places);
+        let high = neon.vcgtq_u8(neon.vdupq_n_u8((bytes as u8).saturating_sub(16)), places);
+        [high, low]
+    }
+
+    /// The two numbers that eight digit values each spell: neighbours are joined to pairs, pairs to fours,
+    /// fours to eights.
+    #[inline(always)]
+    fn join(self, values: uint8x16_t) -> [u64; 2] {
+        let neon = self.0.neon;
+        let tens = self.load(&[10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1]);
+        // At most 90.
+        let pairs = neon.vpaddlq_u8(neon.vmulq_u8(values, tens));
+        let hundreds = neon.vreinterpretq_u16_u8(
+            self.load(&[100, 0, 1, 0, 100, 0, 1, 0, 100, 0, 1, 0, 100, 0, 1, 0]),
+        );
+        let fours = neon.vpaddlq_u16(neon.vmulq_u16(pairs, hundreds));
+        let [low, high] = 10_000_u16.to_le_bytes();
+        let myriads = neon.vreinterpretq_u32_u8(
+            self.load(&[low, high, 0, 0, 1, 0, 0, 0, low, high, 0, 0, 1, 0, 0, 0]),
+        );
+        let eights = neon.vpaddlq_u32(neon.vmulq_u32(fours, myriads));
+        [neon.vgetq_lane_u64::<0>(eights), neon.vgetq_lane_u64::<1>(eights)]
+    }
+}
