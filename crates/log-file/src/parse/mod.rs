@@ -5,9 +5,13 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 pub(crate) mod console;
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
+mod digit_masks;
 mod field_ends;
 mod instruction_set;
 mod nearest;
+#[cfg(all(target_arch = "aarch64", target_endian = "little"))]
+mod neon;
 pub(crate) mod number;
 pub(crate) mod plan;
 pub(crate) mod rows;

@@ -47,7 +47,7 @@ impl InstructionSet for Neon {
                 Some(quotient(negative, mantissa, decimals))
             }
             Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
-            None => Portable.plain_number(lines, at, end),
+            None => self.other_number(lines, at, end),
         }
     }
 }
@@ -56,10 +56,7 @@ impl InstructionSet for Neon {
 impl Neon {
     #[inline(always)]
     fn load(self, bytes: &[u8; 16]) -> uint8x16_t {
-        let [low, high]: [[u8; 8]; 2] = pulp::cast(*bytes);
-        let neon = self.0.neon;
-        let [low, high] = [u64::from_le_bytes(low), u64::from_le_bytes(high)];
-        neon.vcombine_u8(neon.vcreate_u8(low), neon.vcreate_u8(high))
+        pulp::cast(*bytes)
     }
 
     /// A bit for each byte that is `byte`.
@@ -79,15 +76,15 @@ impl Neon {
         let high = neon.vpaddq_u8(third, fourth);
         let all = neon.vpaddq_u8(low, high);
         let all = neon.vpaddq_u8(all, all);
-        neon.vgetq_lane_u64::<0>(neon.vreinterpretq_u64_u8(all))
+        let [places, _]: [u64; 2] = pulp::cast(all);
+        places
     }
 
     /// Four bits for each byte of a register of ones and zeros, the first in the lowest.
     #[inline(always)]
     fn marks(self, bytes: uint8x16_t) -> u64 {
         let neon = self.0.neon;
-        let narrowed = neon.vshrn_n_u16::<4>(neon.vreinterpretq_u16_u8(bytes));
-        neon.vget_lane_u64::<0>(neon.vreinterpret_u64_u8(narrowed))
+        pulp::cast(neon.vshrn_n_u16::<4>(pulp::cast(bytes)))
     }
 
     /// The number that the digits spell in the last `length` bytes of a register, and how many of
@@ -98,7 +95,7 @@ impl Neon {
         let neon = self.0.neon;
         let mut register = self.load(register);
         let points = self.marks(neon.vceqq_u8(register, neon.vdupq_n_u8(b'.')));
-        let points = points >> ((16 - length) * 4 % 64);
+        let points = points.checked_shr(64 - 4 * length as u32).unwrap_or(0);
         let mut decimals = 0;
         if points != 0 {
             // The point is closed up.
@@ -143,7 +140,8 @@ impl Neon {
         let (mut high, mut low) = (self.load(before), self.load(register));
         let point = neon.vdupq_n_u8(b'.');
         // Those in front of the number are shifted out.
-        let of_high = self.marks(neon.vceqq_u8(high, point)).checked_shr(128 - 4 * length as u32)?;
+        let of_high =
+            self.marks(neon.vceqq_u8(high, point)).checked_shr(128 - 4 * length as u32)?;
         let of_low = self.marks(neon.vceqq_u8(low, point));
         let (mut digits, mut decimals) = (length, 0);
         if of_high | of_low != 0 {
@@ -175,6 +173,12 @@ impl Neon {
         fits.then(|| (second * 10_000_000_000_000_000 + third * 100_000_000 + fourth, decimals))
     }
 
+    /// Out of the way of the loop that `plain_number` is inlined in.
+    #[inline(never)]
+    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+        Portable.plain_number(lines, at, end)
+    }
+
     /// Masks of so many bytes at the end of 32.
     #[inline(always)]
     fn last_of_32(self, bytes: usize) -> [uint8x16_t; 2] {
@@ -193,15 +197,10 @@ impl Neon {
         let tens = self.load(&[10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1]);
         // At most 90.
         let pairs = neon.vpaddlq_u8(neon.vmulq_u8(values, tens));
-        let hundreds = neon.vreinterpretq_u16_u8(
-            self.load(&[100, 0, 1, 0, 100, 0, 1, 0, 100, 0, 1, 0, 100, 0, 1, 0]),
-        );
+        let hundreds = pulp::cast([[100_u16, 1]; 4]);
         let fours = neon.vpaddlq_u16(neon.vmulq_u16(pairs, hundreds));
-        let [low, high] = 10_000_u16.to_le_bytes();
-        let myriads = neon.vreinterpretq_u32_u8(
-            self.load(&[low, high, 0, 0, 1, 0, 0, 0, low, high, 0, 0, 1, 0, 0, 0]),
-        );
+        let myriads = pulp::cast([[10_000_u32, 1]; 2]);
         let eights = neon.vpaddlq_u32(neon.vmulq_u32(fours, myriads));
-        [neon.vgetq_lane_u64::<0>(eights), neon.vgetq_lane_u64::<1>(eights)]
+        pulp::cast(eights)
     }
 }

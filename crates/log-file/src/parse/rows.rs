@@ -11,6 +11,8 @@ use shell_data::instructions::arch;
 
 use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
+#[cfg(all(target_arch = "aarch64", target_endian = "little"))]
+use super::neon::Neon;
 use super::number::{NumberError, parse_date, parse_field};
 #[cfg(target_arch = "x86_64")]
 use super::{avx2::Avx2, avx512::Widest};
@@ -135,6 +137,10 @@ impl RowPlan {
             Arch::V4(v4) => self.parse_lines_with(Widest::new(v4), lines, skip_bad_rows, parsed),
             #[cfg(target_arch = "x86_64")]
             Arch::V3(v3) => self.parse_lines_with(Avx2::new(v3), lines, skip_bad_rows, parsed),
+            #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
+            Arch::Neon(neon) => {
+                self.parse_lines_with(Neon::new(neon), lines, skip_bad_rows, parsed)
+            }
             _ => self.parse_lines_with(Portable, lines, skip_bad_rows, parsed),
         }
     }
