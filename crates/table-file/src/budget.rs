@@ -1,5 +1,8 @@
 //! How much memory a file may ask for.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use crate::error::TableError;
 use crate::kind::FileKind;
 
@@ -10,9 +13,9 @@ const ANY: u64 = 48 << 20;
 /// a third to a thirtieth of their memory when compressed.
 const RATIO: u64 = 32;
 
-/// What is unpacked of a file in all, part after part: time is a budget, too.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Unpacked(u64);
+/// What is unpacked of a file in all, part after part, by all threads: time is a budget, too.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Unpacked(Arc<AtomicU64>);
 
 impl Unpacked {
     /// Counts `bytes` more of a file of so many bytes, before they are unpacked.
@@ -22,8 +25,10 @@ impl Unpacked {
         bytes: u64,
         file_bytes: u64,
     ) -> Result<(), TableError> {
-        self.0 = self.0.saturating_add(bytes);
-        check(kind, || "what is compressed".to_owned(), self.0, file_bytes.saturating_mul(16))
+        let add = |all: u64| Some(all.saturating_add(bytes));
+        let before = self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
+        let all = before.unwrap_or_else(|all| all).saturating_add(bytes);
+        check(kind, || "what is compressed".to_owned(), all, file_bytes.saturating_mul(16))
             .map(drop)
     }
 }

@@ -51,6 +51,20 @@ pub(crate) trait Layout: fmt::Debug + Send + Sync {
 
     /// The rows, from the first on.
     fn rows(&self) -> Result<Box<dyn Rows>, TableError>;
+
+    /// The parts that the rows are stored in, where they can be read apart from each other.
+    fn parts(&self) -> Option<Box<dyn Parts>> {
+        None
+    }
+}
+
+/// Rows in parts, any of which can be read without those before it.
+pub(crate) trait Parts: Send + Sync {
+    /// How many there are.
+    fn count(&self) -> usize;
+
+    /// The rows of one.
+    fn rows(&self, part: usize) -> Result<Box<dyn Rows>, TableError>;
 }
 
 /// A stream of rows.

@@ -82,12 +82,13 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
         log.require(wanted)?;
     }
     let plans: Vec<ReadPlan> = logs.iter().map(|log| ReadPlan::new(&log.layout, wanted)).collect();
-    let mut chunks = LogChunks::new(logs, options.checksum);
+    let threads = threads_for(logs, options);
+    let mut chunks = LogChunks::new(logs, options.checksum, threads);
     let bytes_read = Arc::clone(&chunks.bytes_read);
     let mut summaries = Summaries::new(logs);
     let workers = pipeline::run(
         &mut chunks,
-        threads_for(logs, options),
+        threads,
         || (BlockBuffer::default(), init()),
         |(buffer, state), LogChunk { log, chunk }| {
             let log = *log;

@@ -13,6 +13,8 @@ use crate::log::Log;
 pub(crate) struct LogChunks<'a> {
     logs: &'a [&'a Log],
     checksum: bool,
+    /// How many threads read a table.
+    threads: usize,
     /// The log that is being read, or read next.
     current: usize,
     chunks: Option<ChunkStream<ByteStream>>,
@@ -29,9 +31,9 @@ pub(crate) struct LogChunk {
 }
 
 impl<'a> LogChunks<'a> {
-    pub(crate) fn new(logs: &'a [&'a Log], checksum: bool) -> Self {
+    pub(crate) fn new(logs: &'a [&'a Log], checksum: bool, threads: usize) -> Self {
         let (bytes_read, checksums) = (Arc::default(), Vec::new());
-        Self { logs, checksum, current: 0, chunks: None, bytes_read, checksums }
+        Self { logs, checksum, threads, current: 0, chunks: None, bytes_read, checksums }
     }
 }
 
@@ -49,7 +51,8 @@ impl Pieces for LogChunks<'_> {
             let chunks = match &mut self.chunks {
                 Some(chunks) => chunks,
                 none => {
-                    let stream = log.source.open_counting(self.checksum, &self.bytes_read)?;
+                    let stream =
+                        log.source.open_counting(self.checksum, self.threads, &self.bytes_read)?;
                     none.insert(log.chunks(stream, log.layout.rows_start, log.chunk_bytes))
                 }
             };

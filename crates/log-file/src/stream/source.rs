@@ -156,22 +156,29 @@ impl LogSource {
 
     /// Opens the text at its start.
     pub(crate) fn open(&self) -> Result<ByteStream, LogError> {
-        self.open_counting(false, &Arc::default())
+        self.open_counting(false, 1, &Arc::default())
     }
 
-    /// The same; what is read of the file on disk is added to `bytes`.
+    /// The same, by so many threads where a table is stored in parts; what is read of the file on disk is
+    /// added to `bytes`.
     pub(crate) fn open_counting(
         &self,
         checksum: bool,
+        threads: usize,
         bytes: &Arc<AtomicU64>,
     ) -> Result<ByteStream, LogError> {
-        let stream = self.open_alone(checksum, bytes)?;
+        let stream = self.open_alone(checksum, threads, bytes)?;
         let Some(beside) = &self.beside else { return Ok(stream) };
         Ok(ByteStream::Joined(Box::new(Joined::new(stream, beside.open()?))))
     }
 
     /// Opens the text of the file itself.
-    fn open_alone(&self, checksum: bool, bytes: &Arc<AtomicU64>) -> Result<ByteStream, LogError> {
+    fn open_alone(
+        &self,
+        checksum: bool,
+        threads: usize,
+        bytes: &Arc<AtomicU64>,
+    ) -> Result<ByteStream, LogError> {
         let file = |bytes: &Arc<AtomicU64>| {
             let checksum = checksum.then(Box::default);
             Ok::<_, LogError>(CountingFile {
@@ -193,7 +200,7 @@ impl LogSource {
                 if checksum {
                     io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
                 }
-                let text = table.text().map_err(|problem| self.table_error(problem))?;
+                let text = table.text_by(threads).map_err(|problem| self.table_error(problem))?;
                 let left = self.bytes;
                 ByteStream::Table(Box::new(TableStream {
                     text,

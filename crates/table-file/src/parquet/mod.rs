@@ -12,6 +12,7 @@ mod schema;
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -22,7 +23,7 @@ use crate::bytes::Bytes;
 use crate::codec::Codec;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Batch, Cell, Layout, Parts, Rows, batch_rows};
 use crate::thrift::{self, Value};
 
 const KIND: FileKind = FileKind::Parquet;
@@ -34,7 +35,7 @@ const FOOTER: u64 = 4 << 20;
 const VALUES_PER_BYTE: u64 = 2048;
 
 /// A table in a file.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct ParquetTable {
     path: PathBuf,
     leaves: Arc<Vec<Leaf>>,
@@ -156,14 +157,30 @@ impl Layout for ParquetTable {
     }
 
     fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
-        Ok(Box::new(ParquetRows {
-            source: Source::open(&self.path)?,
-            leaves: Arc::clone(&self.leaves),
-            groups: Arc::clone(&self.groups),
-            next_group: 0,
-            rows_left: 0,
-            columns: Vec::new(),
-        }))
+        let all = 0..self.groups.len();
+        Ok(Box::new(ParquetRows::open(self, all, Unpacked::default())?))
+    }
+
+    fn parts(&self) -> Option<Box<dyn Parts>> {
+        Some(Box::new(ParquetGroups { table: self.clone(), unpacked: Unpacked::default() }))
+    }
+}
+
+/// The row groups, each of which can be read alone.
+struct ParquetGroups {
+    table: ParquetTable,
+    /// Of all of them.
+    unpacked: Unpacked,
+}
+
+impl Parts for ParquetGroups {
+    fn count(&self) -> usize {
+        self.table.groups.len()
+    }
+
+    fn rows(&self, group: usize) -> Result<Box<dyn Rows>, TableError> {
+        let groups = group..group + 1;
+        Ok(Box::new(ParquetRows::open(&self.table, groups, self.unpacked.clone())?))
     }
 }
 
@@ -177,10 +194,10 @@ struct Source {
 }
 
 impl Source {
-    fn open(path: &Path) -> Result<Self, TableError> {
+    fn open(path: &Path, unpacked: Unpacked) -> Result<Self, TableError> {
         let file = File::open(path)?;
         let length = file.metadata()?.len();
-        Ok(Self { file, length, held: 0, unpacked: Unpacked::default() })
+        Ok(Self { file, length, held: 0, unpacked })
     }
 }
 
@@ -188,17 +205,37 @@ struct ParquetRows {
     source: Source,
     leaves: Arc<Vec<Leaf>>,
     groups: Arc<Vec<RowGroup>>,
-    next_group: usize,
+    next_groups: Range<usize>,
     /// Of the current row group.
     rows_left: u64,
     columns: Vec<ColumnReader>,
 }
 
+impl ParquetRows {
+    /// The rows of some row groups.
+    fn open(
+        table: &ParquetTable,
+        groups: Range<usize>,
+        unpacked: Unpacked,
+    ) -> Result<Self, TableError> {
+        Ok(Self {
+            source: Source::open(&table.path, unpacked)?,
+            leaves: Arc::clone(&table.leaves),
+            groups: Arc::clone(&table.groups),
+            next_groups: groups,
+            rows_left: 0,
+            columns: Vec::new(),
+        })
+    }
+}
+
 impl Rows for ParquetRows {
     fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
         while self.rows_left == 0 {
-            let Some(group) = self.groups.get(self.next_group) else { return Ok(false) };
-            self.next_group += 1;
+            let next = self.next_groups.next();
+            let Some(group) = next.and_then(|group| self.groups.get(group)) else {
+                return Ok(false);
+            };
             self.rows_left = group.rows;
             self.columns = group.chunks.iter().map(|chunk| ColumnReader::new(*chunk)).collect();
         }

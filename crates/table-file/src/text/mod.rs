@@ -1,10 +1,13 @@
 //! A table as the text of a CSV file.
 
+mod parts;
+
 use std::fmt;
 use std::io::{self, Read};
 
+use self::parts::TextOfParts;
 use crate::error::TableError;
-use crate::rows::{Batch, Cell, Rows};
+use crate::rows::{Batch, Cell, Parts, Rows};
 use crate::table::Table;
 
 /// Reads as the text of a CSV file: a line of names, if the table has any, and a line for each row.
@@ -12,11 +15,18 @@ use crate::table::Table;
 ///
 /// Errors of the table are in the errors of reading, as [`TableError`].
 pub struct TableText {
-    rows: Box<dyn Rows>,
-    batch: Batch,
+    source: Source,
     text: Vec<u8>,
     at: usize,
     ended: bool,
+}
+
+/// Where the text comes from.
+enum Source {
+    /// Rows, one batch after the other.
+    Rows(Box<dyn Rows>, Batch),
+    /// Parts that other threads read.
+    Parts(TextOfParts),
 }
 
 impl Table {
@@ -25,6 +35,14 @@ impl Table {
     /// # Errors
     /// [`TableError`] if the file cannot be opened.
     pub fn text(&self) -> Result<TableText, TableError> {
+        self.text_by(1)
+    }
+
+    /// The same, read by so many threads where the rows are stored in parts: the row groups of Parquet.
+    ///
+    /// # Errors
+    /// As [`Table::text`].
+    pub fn text_by(&self, threads: usize) -> Result<TableText, TableError> {
         let mut text = Vec::new();
         if let Some(names) = self.names() {
             for (place, name) in names.iter().enumerate() {
@@ -35,42 +53,65 @@ impl Table {
             }
             text.push(b'\n');
         }
-        let rows = self.layout.rows()?;
-        Ok(TableText { rows, batch: Batch::new(), text, at: 0, ended: false })
+        let parts = self.layout.parts().filter(|parts| threads > 1 && parts.count() > 1);
+        match parts {
+            Some(parts) => Ok(TableText::of_parts(text, parts, threads)),
+            None => {
+                let source = Source::Rows(self.layout.rows()?, Batch::new());
+                Ok(TableText { source, text, at: 0, ended: false })
+            }
+        }
     }
 }
 
 impl TableText {
+    /// The line of names, then all parts.
+    fn of_parts(names: Vec<u8>, parts: Box<dyn Parts>, threads: usize) -> Self {
+        let source = Source::Parts(TextOfParts::new(parts, threads));
+        Self { source, text: names, at: 0, ended: false }
+    }
+
     /// Makes text of the next rows.
     fn refill(&mut self) -> Result<(), TableError> {
         self.text.clear();
         self.at = 0;
         // Set until the next rows are there: there are none after an error.
         self.ended = true;
-        if !self.rows.next(&mut self.batch)? {
-            return Ok(());
-        }
-        self.ended = false;
-        let rows = self.batch.first().map_or(0, Vec::len);
-        let mut digits = zmij::Buffer::new();
-        for row in 0..rows {
-            for (place, column) in self.batch.iter().enumerate() {
-                if place > 0 {
-                    self.text.push(b',');
+        let is_there = match &mut self.source {
+            Source::Rows(rows, batch) => {
+                let is_there = rows.next(batch)?;
+                if is_there {
+                    write_rows(batch, &mut self.text);
                 }
-                match column.get(row) {
-                    None | Some(Cell::Missing) => {}
-                    Some(&Cell::Whole(value)) => write_whole(value, &mut self.text),
-                    Some(&Cell::Real(value)) => match whole(value) {
-                        Some(whole) => write_whole(whole, &mut self.text),
-                        None => self.text.extend_from_slice(digits.format(value).as_bytes()),
-                    },
-                    Some(Cell::Text(value)) => write_text(value, &mut self.text),
-                }
+                is_there
             }
-            self.text.push(b'\n');
-        }
+            Source::Parts(parts) => parts.next(&mut self.text)?,
+        };
+        self.ended = !is_there;
         Ok(())
+    }
+}
+
+/// Adds a line for each row.
+fn write_rows(batch: &Batch, text: &mut Vec<u8>) {
+    let rows = batch.first().map_or(0, Vec::len);
+    let mut digits = zmij::Buffer::new();
+    for row in 0..rows {
+        for (place, column) in batch.iter().enumerate() {
+            if place > 0 {
+                text.push(b',');
+            }
+            match column.get(row) {
+                None | Some(Cell::Missing) => {}
+                Some(&Cell::Whole(value)) => write_whole(value, text),
+                Some(&Cell::Real(value)) => match whole(value) {
+                    Some(whole) => write_whole(whole, text),
+                    None => text.extend_from_slice(digits.format(value).as_bytes()),
+                },
+                Some(Cell::Text(value)) => write_text(value, text),
+            }
+        }
+        text.push(b'\n');
     }
 }
 
