@@ -47,7 +47,7 @@ impl Log {
         let time_only = ReadPlan::new(&self.layout, &Wanted { time: true, ..Wanted::default() });
         let plan = ReadPlan::new(&self.layout, wanted);
         let bytes_read = Arc::default();
-        let stream = self.source.open_counting(options.checksum, &bytes_read)?;
+        let stream = self.source.open_counting(options.checksum, 1, &bytes_read)?;
         let chunk_bytes = self.chunk_bytes.min(SELECTED_BYTES);
         let mut chunks = self.chunks(stream, self.layout.rows_start, chunk_bytes);
         let mut chunk = Chunk::default();

@@ -123,7 +123,7 @@ impl LogSource {
             lines.next(1).map_err(|error| source.error(error))?;
             Ok::<_, LogError>(lines.line)
         };
-        let first = first_line(self, self.open_alone(false, &Arc::default())?)?;
+        let first = first_line(self, self.open_alone(false, 1, &Arc::default())?)?;
         let second = first_line(beside, beside.open()?)?;
         let sides = Sides::new([&first, &second]);
         sides.map(Some).map_err(|problem| self.row_mismatch(problem))

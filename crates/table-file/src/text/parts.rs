@@ -18,7 +18,7 @@ use crate::error::TableError;
 use crate::rows::{Batch, Parts};
 
 /// How many bytes of text may wait in all, for their turn or to be taken.
-const AHEAD: usize = 32 << 20;
+const AHEAD: usize = 24 << 20;
 
 /// How many pieces of the part whose turn it is may wait.
 const PIECES: usize = 2;
