@@ -28,6 +28,11 @@ const SHARE_OF_TEXT: u64 = 3;
 /// Text is about so many times as long as its file where that is compressed.
 const COMPRESSION: u64 = 4;
 
+/// Pieces of a sample of short logs, of less text than [`SHORT`]: of as many as of long ones the greater part
+/// would be read twice.
+const PIECES_OF_SHORT: u64 = 4;
+const SHORT: u64 = 256 << 10;
+
 /// How long the text of logs is, about.
 fn text_bytes<'a>(logs: impl IntoIterator<Item = &'a Log>) -> u64 {
     let text = |log: &Log| match log.is_compressed() || log.table_kind().is_some() {
@@ -333,7 +338,9 @@ impl Blocks for LogRows<'_> {
 
     fn sample(&self) -> Option<Block> {
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-        self.logs.first()?.sample(&wanted).ok()
+        let is_short = text_bytes(self.logs.iter().copied()) < SHORT;
+        let pieces = if is_short { PIECES_OF_SHORT } else { log_file::SAMPLES };
+        self.logs.first()?.sample_of(&wanted, pieces).ok()
     }
 
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {

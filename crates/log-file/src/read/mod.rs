@@ -3,5 +3,5 @@
 pub(crate) mod all;
 mod locate;
 pub(crate) mod request;
-mod sample;
+pub(crate) mod sample;
 pub(crate) mod selection;

@@ -97,8 +97,8 @@ pub(crate) enum Command {
     /// Fit a calibration to logs with readings and a measured wrench
     ///
     /// Prints the error of every axis, on the training logs and on test logs that the fit has not
-    /// seen. Rows are kept in the memory of `--memory`; where they take more, they are read twice:
-    /// memory does not grow with the logs.
+    /// seen. Logs are read once. Rows are kept in the memory of `--memory`; where they take more, the
+    /// errors come from sums, without the largest, unless `--residuals` asks for a second reading.
     Fit(Deferred<fit::FitArgs>),
 
     /// Merge partial fits to a calibration
