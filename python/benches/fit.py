@@ -1,19 +1,27 @@
-"""A fit of arrays beside scikit-learn's on the same features: `python benches/fit.py [ROWS]`.
+"""A cubic fit of arrays beside scikit-learn's on the same features: `python benches/fit.py [ROWS]`.
 
-Prints the median time of five fits, the peak of memory beyond the arrays, each in a process of its own, and the
-RMS error of Fz. The second set is the first with a channel that repeats another but for some counts: features
-that a solver of normal equations or of a truncated SVD in raw units takes for dependent.
+Each fit is one process, after a fit of few rows that loads what it takes; the kinds take turns, five times. Prints the median
+time, the peak of memory beyond what was there before, and the RMS error of Fz. scikit-learn's features are those
+of its `PolynomialFeatures` for each channel, s, s², s³: made before the time is taken ("fit") or within ("pipeline"), as
+shellcal's are. The second set is the first with a channel that repeats another but for some counts: features that a
+solver of normal equations or of a truncated SVD in raw units takes for dependent.
 """
 
 from __future__ import annotations
 
+import json
+import os
 import resource
 import subprocess
 import sys
 import time
 from statistics import median
+from typing import Any
 
 import numpy as np
+
+KINDS = ("shellcal", "scikit-learn fit", "scikit-learn pipeline")
+ROUNDS = 5
 
 
 def data(rows: int, near: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -29,38 +37,58 @@ def data(rows: int, near: bool) -> tuple[np.ndarray, np.ndarray]:
     return X, Y + 0.1 * random.normal(size=Y.shape)
 
 
-def measure(which: str, rows: int, near: bool) -> None:
+def powers() -> Any:
+    from sklearn.compose import ColumnTransformer
+    from sklearn.preprocessing import PolynomialFeatures
+
+    cubes = PolynomialFeatures(3, include_bias=False)
+    return ColumnTransformer([(f"s{channel + 1}", cubes, [channel]) for channel in range(8)])
+
+
+def measure(kind: str, rows: int, near: bool) -> None:
     X, Y = data(rows, near)
-    if which == "shellcal":
+    features = X
+    if kind == "shellcal":
         import shellcal
 
-        model = shellcal.Calibration("cubic", covariance="none")
-        features = X
+        model: Any = shellcal.Calibration("cubic", covariance="none")
     else:
         from sklearn.linear_model import LinearRegression
+        from sklearn.pipeline import make_pipeline
 
         model = LinearRegression()
-        features = X
+        if kind == "scikit-learn fit":
+            features = powers().fit_transform(X)
+        else:
+            model = make_pipeline(powers(), model)
+    model.fit(features[:1000], Y[:1000])
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        if which != "shellcal":
-            # The features are part of a fit: scikit-learn's own PolynomialFeatures takes longer.
-            features = np.concatenate([X, X**2, X**3], axis=1)
-        model.fit(features, Y)
-        times.append(time.perf_counter() - start)
+    start = time.perf_counter()
+    model.fit(features, Y)
+    seconds = time.perf_counter() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    error = np.sqrt(((model.predict(features) - Y)[:, 2] ** 2).mean())
-    print(f"{which:10} {rows:9} {'near' if near else 'plain':6} {median(times) * 1e3:9.0f} ms "
-          f"{peak / 1024:7.0f} MB   RMS Fz {error:.5f}")
+    error = float(np.sqrt(((model.predict(features) - Y)[:, 2] ** 2).mean()))
+    print(json.dumps([seconds, peak / 1024, error]))
+
+
+def main() -> None:
+    rows = sys.argv[1] if len(sys.argv) > 1 else "1000000"
+    for near in ("plain", "near"):
+        found: dict[str, list[list[float]]] = {kind: [] for kind in KINDS}
+        for _ in range(ROUNDS):
+            for kind in KINDS:
+                command = [sys.executable, __file__, kind, rows, near]
+                found[kind].append(json.loads(subprocess.check_output(command)))
+        of_ours = median(seconds for seconds, _, _ in found["shellcal"])
+        for kind, runs in found.items():
+            seconds, peak, error = (median(column) for column in zip(*runs))
+            print(f"{kind:22} {rows:>9} {near:6} {seconds * 1e3:7.0f} ms {peak:6.0f} MB   RMS Fz {error:.5f}"
+                  f"   {seconds / of_ours:5.1f} times")
+    print("load of the machine:", *(f"{load:.1f}" for load in os.getloadavg()))
 
 
 if __name__ == "__main__":
     if len(sys.argv) == 4:
         measure(sys.argv[1], int(sys.argv[2]), sys.argv[3] == "near")
     else:
-        rows = sys.argv[1] if len(sys.argv) > 1 else "1000000"
-        for near in ("plain", "near"):
-            for which in ("shellcal", "sklearn"):
-                subprocess.run([sys.executable, __file__, which, rows, near], check=True)
+        main()

@@ -1,7 +1,6 @@
 //! Arrays of numpy as rows, in whatever layout they are, without a copy of the whole.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use numpy::ndarray::{ArrayView1, ArrayView2, s};
 use shell_data::block::Block;
@@ -9,20 +8,53 @@ use shell_data::wrench::Axis;
 use shellcal::workflow::in_memory::RowSource;
 use twox_hash::XxHash3_128;
 
+use crate::interrupt::Watch;
+
 /// Rows of readings and wrench.
-pub(crate) struct Arrays<'a> {
+pub(crate) struct Arrays<'a, 'w> {
     /// One row per sample, one column per channel, counts.
     pub(crate) readings: ArrayView2<'a, f64>,
     /// One row per sample, one to six columns, N and N·m; axes that are not there are zero.
     pub(crate) wrench: ArrayView2<'a, f64>,
     /// For each row the place of its label, and the labels.
     pub(crate) groups: Option<(ArrayView1<'a, u32>, &'a [String])>,
-    pub(crate) stop: &'a AtomicBool,
+    /// How much each row counts.
+    pub(crate) weights: Weights<'a>,
+    pub(crate) watch: &'w Watch,
 }
 
-impl RowSource for Arrays<'_> {
+/// How much rows count.
+pub(crate) enum Weights<'a> {
+    /// All the same.
+    Equal,
+    /// Each as so many rows: where the last of these ends, among all.
+    Repeats(Vec<u64>),
+    /// Each by a number of its own.
+    Numbers(ArrayView1<'a, f64>),
+}
+
+impl Weights<'_> {
+    /// Of rows that are there so many times.
+    pub(crate) fn of_repeats(repeats: ArrayView1<'_, u32>) -> Self {
+        let mut end = 0;
+        Self::Repeats(
+            repeats
+                .iter()
+                .map(|&times| {
+                    end += u64::from(times);
+                    end
+                })
+                .collect(),
+        )
+    }
+}
+
+impl RowSource for Arrays<'_, '_> {
     fn rows(&self) -> usize {
-        self.readings.nrows()
+        match &self.weights {
+            Weights::Repeats(ends) => ends.last().map_or(0, |&end| end as usize),
+            _ => self.readings.nrows(),
+        }
     }
 
     fn channels(&self) -> usize {
@@ -33,20 +65,28 @@ impl RowSource for Arrays<'_> {
         self.groups.is_some()
     }
 
+    fn has_weights(&self) -> bool {
+        matches!(self.weights, Weights::Numbers(_))
+    }
+
     fn fill(&self, rows: Range<usize>, block: &mut Block) {
+        let rows = self.places(rows);
         block.rows = rows.len();
-        columns(&self.readings, rows.clone(), &mut block.readings);
+        columns(&self.readings, &rows, &mut block.readings);
+        columns(&self.wrench, &rows, &mut block.wrench);
         block.wrench.resize_with(Axis::ALL.len(), Vec::new);
-        let given = self.wrench.ncols();
-        columns(&self.wrench, rows.clone(), &mut block.wrench[..given]);
-        for axis in &mut block.wrench[given..] {
+        for axis in &mut block.wrench[self.wrench.ncols()..] {
             axis.clear();
             axis.resize(rows.len(), 0.0);
+        }
+        block.weights.clear();
+        if let Weights::Numbers(weights) = self.weights {
+            block.weights.extend(rows.iter().map(|row| weights[row]));
         }
         block.groups.clear();
         let Some((places, labels)) = self.groups else { return };
         let mut last = None;
-        for &place in places.slice(s![rows]) {
+        for place in rows.iter().map(|row| places[row]) {
             match block.groups.last_mut().filter(|_| last == Some(place)) {
                 Some((_, count)) => *count += 1,
                 None => block.groups.push((labels[place as usize].clone(), 1)),
@@ -56,53 +96,132 @@ impl RowSource for Arrays<'_> {
     }
 
     fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.watch.is_stopped()
+    }
+
+    fn note_progress(&self, rows: usize) {
+        self.watch.note(rows as u64);
     }
 }
 
-impl Arrays<'_> {
+/// Which rows of the arrays.
+enum Places {
+    Range(Range<usize>),
+    Each(Vec<usize>),
+}
+
+impl Places {
+    fn len(&self) -> usize {
+        match self {
+            Self::Range(rows) => rows.len(),
+            Self::Each(rows) => rows.len(),
+        }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = usize> {
+        let (range, each) = match self {
+            Self::Range(rows) => (rows.clone(), &[][..]),
+            Self::Each(rows) => (0..0, &rows[..]),
+        };
+        range.chain(each.iter().copied())
+    }
+}
+
+impl Arrays<'_, '_> {
+    /// Where some of the rows are.
+    fn places(&self, rows: Range<usize>) -> Places {
+        let Weights::Repeats(ends) = &self.weights else { return Places::Range(rows) };
+        let mut row = ends.partition_point(|&end| end <= rows.start as u64);
+        let place = |at: usize| {
+            while ends[row] <= at as u64 {
+                row += 1;
+            }
+            row
+        };
+        Places::Each(rows.map(place).collect())
+    }
+
     /// What tells these rows from others, as checksums tell files.
     pub(crate) fn checksum(&self) -> String {
-        let (mut hash, mut bytes) = (XxHash3_128::new(), Vec::new());
-        for (readings, wrench) in self.readings.rows().into_iter().zip(self.wrench.rows()) {
-            readings.iter().chain(wrench.iter()).for_each(|v| bytes.extend(v.to_le_bytes()));
-            // A few bytes at a time are slow to hash.
-            if bytes.len() >= 1 << 16 {
-                hash.write(&bytes);
-                bytes.clear();
+        let mut hash = XxHash3_128::new();
+        let readings = self.readings.ncols() * size_of::<f64>();
+        let width = readings + self.wrench.ncols() * size_of::<f64>();
+        // A few bytes at a time are slow to hash.
+        let mut bytes = vec![0; CHECKSUM_ROWS * width];
+        let rows = self.readings.nrows();
+        for start in (0..rows).step_by(CHECKSUM_ROWS) {
+            let part = start..rows.min(start + CHECKSUM_ROWS);
+            let bytes = &mut bytes[..part.len() * width];
+            for (row, bytes) in part.zip(bytes.chunks_exact_mut(width)) {
+                let (of_readings, of_wrench) = bytes.split_at_mut(readings);
+                put(self.readings.row(row), of_readings);
+                put(self.wrench.row(row), of_wrench);
+            }
+            hash.write(bytes);
+        }
+        match &self.weights {
+            Weights::Equal => {}
+            Weights::Repeats(ends) => ends.iter().for_each(|end| hash.write(&end.to_le_bytes())),
+            Weights::Numbers(weights) => {
+                weights.iter().for_each(|weight| hash.write(&weight.to_le_bytes()));
             }
         }
-        hash.write(&bytes);
         format!("xxh128:{:032x}", hash.finish_128())
     }
 }
 
+/// Rows that are hashed at a time.
+const CHECKSUM_ROWS: usize = 512;
+
+/// The numbers of a row as bytes, little-endian.
+fn put(row: ArrayView1<'_, f64>, bytes: &mut [u8]) {
+    let (bytes, _) = bytes.as_chunks_mut::<{ size_of::<f64>() }>();
+    match row.as_slice() {
+        Some(row) => bytes.iter_mut().zip(row).for_each(|(to, x)| *to = x.to_le_bytes()),
+        None => bytes.iter_mut().zip(row).for_each(|(to, x)| *to = x.to_le_bytes()),
+    }
+}
+
 /// Some rows of an array as columns, each one run of memory.
-pub(crate) fn columns<C>(array: &ArrayView2<'_, f64>, rows: Range<usize>, out: &mut C)
-where
-    C: AsColumns + ?Sized,
-{
+fn columns(array: &ArrayView2<'_, f64>, rows: &Places, out: &mut Vec<Vec<f64>>) {
+    match rows {
+        Places::Range(rows) => range_of_columns(array, rows.clone(), out),
+        Places::Each(rows) => {
+            out.resize_with(array.ncols(), Vec::new);
+            for (column, from) in out.iter_mut().zip(array.columns()) {
+                column.clear();
+                column.extend(rows.iter().map(|&row| from[row]));
+            }
+        }
+    }
+}
+
+/// The same of rows that follow each other.
+pub(crate) fn range_of_columns(
+    array: &ArrayView2<'_, f64>,
+    rows: Range<usize>,
+    out: &mut Vec<Vec<f64>>,
+) {
     let part = array.slice(s![rows, ..]);
-    for (column, from) in out.columns(array.ncols()).iter_mut().zip(part.columns()) {
-        column.clear();
-        column.extend(from.iter());
+    let channels = part.ncols();
+    out.resize_with(channels, Vec::new);
+    out.iter_mut().for_each(Vec::clear);
+    // Rows one after the other, as numpy lays out an array unless told otherwise.
+    if let Some(values) = part.as_slice().filter(|_| channels > 0) {
+        for tile in values.chunks(TILE_ROWS * channels) {
+            for (place, column) in out.iter_mut().enumerate() {
+                column.extend(tile.chunks_exact(channels).map(|row| row[place]));
+            }
+        }
+        return;
+    }
+    for (column, from) in out.iter_mut().zip(part.columns()) {
+        match from.as_slice() {
+            Some(from) => column.extend_from_slice(from),
+            None => column.extend(from.iter()),
+        }
     }
 }
 
-/// Columns that are there, or made.
-pub(crate) trait AsColumns {
-    fn columns(&mut self, count: usize) -> &mut [Vec<f64>];
-}
-
-impl AsColumns for Vec<Vec<f64>> {
-    fn columns(&mut self, count: usize) -> &mut [Vec<f64>] {
-        self.resize_with(count, Vec::new);
-        self
-    }
-}
-
-impl AsColumns for [Vec<f64>] {
-    fn columns(&mut self, _: usize) -> &mut [Vec<f64>] {
-        self
-    }
-}
+/// Rows that stay in a core's nearest cache while they become columns.
+const TILE_ROWS: usize = 64;

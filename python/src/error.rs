@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use calibration::FitError;
+use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
 use log_file::{LogError, RowProblem};
 use pyo3::prelude::*;
@@ -193,6 +194,18 @@ fn hint_after(error: &WorkflowError) -> Option<&'static str> {
         WorkflowError::NoGroupSums => "make the partial fits with groups",
         WorkflowError::Validation(ValidationError::TooFewGroups { .. }) => {
             "record more poses, or name the groups= of the rows"
+        }
+        WorkflowError::Weights { .. } => {
+            "give integers as sample_weight, which are numbers of rows, or leave this option out"
+        }
+        WorkflowError::Physics(PhysicsError::TooFewObservations { .. }) => {
+            "record more poses, and name them with groups="
+        }
+        WorkflowError::Physics(PhysicsError::TooFewGroups { .. }) => {
+            "give groups=, a label of each pose"
+        }
+        WorkflowError::Physics(PhysicsError::TooFewChannels { .. }) => {
+            "check the cable, the shell and the columns, or take model=\"linear\""
         }
         WorkflowError::Copy { .. } => "leave one of them out",
         _ => return None,

@@ -7,9 +7,11 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::
 use pyo3::prelude::*;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::{CalibrationFile, CalibrationFileError, Role, Source};
-use shellcal::workflow::in_memory::{self, BLOCK_ROWS, RowFitOptions};
+use shellcal::figures::{FitPlot, fit_figure};
+use shellcal::workflow::in_memory::{self, BLOCK_ROWS, RowFitOptions, RowSource};
+use shellcal::workflow::physics::GroupsAre;
 
-use crate::arrays::{Arrays, columns};
+use crate::arrays::{Arrays, Weights, range_of_columns};
 use crate::error::{Failure, Told};
 use crate::interrupt::without_lock;
 use crate::options;
@@ -21,16 +23,53 @@ pub(crate) struct Fitted(pub(crate) CalibrationFile);
 /// What a prediction gives: the wrench, and standard errors where they are asked for.
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
 
-/// Fits a calibration. Returns it with what could not be had of what was asked for.
+/// Arrays as Python gives them: readings, wrench, for each row the place of its label with the labels,
+/// how often each row is there, and how much it counts.
+type Rows<'py> = (
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
+    Option<(PyReadonlyArray1<'py, u32>, Vec<String>)>,
+    Option<PyReadonlyArray1<'py, u32>>,
+    Option<PyReadonlyArray1<'py, f64>>,
+);
+
+/// Passes the rows to `fit` without the interpreter's lock.
+fn over_rows<T: Send>(
+    py: Python<'_>,
+    (x, y, groups, repeats, weights): Rows<'_>,
+    progress: Option<Py<PyAny>>,
+    fit: impl FnOnce(&Arrays<'_, '_>) -> Result<T, Failure> + Send,
+) -> Result<T, Failure> {
+    let (readings, wrench) = (x.as_array(), y.as_array());
+    let groups = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
+    let weights = match (&repeats, &weights) {
+        (Some(repeats), _) => Weights::of_repeats(repeats.as_array()),
+        (None, Some(weights)) => Weights::Numbers(weights.as_array()),
+        (None, None) => Weights::Equal,
+    };
+    without_lock(py, progress.as_ref(), |watch| {
+        fit(&Arrays { readings, wrench, groups, weights, watch })
+    })
+}
+
+/// Where a calibration of arrays says that it comes from.
+fn source(rows: &Arrays<'_, '_>) -> Vec<Source> {
+    vec![Source {
+        role: Role::Train,
+        path: "<array>".into(),
+        checksum: Some(rows.checksum()),
+        rows: rows.rows() as u64,
+    }]
+}
+
+/// Fits a polynomial. Returns it with what could not be had of what was asked for.
 #[pyfunction]
-#[pyo3(signature = (x, y, groups, *, model, intercept, ridge, solver, truncate, cross_validation, seed,
-    covariance, threads, made_by, serial))]
+#[pyo3(signature = (rows, *, model, intercept, ridge, solver, truncate, cross_validation, seed, covariance,
+    threads, made_by, serial, progress))]
 #[expect(clippy::too_many_arguments, reason = "each has a name in Python")]
 pub(crate) fn fit(
     py: Python<'_>,
-    x: PyReadonlyArray2<'_, f64>,
-    y: PyReadonlyArray2<'_, f64>,
-    groups: Option<(PyReadonlyArray1<'_, u32>, Vec<String>)>,
+    rows: Rows<'_>,
     model: &str,
     intercept: bool,
     ridge: f64,
@@ -42,6 +81,7 @@ pub(crate) fn fit(
     threads: usize,
     made_by: (String, String),
     serial: Option<String>,
+    progress: Option<Py<PyAny>>,
 ) -> Result<(Fitted, Vec<String>), Failure> {
     let options = RowFitOptions {
         basis: options::basis(model)?,
@@ -54,11 +94,8 @@ pub(crate) fn fit(
         covariance: options::covariance(covariance)?,
         threads,
     };
-    let (readings, wrench) = (x.as_array(), y.as_array());
-    let places = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
-    without_lock(py, |stop| {
-        let rows = Arrays { readings, wrench, groups: places, stop };
-        let fitted = in_memory::fit(&rows, &options)?;
+    over_rows(py, rows, progress, |rows| {
+        let fitted = in_memory::fit(rows, &options)?;
         let mut warnings = Vec::new();
         if let Some(reason) = &fitted.not_exact {
             warnings.push(format!("not solved exactly but by refined QR: {reason}"));
@@ -76,13 +113,40 @@ pub(crate) fn fit(
                 few.features, few.groups
             ));
         }
-        let source = Source {
-            role: Role::Train,
-            path: "<array>".into(),
-            checksum: Some(rows.checksum()),
-            rows: fitted.solution.rows,
-        };
-        Ok((Fitted(fitted.file(made_by, serial, vec![source])?), warnings))
+        Ok((Fitted(fitted.file(made_by, serial, source(rows))?), warnings))
+    })
+}
+
+/// Fits the physics model. Returns it with what is to be known of it.
+#[pyfunction]
+#[pyo3(signature = (rows, *, cross_validation, threads, made_by, serial, progress))]
+pub(crate) fn fit_physics(
+    py: Python<'_>,
+    rows: Rows<'_>,
+    cross_validation: Option<(Option<usize>,)>,
+    threads: usize,
+    made_by: (String, String),
+    serial: Option<String>,
+    progress: Option<Py<PyAny>>,
+) -> Result<(Fitted, Vec<String>), Failure> {
+    over_rows(py, rows, progress, |rows| {
+        let folds = cross_validation.map(|(folds,)| folds);
+        let fitted = in_memory::fit_physics(rows, folds, threads)?;
+        let mut warnings = Vec::new();
+        if fitted.groups_are == GroupsAre::Stretches {
+            warnings.push(format!(
+                "the rows have no groups: they were held out in {} stretches, in their order; give \
+                 groups= if poses last longer",
+                fitted.groups()
+            ));
+        }
+        let dead = fitted.dead_channels();
+        if !dead.is_empty() {
+            let dead: Vec<String> =
+                dead.iter().map(|channel| format!("s{}", channel + 1)).collect();
+            warnings.push(format!("left out, because they never change: {}", dead.join(", ")));
+        }
+        Ok((Fitted(fitted.file(made_by, serial, source(rows))?), warnings))
     })
 }
 
@@ -148,15 +212,15 @@ impl Fitted {
     ) -> Result<Predicted<'py>, Failure> {
         let (readings, calibration) = (x.as_array(), &self.0.calibration);
         let rows = readings.nrows();
-        let (wrench, deviations) = without_lock(py, |stop| {
+        let (wrench, deviations) = without_lock(py, None, |watch| {
             let new = || Array2::<f64>::zeros((rows, Axis::ALL.len()));
             let (mut wrench, mut deviations) = (new(), errors.then(new));
             let (mut block, mut of_block) = (Vec::new(), PerAxis::default());
             for start in (0..rows).step_by(BLOCK_ROWS) {
-                if stop.load(std::sync::atomic::Ordering::Relaxed) {
+                if watch.is_stopped() {
                     break;
                 }
-                columns(&readings, start..rows.min(start + BLOCK_ROWS), &mut block);
+                range_of_columns(&readings, start..rows.min(start + BLOCK_ROWS), &mut block);
                 calibration.wrench(&block, &mut of_block);
                 copy(&of_block, start, &mut wrench);
                 if let Some(deviations) = &mut deviations {
@@ -169,12 +233,34 @@ impl Fitted {
         Ok((wrench.into_pyarray(py), deviations.map(|errors| errors.into_pyarray(py))))
     }
 
+    /// The figure of `--plot`, of these rows, as SVG.
+    fn figure(
+        &self,
+        py: Python<'_>,
+        x: PyReadonlyArray2<'_, f64>,
+        y: PyReadonlyArray2<'_, f64>,
+        title: &str,
+    ) -> String {
+        let (readings, measured) = (x.as_array(), y.as_array());
+        py.detach(|| {
+            let (mut of_readings, mut of_wrench) = (Vec::new(), Vec::new());
+            range_of_columns(&readings, 0..readings.nrows(), &mut of_readings);
+            range_of_columns(&measured, 0..measured.nrows(), &mut of_wrench);
+            of_wrench.resize(Axis::ALL.len(), vec![0.0; readings.nrows()]);
+            let mut predicted = PerAxis::default();
+            self.0.calibration.wrench(&of_readings, &mut predicted);
+            let mut plot = FitPlot::new();
+            plot.add(&predicted, &of_wrench);
+            fit_figure(title, &plot, None).svg().to_owned()
+        })
+    }
+
     /// For each row, whether a reading is outside the range of the training data.
     fn out_of_range(&self, py: Python<'_>, x: PyReadonlyArray2<'_, f64>) -> Vec<bool> {
         let readings = x.as_array();
         py.detach(|| {
             let mut all = Vec::new();
-            columns(&readings, 0..readings.nrows(), &mut all);
+            range_of_columns(&readings, 0..readings.nrows(), &mut all);
             self.0.calibration.out_of_range(&all).into_iter().map(|flags| flags != 0).collect()
         })
     }

@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _native {
     #[pymodule_export]
-    use super::fitted::{Fitted, fit};
+    use super::fitted::{Fitted, fit, fit_physics};
     #[pymodule_export]
     use super::log::read_log;
     #[pymodule_export]

@@ -36,7 +36,7 @@ pub(crate) fn read_log<'py>(
 ) -> Result<Read<'py>, Failure> {
     let (names, skip_bad_rows, threads) = reading;
     let mapping = mapping(&names)?;
-    let (columns, groups, about) = without_lock(py, |_| {
+    let (columns, groups, about) = without_lock(py, None, |_| {
         let log = Log::open(&path, &mapping)?;
         let telemetry = log.columns().iter().enumerate();
         let others: Vec<usize> = telemetry

@@ -1,7 +1,6 @@
 //! Partial fits: sums that are merged.
 
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 
 use calibration::validation::grouped::{Apart, GroupKind, RandomSplit};
 use calibration::{Basis, Model};
@@ -16,7 +15,7 @@ use shellcal::workflow::merge::{self, MergedFitOptions, MergedModel};
 use shellcal::workflow::model_choice::{RANDOM_FOLDS, random_split};
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
 
-use crate::arrays::Arrays;
+use crate::arrays::{Arrays, Weights};
 use crate::error::{Failure, Told};
 use crate::fitted::Fitted;
 use crate::interrupt::without_lock;
@@ -52,8 +51,8 @@ impl Partial {
         let basis = largest_basis(&model)?;
         let (readings, wrench) = (x.as_array(), y.as_array());
         let places = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
-        without_lock(py, |stop: &AtomicBool| {
-            let rows = Arrays { readings, wrench, groups: places, stop };
+        without_lock(py, None, |watch| {
+            let rows = Arrays { readings, wrench, groups: places, weights: Weights::Equal, watch };
             let split = match kept {
                 Some(_) => random_split(RANDOM_FOLDS, seed),
                 None => RandomSplit::default(),
@@ -109,7 +108,7 @@ impl Partial {
             fresh,
             read: ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() },
         };
-        without_lock(py, |_| {
+        without_lock(py, None, |_| {
             let open = |path: &PathBuf| Log::open(path, &mapping);
             let mut logs = paths.iter().map(open).collect::<Result<Vec<_>, _>>()?;
             let mut partial = partial::sum(&mut logs, &options)?;
@@ -202,7 +201,7 @@ impl Partial {
             covariance: options::covariance(covariance)?,
         };
         let partial = &mut self.0;
-        without_lock(py, |_| {
+        without_lock(py, None, |_| {
             partial.put_in_order();
             let fitted = merge::fit(partial, &options)?;
             let mut file = fitted.file(partial, serial);

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import random
@@ -9,11 +10,13 @@ import runpy
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import EPOCH, program
 
@@ -104,6 +107,74 @@ def test_ray_makes_the_same_file_though_a_worker_is_killed(archive: Archive) -> 
     finally:
         ray.shutdown()
     archive.check(calibration, skipped)
+
+
+def test_partitions_of_a_table_are_the_fit_of_the_whole_on_spark(logs: list[Path]) -> None:
+    """What `mapInArrow` and `treeReduce` are given, on batches as Spark passes them."""
+    arrow = pytest.importorskip("pyarrow")
+    spark_fit = example("spark_fit.py")
+    tables = [arrow.table(shellcal.read_log(log)) for log in logs]
+    batches = [batch for table in tables for batch in table.to_batches(max_chunksize=170)]
+    random.Random(4).shuffle(batches)
+    partitions = [batches[place::4] for place in range(4)] + [[]]
+    documents = [
+        batch.column("partial")[0].as_py()
+        for partition in partitions
+        for batch in spark_fit["sums"](iter(partition), "cubic")
+    ]
+    assert len(documents) == 4
+    whole = functools.reduce(spark_fit["merged"], documents)
+    rows = [np.concatenate([table[name].to_numpy() for table in tables]) for name in tables[0].column_names]
+    columns = dict(zip(tables[0].column_names, rows))
+    everything = shellcal.Table(columns, {})
+    expected = shellcal.Calibration(cv=True).fit(everything.X, everything.Y, groups=everything.groups)
+    found = shellcal.Partial.from_bytes(whole).solve(cv=True)
+    assert (found.coefficients_ == expected.coefficients_).all()
+    held_out = (of.diagnostics_["cross_validation"]["grouped"] for of in (found, expected))
+    for ours, theirs in zip(next(held_out), next(held_out)):
+        # Sums of squares over groups, which stand in the order of the batches that they came in.
+        assert ours["rms"] == pytest.approx(theirs["rms"], rel=1e-12)
+    with pytest.raises(shellcal.CountedTwiceError):
+        spark_fit["merged"](whole, documents[0])
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_spark_makes_the_same_calibration(
+    logs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sql = pytest.importorskip("pyspark.sql")
+    monkeypatch.setenv("PYSPARK_PYTHON", sys.executable)
+    frames = [pytest.importorskip("pandas").DataFrame(dict(shellcal.read_log(log))) for log in logs]
+    session = sql.SparkSession.builder.master("local[2]").config("spark.ui.enabled", "false").getOrCreate()
+    try:
+        table = session.createDataFrame(frames[0])
+        for frame in frames[1:]:
+            table = table.union(session.createDataFrame(frame))
+        found = example("spark_fit.py")["fit"](table.repartition(5))
+    finally:
+        session.stop()
+    expected = shellcal.partial_fit(logs, groups="column").solve(cv=True)
+    assert (found.coefficients_ == expected.coefficients_).all()
+
+
+def test_shares_of_a_manifest_are_one_data_set(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    shellcal.synth("train", tmp_path / "train.csv", rows=2000, rate=10)
+    calibration = tmp_path / "calibration.json"
+    shellcal.fit_logs(tmp_path / "train.csv").save(calibration)
+    shellcal.synth("trials", tmp_path / "trials")
+    manifest = tmp_path / "trials/manifest.csv"
+    whole = shellcal.batch(manifest, calibration, parquet=tmp_path / "whole")
+    # More shares than a cluster would take for 25 trials: some are empty.
+    parts = [
+        shellcal.batch(manifest, calibration, shard=f"{share}/30", parquet=tmp_path / "parts")
+        for share in range(30, 0, -1)
+    ]
+    assert [trial for part in reversed(parts) for trial in part["trials"]] == whole["trials"]
+    for table in ("trials", "strides"):
+        found = parquet.read_table(tmp_path / "parts" / table)
+        assert found == parquet.read_table(tmp_path / "whole" / f"{table}.parquet"), table
+    assert not (tmp_path / "parts/conditions").exists()
 
 
 def test_the_program_alone_does_the_same_in_a_pipe(tmp_path: Path, logs: list[Path]) -> None:

@@ -62,8 +62,42 @@ def test_options_that_there_are_not_are_named() -> None:
     for options, expected in cases:
         with pytest.raises(shellcal.ShellcalError, match=expected):
             Calibration(**{"model": "linear", **options}).fit(X, Y)
-    with pytest.raises(shellcal.OptionError, match="no parameter `sample_weight`"):
-        Calibration().set_params(sample_weight=1)
+    with pytest.raises(shellcal.OptionError, match="no parameter `colour`"):
+        Calibration().set_params(colour=1)
+    for options, expected in [
+        ({"ridge": 0.1}, "ridge is for polynomials"),
+        ({"solver": "tsqr"}, "solver is for polynomials"),
+        ({"intercept": False}, "intercept is for polynomials"),
+        ({"truncate": 0.1}, "truncate is for polynomials"),
+    ]:
+        with pytest.raises(shellcal.OptionError, match=expected):
+            Calibration("physics", **options).fit(X, Y, groups=np.arange(120) // 10)
+    with pytest.raises(shellcal.FitError, match="`3` channels vary, at least `6`"):
+        Calibration("physics").fit(X, Y, groups=np.arange(120) // 2)
+
+
+def test_weights_that_cannot_be_used_are_named() -> None:
+    each = np.full(120, 1.5)
+    cases: list[tuple[Any, dict[str, Any], str]] = [
+        (np.ones(7), {}, "one weight for each row"),
+        (np.ones((120, 1)), {}, "one weight for each row"),
+        (np.where(np.arange(120) == 3, np.nan, 1.0), {}, "sample_weight is nan in row 3"),
+        (np.where(np.arange(120) == 4, -1.0, 1.0), {}, r"sample_weight is -1.0 in row 4.*\n.*leaves a row out"),
+        (np.where(np.arange(120) == 4, np.inf, 1.0), {}, "sample_weight is inf in row 4"),
+        (np.zeros(120), {}, "zero in every row"),
+        (np.full(120, "much"), {}, "expected numbers"),
+        (np.full(120, 1e9), {}, "adds up to 120000000000 rows"),
+        (each, {"cv": True}, "cross-validation takes rows that all count the same"),
+        (each, {"model": "auto"}, "the choice of a model takes"),
+        (each, {"model": "physics"}, "the physics model takes"),
+        (each, {"ridge": 0.1}, "a ridge takes"),
+        (each, {"covariance": "groups"}, "a covariance by group takes"),
+        (each, {"solver": "huber"}, "this solver takes.*\n.*integers as sample_weight"),
+    ]
+    for weights, options, expected in cases:
+        calibration = Calibration(**{"model": "linear", **options})
+        with pytest.raises(shellcal.ShellcalError, match=expected):
+            calibration.fit(X, Y, weights, groups=np.arange(120) // 4)
 
 
 def test_groups_that_cannot_be_used_are_named() -> None:
@@ -182,8 +216,10 @@ def test_ten_thousand_calls_at_random_end_in_a_result_or_an_exception(tmp_path: 
             lambda: Calibration("linear", cv=some(), covariance=some()).fit(X, some(), groups=some()),
             lambda: Calibration("linear", ridge=some(), seed=some(), threads=some()).fit(X, Y),
             lambda: Calibration("linear", solver="svd", truncate=some()).fit(some(), some()),
+            lambda: Calibration("linear", solver=draw.choice(["exact", "svd"])).fit(X, Y, some(), groups=some()),
+            lambda: Calibration("physics", ridge=some()).fit(some(), some(), some(), groups=some()),
             lambda: good.predict(some(), return_std=some(), interval=some()),
-            lambda: good.score(some(), some()),
+            lambda: good.score(some(), some(), some()),
             lambda: Partial(some(), groups=some(), seed=some()).add(some(), some(), groups=some()),
             lambda: Partial("linear").add(some(), some()).solve(some(), ridge=some(), cv=some()),
             lambda: Partial.from_bytes(damaged(draw, sums)).solve(cv=draw.choice([True, False, 3])),

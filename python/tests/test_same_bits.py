@@ -65,6 +65,57 @@ def test_the_choice_of_a_model(logs: list[Path], table: shellcal.Table, tmp_path
     assert found.diagnostics_["selection"] == expected
 
 
+@pytest.mark.parametrize("folds", [None, 5])
+def test_the_physics_model(
+    logs: list[Path], table: shellcal.Table, tmp_path: Path, folds: int | None
+) -> None:
+    arguments = [] if folds is None else [f"--cv={folds}"]
+    expected = fitted(tmp_path, logs[1], "--model", "physics", *arguments)
+    calibration = Calibration("physics", cv=folds or False)
+    found = of(calibration.fit(table.X, table.Y, groups=table.groups))
+    for field in ("model", "axes", "physics", "intervals", "valid_range", "schema_version"):
+        assert found[field] == expected[field], field
+    for field in ("rows", "rank", "cross_validation"):
+        assert found["diagnostics"].get(field) == expected["diagnostics"].get(field), field
+    for axis in range(6):
+        ours, theirs = (of["diagnostics"]["train"][axis] for of in (found, expected))
+        assert ours["max"] == theirs["max"]
+        # Sums of squares of 1700 numbers, added up in blocks that are others.
+        assert ours["rms"] == pytest.approx(theirs["rms"], rel=1e-12)
+    whole = Calibration.load(tmp_path / "fitted.json")
+    X = shellcal.read_log(logs[0]).X
+    pairs = zip(*(one.predict(X, return_std=True, interval=0.9) for one in (calibration, whole)))
+    for ours, theirs in pairs:
+        assert np.isfinite(ours).all() and (ours == theirs).all()
+    with pytest.raises(AttributeError, match="physics model has no coefficients"):
+        calibration.coefficients_
+
+
+def test_rows_of_physics_without_groups_are_held_out_in_stretches(table: shellcal.Table) -> None:
+    with pytest.warns(shellcal.ShellcalWarning, match="held out in 40 stretches"):
+        Calibration("physics").fit(table.X, table.Y)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"model": "cubic", "covariance": "groups", "cv": 5},
+        {"model": "linear", "solver": "tsqr", "covariance": "rows"},
+        {"model": "auto"},
+        {"model": "physics"},
+    ],
+)
+def test_whole_weights_are_repeated_rows(table: shellcal.Table, options: dict[str, Any]) -> None:
+    weights = np.random.default_rng(3).integers(0, 4, table.rows)
+    X, Y, groups = (np.repeat(array, weights, axis=0) for array in (table.X, table.Y, table.groups))
+    expected = of(Calibration(**options).fit(X, Y, groups=groups))
+    found = of(Calibration(**options).fit(table.X, table.Y, weights, groups=table.groups))
+    # What the arrays were is told apart; all that was found is the same.
+    for document in (expected, found):
+        del document["sources"]
+    assert found == expected
+
+
 def test_every_layout_of_an_array_gives_the_same_bits(table: shellcal.Table) -> None:
     X, Y = table.X, table.Y
     expected = Calibration().fit(X, Y).coefficients_

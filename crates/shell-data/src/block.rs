@@ -21,6 +21,8 @@ pub struct Block {
     pub wrench: Vec<Vec<f64>>,
     /// Group labels, run-length encoded: label and number of rows, in row order.
     pub groups: Vec<(String, usize)>,
+    /// How much each row counts in a sum of squares; empty where all count the same, as in every log.
+    pub weights: Vec<f64>,
     /// Further columns that were asked for by position, as they stand in the log.
     pub others: Vec<Vec<f64>>,
     /// The readings of the row just before this block, `None` at the start of a log.
@@ -64,6 +66,7 @@ impl Block {
             .into_iter()
             .chain(&mut self.readings)
             .chain(&mut self.wrench)
+            .chain([&mut self.weights])
             .chain(&mut self.others);
         for column in columns.filter(|column| !column.is_empty()) {
             let mut flags = keep.iter();

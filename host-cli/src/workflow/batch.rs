@@ -5,7 +5,7 @@ use std::time::SystemTime;
 
 use super::trial::{Evaluated, TrialJob, TrialLogError, WindowTimes, evaluate_in_window};
 use crate::output::OutputError;
-use crate::trial::manifest::{Entry, Manifest, ManifestProblem, Moment, Place};
+use crate::trial::manifest::{Entry, Manifest, ManifestProblem, Moment, Place, Shard};
 use crate::trial::{
     ConditionRow, Instrument, Per, PhaseProfile, Quantity, Sample, Trial, TrialError, TrialOptions,
     TrialResult,
@@ -27,6 +27,8 @@ pub struct BatchOptions<'a> {
     /// What came of the manifest before: a trial whose row and log are the same is not evaluated
     /// again.
     pub before: Option<&'a Batch>,
+    /// The share of the rows that is evaluated, if not all are. What is wrong between rows is found in all.
+    pub shard: Option<Shard>,
     /// Told how many trials are done.
     pub progress: Option<&'a (dyn Fn(usize) + Sync)>,
 }
@@ -105,7 +107,8 @@ pub fn run(
     }
     let mut batch = Batch::default();
     let mut done = 0;
-    let mut numbers = RowNumbers { next: 0, count: rows.len() };
+    let share = options.shard.map_or(0..rows.len(), |shard| shard.rows(rows.len()));
+    let mut numbers = RowNumbers { next: share.start, end: share.end };
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
     let work = |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, (usize, RowError)>> {
         let number = *number;
@@ -140,10 +143,10 @@ pub fn run(
     batch
 }
 
-/// The numbers of the rows.
+/// The numbers of the rows that are evaluated.
 struct RowNumbers {
     next: usize,
-    count: usize,
+    end: usize,
 }
 
 impl Pieces for RowNumbers {
@@ -151,13 +154,13 @@ impl Pieces for RowNumbers {
     type Error = std::convert::Infallible;
 
     fn ended(&self) -> bool {
-        self.next >= self.count
+        self.next >= self.end
     }
 
     fn next(&mut self, piece: &mut usize) -> Result<bool, Self::Error> {
         *piece = self.next;
         self.next += 1;
-        Ok(*piece < self.count)
+        Ok(*piece < self.end)
     }
 }
 

@@ -86,6 +86,24 @@ struct Drawn {
 }
 
 impl BlockErrors {
+    /// The errors alone, with room for predictions that is used again.
+    pub(super) fn in_room(
+        predicted: &mut PerAxis<Vec<f64>>,
+        calibration: &Calibration,
+        block: &Block,
+        size_unit: Option<&PerAxis<f64>>,
+    ) -> Self {
+        calibration.wrench(&block.readings, predicted);
+        Self {
+            rows: block.rows as u64,
+            out_of_range: calibration.rows_out_of_range(&block.readings),
+            errors: quality::errors(predicted, &block.wrench),
+            sizes: size_unit.map(|unit| sizes(predicted, &block.wrench, unit)),
+            stands_out: false,
+            drawn: None,
+        }
+    }
+
     /// Compares the wrench that `calibration` predicts for the rows of `block` with the measured
     /// one. Errors are counted by size in units of `size_unit`, if there is one.
     pub(super) fn of(
@@ -96,17 +114,14 @@ impl BlockErrors {
         judge: Option<(&Judge, &Spread)>,
     ) -> Self {
         let mut predicted = PerAxis::default();
-        calibration.wrench(&block.readings, &mut predicted);
+        let errors = Self::in_room(&mut predicted, calibration, block, size_unit);
         Self {
-            rows: block.rows as u64,
-            out_of_range: calibration.rows_out_of_range(&block.readings),
-            errors: quality::errors(&predicted, &block.wrench),
-            sizes: size_unit.map(|unit| sizes(&predicted, &block.wrench, unit)),
             stands_out: judge.is_some_and(|(judge, spread)| {
                 let judged = judge.judge_predicted(block, &predicted, spread);
                 judged.iter().any(Judged::may_matter)
             }),
             drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),
+            ..errors
         }
     }
 }

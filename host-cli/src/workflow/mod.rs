@@ -71,6 +71,12 @@ pub enum WorkflowError {
     /// Rows in memory without labels of groups, where something is asked of these.
     #[error("there is nothing to hold out: the rows have no labels of groups")]
     NoGroupLabels,
+    /// Rows that count more or less than one another, where each has to count as itself.
+    #[error("{what} takes rows that all count the same, or weights that are whole numbers")]
+    Weights {
+        /// What was asked for.
+        what: &'static str,
+    },
     /// The caller wanted no more of it.
     #[error("it was interrupted")]
     Interrupted,

@@ -8,9 +8,7 @@ use super::model_choice::HeldOut;
 use super::selection::UsedRows;
 use super::{WorkflowError, check_logs};
 use crate::figures::FitPlot;
-use calibration::physics::{
-    Choice, PhysicsCalibration, PhysicsError, PhysicsValidation, TrainingRows,
-};
+use calibration::physics::{Choice, PhysicsCalibration, PhysicsValidation, TrainingRows};
 use calibration::reading_ranges::ReadingRange;
 use calibration::validation::cross_validation::{CrossValidation, HeldOutQuality};
 use calibration::validation::excitation::WrenchSums;
@@ -62,22 +60,14 @@ pub struct GroupedRows {
 /// A calibration by the physics model, and how well it does.
 #[derive(Debug)]
 pub struct PhysicsFit {
-    /// The calibration.
-    pub calibration: Calibration,
-    /// What the priors were chosen from.
-    pub choice: Choice,
+    /// What the training rows determine.
+    pub fitted: FittedRows,
     /// Rows fitted.
     pub rows: u64,
-    /// Means that those were reduced to.
-    pub observations: usize,
-    /// Groups.
-    pub groups: usize,
     /// What a group is.
     pub groups_are: GroupsAre,
     /// The groups that were found, where that is what they are.
     pub found: Option<FoundSummary>,
-    /// Errors on groups that were held out, where that was asked for.
-    pub validation: Option<PhysicsValidation>,
     /// Errors on each training log.
     pub train: Vec<Evaluation>,
     /// The wrench that the training logs have measured.
@@ -95,6 +85,31 @@ impl PhysicsFit {
         self.train.iter().for_each(|evaluation| train.merge(evaluation));
         train.has_large_errors()
     }
+}
+
+/// What training rows determine: a calibration, and its errors on groups of them.
+#[derive(Debug)]
+pub struct FittedRows {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// What the priors were chosen from.
+    pub choice: Choice,
+    /// Means that the rows were reduced to.
+    pub observations: usize,
+    /// Groups.
+    pub groups: usize,
+    /// Errors on groups that were held out, where that was asked for.
+    pub validation: Option<PhysicsValidation>,
+}
+
+impl FittedRows {
+    /// The calibration's model.
+    pub fn physics(&self) -> &PhysicsCalibration {
+        match self.calibration.kind() {
+            Kind::Physics(physics) => physics,
+            Kind::Polynomial(_) => unreachable!("a physics fit makes a physics calibration"),
+        }
+    }
 
     /// What a calibration file says of the held-out errors.
     pub fn cross_validation(&self) -> Option<CrossValidation> {
@@ -109,6 +124,15 @@ impl PhysicsFit {
             random_folds: 0,
             random: None,
         })
+    }
+}
+
+impl GroupedRows {
+    /// Rows without groups, in stretches of time.
+    pub(super) fn in_stretches(mut rows: TrainingRows) -> Self {
+        rows.group_by_time();
+        let labels = (0..rows.group_count()).map(|i| (i + 1).to_string()).collect();
+        Self { rows, labels, groups_are: GroupsAre::Stretches }
     }
 }
 
@@ -134,14 +158,7 @@ pub fn read_rows(
         Ok(std::mem::take(block))
     };
     let fold = |_: usize, block: Result<Block, WorkflowError>| -> Result<(), WorkflowError> {
-        let block = block?;
-        let columns = rows.wrench.iter_mut().chain(&mut rows.readings);
-        for (column, more) in columns.zip(block.wrench.iter().chain(&block.readings)) {
-            column.extend_from_slice(more);
-        }
-        for (label, count) in &block.groups {
-            rows.groups.extend(std::iter::repeat_n(labels.place(label), *count));
-        }
+        labels.add(&mut rows, &block?);
         Ok(())
     };
     log_file::read_all(&logs, &wanted, read, || (), map, fold)?;
@@ -149,23 +166,30 @@ pub fn read_rows(
         Some(GroupBy::Column) => GroupsAre::Labels,
         Some(GroupBy::File) => GroupsAre::Files,
         Some(GroupBy::Found(_)) => GroupsAre::Found,
-        None => {
-            rows.group_by_time();
-            labels.names = (0..rows.group_count()).map(|i| (i + 1).to_string()).collect();
-            GroupsAre::Stretches
-        }
+        None => return Ok(GroupedRows::in_stretches(rows)),
     };
     Ok(GroupedRows { rows, labels: labels.names, groups_are })
 }
 
 /// Names of groups, in the order of their first rows.
 #[derive(Default)]
-struct Labels {
-    names: Vec<String>,
+pub(super) struct Labels {
+    pub(super) names: Vec<String>,
     places: HashMap<String, u64>,
 }
 
 impl Labels {
+    /// Adds the rows of a block to `rows`.
+    pub(super) fn add(&mut self, rows: &mut TrainingRows, block: &Block) {
+        let columns = rows.wrench.iter_mut().chain(&mut rows.readings);
+        for (column, more) in columns.zip(block.wrench.iter().chain(&block.readings)) {
+            column.extend_from_slice(more);
+        }
+        for (label, count) in &block.groups {
+            rows.groups.extend(std::iter::repeat_n(self.place(label), *count));
+        }
+    }
+
     fn place(&mut self, label: &str) -> u64 {
         if let Some(&place) = self.places.get(label) {
             return place;
@@ -195,11 +219,7 @@ pub fn fit(
     let group_by = groups::held_out(train, held_out, &read)?;
     let grouped = read_rows(train, group_by.as_ref(), options.used, &read)?;
     let rows = &grouped.rows;
-    let (physics, choice) = PhysicsCalibration::fit(rows)?;
-    let validation =
-        options.cross_validation.map(|held_out| validate(rows, held_out)).transpose()?;
-    let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
-    calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
+    let fitted = fit_rows(rows, options.cross_validation, &|| false)?;
     let mut plots = options.plot.then(|| (FitPlot::new(), FitPlot::new()));
     let mut evaluations = Vec::with_capacity(train.len() + test.len());
     for (place, log) in train.iter().chain(test).enumerate() {
@@ -213,18 +233,14 @@ pub fn fit(
         };
         let eval_options =
             EvalOptions { used, place, read: options.read, ..EvalOptions::default() };
-        evaluations.push(eval(&calibration, log, &eval_options, plot)?);
+        evaluations.push(eval(&fitted.calibration, log, &eval_options, plot)?);
     }
     let test_errors = evaluations.split_off(train.len());
     Ok(PhysicsFit {
-        calibration,
-        choice,
+        fitted,
         rows: rows.groups.len() as u64,
-        observations: rows.observations()?.len(),
-        groups: rows.group_count(),
         groups_are: grouped.groups_are,
         found: group_by.as_ref().and_then(GroupBy::found).map(FoundGroups::summary),
-        validation,
         train: evaluations,
         loads: WrenchSums::of(&rows.wrench),
         test: test_errors,
@@ -232,14 +248,46 @@ pub fn fit(
     })
 }
 
-fn validate(rows: &TrainingRows, held_out: HeldOut) -> Result<PhysicsValidation, PhysicsError> {
+/// Fits the physics model to rows, and to what is left of them where groups are held out, unless it is stopped
+/// before a fit.
+pub(super) fn fit_rows(
+    rows: &TrainingRows,
+    cross_validation: Option<HeldOut>,
+    is_stopped: &dyn Fn() -> bool,
+) -> Result<FittedRows, WorkflowError> {
+    let (physics, choice) = PhysicsCalibration::fit(rows)?;
+    let validation =
+        cross_validation.map(|held_out| validate(rows, held_out, is_stopped)).transpose()?;
+    let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
+    calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
+    Ok(FittedRows {
+        calibration,
+        choice,
+        observations: rows.observations()?.len(),
+        groups: rows.group_count(),
+        validation,
+    })
+}
+
+fn validate(
+    rows: &TrainingRows,
+    held_out: HeldOut,
+    is_stopped: &dyn Fn() -> bool,
+) -> Result<PhysicsValidation, WorkflowError> {
     let groups = rows.group_count();
     let folds = match held_out {
         HeldOut::Folds(folds) => folds,
         _ if groups <= MOST_ALONE => groups,
         _ => FOLDS,
     };
-    PhysicsValidation::of(rows, &rows.folds(folds))
+    let mut validation = PhysicsValidation { folds: Vec::new() };
+    for fold in rows.folds(folds) {
+        if is_stopped() {
+            return Err(WorkflowError::Interrupted);
+        }
+        validation.folds.append(&mut PhysicsValidation::of(rows, &[fold])?.folds);
+    }
+    Ok(validation)
 }
 
 fn range(column: &[f64]) -> ReadingRange {

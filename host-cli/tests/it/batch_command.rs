@@ -65,6 +65,56 @@ fn rewrite(dir: &Path, from: &str, to: &str, change: impl Fn(usize, &mut Vec<Str
 }
 
 #[test]
+fn shares_of_a_manifest_are_the_whole_one_after_the_other() {
+    let (dir, windows) = folder(3);
+    let dir = dir.path();
+    let row = |log: usize, condition: &str| {
+        let [enter, exit] = windows[log - 1];
+        format!("{log}.txt,{condition},{enter},{exit}\n")
+    };
+    // The last trial overlaps the first one, which another share has.
+    let rows = [row(1, "a"), row(2, "b"), "none.txt,b,1,2\n".to_owned(), row(3, "a"), row(1, "b")];
+    let options = "--calibration cal.json --csv";
+    let whole = batch(dir, &rows.concat(), &format!("{options} whole"));
+    assert_eq!(whole.status.code(), Some(1));
+    let shares: Vec<Output> = (1..=3)
+        .map(|k| batch(dir, &rows.concat(), &format!("{options} parts --shard {k}/3")))
+        .collect();
+    let codes = shares.iter().map(|share| share.status.code());
+    assert_eq!(codes.collect::<Vec<_>>(), [Some(0), Some(1), Some(1)]);
+    let told = |output: &Output| {
+        let lines = said(output).lines().map(str::to_owned).collect::<Vec<_>>();
+        lines.into_iter().filter(|line| line.starts_with("error: m.csv:")).collect::<Vec<_>>()
+    };
+    assert_eq!(shares.iter().flat_map(told).collect::<Vec<_>>(), told(&whole));
+    assert!(
+        said(&shares[2]).contains("m.csv:6:9: `1.txt`: overlaps the trial of line 2"),
+        "{}",
+        said(&shares[2])
+    );
+    for table in ["trials", "strides"] {
+        let mut names: Vec<_> = fs::read_dir(dir.join("parts").join(table))
+            .unwrap()
+            .map(|f| f.unwrap().path())
+            .collect();
+        names.sort();
+        let parts: Vec<String> =
+            names.iter().map(|name| fs::read_to_string(name).unwrap()).collect();
+        let of_first = parts[0].lines();
+        let others = parts[1..].iter().flat_map(|part| part.lines().skip(1));
+        let together: Vec<&str> = of_first.chain(others).collect();
+        let expected = fs::read_to_string(dir.join(format!("whole/{table}.csv"))).unwrap();
+        assert_eq!(together, expected.lines().collect::<Vec<_>>(), "{table}");
+    }
+    assert!(!dir.join("parts/conditions").exists());
+    for wrong in ["0/3", "4/3", "3", "1/100000", "a/b"] {
+        let output = batch(dir, &rows.concat(), &format!("{options} parts --shard {wrong}"));
+        assert_eq!(output.status.code(), Some(2));
+        assert!(said(&output).contains("such as `3/100`"), "{}", said(&output));
+    }
+}
+
+#[test]
 fn a_bad_trial_is_told_with_its_place_and_the_others_are_finished() {
     let (dir, windows) = folder(1);
     let dir = dir.path();

@@ -76,6 +76,7 @@ fn of_library(folder: &Path, log: &str, window: (f64, f64), low_pass: LowPass) -
         read,
         conditions: None,
         before: None,
+        shard: None,
         progress: None,
     };
     let keep = |_, result: &mut _| {

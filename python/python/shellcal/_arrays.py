@@ -10,10 +10,14 @@ import numpy.typing as npt
 from ._errors import ArrayError
 
 Matrix = npt.NDArray[np.float64]
+#: How often each row is there; how much each counts; which rows are there at all.
+Weights = tuple[npt.NDArray[np.uint32] | None, Matrix | None, npt.NDArray[np.bool_] | None]
 Labels = tuple[npt.NDArray[np.uint32], list[str]]
 
 #: Channels are counted in a byte.
 MOST_CHANNELS = 255
+#: What exact sums hold.
+MOST_ROWS = 2**30
 AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
 
@@ -82,6 +86,38 @@ def labels(value: Any, rows: int) -> Labels | None:
             hint="a group is a pose, a session or a file, not a row",
         )
     return places.astype(np.uint32).reshape(-1), [str(name) for name in names]
+
+
+def weights(value: Any, rows: int) -> Weights:
+    """`sample_weight`: whole numbers are numbers of rows, others weights of squares."""
+    if value is None:
+        return None, None, None
+    array = np.asarray(value)
+    if array.dtype.kind not in "biuf":
+        raise ArrayError(f"sample_weight has the type {array.dtype}, expected numbers")
+    if array.shape != (rows,):
+        raise ArrayError(
+            f"sample_weight has the shape {array.shape}, X has {rows} rows", hint="one weight for each row"
+        )
+    array = array.astype(np.float64)
+    wrong = ~(np.isfinite(array) & (array >= 0.0))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise ArrayError(
+            f"sample_weight is {array[row]} in row {row}, expected a number that is not negative",
+            hint="a weight of 0 leaves a row out",
+        )
+    kept = array > 0.0
+    if not kept.any():
+        raise ArrayError("sample_weight is zero in every row", hint="give some rows a weight")
+    if (array == np.floor(array)).all():
+        if array.sum() > MOST_ROWS:
+            raise ArrayError(
+                f"sample_weight adds up to {array.sum():.0f} rows, at most {MOST_ROWS} are summed exactly",
+                hint="whole numbers are numbers of rows: divide by a common divisor",
+            )
+        return array.astype(np.uint32), None, None
+    return None, array, None if kept.all() else kept
 
 
 def _matrix(value: Any, name: str, columns_of_vectors: bool = False) -> Matrix:

@@ -10,13 +10,24 @@ import warnings
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from . import _arrays, _html, _options
+from . import _arrays, _html, _options, _progress
 from ._errors import ArrayError, NotFittedError, OptionError, ShellcalWarning
 from ._files import PathLike, write_whole
 from ._native import Fitted
 from ._native import fit as _fit
+from ._native import fit_physics as _fit_physics
 from ._origin import made_by
+
+
+Rows = tuple[
+    _arrays.Matrix,
+    _arrays.Matrix,
+    _arrays.Labels | None,
+    npt.NDArray[np.uint32] | None,
+    _arrays.Matrix | None,
+]
 
 
 class Calibration:
@@ -24,9 +35,11 @@ class Calibration:
 
     Parameters
     ----------
-    model : {"linear", "cubic", "quadratic", "poly3", "auto"}
+    model : {"linear", "cubic", "quadratic", "poly3", "auto", "physics"}
         Features of the readings. ``"auto"`` takes the smallest that predicts new groups as well as the
-        best, and its ridge; it needs `groups`.
+        best, and its ridge; it needs `groups`. ``"physics"`` is what photointerrupters answer to a wrench,
+        inverted: for few poses, and for loads beyond them. It holds all rows in memory, takes some seconds,
+        and has no use for `intercept`, `ridge`, `solver`, `truncate` and `covariance`.
     intercept : bool
         Whether to fit a constant.
     ridge : float
@@ -56,7 +69,7 @@ class Calibration:
     document_ : dict
         All that the calibration file says: coefficients, diagnostics, covariance.
     coefficients_ : ndarray of shape (terms, 6)
-        For readings ``z = (s - centre) / scale``, in N and N·m.
+        For readings ``z = (s - centre) / scale``, in N and N·m. The physics model has none.
     terms_ : list of str
         The feature of each row of `coefficients_`.
     diagnostics_ : dict
@@ -68,6 +81,8 @@ class Calibration:
     feature_names_in_: Any
     _fitted: Fitted
     _outputs: int | None
+    #: Some of the rows, for the figure; or the figure.
+    _shown: tuple[_arrays.Matrix, _arrays.Matrix] | str | None
 
     def __init__(
         self,
@@ -128,7 +143,9 @@ class Calibration:
 
     # From rows to a calibration.
 
-    def fit(self, X: Any, y: Any = None, *, groups: Any = None) -> Calibration:
+    def fit(
+        self, X: Any, y: Any = None, sample_weight: Any = None, *, groups: Any = None
+    ) -> Calibration:
         """Fits the model.
 
         Parameters
@@ -138,6 +155,12 @@ class Calibration:
         y : array of shape (n, 6)
             The wrench that the reference measured: Fx, Fy, Fz in N, Mx, My, Mz in N·m. Fewer columns are
             taken as the first of these.
+        sample_weight : array of shape (n,), optional
+            Whole numbers say how often each row is there: everything is, to the last bit, that of a fit to
+            rows repeated so often, and takes as long. Other numbers w weight the squares of errors, as if
+            the variance of a row were divided by w; standard errors are those of a sample of weight 1.
+            No sum of such rows is exact: they are solved by refined QR, with a warning, without `cv`,
+            ``model="auto"``, `ridge` or errors by group. Diagnostics count every row once. 0 leaves a row out.
         groups : array of shape (n,), optional
             A label per row of what resembles each other: pose, session, file. Standard errors, held-out
             errors and the choice of a model come from these.
@@ -156,11 +179,35 @@ class Calibration:
         """
         names = _column_names(X)
         readings = _arrays.readings(X)
-        wrench = _arrays.wrench(y, readings.shape[0])
-        fitted, messages = _fit(
-            readings,
-            wrench,
-            _arrays.labels(groups, readings.shape[0]),
+        count = readings.shape[0]
+        wrench = _arrays.wrench(y, count)
+        repeats, weights, kept = _arrays.weights(sample_weight, count)
+        labels = _arrays.labels(groups, count)
+        if kept is not None and weights is not None:
+            readings, wrench, weights = readings[kept], wrench[kept], weights[kept]
+            labels = None if labels is None else (labels[0][kept], labels[1])
+        rows = (readings, wrench, labels, repeats, weights)
+        with _progress.shown("fit", "row") as progress:
+            if self.model == "physics":
+                fitted, messages = self._fit_physics(rows, progress)
+            else:
+                fitted, messages = self._fit_polynomial(rows, progress)
+        if weights is not None and self.solver == "exact":
+            messages.append("not solved exactly but by refined QR: sample_weight has no whole numbers")
+        for message in messages:
+            warnings.warn(message, ShellcalWarning, stacklevel=2)
+        self._take(fitted)
+        self._outputs = None if np.asarray(y).ndim == 1 else wrench.shape[1]
+        self._shown = _some_rows(readings, wrench)
+        if names is not None:
+            self.feature_names_in_ = names
+        elif hasattr(self, "feature_names_in_"):
+            del self.feature_names_in_
+        return self
+
+    def _fit_polynomial(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str]]:
+        return _fit(
+            rows,
             model=_options.text("model", self.model),
             intercept=bool(self.intercept),
             ridge=_options.number("ridge", self.ridge),
@@ -172,19 +219,30 @@ class Calibration:
             threads=_options.count("threads", self.threads, most=1024),
             made_by=made_by(),
             serial=self.serial,
+            progress=progress,
         )
-        for message in messages:
-            warnings.warn(message, ShellcalWarning, stacklevel=2)
-        self._take(fitted)
-        self._outputs = None if np.asarray(y).ndim == 1 else wrench.shape[1]
-        if names is not None:
-            self.feature_names_in_ = names
-        elif hasattr(self, "feature_names_in_"):
-            del self.feature_names_in_
-        return self
+
+    def _fit_physics(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str]]:
+        _options.physics(
+            {
+                "ridge": _options.number("ridge", self.ridge) != 0.0,
+                "solver": self.solver != "exact",
+                "intercept": not self.intercept,
+                "truncate": self.truncate is not None,
+            }
+        )
+        return _fit_physics(
+            rows,
+            cross_validation=_options.folds(self.cv),
+            threads=_options.count("threads", self.threads, most=1024),
+            made_by=made_by(),
+            serial=self.serial,
+            progress=progress,
+        )
 
     def _take(self, fitted: Fitted) -> None:
         self._fitted = fitted
+        self._shown = None
         self._outputs = len(_arrays.AXES)
         self.document_ = json.loads(fitted.to_json())
         self.n_features_in_ = fitted.channels()
@@ -255,8 +313,9 @@ class Calibration:
         fitted = self._known()
         return np.asarray(fitted.out_of_range(_arrays.readings(X, fitted.channels())))
 
-    def score(self, X: Any, y: Any) -> float:
-        """R², the mean of the axes: 1 is perfect, 0 no better than the mean load."""
+    def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:
+        """R², the mean of the axes: 1 is perfect, 0 no better than the mean load. Squares are weighted by
+        `sample_weight`."""
         predicted = np.asarray(self.predict(X))
         predicted = predicted.reshape(predicted.shape[0], -1)
         measured = _arrays.wrench(y, predicted.shape[0])
@@ -264,8 +323,12 @@ class Calibration:
             raise ArrayError(
                 f"Y has {measured.shape[1]} columns, the calibration predicts {predicted.shape[1]}"
             )
-        residual = ((measured - predicted) ** 2).sum(axis=0)
-        spread = ((measured - measured.mean(axis=0)) ** 2).sum(axis=0)
+        repeats, weights, _ = _arrays.weights(sample_weight, predicted.shape[0])
+        each = repeats if weights is None else weights
+        by_row = np.ones((predicted.shape[0], 1)) if each is None else each.reshape(-1, 1)
+        middle = (by_row * measured).sum(axis=0) / by_row.sum()
+        residual = (by_row * (measured - predicted) ** 2).sum(axis=0)
+        spread = (by_row * (measured - middle) ** 2).sum(axis=0)
         of_axis = np.where(residual == 0.0, 1.0, 0.0)
         np.divide(residual, spread, out=of_axis, where=spread > 0.0)
         return float(np.where(spread > 0.0, 1.0 - of_axis, of_axis).mean())
@@ -308,12 +371,15 @@ class Calibration:
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)
+        # The rows of the figure do not travel.
+        state.pop("_shown", None)
         if "_fitted" in state:
             state["_fitted"] = state["_fitted"].to_json()
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        self._shown = None
         if "_fitted" in state:
             self._fitted = Fitted.parse(state["_fitted"].encode(), "<pickle>")
 
@@ -328,13 +394,20 @@ class Calibration:
     @property
     def coefficients_(self) -> _arrays.Matrix:
         self._known()
-        return np.asarray(self.document_["coefficients"])
+        return np.asarray(self._of_polynomial("coefficients"))
 
     @property
     def terms_(self) -> list[str]:
         self._known()
-        terms: list[str] = self.document_["terms"]
+        terms: list[str] = self._of_polynomial("terms")
         return terms
+
+    def _of_polynomial(self, field: str) -> Any:
+        if field not in self.document_:
+            raise AttributeError(
+                f"a calibration by the physics model has no {field}: its parameters are in document_[\"physics\"]"
+            )
+        return self.document_[field]
 
     def __repr__(self) -> str:
         defaults = inspect.signature(type(self).__init__).parameters
@@ -344,7 +417,16 @@ class Calibration:
     def _repr_html_(self) -> str:
         if not hasattr(self, "_fitted"):
             return _html.escaped(f"{self!r}, not fitted")
-        return _html.calibration(self._fitted.name(), self.document_)
+        name = self._fitted.name()
+        figure = self._shown
+        if isinstance(figure, tuple):
+            readings, wrench = figure
+            of = self.diagnostics_.get("rows", 0)
+            title = f"Calibration {name}"
+            if len(readings) < of:
+                title += f", {len(readings)} of {of} rows"
+            figure = self._fitted.figure(readings, wrench, title)
+        return _html.calibration(name, self.document_, figure)
 
     def _check_names(self, X: Any) -> None:
         known, found = getattr(self, "feature_names_in_", None), _column_names(X)
@@ -365,6 +447,21 @@ class Calibration:
                 "The feature names should match those that were passed during fit.\n"
                 + _differences(list(known), list(found))
             )
+
+
+#: Rows in the figure of a notebook.
+_SHOWN = 4000
+
+
+def _some_rows(
+    readings: _arrays.Matrix, wrench: _arrays.Matrix
+) -> tuple[_arrays.Matrix, _arrays.Matrix]:
+    """Rows for a figure: all, or some at random, the same every time."""
+    rows = len(readings)
+    if rows <= _SHOWN:
+        return readings.copy(), wrench.copy()
+    places = np.random.default_rng(1).integers(0, rows, _SHOWN)
+    return readings[places], wrench[places]
 
 
 def _differences(known: list[str], found: list[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from html import escape
 from typing import Any
 
@@ -12,8 +13,8 @@ def escaped(text: str) -> str:
     return f"<code>{escape(text)}</code>"
 
 
-def calibration(name: str, document: dict[str, Any]) -> str:
-    """The table of errors."""
+def calibration(name: str, document: dict[str, Any], figure: str | None = None) -> str:
+    """The table of errors, and the figure, an SVG document, if there is one."""
     diagnostics = document.get("diagnostics")
     if diagnostics is None:
         return f"<p>Calibration <b>{escape(name)}</b></p>"
@@ -34,9 +35,16 @@ def calibration(name: str, document: dict[str, Any]) -> str:
         + f"<td>{unit}</td></tr>"
         for place, (axis, unit) in enumerate(_AXES)
     )
+    # As a picture: the names in an SVG document are its own, and nothing of it is part of the page.
+    picture = (
+        ""
+        if figure is None
+        else '<img alt="predicted against measured wrench, and what is left over" src="data:image/svg+xml;base64,'
+        f'{b64encode(figure.encode()).decode()}">'
+    )
     return (
         f"<p>Calibration <b>{escape(name)}</b>: {diagnostics['rows']} rows, rank "
-        f"{diagnostics['rank']}</p><table><tr><th></th>{head}<th></th></tr>{rows}</table>"
+        f"{diagnostics['rank']}</p><table><tr><th></th>{head}<th></th></tr>{rows}</table>{picture}"
     )
 
 

@@ -19,8 +19,8 @@ _COLUMNS = ("format", "sensors", "wrench", "time", "group", "time_unit", "moment
 class Table(Mapping[str, npt.NDArray[Any]]):
     """Columns of one length by name, each a numpy array.
 
-    A mapping; and an Arrow table for whatever takes one (``pyarrow.table(t)``, ``polars.DataFrame(t)``,
-    ``pandas.DataFrame(dict(t))``): `__arrow_c_stream__` needs pyarrow.
+    A mapping (``pandas.DataFrame(dict(t))``); and an Arrow table by the PyCapsule interface, for whatever takes
+    one (``polars.DataFrame(t)``, ``pyarrow.table(t)``, ``duckdb.sql("from t")``).
 
     Attributes
     ----------
@@ -66,11 +66,10 @@ class Table(Mapping[str, npt.NDArray[Any]]):
         return self._columns.get("group")
 
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
-        try:
-            import pyarrow
-        except ImportError:
-            raise ImportError("an Arrow table of a log takes pyarrow: `pip install pyarrow`") from None
-        return pyarrow.table(self._columns).__arrow_c_stream__(requested_schema)
+        # A consumer has to take the types that there are: `float64`, and `large_utf8` for text.
+        from ._arrow import stream
+
+        return stream(self._columns)
 
     def __repr__(self) -> str:
         return f"<Table of {self.rows} rows: {', '.join(self._columns)}>"

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from os import PathLike
 from typing import Any
 
@@ -6,6 +7,9 @@ import numpy.typing as npt
 
 _Matrix = npt.NDArray[np.float64]
 _Groups = tuple[npt.NDArray[np.uint32], list[str]]
+_Rows = tuple[
+    _Matrix, _Matrix, _Groups | None, npt.NDArray[np.uint32] | None, _Matrix | None
+]
 _Made = tuple[str, str]
 _What = tuple[str, bool, str | None, int]
 _Reading = tuple[dict[str, str], bool, int]
@@ -23,12 +27,11 @@ class Fitted:
     def has_standard_errors(self) -> bool: ...
     def interval_factors(self, level: float) -> list[float]: ...
     def predict(self, x: _Matrix, errors: bool) -> tuple[_Matrix, _Matrix | None]: ...
+    def figure(self, x: _Matrix, y: _Matrix, title: str) -> str: ...
     def out_of_range(self, x: _Matrix) -> list[bool]: ...
 
 def fit(
-    x: _Matrix,
-    y: _Matrix,
-    groups: _Groups | None,
+    rows: _Rows,
     *,
     model: str,
     intercept: bool,
@@ -41,6 +44,16 @@ def fit(
     threads: int,
     made_by: _Made,
     serial: str | None,
+    progress: Callable[[int], None] | None,
+) -> tuple[Fitted, list[str]]: ...
+def fit_physics(
+    rows: _Rows,
+    *,
+    cross_validation: tuple[int | None] | None,
+    threads: int,
+    made_by: _Made,
+    serial: str | None,
+    progress: Callable[[int], None] | None,
 ) -> tuple[Fitted, list[str]]: ...
 
 class Partial:

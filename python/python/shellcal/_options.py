@@ -26,6 +26,15 @@ def text(name: str, value: Any) -> str:
     return value
 
 
+def physics(given: dict[str, bool]) -> None:
+    """Whether only options were given that the physics model knows."""
+    for name, is_given in given.items():
+        if is_given:
+            raise OptionError(
+                f"{name} is for polynomials in the readings", hint='leave it out with model="physics"'
+            )
+
+
 def number(name: str, value: Any) -> float:
     if isinstance(value, (bool, str, bytes)):
         raise OptionError(f"{name} is {value!r}, expected a number")

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+import threading
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
@@ -21,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from . import _progress
 from ._calibration import Calibration
 from ._errors import ProgramError, ShellcalWarning
 from ._log import Table
@@ -55,7 +57,8 @@ def run(command: str, *inputs: PathLike, ok: tuple[int, ...] = (0,), **options: 
     """Runs a command of the program and returns what it prints with ``--json``.
 
     Options are named as those of the program, with ``_`` for ``-``: ``True`` gives a flag, a list several
-    values, ``None`` nothing. What the program warns of becomes a `ShellcalWarning`.
+    values, ``None`` nothing. What the program warns of becomes a `ShellcalWarning`. What takes long shows a bar,
+    where tqdm is installed, in notebooks and terminals.
 
     Raises
     ------
@@ -67,20 +70,55 @@ def run(command: str, *inputs: PathLike, ok: tuple[int, ...] = (0,), **options: 
         arguments += _option(name, value)
     if inputs:
         arguments += ["--", *(os.fspath(path) for path in inputs)]
-    try:
-        done = subprocess.run(arguments, capture_output=True, stdin=subprocess.DEVNULL, check=False)
-    except OSError as error:
-        raise ProgramError(f"cannot run `{arguments[0]}`: {error}") from None
-    said = done.stderr.decode(errors="replace")
+    with _progress.shown(command, "trial" if command == "batch" else "B") as progress:
+        try:
+            code, document, said = _execute(arguments, progress)
+        except OSError as error:
+            raise ProgramError(f"cannot run `{arguments[0]}`: {error}") from None
     for line in said.splitlines():
         if line.startswith("warning: "):
             warnings.warn(line.removeprefix("warning: "), ShellcalWarning, stacklevel=3)
-    if done.returncode not in ok:
-        raise _error(said, done.returncode)
+    if code not in ok:
+        raise _error(said, code)
     try:
-        return json.loads(done.stdout) if done.stdout.strip() else None
+        return json.loads(document) if document.strip() else None
     except ValueError as error:
         raise ProgramError(f"`{command}` printed no JSON: {error}") from None
+
+
+_PROGRESS = re.compile(rb"progress: (\d+)/(\d+)\s*$")
+
+
+def _execute(arguments: list[str], progress: _progress.Progress | None) -> tuple[int, bytes, str]:
+    """Exit code, standard output and what was said besides, but for the progress."""
+    if progress is None:
+        done = subprocess.run(arguments, capture_output=True, stdin=subprocess.DEVNULL, check=False)
+        return done.returncode, done.stdout, done.stderr.decode(errors="replace")
+    after = arguments.index("--json") + 1
+    arguments = [*arguments[:after], "--progress-lines", *arguments[after:]]
+    printed: list[bytes] = []
+    said = []
+    with subprocess.Popen(
+        arguments, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None and process.stderr is not None
+        # Both pipes are read, or the program would wait for one of them.
+        output = process.stdout
+        reader = threading.Thread(target=lambda: printed.append(output.read()))
+        reader.start()
+        try:
+            for line in process.stderr:
+                place = _PROGRESS.match(line)
+                if place is None:
+                    said.append(line)
+                else:
+                    progress(int(place[1]), int(place[2]))
+        except BaseException:
+            process.kill()
+            raise
+        finally:
+            reader.join()
+    return process.returncode, b"".join(printed), b"".join(said).decode(errors="replace")
 
 
 def _option(name: str, value: Any) -> list[str]:
@@ -152,9 +190,15 @@ def fit_logs(train: _Paths, test: _Paths = (), **options: Any) -> Calibration:
     """
     with tempfile.TemporaryDirectory(prefix="shellcal-") as folder:
         output = Path(folder) / "calibration.json"
+        figure = Path(folder) / "fit.svg"
         options["test"] = [os.fspath(path) for path in _paths(test)] or None
+        if "plot" not in options and not options.get("partial"):
+            options["plot"] = figure
         run("fit", *_paths(train), output=output, **options)
-        return Calibration.load(output)
+        calibration = Calibration.load(output)
+        if figure.exists():
+            calibration._shown = figure.read_text(encoding="utf-8")
+        return calibration
 
 
 def convert(

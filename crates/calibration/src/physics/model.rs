@@ -46,6 +46,17 @@ pub struct Sensor {
 }
 
 impl PhysicsModel {
+    /// Parameters of all sensors.
+    pub fn parameter_count(&self) -> usize {
+        self.sensors.iter().map(|sensor| sensor.parameters.len()).sum()
+    }
+
+    /// The channels that are left out because they never change, from 0.
+    pub fn dead_channels(&self) -> Vec<usize> {
+        let is_dead = |channel: &usize| self.sensors.iter().all(|of| of.channel != *channel);
+        (0..self.channels).filter(is_dead).collect()
+    }
+
     /// What a fit has found, with the λ and width that it was asked for.
     pub(super) fn of_fit(
         channels: usize,

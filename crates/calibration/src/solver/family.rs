@@ -205,6 +205,13 @@ impl<B: Blocks> Rows for FeatureRows<'_, B> {
     }
 }
 
+/// Multiplies rows by the roots of their weights, so that their squares count by the weights.
+fn scale_rows(columns: &mut [f64], stride: usize, weights: &[f64]) {
+    for column in columns.chunks_mut(stride) {
+        column.iter_mut().zip(weights).for_each(|(x, weight)| *x *= weight.sqrt());
+    }
+}
+
 /// A reduction of features as a pass over blocks.
 struct OverFeatures<'a, R> {
     features: &'a Features,
@@ -237,7 +244,11 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
             for (column, axis) in heads.chunks_mut(stride).skip(p).zip(&block.wrench) {
                 column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
             }
-            let tails = if wide { &tails[..] } else { &[] };
+            let tails = if wide { &mut tails[..] } else { &mut [] };
+            if !block.weights.is_empty() {
+                scale_rows(&mut heads, stride, &block.weights[rows.clone()]);
+                scale_rows(tails, stride, &block.weights[rows.clone()]);
+            }
             let chunk = RowChunk { rows: rows.len(), stride, heads: &heads, tails };
             self.reduction.absorb(partial, &chunk, &mut scratch);
         }
@@ -246,5 +257,51 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
 
     fn merge(&self, earlier: &mut R::Partial, later: R::Partial) {
         self.reduction.merge(earlier, later);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use system_tests::random::Random;
+
+    use super::*;
+    use crate::model::{Basis, Model};
+    use crate::scaling::Scaling;
+
+    #[test]
+    fn whole_weights_are_those_of_repeated_rows() {
+        let mut random = Random(19);
+        let mut column = |scale: f64| (0..200).map(|_| scale * random.unit()).collect::<Vec<f64>>();
+        let readings = vec![column(4000.0), column(4000.0)];
+        let wrench: Vec<Vec<f64>> = (0..6).map(|_| column(1.0)).collect();
+        let weights: Vec<f64> = (0..200).map(|row| f64::from(row % 4)).collect();
+        let repeat = |column: &Vec<f64>| -> Vec<f64> {
+            let times = |(&x, &weight): (&f64, &f64)| std::iter::repeat_n(x, weight as usize);
+            column.iter().zip(&weights).flat_map(times).collect()
+        };
+        let repeated = Block {
+            rows: 300,
+            readings: readings.iter().map(repeat).collect(),
+            wrench: wrench.iter().map(repeat).collect(),
+            ..Block::default()
+        };
+        let weighted =
+            Block { rows: 200, readings, wrench, weights: weights.clone(), ..Block::default() };
+        let model = Model { basis: Basis::Cubic, intercept: true, channels: 2 };
+        let scaling = Scaling::of_sample(&repeated.readings, true);
+        for kind in
+            [SolverKind::Tsqr, SolverKind::RefinedTsqr, SolverKind::WideTsqr, SolverKind::Gram]
+        {
+            let solve = |block: &Block| {
+                let problem = FitProblem { model, scaling: scaling.clone(), ridge: 0.0 };
+                fit(kind, problem, &mut std::slice::from_ref(block)).unwrap().0
+            };
+            let (found, expected) = (solve(&weighted), solve(&repeated));
+            // Roots of weights are rounded, and the features have a condition of some hundred.
+            let difference = (&found.coefficients - &expected.coefficients).norm_max();
+            assert!(difference < 1e-11, "{}: {difference}", kind.name());
+            let difference = (&found.residual_products - &expected.residual_products).norm_max();
+            assert!(difference < 1e-11, "{}: {difference}", kind.name());
+        }
     }
 }

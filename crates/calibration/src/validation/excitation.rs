@@ -192,36 +192,51 @@ impl NullaryFnOnce for SumsOf<'_> {
 /// Interleaved sums.
 const LANES: usize = 8;
 
+impl Sign {
+    /// Of what is above zero after it is multiplied by `sign`; zeros are on neither side.
+    ///
+    /// A loop for each sum and each side: where the compiler sees that one condition follows from another, it
+    /// makes branches of them, and no vectors.
+    #[inline(always)]
+    fn of(chunks: &[[f64; LANES]], last: &[f64; LANES], sign: f64) -> Self {
+        let mut squares = [0.0; LANES];
+        let mut add_squares = |chunk: &[f64; LANES]| {
+            for i in 0..LANES {
+                let x = sign * chunk[i];
+                let load = if x > 0.0 { x } else { 0.0 };
+                squares[i] += load * load;
+            }
+        };
+        for chunk in chunks {
+            add_squares(chunk);
+        }
+        add_squares(last);
+        let mut rows = [0_u64; LANES];
+        let mut add_rows = |chunk: &[f64; LANES]| {
+            for i in 0..LANES {
+                rows[i] += u64::from(sign * chunk[i] > 0.0);
+            }
+        };
+        for chunk in chunks {
+            add_rows(chunk);
+        }
+        add_rows(last);
+        Self { rows: rows.iter().sum(), squares: squares.iter().sum() }
+    }
+}
+
 impl AxisSums {
     #[inline(always)]
     fn of(column: &[f64]) -> Self {
-        let (mut above, mut below) = ([0.0; LANES], [0.0; LANES]);
-        let (mut positive, mut negative) = ([0.0; LANES], [0.0; LANES]);
         let (chunks, rest) = column.as_chunks::<LANES>();
-        // Zeros are on neither side.
         let mut last = [0.0; LANES];
         last[..rest.len()].copy_from_slice(rest);
-        for chunk in chunks.iter().chain([&last]) {
-            for i in 0..LANES {
-                let x = chunk[i];
-                let (up, down) = (if x > 0.0 { x } else { 0.0 }, if x < 0.0 { x } else { 0.0 });
-                positive[i] += up * up;
-                negative[i] += down * down;
-                // Whole numbers below 2⁵³.
-                above[i] += if x > 0.0 { 1.0 } else { 0.0 };
-                below[i] += if x < 0.0 { 1.0 } else { 0.0 };
-            }
-        }
-        let sign = |rows: [f64; LANES], squares: [f64; LANES]| Sign {
-            rows: rows.iter().sum::<f64>() as u64,
-            squares: squares.iter().sum(),
-        };
         Self {
             // A pass for each: compiled together, they are shuffled through one vector.
             min: first_of(column, |x, min| x < min),
             max: first_of(column, |x, max| x > max),
-            positive: sign(above, positive),
-            negative: sign(below, negative),
+            positive: Sign::of(chunks, &last, 1.0),
+            negative: Sign::of(chunks, &last, -1.0),
         }
     }
 

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 use serde::Serialize;
 
 use crate::tables::{self, TableForm};
@@ -26,6 +26,10 @@ pub(crate) struct OutputArgs {
     /// Say more: what each setting is and where it comes from, how the work is done
     #[arg(long, global = true, help_heading = GLOBAL, conflicts_with = "quiet")]
     verbose: bool,
+
+    /// Tell progress as lines on stderr, for a program that runs this one
+    #[arg(long, global = true, hide = true)]
+    progress_lines: bool,
 
     /// How tables are printed: text, markdown or csv; with csv nothing else goes to the standard output
     #[arg(long = "as", global = true, help_heading = GLOBAL, value_name = "FORM", value_enum, default_value_t = TableForm::Text, conflicts_with = "json", hide_possible_values = true)]
@@ -221,7 +225,13 @@ impl Printer {
 
     fn bar(&self, label: &str, total: u64, style: &str) -> ProgressBar {
         let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::hidden());
-        if !self.options.quiet && io::stderr().is_terminal() {
+        if self.options.progress_lines && !self.options.quiet {
+            let lines = Box::new(ProgressLines);
+            bar.set_style(
+                ProgressStyle::with_template("{pos}/{len}").expect("a template that parses"),
+            );
+            bar.set_draw_target(ProgressDrawTarget::term_like_with_hz(lines, LINES_A_SECOND));
+        } else if !self.options.quiet && io::stderr().is_terminal() {
             bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
             bar.set_message(label.to_owned());
             bar.set_draw_target(ProgressDrawTarget::stderr());
@@ -233,8 +243,10 @@ impl Printer {
     /// A progress bar over `count` things on stderr, likewise.
     pub(crate) fn progress_of(&self, things: &str, count: u64) -> ProgressBar {
         let bar = self.progress(things, count);
-        let style = "{wide_bar} {pos}/{len} {msg} {eta}";
-        bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
+        if !self.options.progress_lines {
+            let style = "{wide_bar} {pos}/{len} {msg} {eta}";
+            bar.set_style(ProgressStyle::with_template(style).expect("a template that parses"));
+        }
         bar
     }
 
@@ -254,6 +266,60 @@ impl Printer {
     fn talk(&self, word: &str, tint: Tint, text: &str) {
         let word = tint.paint(word, self.options.color.is_on(io::stderr().is_terminal()));
         let _ = writeln!(io::stderr().lock(), "{word}{}", harmless(text));
+    }
+}
+
+/// How often progress is told as lines.
+const LINES_A_SECOND: u8 = 5;
+
+/// What a bar is drawn on where progress is told as lines, such as `progress: 3/25`.
+#[derive(Debug)]
+struct ProgressLines;
+
+impl ProgressLines {
+    fn say(text: &str) -> io::Result<()> {
+        match text.trim() {
+            "" => Ok(()),
+            text => writeln!(io::stderr().lock(), "progress: {text}"),
+        }
+    }
+}
+
+impl TermLike for ProgressLines {
+    fn width(&self) -> u16 {
+        80
+    }
+
+    fn move_cursor_up(&self, _: usize) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_down(&self, _: usize) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_right(&self, _: usize) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_left(&self, _: usize) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn write_line(&self, text: &str) -> io::Result<()> {
+        Self::say(text)
+    }
+
+    fn write_str(&self, text: &str) -> io::Result<()> {
+        Self::say(text)
+    }
+
+    fn clear_line(&self) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn flush(&self) -> io::Result<()> {
+        Ok(())
     }
 }
 

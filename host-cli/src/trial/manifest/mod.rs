@@ -15,11 +15,13 @@ mod csv;
 mod entry;
 mod faults;
 mod fields;
+mod shard;
 mod toml;
 
 pub use entry::{Entry, Manifest, ManifestProblem, Moment, Place, Placed};
 pub use faults::Fault;
 pub use fields::suggest;
+pub use shard::Shard;
 
 impl Manifest {
     /// Reads a manifest: TOML if `is_toml`, else CSV.

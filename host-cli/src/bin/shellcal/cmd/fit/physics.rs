@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use anyhow::Context;
-use calibration::Kind;
 use calibration::physics::{COVERAGE_LEVEL, PhysicsCalibration, PhysicsValidation};
 use calibration::solver::SolverKind;
 use calibration::validation::selection::Selection;
@@ -159,7 +158,7 @@ impl FitArgs {
     ) -> anyhow::Result<CalibrationFile> {
         let (train, test) = (total(&fitted.train), total(&fitted.test));
         Ok(CalibrationFile {
-            calibration: fitted.calibration.clone(),
+            calibration: fitted.fitted.calibration.clone(),
             origin: Origin {
                 made_by: origin::program(),
                 date: origin::date()?,
@@ -169,11 +168,11 @@ impl FitArgs {
                     rows: fitted.rows,
                     skipped_rows: train.skipped_rows,
                     repeated_rows: train.repeated_rows,
-                    rank: parameters(physics_of(fitted)),
+                    rank: fitted.fitted.physics().model().parameter_count(),
                     condition: None,
                     train: train.quality().context("no training rows are left")?,
                     test: test.quality(),
-                    cross_validation: fitted.cross_validation(),
+                    cross_validation: fitted.fitted.cross_validation(),
                     selection,
                     excitation: fitted.loads.excitation(),
                 }),
@@ -182,17 +181,6 @@ impl FitArgs {
             },
         })
     }
-}
-
-fn physics_of(fitted: &PhysicsFit) -> &PhysicsCalibration {
-    match fitted.calibration.kind() {
-        Kind::Physics(physics) => physics,
-        Kind::Polynomial(_) => unreachable!("a physics fit makes a physics calibration"),
-    }
-}
-
-fn parameters(physics: &PhysicsCalibration) -> usize {
-    physics.model().sensors.iter().map(|sensor| sensor.parameters.len()).sum()
 }
 
 fn report(
@@ -204,9 +192,9 @@ fn report(
 ) -> anyhow::Result<()> {
     let test = total(&fitted.test);
     let Some(diagnostics) = &file.origin.diagnostics else { return Ok(()) };
-    let physics = physics_of(fitted);
+    let (of_rows, physics) = (&fitted.fitted, fitted.fitted.physics());
     let model = physics.model();
-    let coverage = fitted.validation.as_ref().and_then(PhysicsValidation::coverage);
+    let coverage = of_rows.validation.as_ref().and_then(PhysicsValidation::coverage);
     if printer.json() {
         return printer.document(&Report {
             model: file.calibration.name(),
@@ -215,10 +203,10 @@ fn report(
             repeated_rows: diagnostics.repeated_rows,
             test_rows: test.rows,
             test_rows_out_of_range: test.out_of_range_rows,
-            observations: fitted.observations,
-            groups: fitted.groups,
+            observations: of_rows.observations,
+            groups: of_rows.groups,
             groups_found: fitted.found,
-            parameters: parameters(physics),
+            parameters: model.parameter_count(),
             lambda: model.lambda,
             prior_width: model.prior_width,
             axes: Axis::ALL.map(Axis::column),
@@ -227,7 +215,7 @@ fn report(
             cross_validation: Stored::of(&diagnostics.cross_validation),
             selection: Stored::of(&diagnostics.selection),
             weighing: weighing.map(WeighingReport::of),
-            median_of_groups: fitted.validation.as_ref().map(PhysicsValidation::median),
+            median_of_groups: of_rows.validation.as_ref().map(PhysicsValidation::median),
             coverage_95: coverage.map(|of| of.map(|(share, _)| share)),
             intervals: Stored::of(&physics.intervals),
             excitation: Stored::of(&diagnostics.excitation),
@@ -241,10 +229,10 @@ fn report(
     printer.line(format!(
         "physics: {} parameters of {} sensors, fitted to {} means of {} groups; λ {}, prior width {}, \
          both chosen by held-out groups",
-        parameters(physics),
+        model.parameter_count(),
         model.sensors.len(),
-        fitted.observations,
-        fitted.groups,
+        of_rows.observations,
+        of_rows.groups,
         model.lambda,
         model.prior_width,
     ))?;
@@ -259,7 +247,7 @@ fn report(
         print_excitation(printer, excitation)?;
     }
     if let (Some(found), Some(validation)) =
-        (&diagnostics.cross_validation, fitted.validation.as_ref())
+        (&diagnostics.cross_validation, of_rows.validation.as_ref())
     {
         print_cross_validation(printer, found)?;
         let medians = validation.median();
@@ -273,13 +261,11 @@ fn report(
         printer.note(format!(
             "the logs have no groups: the rows were held out in {} stretches of time; give groups \
              (`--group`) if poses last longer",
-            fitted.groups
+            of_rows.groups
         ));
     }
-    let dead: Vec<String> = (0..model.channels)
-        .filter(|channel| model.sensors.iter().all(|sensor| sensor.channel != *channel))
-        .map(|channel| format!("s{}", channel + 1))
-        .collect();
+    let dead: Vec<String> =
+        model.dead_channels().into_iter().map(|channel| format!("s{}", channel + 1)).collect();
     if !dead.is_empty() {
         printer.warning(format!("left out, because they never change: {}", dead.join(", ")));
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use serde::Serialize;
 use shellcal::output::Outputs;
-use shellcal::trial::manifest::Manifest;
+use shellcal::trial::manifest::{Manifest, Shard};
 use shellcal::trial::{ConditionRow, TrialOptions, TrialResult};
 use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
 
@@ -21,6 +21,7 @@ Examples:
   shellcal batch manifest.csv --calibration calibration.json --csv results
   shellcal batch manifest.csv --calibration calibration.json --reference free --traces traces
   shellcal batch manifest.toml --calibration calibration.json --json > results.json
+  shellcal batch manifest.csv --calibration calibration.json --shard 3/100 --parquet results
 
 A manifest is CSV with the columns file, condition, t_enter_s, t_exit_s and, if wanted,
 velocity_m_s, mass_kg, channel_length_m, notes, exclude; or TOML with the same keys in [[trial]]
@@ -45,6 +46,11 @@ pub(crate) struct BatchArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
 
+    /// Evaluate one of N equal shares of the trials, and write `trials/part-K-of-N` and `strides/part-K-of-N`
+    /// into the directories of `--csv` and `--parquet`: all shares together are the results of the whole
+    #[arg(long, value_name = "K/N", value_parser = parse_shard, conflicts_with = "watch")]
+    shard: Option<Shard>,
+
     /// Keep running, and evaluate again what changes: manifest, logs, calibration or profile
     #[arg(long)]
     watch: bool,
@@ -66,6 +72,9 @@ struct Document<'a> {
     trials: Vec<TrialDocument<'a>>,
     failures: Vec<FailureDocument<'a>>,
     excluded: usize,
+    /// The name of the share, if not all trials were to be evaluated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shard: Option<String>,
     warnings: &'a [String],
     conditions: &'a [ConditionRow],
 }
@@ -96,7 +105,7 @@ struct Run {
 
 impl BatchArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        self.output.prepare(outputs)?;
+        self.output.prepare(outputs, self.shard)?;
         if !self.watch {
             return self.once(printer, outputs, None).map(|(_, outcome)| outcome);
         }
@@ -157,7 +166,9 @@ impl BatchArgs {
         before: Option<&Batch>,
     ) -> anyhow::Result<Run> {
         let figures = self.output.figure_folder(outputs)?;
-        let bar = printer.progress_of("trials", manifest.rows.len() as u64);
+        let rows = manifest.rows.len();
+        let share = self.shard.map_or(rows, |shard| shard.rows(rows).len());
+        let bar = printer.progress_of("trials", share as u64);
         let progress = |done: usize| bar.set_position(done as u64);
         let options = BatchOptions {
             trial: self.options(equipment),
@@ -165,6 +176,7 @@ impl BatchArgs {
             read: self.evaluation.read_options(),
             conditions: self.conditions.as_deref(),
             before,
+            shard: self.shard,
             progress: Some(&progress),
         };
         let batch = batch::run(
@@ -183,10 +195,16 @@ impl BatchArgs {
             },
         );
         bar.finish_and_clear();
-        let conditions = batch.statistics(self.reference.as_deref(), self.seed);
-        self.output.write_tables(outputs, &batch, &conditions)?;
+        let conditions = match self.shard {
+            // Statistics are of all trials.
+            Some(_) => Vec::new(),
+            None => batch.statistics(self.reference.as_deref(), self.seed),
+        };
+        self.output.write_tables(outputs, &batch, &conditions, self.shard)?;
         if let Some(figures) = &figures {
-            figures.write_batch(&conditions, &batch.phases())?;
+            if self.shard.is_none() {
+                figures.write_batch(&conditions, &batch.phases())?;
+            }
             if let Some(note) = manifest::slow_filter(&batch, &self.options(equipment)) {
                 printer.warning(note);
             }
@@ -249,12 +267,24 @@ impl BatchArgs {
                 trials: trials.collect(),
                 failures: failures.collect(),
                 excluded: batch.excluded,
+                shard: self.shard.map(Shard::stem),
                 warnings,
                 conditions,
             });
         }
         let results: Vec<&TrialResult> = results.into_iter().map(|(_, result)| result).collect();
         show::trials(printer, &results)?;
-        show::conditions(printer, conditions)
+        match self.shard {
+            Some(_) => Ok(()),
+            None => show::conditions(printer, conditions),
+        }
     }
+}
+
+fn parse_shard(text: &str) -> Result<Shard, String> {
+    let parts = text
+        .split_once('/')
+        .and_then(|(number, of)| Shard::new(number.trim().parse().ok()?, of.trim().parse().ok()?));
+    let most = Shard::MOST;
+    parts.ok_or_else(|| format!("a share of at most {most}, from 1, such as `3/100`"))
 }

@@ -71,6 +71,7 @@ pub(super) fn evaluate(
         read: evaluation.read_options(),
         conditions: None,
         before: None,
+        shard: None,
         progress: Some(&progress),
     };
     let batch = batch::run(manifest, folder(path), equipment.instrument(), &options, keep);

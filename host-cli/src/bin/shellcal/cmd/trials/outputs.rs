@@ -1,10 +1,12 @@
 //! Where the tables of a batch go.
 
+use std::path::{Path, PathBuf};
+
 use anyhow::Context;
 use shellcal::figures::Format;
 use shellcal::output::{OutputError, Outputs};
 use shellcal::table::Table;
-use shellcal::trial::manifest::Place;
+use shellcal::trial::manifest::{Place, Shard};
 use shellcal::trial::tables::{conditions_table, strides_table, trace_table, trials_table};
 use shellcal::trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 use shellcal::workflow::batch::Batch;
@@ -13,8 +15,20 @@ use shellcal::workflow::figures::{FigureFolder, reduce_trace};
 use super::manifest;
 use crate::files::OutputPlace;
 
-/// The tables of a batch, which are also the names of their files.
+/// The tables of a batch, which are also the names of their files. A share of the trials has no conditions.
 const TABLES: [&str; 3] = ["trials", "strides", "conditions"];
+
+/// The files of the tables in a directory: `trials.csv`, or `trials/part-00003-of-00100.csv` of a share.
+fn table_files(directory: &Path, shard: Option<Shard>, extension: &str) -> Vec<PathBuf> {
+    match shard {
+        None => TABLES.map(|table| directory.join(format!("{table}.{extension}"))).to_vec(),
+        Some(shard) => {
+            let file =
+                |table: &&str| directory.join(table).join(format!("{}.{extension}", shard.stem()));
+            TABLES[..2].iter().map(file).collect()
+        }
+    }
+}
 
 /// What is written, and where.
 #[derive(Debug, clap::Args)]
@@ -65,15 +79,15 @@ impl From<FormatArg> for Format {
 
 impl OutputArgs {
     /// Makes the directories and finds out whether tables can be written, before any work.
-    pub(crate) fn prepare(&self, outputs: &Outputs) -> anyhow::Result<()> {
-        for directory in [&self.csv, &self.parquet, &self.traces].into_iter().flatten() {
-            std::fs::create_dir_all(directory)
-                .with_context(|| format!("cannot create `{}`", directory.display()))?;
+    pub(crate) fn prepare(&self, outputs: &Outputs, shard: Option<Shard>) -> anyhow::Result<()> {
+        if let Some(directory) = &self.traces {
+            create(directory)?;
         }
         for (directory, extension) in [(&self.csv, "csv"), (&self.parquet, "parquet")] {
             let Some(directory) = directory else { continue };
-            for name in TABLES {
-                outputs.probe(&directory.join(format!("{name}.{extension}")))?;
+            for file in table_files(directory, shard, extension) {
+                create(file.parent().unwrap_or(directory))?;
+                outputs.probe(&file)?;
             }
         }
         Ok(())
@@ -143,6 +157,7 @@ impl OutputArgs {
         outputs: &Outputs,
         batch: &Batch,
         conditions: &[ConditionRow],
+        shard: Option<Shard>,
     ) -> anyhow::Result<()> {
         if self.csv.is_none() && self.parquet.is_none() {
             return Ok(());
@@ -150,15 +165,21 @@ impl OutputArgs {
         let results = batch.trials.iter().map(|trial| &trial.evaluated.result);
         let tables: [Table; 3] =
             [trials_table(results.clone()), strides_table(results), conditions_table(conditions)];
-        for (name, table) in TABLES.iter().zip(&tables) {
-            if let Some(directory) = &self.csv {
-                outputs.write(directory.join(format!("{name}.csv")), &table.to_csv())?;
+        if let Some(directory) = &self.csv {
+            for (file, table) in table_files(directory, shard, "csv").iter().zip(&tables) {
+                outputs.write(file, &table.to_csv())?;
             }
-            if let Some(directory) = &self.parquet {
-                let bytes = table.to_parquet()?;
-                outputs.write(directory.join(format!("{name}.parquet")), &bytes)?;
+        }
+        if let Some(directory) = &self.parquet {
+            for (file, table) in table_files(directory, shard, "parquet").iter().zip(&tables) {
+                outputs.write(file, &table.to_parquet()?)?;
             }
         }
         Ok(())
     }
+}
+
+fn create(directory: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(directory)
+        .with_context(|| format!("cannot create `{}`", directory.display()))
 }

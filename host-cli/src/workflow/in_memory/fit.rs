@@ -1,24 +1,20 @@
-//! A fit to rows in memory: what [`fit`](super::fit) and [`model_choice`](super::model_choice) do for logs,
-//! for callers that have arrays.
-//!
-//! Rows are taken in blocks of [`BLOCK_ROWS`], on several threads, wherever and in whatever layout the
-//! caller keeps them. Coefficients, covariance and held-out errors are the bits that a log of the same rows
-//! gives.
+//! Polynomials in the readings, fitted to rows in memory.
 
-use std::ops::Range;
-
-use super::WorkflowError;
-use super::eval::{BlockErrors, Evaluation};
-use super::fit::{check_sizes, root_mean_square, shape};
-use super::groups::GroupBy;
-use super::model_choice::{CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, choose_from};
-use super::selection::UsedRows;
-use super::solving::{Problem, Solved, solve};
-use super::uncertainty::{CovarianceFrom, Uncertainty};
+use super::rows::{InMemory, RowSource, rows_sample};
 use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, SolverRecord, Source};
+use crate::workflow::WorkflowError;
+use crate::workflow::eval::{BlockErrors, Evaluation};
+use crate::workflow::fit::{check_sizes, root_mean_square, shape};
+use crate::workflow::groups::GroupBy;
+use crate::workflow::model_choice::{
+    CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, choose_from,
+};
+use crate::workflow::selection::UsedRows;
+use crate::workflow::solving::{Problem, Solved, solve};
+use crate::workflow::uncertainty::{CovarianceFrom, Uncertainty};
 use calibration::exact::ExactError;
 use calibration::reading_ranges::ReadingRanges;
-use calibration::solver::{Blocks, Pass, PassWorker, Solution, SolverKind};
+use calibration::solver::{Solution, SolverKind};
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
 use calibration::validation::grouped::{
@@ -26,34 +22,8 @@ use calibration::validation::grouped::{
 };
 use calibration::{Basis, Calibration, FitError, Model};
 use log_file::ReadOptions;
-use log_file::pipeline::{self, Pieces};
 use shell_data::block::Block;
-
-/// Rows that are worked on at a time.
-pub const BLOCK_ROWS: usize = 4096;
-
-/// Rows that a sample has.
-const SAMPLE_ROWS: usize = 1024;
-
-/// Rows of readings and wrench in memory.
-pub trait RowSource: Sync {
-    /// Their number.
-    fn rows(&self) -> usize;
-
-    /// Number of channels.
-    fn channels(&self) -> usize;
-
-    /// Whether rows have labels of groups.
-    fn has_groups(&self) -> bool;
-
-    /// Puts some rows into a block: readings, wrench and, where there are any, labels.
-    fn fill(&self, rows: Range<usize>, block: &mut Block);
-
-    /// Whether the caller wants no more of it.
-    fn is_stopped(&self) -> bool {
-        false
-    }
-}
+use shell_data::wrench::PerAxis;
 
 /// What is to be fitted, and how.
 #[derive(Clone, Copy, Debug)]
@@ -153,6 +123,9 @@ impl RowFit {
 /// [`WorkflowError`] if the rows do not determine the coefficients, something is asked of groups where
 /// there are none, or the caller stopped it.
 pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, WorkflowError> {
+    if source.has_weights() {
+        check_weighted(options)?;
+    }
     let choice = choose(source, options)?;
     let basis = choice.as_ref().map_or(options.basis, |choice| Some(choice.basis));
     let basis = basis.unwrap_or(Basis::Poly3);
@@ -161,7 +134,11 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
     let model = Model { basis, intercept: options.intercept, channels: source.channels() };
     let problem = Problem {
         model,
-        solver: options.solver,
+        solver: match options.solver {
+            // What the exact solver leaves to it.
+            SolverKind::Exact if source.has_weights() => SolverKind::RefinedTsqr,
+            solver => solver,
+        },
         ridge,
         truncate: options.truncate,
         total: sums.and_then(GroupedMoments::total),
@@ -179,19 +156,15 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
         Uncertainty::of(&solution, solver, ridge, from);
     let unit = covariance.as_ref().map(|_| root_mean_square(&solution));
     let (mut train, mut loads) = (Evaluation::default(), WrenchSums::default());
-    let errors = |(): &mut (), block: &mut Block| {
-        let errors = BlockErrors::of(&calibration, block, unit.as_ref(), false, None);
+    let errors = |room: &mut PerAxis<Vec<f64>>, block: &mut Block| {
+        let errors = BlockErrors::in_room(room, &calibration, block, unit.as_ref());
         (errors, WrenchSums::of(&block.wrench))
     };
-    rows.each_block(
-        || (),
-        errors,
-        |(errors, of_block)| {
-            train.add(&errors, None);
-            loads.merge(&of_block);
-            Ok(())
-        },
-    )?;
+    rows.each_block(PerAxis::default, errors, |(errors, of_block)| {
+        train.add(&errors, None);
+        loads.merge(&of_block);
+        Ok(())
+    })?;
     check_sizes(&calibration, &train.quality())?;
     if let (Some(covariance), Some(unit)) = (&mut covariance, unit) {
         covariance.shape = shape(std::slice::from_ref(&train), &unit);
@@ -221,6 +194,9 @@ pub fn sum(
     (apart, random): (Apart, RandomSplit),
     threads: usize,
 ) -> Result<GroupedMoments, WorkflowError> {
+    if source.has_weights() {
+        return Err(WorkflowError::Weights { what: "a partial fit" });
+    }
     let channels = source.channels();
     Model { basis, intercept: true, channels }.check_size().map_err(FitError::from)?;
     let mut sums = GroupSums::new(basis, channels, apart, random);
@@ -243,6 +219,21 @@ pub fn sum(
     Ok(sums.finish(workers)?)
 }
 
+/// What can be had of rows that have weights, which no exact sum can take: a plain least-squares fit, and
+/// standard errors by row.
+fn check_weighted(options: &RowFitOptions) -> Result<(), WorkflowError> {
+    let what = match options {
+        RowFitOptions { basis: None, .. } => "the choice of a model",
+        RowFitOptions { cross_validation: Some(_), .. } => "cross-validation",
+        RowFitOptions { covariance: CovarianceRule::Groups, .. } => "a covariance by group",
+        RowFitOptions { ridge, .. } if *ridge != 0.0 => "a ridge",
+        RowFitOptions { truncate: Some(_), .. } => "a truncated solution",
+        RowFitOptions { solver: SolverKind::RidgeGcv | SolverKind::Huber, .. } => "this solver",
+        _ => return Ok(()),
+    };
+    Err(WorkflowError::Weights { what })
+}
+
 fn choose(
     source: &dyn RowSource,
     options: &RowFitOptions,
@@ -259,7 +250,8 @@ fn choose(
         memory: 0,
         read: ReadOptions::default(),
     };
-    let labels = source.has_groups().then_some(&GroupBy::Column);
+    let has_labels = source.has_groups() && !source.has_weights();
+    let labels = has_labels.then_some(&GroupBy::Column);
     if !asked.validates() && !asked.wants_groups(labels) {
         return Ok(None);
     }
@@ -277,110 +269,4 @@ fn choose(
         }
         sums => choose_from(sums?, GroupBy::Column, &asked).map(Some),
     }
-}
-
-/// The rows of a source, as solvers pass over them.
-struct InMemory<'a> {
-    source: &'a dyn RowSource,
-    threads: usize,
-}
-
-/// Where the next block begins.
-struct BlockRanges<'a> {
-    next: usize,
-    source: &'a dyn RowSource,
-}
-
-/// The caller wants no more.
-struct Stopped;
-
-impl Pieces for BlockRanges<'_> {
-    type Piece = Block;
-    type Error = Stopped;
-
-    fn ended(&self) -> bool {
-        self.next >= self.source.rows()
-    }
-
-    fn next(&mut self, block: &mut Block) -> Result<bool, Stopped> {
-        if self.source.is_stopped() {
-            return Err(Stopped);
-        }
-        // The piece is filled by the thread that gets it: this says which rows.
-        block.rows = self.next;
-        let is_there = !self.ended();
-        self.next += BLOCK_ROWS;
-        Ok(is_there)
-    }
-}
-
-impl InMemory<'_> {
-    /// Passes every block to `work`, on any thread, and what comes of it to `fold`, in order. Returns the
-    /// states of the threads.
-    fn each_block<S: Send, T: Send>(
-        &self,
-        init: impl Fn() -> S + Sync,
-        work: impl Fn(&mut S, &mut Block) -> T + Sync,
-        fold: impl FnMut(T) -> Result<(), WorkflowError>,
-    ) -> Result<Vec<S>, WorkflowError> {
-        let source = self.source;
-        let threads = ReadOptions { threads: self.threads, ..ReadOptions::default() };
-        let work = |state: &mut S, block: &mut Block| {
-            let rows = block.rows..source.rows().min(block.rows + BLOCK_ROWS);
-            source.fill(rows, block);
-            work(state, block)
-        };
-        let mut ranges = BlockRanges { next: 0, source };
-        let stopped = |Stopped| WorkflowError::Interrupted;
-        pipeline::run(&mut ranges, threads.thread_count(), init, work, stopped, fold)
-    }
-}
-
-impl Blocks for InMemory<'_> {
-    type Error = WorkflowError;
-
-    fn sample(&self) -> Option<Block> {
-        (self.source.rows() > 0).then(|| rows_sample(self.source))
-    }
-
-    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {
-        let mut all = pass.empty();
-        let reduce = |worker: &mut PassWorker<'_, P>, block: &mut Block| worker.reduce(block);
-        let workers = self.each_block(
-            || PassWorker::new(pass),
-            reduce,
-            |partial| {
-                if let Some(partial) = partial? {
-                    pass.merge(&mut all, partial);
-                }
-                Ok(())
-            },
-        )?;
-        PassWorker::merge(workers, &mut all);
-        Ok(all)
-    }
-}
-
-/// Rows from all over the source.
-fn rows_sample(source: &dyn RowSource) -> Block {
-    let rows = source.rows();
-    if rows <= SAMPLE_ROWS {
-        let mut block = Block::default();
-        source.fill(0..rows, &mut block);
-        return block;
-    }
-    let (mut sample, mut part) = (Block::default(), Block::default());
-    const PARTS: usize = 16;
-    for i in 0..PARTS {
-        let start = (rows - SAMPLE_ROWS / PARTS) * i / (PARTS - 1);
-        source.fill(start..start + SAMPLE_ROWS / PARTS, &mut part);
-        sample.rows += part.rows;
-        for (all, part) in
-            [(&mut sample.readings, &mut part.readings), (&mut sample.wrench, &mut part.wrench)]
-        {
-            all.resize_with(part.len(), Vec::new);
-            all.iter_mut().zip(part).for_each(|(all, part)| all.append(part));
-        }
-    }
-    sample
 }
