@@ -5,7 +5,7 @@
 //! and their ratios to shellcal.
 
 use std::fs;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
@@ -39,6 +39,14 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 9)]
     runs: usize,
 
+    /// The program that is measured [default: the release, built first]
+    #[arg(long, value_name = "FILE")]
+    program: Option<PathBuf>,
+
+    /// An earlier program, measured beside it
+    #[arg(long, value_name = "FILE")]
+    before: Option<PathBuf>,
+
     /// How the wrench is written [default: both, one after the other]
     #[arg(long, value_enum)]
     numbers: Option<Numbers>,
@@ -57,6 +65,9 @@ enum Numbers {
 const MODELS: [(&str, &str); 3] =
     [("cubic", "cubic24+1"), ("quadratic", "quad44+1"), ("poly3", "cubic164+1")];
 
+/// What an earlier program is called.
+const BEFORE: &str = "shellcal before";
+
 struct Tool {
     name: &'static str,
     command: Vec<String>,
@@ -64,7 +75,7 @@ struct Tool {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     ensure!(args.peers.is_dir(), "`{}` is not a directory", args.peers.display());
-    let shellcal = steps::build_shellcal()?;
+    let shellcal = args.program.clone().map_or_else(steps::build_shellcal, Ok)?;
     let dir = steps::scratch("bench-peers")?;
     let (name, vectors) = (processor(), available()[0].0);
     println!("{name}, vectors: {vectors}\n");
@@ -96,14 +107,18 @@ fn compare(args: &Args, shellcal: &Path, dir: &Path, files: [&Path; 2]) -> Resul
     let bytes = fs::metadata(train)?.len() + fs::metadata(test)?.len();
     println!("{:.1} MB\n", bytes as f64 / 1e6);
 
-    let floor_s = floor(&files, args.runs)?;
-    println!("floor (read both files, find the newlines, one thread): {:.1} ms\n", floor_s * 1e3);
+    let threads = std::thread::available_parallelism()?.get();
+    let floor_s = floor(&files, threads, args.runs)?;
+    println!(
+        "floor (read both files, find the newlines, {threads} threads): {:.1} ms\n",
+        floor_s * 1e3
+    );
 
     for (ours, theirs) in MODELS {
-        let mut tools = vec![Tool {
-            name: "shellcal",
+        let fit = |name, program: &Path| Tool {
+            name,
             command: vec![
-                argument(shellcal),
+                argument(program),
                 "fit".into(),
                 argument(train),
                 "--test".into(),
@@ -114,7 +129,9 @@ fn compare(args: &Args, shellcal: &Path, dir: &Path, files: [&Path; 2]) -> Resul
                 argument(&dir.join("calibration.json")),
                 "--json".into(),
             ],
-        }];
+        };
+        let mut tools = vec![fit("shellcal", shellcal)];
+        tools.extend(args.before.as_ref().map(|before| fit(BEFORE, before)));
         tools.extend(peers(&args.peers, train, test, theirs));
         let tools = working(tools)?;
         let medians = medians(&tools, args.runs)?;
@@ -213,7 +230,8 @@ fn print_table(model: &str, tools: &[Tool], medians: &[Measurement], bytes: u64,
             median.peak_bytes as f64 / bytes as f64,
         );
     }
-    let fastest = medians[1..].iter().map(|m| m.wall_s).fold(f64::INFINITY, f64::min);
+    let of_peers = tools.iter().zip(medians).skip(1).filter(|(tool, _)| tool.name != BEFORE);
+    let fastest = of_peers.map(|(_, median)| median.wall_s).fold(f64::INFINITY, f64::min);
     println!(
         "shellcal takes {:.1} × the floor; the fastest peer takes {:.1} × shellcal's time\n",
         ours.wall_s / floor_s,
@@ -221,26 +239,41 @@ fn print_table(model: &str, tools: &[Tool], medians: &[Measurement], bytes: u64,
     );
 }
 
-/// Median time to read the files and find their newlines, in s.
-fn floor(files: &[&Path], runs: usize) -> Result<f64> {
-    let mut buffer = vec![0; 1 << 20];
+/// Median time to read the files and find their newlines, each thread a stretch of each file, in s.
+fn floor(files: &[&Path], threads: usize, runs: usize) -> Result<f64> {
     let mut times = Vec::new();
     for _ in 0..runs {
         let start = Instant::now();
         let mut newlines = 0;
         for path in files {
-            let mut file = fs::File::open(path)?;
-            loop {
-                let count = file.read(&mut buffer)?;
-                if count == 0 {
-                    break;
-                }
-                newlines += memchr::memchr_iter(b'\n', &buffer[..count]).count();
-            }
+            let stretch = fs::metadata(path)?.len().div_ceil(threads as u64);
+            newlines += std::thread::scope(|scope| -> Result<usize> {
+                let count =
+                    |thread| scope.spawn(move || newlines_of(path, thread * stretch, stretch));
+                let counting: Vec<_> = (0..threads as u64).map(count).collect();
+                let count = |counting: std::thread::ScopedJoinHandle<'_, Result<usize>>| {
+                    counting.join().expect("a thread that counts does not panic")
+                };
+                counting.into_iter().map(count).sum()
+            })?;
         }
         ensure!(newlines > 0, "no rows");
         times.push(start.elapsed().as_secs_f64());
     }
     times.sort_by(f64::total_cmp);
     Ok(times[times.len() / 2])
+}
+
+/// The newlines in a stretch of a file.
+fn newlines_of(path: &Path, start: u64, bytes: u64) -> Result<usize> {
+    let mut file = fs::File::open(path)?;
+    file.seek(SeekFrom::Start(start))?;
+    let (mut file, mut buffer, mut newlines) = (file.take(bytes), vec![0; 1 << 20], 0);
+    loop {
+        let count = file.read(&mut buffer)?;
+        if count == 0 {
+            return Ok(newlines);
+        }
+        newlines += memchr::memchr_iter(b'\n', &buffer[..count]).count();
+    }
 }

@@ -15,9 +15,13 @@ use crate::steps;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Rows of the short file; the long ones have 10 and 100 times as many
-    #[arg(long, default_value_t = 100_000)]
+    /// Rows of the short file; the long ones have 10, 100 and 1000 times as many
+    #[arg(long, default_value_t = 10_000)]
     rows: usize,
+
+    /// The program that is measured [default: the release, built first]
+    #[arg(long, value_name = "FILE")]
+    program: Option<PathBuf>,
 
     /// Runs of every length
     #[arg(long, default_value_t = 5)]
@@ -25,7 +29,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let shellcal = steps::build_shellcal()?;
+    let shellcal = args.program.clone().map_or_else(steps::build_shellcal, Ok)?;
     let dir = steps::scratch("bench-scale")?;
     let seed = dir.join("seed.csv");
     let rows = args.rows.to_string();
@@ -37,7 +41,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         "{:>12} {:>10} {:>12} {:>14} {:>10}",
         "rows", "MB", "median ms", "ns per row", "peak MB"
     );
-    for factor in [1, 10, 100] {
+    for factor in [1, 10, 100, 1000] {
         let path = repeat(&seed, &dir, factor)?;
         let command =
             ["fit", &argument(&path), "--output", "/dev/null", "--covariance", "rows", "--quiet"];

@@ -22,6 +22,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     matrix: Option<PathBuf>,
 
+    /// The program that is measured [default: the release, built first]
+    #[arg(long, value_name = "FILE")]
+    program: Option<PathBuf>,
+
     /// Runs of every batch; the notebook runs once, as it takes its time
     #[arg(long, default_value_t = 9)]
     runs: usize,
@@ -47,7 +51,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         (None, None) => args.peers.join("../data/skinproc/N_matrix_trial9.mat"),
     };
     ensure!(matrix.exists(), "`{}` does not exist, name one with `--matrix`", matrix.display());
-    let shellcal = steps::build_shellcal()?;
+    let shellcal = args.program.clone().map_or_else(steps::build_shellcal, Ok)?;
     let dir = steps::scratch("bench-trials")?;
     let logs = logs(&shellcal, &dir)?;
     let calibration = dir.join("calibration.json");

@@ -178,25 +178,23 @@ impl<'a> LogRows<'a> {
         }
         if known < logs.end {
             let map = |state: &mut S, log: usize, block: &mut Block| map(state, log, block);
-            let facts = std::mem::take(&mut self.facts);
-            let (facts, new) = self.read_new(known..logs.end, facts, init, map, fold)?;
+            let (facts, new) = self.read_new(known..logs.end, init, map, fold)?;
             self.facts = facts;
             states.extend(new);
         }
         Ok(states)
     }
 
-    /// Reads logs for the first time, those after all that `facts` are of, which it adds to. Also returns the
-    /// states of the workers.
+    /// Reads logs for the first time, those after all that have been read. Returns the facts of all, and the
+    /// states of the workers. Where it fails, the facts are still those of before: another solver may try.
     fn read_new<S: Send, T: Send>(
         &self,
         logs: Range<usize>,
-        mut facts: LogFacts,
         init: impl Fn() -> S + Sync,
         map: impl Fn(&mut S, usize, &mut Block) -> Result<T, FitError> + Sync,
         mut fold: impl FnMut(usize, T),
     ) -> Result<(LogFacts, Vec<S>), WorkflowError> {
-        let gathering = self.gathering;
+        let (gathering, mut facts) = (self.gathering, self.facts.clone());
         let map = |state: &mut S, log: usize, block: &mut Block| {
             let of_block = gathering.of(log, block);
             Ok((of_block, map(state, log, block)?))
@@ -322,11 +320,7 @@ impl<'a> LogRows<'a> {
                 kept.push(block);
             }
         };
-        let facts = std::mem::take(&mut self.facts);
-        let (facts, workers) = {
-            let this = &*self;
-            this.read_new(0..logs, facts, init, map, fold)?
-        };
+        let (facts, workers) = self.read_new(0..logs, init, map, fold)?;
         (self.facts, self.kept, self.wanted_memory) = (facts, kept, wanted_memory);
         PassWorker::merge(workers, &mut all);
         Ok(all)

@@ -117,7 +117,7 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "truncate", "cv", "dropped", "valid_range"]
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "truncate", "cv", "dropped", "valid_range", "residuals"]
     )]
     partial: Option<OutputOrStdout>,
 
