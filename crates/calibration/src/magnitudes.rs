@@ -48,7 +48,7 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
 
     /// Adds the numbers of `other`.
     pub fn merge(&mut self, other: &Self) {
-        self.counts.iter_mut().zip(&other.counts).for_each(|(sum, n)| *sum += n);
+        add_counts(&mut self.counts, &other.counts);
     }
 
     /// The number that a share of all are not above; zero in the lowest bin and for zero numbers.
@@ -77,6 +77,21 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
         quantiles.resize(shares.len(), 0.0);
         quantiles
     }
+}
+
+impl Magnitudes {
+    /// The sizes of the differences of two columns of the same length, in a unit.
+    pub fn of_differences(predicted: &[f64], measured: &[f64], unit: f64) -> Self {
+        let (mut sizes, scale) = (Self::new(), unit.recip());
+        predicted.iter().zip(measured).for_each(|(p, m)| sizes.add((p - m).abs() * scale));
+        sizes
+    }
+}
+
+/// No generic function, so that it is compiled here, where inner loops are, and not where it is used.
+#[inline(never)]
+fn add_counts(sums: &mut [u32], counts: &[u32]) {
+    sums.iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);
 }
 
 #[cfg(test)]

@@ -117,7 +117,7 @@ impl BlockErrors {
         let errors = Self::in_room(&mut predicted, calibration, block, size_unit);
         Self {
             stands_out: judge.is_some_and(|(judge, spread)| {
-                let judged = judge.judge_predicted(block, &predicted, spread, &|_| false);
+                let judged = judge.judge_predicted(block, &predicted, spread);
                 judged.iter().any(Judged::may_matter)
             }),
             drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),
@@ -179,12 +179,9 @@ fn sizes(
     measured: &[Vec<f64>],
     unit: &PerAxis<f64>,
 ) -> PerAxis<Magnitudes> {
-    std::array::from_fn(|axis| {
-        let (mut sizes, scale) = (Magnitudes::new(), unit[axis].recip());
-        let pairs = predicted[axis].iter().zip(&measured[axis]);
-        pairs.for_each(|(p, m)| sizes.add((p - m).abs() * scale));
-        sizes
-    })
+    let of_axis =
+        |axis: usize| Magnitudes::of_differences(&predicted[axis], &measured[axis], unit[axis]);
+    std::array::from_fn(of_axis)
 }
 
 fn merge_sizes(all: &mut Option<PerAxis<Magnitudes>>, part: Option<&PerAxis<Magnitudes>>) {

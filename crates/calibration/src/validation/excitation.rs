@@ -228,19 +228,13 @@ impl Sign {
 impl AxisSums {
     #[inline(always)]
     fn of(column: &[f64]) -> Self {
-        let (mut min, mut max) = ([column[0]; LANES], [column[0]; LANES]);
         let (chunks, rest) = column.as_chunks::<LANES>();
-        for chunk in chunks {
-            for i in 0..LANES {
-                min[i] = if chunk[i] < min[i] { chunk[i] } else { min[i] };
-                max[i] = if chunk[i] > max[i] { chunk[i] } else { max[i] };
-            }
-        }
         let mut last = [0.0; LANES];
         last[..rest.len()].copy_from_slice(rest);
         Self {
-            min: min.iter().chain(rest).copied().fold(column[0], f64::min),
-            max: max.iter().chain(rest).copied().fold(column[0], f64::max),
+            // A pass for each: compiled together, they are shuffled through one vector.
+            min: first_of(column, |x, min| x < min),
+            max: first_of(column, |x, max| x > max),
             positive: Sign::of(chunks, &last, 1.0),
             negative: Sign::of(chunks, &last, -1.0),
         }
@@ -284,6 +278,20 @@ impl Excitation {
         }
         gaps
     }
+}
+
+/// The value of a column that comes before all others, by an order.
+#[inline(always)]
+fn first_of(column: &[f64], is_before: impl Fn(f64, f64) -> bool) -> f64 {
+    let first = |a: f64, b: f64| if is_before(a, b) { a } else { b };
+    let mut lanes = [column[0]; LANES];
+    let (chunks, rest) = column.as_chunks::<LANES>();
+    for chunk in chunks {
+        for i in 0..LANES {
+            lanes[i] = first(chunk[i], lanes[i]);
+        }
+    }
+    lanes.iter().chain(rest).copied().fold(column[0], first)
 }
 
 #[inline(always)]

@@ -207,6 +207,9 @@ impl Judge {
 
     /// Judges the rows of a block with a large error or, in `spread`, a far reading, and those that the fit
     /// `has_left_out`.
+    ///
+    /// No public function here is generic: that would be compiled with whoever calls it, and programs may
+    /// be optimised for size.
     pub fn judge(
         &self,
         block: &Block,
@@ -215,24 +218,31 @@ impl Judge {
     ) -> Vec<Judged> {
         let mut predicted = PerAxis::default();
         self.calibration.wrench(&block.readings, &mut predicted);
-        self.judge_predicted(block, &predicted, spread, has_left_out)
+        self.judge_rows(block, &predicted, spread, has_left_out)
     }
 
-    /// The same where the wrench that the calibration predicts is known.
-    ///
-    /// Nothing here is generic: that would be compiled with whoever calls it, and programs may be
-    /// optimised for size.
+    /// The same for a fit that has left out no row, where the wrench that the calibration predicts is known.
     pub fn judge_predicted(
         &self,
         block: &Block,
         predicted: &PerAxis<Vec<f64>>,
         spread: &Spread,
-        has_left_out: &dyn Fn(usize) -> bool,
+    ) -> Vec<Judged> {
+        self.judge_rows(block, predicted, spread, |_| false)
+    }
+
+    fn judge_rows(
+        &self,
+        block: &Block,
+        predicted: &PerAxis<Vec<f64>>,
+        spread: &Spread,
+        has_left_out: impl Fn(usize) -> bool,
     ) -> Vec<Judged> {
         let found = arch().dispatch(Excess { noise: &self.noise, block, predicted, spread });
         // What is beside the first and the last row is in other blocks.
         let is_edge = |row: usize| row == 0 || row + 1 == block.rows;
-        let is_looked_at = |&row: &usize| found[row] > 1.0 || is_edge(row) || has_left_out(row);
+        let is_looked_at =
+            |&(row, &found): &(usize, &f64)| found > 1.0 || is_edge(row) || has_left_out(row);
         let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
         let judge_row = |row: usize| {
             let leverage = self.leverage(&block.readings, row..row + 1);
@@ -271,7 +281,7 @@ impl Judge {
                     && jumps(block, spread, row),
             }
         };
-        (0..block.rows).filter(is_looked_at).map(judge_row).collect()
+        found.iter().enumerate().filter(is_looked_at).map(|(row, _)| judge_row(row)).collect()
     }
 
     /// `‖Fᵀx‖²` of one row.

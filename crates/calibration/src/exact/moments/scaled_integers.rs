@@ -47,8 +47,14 @@ impl ScaledIntegers {
         let exponent = self.exponent.min(other.exponent);
         let (own, others) = (self.exponent - exponent, other.exponent - exponent);
         for (value, other) in self.values.iter_mut().zip(&other.values) {
-            *value <<= own;
-            *value += other << others;
+            // A shift by zero is a copy.
+            if own > 0 {
+                *value <<= own;
+            }
+            match others {
+                0 => *value += other,
+                _ => *value += other << others,
+            }
         }
         self.exponent = exponent;
         self.reduce();
