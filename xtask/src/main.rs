@@ -2,6 +2,7 @@
 
 mod apt;
 mod beams;
+mod book;
 mod compiler;
 mod cross;
 mod emulate;
@@ -47,6 +48,8 @@ enum Task {
     Test(test::Args),
     /// Check that the program compiles for Windows and for Linux on aarch64
     Cross,
+    /// Build the book from the pages of the repository, and follow its links
+    Book,
     /// Run every fuzz target for some time
     Fuzz(fuzz::Args),
     /// Run random commands over damaged files and see that nothing fails open
@@ -81,6 +84,7 @@ fn main() -> ExitCode {
         Task::Setup(args) => setup::run(args),
         Task::Cross => cross::check(),
         Task::Test(args) => test::run(&args),
+        Task::Book => book::run(),
         Task::Fuzz(args) => fuzz::run(&args),
         Task::Hostile(args) => hostile::run(&args),
         Task::Licences => licences::check(),

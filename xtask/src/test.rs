@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use system_tests::emulation::IMAGE;
 
 use crate::steps::{cargo, run as step};
-use crate::{cross, firmware, fuzz, layers, licences, model, python, setup};
+use crate::{book, cross, firmware, fuzz, layers, licences, model, python, setup};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
@@ -84,6 +84,7 @@ fn whole(args: &Args) -> Result<()> {
         let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
         let mut doc = cargo(&[&doc[..], &PROFILE].concat());
         step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))?;
+        book::check()?;
     }
     Ok(())
 }

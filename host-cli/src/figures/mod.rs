@@ -13,6 +13,7 @@
 mod beam_channel;
 mod bins;
 mod chart;
+mod coverage;
 mod density;
 mod figure;
 mod fit;
@@ -30,6 +31,7 @@ pub mod trial;
 
 pub use beam_channel::{ChannelCurve, channel_figure};
 pub use chart::{Chart, Mark, Series};
+pub use coverage::coverage_figure;
 pub use figure::{Figure, Format, PlotError};
 pub use fit::{FitPlot, fit_figure};
 pub use histogram::Histogram2d;

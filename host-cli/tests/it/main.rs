@@ -15,6 +15,7 @@ mod align_command;
 mod align_disturbed;
 mod batch_command;
 mod bench_command;
+mod book;
 mod calibration_cli;
 mod certified;
 mod convert;
@@ -61,5 +62,7 @@ mod trial_figures_command;
 mod trial_intervals;
 mod trial_profiles;
 mod trial_real;
+#[cfg(unix)]
+mod tutorial;
 mod virtual_trials;
 mod wrench_beside;
