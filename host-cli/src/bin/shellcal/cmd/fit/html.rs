@@ -74,6 +74,7 @@ impl FitArgs {
             calibration: calibration_facts(name, file),
             features: found.features,
             rank: diagnostics.map_or(0, |diagnostics| diagnostics.rank),
+            has_standard_errors: calibration.has_standard_errors(),
             intervals: found.intervals,
             few_groups: found
                 .few_groups

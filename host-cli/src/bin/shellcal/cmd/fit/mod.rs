@@ -144,7 +144,7 @@ pub(crate) struct FitArgs {
     export_matrix: Option<OutputPath>,
 
     /// Draw predicted against measured, and the residuals
-    #[arg(long, value_name = "FILE.svg|png")]
+    #[arg(long, value_name = "FILE.svg|pdf|png")]
     plot: Option<OutputPath>,
 
     /// Write a report: errors by axis and by pose, which loads were calibrated, which model and why, and what
