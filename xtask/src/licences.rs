@@ -18,7 +18,68 @@ const TABLE: &str = "deny.toml";
 /// Where dependencies come from.
 const CRATES_IO: &str = "registry+https://github.com/rust-lang/crates.io-index";
 
+/// What the program says of what it is made of.
+const NOTICES: &str = "host-cli/assets/licences.tsv";
+
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct Args {
+    /// Write what the program says of its own dependencies
+    #[arg(long)]
+    write: bool,
+}
+
+pub(crate) fn run(args: Args) -> Result<()> {
+    if args.write {
+        std::fs::write(workspace().join(NOTICES), notices()?).context(NOTICES)?;
+    }
+    check()
+}
+
 pub(crate) fn check() -> Result<()> {
+    if std::fs::read_to_string(workspace().join(NOTICES)).ok() != Some(notices()?) {
+        bail!("`{NOTICES}` is not what the program is made of: `cargo xtask licences --write`");
+    }
+    check_table()
+}
+
+/// The packages in the program, on any of the systems that it is released for.
+fn notices() -> Result<String> {
+    let mut packages = BTreeSet::new();
+    for target in SYSTEMS {
+        packages.extend(program_for(target)?);
+    }
+    let line = |of: &Package| format!("{}\t{}\t{}\n", of.name, of.version, of.licence);
+    Ok(packages.iter().map(line).collect())
+}
+
+/// The packages in the program on a system, without our own.
+pub(crate) fn program_for(target: &str) -> Result<Vec<Package>> {
+    let packages = tree(&["--package", "shellcal", "--edges", "normal"], target)?;
+    let is_ours = |package: &Package| OURS.contains(&package.name.as_str());
+    Ok(packages.into_iter().filter(|package| !is_ours(package)).collect())
+}
+
+/// Systems that there are releases for.
+const SYSTEMS: [&str; 4] = [
+    "x86_64-unknown-linux-gnu",
+    "aarch64-unknown-linux-gnu",
+    "aarch64-apple-darwin",
+    "x86_64-pc-windows-msvc",
+];
+
+/// The packages of this workspace that the program is made of.
+const OURS: [&str; 8] = [
+    "beam-channel",
+    "calibration",
+    "firmware",
+    "log-file",
+    "shared-proto",
+    "shell-data",
+    "shellcal",
+    "table-file",
+];
+
+fn check_table() -> Result<()> {
     if installed("cargo-deny", &["--version"]) {
         let arguments = ["deny", "--all-features", "check", "licenses", "bans", "sources"];
         return steps::run("licences and duplicates", &mut cargo(&arguments));
@@ -98,16 +159,20 @@ struct Locked {
 
 /// A package of the tree of dependencies.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Package {
-    name: String,
-    version: Version,
-    licence: String,
+pub(crate) struct Package {
+    pub(crate) name: String,
+    pub(crate) version: Version,
+    pub(crate) licence: String,
 }
 
 fn packages_for(target: &str) -> Result<Vec<Package>> {
-    let arguments = ["tree", "--workspace", "--all-features", "--edges", "normal,build,dev"];
+    tree(&["--workspace", "--all-features", "--edges", "normal,build,dev"], target)
+}
+
+fn tree(arguments: &[&str], target: &str) -> Result<Vec<Package>> {
     let format = ["--prefix", "none", "--format", "{p}|{l}", "--target", target];
-    let output = cargo(&arguments).args(format).output().context("cannot start cargo")?;
+    let output =
+        cargo(&["tree"]).args(arguments).args(format).output().context("cannot start cargo")?;
     if !output.status.success() {
         bail!("cargo tree: {}", String::from_utf8_lossy(&output.stderr).trim_end());
     }

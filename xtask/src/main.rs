@@ -1,7 +1,9 @@
 //! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
 
 mod apt;
+mod axe;
 mod beams;
+mod book;
 mod compiler;
 mod cross;
 mod emulate;
@@ -17,6 +19,7 @@ mod licences;
 mod measure;
 mod model;
 mod need;
+mod package;
 mod peers;
 mod python;
 mod scale;
@@ -47,12 +50,16 @@ enum Task {
     Test(test::Args),
     /// Check that the program compiles for Windows and for Linux on aarch64
     Cross,
+    /// Build the book from the pages of the repository, and follow its links
+    Book,
     /// Run every fuzz target for some time
     Fuzz(fuzz::Args),
     /// Run random commands over damaged files and see that nothing fails open
     Hostile(hostile::Args),
     /// Check licences, duplicates and sources of the dependencies against `deny.toml`
-    Licences,
+    Licences(licences::Args),
+    /// Make what a release consists of: an archive and, on Debian, a package
+    Package(package::Args),
     /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
     Layers(layers::Args),
     /// Build the board's image and say what it takes; exit code 1 above its limits
@@ -81,9 +88,11 @@ fn main() -> ExitCode {
         Task::Setup(args) => setup::run(args),
         Task::Cross => cross::check(),
         Task::Test(args) => test::run(&args),
+        Task::Book => book::run(),
         Task::Fuzz(args) => fuzz::run(&args),
         Task::Hostile(args) => hostile::run(&args),
-        Task::Licences => licences::check(),
+        Task::Licences(args) => licences::run(args),
+        Task::Package(args) => package::run(&args),
         Task::Layers(args) => layers::run(&args),
         Task::Firmware => firmware::check().map(drop),
         Task::Flash(args) => flash::run(&args),

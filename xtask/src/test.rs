@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use system_tests::emulation::IMAGE;
 
 use crate::steps::{cargo, run as step};
-use crate::{cross, firmware, fuzz, layers, licences, model, python, setup};
+use crate::{axe, book, cross, firmware, fuzz, layers, licences, model, python, setup};
 
 /// Names the directory of the real recordings, which are not part of the repository.
 const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
@@ -74,6 +74,19 @@ fn whole(args: &Args) -> Result<()> {
     let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
     tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
     tests.envs(model::environment(!args.without_board));
+    if std::env::var_os(book::SCREENS).is_none() {
+        // For the book.
+        std::fs::create_dir_all(book::screens())?;
+        tests.env(book::SCREENS, book::screens());
+    }
+    if !args.without_browser {
+        match axe::find() {
+            Ok(file) => {
+                tests.env(axe::AXE, file);
+            }
+            Err(reason) => eprintln!("{reason:#}: reports are not held against axe-core"),
+        }
+    }
     step("tests", &mut tests)?;
     if args.without_python {
         eprintln!("the tests of the Python package are left out");
@@ -84,6 +97,7 @@ fn whole(args: &Args) -> Result<()> {
         let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
         let mut doc = cargo(&[&doc[..], &PROFILE].concat());
         step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))?;
+        book::check()?;
     }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::pdf;
 use super::pixels;
 use super::svg::Drawing;
 
@@ -16,6 +17,8 @@ pub struct Figure {
 pub enum Format {
     /// Scalable: for print.
     Svg,
+    /// Scalable, with its letters: for LaTeX and Word.
+    Pdf,
     /// Pixels, two per CSS pixel: for slides and messages.
     Png,
 }
@@ -25,7 +28,7 @@ pub enum Format {
 #[non_exhaustive]
 pub enum PlotError {
     /// The extension names no known format.
-    #[error("cannot tell the picture format of `{}`: expected `.svg` or `.png`", path.display())]
+    #[error("cannot tell the picture format of `{}`: expected `.svg`, `.pdf` or `.png`", path.display())]
     UnknownFormat {
         /// The file that was to be written.
         path: PathBuf,
@@ -42,11 +45,12 @@ impl Format {
     /// The format that the extension of `path` names, in upper or lower case.
     ///
     /// # Errors
-    /// [`PlotError::UnknownFormat`] if it is neither `svg` nor `png`.
+    /// [`PlotError::UnknownFormat`] if it is none of `svg`, `pdf` and `png`.
     pub fn of(path: impl AsRef<Path>) -> Result<Self, PlotError> {
         let path = path.as_ref();
         match path.extension() {
             Some(extension) if extension.eq_ignore_ascii_case("svg") => Ok(Self::Svg),
+            Some(extension) if extension.eq_ignore_ascii_case("pdf") => Ok(Self::Pdf),
             Some(extension) if extension.eq_ignore_ascii_case("png") => Ok(Self::Png),
             _ => Err(PlotError::UnknownFormat { path: path.to_owned() }),
         }
@@ -70,6 +74,7 @@ impl Figure {
     pub fn render(&self, format: Format) -> Result<Vec<u8>, PlotError> {
         match format {
             Format::Svg => Ok(self.svg().as_bytes().to_vec()),
+            Format::Pdf => pdf::pdf(&self.drawing).map_err(|reason| PlotError::Render { reason }),
             Format::Png => {
                 pixels::png(&self.drawing).map_err(|reason| PlotError::Render { reason })
             }
@@ -104,9 +109,11 @@ mod tests {
     #[test]
     fn the_extension_names_the_format() {
         assert_eq!(Format::of("fit.svg").unwrap(), Format::Svg);
+        assert_eq!(Format::of("fit.pdf").unwrap(), Format::Pdf);
         assert_eq!(Format::of("a.b/FIT.PNG").unwrap(), Format::Png);
-        let error = Format::of("fit.pdf").unwrap_err();
-        let expected = "cannot tell the picture format of `fit.pdf`: expected `.svg` or `.png`";
+        let error = Format::of("fit.jpg").unwrap_err();
+        let expected =
+            "cannot tell the picture format of `fit.jpg`: expected `.svg`, `.pdf` or `.png`";
         assert_eq!(error.to_string(), expected);
         assert!(Format::of("svg").is_err());
     }

@@ -7,18 +7,23 @@ use ttf_parser::{Face, OutlineBuilder};
 
 use super::svg::{Anchor, Style};
 
-static REGULAR: LazyLock<Option<Face<'_>>> =
+static REGULAR: LazyLock<Option<Face<'static>>> =
     LazyLock::new(|| Face::parse(include_bytes!("../../assets/DejaVuSans-subset.ttf"), 0).ok());
-static BOLD: LazyLock<Option<Face<'_>>> = LazyLock::new(|| {
+static BOLD: LazyLock<Option<Face<'static>>> = LazyLock::new(|| {
     Face::parse(include_bytes!("../../assets/DejaVuSans-Bold-subset.ttf"), 0).ok()
 });
+
+/// A font of the program.
+pub(super) fn face(bold: bool) -> Option<&'static Face<'static>> {
+    if bold { &BOLD } else { &REGULAR }.as_ref()
+}
 
 /// The outline of a text, and where it belongs; `None` for one without ink.
 ///
 /// Letters stand side by side by their widths: the fonts of the program have no kerning. A character
 /// that they lack is drawn as their sign for that.
 pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path, Transform)> {
-    let face = if style.bold { &BOLD } else { &REGULAR }.as_ref()?;
+    let face = face(style.bold)?;
     let mut outline = Outline { path: PathBuilder::new(), left: 0.0 };
     for character in text.chars() {
         let glyph = face.glyph_index(character).unwrap_or_default();

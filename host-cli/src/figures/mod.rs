@@ -1,4 +1,4 @@
-//! Figures: data in, a finished picture out, as SVG text or PNG bytes.
+//! Figures: data in, a finished picture out, as SVG text, PDF or PNG bytes.
 //!
 //! Data flows in block by block into accumulators of fixed size ([`Histogram2d`], [`FitPlot`],
 //! [`WrenchTrace`]), so a picture of ten million rows costs the memory and the file size of one of
@@ -7,12 +7,13 @@
 //! to the byte.
 //!
 //! Only what this program draws is here: no general plotting library, no files. Text in the SVG
-//! stays text (DejaVu Sans where the viewer has it, another sans-serif where not); for PNG the font
+//! stays text (DejaVu Sans where the viewer has it, another sans-serif where not); for PDF and PNG the font
 //! is part of the program.
 
 mod beam_channel;
 mod bins;
 mod chart;
+mod coverage;
 mod density;
 mod figure;
 mod fit;
@@ -21,6 +22,8 @@ mod lettering;
 mod matching;
 mod palette;
 mod panel;
+mod path;
+mod pdf;
 mod pixels;
 mod plateau;
 mod scale;
@@ -30,6 +33,7 @@ pub mod trial;
 
 pub use beam_channel::{ChannelCurve, channel_figure};
 pub use chart::{Chart, Mark, Series};
+pub use coverage::coverage_figure;
 pub use figure::{Figure, Format, PlotError};
 pub use fit::{FitPlot, fit_figure};
 pub use histogram::Histogram2d;

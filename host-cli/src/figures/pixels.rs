@@ -7,6 +7,7 @@ use tiny_skia::{
 
 use super::lettering;
 use super::palette;
+use super::path::{Step, steps};
 use super::svg::{Drawing, Pen, PenKind, Shape};
 
 /// Pixels to a CSS pixel.
@@ -102,54 +103,15 @@ fn circle(centre: (f64, f64), radius: f64) -> Option<Path> {
     PathBuilder::from_circle(centre.0 as f32, centre.1 as f32, radius as f32)
 }
 
-/// The path that SVG path syntax describes: absolute and relative lines.
+/// The path that SVG path syntax describes.
 fn outline(path: &str) -> Option<Path> {
     let mut builder = PathBuilder::new();
-    let (mut x, mut y) = (0.0, 0.0);
-    for (command, numbers) in commands_of(path) {
-        match (command, numbers.as_slice()) {
-            ('M' | 'L', &[to_x, to_y]) => (x, y) = (to_x, to_y),
-            ('l', &[by_x, by_y]) => (x, y) = (x + by_x, y + by_y),
-            ('H', &[to_x]) => x = to_x,
-            ('h', &[by_x]) => x += by_x,
-            ('V', &[to_y]) => y = to_y,
-            ('v', &[by_y]) => y += by_y,
-            ('Z', []) => {
-                builder.close();
-                continue;
-            }
-            _ => return None,
+    for step in steps(path)? {
+        match step {
+            Step::Move(x, y) => builder.move_to(x, y),
+            Step::Line(x, y) => builder.line_to(x, y),
+            Step::Close => builder.close(),
         }
-        if command == 'M' { builder.move_to(x, y) } else { builder.line_to(x, y) }
     }
     builder.finish()
-}
-
-/// Commands, each with its numbers.
-fn commands_of(path: &str) -> impl Iterator<Item = (char, Vec<f32>)> + '_ {
-    let starts = path.char_indices().filter(|(_, c)| c.is_ascii_alphabetic());
-    starts.map(|(at, command)| {
-        let rest = &path[at + 1..];
-        let end = rest.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(rest.len());
-        let numbers = rest[..end].split([' ', ',']).filter_map(|number| number.parse().ok());
-        (command, numbers.collect())
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn paths_are_those_of_the_syntax() {
-        let points = |path: &str| {
-            let path = outline(path).unwrap();
-            path.points().iter().map(|point| (point.x, point.y)).collect::<Vec<_>>()
-        };
-        let absolute = [(1.0, 2.0), (5.0, 2.0), (5.0, -3.0), (1.0, -3.0)];
-        assert_eq!(points("M1 2H5V-3L1 -3Z"), absolute);
-        assert_eq!(points("M1 2h4v-5l-4 0Z"), absolute);
-        assert!(outline("M1 2C3 4").is_none());
-        assert!(outline("").is_none());
-    }
 }

@@ -7,14 +7,13 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use serialport::SerialPort;
 use shared_proto::xbee::Mode;
 use shared_proto::{Command, Framing, Identity, Protocol, ResetCause, Status, detect};
 
 use super::source::read_port;
 use super::{
-    Client, LinkError, PortOptions, RecordError, RecordOptions, Recorded, Sinks, Source, Uplink,
-    Watcher, record,
+    Client, Connection, LinkError, PortOptions, RecordError, RecordOptions, Recorded, Sinks,
+    Source, Uplink, Watcher, record,
 };
 use crate::recording::BoardFrame;
 
@@ -146,7 +145,7 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-fn ask(client: &mut Client<Box<dyn SerialPort>>, found: &mut Interview) -> Result<(), LinkError> {
+fn ask(client: &mut Client<Box<dyn Connection>>, found: &mut Interview) -> Result<(), LinkError> {
     found.identity = Some(client.identify()?);
     let status = client.status()?;
     found.status = Some(status);
@@ -159,7 +158,7 @@ fn ask(client: &mut Client<Box<dyn SerialPort>>, found: &mut Interview) -> Resul
 /// What comes from the port as it should be set and, if that is no board, at other speeds.
 fn listen(options: &InterviewOptions) -> Result<Heard, LinkError> {
     let asked = options.port.baud;
-    let others = BAUDS.into_iter().filter(|&baud| baud != asked);
+    let others = BAUDS.into_iter().filter(|&baud| baud != asked && !options.port.is_tcp());
     let mut at_first = 0;
     for (turn, baud) in [asked].into_iter().chain(others).enumerate() {
         let port = PortOptions { baud, ..options.port.clone() };
@@ -197,7 +196,7 @@ fn listen(options: &InterviewOptions) -> Result<Heard, LinkError> {
 }
 
 /// What comes in a moment.
-fn collect(port: &mut dyn SerialPort, bytes: &mut Vec<u8>) -> std::io::Result<()> {
+fn collect(port: &mut dyn Connection, bytes: &mut Vec<u8>) -> std::io::Result<()> {
     let until = Instant::now() + GLANCE;
     let mut buffer = [0; 1024];
     while Instant::now() < until && bytes.len() < ENOUGH {

@@ -20,7 +20,7 @@ pub use board_log::RecordedBoard;
 pub use client::{Client, Uplink};
 pub use interview::{Heard, Interview, InterviewOptions, Stretch, interview};
 pub use journal::Journal;
-pub use port::{FlowControl, PortInfo, PortOptions, ports};
+pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
 pub use port_state::{PortState, SystemFiles};
 pub use record::{Progress, RecordOptions, Recorded, Sinks, Watcher, Wish, record};
 pub use record_error::RecordError;

@@ -1,14 +1,28 @@
-//! Serial ports: which there are, and opening one.
+//! Serial ports: which there are, and opening one; or a connection over TCP in place of one.
 
+use std::fmt;
+use std::io::{Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 use serde::Serialize;
-use serialport::{ErrorKind, SerialPort, SerialPortType};
+use serialport::{ErrorKind, SerialPortType};
 
 use super::LinkError;
 
 /// How long a read waits: the longest time until Ctrl-C is heard.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
+
+/// What the name of a port over TCP begins with: `tcp://HOST:PORT`.
+pub const TCP: &str = "tcp://";
+
+/// How long a host over TCP may take to answer.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// An open way to a board.
+pub trait Connection: Read + Write + Send + fmt::Debug {}
+
+impl<C: Read + Write + Send + fmt::Debug + ?Sized> Connection for C {}
 
 /// A port and how to open it: 8 data bits, no parity, 1 stop bit.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,21 +87,32 @@ pub fn ports() -> Result<Vec<PortInfo>, serialport::Error> {
 }
 
 impl PortOptions {
+    /// Whether the port is one over TCP, which has no speed of its own.
+    pub fn is_tcp(&self) -> bool {
+        self.port.starts_with(TCP)
+    }
+
     /// Opens the port for exclusive use.
     ///
     /// # Errors
     /// [`LinkError`] that tells a port that is missing, in use, or not permitted.
-    pub fn open(&self) -> Result<Box<dyn SerialPort>, LinkError> {
+    pub fn open(&self) -> Result<Box<dyn Connection>, LinkError> {
+        if let Some(address) = self.port.strip_prefix(TCP) {
+            let connection = connect(address)
+                .map_err(|reason| LinkError::Open { port: self.port.clone(), reason })?;
+            return Ok(Box::new(connection));
+        }
         let flow_control = match self.flow_control {
             FlowControl::None => serialport::FlowControl::None,
             FlowControl::Hardware => serialport::FlowControl::Hardware,
             FlowControl::Software => serialport::FlowControl::Software,
         };
-        serialport::new(&self.port, self.baud)
+        let port = serialport::new(&self.port, self.baud)
             .flow_control(flow_control)
             .timeout(READ_TIMEOUT)
             .open()
-            .map_err(|error| self.explain(&error))
+            .map_err(|error| self.explain(&error))?;
+        Ok(Box::new(port))
     }
 
     fn explain(&self, error: &serialport::Error) -> LinkError {
@@ -103,4 +128,23 @@ impl PortOptions {
             _ => LinkError::Open { port, reason: error.to_string() },
         }
     }
+}
+
+/// Connects to the first address of a host that answers; why not, where none does.
+fn connect(address: &str) -> Result<TcpStream, String> {
+    let named = |error: std::io::Error| format!("{error}; a board over TCP is `tcp://HOST:PORT`");
+    let mut reason = "the host has no address".to_owned();
+    for address in address.to_socket_addrs().map_err(named)? {
+        let opened = TcpStream::connect_timeout(&address, CONNECT_TIMEOUT).and_then(|stream| {
+            stream.set_nodelay(true)?;
+            stream.set_read_timeout(Some(READ_TIMEOUT))?;
+            stream.set_write_timeout(Some(CONNECT_TIMEOUT))?;
+            Ok(stream)
+        });
+        match opened {
+            Ok(stream) => return Ok(stream),
+            Err(error) => reason = error.to_string(),
+        }
+    }
+    Err(reason)
 }

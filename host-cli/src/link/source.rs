@@ -1,13 +1,11 @@
 //! Where bytes come from: a port, or a file of bytes that were recorded before.
 
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
 
-use serialport::SerialPort;
-
-use super::{LinkError, PortOptions};
+use super::{Connection, LinkError, PortOptions};
 
 /// Time between two attempts to open a port that is gone.
 const RETRY: Duration = Duration::from_millis(500);
@@ -25,7 +23,7 @@ pub struct Source {
 #[derive(Debug)]
 enum Inner {
     Port {
-        port: Option<Box<dyn SerialPort>>,
+        port: Option<Box<dyn Connection>>,
         options: PortOptions,
         reconnect: bool,
         retry: Instant,

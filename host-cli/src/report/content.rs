@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::trial::{ConditionRow, PhaseProfile, TrialResult};
 use calibration::quality::AxisQuality;
+use calibration::validation::cross_validation::CrossValidation;
 use shell_data::wrench::PerAxis;
 
 /// Traces of so many trials are drawn at most: a report is to stay readable, and below 10 MB.
@@ -49,6 +50,8 @@ pub struct CalibrationFacts<'a> {
     pub facts: Vec<(&'static str, String)>,
     /// Its errors on the training data, if known.
     pub train: Option<&'a PerAxis<AxisQuality>>,
+    /// Its errors on groups that were held out, if known.
+    pub cross_validation: Option<&'a CrossValidation>,
     /// Its errors on test data, if known.
     pub test: Option<&'a PerAxis<AxisQuality>>,
     /// What it was made from.
@@ -58,6 +61,8 @@ pub struct CalibrationFacts<'a> {
 /// A log that a calibration was made from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationSource {
+    /// What it was used for: "fit", "test".
+    pub role: &'static str,
     /// The file.
     pub path: String,
     /// Rows of it.

@@ -2,12 +2,11 @@
 //!
 //! [`sensor_model`] makes readings of a shell under load, [`virtual_robot`] trials of a robot in a
 //! channel of beams; the `synthetic_*` modules write them as logs or hand them over in memory.
-//! [`simulated_board`] runs the firmware's library over the sensor model on a pseudo-terminal,
-//! behind a [`radio`] that loses and damages packets.
+//! [`simulated_board`] runs the firmware's library over the sensor model on a pseudo-terminal
+//! or over TCP, behind a [`radio`] that loses and damages packets.
 
 pub mod radio;
 pub mod sensor_model;
-#[cfg(unix)]
 pub mod simulated_board;
 pub mod synthetic_block;
 pub mod synthetic_log;

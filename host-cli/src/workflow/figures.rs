@@ -81,6 +81,7 @@ impl<'a> FigureFolder<'a> {
         for &format in &self.formats {
             let extension = match format {
                 Format::Svg => "svg",
+                Format::Pdf => "pdf",
                 Format::Png => "png",
             };
             let path = self.directory.join(format!("{name}.{extension}"));

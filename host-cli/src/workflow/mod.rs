@@ -8,6 +8,7 @@ pub mod doctor;
 pub mod eval;
 pub mod figures;
 pub mod fit;
+pub mod group_errors;
 pub mod groups;
 pub mod in_memory;
 mod kept_rows;

@@ -4,9 +4,10 @@ use std::io;
 use std::path::Path;
 
 use super::batch::Batch;
-use crate::calibration_file::CalibrationFile;
+use super::group_errors::GroupErrors;
+use crate::calibration_file::{CalibrationFile, Role};
 use crate::forces::RowRule;
-use crate::report::{CalibrationFacts, CalibrationSource, Input, figure};
+use crate::report::{CalibrationFacts, CalibrationSource, GroupRow, Input, figure};
 use crate::trial::{Profile, TrialOptions};
 use log_file::checksum;
 
@@ -60,6 +61,11 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
         facts.push(("condition number", figure(diagnostics.condition)));
     }
     let sources = origin.sources.iter().map(|source| CalibrationSource {
+        role: match source.role {
+            Role::Train => "fit",
+            Role::Test => "test",
+            Role::Matrix => "import",
+        },
         path: source.path.display().to_string(),
         rows: source.rows,
         checksum: source.checksum.clone(),
@@ -67,9 +73,24 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
     CalibrationFacts {
         facts,
         train: origin.diagnostics.as_ref().map(|diagnostics| &diagnostics.train),
+        cross_validation: origin
+            .diagnostics
+            .as_ref()
+            .and_then(|diagnostics| diagnostics.cross_validation.as_ref()),
         test: origin.diagnostics.as_ref().and_then(|diagnostics| diagnostics.test.as_ref()),
         sources: sources.collect(),
     }
+}
+
+/// What a report says of groups.
+pub fn group_rows(groups: &[GroupErrors]) -> Vec<GroupRow> {
+    let row = |group: &GroupErrors| GroupRow {
+        label: group.label.clone(),
+        rows: group.rows,
+        load: group.load,
+        rms: group.errors.map(|axis| axis.quality().map_or(f64::NAN, |quality| quality.rms)),
+    };
+    groups.iter().map(row).collect()
 }
 
 /// How trials were evaluated: name and value.

@@ -107,7 +107,7 @@ fn what_cannot_be_read_exits_with_2() {
         ("align ref.csv missing.csv -o train.csv", "cannot read `missing.csv`"),
         ("align ref.csv log.csv -o log.csv", "would replace the input"),
         ("align ref.csv log.csv --json", "needs `--output`"),
-        ("align ref.csv log.csv --plot match.pdf", "expected `.svg` or `.png`"),
+        ("align ref.csv log.csv --plot match.jpg", "expected `.svg`, `.pdf` or `.png`"),
         ("align ref.csv log.csv --averaging -1", "unexpected argument"),
         ("synth pair a.csv b.csv --loss 1", "share of 1"),
         ("synth pair a.csv b.csv --rate 0", "rate 0 Hz"),

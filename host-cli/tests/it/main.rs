@@ -15,6 +15,7 @@ mod align_command;
 mod align_disturbed;
 mod batch_command;
 mod bench_command;
+mod book;
 mod calibration_cli;
 mod certified;
 mod convert;
@@ -26,9 +27,12 @@ mod doctor_port;
 mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;
+mod fit_report;
 mod found_groups;
 mod golden;
 mod hostile;
+#[cfg(target_os = "linux")]
+mod install_script;
 mod instruction_sets;
 #[cfg(all(unix, feature = "live"))]
 mod live;
@@ -57,9 +61,12 @@ mod solver_identities;
 mod support;
 mod synth_command;
 mod synth_physics;
+mod tcp_board;
 mod trial_figures_command;
 mod trial_intervals;
 mod trial_profiles;
 mod trial_real;
+#[cfg(unix)]
+mod tutorial;
 mod virtual_trials;
 mod wrench_beside;

@@ -1,21 +1,34 @@
 //! The console blocks of the README and of the pages under `docs`, run as they stand.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Pages with console blocks, in the order in which a reader meets them.
-const PAGES: [&str; 5] =
-    ["README.md", "docs/tour.md", "docs/trials.md", "docs/board.md", "docs/beam-channel.md"];
+use super::book::{pages, root};
+
+/// Its commands build on one another, and one runs beside the others: a test of its own runs them.
+const TUTORIAL: &str = "docs/tutorial.md";
+
+/// The pages with console blocks.
+fn console_pages() -> Vec<PathBuf> {
+    let pages = [PathBuf::from("README.md")].into_iter().chain(pages(Path::new("docs")));
+    let has_console = |page: &PathBuf| {
+        let text = fs::read_to_string(root().join(page)).unwrap();
+        page != Path::new(TUTORIAL) && text.lines().any(|line| line == "```console")
+    };
+    pages.filter(has_console).collect()
+}
 
 /// Each page in a folder of its own with the shipped data, because the commands write files beside them.
 #[test]
 fn the_console_blocks_of_the_pages_do_what_they_say() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let root = root();
     let folder = tempfile::tempdir().unwrap();
     let cases = trycmd::TestCases::new();
-    for page in PAGES {
-        let name = page.replace('/', "-");
-        fs::copy(root.join(page), folder.path().join(&name)).unwrap();
+    let pages = console_pages();
+    assert!(pages.len() > 7, "{pages:?}");
+    for page in pages {
+        let name = page.display().to_string().replace('/', "-");
+        fs::copy(root.join(&page), folder.path().join(&name)).unwrap();
         // The folder beside a document that trycmd runs its commands in.
         let stem = name.strip_suffix(".md").unwrap();
         let data = folder.path().join(format!("{stem}.in/calibration-data"));

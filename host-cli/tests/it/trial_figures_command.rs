@@ -184,8 +184,8 @@ fn every_kind_of_figure_is_drawn_as_svg_and_png() {
     assert!(svg.contains("power (W)") && !svg.contains("Fx (N)"));
     let (_, said) = run(path, &bare("drag"), 2);
     assert!(said.contains("no forces to draw"), "{said}");
-    let (_, said) = run(path, &["plot", "drag", "set/3cm-1.txt", "--output", "drag.pdf"], 2);
-    assert!(said.contains("`.svg` or `.png`"), "{said}");
+    let (_, said) = run(path, &["plot", "drag", "set/3cm-1.txt", "--output", "drag.jpg"], 2);
+    assert!(said.contains("`.svg`, `.pdf` or `.png`"), "{said}");
 }
 
 #[test]

@@ -8,6 +8,9 @@ use system_tests::browser::Browser;
 use system_tests::chromium;
 use system_tests::program::run;
 
+/// Names the file of axe-core, which `cargo xtask test` fetches where it can.
+const AXE: &str = "SHELLCAL_AXE";
+
 /// A name that would be harmful if it were taken for markup, or for a tag of the plotting library.
 const NASTY: &str = "<img src=x onerror=alert(1)></script><b>";
 
@@ -60,7 +63,7 @@ fn a_report_works_in_a_browser() {
     let drawn = browser.evaluate("[...document.querySelectorAll('.js-plotly-plot')].filter((p) => p.querySelector('.trace, .boxes, .scatterlayer .lines')).length");
     assert_eq!(drawn, 11);
     // Each has a description for who does not see it, and none is empty.
-    let described = "[...document.querySelectorAll('.plot')].every((p) => p.getAttribute('role') === 'img' && p.getAttribute('aria-label').length > 20)";
+    let described = "[...document.querySelectorAll('.plot')].every((p) => p.getAttribute('role') === 'group' && p.getAttribute('aria-label').length > 20)";
     assert_eq!(browser.evaluate(described), true);
 
     // Names are text.
@@ -107,6 +110,7 @@ fn a_report_works_in_a_browser() {
     browser.wait_for("!!document.querySelector('#forces-3.js-plotly-plot') && !!document.querySelector('#stack-3.js-plotly-plot')");
 
     assert!(contrast(&mut browser) > 4.5);
+    check_rules(&mut browser);
 
     // The numbers behind a figure, by a click: every frame of the trial, under a line of names.
     browser.evaluate(
@@ -135,6 +139,34 @@ fn contrast(browser: &mut Browser) -> f64 {
         return Math.min(...[...document.querySelectorAll('main p, main li, main a, main td, main th, figcaption, caption, summary, button, .quiet, strong')]\
         .map((e) => luminance(getComputedStyle(e).color)).map((ink) => (Math.max(ink, paper) + 0.05) / (Math.min(ink, paper) + 0.05))); })()";
     browser.evaluate(contrast).as_f64().unwrap()
+}
+
+/// What a page must have for who does not see it, or does not use a mouse; and, where axe-core is at hand,
+/// whatever that finds.
+fn check_rules(browser: &mut Browser) {
+    let faults = "(() => { const all = (s) => [...document.querySelectorAll(s)], faults = [];\
+        if (!document.documentElement.lang) faults.push('no language');\
+        if (!document.title) faults.push('no title');\
+        for (const one of ['h1', 'main', 'header']) if (all(one).length !== 1) faults.push(`${all(one).length} of ${one}`);\
+        let last = 0; for (const h of all('h1, h2, h3, h4')) { const level = Number(h.tagName[1]); if (level > last + 1) faults.push(`heading ${h.textContent} skips a level`); last = level; }\
+        for (const th of all('th')) if (!th.scope || !th.textContent.trim()) faults.push('a table header without scope or text');\
+        for (const t of all('table')) if (!t.caption?.textContent.trim()) faults.push('a table without a caption');\
+        for (const f of all('figure')) if (!f.querySelector('figcaption')?.textContent.trim()) faults.push('a figure without a caption');\
+        for (const i of all('[role=img], img')) if (!(i.getAttribute('aria-label') || i.alt || '').trim()) faults.push('a picture without a description');\
+        for (const s of all('main svg')) if (!s.closest('[role=img], [role=group][aria-label]')) faults.push('a drawing without a description');\
+        for (const b of all('button, a, summary')) if (!(b.getAttribute('aria-label') || b.textContent || b.dataset.title || '').trim()) faults.push(`${b.tagName} without a name`);\
+        for (const e of all('[tabindex]')) if (e.tabIndex > 0) faults.push('the order of the focus is not that of the page');\
+        const ids = all('[id]').map((e) => e.id); if (new Set(ids).size !== ids.length) faults.push('an id stands twice');\
+        for (const a of all('a[href^=\"#\"]')) if (!document.getElementById(a.hash.slice(1))) faults.push(`${a.hash} leads nowhere`);\
+        return [...new Set(faults)]; })()";
+    assert_eq!(browser.evaluate(faults), Value::Array(Vec::new()));
+    let Some(axe) = std::env::var_os(AXE) else { return };
+    let axe = fs::read_to_string(axe).unwrap();
+    browser.evaluate(&format!("{axe};0"));
+    let found = browser.evaluate(
+        "axe.run(document).then((r) => r.violations.map((v) => `${v.id}: ${v.nodes[0].html.slice(0, 200)} ${v.nodes[0].failureSummary}`))",
+    );
+    assert_eq!(found, Value::Array(Vec::new()));
 }
 
 /// The effect per condition comes first, the tables fit, and what does not shows that it goes on.
@@ -175,6 +207,7 @@ fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
         let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
         assert_eq!(browser.evaluate(beyond), 0, "{width}");
         assert!(contrast(&mut browser) > 4.5, "{width}");
+        check_rules(&mut browser);
         let paper = browser.evaluate("getComputedStyle(document.body).backgroundColor");
         assert_eq!(paper == "rgb(255, 255, 255)", !dark);
         keep(&browser.screenshot(), &format!("report-{width}.png.base64"));
@@ -195,4 +228,46 @@ fn a_report_fits_on_a_phone() {
     assert!(widest.as_f64().unwrap() <= 360.0, "{widest}");
     keep(&browser.screenshot(), "phone.png.base64");
     assert_eq!(browser.complaints(), Vec::<String>::new());
+}
+
+/// The report of a calibration: what it may not be used for, at all widths, without a script.
+#[test]
+#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+fn the_report_of_a_calibration_can_be_read_at_any_width() {
+    let chromium = chromium::find().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(dir, "synth train --rows 5000 --output train.csv", 0);
+    run(dir, "synth test --rows 2000 --output test.csv", 0);
+    run(dir, "fit train.csv --test test.csv --model auto --report fit.html", 0);
+    let report = dir.join("fit.html");
+    let size = fs::metadata(&report).unwrap().len();
+    assert!(size < 4_000_000, "{size}");
+    for (width, dark) in [(1400, false), (1024, true), (390, false)] {
+        let mut browser = Browser::start(&chromium, [width, 900], width < 500);
+        if dark {
+            browser.prefer_dark();
+        }
+        browser.open(&report);
+        let headings =
+            browser.evaluate("[...document.querySelectorAll('h2')].map((h) => h.id).join(' ')");
+        assert_eq!(headings, "answer limits figure coverage groups model outliers origin");
+        // Both drawings are there, with everything that is clipped in them.
+        let drawn = browser.evaluate("[...document.querySelectorAll('.drawing svg')].every((s) => s.getBBox().width > 700 && [...s.querySelectorAll('[clip-path]')].every((g) => document.getElementById(g.getAttribute('clip-path').slice(5, -1))?.closest('svg') === s))");
+        assert_eq!(drawn, true);
+        assert_eq!(browser.evaluate("document.querySelectorAll('.drawing svg').length"), 2);
+        let cut = "[...document.querySelectorAll('.table')].filter((t) => t.scrollWidth > t.clientWidth + 1 && !getComputedStyle(t).backgroundImage.includes('gradient')).map((t) => t.getAttribute('aria-label')).join()";
+        assert_eq!(browser.evaluate(cut), "");
+        if width >= 1000 {
+            let wider = "[...document.querySelectorAll('.table')].filter((t) => t.scrollWidth > t.clientWidth + 1).map((t) => t.getAttribute('aria-label')).join()";
+            assert_eq!(browser.evaluate(wider), "", "{width}");
+        }
+        let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
+        assert_eq!(browser.evaluate(beyond), 0, "{width}");
+        assert!(contrast(&mut browser) > 4.5, "{width}");
+        check_rules(&mut browser);
+        keep(&browser.screenshot(), &format!("fit-{width}.png.base64"));
+        assert_eq!(browser.complaints(), Vec::<String>::new());
+        assert_eq!(browser.requests(), Vec::<String>::new());
+    }
 }

@@ -6,6 +6,8 @@
 //! about its mean, 1 where the axes move independently. Some correlation is the shell's own: a
 //! push from the side at some height is a force and a moment.
 
+use std::fmt;
+
 use faer::{Mat, Side};
 use pulp::NullaryFnOnce;
 
@@ -97,6 +99,33 @@ pub enum Gap {
         /// Their correlation.
         correlation: f64,
     },
+}
+
+impl fmt::Display for Gap {
+    /// What is missing, and what to record.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unloaded(axis) => {
+                write!(f, "{0} never changes: record loads on {0}", axis.name())
+            }
+            Self::OneSided { axis, positive, share } => {
+                let (sign, name) = (if *positive { '+' } else { '−' }, axis.name());
+                write!(
+                    f,
+                    "{name} is hardly loaded towards {sign}{name} ({:.1} % of its square sum): \
+                     record such loads if the sensor will see them",
+                    100.0 * share
+                )
+            }
+            Self::Together { first, second, correlation } => write!(
+                f,
+                "{} and {} nearly always move together (correlation {correlation:.2}): record loads \
+                 that tell them apart",
+                first.name(),
+                second.name()
+            ),
+        }
+    }
 }
 
 impl WrenchSums {

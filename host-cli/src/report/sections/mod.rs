@@ -1,9 +1,9 @@
 //! The sections of a report, from top to bottom.
 
-mod calibration;
+pub(super) mod calibration;
 mod conditions;
 mod effect;
-mod parts;
+pub(super) mod parts;
 mod trials;
 
 use std::fmt::Write;
@@ -17,52 +17,31 @@ use trials::trials;
 use super::Report;
 use super::markup::{Cell, escape, table};
 use super::numbers::ReportNumbers;
+use super::page::Section;
 use crate::trial::Severity;
 
-/// All of it.
-pub(super) fn body(report: &Report<'_>, numbers: &ReportNumbers) -> String {
-    let mut html = String::new();
-    let count = report.trials.len();
-    let _ = write!(
-        html,
-        "<a class=\"skip\" href=\"#main\">Skip to the results</a>\n<header>\n<h1>{}</h1>\n\
-         <p class=\"quiet\">{}, {}. {count} trial{}{}.</p>\n<nav aria-label=\"Sections\"><ul>\n",
-        escape(report.title),
-        escape(report.made_by),
-        escape(report.date),
-        if count == 1 { "" } else { "s" },
-        match report.failed.len() {
-            0 => String::new(),
-            failed => format!(", {failed} that could not be evaluated"),
-        },
-    );
-    let sections: Vec<(&str, &str, String)> = [
-        ("effect", "What came out", effect(report, numbers)),
-        ("warnings", "Warnings", warnings(report)),
-        ("conditions", "By condition", conditions(report, numbers)),
-        ("phase", "Over a stride", phase(numbers)),
-        ("trials", "Trials", trials(report, numbers)),
-        ("calibration", "Calibration", calibration(report)),
-        ("origin", "To make it again", origin(report)),
+/// All of them, from top to bottom.
+pub(super) fn of(report: &Report<'_>, numbers: &ReportNumbers) -> Vec<Section> {
+    vec![
+        Section::new("effect", "What came out", effect(report, numbers)),
+        Section::new("warnings", "Warnings", warnings(report)),
+        Section::new("conditions", "By condition", conditions(report, numbers)),
+        Section::new("phase", "Over a stride", phase(numbers)),
+        Section::new("trials", "Trials", trials(report, numbers)),
+        Section::new("calibration", "Calibration", calibration(report)),
+        Section::new("origin", "To make it again", origin(report)),
     ]
-    .into_iter()
-    .filter(|(_, _, content)| !content.is_empty())
-    .collect();
-    for (id, name, _) in &sections {
-        let _ = writeln!(html, "<li><a href=\"#{id}\">{name}</a></li>");
-    }
-    html.push_str(
-        "</ul></nav>\n<noscript><p>The plots need JavaScript; the tables do not.</p></noscript>\n\
-         </header>\n<main id=\"main\">\n",
-    );
-    for (id, name, content) in sections {
-        let _ = write!(
-            html,
-            "<section aria-labelledby=\"{id}\">\n<h2 id=\"{id}\">{name}</h2>\n{content}</section>\n"
-        );
-    }
-    html.push_str("</main>");
-    html
+}
+
+/// Who made it, when, and of how many trials.
+pub(super) fn subtitle(report: &Report<'_>) -> String {
+    let count = report.trials.len();
+    let s = if count == 1 { "" } else { "s" };
+    let failed = match report.failed.len() {
+        0 => String::new(),
+        failed => format!(", {failed} that could not be evaluated"),
+    };
+    format!("{}, {}. {count} trial{s}{failed}.", report.made_by, report.date)
 }
 
 fn warnings(report: &Report<'_>) -> String {

@@ -1,7 +1,8 @@
-//! The serial line of a simulated board: a pty, with the radio in between.
+//! The serial line of a simulated board: a pty or a connection over TCP, with the radio in between.
 
 use std::convert::Infallible;
-use std::io::{ErrorKind, Read as _, Write as _};
+use std::io::{self, ErrorKind};
+use std::net::SocketAddr;
 use std::sync::mpsc::{
     Receiver as Queue, RecvTimeoutError, SyncSender, TrySendError, sync_channel,
 };
@@ -13,15 +14,17 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_time::Timer;
 use embedded_io_async::{ErrorType, Read, Write};
+#[cfg(unix)]
 use serialport::{SerialPort, TTYPort};
 
+use super::socket::Socket;
 use crate::simulation::radio::Radio;
 
 /// Packets that wait for the host before the board is held up, as by CTS: some seconds at 100 Hz.
 const QUEUE: usize = 512;
 
 /// How long a thread waits at most before it looks at the radio again.
-const TICK: Duration = Duration::from_millis(10);
+pub(super) const TICK: Duration = Duration::from_millis(10);
 
 type Input = Pipe<CriticalSectionRawMutex, 1024>;
 
@@ -35,18 +38,34 @@ pub(super) struct Line {
 
 impl Line {
     /// Makes a pty; `radios` are the ways to the host and to the board.
+    #[cfg(unix)]
     pub(super) fn open(radios: &[Arc<Mutex<Radio>>; 2]) -> Result<Self, serialport::Error> {
         let (mut pty, host) = TTYPort::pair()?;
         pty.set_timeout(TICK)?;
         let port = host.name().unwrap_or_default();
-        let [up, down] = radios.each_ref().map(Arc::clone);
         let from_host = pty.try_clone_native()?;
+        Ok(Self::between(port, from_host, pty, radios))
+    }
+
+    /// Listens for a host at an address.
+    pub(super) fn listen(at: SocketAddr, radios: &[Arc<Mutex<Radio>>; 2]) -> io::Result<Self> {
+        let (socket, at) = Socket::listen(at)?;
+        Ok(Self::between(format!("tcp://{at}"), socket.clone(), socket, radios))
+    }
+
+    fn between(
+        port: String,
+        from_host: impl io::Read + Send + 'static,
+        to_host: impl io::Write + Send + 'static,
+        radios: &[Arc<Mutex<Radio>>; 2],
+    ) -> Self {
+        let [up, down] = radios.each_ref().map(Arc::clone);
         let (queue, packets) = sync_channel(QUEUE);
         let input = Arc::new(Input::new());
         let to_board = Arc::clone(&input);
-        thread::spawn(move || give_to_host(&packets, &up, pty));
+        thread::spawn(move || give_to_host(&packets, &up, to_host));
         thread::spawn(move || give_to_board(from_host, &down, &to_board));
-        Ok(Self { port, sender: Sender(queue), receiver: Receiver(input) })
+        Self { port, sender: Sender(queue), receiver: Receiver(input) }
     }
 }
 
@@ -90,7 +109,7 @@ impl Read for Receiver {
     }
 }
 
-fn give_to_host(packets: &Queue<Vec<u8>>, radio: &Mutex<Radio>, mut pty: TTYPort) {
+fn give_to_host(packets: &Queue<Vec<u8>>, radio: &Mutex<Radio>, mut host: impl io::Write) {
     let start = Instant::now();
     let now_us = || start.elapsed().as_micros() as u64;
     loop {
@@ -103,15 +122,15 @@ fn give_to_host(packets: &Queue<Vec<u8>>, radio: &Mutex<Radio>, mut pty: TTYPort
         }
         loop {
             let Some(delivery) = lock(radio).receive(now_us()) else { break };
-            write_all(&mut pty, &delivery.bytes);
+            write_all(&mut host, &delivery.bytes);
         }
     }
 }
 
 /// Waits for a host as long as it takes.
-fn write_all(pty: &mut TTYPort, mut bytes: &[u8]) {
+fn write_all(host: &mut impl io::Write, mut bytes: &[u8]) {
     while !bytes.is_empty() {
-        match pty.write(bytes) {
+        match host.write(bytes) {
             Ok(count) => bytes = &bytes[count..],
             Err(error) if error.kind() == ErrorKind::TimedOut => {}
             // Nobody has the other end open.
@@ -120,12 +139,12 @@ fn write_all(pty: &mut TTYPort, mut bytes: &[u8]) {
     }
 }
 
-fn give_to_board(mut pty: TTYPort, radio: &Mutex<Radio>, input: &Input) {
+fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &Input) {
     let start = Instant::now();
     let now_us = || start.elapsed().as_micros() as u64;
     let mut buffer = [0; 256];
     loop {
-        match pty.read(&mut buffer) {
+        match host.read(&mut buffer) {
             Ok(count) => lock(radio).send(now_us(), &buffer[..count]),
             Err(error) if error.kind() == ErrorKind::TimedOut => {}
             // Nobody has the other end open.

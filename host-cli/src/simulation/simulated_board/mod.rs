@@ -1,7 +1,7 @@
-//! A board without hardware: the firmware's own library in this process, on a pty.
+//! A board without hardware: the firmware's own library in this process, on a pty or over TCP.
 //!
 //! ```text
-//! load ─ SensorModel ─ Instrument ─ firmware (embassy, std) ─ Radio ─ pty ─▶ whoever opens it
+//! load ─ SensorModel ─ Instrument ─ firmware (embassy, std) ─ Radio ─ pty, TCP ─▶ whoever opens it
 //!                                          ▲                    │
 //!                                          └────────────────────┘
 //! ```
@@ -13,11 +13,14 @@
 mod clock;
 mod instrument;
 mod line;
+mod socket;
 
 pub use clock::PacedClock;
 pub use instrument::{Instrument, Load};
 
 use std::hash::{BuildHasher, Hasher, RandomState};
+use std::io;
+use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::thread;
 
@@ -56,6 +59,14 @@ pub enum SimulationError {
     /// The pty.
     #[error("cannot make a pty: {0}")]
     Pty(#[from] serialport::Error),
+    /// The address.
+    #[error("cannot listen at {at}: {reason}")]
+    Listen {
+        /// What was asked for.
+        at: SocketAddr,
+        /// What the system said.
+        reason: io::Error,
+    },
 }
 
 /// A board that runs until the process ends.
@@ -67,11 +78,29 @@ pub struct SimulatedBoard {
 }
 
 impl SimulatedBoard {
-    /// Switches a board on.
+    /// Switches a board on, on a pty.
     ///
     /// # Errors
     /// [`SimulationError`].
+    #[cfg(unix)]
     pub fn start(settings: Settings) -> Result<Self, SimulationError> {
+        Self::on(settings, |radios| Ok(Line::open(radios)?))
+    }
+
+    /// Switches a board on that is reached at an address, by one host at a time.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    pub fn listen(settings: Settings, at: SocketAddr) -> Result<Self, SimulationError> {
+        Self::on(settings, |radios| {
+            Line::listen(at, radios).map_err(|reason| SimulationError::Listen { at, reason })
+        })
+    }
+
+    fn on(
+        settings: Settings,
+        line: impl FnOnce(&[Arc<Mutex<Radio>>; 2]) -> Result<Line, SimulationError>,
+    ) -> Result<Self, SimulationError> {
         let Settings { load, seed, unit_seed, noise_scale, faults } = settings;
         if !(noise_scale.is_finite() && noise_scale >= 0.0) {
             return Err(ModelError::NoiseScale { factor: noise_scale }.into());
@@ -82,7 +111,7 @@ impl SimulatedBoard {
         // The two ways of the radio fail independently.
         let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
         let radios = [radio(0)?, radio(1)?];
-        let Line { port, sender, receiver } = Line::open(&radios)?;
+        let Line { port, sender, receiver } = line(&radios)?;
         thread::spawn(move || {
             let clock = PacedClock::start();
             let front_end = Instrument::new(sensor, load, clock.clone());

@@ -33,7 +33,7 @@ pub(crate) struct AlignArgs {
     #[arg(long, short, value_name = "FILE")]
     output: Option<OutputPath>,
 
-    /// Draw the match, to .svg or .png
+    /// Draw the match, to .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<OutputPath>,
 

@@ -47,7 +47,7 @@ pub(crate) struct BenchArgs {
     #[arg(long, value_name = "SOLVER", value_delimiter = ',')]
     solver: Vec<SolverArg>,
 
-    /// Draw run time against the error of coefficients (SVG or PNG), and beside it, with
+    /// Draw run time against the error of coefficients (SVG, PDF or PNG), and beside it, with
     /// `-prediction` added to its name, against that of predictions
     #[arg(long, value_name = "FILE")]
     plot: Option<OutputPath>,

@@ -6,10 +6,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::Context;
 use clap::{Subcommand, ValueEnum};
 use serde_json::json;
-use serialport::SerialPort;
 use shared_proto::{Board, BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::link::{Client, Uplink, for_board, judge, serial_text};
+use shellcal::link::{Client, Connection, Uplink, for_board, judge, serial_text};
 use shellcal::output::Outputs;
 
 use super::key_file;
@@ -43,7 +42,6 @@ pub(crate) struct BoardArgs {
     #[command(flatten)]
     serial: SerialArgs,
 
-    #[cfg(unix)]
     #[command(flatten)]
     simulation: super::simulate_board::SimulationArgs,
 
@@ -134,7 +132,6 @@ impl BoardArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let (port, action) = match (&self.port, &self.action) {
             (Some(port), Some(action)) => (port, action),
-            #[cfg(unix)]
             (None, None) if self.simulate => return self.simulation.run(printer),
             (None, _) => anyhow::bail!(
                 "a board is simulated by `shellcal board --simulate`, without an action; other \
@@ -191,7 +188,7 @@ impl BoardArgs {
         Ok(Outcome::Done)
     }
 
-    fn connect(&self, name: &str) -> anyhow::Result<Client<Box<dyn SerialPort>>> {
+    fn connect(&self, name: &str) -> anyhow::Result<Client<Box<dyn Connection>>> {
         let framing = self.framing.framing().context(
             "the original board has no commands that this program sends; `record` reads it",
         )?;

@@ -79,7 +79,7 @@ pub(crate) struct ConvertArgs {
     )]
     interval: Option<f64>,
 
-    /// Draw the wrench over time, to .svg or .png
+    /// Draw the wrench over time, to .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<OutputPath>,
 

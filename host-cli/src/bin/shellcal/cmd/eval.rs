@@ -53,7 +53,7 @@ pub(crate) struct EvalArgs {
     fresh: bool,
 
     /// Draw predicted against measured, and the residuals, over all logs
-    #[arg(long, value_name = "FILE.svg|png")]
+    #[arg(long, value_name = "FILE.svg|pdf|png")]
     plot: Option<OutputPath>,
 
     #[command(flatten)]

@@ -15,6 +15,7 @@ mod frames;
 mod import;
 mod info;
 mod key_file;
+mod licences;
 #[cfg(feature = "live")]
 mod live;
 mod man;
@@ -31,7 +32,6 @@ mod quality;
 mod record;
 mod serial;
 mod simulate;
-#[cfg(unix)]
 mod simulate_board;
 mod synth;
 mod synth_pair;
@@ -139,7 +139,7 @@ pub(crate) enum Command {
     /// A manifest can say `auto` in place of times, and gets the same.
     Window(Deferred<trials::window::WindowArgs>),
 
-    /// Draw one figure of a trial or of a manifest's trials, as SVG or PNG
+    /// Draw one figure of a trial or of a manifest's trials, as SVG, PDF or PNG
     Plot(Deferred<trials::plot::PlotArgs>),
 
     /// Report on all trials of a manifest: tables and figures to zoom into, in one HTML file
@@ -192,6 +192,9 @@ pub(crate) enum Command {
 
     /// Write the manual: a page for each command
     Man(Deferred<man::ManArgs>),
+
+    /// List the packages that the program is made of, with their licences
+    Licences(Deferred<licences::LicencesArgs>),
 }
 
 impl Command {
@@ -230,6 +233,7 @@ impl Command {
             Command::Simulate(args) => args.run(printer, outputs),
             Command::Completions(args) => args.run(printer, whole()),
             Command::Man(args) => args.run(printer, outputs, whole()),
+            Command::Licences(args) => args.run(printer),
         }
     }
 }

@@ -30,3 +30,16 @@ pub(in crate::cmd) fn date() -> anyhow::Result<String> {
     };
     Ok(format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string())
 }
+
+/// What the command was called with, so that a shell takes it again.
+pub(in crate::cmd) fn command_line() -> String {
+    let quoted = |word: String| {
+        let is_plain = |c: char| c.is_alphanumeric() || "_-./:=,+@%".contains(c);
+        match !word.is_empty() && word.chars().all(is_plain) {
+            true => word,
+            false => format!("'{}'", word.replace('\'', r"'\''")),
+        }
+    };
+    let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
+    ["shellcal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
+}

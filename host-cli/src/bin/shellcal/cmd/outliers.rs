@@ -4,6 +4,7 @@ use log_file::Log;
 use serde::Serialize;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::output::AtomicFile;
+use shellcal::report;
 use shellcal::workflow::outliers::{Outlier, OutlierColumn, Outliers, Reason};
 
 use super::quality::significant;
@@ -68,6 +69,20 @@ pub(super) fn report(found: &Outliers, logs: &[Log]) -> Vec<OutlierReport> {
     found.rows.iter().map(|row| OutlierReport::of(row, logs)).collect()
 }
 
+/// As many rows as a report lists: more would hide what else is said.
+const LISTED: usize = 100;
+
+/// The rows for a report.
+pub(super) fn rows(found: &Outliers, logs: &[Log], left_out: bool) -> report::Outliers {
+    let row = |row: &Outlier| report::OutlierRow {
+        file: logs[row.log].path().display().to_string(),
+        line: row.line,
+        what: why(row),
+    };
+    let rows = found.rows.iter().take(LISTED).map(row).collect();
+    report::Outliers { rows, count: found.rows.len(), left_out }
+}
+
 /// Names the rows and says what they do to the fit, and, where they were kept, what to do.
 pub(super) fn warn(printer: &mut Printer, found: &Outliers, logs: &[Log]) {
     for row in found.rows.iter().take(SHOWN) {
@@ -100,6 +115,11 @@ fn errors([with, without]: &[PerAxis<f64>; 2]) -> String {
 }
 
 fn in_words(row: &Outlier, logs: &[Log]) -> String {
+    format!("`{}` line {} does not belong: {}", logs[row.log].path().display(), row.line, why(row))
+}
+
+/// Which of a row's columns stand out, and by how much it is off.
+fn why(row: &Outlier) -> String {
     let columns = row.columns.iter().take(3).map(|column| {
         let beside: Vec<String> =
             [column.before, column.after].into_iter().flatten().map(|x| x.to_string()).collect();
@@ -123,12 +143,7 @@ fn in_words(row: &Outlier, logs: &[Log]) -> String {
             significant(size, 2)
         ),
     };
-    format!(
-        "`{}` line {} does not belong: {}{more}; {why}",
-        logs[row.log].path().display(),
-        row.line,
-        columns.collect::<Vec<_>>().join(", ")
-    )
+    format!("{}{more}; {why}", columns.collect::<Vec<_>>().join(", "))
 }
 
 /// Lists the rows with why they were left out.

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use shellcal::link::TCP;
+
 /// Whether a name is that of a port, there or not.
 pub(super) fn is_port(path: &Path) -> bool {
     if let Ok(metadata) = std::fs::metadata(path) {
@@ -9,7 +11,7 @@ pub(super) fn is_port(path: &Path) -> bool {
     }
     let text = path.to_string_lossy();
     let is_com = text.strip_prefix("COM").is_some_and(|rest| rest.parse::<u16>().is_ok());
-    is_com || text.starts_with("/dev/")
+    is_com || text.starts_with("/dev/") || text.starts_with(TCP)
 }
 
 #[cfg(unix)]

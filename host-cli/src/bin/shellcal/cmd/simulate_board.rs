@@ -1,5 +1,6 @@
 //! `shellcal board --simulate`: is a board, until Ctrl-C.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::thread;
@@ -63,6 +64,11 @@ pub(crate) struct SimulationArgs {
     #[arg(long, conflicts_with = "port", value_name = "MS", default_value_t = 0.0, value_parser = parse_delay)]
     delay: f64,
 
+    /// Be reached over TCP at this address, by one program at a time, as `tcp://HOST:PORT`; port 0 is one that
+    /// is free
+    #[arg(long, conflicts_with_all = ["port", "symlink"], value_name = "HOST:PORT")]
+    listen: Option<SocketAddr>,
+
     /// Make a symbolic link to the port, for a name that does not change
     #[arg(long, conflicts_with = "port", value_name = "PATH")]
     symlink: Option<OutputPlace>,
@@ -82,13 +88,17 @@ impl SimulationArgs {
             None => Load::hands(self.seed),
         };
         let stop = signals::stop_flag()?;
-        let board = SimulatedBoard::start(Settings {
+        let settings = Settings {
             load,
             seed: self.seed,
             unit_seed: self.unit_seed,
             noise_scale: self.noise_scale,
             faults: self.faults(),
-        })?;
+        };
+        let board = match self.listen {
+            Some(at) => SimulatedBoard::listen(settings, at)?,
+            None => on_a_pty(settings)?,
+        };
         let _symlink = self.symlink.as_deref().map(|path| Symlink::make(path, board.port()));
         let _symlink = _symlink.transpose()?;
         match printer.json() {
@@ -119,6 +129,19 @@ impl SimulationArgs {
             delay_us: (self.delay * 1e3) as u64,
         }
     }
+}
+
+#[cfg(unix)]
+fn on_a_pty(settings: Settings) -> anyhow::Result<SimulatedBoard> {
+    Ok(SimulatedBoard::start(settings)?)
+}
+
+#[cfg(not(unix))]
+fn on_a_pty(_: Settings) -> anyhow::Result<SimulatedBoard> {
+    anyhow::bail!(
+        "this system has no ports that a program can make: `--listen 127.0.0.1:5000`, and \
+         `tcp://127.0.0.1:5000` for the port in other commands"
+    )
 }
 
 fn describe(way: &str, books: &Books) -> String {
@@ -163,10 +186,19 @@ impl Symlink {
         if path.is_symlink() && (!path.exists() || leads_to_port()) {
             std::fs::remove_file(path).ok();
         }
-        std::os::unix::fs::symlink(port, path)
-            .with_context(|| format!("cannot make the link `{}`", path.display()))?;
+        link(port, path).with_context(|| format!("cannot make the link `{}`", path.display()))?;
         Ok(Self(path.to_path_buf()))
     }
+}
+
+#[cfg(unix)]
+fn link(port: &str, path: &Path) -> std::io::Result<()> {
+    std::os::unix::fs::symlink(port, path)
+}
+
+#[cfg(not(unix))]
+fn link(_: &str, _: &Path) -> std::io::Result<()> {
+    Err(std::io::ErrorKind::Unsupported.into())
 }
 
 impl Drop for Symlink {

@@ -4,7 +4,7 @@ use calibration::Basis;
 use calibration::validation::advice::Advice;
 use calibration::validation::comparison::Comparison;
 use calibration::validation::cross_validation::CrossValidation;
-use calibration::validation::excitation::{Excitation, Gap};
+use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::{Candidate, Selection};
 use shell_data::wrench::Axis;
 use shellcal::workflow::model_choice::HeldOut;
@@ -70,17 +70,15 @@ pub(super) fn print_cross_validation(
     Ok(())
 }
 
-/// The closing word on which model to take.
-pub(super) fn print_advice(
-    printer: &mut Printer,
-    advice: &Advice,
-    model: Basis,
-    cv: Option<&CrossValidation>,
-) -> anyhow::Result<()> {
-    let name = |of: &Candidate| match of.ridge > 0.0 {
+fn name(of: &Candidate) -> String {
+    match of.ridge > 0.0 {
         true => format!("{} with ridge {:e}", of.basis.name(), of.ridge),
         false => of.basis.name().to_owned(),
-    };
+    }
+}
+
+/// Which model is best on new groups, and which is the cautious choice.
+pub(super) fn advice_in_words(advice: &Advice) -> String {
     let score = |of: &Candidate| {
         let errors = of.errors.map(|of| [of.score, of.standard_error].map(|x| significant(x, 2)));
         errors.map_or_else(String::new, |[score, error]| format!("{score} ± {error}"))
@@ -113,18 +111,35 @@ pub(super) fn print_advice(
     if advice.ridge_is_at_limit {
         said += "; its ridge is the largest that was tried, a larger one may be better";
     }
-    printer.line(said)?;
-    if let Some(given) = advice.given.as_ref().filter(|_| advice.another_is_better()) {
-        printer.warning(format!(
-            "{} predicts new groups better than {}, by {} ± {} of the variance: {}; take `--model {}` \
-             or record more poses",
-            name(best),
-            model.name(),
-            significant(-given.all.value, 2),
-            significant(given.all.standard_error, 2),
-            worth(given),
-            best.basis.name(),
-        ));
+    said
+}
+
+/// The model that predicts new groups better than the one that was asked for, if there is one.
+pub(super) fn better_in_words(advice: &Advice, model: Basis) -> Option<String> {
+    let given = advice.given.as_ref().filter(|_| advice.another_is_better())?;
+    let best = &advice.best;
+    Some(format!(
+        "{} predicts new groups better than {}, by {} ± {} of the variance: {}; take `--model {}` or \
+         record more poses",
+        name(best),
+        model.name(),
+        significant(-given.all.value, 2),
+        significant(given.all.standard_error, 2),
+        worth(given),
+        best.basis.name(),
+    ))
+}
+
+/// The closing word on which model to take.
+pub(super) fn print_advice(
+    printer: &mut Printer,
+    advice: &Advice,
+    model: Basis,
+    cv: Option<&CrossValidation>,
+) -> anyhow::Result<()> {
+    printer.line(advice_in_words(advice))?;
+    if let Some(better) = better_in_words(advice, model) {
+        printer.warning(better);
     } else if let Some((axis, ratio)) = cv.and_then(CrossValidation::suspicious) {
         printer.note(format!(
             "the error on new groups is up to {ratio:.1} times that on random rows ({}): rows of a group \
@@ -195,24 +210,7 @@ pub(super) fn print_excitation(
         excitation.condition.map_or("infinite".to_owned(), |c| significant(c, 2)),
     ))?;
     for gap in excitation.gaps() {
-        printer.note(match gap {
-            Gap::Unloaded(axis) => format!("{0} never changes: record loads on {0}", axis.name()),
-            Gap::OneSided { axis, positive, share } => {
-                let (sign, name) = (if positive { '+' } else { '−' }, axis.name());
-                format!(
-                    "{name} is hardly loaded towards {sign}{name} ({:.1} % of its square sum): \
-                     record such loads if the sensor will see them",
-                    100.0 * share
-                )
-            }
-            Gap::Together { first, second, correlation } => format!(
-                "{} and {} nearly always move together (correlation {correlation:.2}): record loads \
-                 that tell them apart",
-                first.name(),
-                second.name()
-            ),
-            _ => continue,
-        });
+        printer.note(gap.to_string());
     }
     Ok(())
 }

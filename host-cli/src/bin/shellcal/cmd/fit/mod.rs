@@ -1,6 +1,7 @@
 //! `shellcal fit`: from training logs to a calibration.
 
 mod choice;
+mod html;
 mod outliers;
 mod partial;
 mod physics;
@@ -27,15 +28,17 @@ use shellcal::workflow::partial::KeptGroups;
 use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::Weighing;
 
+use self::html::{Found, intervals_of};
 use self::outliers::{OutliersArg, parse_range};
 use self::physics::Weighed;
 use self::report::{Known, report};
+use self::weighing::in_words;
 use super::choices::{ModelArg, SolverArg};
 use super::covariance::{CovarianceArg, warn_of_few_groups};
 use super::mapping::{MappingArgs, open_logs};
 use super::origin;
 use super::outliers::report as outlier_reports;
-use super::validation::parse_cv;
+use super::validation::{advice_in_words, better_in_words, parse_cv};
 use crate::files::{InputPath, OutputOrStdout, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -117,7 +120,7 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "ridge", "solver", "truncate", "cv", "dropped", "valid_range", "residuals"]
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "solver", "truncate", "cv", "dropped", "valid_range", "residuals"]
     )]
     partial: Option<OutputOrStdout>,
 
@@ -140,8 +143,13 @@ pub(crate) struct FitArgs {
     export_matrix: Option<OutputPath>,
 
     /// Draw predicted against measured, and the residuals
-    #[arg(long, value_name = "FILE.svg|png")]
+    #[arg(long, value_name = "FILE.svg|pdf|png")]
     plot: Option<OutputPath>,
+
+    /// Write a report: errors by axis and by pose, which loads were calibrated, which model and why, and what
+    /// the calibration must not be used for
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<OutputPath>,
 
     /// Which rows have errors of their own, for the standard errors and intervals of `convert`
     #[arg(long, value_name = "OF", default_value = "auto")]
@@ -215,6 +223,7 @@ struct Opened {
     calibration: Option<AtomicFile>,
     matrix: Option<AtomicFile>,
     plot: Option<(AtomicFile, Format)>,
+    report: Option<AtomicFile>,
 }
 
 impl FitArgs {
@@ -257,7 +266,7 @@ impl FitArgs {
         let bar = printer.progress("fit", options.bytes_to_read(&train, &test));
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions {
-            checksum: self.output.is_some(),
+            checksum: self.keeps(),
             progress: Some(&progress),
             ..self.mapping.read_options()
         };
@@ -303,13 +312,36 @@ impl FitArgs {
             weighing: weighing.as_ref(),
             groups: choice.found_groups(),
             advice: choice.advice.clone(),
-            outliers: named.map(|named| outlier_reports(&named, &train)),
+            outliers: named.as_ref().map(|named| outlier_reports(named, &train)),
             dropped: self.dropped.as_ref().map(|_| outlier_reports(&dropped, &train)),
             left_out_residuals,
         };
+        let group_by = choice.group_by.clone();
+        let few_groups = choice.few_groups;
         let mut file = self.calibration_file(&fitted, choice)?;
         file.origin.columns = self.mapping.specified(&train)?;
-        self.write(opened, &file, fitted.plots.as_ref())?;
+        let html = self.report.as_ref().map(|_| {
+            let model = fitted.solution.model;
+            let advice = known.advice.as_ref();
+            let mut reasons: Vec<String> = advice.map(advice_in_words).into_iter().collect();
+            reasons.extend(weighing.as_ref().map(in_words));
+            let found = Found {
+                features: model.term_count(),
+                intervals: fitted.calibration.covariance.as_ref().and_then(intervals_of),
+                few_groups,
+                reasons,
+                warnings: advice
+                    .and_then(|of| better_in_words(of, model.basis))
+                    .into_iter()
+                    .collect(),
+                outliers: self.outlier_rows(named.as_ref(), &dropped, &train),
+                plots: fitted.plots.as_ref(),
+                test: total(&fitted.test),
+                group_by: group_by.as_ref(),
+            };
+            self.html(&file, found, (&train, &test), used)
+        });
+        self.write(opened, &file, fitted.plots.as_ref(), html.transpose()?.as_deref())?;
         report(printer, &fitted, &file, &known, start.elapsed().as_secs_f64())?;
         Ok(Outcome::Done)
     }
@@ -363,7 +395,7 @@ impl FitArgs {
             used,
             total: choice.sums.as_ref().and_then(GroupedMoments::total),
             covariance: choice.covariance_from(self.covariance_rule()),
-            plot: self.plot.is_some(),
+            plot: self.draws(),
             facts: choice.facts.as_ref(),
             looks: self.looks_for_outliers(),
             residuals: self.residuals || self.outliers == Some(OutliersArg::Report),
@@ -375,11 +407,19 @@ impl FitArgs {
     /// A covariance is of use in a calibration file; one by groups is found for whoever asks for it.
     fn covariance_rule(&self) -> CovarianceRule {
         match self.covariance {
-            CovarianceArg::Auto | CovarianceArg::Rows if self.output.is_none() => {
-                CovarianceRule::Nothing
-            }
+            CovarianceArg::Auto | CovarianceArg::Rows if !self.keeps() => CovarianceRule::Nothing,
             asked => asked.rule(),
         }
+    }
+
+    /// Whether what is found is kept, and not only printed.
+    fn keeps(&self) -> bool {
+        self.output.is_some() || self.report.is_some()
+    }
+
+    /// Whether a figure is drawn, by itself or in a report.
+    fn draws(&self) -> bool {
+        self.plot.is_some() || self.report.is_some()
     }
 
     fn open_outputs(&self, outputs: &Outputs) -> anyhow::Result<Opened> {
@@ -390,6 +430,7 @@ impl FitArgs {
             calibration: open(&self.output)?,
             matrix: open(&self.export_matrix)?,
             plot: open(&self.plot)?.zip(format),
+            report: open(&self.report)?,
         })
     }
 
@@ -450,7 +491,12 @@ impl FitArgs {
         opened: Opened,
         file: &CalibrationFile,
         plots: Option<&(FitPlot, FitPlot)>,
+        html: Option<&str>,
     ) -> anyhow::Result<()> {
+        if let (Some(mut output), Some(html)) = (opened.report, html) {
+            output.write_all(html.as_bytes())?;
+            output.commit()?;
+        }
         if let Some(mut output) = opened.calibration {
             output.write_all(file.to_json().as_bytes())?;
             output.commit()?;

@@ -14,8 +14,10 @@ use shellcal::calibration_file::stored::{
     StoredSelection,
 };
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin};
+use shellcal::report::Intervals;
 use shellcal::workflow::groups::FoundSummary;
 use shellcal::workflow::model_choice::ModelChoice;
+use shellcal::workflow::outliers::Outliers;
 use shellcal::workflow::physics::{self, GroupsAre, PhysicsFit, PhysicsOptions};
 use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::Weighing;
@@ -25,6 +27,7 @@ use super::super::origin;
 use super::super::quality::significant;
 use super::super::validation::{print_cross_validation, print_excitation, print_selection};
 use super::choice::note_found;
+use super::html::Found;
 use super::report::{note_range, print_errors};
 use super::weighing::{WeighingReport, in_words};
 use super::{FitArgs, Logs, Opened, total};
@@ -131,23 +134,35 @@ impl FitArgs {
         let bar = printer.progress("fit", bytes(train) + bytes(test));
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions {
-            checksum: self.output.is_some(),
+            checksum: self.keeps(),
             progress: Some(&progress),
             ..self.mapping.read_options()
         };
-        let options =
-            PhysicsOptions { cross_validation: self.cv, used, plot: self.plot.is_some(), read };
+        let options = PhysicsOptions { cross_validation: self.cv, used, plot: self.draws(), read };
         let fitted = physics::fit(train, test, &options).map_err(|error| self.name_logs(error))?;
         bar.finish_and_clear();
-        if self.looks_for_outliers() && fitted.stands_out() {
-            self.name_outliers(train, printer);
-        }
+        let looks = self.looks_for_outliers() && fitted.stands_out();
+        let named = looks.then(|| self.name_outliers(train, printer)).flatten();
         if let Some(groups) = fitted.found {
             note_found(printer, groups);
         }
         let mut file = self.physics_file(&fitted, weighed.selection)?;
         file.origin.columns = self.mapping.specified(train)?;
-        self.write(opened, &file, fitted.plots.as_ref())?;
+        let html = self.report.as_ref().map(|_| {
+            let found = Found {
+                features: fitted.fitted.physics().model().parameter_count(),
+                intervals: fitted.fitted.validation.as_ref().and_then(intervals_of),
+                few_groups: None,
+                reasons: weighed.weighing.as_ref().map(in_words).into_iter().collect(),
+                warnings: Vec::new(),
+                outliers: self.outlier_rows(named.as_ref(), &Outliers::default(), train),
+                plots: fitted.plots.as_ref(),
+                test: total(&fitted.test),
+                group_by: None,
+            };
+            self.html(&file, found, (train, test), used)
+        });
+        self.write(opened, &file, fitted.plots.as_ref(), html.transpose()?.as_deref())?;
         report(printer, &fitted, &file, weighed.weighing.as_ref(), start.elapsed().as_secs_f64())
     }
 
@@ -181,6 +196,20 @@ impl FitArgs {
             },
         })
     }
+}
+
+/// The intervals of groups that were held out, and what they held.
+fn intervals_of(validation: &PhysicsValidation) -> Option<Intervals> {
+    let coverage = validation.coverage()?;
+    let least = coverage.iter().map(|(share, _)| *share).fold(f64::INFINITY, f64::min);
+    Some(Intervals {
+        half_widths: coverage.map(|(_, half)| half),
+        of: format!(
+            "groups that were held out, of which they held {:.0} % or more on every axis",
+            100.0 * least
+        ),
+        of_rows: false,
+    })
 }
 
 fn report(

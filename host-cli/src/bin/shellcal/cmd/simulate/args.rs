@@ -123,7 +123,7 @@ pub(super) struct SweepArgs {
     #[arg(long, value_name = "FILE")]
     pub(super) beam_forces: Option<OutputPath>,
 
-    /// Draw drag over position and contact counts, to .svg or .png
+    /// Draw drag over position and contact counts, to .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<OutputPath>,
 

@@ -64,6 +64,8 @@ pub(crate) struct OutputArgs {
 enum FormatArg {
     /// Scalable, for print
     Svg,
+    /// Scalable, with its letters, for LaTeX and Word
+    Pdf,
     /// Pixels, for slides and messages
     Png,
 }
@@ -72,6 +74,7 @@ impl From<FormatArg> for Format {
     fn from(format: FormatArg) -> Self {
         match format {
             FormatArg::Svg => Self::Svg,
+            FormatArg::Pdf => Self::Pdf,
             FormatArg::Png => Self::Png,
         }
     }

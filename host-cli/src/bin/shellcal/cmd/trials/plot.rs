@@ -70,7 +70,7 @@ struct OneArgs {
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
 
-    /// File to write: `.svg` or `.png`
+    /// File to write: `.svg`, `.pdf` or `.png`
     #[arg(long, short, value_name = "FILE")]
     output: OutputPath,
 
@@ -88,7 +88,7 @@ struct ManyArgs {
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
 
-    /// File to write: `.svg` or `.png`
+    /// File to write: `.svg`, `.pdf` or `.png`
     #[arg(long, short, value_name = "FILE")]
     output: OutputPath,
 

@@ -92,7 +92,7 @@ impl ReportArgs {
             title: &title,
             made_by: &origin::program(),
             date: &origin::date()?,
-            command: &command_line(),
+            command: &origin::command_line(),
             trials: &trials,
             failed: &failures,
             conditions: &conditions,
@@ -126,17 +126,4 @@ impl ReportArgs {
 /// A file with its checksum.
 fn input(role: &str, path: &Path) -> anyhow::Result<Input> {
     report::input(role, path).with_context(|| format!("cannot read `{}`", path.display()))
-}
-
-/// What the command was called with, so that a shell takes it again.
-fn command_line() -> String {
-    let quoted = |word: String| {
-        let is_plain = |c: char| c.is_alphanumeric() || "_-./:=,+@%".contains(c);
-        match !word.is_empty() && word.chars().all(is_plain) {
-            true => word,
-            false => format!("'{}'", word.replace('\'', r"'\''")),
-        }
-    };
-    let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
-    ["shellcal".to_owned()].into_iter().chain(words).collect::<Vec<_>>().join(" ")
 }

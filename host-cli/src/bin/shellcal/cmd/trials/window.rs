@@ -28,7 +28,7 @@ pub(crate) struct WindowArgs {
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
 
-    /// Draw the drag and what was found in it, as SVG or PNG; of one log
+    /// Draw the drag and what was found in it, as SVG, PDF or PNG; of one log
     #[arg(long, value_name = "FILE")]
     plot: Option<OutputPath>,
 

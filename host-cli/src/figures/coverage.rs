@@ -1,0 +1,80 @@
+//! Which loads a calibration was made from: forces against forces, moments against moments.
+
+use super::figure::Figure;
+use super::palette;
+use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::scale::{Axis as PlotAxis, Spacing};
+use super::svg::{Anchor, Canvas, Rect, Style};
+use shell_data::wrench::{Axis, PerAxis};
+
+/// What is drawn against what, x first.
+const PAIRS: [[Axis; 2]; 4] =
+    [[Axis::Fx, Axis::Fy], [Axis::Fx, Axis::Fz], [Axis::Mx, Axis::My], [Axis::Fz, Axis::Mz]];
+
+const SIDE: f64 = 150.0;
+const PITCH: f64 = 224.0;
+const TOP: f64 = 56.0;
+const POINT: f64 = 1.6;
+
+/// Draws the loads of training rows and, above them, of test rows, N and N·m: four views of the space
+/// of loads. What is empty was never calibrated.
+pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure {
+    let height = TOP + SIDE + BOTTOM_MARGIN + 8.0;
+    let mut canvas = Canvas::new(PITCH * PAIRS.len() as f64, height);
+    let start = Style::LABEL.anchored(Anchor::Start);
+    let mut left = LEFT_MARGIN;
+    let sets =
+        [("training rows", train, palette::SERIES[0]), ("test rows", test, palette::SERIES[1])];
+    for (name, _, colour) in sets.iter().filter(|(_, loads, _)| !loads.is_empty()) {
+        canvas.circle((left, 20.0), 4.0, colour);
+        canvas.text((left + 10.0, 24.0), name, start);
+        left += 110.0;
+    }
+    for (at, pair) in PAIRS.into_iter().enumerate() {
+        let axis = |axis: Axis| {
+            let values = train.iter().chain(test).map(|load| load[axis.index()]);
+            let ends = values
+                .filter(|value| value.is_finite())
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                    (low.min(value), high.max(value))
+                });
+            PlotAxis::new(axis.name(), axis.unit(), Spacing::Linear, ends.0, ends.1).padded(0.05)
+        };
+        let area =
+            Rect { left: LEFT_MARGIN + PITCH * at as f64, top: TOP, width: SIDE, height: SIDE };
+        let panel = Panel { area, x: axis(pair[0]), y: axis(pair[1]) };
+        panel.draw_grid(&mut canvas);
+        canvas.clipped(area, |canvas| {
+            for (_, loads, colour) in sets {
+                for load in loads {
+                    let place = panel.place(load[pair[0].index()], load[pair[1].index()]);
+                    if place.0.is_finite() && place.1.is_finite() {
+                        canvas.circle(place, POINT, colour);
+                    }
+                }
+            }
+        });
+        panel.draw_frame(&mut canvas);
+    }
+    Figure::new(canvas.finish())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_load_is_drawn_once_in_every_view() {
+        let train = [[1.0, 2.0, 3.0, 0.1, 0.2, 0.3], [-1.0, 0.0, 0.0, 0.0, 0.0, f64::NAN]];
+        let svg = coverage_figure(&train, &[]).svg().to_owned();
+        // One of the last view has no place; one circle is that of the legend.
+        assert_eq!(svg.matches("<circle").count(), 8);
+        assert!(
+            svg.contains("training rows") && !svg.contains("test rows") && !svg.contains("NaN")
+        );
+        let svg = coverage_figure(&train, &train[..1]).svg().to_owned();
+        assert_eq!(svg.matches("<circle").count(), 8 + 5);
+        // Nothing to draw is an empty figure.
+        assert!(coverage_figure(&[], &[]).svg().starts_with("<svg"));
+    }
+}

@@ -1,0 +1,398 @@
+//! Drawings as PDF (ISO 32000): one page as large as the picture, lines as lines, letters as letters of the
+//! program's own font, which is in the file.
+//!
+//! Coordinates are those of the canvas: the page turns its y axis down and makes points of CSS pixels. Text
+//! is written as numbers of glyphs, with a table of the characters that they stand for, so that it can be
+//! searched and copied.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::Write as _;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use ttf_parser::Face;
+
+use super::lettering;
+use super::palette;
+use super::path::{Step, steps};
+use super::svg::{Anchor, Drawing, Pen, PenKind, Shape, Style, number};
+
+/// Points to a CSS pixel: 72 and 96 to the inch.
+const POINTS: f64 = 0.75;
+
+/// How far the handles of a Bézier curve lie from its ends for a quarter of a circle of radius 1: 4/3·(√2 − 1).
+const QUARTER: f64 = 0.552_284_75;
+
+/// The names of the fonts on the page, regular and bold.
+const FONTS: [&str; 2] = ["R", "B"];
+
+/// The drawing on white, as a PDF file, the same bytes on every machine.
+///
+/// # Errors
+/// A message, if the program's font cannot be read.
+pub(super) fn pdf(drawing: &Drawing) -> Result<Vec<u8>, String> {
+    let mut page = Page { content: String::new(), glyphs: [BTreeMap::new(), BTreeMap::new()] };
+    let height = number(drawing.height * POINTS);
+    let _ = writeln!(page.content, "{POINTS} 0 0 -{POINTS} 0 {height} cm");
+    for shape in &drawing.shapes {
+        page.draw(shape)?;
+    }
+    let mut file = File::new();
+    let mut fonts = String::new();
+    for ((name, used), bold) in FONTS.iter().zip(&page.glyphs).zip([false, true]) {
+        if !used.is_empty() {
+            let font = embed(&mut file, face(bold)?, used, bold);
+            let _ = write!(fonts, "/{name} {font} 0 R ");
+        }
+    }
+    let content = file.stream("", page.content.as_bytes());
+    let pages = file.objects.len() + 2;
+    let width = number(drawing.width * POINTS);
+    let leaf = file.add(&format!(
+        "<< /Type /Page /Parent {pages} 0 R /MediaBox [0 0 {width} {height}] /Contents {content} 0 R \
+         /Resources << /Font << {fonts}>> >> >>"
+    ));
+    let pages = file.add(&format!("<< /Type /Pages /Kids [{leaf} 0 R] /Count 1 >>"));
+    let catalog = file.add(&format!("<< /Type /Catalog /Pages {pages} 0 R >>"));
+    Ok(file.finish(catalog))
+}
+
+fn face(bold: bool) -> Result<&'static Face<'static>, String> {
+    lettering::face(bold).ok_or_else(|| "its font cannot be read".to_owned())
+}
+
+/// The content of the page, and the glyphs of each font in it with what they stand for.
+struct Page {
+    content: String,
+    glyphs: [BTreeMap<u16, char>; 2],
+}
+
+impl Page {
+    fn draw(&mut self, shape: &Shape) -> Result<(), String> {
+        match shape {
+            Shape::Stroke { path, colour, pen } => {
+                self.pen(colour, *pen);
+                self.path(path, "S");
+            }
+            Shape::Fill { path, colour } => {
+                let _ = writeln!(self.content, "{} rg", rgb(colour));
+                self.path(path, "f");
+            }
+            Shape::Disc { centre, radius, colour } => {
+                let _ = writeln!(self.content, "{} rg", rgb(colour));
+                self.circle(*centre, *radius, "f");
+            }
+            Shape::Ring { centre, radius, colour } => {
+                self.pen(colour, Pen { width: 1.0, kind: PenKind::Plain });
+                self.circle(*centre, *radius, "s");
+            }
+            Shape::Text { at, text, style } => self.text(*at, text, *style)?,
+            Shape::Clip(rect) => {
+                self.content.push_str("q\n");
+                self.path(&rect.path(), "W n");
+            }
+            Shape::EndClip => self.content.push_str("Q\n"),
+        }
+        Ok(())
+    }
+
+    fn pen(&mut self, colour: &str, pen: Pen) {
+        let join = u8::from(pen.kind == PenKind::Round);
+        let dash = if pen.kind == PenKind::Dashed { "5 3" } else { "" };
+        let (rgb, width) = (rgb(colour), number(pen.width));
+        let _ = writeln!(self.content, "{rgb} RG {width} w {join} j [{dash}] 0 d");
+    }
+
+    fn path(&mut self, path: &str, paint: &str) {
+        // As in pixels, what is no path of lines is not drawn.
+        let Some(steps) = steps(path).filter(|steps| !steps.is_empty()) else {
+            self.content.push_str(if paint == "W n" { "0 0 0 0 re W n\n" } else { "" });
+            return;
+        };
+        for step in steps {
+            let (x, y, operator) = match step {
+                Step::Move(x, y) => (x, y, "m"),
+                Step::Line(x, y) => (x, y, "l"),
+                Step::Close => {
+                    self.content.push_str("h ");
+                    continue;
+                }
+            };
+            let [x, y] = [x, y].map(|value| number(f64::from(value)));
+            let _ = write!(self.content, "{x} {y} {operator} ");
+        }
+        let _ = writeln!(self.content, "{paint}");
+    }
+
+    fn circle(&mut self, (x, y): (f64, f64), radius: f64, paint: &str) {
+        let at =
+            |dx: f64, dy: f64| format!("{} {}", number(x + dx * radius), number(y + dy * radius));
+        let _ = write!(self.content, "{} m ", at(1.0, 0.0));
+        for (from, to) in [
+            ((1.0, 0.0), (0.0, 1.0)),
+            ((0.0, 1.0), (-1.0, 0.0)),
+            ((-1.0, 0.0), (0.0, -1.0)),
+            ((0.0, -1.0), (1.0, 0.0)),
+        ] {
+            let _ = write!(
+                self.content,
+                "{} {} {} c ",
+                at(from.0 + QUARTER * to.0, from.1 + QUARTER * to.1),
+                at(to.0 + QUARTER * from.0, to.1 + QUARTER * from.1),
+                at(to.0, to.1)
+            );
+        }
+        let _ = writeln!(self.content, "{paint}");
+    }
+
+    fn text(&mut self, (x, y): (f64, f64), text: &str, style: Style) -> Result<(), String> {
+        let face = face(style.bold)?;
+        let mut numbers = String::new();
+        let mut width = 0.0;
+        for character in text.chars() {
+            let glyph = face.glyph_index(character).unwrap_or_default();
+            width += f64::from(face.glyph_hor_advance(glyph).unwrap_or(0));
+            self.glyphs[usize::from(style.bold)].insert(glyph.0, character);
+            let _ = write!(numbers, "{:04x}", glyph.0);
+        }
+        let size = style.size;
+        let shift = match style.anchor {
+            Anchor::Start => 0.0,
+            Anchor::Middle => -0.5,
+            Anchor::End => -1.0,
+        } * width
+            * size
+            / f64::from(face.units_per_em());
+        // Against the page, whose y axis points down; to be read from below, turned to the left.
+        let (axes, x, y) = match style.upright {
+            false => ([size, 0.0, 0.0, -size], x + shift, y),
+            true => ([0.0, -size, -size, 0.0], x, y - shift),
+        };
+        let [a, b, c, d] = axes.map(number);
+        let (ink, name) = (rgb(palette::INK), FONTS[usize::from(style.bold)]);
+        let (x, y) = (number(x), number(y));
+        let _ = writeln!(
+            self.content,
+            "BT {ink} rg /{name} 1 Tf {a} {b} {c} {d} {x} {y} Tm <{numbers}> Tj ET"
+        );
+        Ok(())
+    }
+}
+
+/// A colour `#rrggbb` as three numbers from 0 to 1.
+fn rgb(colour: &str) -> String {
+    let part = |at: usize| {
+        let byte = colour.get(at..at + 2).and_then(|hex| u8::from_str_radix(hex, 16).ok());
+        number(f64::from(byte.unwrap_or(0)) / 255.0)
+    };
+    format!("{} {} {}", part(1), part(3), part(5))
+}
+
+/// Puts a font into the file; the number of its object.
+fn embed(file: &mut File, face: &Face<'_>, used: &BTreeMap<u16, char>, bold: bool) -> usize {
+    let name = if bold { "DejaVuSans-Bold" } else { "DejaVuSans" };
+    let em = f64::from(face.units_per_em());
+    let units = |value: f64| number(1000.0 * value / em);
+    let program =
+        file.stream(&format!("/Length1 {} ", face.raw_face().data.len()), face.raw_face().data);
+    let bounds = face.global_bounding_box();
+    let bounds = [bounds.x_min, bounds.y_min, bounds.x_max, bounds.y_max]
+        .map(|value| units(f64::from(value)))
+        .join(" ");
+    let [ascent, descent, capital] =
+        [face.ascender(), face.descender(), face.capital_height().unwrap_or(face.ascender())]
+            .map(|value| units(f64::from(value)));
+    let descriptor = file.add(&format!(
+        "<< /Type /FontDescriptor /FontName /{name} /Flags 4 /FontBBox [{bounds}] /ItalicAngle 0 \
+         /Ascent {ascent} /Descent {descent} /CapHeight {capital} /StemV 80 /FontFile2 {program} 0 R >>"
+    ));
+    let widths: String = used
+        .keys()
+        .map(|&glyph| {
+            let advance = face.glyph_hor_advance(ttf_parser::GlyphId(glyph)).unwrap_or(0);
+            format!("{glyph} [{}] ", units(f64::from(advance)))
+        })
+        .collect();
+    let descendant = file.add(&format!(
+        "<< /Type /Font /Subtype /CIDFontType2 /BaseFont /{name} /CIDSystemInfo << /Registry (Adobe) \
+         /Ordering (Identity) /Supplement 0 >> /FontDescriptor {descriptor} 0 R /CIDToGIDMap /Identity \
+         /W [{widths}] >>"
+    ));
+    let meaning = file.stream("", meaning(used).as_bytes());
+    file.add(&format!(
+        "<< /Type /Font /Subtype /Type0 /BaseFont /{name} /Encoding /Identity-H /DescendantFonts \
+         [{descendant} 0 R] /ToUnicode {meaning} 0 R >>"
+    ))
+}
+
+/// Which characters glyphs stand for.
+fn meaning(used: &BTreeMap<u16, char>) -> String {
+    let mut table = String::from(
+        "/CIDInit /ProcSet findresource begin\n12 dict begin\nbegincmap\n/CIDSystemInfo << /Registry \
+         (Adobe) /Ordering (UCS) /Supplement 0 >> def\n/CMapName /Adobe-Identity-UCS def\n/CMapType 2 \
+         def\n1 begincodespacerange\n<0000> <ffff>\nendcodespacerange\n",
+    );
+    let pairs: Vec<(&u16, &char)> = used.iter().collect();
+    // A block has a hundred at most.
+    for block in pairs.chunks(100) {
+        let _ = writeln!(table, "{} beginbfchar", block.len());
+        for (glyph, character) in block {
+            let mut units = [0; 2];
+            let units = character.encode_utf16(&mut units);
+            let hex: String = units.iter().map(|unit| format!("{unit:04x}")).collect();
+            let _ = writeln!(table, "<{glyph:04x}> <{hex}>");
+        }
+        table.push_str("endbfchar\n");
+    }
+    table + "endcmap\nCMapName currentdict /CMap defineresource pop\nend\nend\n"
+}
+
+/// The file as it grows: numbered objects, and where each begins.
+struct File {
+    bytes: Vec<u8>,
+    objects: Vec<usize>,
+}
+
+impl File {
+    fn new() -> Self {
+        // Four bytes beyond ASCII, so that nobody takes it for text.
+        Self { bytes: b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n".to_vec(), objects: Vec::new() }
+    }
+
+    /// Adds an object; its number.
+    fn add(&mut self, object: &str) -> usize {
+        self.begin();
+        self.bytes.extend_from_slice(object.as_bytes());
+        self.bytes.extend_from_slice(b"\nendobj\n");
+        self.objects.len()
+    }
+
+    /// Adds bytes, compressed; the number of their object.
+    fn stream(&mut self, more: &str, content: &[u8]) -> usize {
+        let mut packed = ZlibEncoder::new(Vec::new(), Compression::default());
+        packed.write_all(content).expect("memory takes all");
+        let packed = packed.finish().expect("memory takes all");
+        self.begin();
+        let head = format!("<< {more}/Filter /FlateDecode /Length {} >>\nstream\n", packed.len());
+        self.bytes.extend_from_slice(head.as_bytes());
+        self.bytes.extend_from_slice(&packed);
+        self.bytes.extend_from_slice(b"\nendstream\nendobj\n");
+        self.objects.len()
+    }
+
+    fn begin(&mut self) {
+        self.objects.push(self.bytes.len());
+        self.bytes.extend_from_slice(format!("{} 0 obj\n", self.objects.len()).as_bytes());
+    }
+
+    /// The table of the objects, and where the document begins.
+    fn finish(mut self, catalog: usize) -> Vec<u8> {
+        let (start, count) = (self.bytes.len(), self.objects.len() + 1);
+        let mut table = format!("xref\n0 {count}\n0000000000 65535 f \n");
+        for object in &self.objects {
+            let _ = writeln!(table, "{object:010} 00000 n ");
+        }
+        let _ = writeln!(
+            table,
+            "trailer\n<< /Size {count} /Root {catalog} 0 R >>\nstartxref\n{start}\n%%EOF"
+        );
+        self.bytes.extend_from_slice(table.as_bytes());
+        self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read;
+
+    use flate2::read::ZlibDecoder;
+
+    use super::super::svg::{Canvas, Rect};
+    use super::*;
+
+    fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
+        bytes.windows(what.len()).position(|window| window == what)
+    }
+
+    /// The objects of a file, by its own table.
+    fn objects(file: &[u8]) -> Vec<Vec<u8>> {
+        let tail = String::from_utf8_lossy(&file[file.len() - 60..]).into_owned();
+        let start = tail.split("startxref\n").nth(1).unwrap().lines().next().unwrap();
+        let table = String::from_utf8(file[start.parse::<usize>().unwrap()..].to_vec()).unwrap();
+        let rows = table.lines().filter(|line| line.ends_with(" 00000 n "));
+        let object = |(at, row): (usize, &str)| {
+            let start: usize = row[..10].parse().unwrap();
+            let head = format!("{} 0 obj\n", at + 1);
+            assert!(file[start..].starts_with(head.as_bytes()), "object {}", at + 1);
+            let body = &file[start + head.len()..];
+            body[..find(body, b"\nendobj").unwrap()].to_vec()
+        };
+        rows.enumerate().map(object).collect()
+    }
+
+    /// What is compressed in an object.
+    fn unpacked(object: &[u8]) -> Option<Vec<u8>> {
+        let start = find(object, b"stream\n")? + 7;
+        let mut content = Vec::new();
+        ZlibDecoder::new(&object[start..]).read_to_end(&mut content).ok()?;
+        Some(content)
+    }
+
+    #[test]
+    fn every_shape_is_on_the_page_and_text_can_be_read() {
+        let mut canvas = Canvas::new(200.0, 100.0);
+        canvas.line((0.0, 1.0), (10.0, 1.0), "#ff0000", 2.0);
+        canvas.dashes("M0 0L5 5", "#00ff00", 1.0);
+        let rect = Rect { left: 10.0, top: 20.0, width: 30.0, height: 40.0 };
+        canvas.clipped(rect, |canvas| canvas.circle((20.0, 30.0), 3.0, "#0000ff"));
+        canvas.ring((1.0, 1.0), 1.0, "#000000");
+        canvas.text((50.0, 60.0), "Fx (N·m) ±10⁻³", Style::LABEL.anchored(Anchor::Start));
+        canvas.text((5.0, 6.0), "bold", Style { upright: true, ..Style::TITLE });
+        let file = pdf(&canvas.finish()).unwrap();
+        let objects = objects(&file);
+        let texts: Vec<String> = objects
+            .iter()
+            .filter_map(|object| unpacked(object))
+            .filter_map(|content| String::from_utf8(content).ok())
+            .collect();
+        let page = texts.iter().find(|text| text.contains(" cm\n")).unwrap();
+        assert!(page.starts_with("0.75 0 0 -0.75 0 75 cm\n"), "{page}");
+        assert!(page.contains("1 0 0 RG 2 w 1 j [] 0 d\n0 1 m 10 1 l S\n"), "{page}");
+        assert!(page.contains("0 1 0 RG 1 w 0 j [5 3] 0 d\n0 0 m 5 5 l S\n"), "{page}");
+        assert!(page.contains("q\n10 20 m 40 20 l 40 60 l 10 60 l h W n\n0 0 1 rg\n23 30 m "));
+        assert_eq!((page.matches(" c ").count(), page.matches("\nQ\n").count()), (8, 1));
+        // The glyphs of the text, by the table of what they stand for, are the text.
+        let tables: Vec<&String> = texts.iter().filter(|text| text.contains("begincmap")).collect();
+        assert_eq!(tables.len(), 2);
+        let read = |table: &str, glyphs: &str| -> String {
+            let character = |glyph: &str| {
+                let entry = format!("<{glyph}> <");
+                let (_, rest) = table.split_once(&entry).unwrap();
+                char::from_u32(u32::from_str_radix(&rest[..4], 16).unwrap()).unwrap()
+            };
+            (0..glyphs.len() / 4).map(|at| character(&glyphs[4 * at..4 * at + 4])).collect()
+        };
+        let shown: Vec<&str> = page
+            .split('<')
+            .skip(1)
+            .filter_map(|rest| rest.split_once("> Tj").map(|(glyphs, _)| glyphs))
+            .collect();
+        assert_eq!(read(tables[0], shown[0]), "Fx (N·m) ±10⁻³");
+        assert_eq!(read(tables[1], shown[1]), "bold");
+        // Turned to the left, and in the middle: half the width below its place.
+        assert!(page.contains("0 -13 -13 0 5 "), "{page}");
+        let leaf = objects.iter().find(|object| find(object, b"/MediaBox").is_some()).unwrap();
+        assert!(find(leaf, b"[0 0 150 75]").is_some());
+    }
+
+    #[test]
+    fn the_same_drawing_makes_the_same_bytes() {
+        let drawing = || {
+            let mut canvas = Canvas::new(20.0, 10.0);
+            canvas.text((1.0, 1.0), "a", Style::LABEL);
+            canvas.finish()
+        };
+        assert_eq!(pdf(&drawing()), pdf(&drawing()));
+    }
+}

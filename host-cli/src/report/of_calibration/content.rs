@@ -1,0 +1,107 @@
+//! What the report of a calibration is made from.
+
+use super::super::CalibrationFacts;
+use crate::figures::Figure;
+use calibration::validation::excitation::Excitation;
+use calibration::validation::selection::Selection;
+use shell_data::wrench::PerAxis;
+
+/// What the report of a calibration says. N and N·m.
+#[derive(Clone, Debug)]
+pub struct CalibrationReport<'a> {
+    /// What it is about.
+    pub title: &'a str,
+    /// Program and version.
+    pub made_by: &'a str,
+    /// When, in UTC, RFC 3339.
+    pub date: &'a str,
+    /// The command line that makes it again.
+    pub command: &'a str,
+    /// The calibration, its errors and what it was made from.
+    pub calibration: CalibrationFacts<'a>,
+    /// Features of the model, and how many of them the data determine.
+    pub features: usize,
+    /// See there.
+    pub rank: usize,
+    /// Whether converted frames have standard errors.
+    pub has_standard_errors: bool,
+    /// Intervals of this level as they were found, where they were.
+    pub intervals: Option<Intervals>,
+    /// Too few groups for the features, where that is so.
+    pub few_groups: Option<FewGroups>,
+    /// What models were compared, if they were.
+    pub selection: Option<&'a Selection>,
+    /// Why this model, in sentences.
+    pub reasons: &'a [String],
+    /// What is to be done about it, in sentences.
+    pub warnings: &'a [String],
+    /// How the training loads cover the six axes.
+    pub excitation: Option<&'a Excitation>,
+    /// Rows of the test logs, and those of them with a reading outside the range of the training data.
+    pub test_rows: [u64; 2],
+    /// Errors by group of the training logs.
+    pub train_groups: &'a [GroupRow],
+    /// Errors by group of the test logs.
+    pub test_groups: &'a [GroupRow],
+    /// Rows that do not belong; `None` where nobody looked.
+    pub outliers: Option<Outliers>,
+    /// Predicted against measured.
+    pub figure: &'a Figure,
+    /// The loads of training and test rows.
+    pub coverage: &'a Figure,
+}
+
+/// Half the width of a 95 % interval of a single frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Intervals {
+    /// For each axis.
+    pub half_widths: PerAxis<f64>,
+    /// What they were found from.
+    pub of: String,
+    /// Whether errors of rows were taken as independent, which they hardly are.
+    pub of_rows: bool,
+}
+
+/// More than half as many features as groups.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FewGroups {
+    /// Features of the model.
+    pub features: usize,
+    /// Groups of rows.
+    pub groups: usize,
+}
+
+/// A group of rows and the errors on it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroupRow {
+    /// A label, a file, a plateau.
+    pub label: String,
+    /// Its rows.
+    pub rows: u64,
+    /// The mean wrench that was measured.
+    pub load: PerAxis<f64>,
+    /// Root mean square of predicted less measured.
+    pub rms: PerAxis<f64>,
+}
+
+/// Rows that do not belong.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outliers {
+    /// As many of them as are shown.
+    pub rows: Vec<OutlierRow>,
+    /// All of them.
+    pub count: usize,
+    /// Whether they were left out of the fit.
+    pub left_out: bool,
+}
+
+/// A row that does not belong.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutlierRow {
+    /// Its log.
+    pub file: String,
+    /// Its line, or row of a table.
+    pub line: u64,
+    /// What is wrong with it.
+    pub what: String,
+}

@@ -1,0 +1,96 @@
+//! What a calibration must not be used for, as far as its own fit tells.
+
+use super::super::units::Scale;
+use super::{CalibrationReport, FewGroups};
+use calibration::validation::cross_validation::CrossValidation;
+use shell_data::wrench::Axis;
+
+/// A condition of the loads' correlation from which axes are poorly told apart.
+const POOR_CONDITION: f64 = 10.0;
+
+/// The share of test rows outside the range of the training data that is worth a word.
+const MUCH_OUTSIDE: f64 = 0.05;
+
+/// In sentences, the most important first.
+pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
+    let mut limits = Vec::new();
+    let facts = &report.calibration;
+    if facts.test.is_none() && facts.cross_validation.is_none() {
+        limits.push(
+            "It must not be trusted with loads that it has not seen: no error was measured on any. Test it \
+             (--test) or hold out groups (--cv)."
+                .to_owned(),
+        );
+    }
+    if report.rank < report.features {
+        limits.push(format!(
+            "{} of {} directions of the readings were not determined by the data: a load that moves \
+             the readings along one of them is read wrongly.",
+            report.features - report.rank,
+            report.features
+        ));
+    }
+    if let Some(FewGroups { features, groups }) = report.few_groups {
+        limits.push(format!(
+            "It has {features} features and was fitted to {groups} groups of rows, less than two for each: its \
+             errors on new loads are larger than on these. Record more poses, or choose a smaller model."
+        ));
+    }
+    if let Some(excitation) = report.excitation {
+        let range = |axis: Axis| {
+            let of = &excitation.axes[axis.index()];
+            let scale = Scale::of(axis.unit(), [of.min, of.max]);
+            format!("{} {} {}", axis.name(), scale.range(of.min, of.max), scale.unit)
+        };
+        limits.push(format!(
+            "Loads beyond these were never shown to it: {}. convert flags readings outside their range, \
+             and a fit on more loads widens it.",
+            Axis::ALL.map(range).join(", ")
+        ));
+        limits.extend(excitation.gaps().iter().map(|gap| {
+            let gap = gap.to_string();
+            format!("{gap}.")
+        }));
+        let condition = excitation.condition.unwrap_or(f64::INFINITY);
+        if condition > POOR_CONDITION {
+            limits.push(format!(
+                "Its loads came together (condition of their correlation {condition:.0}): a load on \
+                 one axis alone may show on another."
+            ));
+        }
+    }
+    if let Some((axis, ratio)) = facts.cross_validation.and_then(CrossValidation::suspicious) {
+        limits.push(format!(
+            "Its error on groups that were held out is {ratio:.1} times that on random rows ({}): only the former \
+             is that of new loads.",
+            axis.name()
+        ));
+    }
+    let [rows, outside] = report.test_rows;
+    if rows > 0 && outside as f64 > MUCH_OUTSIDE * rows as f64 {
+        limits.push(format!(
+            "{:.0} % of the test rows have a reading outside the range of the training data: the test asks more \
+             of it than the training showed.",
+            100.0 * outside as f64 / rows as f64
+        ));
+    }
+    match &report.intervals {
+        _ if !report.has_standard_errors => limits.push(
+            "It has no standard errors: what a single number is worth cannot be told from it."
+                .to_owned(),
+        ),
+        Some(intervals) if intervals.of_rows => limits.push(
+            "Its intervals take the errors of rows as independent. Rows of one pose err alike: of a mean \
+             over many rows the interval is not smaller than that of one by the root of their number."
+                .to_owned(),
+        ),
+        _ => {}
+    }
+    limits.push(
+        "Moments are about the origin of the reference sensor that it was fitted with, x forward, y left, z \
+         up; the shell was mounted as it was. Another point, another mounting or another sensor needs \
+         another calibration."
+            .to_owned(),
+    );
+    limits
+}

@@ -1,0 +1,292 @@
+//! The report of a calibration: how far it can be trusted, and what for.
+
+mod content;
+mod limits;
+
+use std::fmt::Write;
+
+pub use content::{CalibrationReport, FewGroups, GroupRow, Intervals, OutlierRow, Outliers};
+use limits::limits;
+
+use super::markup::{Cell, escape, figure, table};
+use super::page::{Page, Section};
+use super::sections::calibration::{errors_table, scales, sources_table};
+use super::sections::parts::{drawing, facts_table, folded};
+use super::units::Scale;
+use calibration::validation::selection::{Candidate, Selection};
+use shell_data::wrench::Axis;
+
+/// Groups that are shown at once: those with the largest errors.
+const WORST: usize = 10;
+
+/// Groups that are listed at all: a report is to stay readable.
+const MOST_GROUPS: usize = 1000;
+
+impl CalibrationReport<'_> {
+    /// The report as the content of an HTML file.
+    pub fn html(&self) -> String {
+        let groups = match self.train_groups.len() + self.test_groups.len() {
+            0 | 1 => String::new(),
+            _ => by_group(self),
+        };
+        Page {
+            title: self.title,
+            made_by: self.made_by,
+            subtitle: &format!("{}, {}.", self.made_by, self.date),
+            sections: vec![
+                Section::new("answer", "How far it can be trusted", answer(self)),
+                Section::new("limits", "What it must not be used for", list(&limits(self))),
+                Section::new("figure", "Predicted against measured", predicted(self)),
+                Section::new("coverage", "Which loads were calibrated", coverage(self)),
+                Section::new("groups", "By pose", groups),
+                Section::new("model", "Which model, and why", model(self)),
+                Section::new("outliers", "Rows that do not belong", outliers(self)),
+                Section::new("origin", "To make it again", origin(self)),
+            ],
+            script: None,
+        }
+        .html()
+    }
+}
+
+fn list(sentences: &[String]) -> String {
+    let items: String =
+        sentences.iter().map(|sentence| format!("<li>{}</li>\n", escape(sentence))).collect();
+    if items.is_empty() { items } else { format!("<ul>\n{items}</ul>\n") }
+}
+
+/// The error that counts: on what the fit has not seen.
+fn answer(report: &CalibrationReport<'_>) -> String {
+    let facts = &report.calibration;
+    let rms = |axis: Axis| match (facts.test, facts.cross_validation, facts.train) {
+        (Some(test), ..) => test[axis.index()].rms,
+        (_, Some(held_out), _) => held_out.grouped[axis.index()].rms,
+        (_, _, Some(train)) => train[axis.index()].rms,
+        _ => f64::NAN,
+    };
+    let on = match (facts.test, facts.cross_validation) {
+        (Some(_), _) => "test data",
+        (None, Some(_)) => "groups of rows that were held out of the fit",
+        (None, None) => "the training data alone, which flatters",
+    };
+    let each = |axes: &[Axis], value: &dyn Fn(Axis) -> f64, sign: &str| {
+        let scale = Scale::of(axes[0].unit(), axes.iter().map(|&axis| value(axis)));
+        let one = |axis: &Axis| {
+            let value = scale.value(Some(value(*axis)));
+            format!("{} {sign}<strong>{value}</strong>", axis.name())
+        };
+        format!("{} {}", axes.iter().map(one).collect::<Vec<_>>().join(", "), scale.unit)
+    };
+    let both = |value: &dyn Fn(Axis) -> f64, sign: &str| {
+        let [forces, moments] = [&Axis::ALL[..3], &Axis::ALL[3..]];
+        format!("{}; {}", each(forces, value, sign), each(moments, value, sign))
+    };
+    let mut html = format!("<p>Error (RMS) on {on}: {}.</p>\n", both(&rms, ""));
+    if let Some(intervals) = &report.intervals {
+        let half = |axis: Axis| intervals.half_widths[axis.index()];
+        let _ = writeln!(
+            html,
+            "<p>95 % of single frames are within {} (from {}).</p>",
+            both(&half, "±"),
+            escape(&intervals.of)
+        );
+    }
+    for warning in report.warnings {
+        let _ = writeln!(
+            html,
+            "<p class=\"warning\"><strong>Warning:</strong> {}</p>",
+            escape(warning)
+        );
+    }
+    html + &errors_table(facts)
+}
+
+fn predicted(report: &CalibrationReport<'_>) -> String {
+    let of = if report.calibration.test.is_some() { "test" } else { "training" };
+    let caption = format!(
+        "For each axis: predicted against measured load of the {of} rows, the residual (predicted less \
+         measured) against the prediction, and how residuals are distributed"
+    );
+    let rms = |axis: Axis| {
+        let quality = report.calibration.test.or(report.calibration.train);
+        let rms = quality.map_or(f64::NAN, |axes| axes[axis.index()].rms);
+        format!("{} {} {}", axis.name(), figure(rms), axis.unit())
+    };
+    let alt = format!("{caption}. RMS: {}", Axis::ALL.map(rms).join(", "));
+    drawing("predicted", report.figure.svg(), &alt, &caption)
+}
+
+fn coverage(report: &CalibrationReport<'_>) -> String {
+    let Some(excitation) = report.excitation else { return String::new() };
+    let caption = "Loads of the training rows and of the test rows, a sample of each: where it is empty, \
+                   the calibration guesses";
+    let range = |axis: Axis| {
+        let of = &excitation.axes[axis.index()];
+        format!("{} {} to {} {}", axis.name(), figure(of.min), figure(of.max), axis.unit())
+    };
+    let alt = format!("{caption}. {}", Axis::ALL.map(range).join(", "));
+    let html = drawing("loads", report.coverage.svg(), &alt, caption);
+    let scales = scales(|axis| {
+        let of = &excitation.axes[axis.index()];
+        vec![of.min, of.max]
+    });
+    let header = [
+        ("axis", true),
+        ("least", false),
+        ("most", false),
+        ("RMS", false),
+        ("unit", true),
+        ("rows above zero (%)", false),
+        ("rows below zero (%)", false),
+    ];
+    let row = |axis: Axis| {
+        let (of, scale) = (&excitation.axes[axis.index()], &scales[axis.index() / 3]);
+        vec![
+            Cell::from(axis.name()),
+            Cell::Figure(scale.value(Some(of.min))),
+            Cell::Figure(scale.value(Some(of.max))),
+            Cell::Figure(scale.value(Some(of.rms))),
+            Cell::Text(scale.unit.clone()),
+            Cell::Figure(format!("{:.0}", 100.0 * of.rows_positive)),
+            Cell::Figure(format!("{:.0}", 100.0 * of.rows_negative)),
+        ]
+    };
+    let mut html = html + &table("Training loads", &header, &Axis::ALL.map(row));
+    let mut header = vec![("axis", true)];
+    header.extend(Axis::ALL.map(|axis| (axis.name(), false)));
+    let row = |axis: Axis| {
+        let mut row = vec![Cell::from(axis.name())];
+        let of = &excitation.correlation[axis.index()];
+        row.extend(
+            of.iter().map(|value| Cell::Figure(format!("{value:.2}").replace('-', "\u{2212}"))),
+        );
+        row
+    };
+    let correlation = table("Correlation of training loads", &header, &Axis::ALL.map(row));
+    html += &folded("Which loads came together", &correlation);
+    html
+}
+
+/// The groups with the largest errors, and all of them, folded.
+fn by_group(report: &CalibrationReport<'_>) -> String {
+    let mut rows: Vec<(&str, &GroupRow)> = Vec::new();
+    rows.extend(report.train_groups.iter().map(|group| ("training", group)));
+    rows.extend(report.test_groups.iter().map(|group| ("test", group)));
+    let typical: Vec<f64> = Axis::ALL
+        .iter()
+        .map(|axis| {
+            let squares = rows.iter().map(|(_, row)| row.rms[axis.index()].powi(2));
+            (squares.sum::<f64>() / rows.len() as f64).sqrt().max(f64::MIN_POSITIVE)
+        })
+        .collect();
+    let size = |row: &GroupRow| {
+        row.rms.iter().zip(&typical).map(|(rms, typical)| rms / typical).fold(0.0, f64::max)
+    };
+    let mut worst = rows.clone();
+    worst.sort_by(|a, b| size(b.1).total_cmp(&size(a.1)));
+    let is_all = worst.len() <= WORST;
+    worst.truncate(WORST);
+    let caption = match is_all {
+        true => "Errors (RMS) by group of rows, the largest first".to_owned(),
+        false => format!("Errors (RMS) of the {WORST} groups of rows with the largest"),
+    };
+    let mut html = group_table(&caption, &worst);
+    if !is_all {
+        let shown = &rows[..rows.len().min(MOST_GROUPS)];
+        let caption = match shown.len() == rows.len() {
+            true => format!("All {} groups", rows.len()),
+            false => format!("The first {MOST_GROUPS} of {} groups", rows.len()),
+        };
+        html += &folded(&caption, &group_table(&caption, shown));
+    }
+    html
+}
+
+fn group_table(caption: &str, groups: &[(&str, &GroupRow)]) -> String {
+    let values = |of: fn(&GroupRow, usize) -> f64| {
+        scales(|axis| groups.iter().map(|(_, row)| of(row, axis.index())).collect())
+    };
+    let (errors, loads) = (values(|row, axis| row.rms[axis]), values(|row, axis| row.load[axis]));
+    let mut names = Vec::new();
+    for axis in Axis::ALL {
+        names.push(errors[axis.index() / 3].name(axis.name()));
+    }
+    let text =
+        |(set, row): &(&str, &GroupRow)| {
+            let load = |axis: Axis| loads[axis.index() / 3].value(Some(row.load[axis.index()]));
+            let mut cells = vec![Cell::Text((*set).to_owned()), Cell::Text(row.label.clone())];
+            cells.push(Cell::from(row.rows));
+            cells.extend(Axis::ALL.map(|axis| {
+                Cell::Figure(errors[axis.index() / 3].value(Some(row.rms[axis.index()])))
+            }));
+            cells.push(Cell::Text(Axis::ALL.map(load).join(" ")));
+            cells
+        };
+    let load = format!("mean load ({}; {})", loads[0].unit, loads[1].unit);
+    let mut header = vec![("data", true), ("group", true), ("rows", false)];
+    header.extend(names.iter().map(|name| (name.as_str(), false)));
+    header.push((&load, true));
+    table(caption, &header, &groups.iter().map(text).collect::<Vec<_>>())
+}
+
+fn model(report: &CalibrationReport<'_>) -> String {
+    let mut html = facts_table("The calibration", &report.calibration.facts);
+    html += &list(report.reasons);
+    if let Some(selection) = report.selection {
+        html += &folded("Models that were compared", &compared(selection));
+    }
+    html
+}
+
+fn compared(selection: &Selection) -> String {
+    let header = [
+        ("model", true),
+        ("features", false),
+        ("ridge", false),
+        ("squared error of the variance", false),
+        ("± standard error", false),
+        ("note", true),
+    ];
+    let row = |(at, candidate): (usize, &Candidate)| {
+        let mark = match at {
+            at if at == selection.chosen => "chosen",
+            at if at == selection.best => "best",
+            _ => "",
+        };
+        vec![
+            Cell::from(candidate.basis.name()),
+            Cell::from(candidate.features as u64),
+            Cell::from(candidate.ridge),
+            Cell::from(candidate.errors.map(|errors| errors.score)),
+            Cell::from(candidate.errors.map(|errors| errors.standard_error)),
+            Cell::from(mark),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> = selection.candidates.iter().enumerate().map(row).collect();
+    table("Errors on groups that were held out", &header, &rows)
+}
+
+fn outliers(report: &CalibrationReport<'_>) -> String {
+    let Some(outliers) = &report.outliers else { return String::new() };
+    let done = if outliers.left_out { "were left out" } else { "were used all the same" };
+    let Outliers { rows, count, .. } = outliers;
+    if *count == 0 {
+        return "<p>None was found.</p>\n".to_owned();
+    }
+    let mut html = format!("<p>{count} rows do not belong, and {done}.</p>\n");
+    let header = [("log", true), ("line", false), ("what", true)];
+    let cells = |row: &OutlierRow| {
+        vec![Cell::Text(row.file.clone()), Cell::from(row.line), Cell::Long(row.what.clone())]
+    };
+    let caption = match rows.len() == *count {
+        true => "Rows that do not belong".to_owned(),
+        false => format!("The first {} of them", rows.len()),
+    };
+    html += &table(&caption, &header, &rows.iter().map(cells).collect::<Vec<_>>());
+    html
+}
+
+fn origin(report: &CalibrationReport<'_>) -> String {
+    let command = escape(report.command);
+    format!("<pre><code>{command}</code></pre>\n") + &sources_table(&report.calibration)
+}

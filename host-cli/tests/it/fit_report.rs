@@ -1,0 +1,123 @@
+//! `shellcal fit --report`: what the page says is what the fit found. How it looks is for the tests in a browser.
+
+use std::fs;
+use std::path::Path;
+
+use calibration::quality::{self, AxisQuality};
+use log_file::{Log, Mapping, ReadOptions};
+use shell_data::wrench::PerAxis;
+use shellcal::workflow::fit::{FitOptions, fit};
+use shellcal::workflow::group_errors::group_errors;
+use shellcal::workflow::selection::UsedRows;
+use system_tests::program::run;
+
+use super::book::root;
+
+fn data(name: &str) -> String {
+    root().join("calibration-data").join(name).display().to_string()
+}
+
+/// The text of a page, without its markup.
+fn text(dir: &Path) -> String {
+    let html = fs::read_to_string(dir.join("fit.html")).unwrap();
+    let body = html.split_once("<main id=\"main\">").unwrap().1;
+    let words = body.split('<').skip(1).filter_map(|part| part.split_once('>'));
+    words.map(|(_, text)| text).collect::<Vec<_>>().join("")
+}
+
+#[test]
+fn the_report_says_how_far_and_what_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let (train, test) = (data("synthetic-train.csv"), data("synthetic-test.csv"));
+    run(dir, &format!("fit {train} --test {test} --cv --report fit.html"), 0);
+    let page = text(dir);
+    // The errors that `fit` prints for the same logs (README.md), in units that suit.
+    assert!(page.contains("Error (RMS) on test data: Fx 131, Fy 130, Fz 137 mN"), "{page}");
+    assert!(page.contains("from 125 groups of rows"), "{page}");
+    assert!(
+        page.contains("Loads beyond these were never shown to it: Fx −2.83 … 2.86 N"),
+        "{page}"
+    );
+    assert!(page.contains("Moments are about the origin of the reference sensor"));
+    assert!(!page.contains("must not be trusted"));
+    // 125 poses and one group of the test log, of which ten are shown at once.
+    assert!(page.contains("the 10 groups of rows with the largest"), "{page}");
+    assert!(page.contains("best on new groups: cubic"), "{page}");
+    assert!(page.contains("None was found."), "{page}");
+    assert!(page.contains("shellcal fit") && page.contains("xxh128:"), "{page}");
+}
+
+#[test]
+fn what_nobody_measured_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let table = fs::read_to_string(data("synthetic-train.csv")).unwrap();
+    // Only pushes up, of a few poses, one of which has a name that is markup; and one row that is off.
+    let mut lines = table.lines();
+    let mut log = format!("{}\n", lines.next().unwrap());
+    let mut rows = 0;
+    for line in lines {
+        let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if fields[11].parse::<f64>().unwrap() < 0.3 {
+            continue;
+        }
+        rows += 1;
+        if rows == 100 {
+            fields[9] = "40".to_owned();
+        }
+        if fields[15] == "3" {
+            fields[15] = "<img src=x>".to_owned();
+        }
+        log += &format!("{}\n", fields.join(","));
+    }
+    fs::write(dir.join("up.csv"), log).unwrap();
+    run(dir, "fit up.csv --model quadratic --report fit.html", 0);
+    let page = text(dir);
+    assert!(page.contains("must not be trusted with loads that it has not seen"), "{page}");
+    assert!(page.contains("on the training data alone, which flatters"), "{page}");
+    assert!(page.contains("Fz is hardly loaded towards −Fz"), "{page}");
+    assert!(page.contains("does") || page.contains("do not belong"), "{page}");
+    assert!(page.contains("up.csv") && page.contains("standard deviations"), "{page}");
+    let html = fs::read_to_string(dir.join("fit.html")).unwrap();
+    assert!(!html.contains("<img"), "a name has become markup");
+
+    // A report is of rows, which a partial fit has not; and it never takes the place of an input.
+    let said = run(dir, "fit up.csv --partial part.json --report other.html", 2);
+    assert!(said.contains("--report"), "{said}");
+    let said = run(dir, "fit up.csv --report up.csv", 2);
+    assert!(said.contains("up.csv"), "{said}");
+    assert!(fs::read_to_string(dir.join("up.csv")).unwrap().starts_with("t_s,"));
+}
+
+/// Groups are all rows, each once: the squares of their errors add up to those of the fit.
+#[test]
+fn errors_by_group_add_up_to_those_of_the_fit() {
+    let path = data("synthetic-train.csv");
+    let logs = [Log::open(Path::new(&path), &Mapping::default()).unwrap()];
+    let fitted = fit(&logs, &[], &FitOptions::default()).unwrap();
+    let read = ReadOptions::default();
+    let calibration = &fitted.calibration;
+    let used = UsedRows::default();
+    let grouped = group_errors(calibration, &logs, None, used, (2500, 100), &read).unwrap();
+    assert_eq!(grouped.groups.len(), 125);
+    assert_eq!(grouped.groups.iter().map(|group| group.rows).sum::<u64>(), 2500);
+    assert!((90..=150).contains(&grouped.loads.len()), "{}", grouped.loads.len());
+    let mut all = PerAxis::default();
+    grouped.groups.iter().for_each(|group| quality::merge(&mut all, &group.errors));
+    let of_fit = fitted.train[0].quality().unwrap();
+    for (errors, AxisQuality { rms, bias, .. }) in all.iter().zip(of_fit) {
+        let found = errors.quality().unwrap();
+        // Sums of 2,500 terms in another order.
+        assert!((found.rms / rms - 1.0).abs() < 1e-12, "{} {rms}", found.rms);
+        assert!((found.bias - bias).abs() < 1e-12 * rms.max(1.0), "{} {bias}", found.bias);
+    }
+    // The mean load of a pose is that of its rows.
+    let table = fs::read_to_string(&path).unwrap();
+    let label = &grouped.groups[7].label;
+    let of_pose = table.lines().skip(1).filter(|line| line.ends_with(&format!(",{label}")));
+    let fz: Vec<f64> =
+        of_pose.map(|line| line.split(',').nth(11).unwrap().parse().unwrap()).collect();
+    let mean = fz.iter().sum::<f64>() / fz.len() as f64;
+    assert!((grouped.groups[7].load[2] - mean).abs() < 1e-12, "{mean}");
+}
