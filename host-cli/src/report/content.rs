@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::trial::{ConditionRow, PhaseProfile, TrialResult};
 use calibration::quality::AxisQuality;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axes, PerAxis};
 
 /// Traces of so many trials are drawn at most: a report is to stay readable, and below 10 MB.
 pub const MOST_TRACES: usize = 100;
@@ -47,6 +47,8 @@ pub struct Report<'a> {
 pub struct CalibrationFacts<'a> {
     /// Name and value of what identifies it, in order.
     pub facts: Vec<(&'static str, String)>,
+    /// The axes of the wrench that it gives.
+    pub axes: Axes,
     /// Its errors on the training data, if known.
     pub train: Option<&'a PerAxis<AxisQuality>>,
     /// Its errors on test data, if known.

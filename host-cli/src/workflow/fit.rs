@@ -8,7 +8,7 @@ use super::selection::UsedRows;
 use super::solving::{Problem, Solved, solve};
 pub use super::uncertainty::CovarianceFrom;
 use super::uncertainty::Uncertainty;
-use super::{WorkflowError, check_logs};
+use super::{WorkflowError, agree_on_axes, check_logs};
 use crate::calibration_file::LARGEST;
 use crate::figures::FitPlot;
 use calibration::exact::{ExactError, Moments};
@@ -113,7 +113,8 @@ pub fn bytes_to_read(train: &[Log], test: &[Log]) -> u64 {
     2 * bytes(train) + bytes(test)
 }
 
-/// Fits a calibration to `train` and finds its errors there and on `test`.
+/// Fits a calibration to `train` and finds its errors there and on `test`, all of which have the same axes of
+/// the wrench ([`agree_on_axes`](super::agree_on_axes)).
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
 /// often by solvers that iterate. Their rows are kept between the passes, those of the test logs among
@@ -137,6 +138,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let mut rows = LogRows::new(train, test, options.used, read, store.room(), options.memory);
     let Solved { solution, ranges, solver, not_exact } = solve_rows(first, &mut rows, options)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
+    calibration.axes = first.axes();
     let Uncertainty { mut covariance, not_grouped } =
         Uncertainty::of(&solution, solver, options.ridge, options.covariance);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
@@ -206,7 +208,11 @@ pub(super) fn solution(
 
 /// The first of the training logs, if all logs have what a fit needs.
 fn check<'a>(train: &'a [Log], test: &[Log]) -> Result<&'a Log, WorkflowError> {
-    check_logs(train, test, &Wanted { readings: true, wrench: true, ..Wanted::default() })
+    let first =
+        check_logs(train, test, &Wanted { readings: true, wrench: true, ..Wanted::default() })?;
+    let axes = agree_on_axes(train, &mut [])?;
+    test.iter().try_for_each(|log| log.require_axes(axes))?;
+    Ok(first)
 }
 
 /// About as many bytes has a row of a log.

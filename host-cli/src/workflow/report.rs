@@ -66,6 +66,7 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
     });
     CalibrationFacts {
         facts,
+        axes: calibration.axes,
         train: origin.diagnostics.as_ref().map(|diagnostics| &diagnostics.train),
         test: origin.diagnostics.as_ref().and_then(|diagnostics| diagnostics.test.as_ref()),
         sources: sources.collect(),

@@ -30,6 +30,7 @@ mod found_groups;
 mod golden;
 mod hostile;
 mod instruction_sets;
+mod kept_columns;
 #[cfg(all(unix, feature = "live"))]
 mod live;
 mod log_bad_input;
@@ -54,6 +55,7 @@ mod settings;
 mod shell_integration;
 mod simulate_command;
 mod solver_identities;
+mod some_axes;
 mod support;
 mod synth_command;
 mod synth_physics;

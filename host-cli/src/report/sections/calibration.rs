@@ -4,16 +4,16 @@ use super::super::markup::{Cell, table};
 use super::super::{CalibrationSource, Report};
 use super::parts::facts_table;
 use calibration::quality::AxisQuality;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 pub(super) fn calibration(report: &Report<'_>) -> String {
     let Some(calibration) = &report.calibration else { return String::new() };
     let mut html = facts_table("The calibration", &calibration.facts);
     if let Some(train) = calibration.train {
-        html += &quality_table("Errors on the training data", train);
+        html += &quality_table("Errors on the training data", train, calibration.axes);
     }
     if let Some(test) = calibration.test {
-        html += &quality_table("Errors on test data", test);
+        html += &quality_table("Errors on test data", test, calibration.axes);
     }
     if !calibration.sources.is_empty() {
         let header = [("file", true), ("rows", false), ("checksum", true)];
@@ -30,7 +30,7 @@ pub(super) fn calibration(report: &Report<'_>) -> String {
     html
 }
 
-fn quality_table(caption: &str, axes: &PerAxis<AxisQuality>) -> String {
+fn quality_table(caption: &str, qualities: &PerAxis<AxisQuality>, axes: Axes) -> String {
     let header = [
         ("axis", true),
         ("RMS", false),
@@ -39,7 +39,7 @@ fn quality_table(caption: &str, axes: &PerAxis<AxisQuality>) -> String {
         ("R²", false),
         ("unit", false),
     ];
-    let row = |(axis, quality): (Axis, &AxisQuality)| {
+    let row = |(axis, quality): (Axis, AxisQuality)| {
         vec![
             Cell::from(axis.name()),
             Cell::from(quality.rms),
@@ -49,6 +49,6 @@ fn quality_table(caption: &str, axes: &PerAxis<AxisQuality>) -> String {
             Cell::Figure(axis.unit().to_owned()),
         ]
     };
-    let rows: Vec<_> = Axis::ALL.into_iter().zip(axes).map(row).collect();
+    let rows: Vec<_> = axes.values(qualities).into_iter().map(row).collect();
     table(caption, &header, &rows)
 }

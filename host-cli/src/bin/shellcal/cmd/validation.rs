@@ -6,7 +6,7 @@ use calibration::validation::comparison::Comparison;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::{Excitation, Gap};
 use calibration::validation::selection::{Candidate, Selection};
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::model_choice::HeldOut;
 
 use super::quality::significant;
@@ -26,9 +26,10 @@ pub(super) fn parse_cv(text: &str) -> Result<HeldOut, String> {
 pub(super) fn print_cross_validation(
     printer: &mut Printer,
     cv: &CrossValidation,
+    axes: Axes,
 ) -> anyhow::Result<()> {
     let ratios = cv.ratios();
-    let rows: Vec<Vec<String>> = Axis::ALL
+    let rows: Vec<Vec<String>> = (axes.iter())
         .map(|axis| {
             let i = axis.index();
             let none = || "–".to_owned();
@@ -41,7 +42,7 @@ pub(super) fn print_cross_validation(
                 axis.unit().to_owned(),
             ]
         })
-        .to_vec();
+        .collect();
     printer.line("")?;
     let header = ["held out", "RMS new groups", "RMS random", "ratio", "bias new groups", "unit"];
     printer.table(&header, &rows)?;
@@ -76,6 +77,7 @@ pub(super) fn print_advice(
     advice: &Advice,
     model: Basis,
     cv: Option<&CrossValidation>,
+    axes: Axes,
 ) -> anyhow::Result<()> {
     let name = |of: &Candidate| match of.ridge > 0.0 {
         true => format!("{} with ridge {:e}", of.basis.name(), of.ridge),
@@ -106,7 +108,7 @@ pub(super) fn print_advice(
                 significant(all.value, 2),
                 significant(all.standard_error, 2),
                 if all.value > all.standard_error { "" } else { ", no more than chance" },
-                worth(comparison),
+                worth(comparison, axes),
             );
         }
     }
@@ -122,7 +124,7 @@ pub(super) fn print_advice(
             model.name(),
             significant(-given.all.value, 2),
             significant(given.all.standard_error, 2),
-            worth(given),
+            worth(given, axes),
             best.basis.name(),
         ));
     } else if let Some((axis, ratio)) = cv.and_then(CrossValidation::suspicious) {
@@ -137,15 +139,19 @@ pub(super) fn print_advice(
 }
 
 /// The errors of the second of two models and of the first.
-fn worth(comparison: &Comparison) -> String {
+fn worth(comparison: &Comparison, axes: Axes) -> String {
     let of = |axis: Axis| {
         let [first, second] = comparison.rms.map(|rms| significant(rms[axis.index()], 3));
         format!("{} {second} → {first} {}", axis.name(), axis.unit())
     };
-    Axis::ALL.map(of).join(", ")
+    axes.iter().map(of).collect::<Vec<_>>().join(", ")
 }
 
-pub(super) fn print_selection(printer: &mut Printer, selection: &Selection) -> anyhow::Result<()> {
+pub(super) fn print_selection(
+    printer: &mut Printer,
+    selection: &Selection,
+    axes: Axes,
+) -> anyhow::Result<()> {
     let rows: Vec<Vec<String>> = (selection.candidates.iter().enumerate())
         .map(|(i, candidate)| {
             let mark = match i {
@@ -159,18 +165,18 @@ pub(super) fn print_selection(printer: &mut Printer, selection: &Selection) -> a
                 format!("{:e}", candidate.ridge),
             ];
             match candidate.errors {
-                None => row.extend(std::iter::repeat_n("–".to_owned(), 8)),
+                None => row.extend(std::iter::repeat_n("–".to_owned(), 2 + axes.count())),
                 Some(errors) => {
                     row.push(significant(errors.score, 3));
                     row.push(significant(errors.standard_error, 2));
-                    row.extend(errors.rms.map(|rms| significant(rms, 3)));
+                    row.extend(axes.of(&errors.rms).into_iter().map(|rms| significant(rms, 3)));
                 }
             }
             row
         })
         .collect();
     let mut header = vec!["model", "features", "ridge", "score", "±"];
-    header.extend(Axis::ALL.map(Axis::name));
+    header.extend(axes.iter().map(Axis::name));
     printer.table(&header, &rows)?;
     printer.line(format!(
         "errors on groups held out in {} folds, score relative to the variance; ← chosen: fewest \
@@ -183,6 +189,7 @@ pub(super) fn print_selection(printer: &mut Printer, selection: &Selection) -> a
 pub(super) fn print_excitation(
     printer: &mut Printer,
     excitation: &Excitation,
+    axes: Axes,
 ) -> anyhow::Result<()> {
     let range = |axis: Axis| {
         let of = &excitation.axes[axis.index()];
@@ -191,10 +198,10 @@ pub(super) fn print_excitation(
     };
     printer.line(format!(
         "loads: {}; condition of their correlation {}",
-        Axis::ALL.map(range).join(", "),
+        axes.iter().map(range).collect::<Vec<_>>().join(", "),
         excitation.condition.map_or("infinite".to_owned(), |c| significant(c, 2)),
     ))?;
-    for gap in excitation.gaps() {
+    for gap in excitation.gaps(axes) {
         printer.note(match gap {
             Gap::Unloaded(axis) => format!("{0} never changes: record loads on {0}", axis.name()),
             Gap::OneSided { axis, positive, share } => {
