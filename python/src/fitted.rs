@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use calibration::Kind;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::PerAxis;
 use shellcal::calibration_file::{CalibrationFile, CalibrationFileError, Role, Source};
 use shellcal::figures::{FitPlot, fit_figure};
 use shellcal::workflow::in_memory::{self, BLOCK_ROWS, RowFitOptions, RowSource};
@@ -184,19 +184,21 @@ impl Fitted {
     }
 
     /// How many standard errors either way an interval of this level reaches, per axis.
-    fn interval_factors(&self, level: f64) -> Result<PerAxis<f64>, Failure> {
+    fn interval_factors(&self, level: f64) -> Result<Vec<f64>, Failure> {
+        let axes = self.0.calibration.axes;
         let refused = |message: String| Told { class: "FitError", message, ..Told::default() };
         match self.0.calibration.kind() {
             Kind::Polynomial(_) => match &self.0.calibration.covariance {
                 Some(covariance) => {
                     let factors = covariance.interval_factors(level);
-                    Ok(factors.map_err(|error| refused(error.to_string()))?)
+                    Ok(axes.of(&factors.map_err(|error| refused(error.to_string()))?))
                 }
                 None => Err(refused("the calibration has no covariance".to_owned()).into()),
             },
             Kind::Physics(physics) => match &physics.intervals {
                 Some(intervals) => {
-                    Ok(intervals.factors(level).map_err(|error| refused(error.to_string()))?)
+                    let factors = intervals.factors(level);
+                    Ok(axes.of(&factors.map_err(|error| refused(error.to_string()))?))
                 }
                 None => Err(refused("the calibration has no intervals".to_owned()).into()),
             },
@@ -213,7 +215,8 @@ impl Fitted {
         let (readings, calibration) = (x.as_array(), &self.0.calibration);
         let rows = readings.nrows();
         let (wrench, deviations) = without_lock(py, None, |watch| {
-            let new = || Array2::<f64>::zeros((rows, Axis::ALL.len()));
+            let axes = calibration.axes;
+            let new = || Array2::<f64>::zeros((rows, axes.count()));
             let (mut wrench, mut deviations) = (new(), errors.then(new));
             let (mut block, mut of_block) = (Vec::new(), PerAxis::default());
             for start in (0..rows).step_by(BLOCK_ROWS) {
@@ -222,10 +225,10 @@ impl Fitted {
                 }
                 range_of_columns(&readings, start..rows.min(start + BLOCK_ROWS), &mut block);
                 calibration.wrench(&block, &mut of_block);
-                copy(&of_block, start, &mut wrench);
+                copy(&axes.of(&of_block), start, &mut wrench);
                 if let Some(deviations) = &mut deviations {
                     calibration.standard_errors(&block, None, &mut of_block);
-                    copy(&of_block, start, deviations);
+                    copy(&axes.of(&of_block), start, deviations);
                 }
             }
             Ok((wrench, deviations))
@@ -267,7 +270,7 @@ impl Fitted {
 }
 
 /// Columns into the rows of an array from `start` on.
-fn copy(columns: &PerAxis<Vec<f64>>, start: usize, out: &mut Array2<f64>) {
+fn copy(columns: &[Vec<f64>], start: usize, out: &mut Array2<f64>) {
     for (axis, column) in columns.iter().enumerate() {
         for (row, &value) in column.iter().enumerate() {
             out[(start + row, axis)] = value;

@@ -49,20 +49,23 @@ pub(crate) fn read_log<'py>(
             wrench: log.has_wrench(),
             groups: log.has_groups(),
             others: others.clone(),
+            ..Wanted::default()
         };
         let mut names = Vec::new();
         names.extend(wanted.time.then(|| "t_s".to_owned()));
         names.extend((1..=log.channels()).map(|channel| format!("s{channel}")));
         if wanted.wrench {
-            names.extend(Axis::ALL.map(|axis| axis.column().to_owned()));
+            names.extend(log.axes().columns().into_iter().map(str::to_owned));
         }
         names.extend(others.iter().map(|&place| log.columns()[place].name.clone()));
         let mut columns = vec![Vec::new(); names.len()];
+        let is_there = Axis::ALL.map(|axis| log.axes().contains(axis));
         let (mut places, mut labels) = (Vec::new(), Labels::default());
         let read = ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() };
         let summary = log.read(&wanted, &read, std::mem::take, |block: Block| {
             let Block { time_s, readings, wrench, groups, others, .. } = block;
             let time = wanted.time.then_some(time_s);
+            let wrench = wrench.into_iter().zip(is_there).filter_map(|(of, is)| is.then_some(of));
             let of_block = time.into_iter().chain(readings).chain(wrench).chain(others);
             columns.iter_mut().zip(of_block).for_each(|(all, part)| all.extend(part));
             for (label, rows) in groups {
@@ -124,7 +127,8 @@ pub(crate) fn mapping(names: &Columns) -> Result<Mapping, Failure> {
             "sensors" => mapping.sensors = Some(list(text)),
             "wrench" => {
                 let six = <[ColumnRef; 6]>::try_from(list(text));
-                mapping.wrench = Some(six.map_err(|_| refused("six columns, Fx to Mz"))?);
+                let six = six.map_err(|_| refused("six columns, Fx to Mz"))?;
+                mapping.wrench = Some(six.map(Some));
             }
             "time" => mapping.time = Some(column(text)),
             "group" => mapping.group = Some(column(text)),

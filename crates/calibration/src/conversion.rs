@@ -10,12 +10,15 @@ use super::scaling::Scaling;
 use super::solver::Solution;
 use super::uncertainty::Covariance;
 use shell_data::instructions::arch;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axes, PerAxis};
 
 /// A fitted model and what is needed to apply and to trust it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
     kind: Kind,
+    /// Which axes of the wrench it gives: those that were measured in the training data. What it says of the
+    /// others is no wrench.
+    pub axes: Axes,
     /// The covariance of errors and coefficients of a polynomial, where it is known.
     pub covariance: Option<Covariance>,
     /// The range of each channel in the training data, where that is known.
@@ -42,12 +45,12 @@ impl Calibration {
         Self::of(Kind::Polynomial(Polynomial::new(model, scaling, coefficients)))
     }
 
-    /// A calibration of this kind, without a covariance and valid for any reading.
+    /// A calibration of this kind, of all six axes, without a covariance and valid for any reading.
     pub fn of(kind: Kind) -> Self {
-        Self { kind, covariance: None, valid_range: None }
+        Self { kind, axes: Axes::ALL, covariance: None, valid_range: None }
     }
 
-    /// The calibration that a solver has found, valid over the ranges of its training data, without
+    /// The calibration of all six axes that a solver has found, valid over the ranges of its training data, without
     /// a covariance.
     pub fn of_solution(solution: &Solution, ranges: &ReadingRanges) -> Self {
         let c = &solution.coefficients;
@@ -89,7 +92,8 @@ impl Calibration {
 
     /// The wrench of every row, untared: N and N·m.
     ///
-    /// `readings` has one column per channel, in counts; `wrench` is made as long as they are. The
+    /// `readings` has one column per channel, in counts; `wrench` is made as long as they are, zeros for what
+    /// is not among [`Self::axes`]. The
     /// bits are the same on any machine, and those of a row do not depend on the rows beside it.
     ///
     /// # Panics
@@ -99,6 +103,9 @@ impl Calibration {
         match &self.kind {
             Kind::Polynomial(polynomial) => polynomial.wrench(readings, rows, wrench),
             Kind::Physics(physics) => *wrench = physics.estimates(readings).wrench,
+        }
+        for axis in Axes::ALL.without(self.axes).iter() {
+            wrench[axis.index()].fill(0.0);
         }
     }
 

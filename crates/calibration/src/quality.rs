@@ -17,7 +17,7 @@ pub struct AxisErrors {
 }
 
 /// How far predictions are from measurements, on one axis, in N or N·m.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisQuality {
     /// Root mean square of the error.
     pub rms: f64,

@@ -12,7 +12,7 @@ use crate::stream::chunk::{CHUNK_BYTES, ChunkStream};
 use crate::stream::source::{ByteStream, LogSource};
 use shell_data::ColumnNames;
 use shell_data::telemetry::Telemetry;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 use table_file::{FileKind, Table};
 
 /// A log whose layout is known.
@@ -53,7 +53,8 @@ impl Log {
                 mapping.sensors = Some(places(0, readings));
             }
             if mapping.wrench.is_none() && others == 6 {
-                mapping.wrench = places(readings, others).try_into().ok();
+                let places = places(readings, others).into_iter().map(Some).collect::<Vec<_>>();
+                mapping.wrench = places.try_into().ok();
             }
         }
         Self::of(source, &mapping)
@@ -129,10 +130,10 @@ impl Log {
         };
         let sensors =
             mapping.sensors.and_then(|_| roles.sensors.iter().map(|&at| name(at)).collect());
-        let wrench: Option<Vec<String>> = mapping
-            .wrench
-            .and_then(|_| roles.wrench.iter().map(|place| place.and_then(name)).collect());
-        let wrench: Option<PerAxis<String>> = wrench.and_then(|wrench| wrench.try_into().ok());
+        // All that there are, or none: one without a name of its own is not found again.
+        let wrench: PerAxis<Option<String>> = roles.wrench.map(|place| place.and_then(name));
+        let all_have = wrench.iter().zip(&roles.wrench).all(|(n, at)| n.is_some() == at.is_some());
+        let wrench = mapping.wrench.and(Some(wrench)).filter(|_| all_have);
         let time = mapping.time.and(roles.time).and_then(name);
         ColumnNames {
             sensors,
@@ -144,6 +145,33 @@ impl Log {
         }
     }
 
+    /// What of the [usual](Mapping::usual) columns it has and is read by, in words.
+    pub fn usual_columns(&self, mapping: &Mapping) -> Vec<&'static str> {
+        let found = mapping.for_columns(&self.column_names());
+        [
+            (found.sensors.is_some() && mapping.sensors.is_none(), "sensors"),
+            (found.wrench.is_some() && mapping.wrench.is_none(), "wrench"),
+            (found.time.is_some() && mapping.time.is_none(), "time"),
+            (found.group.is_some() && mapping.group.is_none(), "group"),
+        ]
+        .into_iter()
+        .filter_map(|(is_taken, what)| is_taken.then_some(what))
+        .collect()
+    }
+
+    /// The file that stands beside it, if one does.
+    pub fn beside(&self) -> Option<&Path> {
+        self.source.beside()
+    }
+
+    /// The checksum of that file.
+    ///
+    /// # Errors
+    /// [`LogError`] if it cannot be read.
+    pub fn checksum_beside(&self) -> Result<Option<String>, LogError> {
+        self.source.checksum_beside()
+    }
+
     fn column_names(&self) -> Vec<String> {
         self.layout.columns.iter().map(|column| column.name.clone()).collect()
     }
@@ -153,9 +181,36 @@ impl Log {
         self.layout.roles.sensors.len()
     }
 
-    /// Whether it has all six columns of a wrench.
+    /// Which axes of a wrench it has.
+    pub fn axes(&self) -> Axes {
+        let is_there = |axis: &Axis| self.layout.roles.wrench[axis.index()].is_some();
+        Axis::ALL.into_iter().filter(is_there).collect()
+    }
+
+    /// Whether it has columns of a wrench.
     pub fn has_wrench(&self) -> bool {
-        self.layout.roles.wrench.iter().all(Option::is_some)
+        !self.axes().is_empty()
+    }
+
+    /// Leaves the other axes out, as if it had them not.
+    ///
+    /// # Errors
+    /// [`LogError::MissingColumns`] with those of `axes` that it has not.
+    pub fn keep_axes(&mut self, axes: Axes) -> Result<(), LogError> {
+        self.require_axes(axes)?;
+        for axis in Axes::ALL.without(axes).iter() {
+            self.layout.roles.wrench[axis.index()] = None;
+        }
+        Ok(())
+    }
+
+    /// Checks that all of `axes` are there.
+    ///
+    /// # Errors
+    /// [`LogError::MissingColumns`] with all that are not, and what there is instead.
+    pub fn require_axes(&self, axes: Axes) -> Result<(), LogError> {
+        let absent = axes.without(self.axes());
+        self.check_missing(absent.iter().map(|axis| axis.name().to_owned()).collect())
     }
 
     /// Whether it has a time column.
@@ -233,7 +288,7 @@ impl Log {
         self.source.bytes
     }
 
-    /// Checks that all wanted columns are there.
+    /// Checks that all wanted columns are there, of the wrench one axis at least.
     ///
     /// # Errors
     /// [`LogError::MissingColumns`] with all that are not, and what there is instead.
@@ -246,16 +301,20 @@ impl Log {
         if wanted.readings && roles.sensors.is_empty() {
             missing.push("s1 … (sensors)".to_owned());
         }
-        if wanted.wrench {
-            let absent = Axis::ALL.into_iter().filter(|axis| roles.wrench[axis.index()].is_none());
-            missing.extend(absent.map(|axis| axis.name().to_owned()));
+        if wanted.wrench && !self.has_wrench() {
+            missing.extend(Axis::ALL.map(|axis| axis.name().to_owned()));
         }
         if wanted.groups && roles.group.is_none() {
             missing.push("group".to_owned());
         }
         let columns = &self.layout.columns;
-        let beyond = wanted.others.iter().filter(|&&at| at >= columns.len());
+        let asked = wanted.others.iter().chain(&wanted.texts);
+        let beyond = asked.filter(|&&at| at >= columns.len());
         missing.extend(beyond.map(|at| format!("column {}", at + 1)));
+        self.check_missing(missing)
+    }
+
+    fn check_missing(&self, missing: Vec<String>) -> Result<(), LogError> {
         if missing.is_empty() {
             return Ok(());
         }
@@ -263,7 +322,7 @@ impl Log {
             path: self.source.path.clone(),
             place: self.source.place(self.layout.names_line),
             missing,
-            found: columns.iter().map(|column| column.name.clone()).collect(),
+            found: self.column_names(),
         })
     }
 }

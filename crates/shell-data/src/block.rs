@@ -17,7 +17,8 @@ pub struct Block {
     pub time_s: Vec<f64>,
     /// Readings in counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
-    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`].
+    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; those of axes that the
+    /// log has not are zero.
     pub wrench: Vec<Vec<f64>>,
     /// Group labels, run-length encoded: label and number of rows, in row order.
     pub groups: Vec<(String, usize)>,
@@ -25,6 +26,8 @@ pub struct Block {
     pub weights: Vec<f64>,
     /// Further columns that were asked for by position, as they stand in the log.
     pub others: Vec<Vec<f64>>,
+    /// Columns of text that were asked for by position, run-length encoded as the groups are.
+    pub texts: Vec<Vec<(String, usize)>>,
     /// The readings of the row just before this block, `None` at the start of a log.
     pub readings_before: Option<Vec<f64>>,
 }
@@ -72,13 +75,15 @@ impl Block {
             let mut flags = keep.iter();
             column.retain(|_| *flags.next().expect("as many flags as rows"));
         }
-        let mut row = 0;
-        for (_, rows) in &mut self.groups {
-            let kept = keep[row..row + *rows].iter().filter(|&&k| k).count();
-            row += *rows;
-            *rows = kept;
+        for runs in std::iter::once(&mut self.groups).chain(&mut self.texts) {
+            let mut row = 0;
+            for (_, rows) in &mut *runs {
+                let kept = keep[row..row + *rows].iter().filter(|&&k| k).count();
+                row += *rows;
+                *rows = kept;
+            }
+            runs.retain(|&(_, rows)| rows > 0);
         }
-        self.groups.retain(|&(_, rows)| rows > 0);
         self.rows = keep.iter().filter(|&&k| k).count();
     }
 }
@@ -126,6 +131,7 @@ mod tests {
             time_s: vec![0.0, 1.0, 2.0, 3.0],
             readings: vec![vec![5.0, 5.0, 6.0, 6.0], vec![7.0, 7.0, 7.0, 7.0]],
             groups: vec![("a".into(), 3), ("b".into(), 1)],
+            texts: vec![vec![("x".into(), 2), ("y".into(), 2)]],
             ..Block::default()
         }
     }
@@ -171,5 +177,6 @@ mod tests {
         assert_eq!(block.time_s, [0.0, 2.0]);
         assert_eq!(block.readings, [[5.0, 6.0], [7.0, 7.0]]);
         assert_eq!(block.groups, [("a".to_string(), 2)]);
+        assert_eq!(block.texts, [[("x".to_string(), 1), ("y".to_string(), 1)]]);
     }
 }

@@ -7,8 +7,8 @@ use crate::wrench::{MomentUnit, PerAxis};
 pub struct ColumnNames {
     /// The sensor columns, in channel order.
     pub sensors: Option<Vec<String>>,
-    /// The wrench columns.
-    pub wrench: Option<PerAxis<String>>,
+    /// The wrench columns, of the axes that there are.
+    pub wrench: Option<PerAxis<Option<String>>>,
     /// The unit of the moment columns.
     pub moment_unit: Option<MomentUnit>,
     /// The time column.

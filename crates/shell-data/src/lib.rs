@@ -35,4 +35,4 @@ pub mod wrench;
 pub use block::Block;
 pub use columns::{ColumnNames, TimeUnit};
 pub use telemetry::Telemetry;
-pub use wrench::{Axis, MomentUnit, PerAxis};
+pub use wrench::{Axes, Axis, AxisValues, MomentUnit, PerAxis};

@@ -2,6 +2,8 @@
 //!
 //! Frame: x forward, y left, z up. Forces in N, moments in N·m. *Drag* is −Fx, *lift* is Fz.
 
+use std::fmt;
+
 /// One axis of the wrench, in the order used everywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
@@ -66,6 +68,113 @@ impl Axis {
 /// One value per axis, in the order of [`Axis::ALL`].
 pub type PerAxis<T> = [T; 6];
 
+/// Which axes of the wrench there are: one to six of them, in the order of [`Axis::ALL`]. A reference may
+/// measure only some.
+///
+/// Memory has a place for all six ([`PerAxis`]) wherever wrenches are worked with; in those of axes that
+/// there are not, columns are zero and coefficients are zero, and nothing of them leaves the program. What
+/// does leave it is what [`Axes::of`] picks.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Axes(u8);
+
+impl Axes {
+    /// All six.
+    pub const ALL: Self = Self(0b11_1111);
+
+    /// None.
+    pub const NONE: Self = Self(0);
+
+    /// Whether an axis is among them.
+    pub const fn contains(self, axis: Axis) -> bool {
+        self.0 & 1 << axis.index() != 0
+    }
+
+    /// Whether all of `others` are among them.
+    pub const fn contain(self, others: Self) -> bool {
+        others.0 & !self.0 == 0
+    }
+
+    /// The axes, in order.
+    pub fn iter(self) -> impl DoubleEndedIterator<Item = Axis> + Clone {
+        Axis::ALL.into_iter().filter(move |axis| self.contains(*axis))
+    }
+
+    /// How many there are.
+    pub const fn count(self) -> usize {
+        self.0.count_ones() as usize
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether there are all six.
+    pub const fn are_all(self) -> bool {
+        self.0 == Self::ALL.0
+    }
+
+    /// Those of them that are among `others`, too.
+    pub const fn and(self, others: Self) -> Self {
+        Self(self.0 & others.0)
+    }
+
+    /// Those of them that are not among `others`.
+    pub const fn without(self, others: Self) -> Self {
+        Self(self.0 & !others.0)
+    }
+
+    /// The values of the axes that there are.
+    pub fn of<T: Clone>(self, values: &PerAxis<T>) -> Vec<T> {
+        self.iter().map(|axis| values[axis.index()].clone()).collect()
+    }
+
+    /// The values of the axes that there are, with their axes.
+    pub fn values<T: Clone>(self, values: &PerAxis<T>) -> AxisValues<T> {
+        self.iter().map(|axis| (axis, values[axis.index()].clone())).collect()
+    }
+
+    /// One value for each axis that there is, put in its place; `None` unless there are just as many. The
+    /// other places have `absent`.
+    pub fn spread<T: Clone>(self, values: Vec<T>, absent: &T) -> Option<PerAxis<T>> {
+        if values.len() != self.count() {
+            return None;
+        }
+        let mut spread: PerAxis<T> = std::array::from_fn(|_| absent.clone());
+        for (axis, value) in self.iter().zip(values) {
+            spread[axis.index()] = value;
+        }
+        Some(spread)
+    }
+
+    /// The names of their columns.
+    pub fn columns(self) -> Vec<&'static str> {
+        self.iter().map(Axis::column).collect()
+    }
+}
+
+impl FromIterator<Axis> for Axes {
+    fn from_iter<I: IntoIterator<Item = Axis>>(axes: I) -> Self {
+        Self(axes.into_iter().fold(0, |all, axis| all | 1 << axis.index()))
+    }
+}
+
+impl fmt::Display for Axes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<&str> = self.iter().map(Axis::name).collect();
+        f.write_str(&names.join(", "))
+    }
+}
+
+impl fmt::Debug for Axes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_set().entries(self.iter()).finish()
+    }
+}
+
+/// One value for each axis that there is, in their order.
+pub type AxisValues<T> = Vec<(Axis, T)>;
+
 /// The unit of moment columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MomentUnit {
@@ -97,5 +206,18 @@ mod tests {
         for (i, axis) in Axis::ALL.into_iter().enumerate() {
             assert_eq!(axis.index(), i);
         }
+    }
+
+    #[test]
+    fn some_axes_are_picked_and_put_back_in_order() {
+        let axes: Axes = [Axis::Mz, Axis::Fx].into_iter().collect();
+        assert_eq!((axes.to_string().as_str(), axes.count()), ("Fx, Mz", 2));
+        assert_eq!(axes.columns(), ["fx_n", "mz_nm"]);
+        assert_eq!(axes.of(&[1, 2, 3, 4, 5, 6]), [1, 6]);
+        assert_eq!(axes.spread(vec![1, 6], &0), Some([1, 0, 0, 0, 0, 6]));
+        assert_eq!(axes.spread(vec![1, 6, 7], &0), None);
+        assert!(Axes::ALL.contain(axes) && !axes.contain(Axes::ALL) && axes.contain(Axes::NONE));
+        assert_eq!(Axes::ALL.without(axes).to_string(), "Fy, Fz, Mx, My");
+        assert!(axes.and(Axes::ALL.without(axes)).is_empty());
     }
 }

@@ -189,6 +189,7 @@
     };
     pair("leg angle (rad)", "right_leg_rad", "left_leg_rad");
     pair("power (W)", "right_power_w", "left_power_w");
+    if (trial.power_w) rows.push(["power (W)", [["power", trial.power_w, 0, "solid"]]]);
     const traces = [], axes = {};
     const height = 1 / Math.max(rows.length, 1);
     rows.forEach(([title, lines], at) => {

@@ -6,13 +6,14 @@ use super::LARGEST;
 use super::layout::to_json;
 use super::problem::problem;
 use super::stored::{
-    Stored, StoredCoefficientCovariance, StoredCovariance, StoredModel, StoredOrigin,
-    StoredReadingRange, StoredScaling,
+    OfAxes, Stored, StoredCovariance, StoredModel, StoredOrigin, StoredReadingRange, StoredScaling,
+    axes_of, check_intervals,
 };
-use super::{CalibrationFile, Problem, SCHEMA_VERSION};
+use super::{CalibrationFile, FEWER_AXES_SCHEMA_VERSION, Problem, SCHEMA_VERSION};
 use calibration::model::Term;
+use calibration::uncertainty::{CoefficientCovariance, ErrorShape};
 use calibration::{Calibration, Polynomial, model};
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::Axes;
 
 #[derive(Serialize, Deserialize)]
 struct Document {
@@ -22,8 +23,8 @@ struct Document {
     model: StoredModel,
     terms: Vec<String>,
     scaling: StoredScaling,
-    axes: PerAxis<String>,
-    coefficients: Vec<PerAxis<f64>>,
+    axes: Vec<String>,
+    coefficients: Vec<OfAxes<f64>>,
     covariance: Option<StoredCovariance>,
     valid_range: Option<Vec<StoredReadingRange>>,
 }
@@ -31,40 +32,65 @@ struct Document {
 /// Of a polynomial.
 pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String {
     let calibration = &file.calibration;
+    let axes = calibration.axes;
     let document = Document {
-        schema_version: SCHEMA_VERSION,
-        origin: Stored::of(&file.origin),
-        model: Stored::of(&polynomial.model()),
+        schema_version: match axes.are_all() {
+            true => SCHEMA_VERSION,
+            false => FEWER_AXES_SCHEMA_VERSION,
+        },
+        origin: Stored::of(&file.origin, axes),
+        model: Stored::of(&polynomial.model(), axes),
         terms: polynomial.model().terms().iter().map(Term::name).collect(),
-        scaling: Stored::of(polynomial.scaling()),
-        axes: Axis::ALL.map(|axis| axis.column().to_owned()),
-        coefficients: polynomial.coefficients().to_vec(),
-        covariance: Stored::of(&calibration.covariance),
-        valid_range: Stored::of(&calibration.valid_range),
+        scaling: Stored::of(polynomial.scaling(), axes),
+        axes: axes.iter().map(|axis| axis.column().to_owned()).collect(),
+        coefficients: Stored::of(&polynomial.coefficients().to_vec(), axes),
+        covariance: Stored::of(&calibration.covariance, axes),
+        valid_range: Stored::of(&calibration.valid_range, axes),
     };
     to_json(&document)
 }
 
-/// Parses a document whose version is known to be [`SCHEMA_VERSION`].
+/// Parses a document whose version is known to be [`SCHEMA_VERSION`] or [`FEWER_AXES_SCHEMA_VERSION`].
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     let document: Document = serde_json::from_slice(text).map_err(problem)?;
-    document.check().map_err(Problem::Inconsistent)?;
-    let (model, scaling) = (document.model.value(), document.scaling.value());
-    let mut calibration = Calibration::new(model, scaling, document.coefficients);
-    calibration.covariance = document.covariance.value();
-    calibration.valid_range = document.valid_range.value();
-    Ok(CalibrationFile { calibration, origin: document.origin.value() })
+    document.value().map_err(Problem::Inconsistent)
 }
 
 impl Document {
+    /// # Errors
+    /// What does not fit together.
+    fn value(self) -> Result<CalibrationFile, String> {
+        let axes = self.axes()?;
+        self.check(axes)?;
+        let (model, scaling) = (self.model.value(axes)?, self.scaling.value(axes)?);
+        let coefficients = named("coefficients", self.coefficients.value(axes))?;
+        let mut calibration = Calibration::new(model, scaling, coefficients);
+        calibration.axes = axes;
+        calibration.covariance = named("covariance", self.covariance.value(axes))?;
+        calibration.valid_range = self.valid_range.value(axes)?;
+        Ok(CalibrationFile { calibration, origin: named("diagnostics", self.origin.value(axes))? })
+    }
+
+    /// Which axes it is for.
+    fn axes(&self) -> Result<Axes, String> {
+        let axes = axes_of(Some(&self.axes))?;
+        match axes.are_all() == (self.schema_version == SCHEMA_VERSION) {
+            true => Ok(axes),
+            false => Err(format!(
+                "`axes` has {axes}: all six belong to version {SCHEMA_VERSION}, fewer to version \
+                 {FEWER_AXES_SCHEMA_VERSION}"
+            )),
+        }
+    }
+
     /// Whether the parts fit together, as the rest of the program takes for granted.
-    fn check(&self) -> Result<(), String> {
+    fn check(&self, axes: Axes) -> Result<(), String> {
         let channels = self.model.channels;
         if !(1..=model::MAX_CHANNELS).contains(&channels) {
             let most = model::MAX_CHANNELS;
             return Err(format!("`model.channels` is `{channels}`, expected 1 to {most}"));
         }
-        let model = self.model.clone().value();
+        let model = self.model.clone().value(axes)?;
         let count = |name: &str, found: usize, expected: usize| match found == expected {
             true => Ok(()),
             false => Err(format!("`{name}` has `{found}` entries, the model needs `{expected}`")),
@@ -87,12 +113,6 @@ impl Document {
                 return Err(format!("`terms` has `{found}` where the model has `{expected}`"));
             }
         }
-        for (found, axis) in self.axes.iter().zip(Axis::ALL) {
-            if found != axis.column() {
-                let expected = axis.column();
-                return Err(format!("`axes` has `{found}` where `{expected}` is expected"));
-            }
-        }
         if let Some(scale) = self.scaling.scale.iter().find(|s| !is_power_of_two(**s)) {
             return Err(format!("`scaling.scale` has `{scale}`, expected powers of two"));
         }
@@ -100,14 +120,14 @@ impl Document {
             return Err("`scaling.centre` is not zero in a model without an intercept".to_owned());
         }
         let is_too_large = |value: &f64| value.abs() > LARGEST;
-        if self.coefficients.iter().flatten().any(is_too_large) {
+        if self.coefficients.iter().flat_map(OfAxes::iter).any(is_too_large) {
             return Err(format!("`coefficients` has a number beyond {LARGEST:e}"));
         }
-        if let Some(covariance) = &self.covariance {
+        if let Some(covariance) = named("covariance", self.covariance.clone().value(axes))? {
             let shape = covariance.shape.iter().flat_map(|shape| shape.quantiles.iter().flatten());
             let factors: Vec<&Vec<Vec<f64>>> = match &covariance.coefficients {
-                StoredCoefficientCovariance::Rows { factor } => vec![factor],
-                StoredCoefficientCovariance::Groups { factors, .. } => factors.iter().collect(),
+                CoefficientCovariance::Rows { factor } => vec![factor],
+                CoefficientCovariance::Groups { factors, .. } => factors.iter().collect(),
             };
             let factors = factors.into_iter().flatten().flatten();
             if covariance.residual.iter().flatten().chain(shape).chain(factors).any(is_too_large) {
@@ -121,10 +141,10 @@ impl Document {
                     .try_for_each(|(j, column)| count(&format!("{name}[{j}]"), column.len(), j + 1))
             };
             match &covariance.coefficients {
-                StoredCoefficientCovariance::Rows { factor } => {
+                CoefficientCovariance::Rows { factor } => {
                     triangle("covariance.coefficients.rows.factor", factor)?;
                 }
-                StoredCoefficientCovariance::Groups { factors, .. } => {
+                CoefficientCovariance::Groups { factors, .. } => {
                     for (axis, factor) in factors.iter().enumerate() {
                         let name = format!("covariance.coefficients.groups.factors[{axis}]");
                         triangle(&name, factor)?;
@@ -134,9 +154,9 @@ impl Document {
             if covariance.degrees_of_freedom == 0 {
                 return Err("`covariance.degrees_of_freedom` is `0`".to_owned());
             }
-            covariance.shape.clone().value().map_or(Ok(()), |shape| shape.check())?;
+            covariance.shape.as_ref().map_or(Ok(()), ErrorShape::check)?;
             if let Some(intervals) = &covariance.intervals {
-                intervals.check("covariance.intervals")?;
+                check_intervals("covariance.intervals", intervals)?;
             }
             let is_share = |share: &f64| (0.0..=1.0).contains(share);
             if !covariance.shared.iter().flatten().all(is_share) {
@@ -158,6 +178,11 @@ impl Document {
     }
 }
 
+/// Says in which field something does not fit.
+fn named<T>(field: &str, found: Result<T, String>) -> Result<T, String> {
+    found.map_err(|problem| format!("`{field}`: {problem}"))
+}
+
 fn is_power_of_two(value: f64) -> bool {
     value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
 }
@@ -171,8 +196,8 @@ mod tests {
     use calibration::reading_ranges::ReadingRange;
     use calibration::scaling::Scaling;
     use calibration::solver::SolverKind;
-    use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
-    use shell_data::{ColumnNames, MomentUnit, TimeUnit};
+    use calibration::uncertainty::Covariance;
+    use shell_data::{Axis, ColumnNames, MomentUnit, TimeUnit};
 
     fn file() -> CalibrationFile {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
@@ -243,6 +268,33 @@ mod tests {
         assert_eq!(parse(file.to_json().as_bytes()).unwrap(), file);
         let text = file.to_json().replacen("0.95", "0.45", 1);
         assert!(matches!(parse(text.as_bytes()), Err(Problem::Inconsistent(_))));
+    }
+
+    #[test]
+    fn a_file_of_some_axes_has_these_only_and_reads_back_with_zeros_for_the_others() {
+        let mut file = file();
+        let axes: Axes = [Axis::Fx, Axis::Fz].into_iter().collect();
+        file.calibration.axes = axes;
+        let text = file.to_json();
+        assert!(text.contains("\"schema_version\": 3"), "{text}");
+        assert!(!text.contains("fy_n") && text.contains("[0.3333333333333333, 1.0]"), "{text}");
+        let read = parse(text.as_bytes()).unwrap();
+        assert_eq!((read.to_json(), read.calibration.axes), (text.clone(), axes));
+        let coefficients = read.calibration.polynomial().unwrap().coefficients();
+        assert_eq!(coefficients[0], [1.0 / 3.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        let cases = [
+            ("\"schema_version\": 3", "\"schema_version\": 1", "`axes` has Fx, Fz: all six belong"),
+            ("\"fx_n\"", "\"mz_nm\"", "`axes` has `mz_nm`, `fz_n`, expected"),
+            ("[0.3333333333333333, 1.0]", "[1.0]", "`coefficients`: `1` values for `2` axes"),
+        ];
+        for (from, to, expected) in cases {
+            match parse(text.replacen(from, to, 1).as_bytes()) {
+                Err(Problem::Inconsistent(message)) => {
+                    assert!(message.contains(expected), "{message}");
+                }
+                other => panic!("{from} → {to}: {other:?}"),
+            }
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Coefficient matrices as labs exchange them: one row per feature of raw readings, six axes.
 //!
-//! The CSV has a header `feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm` and rows that begin with
+//! The CSV has a header `feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm`, of fewer axes where there are
+//! fewer, and rows that begin with
 //! `s1^1`, `s1^2`, …; products are `s1^1*s2^2`, the intercept is `1`. Moments are in mN·m. Reading
 //! also takes bare numbers, features by axes or the other way round, in the order of
 //! [`Model::terms`].
@@ -11,7 +12,7 @@ use calibration::model::{Basis, MAX_CHANNELS, Model, Term};
 use calibration::scaling::Scaling;
 use calibration::{Calibration, Polynomial, raw_units};
 use shell_data::wrench::MomentUnit;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use super::LARGEST;
 
@@ -102,13 +103,14 @@ const BARE_CHANNELS: usize = 8;
 
 const MILLI: f64 = 1e3;
 
-/// The coefficients for raw readings as CSV in the lab's format, moments in mN·m.
-pub fn to_csv(polynomial: &Polynomial) -> String {
-    let mut csv = HEADER.join(",") + "\n";
+/// The coefficients of some axes for raw readings as CSV in the lab's format, moments in mN·m.
+pub fn to_csv(polynomial: &Polynomial, axes: Axes) -> String {
+    let names = axes.iter().map(|axis| HEADER[axis.index() + 1]);
+    let mut csv = HEADER[..1].iter().copied().chain(names).collect::<Vec<_>>().join(",") + "\n";
     let rows = raw_units::coefficients(polynomial);
     for (term, row) in polynomial.model().terms().iter().zip(rows) {
         csv += &feature_name(term);
-        for (axis, coefficient) in Axis::ALL.into_iter().zip(row) {
+        for (axis, coefficient) in axes.values(&row) {
             let unit = if axis.is_moment() { MILLI } else { 1.0 };
             // Debug is the shortest text that reads back as the same number, with an exponent
             // where that is shorter.
@@ -149,9 +151,13 @@ fn named(
     rows: &[csv::StringRecord],
     options: &ImportOptions,
 ) -> Result<Calibration, MatrixError> {
-    let mut units = PerAxis::default();
-    for (axis, expected) in Axis::ALL.into_iter().zip(&HEADER[1..]) {
-        let found = header.get(axis.index() + 1).unwrap_or_default();
+    let axis_of = |found: &str| Axis::ALL.into_iter().find(|axis| found.starts_with(axis.name()));
+    let axes: Axes = header.iter().skip(1).filter_map(axis_of).collect();
+    let axes = if axes.is_empty() { Axes::ALL } else { axes };
+    let mut units: PerAxis<f64> = PerAxis::default();
+    for (place, axis) in axes.iter().enumerate() {
+        let expected = HEADER[axis.index() + 1];
+        let found = header.get(place + 1).unwrap_or_default();
         let unit = match found.split_once('_') {
             Some((name, unit)) if name == axis.name() => unit,
             _ => "",
@@ -162,7 +168,7 @@ fn named(
             (true, "Nm", None) => 1.0,
             (true, "mNm", None) => MILLI,
             _ => {
-                let expected = (*expected).to_owned();
+                let expected = expected.to_owned();
                 return Err(MatrixError::Header { found: found.to_owned(), expected });
             }
         };
@@ -174,8 +180,8 @@ fn named(
         let term = parse_feature(name)
             .ok_or_else(|| MatrixError::Feature { line, found: name.to_owned() })?;
         let mut values = PerAxis::default();
-        for (axis, value) in values.iter_mut().enumerate() {
-            *value = field(row, axis + 1)? / units[axis];
+        for (place, axis) in axes.iter().map(Axis::index).enumerate() {
+            values[axis] = field(row, place + 1)? / units[axis];
         }
         if coefficients.insert(term, values).is_some() {
             return Err(MatrixError::Twice { line, name: name.to_owned() });
@@ -184,7 +190,9 @@ fn named(
     let no_model = MatrixError::NoModel(coefficients.len());
     let model = model_of(&coefficients).ok_or(no_model)?;
     let ordered = model.terms().iter().map(|term| coefficients[term]).collect();
-    of_raw_readings(model, ordered)
+    let mut calibration = of_raw_readings(model, ordered)?;
+    calibration.axes = axes;
+    Ok(calibration)
 }
 
 fn bare(
@@ -311,20 +319,36 @@ mod tests {
         for basis in Basis::ALL {
             for intercept in [false, true] {
                 let calibration = calibration(basis, intercept, 3);
-                assert_eq!(import(&to_csv(calibration.polynomial().unwrap())), Ok(calibration));
+                assert_eq!(
+                    import(&to_csv(calibration.polynomial().unwrap(), Axes::ALL)),
+                    Ok(calibration)
+                );
             }
         }
     }
 
     #[test]
+    fn some_axes_are_written_and_read_alone() {
+        let mut some = calibration(Basis::Linear, true, 2);
+        some.axes = [Axis::Fz, Axis::Mx].into_iter().collect();
+        let text = to_csv(some.polynomial().unwrap(), some.axes);
+        assert!(text.starts_with("feature,Fz_N,Mx_mNm\ns1^1,0.375,500.0\n"), "{text}");
+        let read = import(&text).unwrap();
+        assert_eq!(read.axes, some.axes);
+        let coefficients = read.polynomial().unwrap().coefficients();
+        assert_eq!(coefficients[0], [0.0, 0.0, 0.375, 0.5, 0.0, 0.0]);
+        assert!(import("feature,Fz_N,Fx_N\ns1,1,2\n").is_err());
+    }
+
+    #[test]
     fn the_export_is_in_the_lab_s_format() {
-        let csv = to_csv(calibration(Basis::Cubic, true, 1).polynomial().unwrap());
+        let csv = to_csv(calibration(Basis::Cubic, true, 1).polynomial().unwrap(), Axes::ALL);
         let lines: Vec<&str> = csv.lines().collect();
         assert_eq!(lines[0], "feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm");
         assert_eq!(lines[1], "s1^1,0.125,0.25,0.375,500.0,625.0,750.0");
         assert!(lines[2].starts_with("s1^2,") && lines[4].starts_with("1,"));
         assert!(
-            to_csv(calibration(Basis::Poly3, false, 2).polynomial().unwrap())
+            to_csv(calibration(Basis::Poly3, false, 2).polynomial().unwrap(), Axes::ALL)
                 .contains("\ns1^2*s2^1,")
         );
     }

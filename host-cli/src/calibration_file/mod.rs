@@ -9,7 +9,7 @@
 //! | `made_by`, `date`, `sensor_serial` | program and version, UTC, the label of the sensor |
 //! | `model`, `terms` | features and intercept; the name of each term |
 //! | `scaling` | `z = (s − centre) / scale` for each channel, counts |
-//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m |
+//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m; documents of fewer than six axes have [`FEWER_AXES_SCHEMA_VERSION`], and whatever is given by axis has these alone |
 //! | `solver` | its name and the ridge parameter; absent for an imported matrix |
 //! | `diagnostics` | rows, condition number, rank, errors on training and test data; optional: held-out errors, model selection, excitation |
 //! | `covariance` | see [`calibration::uncertainty`] |
@@ -49,7 +49,7 @@ pub use self::partial::{
 };
 use crate::input::{self, Document};
 use calibration::{Calibration, Kind};
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// The largest number that a document may have: squares and products of such are still numbers.
 pub const LARGEST: f64 = 1e100;
@@ -59,6 +59,9 @@ pub const SCHEMA_VERSION: u64 = 1;
 
 /// The version of the documents of physics models.
 pub const PHYSICS_SCHEMA_VERSION: u64 = 2;
+
+/// The version of the documents of polynomials of fewer than six axes.
+pub const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
 
 /// A calibration with its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -109,7 +112,8 @@ pub enum Problem {
     },
     /// Written by a program of another time.
     #[error(
-        "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}` and `{PHYSICS_SCHEMA_VERSION}`"
+        "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`, \
+         `{PHYSICS_SCHEMA_VERSION}` and `{FEWER_AXES_SCHEMA_VERSION}`"
     )]
     SchemaVersion {
         /// The version of the file.
@@ -143,7 +147,8 @@ impl CalibrationFile {
     /// each axis, if that is known.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
         let train = self.origin.diagnostics.as_ref()?.train;
-        let known = train.iter().all(|axis| axis.r_squared.is_some());
+        let has = |axis: Axis| train[axis.index()].r_squared.is_some();
+        let known = self.calibration.axes.iter().all(has);
         known.then(|| train.map(|axis| (1.0 - axis.r_squared.unwrap_or(0.0)).max(0.0)))
     }
 

@@ -3,6 +3,7 @@
 use calibration::exact::{Moments, StoredIntegers, StoredMoments, StoredMomentsError, StoredRange};
 use calibration::model::Basis;
 use serde::{Deserialize, Serialize};
+use shell_data::wrench::Axes;
 
 use super::stored::{Name, Stored};
 
@@ -37,8 +38,10 @@ struct Integers {
 }
 
 impl MomentsDocument {
-    pub(super) fn of(moments: &Moments) -> Self {
-        let StoredMoments { basis, rows, channels, readings, wrench, squares } = moments.into();
+    /// Of these axes alone.
+    pub(super) fn of(moments: &Moments, axes: Axes) -> Self {
+        let stored = StoredMoments::of(moments, axes);
+        let StoredMoments { basis, rows, channels, readings, wrench, squares, .. } = stored;
         let range = |range: StoredRange| {
             let StoredRange { twos, fives, lowest, highest } = range;
             Range { unit: Unit { twos, fives }, lowest, highest }
@@ -49,7 +52,7 @@ impl MomentsDocument {
                 .map(|StoredIntegers { exponent, values }| Integers { exponent, values })
         };
         Self {
-            basis: Name::of(&basis),
+            basis: Name::of(&basis, axes),
             rows,
             channels: channels.into_iter().map(range).collect(),
             readings,
@@ -60,7 +63,7 @@ impl MomentsDocument {
 
     /// # Errors
     /// What does not fit together.
-    pub(super) fn value(self) -> Result<Moments, String> {
+    pub(super) fn value(self, axes: Axes) -> Result<Moments, String> {
         let range = |Range { unit: Unit { twos, fives }, lowest, highest }| StoredRange {
             twos,
             fives,
@@ -73,7 +76,8 @@ impl MomentsDocument {
                 .map(|Integers { exponent, values }| StoredIntegers { exponent, values })
         };
         let stored = StoredMoments {
-            basis: self.basis.value(),
+            basis: self.basis.value(axes)?,
+            axes,
             rows: self.rows,
             channels: self.channels.into_iter().map(range).collect(),
             readings: self.readings,

@@ -87,6 +87,8 @@ pub enum Role {
     Train,
     /// Tested on.
     Test,
+    /// The wrench of the source before it, row by row.
+    Wrench,
     /// A coefficient matrix that was imported.
     Matrix,
 }

@@ -6,12 +6,13 @@ use super::layout::to_json;
 use super::problem::problem;
 use super::stored::{
     Stored, StoredGroupIntervals, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
+    check_intervals,
 };
 use super::{CalibrationFile, PHYSICS_SCHEMA_VERSION, Problem};
 use calibration::physics::PhysicsCalibration;
 use calibration::physics::observations::MOST_CHANNELS;
 use calibration::{Calibration, Kind};
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// What `model` says.
 const NAME: &str = "physics";
@@ -31,27 +32,36 @@ struct Document {
 pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
     to_json(&Document {
         schema_version: PHYSICS_SCHEMA_VERSION,
-        origin: Stored::of(&file.origin),
+        origin: Stored::of(&file.origin, Axes::ALL),
         model: NAME.to_owned(),
         axes: Axis::ALL.map(|axis| axis.column().to_owned()),
-        physics: Stored::of(physics.model()),
-        intervals: Stored::of(&physics.intervals),
-        valid_range: Stored::of(&file.calibration.valid_range),
+        physics: Stored::of(physics.model(), Axes::ALL),
+        intervals: Stored::of(&physics.intervals, Axes::ALL),
+        valid_range: Stored::of(&file.calibration.valid_range, Axes::ALL),
     })
 }
 
 /// Parses a document whose version is known to be [`PHYSICS_SCHEMA_VERSION`].
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     let document: Document = serde_json::from_slice(text).map_err(problem)?;
-    document.check().map_err(Problem::Inconsistent)?;
-    let mut physics = PhysicsCalibration::new(document.physics.value());
-    physics.intervals = document.intervals.value();
-    let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
-    calibration.valid_range = document.valid_range.value();
-    Ok(CalibrationFile { calibration, origin: document.origin.value() })
+    document.value().map_err(Problem::Inconsistent)
 }
 
 impl Document {
+    /// # Errors
+    /// What does not fit together.
+    fn value(self) -> Result<CalibrationFile, String> {
+        self.check()?;
+        let mut physics = PhysicsCalibration::new(self.physics.value(Axes::ALL)?);
+        physics.intervals = self.intervals.value(Axes::ALL)?;
+        if let Some(intervals) = &physics.intervals {
+            check_intervals("intervals", intervals)?;
+        }
+        let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
+        calibration.valid_range = self.valid_range.value(Axes::ALL)?;
+        Ok(CalibrationFile { calibration, origin: self.origin.value(Axes::ALL)? })
+    }
+
     /// Whether the parts fit together, as the rest of the program takes for granted.
     fn check(&self) -> Result<(), String> {
         if self.model != NAME {
@@ -89,9 +99,6 @@ impl Document {
         }
         if self.physics.wrench_scale.iter().any(|&scale| scale <= 0.0) {
             return Err("`physics.wrench_scale` is not above zero".to_owned());
-        }
-        if let Some(intervals) = &self.intervals {
-            intervals.check("intervals")?;
         }
         Ok(())
     }

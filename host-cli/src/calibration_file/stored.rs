@@ -2,6 +2,8 @@
 //!
 //! The names of fields are those of the documents: the program may rename its own, and then the two
 //! are matched here. A field that the program adds or drops is an error of compilation.
+//!
+//! What the program has for each axis, a document has for the axes that there are: [`OfAxes`].
 
 use std::path::PathBuf;
 
@@ -18,7 +20,7 @@ use calibration::validation::excitation::{AxisExcitation, Excitation};
 use calibration::validation::grouped::GroupKind;
 use calibration::validation::selection::{Candidate, CandidateErrors, Selection};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-use shell_data::wrench::{MomentUnit, PerAxis};
+use shell_data::wrench::{Axes, Axis, MomentUnit, PerAxis};
 use shell_data::{ColumnNames, TimeUnit};
 
 use super::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
@@ -28,23 +30,14 @@ pub trait Stored: Sized {
     /// The type that the program works with.
     type Value;
 
-    /// What is written of a value.
-    fn of(value: &Self::Value) -> Self;
+    /// What is written of a value, where there are these axes.
+    fn of(value: &Self::Value, axes: Axes) -> Self;
 
     /// The value that was written.
-    fn value(self) -> Self::Value;
-}
-
-/// Writes what a document holds of a value, for `#[serde(serialize_with)]`.
-///
-/// # Errors
-/// Those of the serializer.
-pub fn serialize<S, W>(value: &S::Value, serializer: W) -> Result<W::Ok, W::Error>
-where
-    S: Stored + Serialize,
-    W: Serializer,
-{
-    S::of(value).serialize(serializer)
+    ///
+    /// # Errors
+    /// If it is not for as many axes as these.
+    fn value(self, axes: Axes) -> Result<Self::Value, String>;
 }
 
 /// Types that documents hold as they are.
@@ -53,12 +46,12 @@ macro_rules! as_it_is {
         impl Stored for $type {
             type Value = Self;
 
-            fn of(value: &Self) -> Self {
+            fn of(value: &Self, _: Axes) -> Self {
                 value.clone()
             }
 
-            fn value(self) -> Self {
-                self
+            fn value(self, _: Axes) -> Result<Self, String> {
+                Ok(self)
             }
         }
     )*};
@@ -75,50 +68,114 @@ pub struct StoredPath(String);
 impl Stored for StoredPath {
     type Value = PathBuf;
 
-    fn of(value: &PathBuf) -> Self {
+    fn of(value: &PathBuf, _: Axes) -> Self {
         Self(value.to_string_lossy().into_owned())
     }
 
-    fn value(self) -> PathBuf {
-        self.0.into()
+    fn value(self, _: Axes) -> Result<PathBuf, String> {
+        Ok(self.0.into())
     }
 }
 
 impl<S: Stored> Stored for Option<S> {
     type Value = Option<S::Value>;
 
-    fn of(value: &Self::Value) -> Self {
-        value.as_ref().map(S::of)
+    fn of(value: &Self::Value, axes: Axes) -> Self {
+        value.as_ref().map(|value| S::of(value, axes))
     }
 
-    fn value(self) -> Self::Value {
-        self.map(S::value)
+    fn value(self, axes: Axes) -> Result<Self::Value, String> {
+        self.map(|stored| stored.value(axes)).transpose()
     }
 }
 
 impl<S: Stored> Stored for Vec<S> {
     type Value = Vec<S::Value>;
 
-    fn of(value: &Self::Value) -> Self {
-        value.iter().map(S::of).collect()
+    fn of(value: &Self::Value, axes: Axes) -> Self {
+        value.iter().map(|value| S::of(value, axes)).collect()
     }
 
-    fn value(self) -> Self::Value {
-        self.into_iter().map(S::value).collect()
+    fn value(self, axes: Axes) -> Result<Self::Value, String> {
+        self.into_iter().map(|stored| stored.value(axes)).collect()
     }
 }
 
-impl<S: Stored> Stored for PerAxis<S> {
+/// The axes that a document names in its field `axes`; all six where it does not.
+pub(super) fn axes_of(columns: Option<&[String]>) -> Result<Axes, String> {
+    let Some(columns) = columns else { return Ok(Axes::ALL) };
+    let known = |column: &String| Axis::ALL.into_iter().find(|axis| axis.column() == *column);
+    let axes: Axes = columns.iter().filter_map(known).collect();
+    if !axes.is_empty() && axes.columns() == columns {
+        return Ok(axes);
+    }
+    let (found, all) = (columns.join("`, `"), Axes::ALL.columns().join("`, `"));
+    Err(format!("`axes` has `{found}`, expected some of `{all}`, in this order"))
+}
+
+/// One value for each axis that there is, in their order.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct OfAxes<S>(Vec<S>);
+
+impl<S> OfAxes<S> {
+    /// The values.
+    pub fn iter(&self) -> std::slice::Iter<'_, S> {
+        self.0.iter()
+    }
+}
+
+impl<S: Stored<Value: Blank>> Stored for OfAxes<S> {
     type Value = PerAxis<S::Value>;
 
-    fn of(value: &Self::Value) -> Self {
-        value.each_ref().map(S::of)
+    fn of(value: &Self::Value, axes: Axes) -> Self {
+        Self(axes.iter().map(|axis| S::of(&value[axis.index()], axes)).collect())
     }
 
-    fn value(self) -> Self::Value {
-        self.map(S::value)
+    fn value(self, axes: Axes) -> Result<Self::Value, String> {
+        let (found, expected) = (self.0.len(), axes.count());
+        let values: Vec<S::Value> = self.0.value(axes)?;
+        let blank = values.first().map(Blank::blank);
+        let spread = blank.and_then(|blank| axes.spread(values, &blank));
+        spread.ok_or_else(|| format!("`{found}` values for `{expected}` axes"))
     }
 }
+
+/// What the place of an axis holds that there is not.
+pub trait Blank: Clone {
+    /// As many zeros as `self` has numbers.
+    fn blank(&self) -> Self;
+}
+
+impl Blank for f64 {
+    fn blank(&self) -> Self {
+        0.0
+    }
+}
+
+impl<T: Blank> Blank for Vec<T> {
+    fn blank(&self) -> Self {
+        self.iter().map(Blank::blank).collect()
+    }
+}
+
+impl<T: Blank> Blank for PerAxis<T> {
+    fn blank(&self) -> Self {
+        self.each_ref().map(Blank::blank)
+    }
+}
+
+macro_rules! blank_by_default {
+    ($($type:ty),*) => {$(
+        impl Blank for $type {
+            fn blank(&self) -> Self {
+                Self::default()
+            }
+        }
+    )*};
+}
+
+blank_by_default!(AxisQuality, HeldOutQuality, AxisExcitation, Option<String>);
 
 /// A type of the documents, field by field, and its conversions from and to the one that the program works
 /// with.
@@ -132,12 +189,12 @@ macro_rules! stored {
         impl Stored for $name {
             type Value = $value;
 
-            fn of(value: &$value) -> Self {
-                Self { $($field: Stored::of(&value.$field)),* }
+            fn of(value: &$value, axes: Axes) -> Self {
+                Self { $($field: Stored::of(&value.$field, axes)),* }
             }
 
-            fn value(self) -> $value {
-                $value { $($field: self.$field.value()),* }
+            fn value(self, axes: Axes) -> Result<$value, String> {
+                Ok($value { $($field: self.$field.value(axes)?),* })
             }
         }
     };
@@ -157,7 +214,7 @@ stored!(StoredColumnNames of ColumnNames {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensors: Option<Vec<String>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    wrench: Option<PerAxis<String>>,
+    wrench: Option<OfAxes<Option<String>>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     moment_unit: Option<Name<MomentUnit>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -179,8 +236,8 @@ stored!(StoredDiagnostics of Diagnostics {
     repeated_rows: u64,
     rank: usize,
     condition: Option<f64>,
-    train: PerAxis<StoredQuality>,
-    test: Option<PerAxis<StoredQuality>>,
+    train: OfAxes<StoredQuality>,
+    test: Option<OfAxes<StoredQuality>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     cross_validation: Option<StoredCrossValidation>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -200,22 +257,22 @@ stored!(StoredScaling of Scaling { centre: Vec<f64>, scale: Vec<f64> });
 stored!(StoredReadingRange of ReadingRange { min: f64, max: f64 });
 
 stored!(StoredCovariance of Covariance {
-    residual: PerAxis<PerAxis<f64>>,
+    residual: OfAxes<OfAxes<f64>>,
     degrees_of_freedom: u64,
     coefficients: StoredCoefficientCovariance,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     shape: Option<StoredErrorShape>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    shared: Option<PerAxis<f64>>,
+    shared: Option<OfAxes<f64>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     intervals: Option<StoredGroupIntervals>,
 });
-stored!(StoredErrorShape of ErrorShape { levels: Vec<f64>, quantiles: PerAxis<Vec<f64>> });
+stored!(StoredErrorShape of ErrorShape { levels: Vec<f64>, quantiles: OfAxes<Vec<f64>> });
 
 stored!(StoredPhysicsModel of PhysicsModel {
     channels: usize,
-    wrench_scale: PerAxis<f64>,
-    load_precision: PerAxis<PerAxis<f64>>,
+    wrench_scale: OfAxes<f64>,
+    load_precision: OfAxes<OfAxes<f64>>,
     lambda: f64,
     prior_width: f64,
     noise: StoredNoise,
@@ -232,19 +289,17 @@ stored!(StoredSensor of Sensor {
 stored!(StoredGroupIntervals of GroupIntervals {
     groups: usize,
     levels: Vec<f64>,
-    factors: PerAxis<Vec<f64>>,
+    factors: OfAxes<Vec<f64>>,
 });
 
-impl StoredGroupIntervals {
-    /// Whether its parts, in the field of this name, fit together.
-    pub(super) fn check(&self, name: &str) -> Result<(), String> {
-        let Self { levels, factors, .. } = self;
-        let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
-        if !ascending || factors.iter().any(|factors| factors.len() != levels.len()) {
-            return Err(format!("`{name}.factors` are not one for each ascending level"));
-        }
-        Ok(())
+/// Whether the parts of intervals, in the field of this name, fit together.
+pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<(), String> {
+    let GroupIntervals { levels, factors, .. } = intervals;
+    let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
+    if !ascending || factors.iter().any(|factors| factors.len() != levels.len()) {
+        return Err(format!("`{name}.factors` are not one for each ascending level"));
     }
+    Ok(())
 }
 
 /// [`CoefficientCovariance`] in a document.
@@ -253,24 +308,28 @@ impl StoredGroupIntervals {
 #[allow(missing_docs, reason = "the fields are those of the program's type")]
 pub enum StoredCoefficientCovariance {
     Rows { factor: Vec<Vec<f64>> },
-    Groups { groups: u64, factors: PerAxis<Vec<Vec<f64>>> },
+    Groups { groups: u64, factors: OfAxes<Vec<Vec<f64>>> },
 }
 
 impl Stored for StoredCoefficientCovariance {
     type Value = CoefficientCovariance;
 
-    fn of(value: &CoefficientCovariance) -> Self {
-        match value.clone() {
-            CoefficientCovariance::Rows { factor } => Self::Rows { factor },
-            CoefficientCovariance::Groups { groups, factors } => Self::Groups { groups, factors },
+    fn of(value: &CoefficientCovariance, axes: Axes) -> Self {
+        match value {
+            CoefficientCovariance::Rows { factor } => Self::Rows { factor: factor.clone() },
+            CoefficientCovariance::Groups { groups, factors } => {
+                Self::Groups { groups: *groups, factors: Stored::of(factors, axes) }
+            }
         }
     }
 
-    fn value(self) -> CoefficientCovariance {
-        match self {
+    fn value(self, axes: Axes) -> Result<CoefficientCovariance, String> {
+        Ok(match self {
             Self::Rows { factor } => CoefficientCovariance::Rows { factor },
-            Self::Groups { groups, factors } => CoefficientCovariance::Groups { groups, factors },
-        }
+            Self::Groups { groups, factors } => {
+                CoefficientCovariance::Groups { groups, factors: factors.value(axes)? }
+            }
+        })
     }
 }
 
@@ -286,9 +345,9 @@ stored!(StoredCrossValidation of CrossValidation {
     folds: usize,
     rows: u64,
     undetermined: Vec<String>,
-    grouped: PerAxis<StoredHeldOutQuality>,
+    grouped: OfAxes<StoredHeldOutQuality>,
     random_folds: usize,
-    random: Option<PerAxis<StoredHeldOutQuality>>,
+    random: Option<OfAxes<StoredHeldOutQuality>>,
 });
 
 stored!(StoredSelection of Selection {
@@ -306,12 +365,12 @@ stored!(StoredCandidate of Candidate {
 stored!(StoredCandidateErrors of CandidateErrors {
     score: f64,
     standard_error: f64,
-    rms: PerAxis<f64>,
+    rms: OfAxes<f64>,
 });
 
 stored!(StoredExcitation of Excitation {
-    axes: PerAxis<StoredAxisExcitation>,
-    correlation: PerAxis<PerAxis<f64>>,
+    axes: OfAxes<StoredAxisExcitation>,
+    correlation: OfAxes<OfAxes<f64>>,
     condition: Option<f64>,
 });
 stored!(StoredAxisExcitation of AxisExcitation {
@@ -380,12 +439,12 @@ pub struct Name<T>(T);
 impl<T: Named> Stored for Name<T> {
     type Value = T;
 
-    fn of(value: &T) -> Self {
+    fn of(value: &T, _: Axes) -> Self {
         Self(*value)
     }
 
-    fn value(self) -> T {
-        self.0
+    fn value(self, _: Axes) -> Result<T, String> {
+        Ok(self.0)
     }
 }
 

@@ -4,7 +4,8 @@ use serde::Deserialize;
 
 use super::problem::problem;
 use super::{
-    CalibrationFile, PHYSICS_SCHEMA_VERSION, Problem, SCHEMA_VERSION, document, physics_document,
+    CalibrationFile, FEWER_AXES_SCHEMA_VERSION, PHYSICS_SCHEMA_VERSION, Problem, SCHEMA_VERSION,
+    document, physics_document,
 };
 
 #[derive(Deserialize)]
@@ -12,12 +13,12 @@ struct Version {
     schema_version: u64,
 }
 
-/// Parses a document of either version.
+/// Parses a document of any known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     // The version first: a document of another version may differ in any other field.
     let Version { schema_version } = serde_json::from_slice(text).map_err(problem)?;
     match schema_version {
-        SCHEMA_VERSION => document::parse(text),
+        SCHEMA_VERSION | FEWER_AXES_SCHEMA_VERSION => document::parse(text),
         PHYSICS_SCHEMA_VERSION => physics_document::parse(text),
         found => Err(Problem::SchemaVersion { found }),
     }
@@ -29,7 +30,7 @@ mod tests {
 
     #[test]
     fn another_schema_version_is_told_whatever_else_the_file_holds() {
-        let Err(Problem::SchemaVersion { found: 3 }) = parse(b"{\"schema_version\": 3}") else {
+        let Err(Problem::SchemaVersion { found: 4 }) = parse(b"{\"schema_version\": 4}") else {
             panic!()
         };
     }

@@ -10,7 +10,7 @@ use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::plateau::{Plateau, draw_plateaus, plateaus};
 use super::scale::{Axis as PlotAxis, Spacing, decimal};
 use super::svg::{Anchor, Canvas, Rect, Style, number, point};
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Cells of the histogram of predicted against measured.
 const AGREEMENT_BINS: usize = 256;
@@ -111,14 +111,15 @@ const PROFILE_WIDTH: f64 = 42.0;
 const BLOCK_HEIGHT: f64 =
     24.0 + AGREEMENT_HEIGHT + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0;
 
-/// Draws, for each axis, predicted against measured, residual against predicted, and the residual's
+/// Draws, for each of some axes, predicted against measured, residual against predicted, and the residual's
 /// distribution.
 ///
 /// With `test` rows the densities are those of the test rows, and the distribution of the training
 /// rows is outlined beside that of the test rows; without, all are of the `train` rows.
-pub fn fit_figure(title: &str, train: &FitPlot, test: Option<&FitPlot>) -> Figure {
+pub fn fit_figure(title: &str, axes: Axes, train: &FitPlot, test: Option<&FitPlot>) -> Figure {
     let shown = test.unwrap_or(train);
-    let mut canvas = Canvas::new(WIDTH, TOP + 2.0 * BLOCK_HEIGHT);
+    let bands = axes.count().div_ceil(3).max(1) as f64;
+    let mut canvas = Canvas::new(WIDTH, TOP + bands * BLOCK_HEIGHT);
     canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
     let rows = match test {
         None => format!("{} training rows", shown.rows()),
@@ -129,7 +130,7 @@ pub fn fit_figure(title: &str, train: &FitPlot, test: Option<&FitPlot>) -> Figur
     canvas.text((16.0, 42.0), &rows, Style::LABEL.anchored(Anchor::Start));
 
     let found = shown.axes.each_ref().map(|axis| plateaus(&axis.agreement.cells([0; 2])));
-    if found.iter().any(|plateaus| !plateaus.is_empty()) {
+    if axes.of(&found).iter().any(|plateaus| !plateaus.is_empty()) {
         let text = "ring and bar: mean and standard deviation of a constant load";
         canvas.text((16.0, 56.0), text, Style::LABEL.anchored(Anchor::Start));
     }
@@ -138,15 +139,16 @@ pub fn fit_figure(title: &str, train: &FitPlot, test: Option<&FitPlot>) -> Figur
         axis.agreement.cells([merge; 2])
     });
     let views = shown.axes.each_ref().map(ResidualView::of);
-    let cells = views.iter().flat_map(|view| &view.cells);
-    let colours = ColourScale::for_cells(agreement.iter().flatten().chain(cells));
+    let places = || axes.iter().map(Axis::index);
+    let cells = places().flat_map(|axis| &views[axis].cells);
+    let colours = ColourScale::for_cells(places().flat_map(|axis| &agreement[axis]).chain(cells));
     let bar = Rect { left: WIDTH - 18.0 - 180.0, top: 16.0, width: 180.0, height: 11.0 };
     colours.draw_bar(&mut canvas, bar, "rows per cell");
 
-    for axis in Axis::ALL {
+    for (place, axis) in axes.iter().enumerate() {
         let i = axis.index();
-        let left = COLUMN * (i % 3) as f64 + LEFT_MARGIN;
-        let top = TOP + BLOCK_HEIGHT * (i / 3) as f64 + 24.0;
+        let left = COLUMN * (place % 3) as f64 + LEFT_MARGIN;
+        let top = TOP + BLOCK_HEIGHT * (place / 3) as f64 + 24.0;
         let data =
             AgreementView { data: &shown.axes[i], cells: &agreement[i], plateaus: &found[i] };
         draw_agreement(&mut canvas, (left, top), axis, &data, colours);
@@ -356,10 +358,10 @@ mod tests {
 
     #[test]
     fn the_picture_is_the_same_however_rows_are_split() {
-        let whole = fit_figure("fit", &plot(0..5000), None);
+        let whole = fit_figure("fit", Axes::ALL, &plot(0..5000), None);
         let mut merged = plot(3000..5000);
         merged.merge(&plot(0..3000));
-        assert_eq!(fit_figure("fit", &merged, None), whole);
+        assert_eq!(fit_figure("fit", Axes::ALL, &merged, None), whole);
     }
 
     #[test]
@@ -379,18 +381,18 @@ mod tests {
         let view = ResidualView::of(&plot.axes[0]);
         assert_eq!(view.beyond, 3);
         assert!(view.residual.high < 0.5, "{:?}", view.residual);
-        assert!(fit_figure("fit", &plot, None).svg().contains("3 beyond"));
+        assert!(fit_figure("fit", Axes::ALL, &plot, None).svg().contains("3 beyond"));
     }
 
     #[test]
     fn empty_constant_and_unfinished_data_still_draw() {
         let empty = FitPlot::new();
-        assert!(fit_figure("fit", &empty, Some(&empty)).svg().ends_with("</svg>\n"));
+        assert!(fit_figure("fit", Axes::ALL, &empty, Some(&empty)).svg().ends_with("</svg>\n"));
         let mut constant = FitPlot::new();
         constant.add(&vec![vec![1.0; 4]; 6], &vec![vec![1.0; 4]; 6]);
         constant.add(&vec![vec![f64::NAN; 2]; 6], &vec![vec![1.0; 2]; 6]);
         assert_eq!(constant.rows(), 4);
-        let svg = fit_figure("fit", &constant, None).svg().to_owned();
+        let svg = fit_figure("fit", Axes::ALL, &constant, None).svg().to_owned();
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
     }
 

@@ -2,7 +2,7 @@
 
 use calibration::Calibration;
 use calibration::uncertainty::Tare;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::AxisValues;
 
 use super::{ForceError, RowRule, TareRule};
 
@@ -47,7 +47,7 @@ pub struct TareResult {
     pub end_s: Option<f64>,
     /// Their mean wrench, which was subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
-    pub wrench: PerAxis<f64>,
+    pub wrench: AxisValues<f64>,
 }
 
 /// Some rows of a log, in order.
@@ -167,7 +167,7 @@ impl TareSearch {
             frames: mean.frames,
             start_s: self.found_s.map(|(start, _)| start),
             end_s: self.found_s.map(|(_, end)| end),
-            wrench: mean.wrench,
+            wrench: calibration.axes.values(&mean.wrench),
         });
         Ok(Found { tare: self.mean, result, frames: self.frames })
     }
@@ -208,10 +208,10 @@ fn mean_of_both(a: &Tare, b: &Tare) -> Tare {
 
 /// Writes one value per axis under the axes' column names.
 fn by_column<S: serde::Serializer>(
-    values: &PerAxis<f64>,
+    values: &AxisValues<f64>,
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(Axis::ALL.iter().map(|axis| axis.column()).zip(values))
+    serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use shared_proto::xbee::Address;
 use super::Journal;
 use super::record_error::RecordError;
 use crate::recording::{BoardFrame, HeardBoard, LiveForces, Losses, RowWriter, address_text};
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::AxisValues;
 
 /// What came of one board of several.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -122,7 +122,7 @@ impl BoardLog {
         self.other_content + self.rows.as_ref().map_or(0, |rows| rows.other_content)
     }
 
-    pub(super) fn newest_wrench(&self) -> Option<PerAxis<f64>> {
+    pub(super) fn newest_wrench(&self) -> Option<AxisValues<f64>> {
         self.rows.as_ref().and_then(RowWriter::newest_wrench)
     }
 

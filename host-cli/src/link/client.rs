@@ -196,7 +196,8 @@ impl<P: Read + Write> Client<P> {
             if let Some(answer) = self.wait(WAIT, &mut silent)? {
                 return match answer {
                     Answer::Refused(refusal) => {
-                        Err(LinkError::Refused { command: name_of(&command), refusal })
+                        let fits = what_fits(&command, refusal);
+                        Err(LinkError::Refused { command: name_of(&command), refusal, fits })
                     }
                     answer => Ok(answer),
                 };
@@ -391,6 +392,16 @@ impl<P: Read + Write> Client<P> {
 
     fn lost(&self, error: &std::io::Error) -> LinkError {
         LinkError::Lost { port: self.name.clone(), reason: error.to_string() }
+    }
+}
+
+/// What a command that is refused for its range could have asked for; nothing where that is not known.
+fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
+    match (refusal, command) {
+        (Refusal::OutOfRange, Command::SetPeriod { .. }) => "; 0.1 to 1000 Hz would do",
+        (Refusal::OutOfRange, Command::SetOversampling { .. }) => "; 1 to 64 conversions would do",
+        (Refusal::OutOfRange, Command::SetSettling { .. }) => "; 0 to 10000 µs would do",
+        _ => "",
     }
 }
 

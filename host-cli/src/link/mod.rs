@@ -99,12 +99,14 @@ pub enum LinkError {
         silent: bool,
     },
     /// The board does not do what it was asked.
-    #[error("the board refuses `{command}`: {}", refusal_text(*refusal))]
+    #[error("the board refuses `{command}`: {}{fits}", refusal_text(*refusal))]
     Refused {
         /// What was asked.
         command: String,
         /// Why not.
         refusal: Refusal,
+        /// What it would do, in words, where that is known.
+        fits: &'static str,
     },
     /// The board speaks another version of the protocol.
     #[error(

@@ -16,7 +16,7 @@ use crate::recording::{
     BoardFrame, Boards, HeardBoard, LiveForces, Losses, NoFrame, Recognised, Recognition,
     protocol_name,
 };
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::AxisValues;
 
 /// How long frames wait for those that overtook them before they are written. A kill loses as much,
 /// and what the recognition of the protocol holds at the start.
@@ -79,7 +79,7 @@ pub enum Wish {
 }
 
 /// How a recording is going.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Progress {
     /// Time since its start.
     pub elapsed: Duration,
@@ -98,7 +98,7 @@ pub struct Progress {
     /// Whether the port is there.
     pub connected: bool,
     /// The newest wrench in N and N·m, where forces are wanted.
-    pub wrench: Option<PerAxis<f64>>,
+    pub wrench: Option<AxisValues<f64>>,
 }
 
 /// What a whole recording was.

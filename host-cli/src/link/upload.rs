@@ -3,6 +3,7 @@
 use shared_proto::{AXES, CHANNELS, COUNTS_PER_LSB, FEATURES};
 
 use calibration::{Basis, Calibration};
+use shell_data::wrench::Axes;
 
 /// Why a calibration cannot be used on the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -19,6 +20,15 @@ pub enum NotForBoard {
     Channels {
         /// Its channels.
         channels: usize,
+    },
+    /// It gives fewer axes than the board sends.
+    #[error(
+        "the board sends all six axes of a wrench, this calibration gives {axes}: stream readings, and \
+         convert them on the host"
+    )]
+    Axes {
+        /// Its axes.
+        axes: Axes,
     },
     /// A number is too large for single precision.
     #[error("a coefficient of the calibration is too large for single precision")]
@@ -38,6 +48,9 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
     }
     if !matches!(model.basis, Basis::Linear | Basis::Cubic) {
         return Err(NotForBoard::Basis { basis: model.basis.name() });
+    }
+    if !calibration.axes.are_all() {
+        return Err(NotForBoard::Axes { axes: calibration.axes });
     }
     let scaling = polynomial.scaling();
     let counts = f64::from(COUNTS_PER_LSB);
@@ -67,7 +80,7 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
 mod tests {
     use super::*;
     use calibration::{Model, scaling::Scaling};
-    use shell_data::wrench::PerAxis;
+    use shell_data::wrench::{Axis, PerAxis};
 
     fn calibration(basis: Basis, intercept: bool) -> Calibration {
         let model = Model { basis, intercept, channels: 8 };
@@ -124,6 +137,9 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: false, channels: 7 };
         let seven = Calibration::new(model, Scaling::identity(7), vec![[1.0; 6]; 7]);
         assert_eq!(for_board(&seven), Err(NotForBoard::Channels { channels: 7 }));
+        let mut flat = calibration(Basis::Linear, true);
+        flat.axes = [Axis::Fx, Axis::Fy].into_iter().collect();
+        assert_eq!(for_board(&flat), Err(NotForBoard::Axes { axes: flat.axes }));
         let model = Model { channels: 8, ..model };
         let huge = Calibration::new(model, Scaling::identity(8), vec![[1e39; 6]; 8]);
         assert_eq!(for_board(&huge), Err(NotForBoard::Overflow));

@@ -2,7 +2,7 @@
 
 use calibration::reading_ranges::ReadingRange;
 use shared_proto::CHANNELS;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use super::history::{History, LONGEST_S};
 use super::row::LiveRow;
@@ -26,12 +26,20 @@ const LEAST_MOMENT: f64 = 0.001;
 const LEAST_COUNTS: f64 = 20.0;
 
 /// What a view is of.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct LiveSetup {
     /// The range of each channel in the training data.
     pub ranges: Option<Vec<ReadingRange>>,
     /// The span of time that is shown first, s.
     pub window_s: f64,
+    /// The axes of the wrench that there are, where forces are known.
+    pub axes: Axes,
+}
+
+impl Default for LiveSetup {
+    fn default() -> Self {
+        Self { ranges: None, window_s: 0.0, axes: Axes::ALL }
+    }
 }
 
 /// A moment that the user has marked.
@@ -87,6 +95,7 @@ pub struct TraceView {
 /// The state of a live view.
 #[derive(Clone, Debug)]
 pub struct LiveModel {
+    axes: Axes,
     ranges: Option<Vec<ReadingRange>>,
     history: History,
     /// What is shown while it stands still.
@@ -106,6 +115,7 @@ impl LiveModel {
         let fits = |window: &f64| *window >= setup.window_s;
         Self {
             ranges: setup.ranges,
+            axes: setup.axes,
             history: History::default(),
             frozen: None,
             window: WINDOWS_S.iter().position(fits).unwrap_or(WINDOWS_S.len() - 1),
@@ -208,11 +218,11 @@ impl LiveModel {
         places.filter(|(_, place)| (0.0..=1.0).contains(place)).collect()
     }
 
-    /// The traces in so many columns: the six axes where forces are known, else the eight readings.
+    /// The traces in so many columns: the axes that there are where forces are known, else the eight readings.
     pub fn traces(&self, columns: usize) -> Vec<TraceView> {
         let Some(newest) = self.shown().newest() else { return Vec::new() };
         match (newest.wrench, newest.readings) {
-            (Some(_), _) => Axis::ALL.map(|axis| self.axis(axis, columns)).into(),
+            (Some(_), _) => self.axes.iter().map(|axis| self.axis(axis, columns)).collect(),
             (None, Some(_)) => (0..CHANNELS).map(|c| self.channel(c, columns)).collect(),
             (None, None) => Vec::new(),
         }
@@ -280,8 +290,12 @@ impl LiveModel {
     }
 
     /// The newest force, and the length of an arrow that reaches the edge, N; `None` where forces are not
-    /// known.
+    /// known, or not along all three axes.
     pub fn force(&self) -> Option<([f64; 3], f64)> {
+        let forces = [Axis::Fx, Axis::Fy, Axis::Fz].into_iter().collect();
+        if !self.axes.contain(forces) {
+            return None;
+        }
         let value = |axis: usize| move |row: &LiveRow| Some(row.wrench?[axis] - self.tare[axis]);
         let newest = self.shown().newest()?;
         newest.wrench?;
@@ -388,7 +402,7 @@ mod tests {
     #[test]
     fn a_channel_is_as_bad_as_its_worst_row_of_the_last_second() {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; CHANNELS]);
-        let mut model = LiveModel::new(LiveSetup { ranges, window_s: 10.0 });
+        let mut model = LiveModel::new(LiveSetup { ranges, window_s: 10.0, axes: Axes::ALL });
         for index in 0..300 {
             let saturated = u8::from(index == 250) << 2;
             let out_of_range = u8::from(index == 10) << 4 | u8::from(index == 290) << 5;

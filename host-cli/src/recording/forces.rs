@@ -6,7 +6,7 @@ use crate::forces::{
 };
 use calibration::Calibration;
 use shared_proto::CHANNELS;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, AxisValues, PerAxis};
 
 /// From readings to forces while they are recorded.
 #[derive(Clone, Debug)]
@@ -92,9 +92,14 @@ impl RunningForces {
         Ok(forces)
     }
 
+    /// The axes that there are forces of.
+    pub fn axes(&self) -> Axes {
+        self.calibration.axes
+    }
+
     /// The wrench of the newest frame.
-    pub fn newest(&self) -> Option<PerAxis<f64>> {
-        self.newest
+    pub fn newest(&self) -> Option<AxisValues<f64>> {
+        self.newest.map(|wrench| self.axes().values(&wrench))
     }
 
     /// Finds tare and clock, as far as that is not done; how many of the frames that took. The filter

@@ -24,7 +24,7 @@ use super::reception::{BoardFrame, Content, Measured};
 use super::simultaneous::Simultaneous;
 use crate::forces::ForceError;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, AxisValues};
 
 /// A calibration that cannot be applied to what the board sends.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -96,9 +96,7 @@ impl RowWriter {
         if readings {
             names.extend((1..=CHANNELS).map(|channel| format!("s{channel}")));
         }
-        if !readings || self.forces.is_some() {
-            names.extend(Axis::ALL.map(|axis| axis.column().to_owned()));
-        }
+        names.extend(self.axes().columns().into_iter().map(str::to_owned));
         if self.is_numbered() {
             names.extend(["index", "missing", "dropped"].map(str::to_owned));
             names.extend(["temperature_c", "supply_v", "vrefint"].map(str::to_owned));
@@ -109,6 +107,15 @@ impl RowWriter {
         }
         names.push("flags".to_owned());
         names.join(",") + "\n"
+    }
+
+    /// The axes of the wrench that are written.
+    fn axes(&self) -> Axes {
+        match (&self.content, &self.forces) {
+            (Content::Wrench, _) => Axes::ALL,
+            (Content::Readings { .. }, Some(forces)) => forces.axes(),
+            (Content::Readings { .. }, None) => Axes::NONE,
+        }
     }
 
     /// Appends the rows of a batch of frames, in the order of their indices, and empties it. The last
@@ -162,7 +169,7 @@ impl RowWriter {
             }
             let force = forces.get(row);
             if let Some(force) = force {
-                write_numbers(&force.wrench, text);
+                write_numbers(&self.axes().of(&force.wrench), text);
             }
             if numbered {
                 let missing = step.map_or(0, |step| (step - 1).max(0));
@@ -196,7 +203,7 @@ impl RowWriter {
     }
 
     /// The newest wrench, where there are forces.
-    pub fn newest_wrench(&self) -> Option<PerAxis<f64>> {
+    pub fn newest_wrench(&self) -> Option<AxisValues<f64>> {
         self.forces.as_ref().and_then(RunningForces::newest)
     }
 

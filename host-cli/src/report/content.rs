@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::trial::{ConditionRow, PhaseProfile, TrialResult};
 use calibration::quality::AxisQuality;
 use calibration::validation::cross_validation::CrossValidation;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axes, PerAxis};
 
 /// Traces of so many trials are drawn at most: a report is to stay readable, and below 10 MB.
 pub const MOST_TRACES: usize = 100;
@@ -48,6 +48,8 @@ pub struct Report<'a> {
 pub struct CalibrationFacts<'a> {
     /// Name and value of what identifies it, in order.
     pub facts: Vec<(&'static str, String)>,
+    /// The axes of the wrench that it gives.
+    pub axes: Axes,
     /// Its errors on the training data, if known.
     pub train: Option<&'a PerAxis<AxisQuality>>,
     /// Its errors on groups that were held out, if known.

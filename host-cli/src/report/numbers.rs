@@ -93,6 +93,8 @@ pub(super) struct TrialPlot {
     left_leg_rad: Option<Vec<Short>>,
     right_power_w: Option<Vec<Short>>,
     left_power_w: Option<Vec<Short>>,
+    /// Of both motors together, where the log has no more.
+    power_w: Option<Vec<Short>>,
     partly: Vec<[f64; 2]>,
     wholly: Option<[f64; 2]>,
 }
@@ -279,6 +281,7 @@ impl TrialPlot {
             left_leg_rad: angle(&trace.left_leg_rad),
             right_power_w: at(&trace.right_power_w, 1.0),
             left_power_w: at(&trace.left_power_w, 1.0),
+            power_w: at(&trace.power_w, 1.0),
             partly,
             wholly,
         }

@@ -1,5 +1,7 @@
 //! Why a trial cannot be evaluated.
 
+use shell_data::wrench::Axes;
+
 /// The fewest periods of a log in a window.
 pub(super) const FEWEST_PERIODS: f64 = 10.0;
 
@@ -7,6 +9,9 @@ pub(super) const FEWEST_PERIODS: f64 = 10.0;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrialError {
+    /// The calibration does not give the axes that results are made of.
+    #[error("drag and lift are made of Fx and Fz: the calibration has no {0}")]
+    Axes(Axes),
     /// The window is not within the log.
     #[error(
         "the window from `{enter}` to `{exit}` s is not within the log, which runs from `{first}` to \

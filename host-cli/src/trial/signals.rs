@@ -13,7 +13,7 @@ use super::power::Power;
 use super::rows::TrialRows;
 use super::trace::Trace;
 use shell_data::telemetry::Telemetry;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// What can be computed of the rows of a trial.
 pub(super) struct Signals {
@@ -106,11 +106,16 @@ fn find_forces(
         diagnostics.push(Diagnostic::Unfiltered { cutoff_hz: low_pass.cutoff_hz });
     }
     // Results need two axes; traces show all.
-    let axes: &[Axis] = match input.options.trace {
-        TraceExtent::Nothing => &[Axis::Fx, Axis::Fz],
-        TraceExtent::Window | TraceExtent::Log => &Axis::ALL,
+    let needed: Axes = [Axis::Fx, Axis::Fz].into_iter().collect();
+    if !calibration.axes.contain(needed) {
+        return Err(TrialError::Axes(needed.without(calibration.axes)));
+    }
+    let axes = match input.options.trace {
+        TraceExtent::Nothing => needed,
+        TraceExtent::Window | TraceExtent::Log => calibration.axes,
     };
-    TrialForces::new(input.rows, calibration, pipeline, axes).map(Some)
+    let axes: Vec<Axis> = axes.iter().collect();
+    TrialForces::new(input.rows, calibration, pipeline, &axes).map(Some)
 }
 
 fn find_power(

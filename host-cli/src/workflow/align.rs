@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use super::selection::RowFilter;
 use crate::alignment::{AlignError, Aligned, Options, Recording, align};
 use log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axes, Axis};
 
 /// How two logs are aligned.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,6 +73,7 @@ pub fn align_logs(
     let readings = Wanted { time: true, readings: true, ..Wanted::default() };
     // Both are looked at before the first is read.
     reference.require(&wrench)?;
+    reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
     let (wrench, reference_summary) = columns(reference, &wrench, read)?;
     let (readings, board_summary) = columns(board, &readings, read)?;

@@ -13,7 +13,7 @@ use super::selection::UsedRows;
 use super::solving::{Problem, Solved, solve};
 pub use super::uncertainty::CovarianceFrom;
 use super::uncertainty::Uncertainty;
-use super::{WorkflowError, check_logs};
+use super::{WorkflowError, agree_on_axes, check_logs};
 use crate::calibration_file::LARGEST;
 use crate::figures::FitPlot;
 use calibration::exact::{ExactError, Moments, PartitionedMoments};
@@ -142,7 +142,8 @@ impl FitOptions<'_> {
     }
 }
 
-/// Fits a calibration to `train` and finds its errors there and on `test`.
+/// Fits a calibration to `train` and finds its errors there and on `test`, all of which have the same axes of
+/// the wrench ([`agree_on_axes`](super::agree_on_axes)).
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
 /// often by solvers that iterate. Their rows are kept between the passes, those of the test logs among
@@ -173,6 +174,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let Solved { solution, ranges, solver, not_exact, moments } =
         solve_rows(first, &mut rows, options)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
+    calibration.axes = first.axes();
     let Uncertainty { mut covariance, not_grouped } =
         Uncertainty::of(&solution, solver, options.ridge, options.covariance);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
@@ -276,7 +278,11 @@ pub(super) fn solution(
 
 /// The first of the training logs, if all logs have what a fit needs.
 fn check<'a>(train: &'a [Log], test: &[Log]) -> Result<&'a Log, WorkflowError> {
-    check_logs(train, test, &Wanted { readings: true, wrench: true, ..Wanted::default() })
+    let first =
+        check_logs(train, test, &Wanted { readings: true, wrench: true, ..Wanted::default() })?;
+    let axes = agree_on_axes(train, &mut [])?;
+    test.iter().try_for_each(|log| log.require_axes(axes))?;
+    Ok(first)
 }
 
 /// How a calibration does on the logs of a fit; see [`Fit`].

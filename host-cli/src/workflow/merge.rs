@@ -72,6 +72,7 @@ pub fn fit(merged: &PartialFit, options: &MergedFitOptions) -> Result<MergedFit,
     let ranges = merged.moments.reading_ranges();
     let solution = solve_moments(&merged.moments, &model, choice.ridge, &ranges)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
+    calibration.axes = merged.axes;
     let from = choice.covariance_from(options.covariance);
     let found = Uncertainty::of(&solution, SolverKind::Exact, choice.ridge, from);
     calibration.covariance = found.covariance;
@@ -108,7 +109,7 @@ impl MergedFit {
                     excitation: None,
                 }),
                 sources: merged.sources.clone(),
-                columns: None,
+                columns: merged.columns.clone(),
             },
         }
     }

@@ -43,6 +43,7 @@ use calibration::FitError;
 use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
 use log_file::{Log, LogError, Wanted};
+use shell_data::wrench::Axes;
 
 /// Why a task over logs could not be done.
 #[derive(Debug, thiserror::Error)]
@@ -60,6 +61,24 @@ pub enum WorkflowError {
     /// A log has another number of channels than the calibration, or than the first log.
     #[error(transparent)]
     Channels(#[from] ChannelMismatch),
+    /// Two training logs have different axes of the wrench.
+    #[error("`{}` has the axes {found} of the wrench, the logs before it have {expected}", path.display())]
+    Axes {
+        /// The log.
+        path: PathBuf,
+        /// Axes of the first log.
+        expected: Axes,
+        /// Axes of the log.
+        found: Axes,
+    },
+    /// A model of all six axes, of logs that have fewer.
+    #[error(
+        "the physics model takes all six axes of the wrench, as sensors answer to each; there are {found}"
+    )]
+    PhysicsAxes {
+        /// The axes that there are.
+        found: Axes,
+    },
     /// A calibration cannot be validated on these rows.
     #[error(transparent)]
     Validation(ValidationError),
@@ -119,6 +138,26 @@ pub struct ChannelMismatch {
     pub expected: usize,
     /// Channels of the log.
     pub found: usize,
+}
+
+/// The axes of the wrench that a fit to `train` is of, which all of them have; of the others in `test`,
+/// which have these, too, no more are used.
+///
+/// # Errors
+/// [`WorkflowError::Axes`] if the training logs have different ones, [`LogError::MissingColumns`] if a log
+/// has none or a test log lacks some.
+pub fn agree_on_axes(train: &[Log], test: &mut [Log]) -> Result<Axes, WorkflowError> {
+    let first = train.first().ok_or(WorkflowError::NoLogs)?;
+    let expected = first.axes();
+    for log in train {
+        log.require(&Wanted { readings: true, wrench: true, ..Wanted::default() })?;
+        let found = log.axes();
+        if found != expected {
+            return Err(WorkflowError::Axes { path: log.path().into(), expected, found });
+        }
+    }
+    test.iter_mut().try_for_each(|log| log.keep_axes(expected))?;
+    Ok(expected)
 }
 
 /// The first of `logs`, if all, and `others` beside them, have what is wanted and as many channels as it.

@@ -9,7 +9,7 @@ use crate::forces::ForcePipeline;
 use calibration::Calibration;
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{AxisValues, PerAxis};
 
 /// Which part of a log is looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +35,7 @@ pub struct NoiseSummary {
     pub rows_used: RowFilter,
     /// The wrench, N and N·m.
     #[serde(serialize_with = "by_column")]
-    pub axes: PerAxis<Scatter>,
+    pub axes: AxisValues<Scatter>,
     /// The readings of each channel, counts.
     pub channels: Vec<Scatter>,
 }
@@ -117,7 +117,7 @@ pub fn noise(
         skipped_rows: summary.skipped_rows,
         frames,
         rows_used: options.rows,
-        axes: axes.map(|moments| moments.scatter()),
+        axes: calibration.axes.values(&axes.map(|moments| moments.scatter())),
         channels: channels.iter().map(ColumnStatistics::scatter).collect(),
     })
 }

@@ -42,6 +42,7 @@ pub enum KeptGroups {
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, or the rows cannot be summed exactly.
 pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit, WorkflowError> {
+    let axes = super::agree_on_axes(logs, &mut [])?;
     if options.groups.is_some() {
         logs.sort_by(|a, b| a.path().cmp(b.path()));
     }
@@ -67,6 +68,7 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
     let model =
         Model { basis: options.basis, intercept: options.intercept, channels: total.channels() };
     let mut partial = PartialFit::new(model, total);
+    partial.axes = axes;
     partial.groups = group_by.map(|by| PartialGroups::new(by, random, grouped, &first_in));
     for (log, summary) in logs.iter().zip(&summaries) {
         partial.skipped_rows += summary.skipped_rows;
@@ -75,6 +77,13 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         let checksum = summary.checksum.clone();
         let path = log.path().into();
         partial.sources.push(Source { role: Role::Train, path, checksum, rows });
+    }
+    // After the logs, which groups name by their places.
+    for (log, summary) in logs.iter().zip(&summaries) {
+        if let Some(path) = log.beside() {
+            let (path, checksum) = (path.into(), log.checksum_beside()?);
+            partial.sources.push(Source { role: Role::Wrench, path, checksum, rows: summary.rows });
+        }
     }
     Ok(partial)
 }

@@ -15,6 +15,7 @@ use calibration::validation::excitation::WrenchSums;
 use calibration::{Calibration, Kind};
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::block::Block;
+use shell_data::wrench::Axes;
 
 /// Up to this many groups `--cv` holds each out alone, more in [`FOLDS`] folds: a fit for each.
 const MOST_ALONE: usize = 40;
@@ -201,6 +202,15 @@ impl Labels {
     }
 }
 
+/// Whether training logs have all axes of the wrench, to which every sensor answers.
+///
+/// # Errors
+/// [`WorkflowError::PhysicsAxes`].
+pub fn check_axes(train: &[Log]) -> Result<(), WorkflowError> {
+    let found = train.first().map_or(Axes::ALL, Log::axes);
+    if found.are_all() { Ok(()) } else { Err(WorkflowError::PhysicsAxes { found }) }
+}
+
 /// Fits the physics model to `train` and finds its errors there and on `test`.
 ///
 /// All training rows are held in memory.
@@ -214,6 +224,7 @@ pub fn fit(
     options: &PhysicsOptions<'_>,
 ) -> Result<PhysicsFit, WorkflowError> {
     check_logs(train, test, &Wanted { readings: true, wrench: true, ..Wanted::default() })?;
+    check_axes(train)?;
     let read = ReadOptions { checksum: false, ..options.read };
     let held_out = options.cross_validation.unwrap_or(HeldOut::Auto);
     let group_by = groups::held_out(train, held_out, &read)?;

@@ -72,6 +72,7 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
     });
     CalibrationFacts {
         facts,
+        axes: calibration.axes,
         train: origin.diagnostics.as_ref().map(|diagnostics| &diagnostics.train),
         cross_validation: origin
             .diagnostics

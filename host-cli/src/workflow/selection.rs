@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use log_file::{Log, LogError};
 use shell_data::block::Block;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::AxisValues;
 
 /// Which rows of a log are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -109,10 +109,10 @@ impl<E: From<LogError>> From<LogError> for Stop<E> {
     }
 }
 
-/// Writes one value per axis under the axes' column names.
+/// Writes the values of axes under the axes' column names.
 pub(super) fn by_column<T: serde::Serialize, S: serde::Serializer>(
-    values: &PerAxis<T>,
+    values: &AxisValues<T>,
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(Axis::ALL.iter().map(|axis| axis.column()).zip(values))
+    serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }

@@ -118,8 +118,8 @@ fn every_frame_gets_its_time_and_its_wrench() {
         }
     }
     let fx: Vec<f64> = rows.iter().map(|row| row[1]).collect();
-    assert_eq!(summary.axes[0].max, fx.iter().copied().fold(f64::MIN, f64::max));
-    assert_eq!(summary.axes[0].min, fx.iter().copied().fold(f64::MAX, f64::min));
+    assert_eq!(summary.axes[0].1.max, fx.iter().copied().fold(f64::MIN, f64::max));
+    assert_eq!(summary.axes[0].1.min, fx.iter().copied().fold(f64::MAX, f64::min));
 }
 
 #[test]

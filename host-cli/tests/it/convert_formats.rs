@@ -116,16 +116,17 @@ fn other_columns_are_carried_along() {
     std::fs::write(dir.path().join("log.csv"), &text).unwrap();
     program::run(dir.path(), "synth train --rows 600 --seed 5 -o train.csv", 0);
     program::run(dir.path(), "fit train.csv --model linear -o cal.json", 0);
-    for (flags, filter) in
-        [("--keep all", "--no-lowpass"), ("--keep temperature,11", "--lowpass 5")]
-    {
+    for (flags, filter, names) in [
+        ("--keep all", "--no-lowpass", "t_s,fz_n,temperature,fx_n,group"),
+        ("--keep temperature,11", "--lowpass 5", "t_s,fz_n,temperature,fx_n"),
+    ] {
         let command =
             format!("convert cal.json log.csv --columns t,fz {filter} {flags} -o out.csv");
         program::run(dir.path(), &command, 0);
         let out = std::fs::read_to_string(dir.path().join("out.csv")).unwrap();
         let mut lines = out.lines();
         // The log's own force keeps its name, as no column of the output has it.
-        assert_eq!(lines.next(), Some("t_s,fz_n,temperature,fx_n"), "{flags}");
+        assert_eq!(lines.next(), Some(names), "{flags}");
         let kept = |line: &str, places: [usize; 2]| -> [f64; 2] {
             places.map(|at| line.split(',').nth(at).unwrap().parse().unwrap())
         };

@@ -22,6 +22,7 @@ fn read(path: &Path, threads: usize) -> Result<(), LogError> {
         wrench: log.has_wrench(),
         groups: log.has_groups(),
         others: Vec::new(),
+        ..Wanted::default()
     };
     let options = ReadOptions { threads, ..ReadOptions::default() };
     log.with_chunk_bytes(64).read(&wanted, &options, |_| (), |()| Ok::<(), LogError>(()))?;
@@ -184,6 +185,17 @@ fn bad_rows_are_left_out_on_request_and_counted() {
     assert_eq!(output.status.code(), Some(0));
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((json[0]["rows"].as_u64(), json[0]["skipped_rows"].as_u64()), (Some(2), Some(1)));
+}
+
+#[test]
+fn faults_among_decimal_commas_are_shown_as_the_file_has_them() {
+    // A point that the file has stays one.
+    for (field, expected) in [("1,5x", "found `1,5x`"), ("1.5x", "found `1.5x`")] {
+        let text = format!("t_s;s1\n0,5;1,25\n1,5;{field}\n");
+        let output = info(text.as_bytes(), &[]);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(said.contains("line 3") && said.contains(expected), "{said}");
+    }
 }
 
 #[test]

@@ -38,6 +38,7 @@ fn rows(path: &Path, threads: usize) -> Result<(Block, Option<String>), LogError
         wrench: true,
         groups: log.has_groups(),
         others: Vec::new(),
+        ..Wanted::default()
     };
     let options = ReadOptions { threads, checksum: true, ..ReadOptions::default() };
     let mut whole = Block::default();

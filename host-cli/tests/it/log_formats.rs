@@ -33,6 +33,7 @@ fn all(log: &Log) -> Wanted {
         wrench: log.has_wrench(),
         groups: log.has_groups(),
         others: vec![0],
+        ..Wanted::default()
     }
 }
 
@@ -233,7 +234,14 @@ fn threads_cuts_and_compression_make_no_difference() {
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     gzip.write_all(text.as_bytes()).unwrap();
     let gzip = file(&gzip.finish().unwrap());
-    let wanted = Wanted { time: true, readings: true, wrench: true, groups: true, others: vec![1] };
+    let wanted = Wanted {
+        time: true,
+        readings: true,
+        wrench: true,
+        groups: true,
+        others: vec![1],
+        ..Wanted::default()
+    };
     let read_at = |path: &Path, chunk_bytes: usize, threads: usize| {
         let log = Log::open(path, &Mapping::default()).unwrap().with_chunk_bytes(chunk_bytes);
         read_with(&log, &wanted, &ReadOptions { threads, ..ReadOptions::default() })
@@ -262,7 +270,14 @@ fn plain_rows_and_quoted_rows_give_the_same_bits() {
             _ => format!("\"{}\"\n", text.replace(',', "\",\"")),
         })
         .collect();
-    let wanted = Wanted { time: true, readings: true, wrench: true, groups: true, others: vec![3] };
+    let wanted = Wanted {
+        time: true,
+        readings: true,
+        wrench: true,
+        groups: true,
+        others: vec![3],
+        ..Wanted::default()
+    };
     let read = |text: &str| read_with(&open(text).1, &wanted, &ReadOptions::default());
     let (plain, quoted) = (read(&text), read(&quoted));
     assert!(plain == quoted);

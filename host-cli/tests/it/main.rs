@@ -34,6 +34,7 @@ mod hostile;
 #[cfg(target_os = "linux")]
 mod install_script;
 mod instruction_sets;
+mod kept_columns;
 #[cfg(all(unix, feature = "live"))]
 mod live;
 mod log_bad_input;
@@ -58,6 +59,7 @@ mod settings;
 mod shell_integration;
 mod simulate_command;
 mod solver_identities;
+mod some_axes;
 mod support;
 mod synth_command;
 mod synth_physics;

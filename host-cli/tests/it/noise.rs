@@ -45,7 +45,7 @@ fn scatter_about_the_mean_of_fresh_frames_in_a_window() {
         assert!((channel.mean - mean).abs() < 1e-13 && (channel.rms - 0.5).abs() < 1e-13);
         assert_eq!(channel.peak_to_peak, 1.0);
     }
-    for (axis, found) in summary.axes.iter().enumerate() {
+    for (axis, (_, found)) in summary.axes.iter().enumerate() {
         let slope = (2 * axis + 1) as f64 / 4.0;
         assert!((found.rms - 0.5 * slope).abs() < 1e-14);
         assert_eq!(found.peak_to_peak, slope);

@@ -585,3 +585,85 @@ fn a_deaf_board_and_a_calibration_not_for_it_are_errors() {
     assert!(error.contains("`quadratic`") && error.contains("--model cubic"), "{error}");
     board.stop();
 }
+
+/// What a terminal of so many columns is shown on one line while something is recorded with forces.
+fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
+    let dir = tempfile::tempdir().unwrap();
+    self::calibration(dir.path());
+    succeed(
+        dir.path(),
+        "fit training.csv --model cubic --wrench fz=fz_n,mx=mx_nm --output two.json",
+    );
+    let (mut user, program_end) = TTYPort::pair().unwrap();
+    user.set_timeout(Duration::from_millis(10)).unwrap();
+    let terminal = program_end.name().unwrap();
+    let open = || fs::OpenOptions::new().read(true).write(true).open(&terminal).unwrap();
+    let (board, port) = pty();
+    // In a session of its own, so that this terminal is the program's.
+    let mut child = std::process::Command::new("setsid")
+        .args(["--ctty", "sh", "-c"])
+        .arg(format!("stty rows 24 cols {columns}; exec \"$0\" \"$@\""))
+        .arg(program::command(dir.path()).get_program())
+        .args(format!("record {port} -o log.csv --calibration {calibration} --no-tare").split(' '))
+        .args(["--duration", "3"])
+        .current_dir(dir.path())
+        .env("TERM", "xterm-256color")
+        .stdin(Stdio::from(open()))
+        .stdout(Stdio::null())
+        .stderr(Stdio::from(open()))
+        .spawn()
+        .unwrap();
+    let sender = Sender::start(board, 0);
+    let (mut shown, mut buffer) = (Vec::new(), [0; 4096]);
+    let deadline = Instant::now() + Duration::from_secs(60);
+    let status = loop {
+        if let Ok(count) = user.read(&mut buffer) {
+            shown.extend_from_slice(&buffer[..count]);
+        }
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        assert!(Instant::now() < deadline, "it does not end");
+    };
+    sender.stop();
+    assert!(status.success(), "{}", String::from_utf8_lossy(&shown));
+    // Without the sequences that move and erase.
+    let text = String::from_utf8_lossy(&shown).into_owned();
+    let mut pieces = text.split('\u{1b}');
+    let mut plain = pieces.next().unwrap_or_default().to_owned();
+    for piece in pieces {
+        let end = piece.find(|c: char| c.is_ascii_alphabetic()).map_or(piece.len(), |at| at + 1);
+        plain.push('\r');
+        plain.push_str(&piece[end..]);
+    }
+    // Notes before it are no part of the line, which begins with a clock or with the forces.
+    let lines = plain.split(['\r', '\n']).map(|line| line.trim_end().to_owned());
+    lines.filter(|line| line.starts_with(|c: char| c.is_ascii_digit() || c == 'F')).collect()
+}
+
+#[test]
+fn the_live_line_names_its_axes_and_fits_the_terminal() {
+    let forces = |lines: &[String]| lines.iter().rev().find(|line| line.contains("Fz")).cloned();
+    for (columns, calibration, expected, others) in [
+        (
+            200,
+            "cal.json",
+            &["Hz", "frames", "waiting", "Fx", "Fy", "Fz", "N  Mx", "Mz", "N·m"][..],
+            &[][..],
+        ),
+        (80, "cal.json", &["Fx", "Fy", "Fz", "Mx", "My", "Mz", "N·m"], &["waiting"]),
+        (80, "two.json", &["Hz", "Fz", "N  Mx"], &["Fx", "Fy", "My"]),
+        (30, "two.json", &["Fz", "Mx"], &["frames"]),
+    ] {
+        let lines = live_lines(columns, calibration);
+        let longest = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0);
+        assert!(longest <= columns, "{columns}: {lines:?}");
+        let line = forces(&lines).unwrap_or_else(|| panic!("{columns}: no forces in {lines:?}"));
+        for text in expected {
+            assert!(line.contains(text), "{columns}: no `{text}` in `{line}`");
+        }
+        for text in others {
+            assert!(!line.contains(text), "{columns}: `{text}` in `{line}`");
+        }
+    }
+}

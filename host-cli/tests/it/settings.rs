@@ -101,6 +101,29 @@ fn settings_beside_the_data_are_options_of_every_command() {
 }
 
 #[test]
+fn partial_fits_hand_on_the_columns_that_all_of_them_have() {
+    let dir = folder();
+    let dir = dir.path();
+    for name in ["train", "test"] {
+        let command = format!("fit data/{name}.csv --model linear --partial {name}.json");
+        program::run(dir, &command, 0);
+    }
+    program::run(dir, "synth train --rows 400 --seed 7 -o other.csv", 0);
+    program::run(dir, "fit other.csv --model linear --partial other.json", 0);
+    for (parts, has_columns) in [
+        ("train.json test.json", true),
+        ("test.json train.json", true),
+        ("train.json other.json test.json", false),
+        ("other.json train.json", false),
+    ] {
+        program::run(dir, &format!("merge {parts} -o merged.json"), 0);
+        let text = fs::read_to_string(dir.join("merged.json")).unwrap();
+        let merged: Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(merged["columns"]["sensors"][0] == "IR a", has_columns, "{parts}");
+    }
+}
+
+#[test]
 fn a_calibration_remembers_the_columns_that_it_was_fitted_with() {
     let dir = folder();
     let dir = dir.path();
@@ -112,6 +135,11 @@ fn a_calibration_remembers_the_columns_that_it_was_fitted_with() {
         document(dir, "eval cal.json data/test.csv --json --config s.toml")
     };
     assert_eq!(errors, expected);
+    let said = program::run(dir, "eval cal.json data/test.csv --verbose", 0);
+    assert!(
+        said.contains("`data/test.csv`: sensors, wrench, time as `cal.json` remembers"),
+        "{said}"
+    );
     // Forces of N·mm read as N·m would be a thousand times theirs.
     assert!(errors["all"]["errors"][3]["rms"].as_f64().unwrap() < 0.1, "{errors}");
     // Logs with the usual names are read as they always were.

@@ -51,6 +51,20 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
         program::run(dir, &format!("fit {files} --model linear --covariance rows -o {to}"), 0);
         assert_eq!(coefficients(dir, to), coefficients(dir, "whole.json"), "{files}");
     }
+    // Both files are named with their checksums, in the calibration and in a partial fit.
+    let flags = "--model linear --partial sums.json --groups";
+    program::run(dir, &format!("fit readings.csv --wrench-from wrench.csv {flags}"), 0);
+    program::run(dir, "merge sums.json -o merged.json", 0);
+    for name in ["two.json", "merged.json"] {
+        let text = fs::read_to_string(dir.join(name)).unwrap();
+        let sources = serde_json::from_str::<Value>(&text).unwrap()["sources"].clone();
+        let part = |at: usize, field: &str| sources[at][field].as_str().unwrap().to_owned();
+        assert_eq!([part(0, "role"), part(1, "role")], ["train", "wrench"], "{sources}");
+        assert_eq!(part(1, "path"), "wrench.csv");
+        let files = ["readings.csv", "wrench.csv"].map(|file| fs::read(dir.join(file)).unwrap());
+        let checksums = files.map(|bytes| log_file::checksum::of(&bytes));
+        assert_eq!([part(0, "checksum"), part(1, "checksum")], checksums);
+    }
     let rms = |command: &str| -> [f64; 6] {
         let output = program::output(dir, command);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

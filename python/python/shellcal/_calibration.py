@@ -275,8 +275,8 @@ class Calibration:
 
         Returns
         -------
-        wrench : ndarray of shape (n, 6)
-            Fx, Fy, Fz in N, Mx, My, Mz in N·m; of shape (n,) after a fit to a single column.
+        wrench : ndarray of shape (n, axes)
+            Fx, Fy, Fz in N, Mx, My, Mz in N·m, those that the calibration has; of shape (n,) after a fit to a single column.
         std : ndarray of that shape
             If `return_std`.
         lower, upper : ndarrays of that shape

@@ -57,8 +57,9 @@ class Table(Mapping[str, npt.NDArray[Any]]):
 
     @property
     def Y(self) -> npt.NDArray[np.float64]:
-        """The wrench, of shape (rows, 6): Fx, Fy, Fz in N, Mx, My, Mz in N·m."""
-        return np.column_stack([self[name] for name in _AXES])
+        """The wrench, of shape (rows, axes): Fx, Fy, Fz in N, Mx, My, Mz in N·m, those that there are."""
+        axes = [name for name in _AXES if name in self._columns] or _AXES
+        return np.column_stack([self[name] for name in axes])
 
     @property
     def groups(self) -> npt.NDArray[Any] | None:

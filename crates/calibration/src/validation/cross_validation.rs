@@ -11,7 +11,7 @@ use shell_data::wrench::{Axis, PerAxis};
 pub const SUSPICIOUS_RATIO: f64 = 2.0;
 
 /// Errors on rows that were held out, on one axis, N or N·m.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeldOutQuality {
     /// Root mean square.
     pub rms: f64,

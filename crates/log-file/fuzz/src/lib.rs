@@ -23,6 +23,7 @@ pub fn read_log(bytes: &[u8], format: Option<Format>, piece: usize) {
         wrench: log.has_wrench(),
         groups: log.has_groups(),
         others: (0..log.columns().len()).filter(is_number).collect(),
+        ..Wanted::default()
     };
     let Ok(in_pieces) = Log::open(&path, &mapping) else { panic!("opened once, not twice") };
     let in_pieces = in_pieces.with_chunk_bytes(piece);

@@ -112,7 +112,13 @@ fn apply_mapping(
         references.map(|references| positions(names, references)).transpose()
     };
     let sensors = find(mapping.sensors.as_deref())?;
-    let wrench = find(mapping.wrench.as_ref().map(|six| &six[..]))?;
+    let axis_columns = |columns: &PerAxis<Option<ColumnRef>>| {
+        let columns = Axis::ALL.into_iter().zip(columns.iter().cloned());
+        columns.filter_map(|(axis, column)| Some((axis, column?))).unzip()
+    };
+    let (axes, wrench): (Vec<Axis>, Vec<ColumnRef>) =
+        mapping.wrench.as_ref().map(axis_columns).unwrap_or_default();
+    let wrench = find(mapping.wrench.as_ref().map(|_| &wrench[..]))?;
     let time = find(mapping.time.as_ref().map(std::slice::from_ref))?;
     let group = find(mapping.group.as_ref().map(std::slice::from_ref))?;
     let is_replaced = |meaning: &Meaning| match meaning {
@@ -126,7 +132,7 @@ fn apply_mapping(
 
     let mapped = |positions: Option<Vec<usize>>| positions.into_iter().flatten();
     let sensors = mapped(sensors).enumerate().map(|(channel, at)| (at, Meaning::Sensor(channel)));
-    let wrench = mapped(wrench).zip(Axis::ALL).map(|(at, axis)| (at, wrench_meaning(axis, false)));
+    let wrench = mapped(wrench).zip(axes).map(|(at, axis)| (at, wrench_meaning(axis, false)));
     let time = mapped(time).map(|at| (at, Meaning::Time(default_time_unit(format))));
     let group = mapped(group).next();
     let mut is_mapped = vec![false; names.len()];
@@ -422,7 +428,7 @@ mod tests {
     fn usual_columns_are_taken_where_the_log_has_them_and_nothing_is_specified() {
         let usual = ColumnNames {
             sensors: Some(names("b,a")),
-            wrench: Some(["u", "v", "w", "p", "q", "r"].map(str::to_owned)),
+            wrench: Some(["u", "v", "w", "p", "q", "r"].map(|name| Some(name.to_owned()))),
             moment_unit: Some(MomentUnit::MillinewtonMetre),
             time: Some("clock".to_owned()),
             time_unit: Some(TimeUnit::Millisecond),

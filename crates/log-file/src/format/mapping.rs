@@ -1,6 +1,7 @@
 //! What the user specifies about a log that cannot be recognised.
 
 use shell_data::ColumnNames;
+use shell_data::wrench::PerAxis;
 pub use shell_data::{MomentUnit, TimeUnit};
 use std::fmt;
 
@@ -65,8 +66,8 @@ pub struct Mapping {
     pub format: Option<Format>,
     /// The sensor columns, in channel order.
     pub sensors: Option<Vec<ColumnRef>>,
-    /// The six wrench columns, in the order Fx … Mz.
-    pub wrench: Option<[ColumnRef; 6]>,
+    /// The wrench columns, of the axes that there are, in the order Fx … Mz.
+    pub wrench: Option<PerAxis<Option<ColumnRef>>>,
     /// The time column.
     pub time: Option<ColumnRef>,
     /// The unit of the time column, whatever its name says.
@@ -93,9 +94,9 @@ impl Mapping {
             mapping.sensors = Some(sensors.into_iter().map(name).collect());
         }
         if mapping.wrench.is_none()
-            && let Some(wrench) = usual.wrench.filter(|all| all.iter().all(has))
+            && let Some(wrench) = usual.wrench.filter(|all| all.iter().flatten().all(has))
         {
-            mapping.wrench = Some(wrench.map(name));
+            mapping.wrench = Some(wrench.map(|column| column.map(name)));
             mapping.moment_unit = mapping.moment_unit.or(usual.moment_unit);
         }
         if mapping.time.is_none()

@@ -27,8 +27,11 @@ pub(crate) struct ReadPlan {
     /// Whether the clock comes round.
     clock_turns: bool,
     readings: Vec<OutputColumn>,
-    wrench: Vec<OutputColumn>,
+    /// Empty, or one for each axis that there is.
+    wrench: Vec<Option<OutputColumn>>,
     others: Vec<OutputColumn>,
+    /// How many columns of text are wanted.
+    texts: usize,
 }
 
 /// How rows are parsed.
@@ -89,14 +92,17 @@ impl ReadPlan {
         let outputs = |wanted: bool, places: &[usize]| -> Vec<OutputColumn> {
             if wanted { places.iter().map(output).collect() } else { Vec::new() }
         };
-        let wrench: Vec<usize> = roles.wrench.iter().flatten().copied().collect();
         Self {
             numbers: places.len(),
             time: roles.time.filter(|_| wanted.time).as_ref().map(output),
             clock_turns: layout.clock().is_some(),
             readings: outputs(wanted.readings, &roles.sensors),
-            wrench: outputs(wanted.wrench, &wrench),
+            wrench: match wanted.wrench {
+                true => roles.wrench.iter().map(|place| place.as_ref().map(output)).collect(),
+                false => Vec::new(),
+            },
             others: outputs(true, &wanted.others),
+            texts: wanted.texts.len(),
             rows: match layout.format {
                 Format::Console => RowSyntax::Console(places),
                 _ => RowSyntax::Separated(RowPlan {
@@ -108,6 +114,7 @@ impl ReadPlan {
                         roles.time.filter(|_| layout.has_dates),
                     ),
                     group: roles.group.filter(|_| wanted.groups),
+                    texts: wanted.texts.clone(),
                     largest_reading: match layout.format {
                         Format::Telemetry => LARGEST_LOGGED,
                         _ => LARGEST_READING,
@@ -160,6 +167,7 @@ impl ReadPlan {
         if let (true, Some(output)) = (self.clock_turns, &self.time) {
             clock_turns::unwrap(&mut parsed.columns[output.slot], turns);
         }
+        let rows = parsed.rows;
         let mut take = |column: &mut Vec<f64>, output: &OutputColumn| {
             std::mem::swap(column, &mut parsed.columns[output.slot]);
             if output.per_si_unit != 1.0 {
@@ -169,13 +177,22 @@ impl ReadPlan {
         if let Some(output) = &self.time {
             take(&mut block.time_s, output);
         }
-        for (columns, outputs) in
-            [(&mut block.readings, &self.readings), (&mut block.wrench, &self.wrench)]
-        {
-            columns.resize_with(outputs.len(), Vec::new);
-            columns.iter_mut().zip(outputs).for_each(|(column, output)| take(column, output));
+        block.readings.resize_with(self.readings.len(), Vec::new);
+        let readings = block.readings.iter_mut().zip(&self.readings);
+        readings.for_each(|(column, output)| take(column, output));
+        block.wrench.resize_with(self.wrench.len(), Vec::new);
+        for (column, output) in block.wrench.iter_mut().zip(&self.wrench) {
+            match output {
+                Some(output) => take(column, output),
+                None => {
+                    column.clear();
+                    column.resize(rows, 0.0);
+                }
+            }
         }
         std::mem::swap(&mut block.groups, &mut parsed.groups);
+        parsed.texts.resize_with(self.texts, Vec::new);
+        std::mem::swap(&mut block.texts, &mut parsed.texts);
         block.readings_before = self.last_readings(context);
     }
 

@@ -26,6 +26,8 @@ pub(crate) struct RowPlan {
     pub(crate) uses: Vec<ColumnUse>,
     /// The column with the label of the row's group, whatever its use besides.
     pub(crate) group: Option<usize>,
+    /// Columns that are wanted as text, whatever their use besides.
+    pub(crate) texts: Vec<usize>,
     /// Names of all columns.
     pub(crate) names: Vec<String>,
     /// No converter gives a reading of a larger magnitude.
@@ -57,6 +59,8 @@ pub(crate) struct ParsedRows {
     pub(crate) skipped: u64,
     pub(crate) columns: Vec<Vec<f64>>,
     pub(crate) groups: Vec<(String, usize)>,
+    /// For each column of text, run-length encoded.
+    pub(crate) texts: Vec<Vec<(String, usize)>>,
 }
 
 /// A bad row.
@@ -72,6 +76,7 @@ impl ParsedRows {
     pub(crate) fn clear(&mut self, columns: usize, capacity: usize) {
         (self.rows, self.skipped) = (0, 0);
         self.groups.clear();
+        self.texts.iter_mut().for_each(Vec::clear);
         self.columns.resize_with(columns, Vec::new);
         // Old numbers stay until new ones are written over them: filling columns with zeros in
         // between would take time.
@@ -95,10 +100,14 @@ impl ParsedRows {
     }
 
     pub(crate) fn push_group(&mut self, label: &[u8]) {
-        match self.groups.last_mut() {
-            Some((last, rows)) if last.as_bytes() == label => *rows += 1,
-            _ => self.groups.push((String::from_utf8_lossy(label).into_owned(), 1)),
+        push(&mut self.groups, label);
+    }
+
+    fn push_text(&mut self, column: usize, text: &[u8]) {
+        if self.texts.len() <= column {
+            self.texts.resize_with(column + 1, Vec::new);
         }
+        push(&mut self.texts[column], text);
     }
 
     /// Removes the traces of a bad row.
@@ -110,6 +119,14 @@ impl ParsedRows {
             }
         }
         self.skipped += 1;
+    }
+}
+
+/// Adds the text of a row to runs of equal ones.
+fn push(runs: &mut Vec<(String, usize)>, text: &[u8]) {
+    match runs.last_mut() {
+        Some((last, rows)) if last.as_bytes() == text => *rows += 1,
+        _ => runs.push((String::from_utf8_lossy(text).into_owned(), 1)),
     }
 }
 
@@ -155,11 +172,13 @@ impl RowPlan {
         if memchr(b'"', lines).is_some() {
             // Quotes around whole fields say nothing; where all is right without them, it is with them.
             if let Some(plain) = without_quotes(lines, self.separator) {
-                let (rows, skipped, groups) = (parsed.rows, parsed.skipped, parsed.groups.clone());
+                let (rows, skipped) = (parsed.rows, parsed.skipped);
+                let (groups, texts) = (parsed.groups.clone(), parsed.texts.clone());
                 if self.parse_unquoted(set, &plain, skip_bad_rows, parsed).is_ok() {
                     return Ok(());
                 }
-                (parsed.rows, parsed.skipped, parsed.groups) = (rows, skipped, groups);
+                (parsed.rows, parsed.skipped) = (rows, skipped);
+                (parsed.groups, parsed.texts) = (groups, texts);
             }
             return self.parse_quoted(lines, skip_bad_rows, parsed);
         }
@@ -268,6 +287,13 @@ impl RowPlan {
                 parsed.push_group(lines[start..end].trim_ascii());
             }
         }
+        for (text, &column) in self.texts.iter().enumerate() {
+            let fields = ends.of_column(column, count);
+            for row in 0..right {
+                let (start, end) = fields.place(row);
+                parsed.push_text(text, lines[start..end].trim_ascii());
+            }
+        }
         right
     }
 
@@ -321,6 +347,7 @@ impl RowPlan {
         parsed: &mut ParsedRows,
     ) -> Result<(), (RowProblem, bool)> {
         let mut labelled = false;
+        let mut texts: Vec<(usize, &[u8])> = Vec::new();
         let mut problem = None;
         let mut found = 0;
         let mut slot = 0;
@@ -351,6 +378,8 @@ impl RowPlan {
                 parsed.push_group(field.trim_ascii());
                 labelled = true;
             }
+            let text = self.texts.iter().position(|&at| at == column);
+            texts.extend(text.map(|text| (text, field.trim_ascii())));
         }
         let expected = self.names.len();
         // A wrong number of columns says more than what that makes of the fields.
@@ -358,7 +387,10 @@ impl RowPlan {
             problem = Some(RowProblem::ColumnCount { expected, found });
         }
         match problem {
-            None => Ok(()),
+            None => {
+                texts.into_iter().for_each(|(text, field)| parsed.push_text(text, field));
+                Ok(())
+            }
             Some(problem) => Err((problem, labelled)),
         }
     }
@@ -506,7 +538,8 @@ mod tests {
     fn plan() -> RowPlan {
         let names = ["time", "group", "talk", "fx"].map(str::to_owned).to_vec();
         let uses = vec![ColumnUse::Number, ColumnUse::Skip, ColumnUse::Skip, ColumnUse::Number];
-        RowPlan { separator: b',', uses, group: Some(1), names, largest_reading: 65_535.0 }
+        let texts = vec![2];
+        RowPlan { separator: b',', uses, group: Some(1), texts, names, largest_reading: 65_535.0 }
     }
 
     fn parse(instructions: Arch, lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) {
@@ -598,8 +631,9 @@ mod tests {
     fn readings_that_no_converter_gives_are_wrong() {
         let uses = vec![ColumnUse::Number, ColumnUse::Reading];
         let names = ["t", "s1"].map(str::to_owned).to_vec();
+        let (group, texts) = (Some(1), Vec::new());
         let plan =
-            RowPlan { separator: b',', uses, group: Some(1), names, largest_reading: 65_535.0 };
+            RowPlan { separator: b',', uses, group, texts, names, largest_reading: 65_535.0 };
         let right = "1e63,1063\n";
         for place in [0, 1, 40, 300] {
             for wrong in ["1,1e63", "1,-65536", "1,65535.1"] {

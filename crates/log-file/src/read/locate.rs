@@ -1,13 +1,14 @@
 //! Where in a log an error is: offsets as line numbers.
 
-use std::io::Read;
+use std::io::{BufRead, BufReader, Read};
 
-use crate::error::LogError;
+use crate::error::{LogError, RowProblem};
 use crate::log::Log;
 use crate::parse::plan::ReadPlan;
 use crate::parse::rows::{ParsedRows, RowError};
 use crate::read::request::Wanted;
 use crate::stream::chunk::{Chunk, ChunkError, LINE_LIMIT};
+use crate::stream::decimal_comma;
 
 impl Log {
     pub(crate) fn chunk_error(&self, error: ChunkError) -> LogError {
@@ -28,10 +29,44 @@ impl Log {
         match self.line_number(chunk_offset + error.offset as u64) {
             Ok(line) => {
                 let place = self.source.place(line);
-                LogError::Row { path: self.source.path.clone(), place, problem: error.problem }
+                let mut problem = error.problem;
+                if self.layout.has_decimal_commas {
+                    self.show_as_written(chunk_offset + error.offset as u64, &mut problem);
+                }
+                LogError::Row { path: self.source.path.clone(), place, problem }
             }
             Err(error) => error,
         }
+    }
+
+    /// Rows of decimal commas are parsed with points; what is wrong is shown as the file has it.
+    fn show_as_written(&self, offset: u64, problem: &mut RowProblem) {
+        let (RowProblem::NotANumber { field, found }
+        | RowProblem::NotADate { field, found }
+        | RowProblem::NotFinite { field, found }
+        | RowProblem::Unbelievable { field, found, .. }) = problem
+        else {
+            return;
+        };
+        let Ok(line) = self.line_at(offset) else { return };
+        let written = line.split(|&byte| byte == self.layout.separator).nth(field.column);
+        let Some(written) = written.map(<[u8]>::trim_ascii) else { return };
+        let mut parsed = written.to_vec();
+        decimal_comma::to_points(&mut parsed);
+        if parsed == found.as_bytes() {
+            *found = String::from_utf8_lossy(written).into_owned();
+        }
+    }
+
+    /// The bytes of the line that begins at `offset`.
+    fn line_at(&self, offset: u64) -> Result<Vec<u8>, LogError> {
+        let io = |error| self.source.error(error);
+        let mut text = self.source.open()?;
+        std::io::copy(&mut Read::take(&mut text, offset), &mut std::io::sink()).map_err(io)?;
+        let mut line = Vec::new();
+        let mut rest = BufReader::new(text.take(LINE_LIMIT as u64));
+        rest.read_until(b'\n', &mut line).map_err(io)?;
+        Ok(line)
     }
 
     /// The line, from 1, of a row of the block that starts at `place`: the row `row` from 0 of those that

@@ -9,12 +9,14 @@ pub struct Wanted {
     pub time: bool,
     /// The readings of all channels.
     pub readings: bool,
-    /// The wrench.
+    /// The wrench, as far as there are columns of it.
     pub wrench: bool,
     /// Group labels.
     pub groups: bool,
     /// Further columns by place in the row, from 0; they are given as they stand in the log.
     pub others: Vec<usize>,
+    /// Columns of text by place in the row, from 0, each once.
+    pub texts: Vec<usize>,
 }
 
 /// How a log is read.

@@ -4,7 +4,9 @@ use std::io::{Read, Seek, SeekFrom};
 
 use super::request::Wanted;
 use crate::error::LogError;
+use crate::format::mapping::Format;
 use crate::log::Log;
+use crate::parse::number::parse_field;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::stream::chunk::Chunk;
 use crate::stream::decimal_comma;
@@ -41,6 +43,22 @@ impl Log {
         plan.parse(&lines, true, &mut parsed).map_err(|error| self.row_error(0, error))?;
         plan.fill(&mut block, &mut parsed, &[], 0);
         Ok(block)
+    }
+
+    /// Which of some columns hold text rather than numbers, by a [sample](Self::sample) of their rows.
+    ///
+    /// # Errors
+    /// [`LogError`] if the file cannot be read.
+    pub fn are_texts(&self, places: &[usize]) -> Result<Vec<bool>, LogError> {
+        // A console has numbers alone.
+        if self.format() == Format::Console {
+            return Ok(vec![false; places.len()]);
+        }
+        let sample = self.sample(&Wanted { texts: places.to_vec(), ..Wanted::default() })?;
+        let is_text = |runs: &Vec<(String, usize)>| {
+            runs.iter().any(|(text, _)| parse_field(text.as_bytes()).is_err())
+        };
+        Ok(sample.texts.iter().map(is_text).collect())
     }
 
     fn bytes_of_rows(&self) -> u64 {

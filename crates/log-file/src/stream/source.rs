@@ -115,6 +115,24 @@ impl LogSource {
         Self { beside: Some(Arc::new(beside)), ..self }
     }
 
+    /// The file beside it, if there is one.
+    pub(crate) fn beside(&self) -> Option<&Path> {
+        self.beside.as_ref().map(|beside| beside.path.as_path())
+    }
+
+    /// The checksum of the file beside it, if there is one.
+    pub(crate) fn checksum_beside(&self) -> Result<Option<String>, LogError> {
+        let Some(beside) = &self.beside else { return Ok(None) };
+        let (mut file, mut checksum) = (beside.file()?, Checksum::default());
+        let mut buffer = vec![0; 1 << 16];
+        loop {
+            match file.read(&mut buffer).map_err(|error| beside.error(error))? {
+                0 => return Ok(Some(checksum.finish())),
+                read => checksum.update(&buffer[..read]),
+            }
+        }
+    }
+
     /// What the first lines of this and the file beside it say; `None` without such a file.
     pub(crate) fn sides(&self) -> Result<Option<Sides>, LogError> {
         let Some(beside) = &self.beside else { return Ok(None) };

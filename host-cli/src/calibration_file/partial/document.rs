@@ -7,6 +7,8 @@
 //! | `model` | features and intercept |
 //! | `skipped_rows`, `repeated_rows` | wrong rows left out, rows that repeat their readings |
 //! | `sources` | files, their checksums and rows |
+//! | `columns` | optional: their columns that were specified, by name, as in a calibration's document |
+//! | `axes` | optional: the axes of the wrench that there are sums of, where these are not all six |
 //! | `moments` | rows, the range of each channel, and the sums, as decimal integers |
 //! | `groups` | version 2: the same for each group and for rows that were dealt at random |
 //! | `checksum` | XXH3 of 128 bits of all bytes before it; absent in files of earlier programs |
@@ -19,13 +21,14 @@ use calibration::model::Model;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
+use shell_data::wrench::Axes;
 use twox_hash::XxHash3_128;
 
 use super::super::layout::to_json;
 use super::super::moments::MomentsDocument;
 use super::super::problem::problem;
-use super::super::stored::{Name, Stored, StoredModel, StoredSource};
-use super::super::{CalibrationFileError, Problem};
+use super::super::stored::{Name, Stored, StoredColumnNames, StoredModel, StoredSource, axes_of};
+use super::super::{CalibrationFileError, Problem, Role};
 use super::{PartialFit, PartialGroup, PartialGroups};
 use crate::input;
 
@@ -44,6 +47,11 @@ struct Document {
     skipped_rows: u64,
     repeated_rows: u64,
     sources: Vec<StoredSource>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    columns: Option<StoredColumnNames>,
+    /// Absent where there are all six.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    axes: Option<Vec<String>>,
     moments: MomentsDocument,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     groups: Option<GroupsDocument>,
@@ -114,12 +122,15 @@ impl PartialFit {
             },
             made_by: self.made_by.clone(),
             date: self.date.clone(),
-            model: Stored::of(&self.model),
+            model: Stored::of(&self.model, self.axes),
             skipped_rows: self.skipped_rows,
             repeated_rows: self.repeated_rows,
-            sources: Stored::of(&self.sources),
-            moments: MomentsDocument::of(&self.moments),
-            groups: self.groups.as_ref().map(GroupsDocument::of),
+            sources: Stored::of(&self.sources, self.axes),
+            columns: Stored::of(&self.columns, self.axes),
+            axes: (!self.axes.are_all())
+                .then(|| self.axes.iter().map(|axis| axis.column().to_owned()).collect()),
+            moments: MomentsDocument::of(&self.moments, self.axes),
+            groups: self.groups.as_ref().map(|groups| GroupsDocument::of(groups, self.axes)),
         }))
     }
 }
@@ -136,26 +147,29 @@ impl Document {
         if version != expected {
             return Err(format!("`groups` belongs to version 2, this is version {version}"));
         }
-        let (model, moments) = (self.model.value(), self.moments.value()?);
+        let axes = axes_of(self.axes.as_deref())?;
+        let (model, moments) = (self.model.value(axes)?, self.moments.value(axes)?);
         if !suits(&moments, &model) {
             return Err("`moments` are not those of `model`".to_owned());
         }
-        let rows =
-            self.sources.iter().fold(0, |rows: u64, source| rows.saturating_add(source.rows));
+        let logs = self.sources.iter().filter(|source| source.role != Role::Wrench);
+        let rows = logs.fold(0, |rows: u64, source| rows.saturating_add(source.rows));
         if rows != moments.rows() {
             let summed = moments.rows();
             return Err(format!("`sources` have {rows} rows, `moments` are of {summed}"));
         }
         let sources = self.sources.len();
         let groups =
-            self.groups.map(|groups| groups.value(&model, &moments, sources)).transpose()?;
+            self.groups.map(|groups| groups.value(&model, &moments, sources, axes)).transpose()?;
         Ok(PartialFit {
             made_by: self.made_by,
             date: self.date,
             model,
             skipped_rows: self.skipped_rows,
             repeated_rows: self.repeated_rows,
-            sources: self.sources.value(),
+            sources: self.sources.value(axes)?,
+            axes,
+            columns: self.columns.value(axes)?,
             moments,
             groups,
         })
@@ -163,20 +177,20 @@ impl Document {
 }
 
 impl GroupsDocument {
-    fn of(groups: &PartialGroups) -> Self {
+    fn of(groups: &PartialGroups, axes: Axes) -> Self {
         let RandomSplit { folds, held_out, seed } = groups.split;
         let group = |group: &PartialGroup| GroupDocument {
             label: group.label.clone(),
             source: group.source,
             place: group.place,
-            moments: MomentsDocument::of(&group.moments),
+            moments: MomentsDocument::of(&group.moments, axes),
         };
         Self {
-            by: Name::of(&groups.by),
+            by: Name::of(&groups.by, axes),
             random_folds: folds,
             held_out_folds: held_out,
             seed,
-            random: groups.random.iter().map(MomentsDocument::of).collect(),
+            random: (groups.random.iter()).map(|sums| MomentsDocument::of(sums, axes)).collect(),
             sums: groups.groups.iter().map(group).collect(),
         }
     }
@@ -187,6 +201,7 @@ impl GroupsDocument {
         model: &Model,
         total: &Moments,
         sources: usize,
+        axes: Axes,
     ) -> Result<PartialGroups, String> {
         let (mut sums, mut groups) = (Vec::new(), Vec::new());
         let (mut labels, mut places) = (HashSet::new(), HashSet::new());
@@ -195,7 +210,7 @@ impl GroupsDocument {
         }
         for GroupDocument { label, source, place, moments } in self.sums {
             let named = |why: &str| format!("group `{label}`: {why}");
-            let moments = moments.value().map_err(|error| named(&error))?;
+            let moments = moments.value(axes).map_err(|error| named(&error))?;
             if !suits(&moments, model) {
                 return Err(named("`moments` are not those of `model`"));
             }
@@ -225,13 +240,13 @@ impl GroupsDocument {
         }
         let mut random = Vec::new();
         for moments in self.random {
-            let moments = moments.value()?;
+            let moments = moments.value(axes)?;
             if !suits(&moments, model) || !moments.can_be_part_of(total) {
                 return Err("`random` are not sums of some of the rows".to_owned());
             }
             random.push(moments);
         }
-        Ok(PartialGroups { by: self.by.value(), split, groups, random })
+        Ok(PartialGroups { by: self.by.value(axes)?, split, groups, random })
     }
 }
 

@@ -12,9 +12,11 @@ mod stream;
 pub use self::document::{GROUPED_PARTIAL_SCHEMA_VERSION, PARTIAL_SCHEMA_VERSION};
 pub use self::groups::{PartialGroup, PartialGroups};
 pub use self::stream::PartialStream;
-use super::Source;
+use super::{Role, Source};
 use calibration::exact::{ExactError, Moments};
 use calibration::model::Model;
+use shell_data::ColumnNames;
+use shell_data::wrench::Axes;
 
 /// The exact sums over some rows, with their origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +33,10 @@ pub struct PartialFit {
     pub repeated_rows: u64,
     /// The files it was made from.
     pub sources: Vec<Source>,
+    /// Which of their columns are what, where that was specified of all of them alike.
+    pub columns: Option<ColumnNames>,
+    /// The axes of the wrench that were summed.
+    pub axes: Axes,
     /// The sums.
     pub moments: Moments,
     /// The same apart by group, where that was asked for.
@@ -56,6 +62,14 @@ pub enum MergeError {
         expected: usize,
         /// Channels of the other.
         found: usize,
+    },
+    /// Their logs have different axes of the wrench.
+    #[error("it has the axes {found}, expected {expected}")]
+    Axes {
+        /// Axes of the first.
+        expected: Axes,
+        /// Axes of the other.
+        found: Axes,
     },
     /// A file would be counted twice.
     #[error("its rows of `{0}` have been counted already")]
@@ -97,7 +111,7 @@ pub enum MergeError {
 }
 
 impl PartialFit {
-    /// A partial fit of `model` with these sums, of unknown origin.
+    /// A partial fit of `model` with these sums of all six axes, of unknown origin.
     pub fn new(model: Model, moments: Moments) -> Self {
         Self {
             made_by: String::new(),
@@ -106,6 +120,8 @@ impl PartialFit {
             skipped_rows: 0,
             repeated_rows: 0,
             sources: Vec::new(),
+            columns: None,
+            axes: Axes::ALL,
             moments,
             groups: None,
         }
@@ -124,7 +140,12 @@ impl PartialFit {
             let (expected, found) = (self.model.name(), other.model.name());
             return Err(MergeError::Model { expected, found });
         }
-        if let Some(source) = other.sources.iter().find(|source| self.has_counted(source)) {
+        if self.axes != other.axes {
+            return Err(MergeError::Axes { expected: self.axes, found: other.axes });
+        }
+        // Two logs may well have one wrench.
+        let mut logs = other.sources.iter().filter(|source| source.role != Role::Wrench);
+        if let Some(source) = logs.find(|source| self.has_counted(source)) {
             return Err(MergeError::Twice(source.path.display().to_string()));
         }
         match (&self.groups, &other.groups) {
@@ -138,6 +159,9 @@ impl PartialFit {
         self.sources.extend(other.sources.iter().cloned());
         if let (Some(groups), Some(others)) = (&mut self.groups, &other.groups) {
             groups.add(others, &self.sources, own)?;
+        }
+        if self.columns != other.columns {
+            self.columns = None;
         }
         self.skipped_rows += other.skipped_rows;
         self.repeated_rows += other.repeated_rows;

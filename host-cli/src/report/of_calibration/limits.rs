@@ -45,9 +45,9 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
         limits.push(format!(
             "Loads beyond these were never shown to it: {}. convert flags readings outside their range, \
              and a fit on more loads widens it.",
-            Axis::ALL.map(range).join(", ")
+            facts.axes.iter().map(range).collect::<Vec<_>>().join(", ")
         ));
-        limits.extend(excitation.gaps().iter().map(|gap| {
+        limits.extend(excitation.gaps(facts.axes).iter().map(|gap| {
             let gap = gap.to_string();
             format!("{gap}.")
         }));

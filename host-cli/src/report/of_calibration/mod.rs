@@ -14,7 +14,7 @@ use super::sections::calibration::{errors_table, scales, sources_table};
 use super::sections::parts::{drawing, facts_table, folded};
 use super::units::Scale;
 use calibration::validation::selection::{Candidate, Selection};
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axes, Axis};
 
 /// Groups that are shown at once: those with the largest errors.
 const WORST: usize = 10;
@@ -77,9 +77,11 @@ fn answer(report: &CalibrationReport<'_>) -> String {
         };
         format!("{} {}", axes.iter().map(one).collect::<Vec<_>>().join(", "), scale.unit)
     };
+    let axes: Vec<Axis> = facts.axes.iter().collect();
+    // Forces and moments, each in one unit.
     let both = |value: &dyn Fn(Axis) -> f64, sign: &str| {
-        let [forces, moments] = [&Axis::ALL[..3], &Axis::ALL[3..]];
-        format!("{}; {}", each(forces, value, sign), each(moments, value, sign))
+        let of_one_unit = axes.chunk_by(|a, b| a.unit() == b.unit());
+        of_one_unit.map(|axes| each(axes, value, sign)).collect::<Vec<_>>().join("; ")
     };
     let mut html = format!("<p>Error (RMS) on {on}: {}.</p>\n", both(&rms, ""));
     if let Some(intervals) = &report.intervals {
@@ -112,19 +114,21 @@ fn predicted(report: &CalibrationReport<'_>) -> String {
         let rms = quality.map_or(f64::NAN, |axes| axes[axis.index()].rms);
         format!("{} {} {}", axis.name(), figure(rms), axis.unit())
     };
-    let alt = format!("{caption}. RMS: {}", Axis::ALL.map(rms).join(", "));
+    let axes = report.calibration.axes.iter();
+    let alt = format!("{caption}. RMS: {}", axes.map(rms).collect::<Vec<_>>().join(", "));
     drawing("predicted", report.figure.svg(), &alt, &caption)
 }
 
 fn coverage(report: &CalibrationReport<'_>) -> String {
     let Some(excitation) = report.excitation else { return String::new() };
+    let axes = report.calibration.axes;
     let caption = "Loads of the training rows and of the test rows, a sample of each: where it is empty, \
                    the calibration guesses";
     let range = |axis: Axis| {
         let of = &excitation.axes[axis.index()];
         format!("{} {} to {} {}", axis.name(), figure(of.min), figure(of.max), axis.unit())
     };
-    let alt = format!("{caption}. {}", Axis::ALL.map(range).join(", "));
+    let alt = format!("{caption}. {}", axes.iter().map(range).collect::<Vec<_>>().join(", "));
     let html = drawing("loads", report.coverage.svg(), &alt, caption);
     let scales = scales(|axis| {
         let of = &excitation.axes[axis.index()];
@@ -151,18 +155,19 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
             Cell::Figure(format!("{:.0}", 100.0 * of.rows_negative)),
         ]
     };
-    let mut html = html + &table("Training loads", &header, &Axis::ALL.map(row));
+    let mut html = html + &table("Training loads", &header, &axes.iter().map(row).collect::<Vec<_>>());
     let mut header = vec![("axis", true)];
-    header.extend(Axis::ALL.map(|axis| (axis.name(), false)));
+    header.extend(axes.iter().map(|axis| (axis.name(), false)));
     let row = |axis: Axis| {
         let mut row = vec![Cell::from(axis.name())];
-        let of = &excitation.correlation[axis.index()];
+        let with = axes.of(&excitation.correlation[axis.index()]);
         row.extend(
-            of.iter().map(|value| Cell::Figure(format!("{value:.2}").replace('-', "\u{2212}"))),
+            with.iter().map(|value| Cell::Figure(format!("{value:.2}").replace('-', "\u{2212}"))),
         );
         row
     };
-    let correlation = table("Correlation of training loads", &header, &Axis::ALL.map(row));
+    let rows: Vec<_> = axes.iter().map(row).collect();
+    let correlation = table("Correlation of training loads", &header, &rows);
     html += &folded("Which loads came together", &correlation);
     html
 }
@@ -172,7 +177,8 @@ fn by_group(report: &CalibrationReport<'_>) -> String {
     let mut rows: Vec<(&str, &GroupRow)> = Vec::new();
     rows.extend(report.train_groups.iter().map(|group| ("training", group)));
     rows.extend(report.test_groups.iter().map(|group| ("test", group)));
-    let typical: Vec<f64> = Axis::ALL
+    let axes = report.calibration.axes;
+    let typical: Vec<f64> = axes
         .iter()
         .map(|axis| {
             let squares = rows.iter().map(|(_, row)| row.rms[axis.index()].powi(2));
@@ -180,7 +186,8 @@ fn by_group(report: &CalibrationReport<'_>) -> String {
         })
         .collect();
     let size = |row: &GroupRow| {
-        row.rms.iter().zip(&typical).map(|(rms, typical)| rms / typical).fold(0.0, f64::max)
+        let rms = axes.of(&row.rms);
+        rms.iter().zip(&typical).map(|(rms, typical)| rms / typical).fold(0.0, f64::max)
     };
     let mut worst = rows.clone();
     worst.sort_by(|a, b| size(b.1).total_cmp(&size(a.1)));
@@ -190,25 +197,25 @@ fn by_group(report: &CalibrationReport<'_>) -> String {
         true => "Errors (RMS) by group of rows, the largest first".to_owned(),
         false => format!("Errors (RMS) of the {WORST} groups of rows with the largest"),
     };
-    let mut html = group_table(&caption, &worst);
+    let mut html = group_table(&caption, &worst, axes);
     if !is_all {
         let shown = &rows[..rows.len().min(MOST_GROUPS)];
         let caption = match shown.len() == rows.len() {
             true => format!("All {} groups", rows.len()),
             false => format!("The first {MOST_GROUPS} of {} groups", rows.len()),
         };
-        html += &folded(&caption, &group_table(&caption, shown));
+        html += &folded(&caption, &group_table(&caption, shown, axes));
     }
     html
 }
 
-fn group_table(caption: &str, groups: &[(&str, &GroupRow)]) -> String {
+fn group_table(caption: &str, groups: &[(&str, &GroupRow)], axes: Axes) -> String {
     let values = |of: fn(&GroupRow, usize) -> f64| {
         scales(|axis| groups.iter().map(|(_, row)| of(row, axis.index())).collect())
     };
     let (errors, loads) = (values(|row, axis| row.rms[axis]), values(|row, axis| row.load[axis]));
     let mut names = Vec::new();
-    for axis in Axis::ALL {
+    for axis in axes.iter() {
         names.push(errors[axis.index() / 3].name(axis.name()));
     }
     let text =
@@ -216,10 +223,10 @@ fn group_table(caption: &str, groups: &[(&str, &GroupRow)]) -> String {
             let load = |axis: Axis| loads[axis.index() / 3].value(Some(row.load[axis.index()]));
             let mut cells = vec![Cell::Text((*set).to_owned()), Cell::Text(row.label.clone())];
             cells.push(Cell::from(row.rows));
-            cells.extend(Axis::ALL.map(|axis| {
+            cells.extend(axes.iter().map(|axis| {
                 Cell::Figure(errors[axis.index() / 3].value(Some(row.rms[axis.index()])))
             }));
-            cells.push(Cell::Text(Axis::ALL.map(load).join(" ")));
+            cells.push(Cell::Text(axes.iter().map(load).collect::<Vec<_>>().join(" ")));
             cells
         };
     let load = format!("mean load ({}; {})", loads[0].unit, loads[1].unit);

@@ -66,7 +66,7 @@ pub(in crate::report) fn errors_table(calibration: &CalibrationFacts<'_>) -> Str
     let caption = format!(
         "Errors, predicted less measured; largest error, bias and R² are those of the {of} data"
     );
-    table(&caption, &header, &Axis::ALL.map(row))
+    table(&caption, &header, &calibration.axes.iter().map(row).collect::<Vec<_>>())
 }
 
 /// The unit of forces and that of moments that suit some figures.

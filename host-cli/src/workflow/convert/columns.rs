@@ -1,6 +1,6 @@
 //! The columns of a table of wrenches.
 
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// What is written of every frame, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +21,11 @@ pub struct Columns {
 }
 
 impl Columns {
+    /// The axes that are written.
+    pub(super) fn axes(&self) -> Axes {
+        Axis::ALL.into_iter().filter(|axis| self.axes[axis.index()]).collect()
+    }
+
     /// Whether standard errors are needed.
     pub(super) fn need_errors(&self) -> bool {
         self.standard_errors || self.interval.is_some()

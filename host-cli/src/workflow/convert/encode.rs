@@ -32,11 +32,11 @@ pub(super) enum Encoded {
     Chunk(Option<Chunk>),
 }
 
-/// Columns of numbers, and one of flags if there is to be one.
+/// Columns of numbers, then of text.
 #[derive(Default)]
 pub(super) struct Columns {
     numbers: Vec<Vec<f64>>,
-    flags: Option<Vec<String>>,
+    texts: Vec<Vec<String>>,
 }
 
 impl Encoder<'_> {
@@ -55,10 +55,12 @@ impl Encoder<'_> {
             OutputFormat::Mcap { frame_id } => Encoded::Chunk(self.chunk(frames, frame_id)?),
             _ => Encoded::Columns(Columns {
                 numbers: self.table.numbers(frames),
-                flags: self
-                    .table
-                    .has_flags()
-                    .then(|| (0..frames.len()).map(|row| self.table.flags(frames, row)).collect()),
+                texts: {
+                    let flags = |row: usize| self.table.flags(frames, row);
+                    let flags = || (0..frames.len()).map(flags).collect();
+                    let flags = self.table.has_flags().then(flags);
+                    frames.texts.iter().cloned().chain(flags).collect()
+                },
             }),
         })
     }
@@ -75,6 +77,11 @@ impl Encoder<'_> {
         let details = details.chain(names.iter().zip(&numbers[7..]));
         // The names as they stand in every message, after the brace or comma.
         let key = |name: &String| serde_json::to_string(name).map(|name| format!("{name}:"));
+        let texts = names[numbers.len() - 7..].iter().zip(&frames.texts);
+        let texts: Vec<(String, &Vec<String>)> = texts
+            .map(|(name, values)| Ok((key(name)?, values)))
+            .collect::<Result<_, serde_json::Error>>()
+            .map_err(io::Error::other)?;
         let details = details.map(|(name, values)| Ok((key(name)?, values)));
         let details: Vec<(String, &Vec<f64>)> =
             details.collect::<Result<_, serde_json::Error>>().map_err(io::Error::other)?;
@@ -97,6 +104,12 @@ impl Encoder<'_> {
                     json.extend_from_slice(number.strip_suffix(".0").unwrap_or(number).as_bytes());
                     json.push(b',');
                 }
+                for (name, values) in &texts {
+                    json.extend_from_slice(name.as_bytes());
+                    // A text is always JSON.
+                    json.extend(serde_json::to_vec(&values[row]).unwrap_or_default());
+                    json.push(b',');
+                }
                 json.extend_from_slice(b"\"flags\":\"");
                 self.table.write_flags(frames, row, json);
                 json.extend_from_slice(b"\"}");
@@ -108,9 +121,14 @@ impl Encoder<'_> {
     /// The JSON schema of what goes with a wrench.
     fn details_schema(&self) -> String {
         let names = self.channels.iter().cloned().chain(self.table.names().into_iter().skip(7));
-        let number = |name| (name, serde_json::json!({ "type": "number" }));
+        let names: Vec<String> = names.collect();
+        let numbers = names.len() - self.table.text_columns();
+        let property = |(place, name): (usize, String)| {
+            let kind = if place < numbers { "number" } else { "string" };
+            (name, serde_json::json!({ "type": kind }))
+        };
         let mut properties: serde_json::Map<_, _> =
-            names.filter(|name| name != "flags").map(number).collect();
+            names.into_iter().enumerate().map(property).collect();
         properties.insert("flags".to_owned(), serde_json::json!({ "type": "string" }));
         serde_json::json!({
             "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -149,13 +167,10 @@ impl<'a> Output<'a> {
     /// Writes what comes before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
         let columns = || {
-            let names = encoder.table.names().into_iter();
-            names
-                .map(|name| {
-                    let is_text = name == "flags";
-                    (name, is_text)
-                })
-                .collect::<Vec<_>>()
+            let names = encoder.table.names();
+            let numbers = names.len() - encoder.table.text_columns();
+            let names = names.into_iter().enumerate();
+            names.map(|(place, name)| (name, place >= numbers)).collect::<Vec<_>>()
         };
         let writer: Box<dyn TableWriter + 'a> = match encoder.format {
             OutputFormat::Csv => {
@@ -211,15 +226,18 @@ impl<'a> Output<'a> {
 
 impl Columns {
     fn rows(&self) -> usize {
-        self.numbers.first().map_or(self.flags.as_ref().map_or(0, Vec::len), Vec::len)
+        self.numbers.first().map_or(self.texts.first().map_or(0, Vec::len), Vec::len)
     }
 
     fn append(&mut self, next: Self) {
+        // Of no frames there are not even all the columns.
+        if next.rows() == 0 {
+            return;
+        }
         self.numbers.resize_with(next.numbers.len(), Vec::new);
         self.numbers.iter_mut().zip(next.numbers).for_each(|(column, next)| column.extend(next));
-        if let Some(next) = next.flags {
-            self.flags.get_or_insert_default().extend(next);
-        }
+        self.texts.resize_with(next.texts.len(), Vec::new);
+        self.texts.iter_mut().zip(next.texts).for_each(|(column, next)| column.extend(next));
     }
 
     fn write(self, writer: &mut dyn TableWriter) -> io::Result<()> {
@@ -228,7 +246,7 @@ impl Columns {
         }
         let mut values: Vec<Values<'_>> =
             self.numbers.iter().map(|column| Values::Numbers(column)).collect();
-        values.extend(self.flags.as_ref().map(|flags| Values::Texts(flags)));
+        values.extend(self.texts.iter().map(|column| Values::Texts(column)));
         writer.write(&values)
     }
 }

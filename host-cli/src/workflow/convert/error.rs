@@ -9,6 +9,7 @@ use crate::workflow::ChannelMismatch;
 use crate::workflow::selection::TimeWindow;
 use calibration::physics::TooFewGroups;
 use log_file::LogError;
+use shell_data::wrench::Axes;
 
 /// A log that cannot be converted as asked.
 #[derive(Debug, thiserror::Error)]
@@ -18,8 +19,19 @@ pub enum ConvertError {
     #[error(transparent)]
     Log(#[from] LogError),
     /// A recording holds whole wrenches with their time.
-    #[error("a recording in MCAP needs time and all six axes")]
+    #[error(
+        "a recording in MCAP needs time and all six axes of a wrench: without, write `.csv`, `.parquet`, \
+         `.arrow`, `.mat` or `.npy`"
+    )]
     PartOfWrench,
+    /// Axes were asked for that the calibration does not give.
+    #[error("the calibration gives {axes}, not {absent}")]
+    Axes {
+        /// What was asked for in vain.
+        absent: Axes,
+        /// What there is.
+        axes: Axes,
+    },
     /// A time that no message can carry.
     #[error("the time `{time_s}` s is none since 1970 that a message can carry")]
     Epoch {

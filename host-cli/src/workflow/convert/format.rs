@@ -30,6 +30,8 @@ pub struct OutputPlan {
     pub format: OutputFormat,
     /// Columns of the log, by place from 0, that are carried along as they stand.
     pub keep: Vec<usize>,
+    /// Columns of text likewise, each once.
+    pub keep_texts: Vec<usize>,
 }
 
 /// A file whose name does not say what it is to be.

@@ -17,6 +17,8 @@ pub(super) struct ConvertedFrames {
     pub(super) readings: Vec<Vec<f64>>,
     /// The log's columns that are carried along.
     pub(super) kept: Vec<Vec<f64>>,
+    /// Those of them that are text.
+    pub(super) texts: Vec<Vec<String>>,
     /// The channels outside the range of the training data: bit `i` for channel `i` from 0, all from
     /// 63 up sharing the last bit.
     pub(super) out_of_range: Vec<u64>,
@@ -67,6 +69,8 @@ impl ConvertedFrames {
         for (column, next) in self.standard_errors.iter_mut().zip(&mut next.standard_errors) {
             column.append(next);
         }
+        self.texts.resize_with(next.texts.len(), Vec::new);
+        self.texts.iter_mut().zip(&mut next.texts).for_each(|(column, next)| column.append(next));
         for (columns, next) in
             [(&mut self.readings, &mut next.readings), (&mut self.kept, &mut next.kept)]
         {
@@ -86,6 +90,7 @@ impl ConvertedFrames {
             standard_errors: self.standard_errors.each_mut().map(|column| first(column, count)),
             readings: self.readings.iter_mut().map(|column| first(column, count)).collect(),
             kept: self.kept.iter_mut().map(|column| first(column, count)).collect(),
+            texts: self.texts.iter_mut().map(|column| first(column, count)).collect(),
             out_of_range: first(&mut self.out_of_range, count),
             saturated: first(&mut self.saturated, count),
             left_out: first(&mut self.left_out, count),
@@ -139,6 +144,7 @@ impl Converter<'_> {
         let mut frames = ConvertedFrames {
             time_s: std::mem::take(&mut block.time_s),
             kept: std::mem::take(&mut block.others),
+            texts: block.texts.iter().map(|runs| spelled_out(runs)).collect(),
             ..ConvertedFrames::default()
         };
         let errors = options.columns.need_errors();
@@ -158,6 +164,11 @@ impl Converter<'_> {
         }
         frames
     }
+}
+
+/// The text of every row, from runs of equal ones.
+fn spelled_out(runs: &[(String, usize)]) -> Vec<String> {
+    runs.iter().flat_map(|(text, rows)| std::iter::repeat_n(text.clone(), *rows)).collect()
 }
 
 /// For every row, the channels at either end of what the converter can give.

@@ -92,6 +92,14 @@ pub fn convert_to(
     let Conversion { log, calibration, options, read } = *conversion;
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
+    let is_whole = options.columns.time && options.columns.axes == [true; 6];
+    if matches!(plan.format, OutputFormat::Mcap { .. }) && !is_whole {
+        return Err(ConvertError::PartOfWrench);
+    }
+    let absent = options.columns.axes().without(calibration.axes);
+    if !absent.is_empty() {
+        return Err(ConvertError::Axes { absent, axes: calibration.axes });
+    }
     if options.columns.need_errors() && !calibration.has_standard_errors() {
         return Err(ConvertError::NoCovariance);
     }
@@ -100,24 +108,24 @@ pub fn convert_to(
         || trace.is_some()
         || pipeline.low_pass().is_some()
         || options.load.is_some();
-    let OutputPlan { format, keep } = plan;
-    let wanted = Wanted { readings: true, time, others: keep.clone(), ..Wanted::default() };
+    let OutputPlan { format, keep, keep_texts } = plan;
+    let (others, texts) = (keep.clone(), keep_texts.clone());
+    let wanted = Wanted { readings: true, time, others, texts, ..Wanted::default() };
     log.require(&wanted)?;
     let factors = options.columns.interval.map(|level| interval_factors(calibration, level));
     let factors = factors.transpose()?;
-    let kept: Vec<String> = keep.iter().map(|&at| log.columns()[at].name.clone()).collect();
-    let channels = channel_names(log);
+    let named = |places: &[usize]| -> Vec<String> {
+        places.iter().map(|&at| log.columns()[at].name.clone()).collect()
+    };
+    let (kept, channels) = ([named(keep), named(keep_texts)], channel_names(log));
     let table = Table::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
-    let is_recording = matches!(format, OutputFormat::Mcap { .. });
-    if is_recording && !(options.columns.time && options.columns.axes == [true; 6]) {
-        return Err(ConvertError::PartOfWrench);
-    }
     let encoder = Encoder { table: &table, format, channels };
     let keeps_readings = encoder.needs_readings();
     let converter = Converter { calibration, pipeline: &pipeline, zero, options, keeps_readings };
     let output = Output::new(&encoder, out)?;
     let totals = Totals::new(options.load.is_some());
-    let mut writer = Writer::new(log.path(), &encoder, &pipeline, output, trace, totals);
+    let mut writer =
+        Writer::new(log.path(), &encoder, &pipeline, output, trace, calibration.axes, totals);
     let mut rows_without_motion = 0;
     let summary = log.read(
         &wanted,
@@ -152,12 +160,12 @@ pub fn convert_to(
         out_of_range_frames: totals.out_of_range,
         saturated_frames: totals.saturated,
         left_out_frames: totals.left_out,
-        axes: totals.axes(),
+        axes: calibration.axes.values(&totals.axes()),
         load: options.load.as_ref().map(|load| LoadSummary {
             has_inertia: load.has_inertia,
             lag: load.lag,
             rows_without_motion,
-            standard_deviation: totals.standard_deviation(),
+            standard_deviation: calibration.axes.values(&totals.standard_deviation()),
         }),
     })
 }

@@ -6,7 +6,7 @@ use crate::workflow::payload::LoadSummary;
 use crate::workflow::sampling::Rate;
 use crate::workflow::selection::{RowFilter, by_column};
 use shell_data::statistics::RunningVariance;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{AxisValues, PerAxis};
 
 /// What a conversion has done.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -36,7 +36,7 @@ pub struct ConvertSummary {
     pub left_out_frames: u64,
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
-    pub axes: PerAxis<AxisSummary>,
+    pub axes: AxisValues<AxisSummary>,
     /// What the load that the sensor carries has left, where one was taken off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadSummary>,

@@ -12,6 +12,8 @@ pub(super) struct Table {
     factors: PerAxis<f64>,
     /// The names of the log's columns that are carried along.
     kept: Vec<String>,
+    /// Those of them that are text.
+    texts: Vec<String>,
     /// What the channels are called in flags.
     channels: Vec<String>,
 }
@@ -33,27 +35,35 @@ impl Column<'_> {
 }
 
 impl Table {
-    /// `factors` are those of the interval, if there is to be one; `channels` are the names of the readings.
+    /// `factors` are those of the interval, if there is to be one; `kept` are the log's columns of numbers
+    /// and of text that are carried along, `channels` the names of the readings.
     pub(super) fn new(
         columns: Columns,
         factors: PerAxis<f64>,
-        kept: &[String],
+        kept: &[Vec<String>; 2],
         channels: &[String],
     ) -> Self {
         let axes = Axis::ALL.into_iter().filter(|axis| columns.axes[axis.index()]).collect();
         let channels = channels.iter().enumerate().map(|(at, name)| flag_name(at, name)).collect();
-        let mut table = Self { columns, axes, factors, kept: Vec::new(), channels };
+        let (kept_numbers, texts) = (Vec::new(), Vec::new());
+        let mut table = Self { columns, axes, factors, kept: kept_numbers, texts, channels };
         let own = table.names();
         // Two columns of one name would be one too many.
         let distinct = |name: &String| match own.contains(name) {
             true => format!("log_{name}"),
             false => name.clone(),
         };
-        table.kept = kept.iter().map(distinct).collect();
+        let [numbers, texts] = kept.each_ref().map(|names| names.iter().map(distinct).collect());
+        (table.kept, table.texts) = (numbers, texts);
         table
     }
 
-    /// The names of the columns, flags last.
+    /// How many columns hold text, which are the last: those that are carried along, and the flags.
+    pub(super) fn text_columns(&self) -> usize {
+        self.texts.len() + usize::from(self.columns.flags)
+    }
+
+    /// The names of the columns: numbers, text, flags.
     pub(super) fn names(&self) -> Vec<String> {
         let mut names = Vec::new();
         if self.columns.time {
@@ -68,7 +78,7 @@ impl Table {
                 names.extend(self.axes.iter().map(|axis| axis.column().replace('_', end)));
             }
         }
-        names.extend(self.kept.iter().cloned());
+        names.extend(self.kept.iter().chain(&self.texts).cloned());
         if self.columns.flags {
             names.push("flags".to_owned());
         }
@@ -159,8 +169,14 @@ impl Table {
                 }
                 text.extend_from_slice(digits.format(column.at(row)).as_bytes());
             }
+            for (place, column) in frames.texts.iter().enumerate() {
+                if place > 0 || !columns.is_empty() {
+                    text.push(b',');
+                }
+                crate::table::write_text(&column[row], text);
+            }
             if flags {
-                if !columns.is_empty() {
+                if !columns.is_empty() || !frames.texts.is_empty() {
                     text.push(b',');
                 }
                 self.write_flags(frames, row, text);
@@ -198,12 +214,18 @@ mod tests {
             left_out: Vec::new(),
             readings: Vec::new(),
             kept: Vec::new(),
+            texts: Vec::new(),
         }
     }
 
     fn written(columns: Columns) -> String {
         let mut text = Vec::new();
-        let table = Table::new(columns, [2.0; 6], &[], &["S1", "S2", "gap 3"].map(str::to_owned));
+        let table = Table::new(
+            columns,
+            [2.0; 6],
+            &Default::default(),
+            &["S1", "S2", "gap 3"].map(str::to_owned),
+        );
         table.header(&mut text);
         table.rows(&frames(), &mut text);
         String::from_utf8(text).unwrap()

@@ -9,7 +9,7 @@ use super::summary::Totals;
 use crate::figures::WrenchTrace;
 use crate::forces::{ForcePipeline, ForceStream};
 use crate::workflow::sampling::{Rate, Sampling};
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// A clock that goes back by more than this has been set back; by less, a frame is late, s.
 const LATE_S: f64 = 1.0;
@@ -27,6 +27,8 @@ pub(super) struct Writer<'a> {
     waiting_rows: Vec<bool>,
     sampling: Option<Sampling>,
     latest_s: f64,
+    /// The axes that there are.
+    axes: Axes,
     totals: Totals,
 }
 
@@ -37,9 +39,11 @@ impl<'a> Writer<'a> {
         pipeline: &ForcePipeline,
         output: Output<'a>,
         trace: Option<&'a mut WrenchTrace>,
+        axes: Axes,
         totals: Totals,
     ) -> Self {
         Self {
+            axes,
             path,
             encoder,
             output,
@@ -63,7 +67,12 @@ impl<'a> Writer<'a> {
         let added = self.totals.add(frames);
         added.map_err(|frame| ConvertError::NotFinite { path: path(), frame })?;
         if let Some(trace) = &mut self.trace {
-            trace.add(&frames.time_s, &frames.wrench);
+            // Columns of axes that there are not are empty in a trace.
+            let column = |axis: Axis| match self.axes.contains(axis) {
+                true => &frames.wrench[axis.index()][..],
+                false => &[],
+            };
+            trace.add(&frames.time_s, &Axis::ALL.map(column));
         }
         Ok(self.output.write(encoded)?)
     }

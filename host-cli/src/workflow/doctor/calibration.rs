@@ -8,7 +8,7 @@ use std::time::Duration;
 use calibration::validation::excitation::Gap;
 use calibration::{Calibration, Kind};
 use log_file::checksum::Checksum;
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axes, Axis};
 
 use super::Finding;
 use super::finding::percent;
@@ -92,8 +92,8 @@ pub fn check_calibration(facts: &CalibrationFacts<'_>) -> Vec<Finding> {
     match &facts.origin.diagnostics {
         Some(known) => {
             findings.extend(check_fit(known, facts.calibration));
-            findings.extend(check_errors(known));
-            findings.extend(check_loads(known));
+            findings.extend(check_errors(known, facts.calibration.axes));
+            findings.extend(check_loads(known, facts.calibration.axes));
         }
         None => findings.push(Finding::warning(
             "no-diagnostics",
@@ -169,7 +169,7 @@ fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
 }
 
 /// Errors on new data beside those on the training data.
-fn check_errors(known: &Diagnostics) -> Vec<Finding> {
+fn check_errors(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
     let tested = known.test.map(|test| ("test data", test.map(|axis| axis.rms)));
     let held_out = known.cross_validation.as_ref();
     let held_out = held_out.map(|cv| ("held-out groups", cv.grouped.map(|axis| axis.rms)));
@@ -184,8 +184,8 @@ fn check_errors(known: &Diagnostics) -> Vec<Finding> {
     let mut findings = Vec::new();
     for (name, rms) in sets {
         let ratio = |axis: Axis| rms[axis.index()] / known.train[axis.index()].rms;
-        let ratios = Axis::ALL.map(|axis| (axis, ratio(axis)));
-        let worst = ratios.into_iter().filter(|(_, ratio)| ratio.is_finite());
+        let ratios = axes.iter().map(|axis| (axis, ratio(axis)));
+        let worst = ratios.filter(|(_, ratio)| ratio.is_finite());
         let Some((axis, ratio)) = worst.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
         let seen = format!(
             "the error of {} on {name} is {ratio:.1} times that on the training data",
@@ -203,8 +203,8 @@ fn check_errors(known: &Diagnostics) -> Vec<Finding> {
     findings
 }
 
-fn check_loads(known: &Diagnostics) -> Vec<Finding> {
-    let gaps = known.excitation.iter().flat_map(|excitation| excitation.gaps());
+fn check_loads(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
+    let gaps = known.excitation.iter().flat_map(|excitation| excitation.gaps(axes));
     let finding = |gap| match gap {
         Gap::Unloaded(axis) => Some(Finding::fault(
             "axis-unloaded",

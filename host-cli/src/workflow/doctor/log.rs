@@ -7,7 +7,7 @@ use calibration::quality::{self, AxisErrors};
 use log_file::{Log, LogError, Mapping, Meaning, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use super::Finding;
 use super::channels::{check_channels, identical_in, outside, without_consequences};
@@ -127,6 +127,8 @@ struct Collector<'a> {
     calibration: Option<&'a CalibrationFile>,
     /// The place of the column `missing`.
     missing: Option<usize>,
+    /// Those of the log.
+    axes: Axes,
     squares: [f64; 2],
     identical: Option<Vec<(usize, usize)>>,
     errors: PerAxis<AxisErrors>,
@@ -150,6 +152,7 @@ impl<'a> Collector<'a> {
                 repeats_are_stale: log.repeats_are_stale(),
                 ..LogFacts::default()
             },
+            axes: log.axes(),
             calibration,
             missing: log.columns().iter().position(is_missing),
             squares: [0.0; 2],
@@ -222,7 +225,8 @@ impl<'a> Collector<'a> {
         let pairs = self.identical.unwrap_or_default().into_iter();
         self.facts.identical = pairs.filter(|&(first, _)| !constant(first)).collect();
         let [forces, moments] = self.squares;
-        self.facts.lever_m = (forces > 0.0).then(|| (moments / forces).sqrt());
+        let is_known = forces > 0.0 && self.axes.are_all();
+        self.facts.lever_m = is_known.then(|| (moments / forces).sqrt());
         let Some(file) = self.calibration else { return self.facts };
         let calibrated = self.facts.calibrated.get_or_insert_default();
         calibrated.channels = file.calibration.channels();
@@ -232,8 +236,9 @@ impl<'a> Collector<'a> {
         let trained = file.origin.diagnostics.as_ref().map(|known| known.train);
         if let (Some(trained), Some(found)) = (trained, quality_of(&self.errors)) {
             let ratio = |axis: Axis| found[axis.index()].rms / trained[axis.index()].rms;
-            let ratios = Axis::ALL.map(|axis| (axis, ratio(axis)));
-            let worst = ratios.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
+            let axes = file.calibration.axes.and(self.axes);
+            let ratios = axes.iter().map(|axis| (axis, ratio(axis)));
+            let worst = ratios.max_by(|a, b| a.1.total_cmp(&b.1));
             calibrated.worse = worst.filter(|(_, ratio)| ratio.is_finite());
             if calibrated.worse.is_some_and(|(_, ratio)| ratio > WORSE) {
                 calibrated.swap = find_swap(&file.calibration, &self.kept);

@@ -64,12 +64,12 @@ impl Feed {
 
     /// Says how the recording goes.
     pub fn report(&self, progress: &Progress) {
-        self.with(|state| state.progress = Some(*progress));
+        self.with(|state| state.progress = Some(progress.clone()));
     }
 
     /// How the recording goes.
     pub fn progress(&self) -> Option<Progress> {
-        self.with(|state| state.progress)
+        self.with(|state| state.progress.clone())
     }
 
     /// Asks for something to happen to the log.

@@ -2,7 +2,7 @@
 
 use crate::payload::{Lag, Motion, Payload};
 use crate::workflow::selection::by_column;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{AxisValues, PerAxis};
 
 /// What a sensor carries in a run.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,7 +18,7 @@ pub struct CarriedLoad {
 }
 
 /// What taking off a load has left.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LoadSummary {
     /// Whether inertia was taken off, too.
     pub has_inertia: bool,
@@ -28,7 +28,7 @@ pub struct LoadSummary {
     pub rows_without_motion: u64,
     /// Standard deviation of the wrench that is left, N and N·m.
     #[serde(serialize_with = "by_column")]
-    pub standard_deviation: PerAxis<f64>,
+    pub standard_deviation: AxisValues<f64>,
 }
 
 impl CarriedLoad {

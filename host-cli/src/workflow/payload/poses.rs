@@ -9,7 +9,7 @@ use crate::payload::{
 };
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::block::Block;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axes, PerAxis};
 
 /// What poses told.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,6 +76,7 @@ pub fn fit_payload(
     for log in logs {
         let found = columns.find(log)?;
         require(log, &found)?;
+        log.require_axes(Axes::ALL)?;
         let wanted = Wanted {
             wrench: true,
             groups: is_grouped,

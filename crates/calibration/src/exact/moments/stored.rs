@@ -3,11 +3,13 @@
 use num_bigint::BigInt;
 
 use super::channel_range::ChannelRange;
+use super::layout::pair;
 use super::product_sums::Moments;
 use super::reading_unit::ReadingUnit;
 use super::scaled_integers::ScaledIntegers;
 use crate::exact::error::MAX_ROWS;
 use crate::model::{Basis, Model};
+use shell_data::wrench::{Axes, Axis};
 
 /// [`Moments`] as a file holds them: integers as decimal strings, since they exceed what readers of
 /// JSON take for numbers.
@@ -15,15 +17,17 @@ use crate::model::{Basis, Model};
 pub struct StoredMoments {
     /// The features that were summed.
     pub basis: Basis,
+    /// The axes that there are sums of; those of the others are zero.
+    pub axes: Axes,
     /// Rows.
     pub rows: u64,
     /// The range of each channel.
     pub channels: Vec<StoredRange>,
     /// Sums of products of readings, one per distinct product.
     pub readings: Vec<String>,
-    /// Sums of products of readings and one axis of the wrench, for each axis.
+    /// Sums of products of readings and one axis of the wrench, for each axis that there is.
     pub wrench: Vec<StoredIntegers>,
-    /// Sums of products of two axes of the wrench, for each pair.
+    /// Sums of products of two axes of the wrench, for each pair of those.
     pub squares: Vec<StoredIntegers>,
 }
 
@@ -70,17 +74,34 @@ impl From<StoredRange> for ChannelRange {
 
 impl From<&Moments> for StoredMoments {
     fn from(moments: &Moments) -> Self {
+        Self::of(moments, Axes::ALL)
+    }
+}
+
+/// The places of the pairs of some axes among those of all, in their order.
+fn pairs(axes: Axes) -> Vec<usize> {
+    let of = |first: Axis| {
+        let others = axes.iter().filter(move |second| second.index() >= first.index());
+        others.map(move |second| pair(first.index(), second.index()))
+    };
+    axes.iter().flat_map(of).collect()
+}
+
+impl StoredMoments {
+    /// The sums of these axes alone.
+    pub fn of(moments: &Moments, axes: Axes) -> Self {
         let stored = |scaled: &ScaledIntegers| StoredIntegers {
             exponent: scaled.exponent,
             values: scaled.values.iter().map(BigInt::to_string).collect(),
         };
         Self {
             basis: moments.basis,
+            axes,
             rows: moments.rows,
             channels: moments.channels.iter().map(|&range| range.into()).collect(),
             readings: moments.readings.iter().map(i128::to_string).collect(),
-            wrench: moments.wrench.iter().map(stored).collect(),
-            squares: moments.squares.iter().map(stored).collect(),
+            wrench: axes.iter().map(|axis| stored(&moments.wrench[axis.index()])).collect(),
+            squares: pairs(axes).into_iter().map(|place| stored(&moments.squares[place])).collect(),
         }
     }
 }
@@ -113,16 +134,16 @@ impl Moments {
                 .ok_or_else(|| format!("`{found}` {what}, expected `{expected}`"))
         };
         expect("sums of readings", stored.readings.len(), moments.readings.len())?;
-        expect("axes", stored.wrench.len(), moments.wrench.len())?;
-        expect("products of axes", stored.squares.len(), moments.squares.len())?;
+        let squares = pairs(stored.axes);
+        expect("axes", stored.wrench.len(), stored.axes.count())?;
+        expect("products of axes", stored.squares.len(), squares.len())?;
         for (sum, text) in moments.readings.iter_mut().zip(&stored.readings) {
             *sum = text.parse().map_err(|_| format!("`{text}` is not an integer of 128 bits"))?;
         }
         if moments.readings[0] != i128::from(stored.rows) {
             return Err("the number of rows is not the sum of ones".to_owned());
         }
-        let targets = moments.wrench.iter_mut().chain(&mut moments.squares);
-        for (sums, stored) in targets.zip(stored.wrench.iter().chain(&stored.squares)) {
+        let parse = |sums: &mut ScaledIntegers, stored: &StoredIntegers| {
             expect("sums of an axis", stored.values.len(), sums.values.len())?;
             for (value, text) in sums.values.iter_mut().zip(&stored.values) {
                 *value = text.parse().map_err(|_| format!("`{text}` is not an integer"))?;
@@ -131,6 +152,13 @@ impl Moments {
                 return Err(format!("exponent `{}` is out of range", stored.exponent));
             }
             *sums = ScaledIntegers::new(stored.exponent, std::mem::take(&mut sums.values));
+            Ok(())
+        };
+        for (axis, of) in stored.axes.iter().zip(&stored.wrench) {
+            parse(&mut moments.wrench[axis.index()], of)?;
+        }
+        for (place, of) in squares.into_iter().zip(&stored.squares) {
+            parse(&mut moments.squares[place], of)?;
         }
         moments.rows = stored.rows;
         moments.channels = channels;

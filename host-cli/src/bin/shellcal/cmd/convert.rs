@@ -1,5 +1,6 @@
 //! `shellcal convert`: from logs of readings to tables of wrenches.
 
+use std::collections::HashSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -8,19 +9,19 @@ use calibration::Calibration;
 use calibration::uncertainty::HIGHEST_LEVEL;
 use log_file::{Log, Meaning, ReadOptions};
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::Axis;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::figures::{Format, WrenchTrace, trace_figure};
 use shellcal::forces::{AppliedLowPass, RowRule};
 use shellcal::output::Outputs;
 use shellcal::payload_file::PayloadFile;
 use shellcal::workflow::convert::{
-    Columns, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, OutputFormat,
-    OutputPlan, convert_to,
+    AxisSummary, Columns, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID,
+    OutputFormat, OutputPlan, convert_to,
 };
 
 use super::frames::{ForceArgs, FrameArgs, note_rows};
-use super::mapping::{Columns as ColumnList, MappingArgs, parse_columns};
+use super::mapping::{Columns as ColumnList, MappingArgs, parse_columns, tell_remembered};
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputPath, OutputPlace};
 use crate::outcome::Outcome;
@@ -134,6 +135,7 @@ impl ConvertArgs {
         }
         let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        tell_remembered(printer, &self.calibration, &mapping, &logs);
         let mut plot = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?;
 
         let mut conversions = Vec::new();
@@ -181,7 +183,8 @@ impl ConvertArgs {
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions { progress: Some(&progress), ..conversion.read };
         let conversion = Conversion { read, ..conversion };
-        let mut plan = OutputPlan { keep: self.kept(log)?, ..OutputPlan::default() };
+        let mut plan = OutputPlan::default();
+        (plan.keep_texts, plan.keep) = self.kept(log)?;
         let summary = match target {
             Target::Stdout => {
                 let mut out = printer.stream();
@@ -244,13 +247,23 @@ impl ConvertArgs {
         }
     }
 
-    /// The places of the columns that are carried along.
-    fn kept(&self, log: &Log) -> anyhow::Result<Vec<usize>> {
+    /// The places of the columns of text, and of numbers, that are carried along.
+    fn kept(&self, log: &Log) -> anyhow::Result<(Vec<usize>, Vec<usize>)> {
+        let mut places = self.kept_places(log)?;
+        let mut seen = HashSet::new();
+        places.retain(|&place| seen.insert(place));
+        let are_texts = log.are_texts(&places)?;
+        let (texts, numbers): (Vec<_>, Vec<_>) =
+            places.into_iter().zip(are_texts).partition(|(_, is_text)| *is_text);
+        let of = |columns: Vec<(usize, bool)>| columns.into_iter().map(|(at, _)| at).collect();
+        Ok((of(texts), of(numbers)))
+    }
+
+    fn kept_places(&self, log: &Log) -> anyhow::Result<Vec<usize>> {
         let Some(columns) = &self.keep else { return Ok(Vec::new()) };
         if columns.is_word("all") && log.column_places(columns.references()).is_err() {
-            let is_other = |meaning: Meaning| {
-                !matches!(meaning, Meaning::Time(_) | Meaning::Sensor(_) | Meaning::Group)
-            };
+            let is_other =
+                |meaning: Meaning| !matches!(meaning, Meaning::Time(_) | Meaning::Sensor(_));
             let columns = log.columns().iter().enumerate();
             return Ok(columns.filter(|(_, it)| is_other(it.meaning)).map(|(at, _)| at).collect());
         }
@@ -262,7 +275,7 @@ impl ConvertArgs {
         match &self.columns {
             None => Columns {
                 time: log.has_time(),
-                axes: [true; 6],
+                axes: Axis::ALL.map(|axis| calibration.axes.contains(axis)),
                 standard_errors: calibration.has_standard_errors(),
                 interval: self.interval,
                 flags: true,
@@ -367,16 +380,15 @@ fn report(printer: &mut Printer, log: &Log, summary: &ConvertSummary) {
 }
 
 fn print_axes(printer: &mut Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
-    let row = |axis: Axis| {
-        let values: &PerAxis<_> = &summary.axes;
-        let value = values[axis.index()];
+    let row = |(axis, value): &(Axis, AxisSummary)| {
         let decimals = if axis.is_moment() { 6 } else { 4 };
         let figures = [value.min, value.mean, value.max].map(|v| format!("{v:.decimals$}"));
         let mut row = vec![format!("{} ({})", axis.name(), axis.unit())];
         row.extend(figures);
         row
     };
-    printer.table(&["axis", "min", "mean", "max"], &Axis::ALL.map(row))
+    let rows: Vec<Vec<String>> = summary.axes.iter().map(row).collect();
+    printer.table(&["axis", "min", "mean", "max"], &rows)
 }
 
 /// Percent to a share.

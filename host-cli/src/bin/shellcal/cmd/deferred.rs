@@ -30,11 +30,15 @@ fn augment_for_update<T: Args>(command: Command) -> Command {
     keep_about(command, T::augment_args_for_update)
 }
 
-/// Sets of arguments that are part of others would say what they are for, too.
+/// Sets of arguments that are part of others would say what they are for, too. What is there before are the
+/// options of every command, which go to the end of help.
 fn keep_about(command: Command, augment: fn(Command) -> Command) -> Command {
     let about = Resettable::from(command.get_about().cloned());
     let long_about = Resettable::from(command.get_long_about().cloned());
-    augment(command).about(about).long_about(long_about)
+    let shared: Vec<_> = command.get_arguments().map(|arg| arg.get_id().clone()).collect();
+    let to_the_end = |command: Command, id: clap::Id| command.mut_arg(id, |arg| arg);
+    let command = shared.into_iter().fold(augment(command), to_the_end);
+    command.about(about).long_about(long_about)
 }
 
 impl<T: FromArgMatches> FromArgMatches for Deferred<T> {

@@ -6,15 +6,15 @@ use std::io::Write;
 use calibration::quality::AxisQuality;
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::calibration_file::stored::{self, StoredQuality};
+use shellcal::calibration_file::stored::{OfAxes, Stored, StoredQuality};
 use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::Outputs;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
 use shellcal::workflow::selection::UsedRows;
 
-use super::mapping::{MappingArgs, open_logs};
+use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::quality::{significant, table_row};
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
@@ -69,13 +69,14 @@ struct Report {
     skipped_rows: u64,
     repeated_rows: u64,
     out_of_range_rows: u64,
-    #[serde(serialize_with = "stored::serialize::<PerAxis<StoredQuality>, _>")]
-    errors: PerAxis<AxisQuality>,
+    errors: OfAxes<StoredQuality>,
+    #[serde(skip)]
+    quality: PerAxis<AxisQuality>,
 }
 
 #[derive(Serialize)]
 struct Document {
-    axes: PerAxis<&'static str>,
+    axes: Vec<&'static str>,
     logs: Vec<Report>,
     all: Report,
     above_limit: Vec<&'static str>,
@@ -85,8 +86,11 @@ impl EvalArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let file = CalibrationFile::read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file)?;
-        let calibration = file.calibration;
-        let logs = open_logs(&self.logs, ("--wrench-from", &self.wrench_from), &mapping)?;
+        let mut calibration = file.calibration;
+        let mut logs = open_logs(&self.logs, ("--wrench-from", &self.wrench_from), &mapping)?;
+        tell_remembered(printer, &self.calibration, &mapping, &logs);
+        let axes = compared_axes(calibration.axes, &mut logs, printer)?;
+        calibration.axes = axes;
         let format = self.plot.as_ref().map(Format::of).transpose()?;
         let output = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?.zip(format);
         let mut plot = output.is_some().then(FitPlot::new);
@@ -101,29 +105,29 @@ impl EvalArgs {
             let options = EvalOptions { used, read, ..Default::default() };
             let evaluation = eval(&calibration, log, &options, plot.as_mut())?;
             all.merge(&evaluation);
-            reports.push(report(Some(log.path().display().to_string()), &evaluation)?);
+            reports.push(report(Some(log.path().display().to_string()), &evaluation, axes)?);
             read_before += log.bytes();
         }
         bar.finish_and_clear();
         if let (Some((mut output, format)), Some(plot)) = (output, &plot) {
             let title = format!("Evaluation of {}", self.calibration.display());
-            output.write_all(&fit_figure(&title, plot, None).render(format)?)?;
+            output.write_all(&fit_figure(&title, axes, plot, None).render(format)?)?;
             output.commit()?;
         }
 
-        let all = report(None, &all)?;
-        let above_limit = self.above_limit(&all.errors);
+        let all = report(None, &all, axes)?;
+        let above_limit = self.above_limit(&all.quality, axes);
         let failed = !above_limit.is_empty();
         if printer.json() {
             let names = above_limit.iter().map(|(axis, ..)| axis.column()).collect();
-            let axes = Axis::ALL.map(Axis::column);
+            let axes = axes.columns();
             printer.document(&Document { axes, logs: reports, all, above_limit: names })?;
         } else {
             for report in &reports {
-                print(printer, report)?;
+                print(printer, report, axes)?;
             }
             if reports.len() > 1 {
-                print(printer, &all)?;
+                print(printer, &all, axes)?;
             }
             for (axis, rms, limit) in above_limit {
                 let (name, unit) = (axis.name(), axis.unit());
@@ -137,10 +141,9 @@ impl EvalArgs {
     }
 
     /// The axes whose RMS error is above its limit, with both.
-    fn above_limit(&self, errors: &PerAxis<AxisQuality>) -> Vec<(Axis, f64, f64)> {
+    fn above_limit(&self, errors: &PerAxis<AxisQuality>, axes: Axes) -> Vec<(Axis, f64, f64)> {
         let limit = |axis: Axis| if axis.is_moment() { self.max_rms_moment } else { self.max_rms };
-        Axis::ALL
-            .into_iter()
+        axes.iter()
             .filter_map(|axis| Some((axis, errors[axis.index()].rms, limit(axis)?)))
             // What cannot be compared, such as NaN, is not below the limit.
             .filter(|(_, rms, limit)| rms.partial_cmp(limit).is_none_or(Ordering::is_gt))
@@ -148,8 +151,35 @@ impl EvalArgs {
     }
 }
 
-fn report(log: Option<String>, evaluation: &Evaluation) -> anyhow::Result<Report> {
-    let Some(errors) = evaluation.quality() else {
+/// The axes that calibration and all logs have; the logs keep these alone. What is not compared is said.
+fn compared_axes(
+    calibrated: Axes,
+    logs: &mut [Log],
+    printer: &mut Printer,
+) -> anyhow::Result<Axes> {
+    let mut compared = calibrated;
+    for log in &*logs {
+        let absent = compared.without(log.axes());
+        if absent == compared {
+            // None is left: says all that are missing.
+            log.require_axes(calibrated)?;
+        }
+        compared = compared.without(absent);
+        if !absent.is_empty() {
+            let path = log.path().display();
+            printer.note(format!("not compared: {absent}, which `{path}` has not"));
+        }
+    }
+    let others = logs.iter().fold(Axes::ALL, |all, log| all.and(log.axes())).without(calibrated);
+    if !others.is_empty() {
+        printer.note(format!("not compared: {others}, of which the calibration says nothing"));
+    }
+    logs.iter_mut().try_for_each(|log| log.keep_axes(compared))?;
+    Ok(compared)
+}
+
+fn report(log: Option<String>, evaluation: &Evaluation, axes: Axes) -> anyhow::Result<Report> {
+    let Some(quality) = evaluation.quality() else {
         let log = log.unwrap_or_default();
         anyhow::bail!("`{log}`: no rows are left to compare");
     };
@@ -159,21 +189,23 @@ fn report(log: Option<String>, evaluation: &Evaluation) -> anyhow::Result<Report
         skipped_rows: evaluation.skipped_rows,
         repeated_rows: evaluation.repeated_rows,
         out_of_range_rows: evaluation.out_of_range_rows,
-        errors,
+        errors: Stored::of(&quality, axes),
+        quality,
     })
 }
 
-fn print(printer: &mut Printer, report: &Report) -> anyhow::Result<()> {
+fn print(printer: &mut Printer, report: &Report, axes: Axes) -> anyhow::Result<()> {
     let name = report.log.as_deref().unwrap_or("all logs");
     printer.line(format!(
         "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",
         report.rows, report.skipped_rows, report.repeated_rows, report.out_of_range_rows
     ))?;
-    let rows = Axis::ALL.map(|axis| {
-        let mut row = table_row(axis, &[&report.errors]);
-        row.insert(3, significant(report.errors[axis.index()].bias, 4));
+    let row = |axis: Axis| {
+        let mut row = table_row(axis, &[&report.quality]);
+        row.insert(3, significant(report.quality[axis.index()].bias, 4));
         row
-    });
+    };
+    let rows: Vec<Vec<String>> = axes.iter().map(row).collect();
     printer.table(&["axis", "RMS", "max", "bias", "R²", "unit"], &rows)
 }
 

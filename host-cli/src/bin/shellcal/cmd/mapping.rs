@@ -3,9 +3,11 @@
 use clap::ValueEnum;
 use log_file::{ColumnRef, Format, Log, Mapping, MomentUnit, ReadOptions, TimeUnit};
 use shell_data::ColumnNames;
+use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
 
 use crate::files::InputPath;
+use crate::printer::Printer;
 
 /// What the columns of a log are, where their names do not say.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -24,9 +26,9 @@ pub(crate) struct MappingArgs {
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     pub(crate) sensors: Option<Columns>,
 
-    /// The six wrench columns in the order Fx to Mz: names or places
-    #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
-    pub(crate) wrench: Option<Columns>,
+    /// The wrench columns: names or places of all six in the order Fx to Mz, or of some, `fx=a,fz=b`
+    #[arg(long, value_name = "COLUMNS", value_parser = parse_wrench)]
+    pub(crate) wrench: Option<WrenchColumns>,
 
     /// The time column: its name or place
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
@@ -56,21 +58,11 @@ pub(crate) struct MappingArgs {
 impl MappingArgs {
     /// What the user says about the columns.
     pub(crate) fn mapping(&self) -> anyhow::Result<Mapping> {
-        let wrench = match &self.wrench {
-            None => None,
-            Some(Columns(six)) => match <[ColumnRef; 6]>::try_from(six.clone()) {
-                Ok(six) => Some(six),
-                Err(found) => {
-                    let found = found.len();
-                    anyhow::bail!("`--wrench` names {found} columns, expected 6 (Fx to Mz)")
-                }
-            },
-        };
         Ok(Mapping {
             table: self.table.clone(),
             format: self.format.map(Format::from),
             sensors: self.sensors.clone().map(|Columns(columns)| columns),
-            wrench,
+            wrench: self.wrench.clone().map(|WrenchColumns(columns)| columns),
             time: self.time.clone(),
             time_unit: self.time_unit.map(TimeUnit::from),
             group: self.group.clone(),
@@ -101,6 +93,22 @@ impl MappingArgs {
     }
 }
 
+/// Says which columns of logs are those that a calibration remembers.
+pub(crate) fn tell_remembered(
+    printer: &mut Printer,
+    calibration: &InputPath,
+    mapping: &Mapping,
+    logs: &[Log],
+) {
+    for log in logs {
+        let taken = log.usual_columns(mapping);
+        if !taken.is_empty() {
+            let (taken, from) = (taken.join(", "), calibration.display());
+            printer.detail(format!("`{}`: {taken} as `{from}` remembers", log.path().display()));
+        }
+    }
+}
+
 /// Opens logs, each with the file of its wrench where `option` names such files.
 pub(crate) fn open_logs(
     logs: &[InputPath],
@@ -119,6 +127,10 @@ pub(crate) fn open_logs(
     let open = |(log, wrench): (&InputPath, &InputPath)| Log::open_beside(log, wrench, mapping);
     Ok(logs.iter().zip(wrenches).map(open).collect::<Result<_, _>>()?)
 }
+
+/// The columns of the wrench, by axis.
+#[derive(Clone, Debug)]
+pub(crate) struct WrenchColumns(PerAxis<Option<ColumnRef>>);
 
 /// A list of columns.
 #[derive(Clone, Debug)]
@@ -228,6 +240,36 @@ pub(crate) fn parse_columns(text: &str) -> Result<Columns, String> {
     Ok(Columns(columns))
 }
 
+/// Six columns, or `fx=a,fz=b`: columns of axes that are named.
+pub(crate) fn parse_wrench(text: &str) -> Result<WrenchColumns, String> {
+    let items: Vec<&str> = text.split(',').collect();
+    let named: Vec<(Axis, &str)> = items.iter().filter_map(|item| named_axis(item)).collect();
+    if named.is_empty() {
+        let Columns(columns) = parse_columns(text)?;
+        let found = columns.len();
+        let six = columns.into_iter().map(Some).collect::<Vec<_>>().try_into();
+        return six.map(WrenchColumns).map_err(|_| {
+            format!("{found} columns, expected all six (Fx to Mz), or their axes: `fx=a,fz=b`")
+        });
+    }
+    let mut columns: PerAxis<Option<ColumnRef>> = PerAxis::default();
+    for item in &items {
+        let (axis, column) =
+            named_axis(item).ok_or_else(|| format!("`{item}`: expected an axis, as in `fx=a`"))?;
+        if columns[axis.index()].replace(parse_column(column)?).is_some() {
+            return Err(format!("`{}` has two columns", axis.name()));
+        }
+    }
+    Ok(WrenchColumns(columns))
+}
+
+/// An axis and its column, of `fx=a`.
+fn named_axis(item: &str) -> Option<(Axis, &str)> {
+    let (name, column) = item.split_once('=')?;
+    let axis = Axis::ALL.into_iter().find(|axis| axis.name().eq_ignore_ascii_case(name.trim()))?;
+    Some((axis, column))
+}
+
 /// Keeps a slip of the finger from asking for 10⁹ columns.
 const MAX_PLACE: usize = 4096;
 
@@ -251,10 +293,17 @@ mod tests {
     }
 
     #[test]
-    fn a_wrench_has_six_columns() {
-        let args = MappingArgs { wrench: parse_columns("1-5").ok(), ..MappingArgs::default() };
-        assert!(args.mapping().unwrap_err().to_string().contains("5 columns"));
-        let args = MappingArgs { wrench: parse_columns("1-6").ok(), ..MappingArgs::default() };
-        assert!(args.mapping().unwrap().wrench.is_some());
+    fn a_wrench_has_six_columns_or_names_its_axes() {
+        assert!(parse_wrench("1-5").unwrap_err().contains("5 columns, expected all six"));
+        let WrenchColumns(six) = parse_wrench("1-6").unwrap();
+        assert_eq!(six[5], Some(ColumnRef::Position(6)));
+        let WrenchColumns(two) = parse_wrench("Fz=up, fx=3").unwrap();
+        let name = ColumnRef::Name("up".to_owned());
+        assert_eq!(two, [Some(ColumnRef::Position(3)), None, Some(name), None, None, None]);
+        assert!(parse_wrench("fx=a,b").unwrap_err().contains("`b`: expected an axis"));
+        assert!(parse_wrench("fx=a,FX=b").unwrap_err().contains("`Fx` has two columns"));
+        assert!(parse_wrench("fx=").is_err());
+        // What only looks like an axis is a name as any other.
+        assert!(parse_wrench("a=1,b,c,d,e,f").is_ok());
     }
 }

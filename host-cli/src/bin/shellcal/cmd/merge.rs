@@ -4,9 +4,8 @@ use std::io::{self, Write};
 
 use anyhow::Context;
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::stored::{
-    Stored, StoredCrossValidation, StoredQuality, StoredSelection,
+    OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
 use shellcal::calibration_file::{CalibrationFile, PartialFit, PartialStream};
 use shellcal::output::Outputs;
@@ -110,9 +109,9 @@ struct Report {
     groups: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     condition: Option<f64>,
-    axes: PerAxis<&'static str>,
+    axes: Vec<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    train: Option<PerAxis<StoredQuality>>,
+    train: Option<OfAxes<StoredQuality>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -254,7 +253,7 @@ impl MergeArgs {
         file: Option<&CalibrationFile>,
         to_stderr: bool,
     ) -> anyhow::Result<()> {
-        let (rows, files) = (sum.moments.rows(), sum.sources.len());
+        let (rows, files, axes) = (sum.moments.rows(), sum.sources.len(), sum.axes);
         let groups = sum.groups.as_ref().map(|groups| groups.groups.len());
         let fit = file.and_then(|file| file.origin.diagnostics.as_ref());
         let name = file.map_or_else(|| sum.model.name(), |file| file.calibration.name());
@@ -269,10 +268,10 @@ impl MergeArgs {
                 repeated_rows: sum.repeated_rows,
                 groups,
                 condition: fit.and_then(|fit| fit.condition),
-                axes: Axis::ALL.map(Axis::column),
-                train: fit.map(|fit| Stored::of(&fit.train)),
-                cross_validation: fit.and_then(|fit| Stored::of(&fit.cross_validation)),
-                selection: fit.and_then(|fit| Stored::of(&fit.selection)),
+                axes: axes.columns(),
+                train: fit.map(|fit| Stored::of(&fit.train, axes)),
+                cross_validation: fit.and_then(|fit| Stored::of(&fit.cross_validation, axes)),
+                selection: fit.and_then(|fit| Stored::of(&fit.selection, axes)),
             });
         }
         let mut summary = format!("{name}: {rows} rows of {files} files");
@@ -287,15 +286,15 @@ impl MergeArgs {
             return printer.line(summary);
         };
         if let Some(selection) = &fit.selection {
-            print_selection(printer, selection)?;
+            print_selection(printer, selection, axes)?;
         }
-        let table = Axis::ALL.map(|axis| table_row(axis, &[&fit.train])).to_vec();
+        let table: Vec<_> = axes.iter().map(|axis| table_row(axis, &[&fit.train])).collect();
         printer.table(&["axis", "RMS train", "max train", "R² train", "unit"], &table)?;
         let condition = fit.condition.map_or("infinite".into(), |c| significant(c, 3));
         summary += &format!(", rank {}, condition {condition}", fit.rank);
         printer.line(summary)?;
         if let Some(cross_validation) = &fit.cross_validation {
-            print_cross_validation(printer, cross_validation)?;
+            print_cross_validation(printer, cross_validation, axes)?;
         }
         Ok(())
     }

@@ -2,13 +2,12 @@
 
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shell_data::wrench::Axis;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
 
 use super::frames::{FrameArgs, note_rows, parse_window};
-use super::mapping::MappingArgs;
+use super::mapping::{MappingArgs, tell_remembered};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -56,6 +55,7 @@ impl NoiseArgs {
         let mut noises = Vec::new();
         for path in &self.logs {
             let log = Log::open(path, &mapping)?;
+            tell_remembered(printer, &self.calibration, &mapping, std::slice::from_ref(&log));
             let bar = printer.progress(&path.display().to_string(), log.bytes());
             let progress = |bytes| bar.set_position(bytes);
             let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
@@ -81,7 +81,7 @@ impl NoiseArgs {
 impl Noise {
     fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
         printer.line(format!("{}: noise of {} frames", self.log, self.summary.frames))?;
-        let axes = Axis::ALL.into_iter().zip(&self.summary.axes).map(|(axis, scatter)| {
+        let axes = self.summary.axes.iter().map(|(axis, scatter)| {
             let decimals = if axis.is_moment() { 6 } else { 4 };
             row(format!("{} ({})", axis.name(), axis.unit()), scatter, decimals)
         });

@@ -2,7 +2,7 @@
 
 use log_file::Log;
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::output::AtomicFile;
 use shellcal::report;
 use shellcal::workflow::outliers::{Outlier, OutlierColumn, Outliers, Reason};
@@ -100,18 +100,19 @@ pub(super) fn warn(printer: &mut Printer, found: &Outliers, logs: &[Log]) {
     }
     let others = if count > SHOWN { format!(" ({} of them above)", SHOWN) } else { String::new() };
     let worth = found.rms.as_ref().map_or_else(String::new, |rms| {
-        format!("; on the other rows the RMS error is, with → without them, {}", errors(rms))
+        let axes = logs.first().map_or(Axes::ALL, Log::axes);
+        format!("; on the other rows the RMS error is, with → without them, {}", errors(rms, axes))
     });
     let s = if count == 1 { " does" } else { "s do" };
     printer.warning(format!("{count} row{s} not belong{others}{worth}"));
 }
 
-fn errors([with, without]: &[PerAxis<f64>; 2]) -> String {
+fn errors([with, without]: &[PerAxis<f64>; 2], axes: Axes) -> String {
     let of = |axis: Axis| {
         let [with, without] = [with, without].map(|rms| significant(rms[axis.index()], 3));
         format!("{} {with} → {without} {}", axis.name(), axis.unit())
     };
-    Axis::ALL.map(of).join(", ")
+    axes.iter().map(of).collect::<Vec<_>>().join(", ")
 }
 
 fn in_words(row: &Outlier, logs: &[Log]) -> String {

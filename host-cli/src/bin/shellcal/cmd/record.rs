@@ -5,6 +5,7 @@ use std::time::Duration;
 use anyhow::Context;
 use calibration::Calibration;
 use shared_proto::Framing;
+use shell_data::wrench::Axis;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::forces::{ForceOptions, LowPass, TareRule};
 use shellcal::link::{
@@ -120,7 +121,7 @@ impl RecordArgs {
         };
         let status = printer.status();
         let mut show = |progress: &Progress| {
-            status.set_message(describe(progress));
+            status.set_message(describe(progress, terminal_width()));
             status.tick();
         };
         let recorded = record(&mut source, sinks, &options, &stop, &mut show);
@@ -157,7 +158,7 @@ impl RecordArgs {
 }
 
 /// The line that is shown while it runs.
-fn describe(progress: &Progress) -> String {
+fn describe(progress: &Progress, width: usize) -> String {
     let Progress { elapsed, rate_hz, frames, bytes, waiting, ref losses, .. } = *progress;
     let time = clock(elapsed);
     if !progress.connected {
@@ -172,15 +173,54 @@ fn describe(progress: &Progress) -> String {
             let losses = list_losses(losses);
             let losses = if losses.is_empty() { "nothing lost".to_owned() } else { losses };
             let name = protocol_name(protocol);
-            let forces = progress.wrench.map_or_else(String::new, |[fx, fy, fz, mx, my, mz]| {
-                format!("  {fx:.2} {fy:.2} {fz:.2} N  {mx:.3} {my:.3} {mz:.3} N·m")
-            });
-            format!(
-                "{time}  {rate_hz:.1} Hz  {frames} frames ({waiting} waiting)  {name}  \
-                 {losses}{forces}"
-            )
+            let frames = format!("{frames} frames");
+            let waiting = format!("{waiting} waiting");
+            let forces = progress.wrench.as_deref().map(forces_in_words);
+            // What matters most is left out last.
+            let mut parts = vec![
+                (1, time),
+                (2, format!("{rate_hz:.1} Hz")),
+                (4, frames),
+                (5, waiting),
+                (6, name.to_owned()),
+                (3, losses),
+            ];
+            parts.extend(forces.map(|forces| (0, forces)));
+            fitted(parts, width)
         }
     }
+}
+
+/// The newest wrench, its axes named.
+fn forces_in_words(wrench: &[(Axis, f64)]) -> String {
+    let of = |moments: bool| {
+        let values = wrench.iter().filter(|(axis, _)| axis.is_moment() == moments);
+        let decimals = if moments { 3 } else { 2 };
+        let values = values.map(|(axis, value)| format!("{} {value:.decimals$}", axis.name()));
+        let values: Vec<String> = values.collect();
+        let unit = if moments { "N·m" } else { "N" };
+        (!values.is_empty()).then(|| format!("{} {unit}", values.join(" ")))
+    };
+    [of(false), of(true)].into_iter().flatten().collect::<Vec<_>>().join("  ")
+}
+
+/// As many of the parts as fit beside each other; of too many those are left out whose number is largest.
+fn fitted(mut parts: Vec<(u8, String)>, width: usize) -> String {
+    loop {
+        let texts: Vec<&str> = parts.iter().map(|(_, text)| text.as_str()).collect();
+        let line = texts.join("  ");
+        let last = (0..parts.len()).max_by_key(|&at| parts[at].0);
+        match last.filter(|_| parts.len() > 1 && line.chars().count() > width) {
+            Some(last) => parts.remove(last),
+            None => return line,
+        };
+    }
+}
+
+/// The width of the terminal that the line is shown in; 80 of one that does not tell.
+fn terminal_width() -> usize {
+    let size = console::Term::stderr().size_checked();
+    size.map_or(80, |(_, columns)| usize::from(columns).max(1))
 }
 
 /// A time as a clock shows it.

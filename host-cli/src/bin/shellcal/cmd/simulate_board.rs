@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use serde_json::json;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axes, PerAxis};
 use shellcal::simulation::radio::{Books, Faults};
 use shellcal::simulation::sensor_model::LoadTable;
 use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
@@ -155,6 +155,7 @@ fn describe(way: &str, books: &Books) -> String {
 /// The load in a log.
 fn read_load(path: &Path) -> anyhow::Result<LoadTable> {
     let log = Log::open(path, &Mapping::default())?;
+    log.require_axes(Axes::ALL)?;
     let wanted = Wanted { time: true, wrench: true, ..Wanted::default() };
     let mut rows: Vec<(f64, PerAxis<f64>)> = Vec::new();
     log.read(

@@ -6,7 +6,7 @@ use calibration::validation::comparison::Comparison;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::{Candidate, Selection};
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::model_choice::HeldOut;
 
 use super::quality::significant;
@@ -26,9 +26,10 @@ pub(super) fn parse_cv(text: &str) -> Result<HeldOut, String> {
 pub(super) fn print_cross_validation(
     printer: &mut Printer,
     cv: &CrossValidation,
+    axes: Axes,
 ) -> anyhow::Result<()> {
     let ratios = cv.ratios();
-    let rows: Vec<Vec<String>> = Axis::ALL
+    let rows: Vec<Vec<String>> = (axes.iter())
         .map(|axis| {
             let i = axis.index();
             let none = || "–".to_owned();
@@ -41,7 +42,7 @@ pub(super) fn print_cross_validation(
                 axis.unit().to_owned(),
             ]
         })
-        .to_vec();
+        .collect();
     printer.line("")?;
     let header = ["held out", "RMS new groups", "RMS random", "ratio", "bias new groups", "unit"];
     printer.table(&header, &rows)?;
@@ -78,7 +79,7 @@ fn name(of: &Candidate) -> String {
 }
 
 /// Which model is best on new groups, and which is the cautious choice.
-pub(super) fn advice_in_words(advice: &Advice) -> String {
+pub(super) fn advice_in_words(advice: &Advice, axes: Axes) -> String {
     let score = |of: &Candidate| {
         let errors = of.errors.map(|of| [of.score, of.standard_error].map(|x| significant(x, 2)));
         errors.map_or_else(String::new, |[score, error]| format!("{score} ± {error}"))
@@ -104,7 +105,7 @@ pub(super) fn advice_in_words(advice: &Advice) -> String {
                 significant(all.value, 2),
                 significant(all.standard_error, 2),
                 if all.value > all.standard_error { "" } else { ", no more than chance" },
-                worth(comparison),
+                worth(comparison, axes),
             );
         }
     }
@@ -115,7 +116,7 @@ pub(super) fn advice_in_words(advice: &Advice) -> String {
 }
 
 /// The model that predicts new groups better than the one that was asked for, if there is one.
-pub(super) fn better_in_words(advice: &Advice, model: Basis) -> Option<String> {
+pub(super) fn better_in_words(advice: &Advice, model: Basis, axes: Axes) -> Option<String> {
     let given = advice.given.as_ref().filter(|_| advice.another_is_better())?;
     let best = &advice.best;
     Some(format!(
@@ -125,7 +126,7 @@ pub(super) fn better_in_words(advice: &Advice, model: Basis) -> Option<String> {
         model.name(),
         significant(-given.all.value, 2),
         significant(given.all.standard_error, 2),
-        worth(given),
+        worth(given, axes),
         best.basis.name(),
     ))
 }
@@ -136,9 +137,10 @@ pub(super) fn print_advice(
     advice: &Advice,
     model: Basis,
     cv: Option<&CrossValidation>,
+    axes: Axes,
 ) -> anyhow::Result<()> {
-    printer.line(advice_in_words(advice))?;
-    if let Some(better) = better_in_words(advice, model) {
+    printer.line(advice_in_words(advice, axes))?;
+    if let Some(better) = better_in_words(advice, model, axes) {
         printer.warning(better);
     } else if let Some((axis, ratio)) = cv.and_then(CrossValidation::suspicious) {
         printer.note(format!(
@@ -152,15 +154,19 @@ pub(super) fn print_advice(
 }
 
 /// The errors of the second of two models and of the first.
-fn worth(comparison: &Comparison) -> String {
+fn worth(comparison: &Comparison, axes: Axes) -> String {
     let of = |axis: Axis| {
         let [first, second] = comparison.rms.map(|rms| significant(rms[axis.index()], 3));
         format!("{} {second} → {first} {}", axis.name(), axis.unit())
     };
-    Axis::ALL.map(of).join(", ")
+    axes.iter().map(of).collect::<Vec<_>>().join(", ")
 }
 
-pub(super) fn print_selection(printer: &mut Printer, selection: &Selection) -> anyhow::Result<()> {
+pub(super) fn print_selection(
+    printer: &mut Printer,
+    selection: &Selection,
+    axes: Axes,
+) -> anyhow::Result<()> {
     let rows: Vec<Vec<String>> = (selection.candidates.iter().enumerate())
         .map(|(i, candidate)| {
             let mark = match i {
@@ -174,18 +180,18 @@ pub(super) fn print_selection(printer: &mut Printer, selection: &Selection) -> a
                 format!("{:e}", candidate.ridge),
             ];
             match candidate.errors {
-                None => row.extend(std::iter::repeat_n("–".to_owned(), 8)),
+                None => row.extend(std::iter::repeat_n("–".to_owned(), 2 + axes.count())),
                 Some(errors) => {
                     row.push(significant(errors.score, 3));
                     row.push(significant(errors.standard_error, 2));
-                    row.extend(errors.rms.map(|rms| significant(rms, 3)));
+                    row.extend(axes.of(&errors.rms).into_iter().map(|rms| significant(rms, 3)));
                 }
             }
             row
         })
         .collect();
     let mut header = vec!["model", "features", "ridge", "score", "±"];
-    header.extend(Axis::ALL.map(Axis::name));
+    header.extend(axes.iter().map(Axis::name));
     printer.table(&header, &rows)?;
     printer.line(format!(
         "errors on groups held out in {} folds, score relative to the variance; ← chosen: fewest \
@@ -198,6 +204,7 @@ pub(super) fn print_selection(printer: &mut Printer, selection: &Selection) -> a
 pub(super) fn print_excitation(
     printer: &mut Printer,
     excitation: &Excitation,
+    axes: Axes,
 ) -> anyhow::Result<()> {
     let range = |axis: Axis| {
         let of = &excitation.axes[axis.index()];
@@ -206,10 +213,10 @@ pub(super) fn print_excitation(
     };
     printer.line(format!(
         "loads: {}; condition of their correlation {}",
-        Axis::ALL.map(range).join(", "),
+        axes.iter().map(range).collect::<Vec<_>>().join(", "),
         excitation.condition.map_or("infinite".to_owned(), |c| significant(c, 2)),
     ))?;
-    for gap in excitation.gaps() {
+    for gap in excitation.gaps(axes) {
         printer.note(gap.to_string());
     }
     Ok(())

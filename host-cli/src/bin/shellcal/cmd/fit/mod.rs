@@ -15,18 +15,19 @@ use calibration::solver::SolverKind;
 use calibration::validation::grouped::{GroupKind, GroupedMoments};
 use clap::ValueEnum;
 use log_file::{Log, ReadOptions};
+use shell_data::wrench::Axes;
 use shellcal::calibration_file::{
     CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
 };
 use shellcal::figures::{FitPlot, Format, fit_figure};
 use shellcal::output::{AtomicFile, Outputs};
-use shellcal::workflow::WorkflowError;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, BeyondMemory, Fit, FitOptions};
 use shellcal::workflow::model_choice::{CovarianceRule, HeldOut, ModelChoice};
 use shellcal::workflow::partial::KeptGroups;
 use shellcal::workflow::selection::UsedRows;
 use shellcal::workflow::weighing::Weighing;
+use shellcal::workflow::{WorkflowError, agree_on_axes};
 
 use self::html::{Found, intervals_of};
 use self::outliers::{OutliersArg, parse_range};
@@ -247,7 +248,9 @@ impl FitArgs {
             return Ok(Outcome::Done);
         }
         let wrenches = ("--test-wrench-from", self.test_wrench_from.as_slice());
-        let test = open_logs(&self.test, wrenches, &mapping)?;
+        let mut test = open_logs(&self.test, wrenches, &mapping)?;
+        let axes = agree_on_axes(&train, &mut test)?;
+        note_axes(axes, printer);
         let opened = self.open_outputs(outputs)?;
         if matches!(self.model, ModelArg::Physics) {
             let weighed = Weighed::default();
@@ -318,12 +321,13 @@ impl FitArgs {
         };
         let group_by = choice.group_by.clone();
         let few_groups = choice.few_groups;
-        let mut file = self.calibration_file(&fitted, choice)?;
+        let mut file = self.calibration_file((&train, &test), &fitted, choice)?;
         file.origin.columns = self.mapping.specified(&train)?;
         let html = self.report.as_ref().map(|_| {
             let model = fitted.solution.model;
+            let axes = file.calibration.axes;
             let advice = known.advice.as_ref();
-            let mut reasons: Vec<String> = advice.map(advice_in_words).into_iter().collect();
+            let mut reasons: Vec<String> = advice.map(|of| advice_in_words(of, axes)).into_iter().collect();
             reasons.extend(weighing.as_ref().map(in_words));
             let found = Found {
                 features: model.term_count(),
@@ -331,7 +335,7 @@ impl FitArgs {
                 few_groups,
                 reasons,
                 warnings: advice
-                    .and_then(|of| better_in_words(of, model.basis))
+                    .and_then(|of| better_in_words(of, model.basis, axes))
                     .into_iter()
                     .collect(),
                 outliers: self.outlier_rows(named.as_ref(), &dropped, &train),
@@ -436,6 +440,7 @@ impl FitArgs {
 
     fn calibration_file(
         &self,
+        logs: (&[Log], &[Log]),
         fitted: &Fit,
         choice: ModelChoice,
     ) -> anyhow::Result<CalibrationFile> {
@@ -464,26 +469,33 @@ impl FitArgs {
                     selection: choice.selection,
                     excitation: fitted.loads.excitation(),
                 }),
-                sources: self.sources(&fitted.train, &fitted.test),
+                sources: self.sources((logs.0, logs.1), (&fitted.train, &fitted.test))?,
                 columns: None,
             },
         })
     }
 
     /// The files, with what their evaluations know of them.
-    fn sources(&self, train: &[Evaluation], test: &[Evaluation]) -> Vec<Source> {
-        let sources = |role, paths: &[InputPath], evaluations: &[Evaluation]| -> Vec<Source> {
-            let source = |(path, evaluation): (&InputPath, &Evaluation)| Source {
-                role,
-                path: path.to_path_buf(),
-                checksum: evaluation.checksum.clone(),
-                rows: evaluation.rows,
-            };
-            std::iter::zip(paths, evaluations).map(source).collect()
-        };
-        let mut files = sources(Role::Train, &self.train, train);
-        files.extend(sources(Role::Test, &self.test, test));
-        files
+    fn sources(
+        &self,
+        (train, test): (&[Log], &[Log]),
+        evaluations: (&[Evaluation], &[Evaluation]),
+    ) -> anyhow::Result<Vec<Source>> {
+        let mut files = Vec::new();
+        for (role, logs, evaluations) in
+            [(Role::Train, train, evaluations.0), (Role::Test, test, evaluations.1)]
+        {
+            for (log, evaluation) in logs.iter().zip(evaluations) {
+                let (checksum, rows) = (evaluation.checksum.clone(), evaluation.rows);
+                let has_checksum = checksum.is_some();
+                files.push(Source { role, path: log.path().into(), checksum, rows });
+                if let Some(path) = log.beside() {
+                    let checksum = if has_checksum { log.checksum_beside()? } else { None };
+                    files.push(Source { role: Role::Wrench, path: path.into(), checksum, rows });
+                }
+            }
+        }
+        Ok(files)
     }
 
     fn write(
@@ -503,13 +515,14 @@ impl FitArgs {
         }
         if let (Some(mut output), Some(polynomial)) = (opened.matrix, file.calibration.polynomial())
         {
-            output.write_all(matrix::to_csv(polynomial).as_bytes())?;
+            output.write_all(matrix::to_csv(polynomial, file.calibration.axes).as_bytes())?;
             output.commit()?;
         }
         if let (Some((mut output, format)), Some((train, test))) = (opened.plot, plots) {
             let title = format!("Calibration {}", file.calibration.name());
             let test = (!self.test.is_empty()).then_some(test);
-            output.write_all(&fit_figure(&title, train, test).render(format)?)?;
+            let axes = file.calibration.axes;
+            output.write_all(&fit_figure(&title, axes, train, test).render(format)?)?;
             output.commit()?;
         }
         Ok(())
@@ -519,6 +532,14 @@ impl FitArgs {
 fn parse_share(text: &str) -> Result<f64, String> {
     let share = text.parse().ok().filter(|share| (0.0..1.0).contains(share));
     share.ok_or_else(|| "a share from 0 to 1, such as 1e-8".to_owned())
+}
+
+/// Says which axes a calibration will not have.
+fn note_axes(axes: Axes, printer: &mut Printer) {
+    if !axes.are_all() {
+        let absent = Axes::ALL.without(axes);
+        printer.note(format!("the logs have no {absent}: the calibration is of {axes}"));
+    }
 }
 
 fn total(evaluations: &[Evaluation]) -> Evaluation {

@@ -8,7 +8,7 @@ use shellcal::workflow::partial::{self, PartialOptions};
 use super::super::choices::ModelArg;
 use super::super::origin;
 use super::super::partial_output::Destination;
-use super::{FitArgs, GroupsArg};
+use super::{FitArgs, GroupsArg, note_axes};
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;
 
@@ -43,6 +43,8 @@ impl FitArgs {
         let mut partial = partial::sum(&mut train, &options)?;
         partial.made_by = origin::program();
         partial.date = origin::date()?;
+        partial.columns = self.mapping.specified(&train)?;
+        note_axes(partial.axes, printer);
         destination.write(&partial, printer)?;
         let (rows, model) = (partial.moments.rows(), partial.model);
         if printer.json() {

@@ -8,9 +8,9 @@ use calibration::solver::SolverKind;
 use calibration::validation::selection::Selection;
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::calibration_file::stored::{
-    Stored, StoredCrossValidation, StoredExcitation, StoredGroupIntervals, StoredQuality,
+    OfAxes, Stored, StoredCrossValidation, StoredExcitation, StoredGroupIntervals, StoredQuality,
     StoredSelection,
 };
 use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin};
@@ -49,9 +49,9 @@ struct Report {
     parameters: usize,
     lambda: f64,
     prior_width: f64,
-    axes: PerAxis<&'static str>,
-    train: PerAxis<StoredQuality>,
-    test: Option<PerAxis<StoredQuality>>,
+    axes: Vec<&'static str>,
+    train: OfAxes<StoredQuality>,
+    test: Option<OfAxes<StoredQuality>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -89,7 +89,7 @@ impl FitArgs {
         if !matches!(self.model, ModelArg::Auto) {
             return None;
         }
-        if let Err(reason) = self.check_physics() {
+        if let Err(reason) = self.check_physics(train) {
             printer.note(format!("physics was not weighed: {reason}"));
             return None;
         }
@@ -105,8 +105,8 @@ impl FitArgs {
         }
     }
 
-    /// Whether the options are of use with a physics model.
-    fn check_physics(&self) -> anyhow::Result<()> {
+    /// Whether options and logs are of use with a physics model.
+    fn check_physics(&self, train: &[Log]) -> anyhow::Result<()> {
         let only_polynomials = [
             (self.export_matrix.is_some(), "--export-matrix"),
             (self.ridge > 0.0, "--ridge"),
@@ -116,6 +116,7 @@ impl FitArgs {
         for (given, option) in only_polynomials {
             anyhow::ensure!(!given, "`{option}` is for polynomials in the readings");
         }
+        physics::check_axes(train)?;
         Ok(())
     }
 
@@ -128,8 +129,8 @@ impl FitArgs {
         start: Instant,
         printer: &mut Printer,
     ) -> anyhow::Result<()> {
-        self.check_physics()?;
         let Logs { train, test } = logs;
+        self.check_physics(train)?;
         let bytes = |logs: &[Log]| logs.iter().map(Log::bytes).sum::<u64>();
         let bar = printer.progress("fit", bytes(train) + bytes(test));
         let progress = |bytes| bar.set_position(bytes);
@@ -146,7 +147,7 @@ impl FitArgs {
         if let Some(groups) = fitted.found {
             note_found(printer, groups);
         }
-        let mut file = self.physics_file(&fitted, weighed.selection)?;
+        let mut file = self.physics_file(logs, &fitted, weighed.selection)?;
         file.origin.columns = self.mapping.specified(train)?;
         let html = self.report.as_ref().map(|_| {
             let found = Found {
@@ -168,6 +169,7 @@ impl FitArgs {
 
     fn physics_file(
         &self,
+        logs: &Logs,
         fitted: &PhysicsFit,
         selection: Option<Selection>,
     ) -> anyhow::Result<CalibrationFile> {
@@ -191,7 +193,7 @@ impl FitArgs {
                     selection,
                     excitation: fitted.loads.excitation(),
                 }),
-                sources: self.sources(&fitted.train, &fitted.test),
+                sources: self.sources((&logs.train, &logs.test), (&fitted.train, &fitted.test))?,
                 columns: None,
             },
         })
@@ -238,23 +240,23 @@ fn report(
             parameters: model.parameter_count(),
             lambda: model.lambda,
             prior_width: model.prior_width,
-            axes: Axis::ALL.map(Axis::column),
-            train: Stored::of(&diagnostics.train),
-            test: Stored::of(&diagnostics.test),
-            cross_validation: Stored::of(&diagnostics.cross_validation),
-            selection: Stored::of(&diagnostics.selection),
+            axes: Axes::ALL.columns(),
+            train: Stored::of(&diagnostics.train, Axes::ALL),
+            test: Stored::of(&diagnostics.test, Axes::ALL),
+            cross_validation: Stored::of(&diagnostics.cross_validation, Axes::ALL),
+            selection: Stored::of(&diagnostics.selection, Axes::ALL),
             weighing: weighing.map(WeighingReport::of),
             median_of_groups: of_rows.validation.as_ref().map(PhysicsValidation::median),
             coverage_95: coverage.map(|of| of.map(|(share, _)| share)),
-            intervals: Stored::of(&physics.intervals),
-            excitation: Stored::of(&diagnostics.excitation),
+            intervals: Stored::of(&physics.intervals, Axes::ALL),
+            excitation: Stored::of(&diagnostics.excitation, Axes::ALL),
             time_s: seconds,
         });
     }
     if let Some(selection) = &diagnostics.selection {
-        print_selection(printer, selection)?;
+        print_selection(printer, selection, Axes::ALL)?;
     }
-    print_errors(printer, diagnostics)?;
+    print_errors(printer, diagnostics, Axes::ALL)?;
     printer.line(format!(
         "physics: {} parameters of {} sensors, fitted to {} means of {} groups; λ {}, prior width {}, \
          both chosen by held-out groups",
@@ -273,12 +275,12 @@ fn report(
         seconds * 1e3,
     ))?;
     if let Some(excitation) = &diagnostics.excitation {
-        print_excitation(printer, excitation)?;
+        print_excitation(printer, excitation, Axes::ALL)?;
     }
     if let (Some(found), Some(validation)) =
         (&diagnostics.cross_validation, of_rows.validation.as_ref())
     {
-        print_cross_validation(printer, found)?;
+        print_cross_validation(printer, found, Axes::ALL)?;
         let medians = validation.median();
         let median = |axis: Axis| {
             format!("{} {} {}", axis.name(), significant(medians[axis.index()], 3), axis.unit())

@@ -4,9 +4,9 @@ use calibration::quality::AxisQuality;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
 use serde::Serialize;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::calibration_file::stored::{
-    Stored, StoredCandidate, StoredCrossValidation, StoredExcitation, StoredQuality,
+    OfAxes, Stored, StoredCandidate, StoredCrossValidation, StoredExcitation, StoredQuality,
     StoredSelection, StoredSolverRecord,
 };
 use shellcal::calibration_file::{CalibrationFile, Diagnostics};
@@ -40,12 +40,12 @@ struct Report<'a> {
     features: usize,
     rank: usize,
     condition: Option<f64>,
-    axes: PerAxis<&'static str>,
-    train: PerAxis<StoredQuality>,
+    axes: Vec<&'static str>,
+    train: OfAxes<StoredQuality>,
     /// Why there are no largest errors of training rows, and none was looked at.
     #[serde(skip_serializing_if = "Option::is_none")]
     train_residuals_left_out: Option<&'a str>,
-    test: Option<PerAxis<StoredQuality>>,
+    test: Option<OfAxes<StoredQuality>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -62,7 +62,7 @@ struct Report<'a> {
     dropped: Option<&'a [OutlierReport]>,
     excitation: Option<StoredExcitation>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    covariance: Option<CovarianceReport<'a>>,
+    covariance: Option<CovarianceReport>,
     time_s: f64,
 }
 
@@ -81,12 +81,12 @@ struct AdviceReport {
 }
 
 impl AdviceReport {
-    fn of(advice: &Advice) -> Self {
+    fn of(advice: &Advice, axes: Axes) -> Self {
         let difference = advice.caution.map(|of| [of.all.value, of.all.standard_error]);
         Self {
             folds: advice.folds,
-            best: Stored::of(&advice.best),
-            cautious: Stored::of(&advice.cautious),
+            best: Stored::of(&advice.best, axes),
+            cautious: Stored::of(&advice.cautious, axes),
             difference: difference.unwrap_or_default(),
             another_is_better: advice.another_is_better(),
             ridge_is_at_limit: advice.ridge_is_at_limit,
@@ -96,20 +96,20 @@ impl AdviceReport {
 
 /// What standard errors come from, and the covariance of the errors of a row.
 #[derive(Serialize)]
-struct CovarianceReport<'a> {
+struct CovarianceReport {
     /// Groups of rows; absent where rows are taken as independent.
     #[serde(skip_serializing_if = "Option::is_none")]
     groups: Option<u64>,
     degrees_of_freedom: u64,
     /// In products of N and N·m.
-    residual: &'a PerAxis<PerAxis<f64>>,
+    residual: OfAxes<OfAxes<f64>>,
     /// Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `None` where
     /// groups are too few to tell.
-    interval_95: Option<PerAxis<f64>>,
+    interval_95: Option<OfAxes<f64>>,
 }
 
-impl<'a> CovarianceReport<'a> {
-    fn of(covariance: &'a Covariance) -> Self {
+impl CovarianceReport {
+    fn of(covariance: &Covariance, axes: Axes) -> Self {
         let groups = match &covariance.coefficients {
             CoefficientCovariance::Groups { groups, .. } => Some(*groups),
             CoefficientCovariance::Rows { .. } => None,
@@ -118,16 +118,20 @@ impl<'a> CovarianceReport<'a> {
         Self {
             groups,
             degrees_of_freedom: covariance.degrees_of_freedom,
-            residual: &covariance.residual,
-            interval_95: factors
-                .ok()
-                .map(|factors| std::array::from_fn(|axis| factors[axis] * sd[axis])),
+            residual: Stored::of(&covariance.residual, axes),
+            interval_95: factors.ok().map(|factors| {
+                Stored::of(&std::array::from_fn(|axis| factors[axis] * sd[axis]), axes)
+            }),
         }
     }
 }
 
-fn print_covariance(printer: &mut Printer, covariance: &Covariance) -> anyhow::Result<()> {
-    let report = CovarianceReport::of(covariance);
+fn print_covariance(
+    printer: &mut Printer,
+    covariance: &Covariance,
+    axes: Axes,
+) -> anyhow::Result<()> {
+    let report = CovarianceReport::of(covariance, axes);
     let of = match report.groups {
         Some(groups) => format!("{groups} groups of rows"),
         None => "rows taken as independent".to_owned(),
@@ -136,16 +140,20 @@ fn print_covariance(printer: &mut Printer, covariance: &Covariance) -> anyhow::R
         printer.warning(too_few.to_string());
         return Ok(());
     }
-    let half_widths = report.interval_95.unwrap_or_default();
-    let half = |axis: Axis| {
-        let half = significant(half_widths[axis.index()], 2);
-        format!("{} ±{half} {}", axis.name(), axis.unit())
+    let half = |(axis, half): (Axis, &f64)| {
+        format!("{} ±{} {}", axis.name(), significant(*half, 2), axis.unit())
     };
-    printer.line(format!("95 % intervals, from {of}: {}", Axis::ALL.map(half).join(", ")))
+    let widths = report.interval_95.iter().flat_map(OfAxes::iter);
+    let halves: Vec<String> = axes.iter().zip(widths).map(half).collect();
+    printer.line(format!("95 % intervals, from {of}: {}", halves.join(", ")))
 }
 
 /// The table of errors on training and test rows.
-pub(super) fn print_errors(printer: &mut Printer, diagnostics: &Diagnostics) -> anyhow::Result<()> {
+pub(super) fn print_errors(
+    printer: &mut Printer,
+    diagnostics: &Diagnostics,
+    axes: Axes,
+) -> anyhow::Result<()> {
     let sets: Vec<&PerAxis<AxisQuality>> =
         [Some(&diagnostics.train), diagnostics.test.as_ref()].into_iter().flatten().collect();
     let mut header = vec!["axis"];
@@ -155,7 +163,7 @@ pub(super) fn print_errors(printer: &mut Printer, diagnostics: &Diagnostics) -> 
         header.extend([train, test].iter().take(sets.len()));
     }
     header.push("unit");
-    let rows: Vec<Vec<String>> = Axis::ALL.map(|axis| table_row(axis, &sets)).to_vec();
+    let rows: Vec<Vec<String>> = axes.iter().map(|axis| table_row(axis, &sets)).collect();
     printer.table(&header, &rows)
 }
 
@@ -207,10 +215,11 @@ pub(super) fn report(
     };
     let model = fitted.solution.model;
     let covariance = fitted.calibration.covariance.as_ref();
+    let axes = fitted.calibration.axes;
     if printer.json() {
         return printer.document(&Report {
             model: model.name(),
-            solver: Stored::of(&solver),
+            solver: Stored::of(&solver, axes),
             rows: diagnostics.rows,
             skipped_rows: diagnostics.skipped_rows,
             repeated_rows: diagnostics.repeated_rows,
@@ -220,26 +229,26 @@ pub(super) fn report(
             features: model.term_count(),
             rank: diagnostics.rank,
             condition: diagnostics.condition,
-            axes: Axis::ALL.map(Axis::column),
-            train: Stored::of(&diagnostics.train),
+            axes: axes.columns(),
+            train: Stored::of(&diagnostics.train, axes),
             train_residuals_left_out: known.left_out_residuals.as_deref(),
-            test: Stored::of(&diagnostics.test),
-            cross_validation: Stored::of(&diagnostics.cross_validation),
-            selection: Stored::of(&diagnostics.selection),
+            test: Stored::of(&diagnostics.test, axes),
+            cross_validation: Stored::of(&diagnostics.cross_validation, axes),
+            selection: Stored::of(&diagnostics.selection, axes),
             weighing: weighing.map(WeighingReport::of),
-            advice: known.advice.as_ref().map(AdviceReport::of),
+            advice: known.advice.as_ref().map(|advice| AdviceReport::of(advice, axes)),
             groups_found: known.groups,
             outliers: known.outliers.as_deref(),
             dropped: known.dropped.as_deref(),
-            excitation: Stored::of(&diagnostics.excitation),
-            covariance: covariance.map(CovarianceReport::of),
+            excitation: Stored::of(&diagnostics.excitation, axes),
+            covariance: covariance.map(|covariance| CovarianceReport::of(covariance, axes)),
             time_s: seconds,
         });
     }
     if let Some(selection) = &diagnostics.selection {
-        print_selection(printer, selection)?;
+        print_selection(printer, selection, axes)?;
     }
-    print_errors(printer, diagnostics)?;
+    print_errors(printer, diagnostics, axes)?;
     let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
     printer.line(format!(
         "{}{}, solver {}: rank {} of {}, condition {condition}",
@@ -257,17 +266,17 @@ pub(super) fn report(
         seconds * 1e3,
     ))?;
     if let Some(excitation) = &diagnostics.excitation {
-        print_excitation(printer, excitation)?;
+        print_excitation(printer, excitation, axes)?;
     }
     if let Some(cross_validation) = &diagnostics.cross_validation {
-        print_cross_validation(printer, cross_validation)?;
+        print_cross_validation(printer, cross_validation, axes)?;
     }
     if let Some(covariance) = covariance {
-        print_covariance(printer, covariance)?;
+        print_covariance(printer, covariance, axes)?;
     }
     note_range(printer, &test);
     if let Some(advice) = &known.advice {
-        print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref())?;
+        print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref(), axes)?;
     }
     Ok(())
 }

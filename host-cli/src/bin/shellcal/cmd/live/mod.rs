@@ -12,6 +12,7 @@ use std::time::Duration;
 use anyhow::Context;
 use log_file::Log;
 use shared_proto::Framing;
+use shell_data::wrench::Axes;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::forces::{ForceOptions, LowPass, TareRule};
 use shellcal::link::{Journal, PortOptions, RecordOptions, Sinks, Source, Uplink, record};
@@ -130,11 +131,14 @@ impl LiveArgs {
         // What cannot work is said before the screen is taken.
         view::require_terminal()?;
         let first = logs.as_mut().filter(|_| self.output.is_some()).map(Logs::next).transpose()?;
-        let source = match is_port {
-            true => self.record(&name, forces, first, &feed, &done)?,
+        let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
+        let (source, recorded) = match is_port {
+            true => (self.record(&name, forces, first, &feed, &done)?, Axes::ALL),
             false => self.play(&feed, &done)?,
         };
-        let model = LiveModel::new(LiveSetup { ranges, window_s: self.window });
+        // Without a calibration a wrench is the board's or the log's own.
+        let axes = calibrated.unwrap_or(recorded);
+        let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
         let mut view = View {
             model,
             rows,
@@ -209,13 +213,13 @@ impl LiveArgs {
         &self,
         feed: &Feed,
         done: &Arc<AtomicBool>,
-    ) -> anyhow::Result<thread::JoinHandle<Ended>> {
+    ) -> anyhow::Result<(thread::JoinHandle<Ended>, Axes)> {
         let log = Log::open(&self.name, &self.mapping.mapping()?)?;
-        let wants_readings = self.calibration.is_some();
+        let (wants_readings, axes) = (self.calibration.is_some(), log.axes());
         let read = self.mapping.read_options();
         let (feed, done, speed) = (feed.clone(), Arc::clone(done), self.speed);
         let run = move || end_with(play(&log, &read, wants_readings, speed, &feed, &done), &done);
-        Ok(thread::Builder::new().name("play".to_owned()).spawn(run)?)
+        Ok((thread::Builder::new().name("play".to_owned()).spawn(run)?, axes))
     }
 }
 

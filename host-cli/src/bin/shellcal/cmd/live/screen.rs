@@ -336,7 +336,8 @@ mod tests {
     /// A push to the right and a stroke upwards, with a channel out of its range, one saturated, and a mark.
     fn model(forces: bool) -> LiveModel {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; 8]);
-        let mut model = LiveModel::new(LiveSetup { ranges, window_s: 10.0 });
+        let mut model =
+            LiveModel::new(LiveSetup { ranges, window_s: 10.0, ..LiveSetup::default() });
         for index in 0..1000 {
             let time_s = f64::from(index) / 100.0;
             let wave = (time_s * 2.0).sin();

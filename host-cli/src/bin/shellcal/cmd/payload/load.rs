@@ -127,10 +127,16 @@ impl MotionArgs {
                 load.rows_without_motion
             ));
         }
-        let [fx, fy, fz, mx, my, mz] = load.standard_deviation;
-        printer.note(format!(
-            "standard deviation: {fx:.4} {fy:.4} {fz:.4} N, {mx:.5} {my:.5} {mz:.5} N·m"
-        ));
+        let of = |moments: bool| {
+            let values =
+                load.standard_deviation.iter().filter(|(axis, _)| axis.is_moment() == moments);
+            let decimals = if moments { 5 } else { 4 };
+            let values: Vec<String> = values.map(|(_, sd)| format!("{sd:.decimals$}")).collect();
+            let unit = if moments { "N·m" } else { "N" };
+            (!values.is_empty()).then(|| format!("{} {unit}", values.join(" ")))
+        };
+        let parts: Vec<String> = [of(false), of(true)].into_iter().flatten().collect();
+        printer.note(format!("standard deviation: {}", parts.join(", ")));
     }
 }
 

@@ -7,7 +7,7 @@ use std::io::Write;
 use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, ReadOptions, Wanted};
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::forces::RowRule;
 use shellcal::output::Outputs;
 use shellcal::payload_file::PayloadFile;
@@ -117,6 +117,7 @@ impl SubtractArgs {
 fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibration)> {
     let log = Log::open(path, &mapping)?;
     log.require(&Wanted { time: true, wrench: true, ..Wanted::default() })?;
+    log.require_axes(Axes::ALL)?;
     let mut columns: PerAxis<(usize, f64)> = Default::default();
     for (place, column) in log.columns().iter().enumerate() {
         match column.meaning {

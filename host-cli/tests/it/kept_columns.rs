@@ -1,0 +1,123 @@
+//! `convert --keep` and `--all-rows`: what a log has besides goes along as it stands.
+
+use std::fs;
+use std::path::Path;
+
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use system_tests::program;
+
+/// A calibration, and a log with a column of text and one that is empty now and then.
+fn folder() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    program::run(dir.path(), "synth train --rows 400 --seed 8 -o plain.csv", 0);
+    program::run(dir.path(), "fit plain.csv --model linear --covariance rows -o cal.json", 0);
+    let plain = fs::read_to_string(dir.path().join("plain.csv")).unwrap();
+    let mut log = String::new();
+    for (row, line) in plain.lines().enumerate() {
+        log += &match row {
+            0 => format!("{line},surface,supply_v,knob\n"),
+            _ => format!("{line},{},{},{}\n", surface(row), supply(row), row % 7),
+        };
+    }
+    fs::write(dir.path().join("log.csv"), log).unwrap();
+    dir
+}
+
+/// Quotes, separators and letters beyond ASCII are part of a text.
+fn surface(row: usize) -> &'static str {
+    ["carpet", "\"gravel, wet\"", "Fließ", ""][row / 50 % 4]
+}
+
+fn supply(row: usize) -> &'static str {
+    if row.is_multiple_of(100) { "3.7" } else { "" }
+}
+
+/// The columns of text of a file by the program's own readers.
+fn texts(path: &Path, names: &[&str]) -> Vec<Vec<String>> {
+    let log = Log::open(path, &Mapping::default()).unwrap();
+    let place = |name: &&str| log.columns().iter().position(|column| column.name == *name).unwrap();
+    let wanted = Wanted { texts: names.iter().map(place).collect(), ..Wanted::default() };
+    let mut texts = vec![Vec::new(); names.len()];
+    let one = ReadOptions { threads: 1, ..ReadOptions::default() };
+    log.read(&wanted, &one, std::mem::take, |block| {
+        for (column, runs) in texts.iter_mut().zip(block.texts) {
+            column.extend(runs.into_iter().flat_map(|(text, rows)| vec![text; rows]));
+        }
+        Ok::<_, LogError>(())
+    })
+    .unwrap();
+    texts
+}
+
+#[test]
+fn texts_go_along_into_every_kind_of_file() {
+    let dir = folder();
+    let dir = dir.path();
+    let named = |row: usize| surface(row).trim_matches('"').to_owned();
+    let expected: Vec<String> = (1..=400).map(named).collect();
+    let supplies: Vec<String> = (1..=400).map(|row| supply(row).to_owned()).collect();
+    for flags in ["--no-lowpass", "--lowpass 2"] {
+        for extension in ["csv", "parquet", "arrow"] {
+            let out = format!("out.{extension}");
+            program::run(dir, &format!("convert cal.json log.csv --keep all -o {out} {flags}"), 0);
+            let found = texts(&dir.join(&out), &["surface", "supply_v"]);
+            assert_eq!(found, [&expected[..], &supplies[..]], "{extension} {flags}");
+        }
+    }
+    // What else there is stays a number, under its name, or under another if that is taken.
+    let text = fs::read_to_string(dir.join("out.csv")).unwrap();
+    let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    assert!(header.contains(&"knob") && header.contains(&"log_fx_n"), "{header:?}");
+    assert_eq!(header[header.len() - 3..], ["surface", "supply_v", "flags"]);
+    // Files that other programs read: MATLAB's have one row of characters a row, records of NumPy a
+    // field, a recording a property.
+    for extension in ["mat", "npy", "mcap"] {
+        let out = format!("out.{extension}");
+        program::run(dir, &format!("convert cal.json log.csv --keep surface,knob -o {out}"), 0);
+        let bytes = fs::read(dir.join(&out)).unwrap();
+        let has = |text: &str| memchr::memmem::find(&bytes, text.as_bytes()).is_some();
+        assert!(has("surface") && (extension != "mcap" || has("\"surface\":\"gravel, wet\"")));
+    }
+    let said = program::run(dir, "convert cal.json log.csv --keep surfaces", 2);
+    assert!(said.contains("`surfaces`") && said.contains("`surface`"), "{said}");
+}
+
+/// A log in which each reading stands three times, as in telemetry that runs faster than its sensor. That the
+/// tare of telemetry does not depend on it either is shown where all commands are compared.
+#[test]
+fn all_rows_gives_a_row_for_each_and_leaves_the_forces_as_they_were() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    program::run(dir, "synth train --rows 300 --seed 9 -o plain.csv", 0);
+    program::run(dir, "fit plain.csv --model linear --covariance rows -o cal.json", 0);
+    let plain = fs::read_to_string(dir.join("plain.csv")).unwrap();
+    let mut log = String::new();
+    for (row, line) in plain.lines().enumerate() {
+        let (_, rest) = line.split_once(',').unwrap();
+        if row == 0 {
+            log += &format!("{line}\n");
+            continue;
+        }
+        for repeat in 0..3 {
+            log += &format!("{},{rest}\n", (3 * (row - 1) + repeat) as f64 / 100.0);
+        }
+    }
+    fs::write(dir.join("log.csv"), log).unwrap();
+    for flags in ["--no-lowpass", "--lowpass 2", "--lowpass 2 --causal"] {
+        let convert = |rows: &str, out: &str| {
+            let command = format!("convert cal.json log.csv -o {out} {rows} --no-tare {flags}");
+            let said = program::output(dir, &command);
+            assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+            let text = fs::read_to_string(dir.join(out)).unwrap();
+            text.lines().skip(1).map(str::to_owned).collect::<Vec<String>>()
+        };
+        let all = convert("--all-rows", "all.csv");
+        let fresh = convert("--fresh", "fresh.csv");
+        assert_eq!((all.len(), fresh.len()), (900, 300), "{flags}");
+        let times: Vec<f64> =
+            all.iter().map(|row| row.split(',').next().unwrap().parse().unwrap()).collect();
+        assert!(times.iter().enumerate().all(|(row, time)| *time == row as f64 / 100.0));
+        let kept: Vec<&String> = all.iter().step_by(3).collect();
+        assert_eq!(kept, fresh.iter().collect::<Vec<_>>(), "{flags}");
+    }
+}
