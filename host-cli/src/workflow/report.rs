@@ -64,6 +64,7 @@ pub fn calibration_facts<'a>(path: &str, file: &'a CalibrationFile) -> Calibrati
         role: match source.role {
             Role::Train => "fit",
             Role::Test => "test",
+            Role::Wrench => "give the wrench",
             Role::Matrix => "import",
         },
         path: source.path.display().to_string(),

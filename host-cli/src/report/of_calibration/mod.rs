@@ -155,7 +155,8 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
             Cell::Figure(format!("{:.0}", 100.0 * of.rows_negative)),
         ]
     };
-    let mut html = html + &table("Training loads", &header, &axes.iter().map(row).collect::<Vec<_>>());
+    let mut html =
+        html + &table("Training loads", &header, &axes.iter().map(row).collect::<Vec<_>>());
     let mut header = vec![("axis", true)];
     header.extend(axes.iter().map(|axis| (axis.name(), false)));
     let row = |axis: Axis| {

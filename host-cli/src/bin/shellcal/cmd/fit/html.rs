@@ -87,7 +87,7 @@ impl FitArgs {
             train_groups: &group_rows(&train.groups),
             test_groups: &group_rows(&test.groups),
             outliers: found.outliers,
-            figure: &fit_figure(&title, &of_train, of_test),
+            figure: &fit_figure(&title, file.calibration.axes, &of_train, of_test),
             coverage: &coverage_figure(&train.loads, &test.loads),
         };
         Ok(report.html())

@@ -327,7 +327,8 @@ impl FitArgs {
             let model = fitted.solution.model;
             let axes = file.calibration.axes;
             let advice = known.advice.as_ref();
-            let mut reasons: Vec<String> = advice.map(|of| advice_in_words(of, axes)).into_iter().collect();
+            let mut reasons: Vec<String> =
+                advice.map(|of| advice_in_words(of, axes)).into_iter().collect();
             reasons.extend(weighing.as_ref().map(in_words));
             let found = Found {
                 features: model.term_count(),
