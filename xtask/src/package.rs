@@ -197,7 +197,7 @@ fn debian(staged: &Path, system: &str, version: &str, folder: &Path) -> Result<P
     let control = format!(
         "Package: shellcal\nVersion: {version}\nArchitecture: {architecture}\nSection: science\n\
          Priority: optional\nMaintainer: shellcal <https://github.com/shellcal/shellcal>\n\
-         Homepage: https://github.com/shellcal/shellcal\nDepends: libc6 (>= 2.31), libgcc-s1\n\
+         Homepage: https://github.com/shellcal/shellcal\nDepends: libc6 (>= 2.35), libgcc-s1\n\
          Description: calibration and trial processing for an optical force/torque shell\n \
          Fits calibrations of an optical six-axis force/torque sensor, records from its board,\n \
          converts logs to forces and moments, and evaluates trials of robots that carry it.\n"

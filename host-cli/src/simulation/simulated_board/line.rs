@@ -24,7 +24,7 @@ use crate::simulation::radio::Radio;
 const QUEUE: usize = 512;
 
 /// How long a thread waits at most before it looks at the radio again.
-pub(super) const TICK: Duration = Duration::from_millis(10);
+const TICK: Duration = Duration::from_millis(10);
 
 type Input = Pipe<CriticalSectionRawMutex, 1024>;
 
@@ -49,7 +49,7 @@ impl Line {
 
     /// Listens for a host at an address.
     pub(super) fn listen(at: SocketAddr, radios: &[Arc<Mutex<Radio>>; 2]) -> io::Result<Self> {
-        let (socket, at) = Socket::listen(at)?;
+        let (socket, at) = Socket::listen(at, TICK)?;
         Ok(Self::between(format!("tcp://{at}"), socket.clone(), socket, radios))
     }
 

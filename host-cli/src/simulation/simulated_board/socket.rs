@@ -4,8 +4,7 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
-
-use super::line::TICK;
+use std::time::Duration;
 
 /// The host at the other end, if there is one: one at a time, as on a serial port.
 ///
@@ -21,8 +20,9 @@ struct Current {
 }
 
 impl Socket {
-    /// Listens; returns the address, with the port that was chosen where 0 was asked for.
-    pub(super) fn listen(at: SocketAddr) -> io::Result<(Self, SocketAddr)> {
+    /// Listens; returns the address, with the port that was chosen where 0 was asked for. A read or write waits
+    /// for `tick` at most.
+    pub(super) fn listen(at: SocketAddr, tick: Duration) -> io::Result<(Self, SocketAddr)> {
         let listener = TcpListener::bind(at)?;
         let at = listener.local_addr()?;
         let socket = Self::default();
@@ -30,9 +30,9 @@ impl Socket {
         thread::spawn(move || {
             for host in listener.incoming() {
                 match host {
-                    Ok(host) => hosts.admit(host),
+                    Ok(host) => hosts.admit(host, tick),
                     // Out of descriptors, as a rule, which passes.
-                    Err(_) => thread::sleep(TICK),
+                    Err(_) => thread::sleep(tick),
                 }
             }
         });
@@ -40,12 +40,12 @@ impl Socket {
     }
 
     /// Takes a host, unless there is one: that one is sent away.
-    fn admit(&self, host: TcpStream) {
+    fn admit(&self, host: TcpStream, tick: Duration) {
         let mut current = self.current();
         if current.host.as_ref().is_none_or(is_gone)
             && host.set_nodelay(true).is_ok()
-            && host.set_read_timeout(Some(TICK)).is_ok()
-            && host.set_write_timeout(Some(TICK)).is_ok()
+            && host.set_read_timeout(Some(tick)).is_ok()
+            && host.set_write_timeout(Some(tick)).is_ok()
         {
             *current = Current { host: Some(host), number: current.number + 1 };
         }
