@@ -56,7 +56,7 @@ fn at_the_papers_size_errors_and_noise_are_of_the_papers_order() {
     let noise_options = NoiseOptions { rows: RowFilter::Fresh, window: None };
     let scatter =
         noise(&zero, &fitted.calibration, &noise_options, &ReadOptions::default()).unwrap();
-    for axis in &scatter.axes[..3] {
+    for (_, axis) in &scatter.axes[..3] {
         assert!((0.01..0.06).contains(&axis.rms), "{} N", axis.rms);
     }
 }
