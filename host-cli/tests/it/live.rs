@@ -259,13 +259,16 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
     // The word is in the first line of a picture that is still coming.
     (0..30).for_each(|_| drop(view.look()));
     let paused = still(&view.look());
-    let rows = || fs::read_to_string(dir.join("log.csv")).unwrap().lines().count();
-    let before = rows();
-    let deadline = Instant::now() + Duration::from_secs(60);
-    while rows() < before + 1500 {
-        view.look();
-        assert!(Instant::now() < deadline, "the log does not grow while the view is paused");
-    }
+    let rows = |log: &str| fs::read_to_string(dir.join(log)).unwrap().lines().count();
+    let wait_for_rows = |view: &mut Terminal, log: &str, wanted: usize| {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while rows(log) < wanted {
+            view.look();
+            assert!(Instant::now() < deadline, "`{log}` does not grow");
+        }
+    };
+    let before = rows("log.csv");
+    wait_for_rows(&mut view, "log.csv", before + 1500);
     assert_eq!(still(&view.look()), paused);
     view.press(" ");
     // The end of one log and the next.
@@ -275,7 +278,7 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
     view.wait_for("REC log-2.csv");
     view.press("m");
     view.wait_for("mark 2 at");
-    thread::sleep(Duration::from_millis(1200));
+    wait_for_rows(&mut view, "log-2.csv", 1000);
     view.press("q");
     let (code, said, _) = view.end();
     assert_eq!(code, Some(0), "{said}");
