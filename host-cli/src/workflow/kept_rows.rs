@@ -10,24 +10,32 @@ use shell_data::block::Block;
 
 /// Memory for rows: one mapping, of huge pages where there will be rows enough for some. To have
 /// small pages one by one would take longer than to write to them.
-pub(super) struct Store(Option<MmapMut>);
+pub(super) struct Store {
+    map: Option<MmapMut>,
+    /// What of it may be used: a number of whole words.
+    bytes: usize,
+}
 
 impl Store {
     /// Room for so many bytes of rows, about `expected` of which will be used.
     pub(super) fn new(bytes: u64, expected: u64) -> Self {
-        let words = usize::try_from(bytes / size_of::<u64>() as u64).unwrap_or(0);
-        // What is not written to takes no memory.
-        let map = MmapMut::map_anon(words * size_of::<u64>()).ok();
+        let word = size_of::<u64>() as u64;
+        let bytes = usize::try_from(bytes / word * word).unwrap_or(0);
+        // The system begins a mapping of whole huge pages where one begins. What is not written to takes
+        // no memory.
+        let mapped = bytes.checked_next_multiple_of(HUGE_PAGE as usize);
+        let map = mapped.and_then(|bytes| MmapMut::map_anon(bytes).ok());
         if let Some(map) = map.as_ref().filter(|_| expected >= HUGE_PAGE) {
             take_huge_pages(map);
         }
-        Self(map)
+        Self { map, bytes }
     }
 
     /// All of it.
     pub(super) fn room(&mut self) -> Room<'_> {
-        let bytes = self.0.as_deref_mut().unwrap_or_default();
-        Room(Mutex::new(bytemuck::cast_slice_mut(bytes)))
+        let map = self.map.as_deref_mut().unwrap_or_default();
+        let bytes = self.bytes.min(map.len());
+        Room(Mutex::new(bytemuck::cast_slice_mut(&mut map[..bytes])))
     }
 }
 
