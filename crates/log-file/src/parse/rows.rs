@@ -316,13 +316,17 @@ impl RowPlan {
     ) -> Result<(), RowError> {
         let mut reader = csv::ReaderBuilder::new();
         reader.has_headers(false).flexible(true).delimiter(self.separator);
+        // A carriage return within a line ends no row.
+        reader.terminator(csv::Terminator::Any(b'\n'));
         let mut record = csv::ByteRecord::new();
         let mut start = 0;
         while start < lines.len() {
             let end = memchr(b'\n', &lines[start..]).map_or(lines.len(), |i| start + i + 1);
             let line = &lines[start..end];
             // Bytes in memory cannot fail to be read, and any line is some record.
-            let found = reader.from_reader(line).read_byte_record(&mut record).unwrap_or(false);
+            let content = line.strip_suffix(b"\n").unwrap_or(line);
+            let content = content.strip_suffix(b"\r").unwrap_or(content);
+            let found = reader.from_reader(content).read_byte_record(&mut record).unwrap_or(false);
             let blank = record.len() == 1 && record[0].trim_ascii().is_empty();
             if found && !blank && !is_comment(line) {
                 let closed = memchr_iter(b'"', line).count().is_multiple_of(2);
@@ -625,6 +629,21 @@ mod tests {
         ) {
             assert_all_ways_agree(&bytes);
         }
+    }
+
+    #[test]
+    fn a_carriage_return_within_a_line_ends_no_row() {
+        for quoted in ["5,g,\"x\",6\r\n", "5,g,x\"y,6\r\n", ""] {
+            let lines = format!("1,g,x,2\r\n3,g,x,4\r5,g,x,6\r\n{quoted}");
+            let (result, parsed) = parse(arch(), lines.as_bytes(), false);
+            let error = result.unwrap_err();
+            assert_eq!((error.offset, parsed.rows), (9, 1), "{quoted}");
+            assert!(matches!(error.problem, RowProblem::ColumnCount { expected: 4, found: 7 }));
+        }
+        let ends = "1,g,\"x\",2\r\n3,\"h\",x,\"4\"\r\n";
+        let (result, parsed) = parse(arch(), ends.as_bytes(), false);
+        assert!(result.is_ok());
+        assert_eq!(parsed.columns[1][..2], [2.0, 4.0]);
     }
 
     #[test]
