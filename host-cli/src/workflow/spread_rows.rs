@@ -8,7 +8,13 @@ const KEPT: usize = 1 << 16;
 
 /// Rows of logs, one of every so many.
 #[derive(Clone, Debug, Default)]
-pub(super) struct SpreadRows(Block);
+pub(super) struct SpreadRows {
+    rows: Block,
+    /// How many rows there have been to take from.
+    offered: usize,
+    /// How often every second was let go: of the rows offered, one of two to this power is taken.
+    halvings: u32,
+}
 
 impl SpreadRows {
     /// One of so many rows is taken of logs that have about `rows`.
@@ -22,28 +28,34 @@ impl SpreadRows {
         let taken = |columns: &[Vec<f64>]| -> Vec<Vec<f64>> {
             columns.iter().map(|column| column.iter().copied().step_by(stride).collect()).collect()
         };
-        Self(Block {
+        let rows = Block {
             rows: block.rows.div_ceil(stride),
             readings: taken(&block.readings),
             wrench: taken(&block.wrench),
             ..Block::default()
-        })
+        };
+        Self { offered: rows.rows, rows, halvings: 0 }
     }
 
-    /// Adds those of a block after those before; every second is let go where they are too many.
+    /// Adds those of a block after those before, as far apart; every second is let go where they are too
+    /// many.
     pub(super) fn add(&mut self, block: &Self) {
-        let Self(all) = self;
-        all.readings.resize(block.0.readings.len(), Vec::new());
-        all.wrench.resize(block.0.wrench.len(), Vec::new());
-        all.rows += block.0.rows;
+        let all = &mut self.rows;
+        all.readings.resize(block.rows.readings.len(), Vec::new());
+        all.wrench.resize(block.rows.wrench.len(), Vec::new());
         let mut columns: Vec<&mut Vec<f64>> =
             all.readings.iter_mut().chain(&mut all.wrench).collect();
-        for (column, more) in columns.iter_mut().zip(block.0.readings.iter().chain(&block.0.wrench))
-        {
-            column.extend_from_slice(more);
+        let every = 1 << self.halvings;
+        let first = self.offered.next_multiple_of(every) - self.offered;
+        let new = block.rows.readings.iter().chain(&block.rows.wrench);
+        for (column, new) in columns.iter_mut().zip(new) {
+            column.extend(new.iter().skip(first).step_by(every));
         }
+        all.rows += block.rows.rows.saturating_sub(first).div_ceil(every);
+        self.offered += block.offered;
         while all.rows > KEPT {
             all.rows = all.rows.div_ceil(2);
+            self.halvings += 1;
             for column in &mut columns {
                 for row in 1..all.rows {
                     column[row] = column[2 * row];
@@ -55,7 +67,7 @@ impl SpreadRows {
 
     /// The rows.
     pub(super) fn block(&self) -> &Block {
-        &self.0
+        &self.rows
     }
 }
 
