@@ -62,7 +62,7 @@ pub struct FitOptions<'a> {
     /// The memory in bytes that rows may take. Logs whose rows take more are read again for every pass, but
     /// for the last one over the training logs, which the exact sums spare.
     pub memory: u64,
-    /// How logs are read. Progress counts the bytes of all passes, see [`bytes_to_read`].
+    /// How logs are read. Progress counts the bytes of all passes, see [`FitOptions::bytes_to_read`].
     pub read: ReadOptions<'a>,
 }
 
@@ -143,7 +143,7 @@ impl FitOptions<'_> {
 }
 
 /// Fits a calibration to `train` and finds its errors there and on `test`, all of which have the same axes of
-/// the wrench ([`agree_on_axes`](super::agree_on_axes)).
+/// the wrench ([`agree_on_axes`]).
 ///
 /// The training logs are passed over twice, for the coefficients and for the errors, and more
 /// often by solvers that iterate. Their rows are kept between the passes, those of the test logs among

@@ -36,7 +36,7 @@ pub struct RowFitOptions {
     pub ridge: f64,
     /// The solver. Where the exact one cannot take the rows, refined QR does.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: see [`FitOptions`](super::fit::FitOptions).
+    /// For [`SolverKind::Svd`]: see [`FitOptions`](crate::workflow::fit::FitOptions).
     pub truncate: Option<f64>,
     /// Find the errors on each group, or on so many folds of groups.
     pub cross_validation: Option<Option<usize>>,
