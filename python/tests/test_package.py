@@ -89,7 +89,9 @@ def test_other_threads_run_during_a_fit() -> None:
 @pytest.mark.skipif(os.name == "nt", reason="signals are those of POSIX")
 def test_ctrl_c_ends_a_fit() -> None:
     code = """
-import numpy as np, shellcal, sys
+import numpy as np, shellcal, signal, sys
+# Where the tests run in the background of a shell, Ctrl-C is ignored from the start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 X = np.random.default_rng(0).integers(0, 4096, (4096, 8)).astype(float)
 # Rows without end, in the memory of a few.
 X = np.lib.stride_tricks.as_strided(X[:1], (900_000_000, 8), (0, 8))
