@@ -27,6 +27,9 @@ pub(super) struct Screen<'a> {
 /// Smaller screens hold nothing of use.
 const LEAST: (u16, u16) = (60, 14);
 
+/// Names are not cut shorter than this.
+const LEAST_NAME: usize = 8;
+
 /// Columns of the labels of traces.
 const LABEL: u16 = 16;
 
@@ -51,6 +54,7 @@ impl Screen<'_> {
         self.put(buffer, 0, height - 1, KEYS, self.style(None, Modifier::DIM));
     }
 
+    /// The state and the flags are always there whole; names have what room they leave.
     fn draw_header(&self, buffer: &mut Buffer, width: u16) {
         let mut flags = String::new();
         if self.model.is_paused() {
@@ -59,17 +63,24 @@ impl Screen<'_> {
         if self.model.is_taring() {
             flags += " TARING";
         }
+        let taken = flags.chars().count() + self.state.chars().count() + "   REC   ".len();
+        let room = usize::from(width).saturating_sub(taken);
+        let source_length = self.source.chars().count();
         if let Some(log) = self.recording {
-            flags += &format!(" REC {log}");
+            // The log that is written has what the source does not need, and at least half of the room.
+            let room_of_log = (room - source_length.min(room / 2)).max(LEAST_NAME);
+            flags += &format!(" REC {}", end_of(log, room_of_log, self.ascii));
         }
-        let line = format!("{}  {}", self.source, self.state);
-        self.put(buffer, 0, 0, &line, self.style(None, Modifier::BOLD));
         if !flags.is_empty() {
-            let flags = format!("{flags} ");
-            let length = flags.chars().count().min(usize::from(width)) as u16;
-            let style = self.style(Some(Color::Yellow), Modifier::REVERSED);
-            self.put(buffer, width - length, 0, &flags, style);
+            flags.push(' ');
         }
+        let flags_length = flags.chars().count().min(usize::from(width)) as u16;
+        let left = usize::from(width - flags_length).saturating_sub(self.state.chars().count() + 3);
+        let source = end_of(self.source, left.max(LEAST_NAME), self.ascii);
+        let line = format!("{source}  {}", self.state);
+        self.put(buffer, 0, 0, &line, self.style(None, Modifier::BOLD));
+        let style = self.style(Some(Color::Yellow), Modifier::REVERSED);
+        self.put(buffer, width - flags_length, 0, &flags, style);
     }
 
     fn draw_traces(&self, buffer: &mut Buffer, area: Rect) {
@@ -298,6 +309,17 @@ impl Screen<'_> {
     }
 }
 
+/// A name that is as long as there is room; of a path that is longer, the end is what tells it from others.
+fn end_of(name: &str, room: usize, ascii: bool) -> String {
+    let length = name.chars().count();
+    if length <= room {
+        return name.to_owned();
+    }
+    let cut = if ascii { ".." } else { "…" };
+    let kept = room.saturating_sub(cut.chars().count());
+    cut.chars().chain(name.chars().skip(length - kept)).collect()
+}
+
 fn put_char(buffer: &mut Buffer, at: (u16, u16), character: char, style: Style) {
     if let Some(cell) = buffer.cell_mut(at) {
         cell.set_char(character).set_style(style);
@@ -416,6 +438,27 @@ mod tests {
         let empty = LiveModel::new(LiveSetup::default());
         assert!(screen(&empty, (80, 24), false, true).contains("nothing has arrived"));
         assert!(screen(&model, (40, 10), false, true).contains("60 x 14"));
+    }
+
+    /// Only the names are cut, and their ends are left.
+    #[test]
+    fn long_paths_do_not_hide_the_state() {
+        let model = model(false);
+        let path = "/home/user/a/very/long/way/to/the/place/where/recordings/of/the/day/are/kept/run-17.csv";
+        for (state, recording) in [("played to its end", None), ("playing, 00:00:10", Some(path))] {
+            for (width, ascii) in [(60, false), (80, true), (200, false)] {
+                let mut buffer = Buffer::empty(Rect::new(0, 0, width, 24));
+                let (message, color) = ("", false);
+                let screen =
+                    Screen { model: &model, source: path, state, recording, message, ascii, color };
+                screen.draw(&mut buffer);
+                let header: String = (0..width).map(|x| buffer[(x, 0)].symbol()).collect();
+                let names = header.split("  ").filter(|part| part.contains("run-17.csv")).count();
+                assert_eq!(names, if recording.is_some() { 2 } else { 1 }, "{header}");
+                assert!(header.contains(state), "{header}");
+                assert_eq!(header.contains(path), width == 200, "{header}");
+            }
+        }
     }
 
     #[test]
