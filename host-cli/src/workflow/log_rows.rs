@@ -231,18 +231,19 @@ impl<'a> LogRows<'a> {
         let blocks: Vec<_> =
             blocks.flat_map(|(log, blocks)| blocks.iter().map(move |block| (log, block))).collect();
         pipeline::run(
-            &mut KeptBlocks(blocks.into_iter()),
+            &mut KeptBlocks(blocks.chunks(BLOCKS_AT_ONCE)),
             log_file::threads_for(&self.logs[logs], &self.read),
             || (Block::default(), init()),
             |(block, state), kept| {
-                let (log, kept) = kept.expect("a piece that was handed out");
-                kept.restore(block, self.logs[log].channels());
-                Ok((log, map(state, log, block)?))
+                let map = |&(log, kept): &(usize, &KeptBlock<'_>)| {
+                    kept.restore(block, self.logs[log].channels());
+                    Ok((log, map(state, log, block)?))
+                };
+                kept.iter().map(map).collect()
             },
             |never| match never {},
-            |result: Result<_, FitError>| {
-                let (log, value) = result?;
-                fold(log, value);
+            |results: Result<Vec<_>, FitError>| {
+                results?.into_iter().for_each(|(log, value)| fold(log, value));
                 Ok(())
             },
         )
@@ -354,11 +355,15 @@ impl Blocks for LogRows<'_> {
     }
 }
 
-/// Blocks that are handed out one by one, each with its log.
-struct KeptBlocks<'a>(std::vec::IntoIter<(usize, &'a KeptBlock<'a>)>);
+/// How many blocks are handed out at once: a block is restored and evaluated in the time that it takes to
+/// wake a thread that waits for the next.
+const BLOCKS_AT_ONCE: usize = 8;
 
-impl<'a> Pieces for KeptBlocks<'a> {
-    type Piece = Option<(usize, &'a KeptBlock<'a>)>;
+/// Blocks that are handed out some at a time, each with its log.
+struct KeptBlocks<'b, 'a>(std::slice::Chunks<'b, (usize, &'a KeptBlock<'a>)>);
+
+impl<'b, 'a> Pieces for KeptBlocks<'b, 'a> {
+    type Piece = &'b [(usize, &'a KeptBlock<'a>)];
     type Error = std::convert::Infallible;
 
     fn ended(&self) -> bool {
@@ -366,7 +371,7 @@ impl<'a> Pieces for KeptBlocks<'a> {
     }
 
     fn next(&mut self, piece: &mut Self::Piece) -> Result<bool, Self::Error> {
-        *piece = self.0.next();
-        Ok(piece.is_some())
+        *piece = self.0.next().unwrap_or_default();
+        Ok(!piece.is_empty())
     }
 }

@@ -5,9 +5,8 @@ use std::arch::x86_64::{__m128i, __m256i};
 
 use pulp::x86::V3;
 
-use super::digit_masks::{CLOSE_UP, LAST};
+use super::digit_registers::{CLOSE_UP, DigitRegisters, LAST};
 use super::instruction_set::{BLOCK, InstructionSet, Portable};
-use super::number::{quotient, signed};
 
 /// Processors with AVX2 and what came before it.
 #[derive(Clone, Copy, Debug)]
@@ -32,41 +31,12 @@ impl InstructionSet for Avx2 {
 
     #[inline(always)]
     fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        let negative = *lines.get(at)? == b'-';
-        let start = at + usize::from(negative);
-        let length = end.wrapping_sub(start);
-        // The last digit stands at the end of the register.
-        let register = lines.get(end.wrapping_sub(16)..).and_then(<[u8]>::first_chunk::<16>);
-        let plain = match register {
-            Some(register) if length <= 16 => self.digits(register, length),
-            Some(_) if length <= 32 => self.many_digits(lines, start, end),
-            _ => None,
-        };
-        match plain {
-            // Fifteen digits are below 2⁵³.
-            Some((mantissa, decimals)) if length <= 16 => {
-                Some(quotient(negative, mantissa, decimals))
-            }
-            Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
-            None => self.other_number(lines, at, end),
-        }
+        self.decimal(lines, at, end)
     }
 }
 
-// No closures here: what is not inlined into code for these processors cannot use their registers.
-impl Avx2 {
-    #[inline(always)]
-    fn places_of(self, byte: u8, [low, high]: [__m256i; 2]) -> u64 {
-        let V3 { avx, avx2, .. } = self.0;
-        let byte = avx._mm256_set1_epi8(byte as i8);
-        let low = avx2._mm256_movemask_epi8(avx2._mm256_cmpeq_epi8(low, byte));
-        let high = avx2._mm256_movemask_epi8(avx2._mm256_cmpeq_epi8(high, byte));
-        u64::from(low as u32) | u64::from(high as u32) << 32
-    }
-
-    /// The number that the digits spell in the last `length` bytes of a register, and how many of
-    /// them follow a point. `None` where there are no digits in front of the point or behind it, more
-    /// than 15 in all, or anything else.
+// No closures here, nor below: what is not inlined into code for these processors cannot use their registers.
+impl DigitRegisters for Avx2 {
     #[inline(always)]
     fn digits(self, register: &[u8; 16], mut length: usize) -> Option<(u64, usize)> {
         let V3 { sse2, ssse3, .. } = self.0;
@@ -95,9 +65,6 @@ impl Avx2 {
         is_number.then(|| (self.join(values), decimals))
     }
 
-    /// The number that the digits of `lines[start..end]` spell, up to 32 bytes, and how many of them
-    /// follow a point. `None` where there are no digits in front of the point or behind it, more
-    /// than fit 64 bits, or anything else.
     #[inline(always)]
     fn many_digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
         const WIDTH: usize = 32;
@@ -144,13 +111,23 @@ impl Avx2 {
         fits.then(|| (high * 10_000_000_000_000_000 + middle * 100_000_000 + low, decimals))
     }
 
-    /// Out of the way of the loop that `plain_number` is inlined in.
     #[inline(never)]
     fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
         self.run(
             #[inline(always)]
             || Portable.plain_number(lines, at, end),
         )
+    }
+}
+
+impl Avx2 {
+    #[inline(always)]
+    fn places_of(self, byte: u8, [low, high]: [__m256i; 2]) -> u64 {
+        let V3 { avx, avx2, .. } = self.0;
+        let byte = avx._mm256_set1_epi8(byte as i8);
+        let low = avx2._mm256_movemask_epi8(avx2._mm256_cmpeq_epi8(low, byte));
+        let high = avx2._mm256_movemask_epi8(avx2._mm256_cmpeq_epi8(high, byte));
+        u64::from(low as u32) | u64::from(high as u32) << 32
     }
 
     /// The number that sixteen digit values spell: neighbours are joined to 8 pairs, 4 fours, 2

@@ -7,7 +7,7 @@ use std::arch::x86_64::{__m256d, __m256i, __m512i};
 use pulp::x86::V4;
 
 use super::avx2::Avx2;
-use super::digit_masks::{CLOSE_UP, LAST};
+use super::digit_registers::{CLOSE_UP, LAST};
 use super::instruction_set::{BLOCK, ColumnFields, InstructionSet};
 use super::number::EXACT_POWERS_OF_TEN;
 

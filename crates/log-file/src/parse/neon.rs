@@ -5,9 +5,8 @@ use std::arch::aarch64::uint8x16_t;
 
 use pulp::aarch64::Neon as Registers;
 
-use super::digit_masks::{CLOSE_UP, LAST};
+use super::digit_registers::{CLOSE_UP, DigitRegisters, LAST};
 use super::instruction_set::{BLOCK, InstructionSet, Portable};
-use super::number::{quotient, signed};
 
 /// Processors with NEON: all of aarch64 that run a system with programs.
 #[derive(Clone, Copy, Debug)]
@@ -31,65 +30,12 @@ impl InstructionSet for Neon {
 
     #[inline(always)]
     fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        let negative = *lines.get(at)? == b'-';
-        let start = at + usize::from(negative);
-        let length = end.wrapping_sub(start);
-        // The last digit stands at the end of the register.
-        let register = lines.get(end.wrapping_sub(16)..).and_then(<[u8]>::first_chunk::<16>);
-        let plain = match register {
-            Some(register) if length <= 16 => self.digits(register, length),
-            Some(register) if length <= 32 => self.many_digits(lines, register, start, end),
-            _ => None,
-        };
-        match plain {
-            // Fifteen digits are below 2⁵³.
-            Some((mantissa, decimals)) if length <= 16 => {
-                Some(quotient(negative, mantissa, decimals))
-            }
-            Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
-            None => self.other_number(lines, at, end),
-        }
+        self.decimal(lines, at, end)
     }
 }
 
-// No closures here: what is not inlined into code for these processors cannot use their registers.
-impl Neon {
-    #[inline(always)]
-    fn load(self, bytes: &[u8; 16]) -> uint8x16_t {
-        pulp::cast(*bytes)
-    }
-
-    /// A bit for each byte that is `byte`.
-    #[inline(always)]
-    fn places_of(self, byte: u8, bytes: &[u8; BLOCK]) -> u64 {
-        let neon = self.0.neon;
-        let (quarters, _) = bytes.as_chunks::<16>();
-        let byte = neon.vdupq_n_u8(byte);
-        // The bit of each byte within its eight; neighbours are then added three times, which brings those
-        // of eight bytes into one.
-        let bits = self.load(&[1, 2, 4, 8, 16, 32, 64, 128, 1, 2, 4, 8, 16, 32, 64, 128]);
-        let first = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[0]), byte), bits);
-        let second = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[1]), byte), bits);
-        let third = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[2]), byte), bits);
-        let fourth = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[3]), byte), bits);
-        let low = neon.vpaddq_u8(first, second);
-        let high = neon.vpaddq_u8(third, fourth);
-        let all = neon.vpaddq_u8(low, high);
-        let all = neon.vpaddq_u8(all, all);
-        let [places, _]: [u64; 2] = pulp::cast(all);
-        places
-    }
-
-    /// Four bits for each byte of a register of ones and zeros, the first in the lowest.
-    #[inline(always)]
-    fn marks(self, bytes: uint8x16_t) -> u64 {
-        let neon = self.0.neon;
-        pulp::cast(neon.vshrn_n_u16::<4>(pulp::cast(bytes)))
-    }
-
-    /// The number that the digits spell in the last `length` bytes of a register, and how many of
-    /// them follow a point. `None` where there are no digits in front of the point or behind it, more
-    /// than 15 in all, or anything else.
+// No closures here, nor below: what is not inlined into code for these processors cannot use their registers.
+impl DigitRegisters for Neon {
     #[inline(always)]
     fn digits(self, register: &[u8; 16], mut length: usize) -> Option<(u64, usize)> {
         let neon = self.0.neon;
@@ -119,25 +65,18 @@ impl Neon {
         })
     }
 
-    /// The number that the digits of `lines[start..end]` spell, more than 16 bytes and up to 32, and how many
-    /// of them follow a point; `register` has the last of them. `None` where there are no digits in front of
-    /// the point or behind it, more than fit 64 bits, or anything else.
     #[inline(always)]
-    fn many_digits(
-        self,
-        lines: &[u8],
-        register: &[u8; 16],
-        start: usize,
-        end: usize,
-    ) -> Option<(u64, usize)> {
+    fn many_digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
         let neon = self.0.neon;
         let length = end - start;
-        let before: &[u8; 16] = lines.get(end.wrapping_sub(32)..)?.first_chunk()?;
+        let register: &[u8; 32] = lines.get(end.wrapping_sub(32)..)?.first_chunk()?;
+        let (before, last) = register.split_first_chunk::<16>()?;
+        let last: &[u8; 16] = last.first_chunk()?;
         // The same bytes one place closer to the end.
         let closer: &[u8; 32] = lines.get(end.wrapping_sub(33)..)?.first_chunk()?;
         let (before_closer, closer) = closer.split_first_chunk::<16>()?;
         let closer: &[u8; 16] = closer.first_chunk()?;
-        let (mut high, mut low) = (self.load(before), self.load(register));
+        let (mut high, mut low) = (self.load(before), self.load(last));
         let point = neon.vdupq_n_u8(b'.');
         // Those in front of the number are shifted out.
         let of_high =
@@ -173,10 +112,44 @@ impl Neon {
         fits.then(|| (second * 10_000_000_000_000_000 + third * 100_000_000 + fourth, decimals))
     }
 
-    /// Out of the way of the loop that `plain_number` is inlined in.
     #[inline(never)]
     fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
         Portable.plain_number(lines, at, end)
+    }
+}
+
+impl Neon {
+    #[inline(always)]
+    fn load(self, bytes: &[u8; 16]) -> uint8x16_t {
+        pulp::cast(*bytes)
+    }
+
+    /// A bit for each byte that is `byte`.
+    #[inline(always)]
+    fn places_of(self, byte: u8, bytes: &[u8; BLOCK]) -> u64 {
+        let neon = self.0.neon;
+        let (quarters, _) = bytes.as_chunks::<16>();
+        let byte = neon.vdupq_n_u8(byte);
+        // The bit of each byte within its eight; neighbours are then added three times, which brings those
+        // of eight bytes into one.
+        let bits = self.load(&[1, 2, 4, 8, 16, 32, 64, 128, 1, 2, 4, 8, 16, 32, 64, 128]);
+        let first = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[0]), byte), bits);
+        let second = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[1]), byte), bits);
+        let third = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[2]), byte), bits);
+        let fourth = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[3]), byte), bits);
+        let low = neon.vpaddq_u8(first, second);
+        let high = neon.vpaddq_u8(third, fourth);
+        let all = neon.vpaddq_u8(low, high);
+        let all = neon.vpaddq_u8(all, all);
+        let [places, _]: [u64; 2] = pulp::cast(all);
+        places
+    }
+
+    /// Four bits for each byte of a register of ones and zeros, the first in the lowest.
+    #[inline(always)]
+    fn marks(self, bytes: uint8x16_t) -> u64 {
+        let neon = self.0.neon;
+        pulp::cast(neon.vshrn_n_u16::<4>(pulp::cast(bytes)))
     }
 
     /// Masks of so many bytes at the end of 32.

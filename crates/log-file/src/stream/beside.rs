@@ -4,6 +4,8 @@
 
 use std::io::{self, BufRead, BufReader, Read};
 
+use super::text_stream::TextSource;
+
 /// The longest line.
 const LONGEST: u64 = 1 << 20;
 
@@ -103,62 +105,47 @@ pub(crate) struct Joined<R> {
     first: Lines<R>,
     second: Lines<R>,
     sides: Option<Sides>,
-    text: Vec<u8>,
-    at: usize,
     line: u64,
-    ended: bool,
 }
 
 impl<R: Read> Joined<R> {
     pub(crate) fn new(first: R, second: R) -> Self {
         let (first, second) = (Lines::new(first), Lines::new(second));
-        Self { first, second, sides: None, text: Vec::new(), at: 0, line: 0, ended: false }
+        Self { first, second, sides: None, line: 0 }
     }
 
     pub(crate) fn get_ref(&self) -> &R {
         self.first.stream.get_ref()
     }
+}
 
-    fn refill(&mut self) -> io::Result<()> {
-        self.text.clear();
-        self.at = 0;
-        while self.text.len() < TEXT_BYTES && !self.ended {
+impl<R: Read> TextSource for Joined<R> {
+    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
+        while text.len() < TEXT_BYTES {
             self.line += 1;
             let there = [self.first.next(self.line)?, self.second.next(self.line)?];
             let lines = [self.first.line.as_slice(), self.second.line.as_slice()];
             match (there, lines) {
-                ([false, false], _) => self.ended = true,
+                ([false, false], _) => return Ok(false),
                 // Blank lines at the end belong to nothing.
-                (_, [[], []]) => self.text.push(b'\n'),
+                (_, [[], []]) => text.push(b'\n'),
                 ([true, true], [[_, ..], [_, ..]]) => {
                     let sides = match self.sides {
                         Some(sides) => sides,
                         None => Sides::new(lines).map_err(io::Error::other)?,
                     };
-                    self.text.extend_from_slice(lines[0]);
-                    self.text.push(sides.separator);
+                    text.extend_from_slice(lines[0]);
+                    text.push(sides.separator);
                     match self.sides.replace(sides) {
-                        None if sides.has_names => self.text.extend(sides.names(lines)),
-                        _ => self.text.extend_from_slice(lines[1]),
+                        None if sides.has_names => text.extend(sides.names(lines)),
+                        _ => text.extend_from_slice(lines[1]),
                     }
-                    self.text.push(b'\n');
+                    text.push(b'\n');
                 }
                 _ => return Err(io::Error::other(RowMismatch::Lines(self.line))),
             }
         }
-        Ok(())
-    }
-}
-
-impl<R: Read> Read for Joined<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        while self.at == self.text.len() && !self.ended {
-            self.refill()?;
-        }
-        let count = buffer.len().min(self.text.len() - self.at);
-        buffer[..count].copy_from_slice(&self.text[self.at..][..count]);
-        self.at += count;
-        Ok(count)
+        Ok(true)
     }
 }
 
@@ -192,10 +179,11 @@ impl<R: Read> Lines<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stream::text_stream::TextStream;
 
     fn joined(first: &str, second: &str) -> Result<String, String> {
         let mut text = String::new();
-        let mut joined = Joined::new(first.as_bytes(), second.as_bytes());
+        let mut joined = TextStream::new(Joined::new(first.as_bytes(), second.as_bytes()));
         match joined.read_to_string(&mut text) {
             Ok(_) => Ok(text),
             Err(error) => Err(error.to_string()),

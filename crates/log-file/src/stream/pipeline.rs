@@ -4,8 +4,10 @@
 //! at the end: what does not depend on order is summed there, without locks. Which thread gets
 //! which piece is left to chance; the pieces and the order of the results are not.
 
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use super::placement::Origin;
 
 /// A sequence that is cut into pieces, one after another.
 pub trait Pieces: Send {
@@ -89,29 +91,44 @@ pub fn run<P: Pieces, S: Send, T: Send, E>(
         }
     }
     let queue = Queue::new(pieces, WAITING_PER_THREAD * threads);
-    std::thread::scope(|scope| {
+    let (states, mut outcome) = (Mutex::new(Vec::new()), Ok(()));
+    let worker = || {
         let _stop = StopOnPanic(&queue);
-        let (queue, init, work) = (&queue, &init, &work);
+        let (mut state, mut piece) = (init(), P::Piece::default());
+        while queue.wait_for_room() && queue.work_on_next(&mut state, &mut piece, &work) {}
+        lock(&states).push(state);
+    };
+    let mut caller = || {
+        let _stop = StopOnPanic(&queue);
+        outcome = queue.work_and_fold(&mut state, &mut piece, &work, &failed, &mut fold);
+        queue.stop();
+    };
+    on_threads(threads - 1, &worker, &mut caller);
+    outcome?;
+    let others = states.into_inner().unwrap_or_else(PoisonError::into_inner);
+    Ok(std::iter::once(state).chain(others).collect())
+}
+
+/// Runs `worker` on so many threads and `caller` on this one, until all have returned. A panic of one of them is
+/// passed on.
+fn on_threads(workers: usize, worker: &(dyn Fn() + Sync), caller: &mut dyn FnMut()) {
+    std::thread::scope(|scope| {
+        let origin = Origin::here();
         let start = |_| {
             scope.spawn(move || {
-                let _stop = StopOnPanic(queue);
-                let (mut state, mut piece) = (init(), P::Piece::default());
-                while queue.wait_for_room() && queue.work_on_next(&mut state, &mut piece, work) {}
-                state
+                origin.leave();
+                worker();
             })
         };
-        let workers: Vec<_> = (1..threads).map(start).collect();
-        let outcome = queue.work_and_fold(&mut state, &mut piece, work, failed, fold);
-        queue.stop();
-        let mut states = vec![state];
+        let workers: Vec<_> = (0..workers).map(start).collect();
+        origin.let_leave();
+        caller();
         for worker in workers {
-            match worker.join() {
-                Ok(state) => states.push(state),
-                Err(panic) => std::panic::resume_unwind(panic),
+            if let Err(panic) = worker.join() {
+                std::panic::resume_unwind(panic);
             }
         }
-        outcome.map(|()| states)
-    })
+    });
 }
 
 struct Queue<'a, P: Pieces, T> {
@@ -129,14 +146,52 @@ struct Source<'a, P> {
 }
 
 struct Progress<T, E> {
-    finished: BTreeMap<usize, Result<T, E>>,
-    /// The next piece to hand over.
-    next: usize,
+    finished: InOrder<Result<T, E>>,
     /// The number of pieces, once it is known.
     pieces: Option<usize>,
     stopped: bool,
     /// The number of threads that wait for a change.
     waiting: usize,
+}
+
+/// Results that are handed over in order and come in any: those that are missing among them are in work.
+///
+/// Not a map: pipelines are compiled for each of their uses, and the code of so many maps was a twentieth of
+/// the program.
+struct InOrder<R> {
+    /// From the next on.
+    waiting: VecDeque<Option<R>>,
+    /// The number of the next.
+    next: usize,
+    /// How many there are.
+    count: usize,
+}
+
+impl<R> InOrder<R> {
+    fn new() -> Self {
+        Self { waiting: VecDeque::new(), next: 0, count: 0 }
+    }
+
+    /// Files the result of such a number, which has not been handed over.
+    fn insert(&mut self, number: usize, result: R) {
+        let place = number - self.next;
+        while self.waiting.len() <= place {
+            self.waiting.push_back(None);
+        }
+        self.waiting[place] = Some(result);
+        self.count += 1;
+    }
+
+    fn has_next(&self) -> bool {
+        matches!(self.waiting.front(), Some(Some(_)))
+    }
+
+    fn take_next(&mut self) -> Option<R> {
+        let result = self.waiting.front_mut()?.take()?;
+        self.waiting.pop_front();
+        (self.next, self.count) = (self.next + 1, self.count - 1);
+        Some(result)
+    }
 }
 
 enum Finished<T, E> {
@@ -147,13 +202,8 @@ enum Finished<T, E> {
 
 impl<'a, P: Pieces, T> Queue<'a, P, T> {
     fn new(pieces: &'a mut P, room: usize) -> Self {
-        let progress = Progress {
-            finished: BTreeMap::new(),
-            next: 0,
-            pieces: None,
-            stopped: false,
-            waiting: 0,
-        };
+        let progress =
+            Progress { finished: InOrder::new(), pieces: None, stopped: false, waiting: 0 };
         Self {
             source: Mutex::new(Source { pieces, next: 0 }),
             progress: Mutex::new(progress),
@@ -216,7 +266,7 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
     /// Waits until fewer than `room` results wait; `false` when there is nothing left to do.
     fn wait_for_room(&self) -> bool {
         let mut progress = self.progress();
-        while !progress.stopped && progress.pieces.is_none() && progress.finished.len() >= self.room
+        while !progress.stopped && progress.pieces.is_none() && progress.finished.count >= self.room
         {
             progress = self.wait(progress);
         }
@@ -225,12 +275,9 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
 
     fn take_finished(&self) -> Finished<T, P::Error> {
         self.change(|progress| {
-            let next = progress.next;
-            match progress.finished.remove(&next) {
-                Some(result) => {
-                    progress.next += 1;
-                    Finished::Result(result)
-                }
+            let next = progress.finished.next;
+            match progress.finished.take_next() {
+                Some(result) => Finished::Result(result),
                 None if progress.pieces.is_some_and(|pieces| next >= pieces) => Finished::All,
                 None => Finished::NotYet { all_taken: progress.pieces.is_some() },
             }
@@ -240,7 +287,7 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
     /// Waits for the next result in order; `false` if it will never come.
     fn wait_for_finished(&self) -> bool {
         let mut progress = self.progress();
-        while !progress.stopped && !progress.finished.contains_key(&progress.next) {
+        while !progress.stopped && !progress.finished.has_next() {
             progress = self.wait(progress);
         }
         !progress.stopped

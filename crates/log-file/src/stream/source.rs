@@ -19,6 +19,7 @@ use table_file::{FileKind, Numbering, Recognised, Table, TableError, TableText};
 use tempfile::TempPath;
 
 use super::beside::{Joined, Lines, RowMismatch, Sides};
+use super::text_stream::TextStream;
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
@@ -187,7 +188,7 @@ impl LogSource {
     ) -> Result<ByteStream, LogError> {
         let stream = self.open_alone(checksum, threads, bytes)?;
         let Some(beside) = &self.beside else { return Ok(stream) };
-        Ok(ByteStream::Joined(Box::new(Joined::new(stream, beside.open()?))))
+        Ok(ByteStream::Joined(Box::new(TextStream::new(Joined::new(stream, beside.open()?)))))
     }
 
     /// Opens the text of the file itself.
@@ -230,7 +231,9 @@ impl LogSource {
         };
         Ok(match self.utf16 {
             None => stream,
-            Some(high_first) => ByteStream::Utf16(Box::new(Utf16::new(stream, high_first))),
+            Some(high_first) => {
+                ByteStream::Utf16(Box::new(TextStream::new(Utf16::new(stream, high_first))))
+            }
         })
     }
 
@@ -316,8 +319,8 @@ pub(crate) enum ByteStream {
     Gzip(Box<MultiGzDecoder<BufReader<CountingFile>>>),
     Zstd(Box<Zstd<BufReader<CountingFile>>>),
     Table(Box<TableStream>),
-    Utf16(Box<Utf16<ByteStream>>),
-    Joined(Box<Joined<ByteStream>>),
+    Utf16(Box<TextStream<Utf16<ByteStream>>>),
+    Joined(Box<TextStream<Joined<ByteStream>>>),
 }
 
 impl ByteStream {
@@ -332,8 +335,8 @@ impl ByteStream {
             ByteStream::Gzip(decoder) => decoder.get_ref().get_ref(),
             ByteStream::Zstd(decoder) => decoder.get_ref().get_ref(),
             ByteStream::Table(table) => &table.whole,
-            ByteStream::Utf16(decoder) => decoder.get_ref().file(),
-            ByteStream::Joined(joined) => joined.get_ref().file(),
+            ByteStream::Utf16(decoder) => decoder.source().get_ref().file(),
+            ByteStream::Joined(joined) => joined.source().get_ref().file(),
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use std::io::{self, Read};
 
+use super::text_stream::TextSource;
+
 /// The text of a stream of UTF-16, without its byte-order mark. What is no character becomes U+FFFD.
 #[derive(Debug)]
 pub(crate) struct Utf16<R> {
@@ -9,30 +11,26 @@ pub(crate) struct Utf16<R> {
     high_first: bool,
     /// Bytes that have been read and not decoded: an odd one, half of a pair.
     rest: Vec<u8>,
-    text: Vec<u8>,
-    at: usize,
     has_begun: bool,
-    ended: bool,
 }
 
 impl<R: Read> Utf16<R> {
     pub(crate) fn new(stream: R, high_first: bool) -> Self {
-        let (rest, text) = (Vec::new(), Vec::new());
-        Self { stream, high_first, rest, text, at: 0, has_begun: false, ended: false }
+        Self { stream, high_first, rest: Vec::new(), has_begun: false }
     }
 
     pub(crate) fn get_ref(&self) -> &R {
         &self.stream
     }
+}
 
-    fn refill(&mut self) -> io::Result<()> {
-        self.text.clear();
-        self.at = 0;
+impl<R: Read> TextSource for Utf16<R> {
+    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
         let mut bytes = std::mem::take(&mut self.rest);
         let before = bytes.len();
         bytes.resize(1 << 15, 0);
         let read = self.stream.read(&mut bytes[before..])?;
-        self.ended = read == 0;
+        let ended = read == 0;
         bytes.truncate(before + read);
         let (pairs, odd) = bytes.as_chunks::<2>();
         let mut units: Vec<u16> = pairs
@@ -44,39 +42,28 @@ impl<R: Read> Utf16<R> {
             .collect();
         let mut left = odd.len();
         // The first half of a pair waits for the second.
-        if !self.ended && units.last().is_some_and(|unit| (0xd800..0xdc00).contains(unit)) {
+        if !ended && units.last().is_some_and(|unit| (0xd800..0xdc00).contains(unit)) {
             units.pop();
             left += 2;
         }
         self.rest = bytes[bytes.len() - left..].to_vec();
-        if self.ended && left > 0 {
+        if ended && left > 0 {
             units.push(0xfffd);
         }
         let skip = usize::from(!self.has_begun && units.first() == Some(&0xfeff));
         self.has_begun |= !units.is_empty();
         for character in char::decode_utf16(units.into_iter().skip(skip)) {
             let character = character.unwrap_or(char::REPLACEMENT_CHARACTER);
-            self.text.extend_from_slice(character.encode_utf8(&mut [0; 4]).as_bytes());
+            text.extend_from_slice(character.encode_utf8(&mut [0; 4]).as_bytes());
         }
-        Ok(())
-    }
-}
-
-impl<R: Read> Read for Utf16<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        while self.at == self.text.len() && !self.ended {
-            self.refill()?;
-        }
-        let count = buffer.len().min(self.text.len() - self.at);
-        buffer[..count].copy_from_slice(&self.text[self.at..][..count]);
-        self.at += count;
-        Ok(count)
+        Ok(!ended)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stream::text_stream::TextStream;
 
     /// A stream that gives a few bytes at a time.
     struct Dripping<'a>(&'a [u8], usize);
@@ -102,13 +89,14 @@ mod tests {
                 .collect();
             for step in [1, 2, 3, 5, 1000] {
                 let mut decoded = String::new();
-                let mut stream = Utf16::new(Dripping(&bytes, step), high_first);
+                let mut stream = TextStream::new(Utf16::new(Dripping(&bytes, step), high_first));
                 stream.read_to_string(&mut decoded).unwrap();
                 assert_eq!(decoded, text, "{step}");
             }
         }
         let mut decoded = String::new();
-        Utf16::new(&b"\xff\xfea\0\x01"[..], false).read_to_string(&mut decoded).unwrap();
+        let mut stream = TextStream::new(Utf16::new(&b"\xff\xfea\0\x01"[..], false));
+        stream.read_to_string(&mut decoded).unwrap();
         assert_eq!(decoded, "a\u{fffd}", "half a character at the end");
     }
 }
