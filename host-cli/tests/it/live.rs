@@ -200,10 +200,11 @@ impl Terminal {
     }
 }
 
-struct Board(Child);
+/// A board at 1 kHz on the port `board` of a directory.
+pub(crate) struct Board(Child);
 
 impl Board {
-    fn start(dir: &Path) -> Self {
+    pub(crate) fn start(dir: &Path) -> Self {
         let board = Self(program::start(dir, "board --simulate --symlink board --seed 2"));
         let deadline = Instant::now() + Duration::from_secs(60);
         while !dir.join("board").exists() {
