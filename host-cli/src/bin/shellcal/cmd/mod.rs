@@ -10,6 +10,7 @@ mod covariance;
 mod deferred;
 mod doctor;
 mod eval;
+mod figure_size;
 mod fit;
 mod frames;
 mod import;

@@ -3,7 +3,7 @@
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use log_file::Log;
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::figures::{FitPlot, coverage_figure, fit_figure};
+use shellcal::figures::{FitPlot, Size, coverage_figure, fit_figure};
 use shellcal::report::{CalibrationReport, FewGroups, Heading, Intervals, Outliers};
 use shellcal::workflow;
 use shellcal::workflow::eval::Evaluation;
@@ -89,7 +89,7 @@ impl FitArgs {
             train_groups: &group_rows(&train.groups),
             test_groups: &group_rows(&test.groups),
             outliers: found.outliers,
-            figure: &fit_figure(&title, file.calibration.axes, &of_train, of_test),
+            figure: &fit_figure(Size::Screen, &title, file.calibration.axes, &of_train, of_test),
             coverage: &coverage_figure(&train.loads, &test.loads),
         };
         Ok(report.html())
