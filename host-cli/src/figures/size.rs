@@ -76,7 +76,7 @@ impl Size {
         }
     }
 
-    /// Whether there is room for one panel beside another only if both are narrow.
+    /// Whether what stands beside each other has to be made narrow.
     pub(super) fn is_narrow(self) -> bool {
         self == Self::Single
     }

@@ -112,7 +112,8 @@ fn draw_boxes(
         let x = area.left + (i as f64 + 0.5) * pitch;
         let place = |value: f64| panel.place(0.0, factor * value).1;
         draw_box(canvas, x, half, &row.statistics, place);
-        let count = format!("n = {}", row.statistics.n);
+        let equals = if canvas.size().is_narrow() { "=" } else { " = " };
+        let count = format!("n{equals}{}", row.statistics.n);
         canvas.text((x, area.bottom() + 16.0), &row.condition, Style::LABEL);
         let small = Style { size: 9.0, ..Style::LABEL };
         canvas.text((x, area.bottom() + 29.0), &count, small);
