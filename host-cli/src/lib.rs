@@ -6,7 +6,7 @@
 //!   [`forces`], [`live`], [`payload`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices
 //!   and matrices in, values out; no files, no clocks, no printing;
 //! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`input`], [`link`], [`output`],
-//!   [`payload_file`]: the world to core types and back, and [`workflow`], which joins them to the core;
+//!   [`payload_file`], [`web`]: the world to core types and back, and [`workflow`], which joins them to the core;
 //! - *presentation*: the binary `shellcal`, one file per subcommand.
 //!
 //! From a training log to the wrench of a frame:
@@ -48,4 +48,5 @@ pub mod report;
 pub mod simulation;
 pub mod table;
 pub mod trial;
+pub mod web;
 pub mod workflow;

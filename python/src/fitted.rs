@@ -7,7 +7,7 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::
 use pyo3::prelude::*;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::{CalibrationFile, CalibrationFileError, Role, Source};
-use shellcal::figures::{FitPlot, fit_figure};
+use shellcal::figures::{FitPlot, Size, fit_figure};
 use shellcal::workflow::in_memory::{self, BLOCK_ROWS, RowFitOptions, RowSource};
 use shellcal::workflow::physics::GroupsAre;
 
@@ -254,7 +254,7 @@ impl Fitted {
             self.0.calibration.wrench(&of_readings, &mut predicted);
             let mut plot = FitPlot::new();
             plot.add(&predicted, &of_wrench);
-            fit_figure(title, self.0.calibration.axes, &plot, None).svg().to_owned()
+            fit_figure(Size::Screen, title, self.0.calibration.axes, &plot, None).svg().to_owned()
         })
     }
 

@@ -75,7 +75,11 @@ impl Browser {
 
     /// Opens a file, and waits until it is loaded.
     pub fn open(&mut self, path: &Path) {
-        let url = format!("file://{}", path.canonicalize().unwrap().display());
+        self.visit(&format!("file://{}", path.canonicalize().unwrap().display()));
+    }
+
+    /// Opens an address, and waits until it is loaded.
+    pub fn visit(&mut self, url: &str) {
         self.call("Page.navigate", json!({ "url": url }));
         self.wait_for("document.readyState === 'complete'");
     }

@@ -62,6 +62,11 @@ impl Figure {
         Self { drawing }
     }
 
+    #[cfg(test)]
+    pub(super) fn drawing(&self) -> &Drawing {
+        &self.drawing
+    }
+
     /// The picture as an SVG document.
     pub fn svg(&self) -> &str {
         &self.drawing.svg

@@ -9,6 +9,7 @@ use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::plateau::{Plateau, draw_plateaus, plateaus};
 use super::scale::{Axis as PlotAxis, Spacing, decimal};
+use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, number, point};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -103,23 +104,51 @@ impl AxisPlot {
 // All in CSS pixels. A4 portrait at 96 per inch is 794 by 1123.
 const WIDTH: f64 = 900.0;
 const TOP: f64 = 62.0;
-const COLUMN: f64 = 300.0;
+/// Of a panel on a screen; cells are as fine as suits that.
 const PLOT_WIDTH: f64 = 222.0;
-const AGREEMENT_HEIGHT: f64 = 222.0;
+/// Beside a panel.
+const MARGINS: f64 = 78.0;
 const RESIDUAL_HEIGHT: f64 = 130.0;
 const PROFILE_WIDTH: f64 = 42.0;
-const BLOCK_HEIGHT: f64 =
-    24.0 + AGREEMENT_HEIGHT + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0;
+
+/// How panels are arranged.
+#[derive(Clone, Copy)]
+struct Grid {
+    width: f64,
+    /// Axes beside each other.
+    columns: usize,
+    /// Width of a panel, and height of predicted against measured.
+    side: f64,
+}
+
+impl Grid {
+    fn of(size: Size) -> Self {
+        let (width, columns) = (size.width(WIDTH), if size.is_narrow() { 2 } else { 3 });
+        Self { width, columns, side: width / columns as f64 - MARGINS }
+    }
+
+    /// Of the two panels of an axis.
+    fn block_height(self) -> f64 {
+        24.0 + self.side + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0
+    }
+}
 
 /// Draws, for each of some axes, predicted against measured, residual against predicted, and the residual's
 /// distribution.
 ///
 /// With `test` rows the densities are those of the test rows, and the distribution of the training
 /// rows is outlined beside that of the test rows; without, all are of the `train` rows.
-pub fn fit_figure(title: &str, axes: Axes, train: &FitPlot, test: Option<&FitPlot>) -> Figure {
+pub fn fit_figure(
+    size: Size,
+    title: &str,
+    axes: Axes,
+    train: &FitPlot,
+    test: Option<&FitPlot>,
+) -> Figure {
+    let grid = Grid::of(size);
     let shown = test.unwrap_or(train);
-    let bands = axes.count().div_ceil(3).max(1) as f64;
-    let mut canvas = Canvas::new(WIDTH, TOP + bands * BLOCK_HEIGHT);
+    let bands = axes.count().div_ceil(grid.columns).max(1) as f64;
+    let mut canvas = Canvas::sized(size, grid.width, TOP + bands * grid.block_height());
     canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
     let rows = match test {
         None => format!("{} training rows", shown.rows()),
@@ -142,25 +171,29 @@ pub fn fit_figure(title: &str, axes: Axes, train: &FitPlot, test: Option<&FitPlo
     let places = || axes.iter().map(Axis::index);
     let cells = places().flat_map(|axis| &views[axis].cells);
     let colours = ColourScale::for_cells(places().flat_map(|axis| &agreement[axis]).chain(cells));
-    let bar = Rect { left: WIDTH - 18.0 - 180.0, top: 16.0, width: 180.0, height: 11.0 };
+    let length = if size.is_narrow() { 90.0 } else { 180.0 };
+    let bar = Rect { left: grid.width - 18.0 - length, top: 16.0, width: length, height: 11.0 };
     colours.draw_bar(&mut canvas, bar, "rows per cell");
 
     for (place, axis) in axes.iter().enumerate() {
         let i = axis.index();
-        let left = COLUMN * (place % 3) as f64 + LEFT_MARGIN;
-        let top = TOP + BLOCK_HEIGHT * (place / 3) as f64 + 24.0;
+        let left = (grid.side + MARGINS) * (place % grid.columns) as f64 + LEFT_MARGIN;
+        let top = TOP + grid.block_height() * (place / grid.columns) as f64 + 24.0;
         let data =
             AgreementView { data: &shown.axes[i], cells: &agreement[i], plateaus: &found[i] };
-        draw_agreement(&mut canvas, (left, top), axis, &data, colours);
-        let below = top + AGREEMENT_HEIGHT + BOTTOM_MARGIN + 14.0;
+        let area = Rect { left, top, width: grid.side, height: grid.side };
+        draw_agreement(&mut canvas, area, axis, &data, colours);
+        let top_below = area.bottom() + BOTTOM_MARGIN + 14.0;
+        let below = Rect { top: top_below, height: RESIDUAL_HEIGHT, ..area };
         let outline = test.map(|_| &train.axes[i]);
-        draw_residual(&mut canvas, (left, below), axis, &views[i], &found[i], outline, colours);
+        draw_residual(&mut canvas, below, axis, &views[i], &found[i], outline, colours);
         let rms = |plot: &FitPlot| significant(plot.axes[i].rms());
         let text = match test {
             None => format!("RMS {} {}", rms(train), axis.unit()),
+            Some(test) if size.is_narrow() => format!("RMS {} {}", rms(test), axis.unit()),
             Some(test) => format!("RMS {} {} (train {})", rms(test), axis.unit(), rms(train)),
         };
-        canvas.text((left + PLOT_WIDTH, top - 9.0), &text, Style::LABEL.anchored(Anchor::End));
+        canvas.text((area.right(), top - 9.0), &text, Style::LABEL.anchored(Anchor::End));
     }
     Figure::new(canvas.finish())
 }
@@ -174,7 +207,7 @@ struct AgreementView<'a> {
 
 fn draw_agreement(
     canvas: &mut Canvas,
-    (left, top): (f64, f64),
+    area: Rect,
     axis: Axis,
     view: &AgreementView<'_>,
     colours: ColourScale,
@@ -185,9 +218,8 @@ fn draw_agreement(
         let quantity = format!("{what} {}", axis.name());
         PlotAxis::new(&quantity, axis.unit(), Spacing::Linear, range.low, range.high).padded(0.04)
     };
-    let area = Rect { left, top, width: PLOT_WIDTH, height: AGREEMENT_HEIGHT };
     let panel = Panel { area, x: scale("measured"), y: scale("predicted") };
-    canvas.text((left, top - 9.0), axis.name(), Style::TITLE.anchored(Anchor::Start));
+    canvas.text((area.left, area.top - 9.0), axis.name(), Style::TITLE.anchored(Anchor::Start));
     panel.draw_grid(canvas);
     draw_cells(canvas, &panel, view.cells, colours);
     let means = view.plateaus.iter().map(|p| ((p.measured, p.predicted), p.sd));
@@ -264,7 +296,7 @@ fn profile(marginal: &[(Range, u64)], shown: Range) -> Vec<(Range, u64)> {
 
 fn draw_residual(
     canvas: &mut Canvas,
-    (left, top): (f64, f64),
+    whole: Rect,
     axis: Axis,
     view: &ResidualView,
     plateaus: &[Plateau],
@@ -275,7 +307,7 @@ fn draw_residual(
     let linear = |quantity: &str, range: Range| {
         PlotAxis::new(quantity, axis.unit(), Spacing::Linear, range.low, range.high)
     };
-    let area = Rect { left, top, width: PLOT_WIDTH - PROFILE_WIDTH, height: RESIDUAL_HEIGHT };
+    let area = Rect { width: whole.width - PROFILE_WIDTH, ..whole };
     let x = linear(&format!("predicted {name}"), view.predicted).padded(0.04);
     let y = linear("residual", view.residual).padded(0.1);
     let panel = Panel { area, x, y };
@@ -358,10 +390,10 @@ mod tests {
 
     #[test]
     fn the_picture_is_the_same_however_rows_are_split() {
-        let whole = fit_figure("fit", Axes::ALL, &plot(0..5000), None);
+        let whole = fit_figure(Size::Screen, "fit", Axes::ALL, &plot(0..5000), None);
         let mut merged = plot(3000..5000);
         merged.merge(&plot(0..3000));
-        assert_eq!(fit_figure("fit", Axes::ALL, &merged, None), whole);
+        assert_eq!(fit_figure(Size::Screen, "fit", Axes::ALL, &merged, None), whole);
     }
 
     #[test]
@@ -381,18 +413,22 @@ mod tests {
         let view = ResidualView::of(&plot.axes[0]);
         assert_eq!(view.beyond, 3);
         assert!(view.residual.high < 0.5, "{:?}", view.residual);
-        assert!(fit_figure("fit", Axes::ALL, &plot, None).svg().contains("3 beyond"));
+        assert!(fit_figure(Size::Screen, "fit", Axes::ALL, &plot, None).svg().contains("3 beyond"));
     }
 
     #[test]
     fn empty_constant_and_unfinished_data_still_draw() {
         let empty = FitPlot::new();
-        assert!(fit_figure("fit", Axes::ALL, &empty, Some(&empty)).svg().ends_with("</svg>\n"));
+        assert!(
+            fit_figure(Size::Screen, "fit", Axes::ALL, &empty, Some(&empty))
+                .svg()
+                .ends_with("</svg>\n")
+        );
         let mut constant = FitPlot::new();
         constant.add(&vec![vec![1.0; 4]; 6], &vec![vec![1.0; 4]; 6]);
         constant.add(&vec![vec![f64::NAN; 2]; 6], &vec![vec![1.0; 2]; 6]);
         assert_eq!(constant.rows(), 4);
-        let svg = fit_figure("fit", Axes::ALL, &constant, None).svg().to_owned();
+        let svg = fit_figure(Size::Screen, "fit", Axes::ALL, &constant, None).svg().to_owned();
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
     }
 

@@ -33,8 +33,9 @@ const FONTS: [&str; 2] = ["R", "B"];
 /// A message, if the program's font cannot be read.
 pub(super) fn pdf(drawing: &Drawing) -> Result<Vec<u8>, String> {
     let mut page = Page { content: String::new(), glyphs: [BTreeMap::new(), BTreeMap::new()] };
-    let height = number(drawing.height * POINTS);
-    let _ = writeln!(page.content, "{POINTS} 0 0 -{POINTS} 0 {height} cm");
+    let points = POINTS * drawing.size.scale();
+    let height = number(drawing.height * points);
+    let _ = writeln!(page.content, "{points} 0 0 -{points} 0 {height} cm");
     for shape in &drawing.shapes {
         page.draw(shape)?;
     }
@@ -48,7 +49,7 @@ pub(super) fn pdf(drawing: &Drawing) -> Result<Vec<u8>, String> {
     }
     let content = file.stream("", page.content.as_bytes());
     let pages = file.objects.len() + 2;
-    let width = number(drawing.width * POINTS);
+    let width = number(drawing.width * points);
     let leaf = file.add(&format!(
         "<< /Type /Page /Parent {pages} 0 R /MediaBox [0 0 {width} {height}] /Contents {content} 0 R \
          /Resources << /Font << {fonts}>> >> >>"

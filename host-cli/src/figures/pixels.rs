@@ -10,19 +10,17 @@ use super::palette;
 use super::path::{Step, steps};
 use super::svg::{Drawing, Pen, PenKind, Shape};
 
-/// Pixels to a CSS pixel.
-const SCALE: f32 = 2.0;
-
 /// The drawing on white, as a PNG file.
 ///
 /// # Errors
 /// A message, if it is too large.
 pub(super) fn png(drawing: &Drawing) -> Result<Vec<u8>, String> {
-    let [width, height] = [drawing.width, drawing.height].map(|side| (side as f32 * SCALE).ceil());
+    let scale = drawing.size.pixels() as f32;
+    let [width, height] = [drawing.width, drawing.height].map(|side| (side as f32 * scale).ceil());
     let mut pixels =
         Pixmap::new(width as u32, height as u32).ok_or_else(|| "it is too large".to_owned())?;
     pixels.fill(Color::WHITE);
-    let mut painter = Painter { pixels, clip: None };
+    let mut painter = Painter { pixels, clip: None, whole: Transform::from_scale(scale, scale) };
     drawing.shapes.iter().for_each(|shape| painter.paint(shape));
     painter.pixels.encode_png().map_err(|error| error.to_string())
 }
@@ -30,15 +28,17 @@ pub(super) fn png(drawing: &Drawing) -> Result<Vec<u8>, String> {
 struct Painter {
     pixels: Pixmap,
     clip: Option<Mask>,
+    /// From units of the drawing to pixels.
+    whole: Transform,
 }
 
 impl Painter {
     fn paint(&mut self, shape: &Shape) {
         match shape {
             Shape::Stroke { path, colour, pen } => self.stroke(outline(path), colour, *pen),
-            Shape::Fill { path, colour } => self.fill(outline(path), colour, whole()),
+            Shape::Fill { path, colour } => self.fill(outline(path), colour, self.whole),
             Shape::Disc { centre, radius, colour } => {
-                self.fill(circle(*centre, *radius), colour, whole());
+                self.fill(circle(*centre, *radius), colour, self.whole);
             }
             Shape::Ring { centre, radius, colour } => {
                 let pen = Pen { width: 1.0, kind: PenKind::Plain };
@@ -46,13 +46,14 @@ impl Painter {
             }
             Shape::Text { at, text, style } => {
                 if let Some((path, place)) = lettering::outline(text, *at, *style) {
-                    self.fill(Some(path), palette::INK, whole().pre_concat(place));
+                    self.fill(Some(path), palette::INK, self.whole.pre_concat(place));
                 }
             }
             Shape::Clip(rect) => {
                 let mask = Mask::new(self.pixels.width(), self.pixels.height());
+                let whole = self.whole;
                 self.clip = mask.zip(outline(&rect.path())).map(|(mut mask, path)| {
-                    mask.fill_path(&path, FillRule::Winding, true, whole());
+                    mask.fill_path(&path, FillRule::Winding, true, whole);
                     mask
                 });
             }
@@ -80,13 +81,8 @@ impl Painter {
             ..Stroke::default()
         };
         let paint = Paint { anti_alias: pen.kind != PenKind::Crisp, ..paint(colour) };
-        self.pixels.stroke_path(&path, &paint, &stroke, whole(), self.clip.as_ref());
+        self.pixels.stroke_path(&path, &paint, &stroke, self.whole, self.clip.as_ref());
     }
-}
-
-/// From CSS pixels to pixels.
-fn whole() -> Transform {
-    Transform::from_scale(SCALE, SCALE)
 }
 
 /// Paint of a colour `#rrggbb`.

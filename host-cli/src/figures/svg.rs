@@ -4,10 +4,12 @@
 use std::fmt::Write;
 
 use super::palette;
+use super::size::Size;
 
 /// What figures draw on.
 #[derive(Debug)]
 pub(super) struct Canvas {
+    size: Size,
     width: f64,
     height: f64,
     body: String,
@@ -18,6 +20,7 @@ pub(super) struct Canvas {
 /// A finished drawing.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Drawing {
+    pub(super) size: Size,
     pub(super) width: f64,
     pub(super) height: f64,
     pub(super) svg: String,
@@ -136,8 +139,18 @@ pub(super) fn text_width(text: &str, size: f64) -> f64 {
 }
 
 impl Canvas {
+    /// For a screen.
     pub(super) fn new(width: f64, height: f64) -> Self {
-        Self { width, height, body: String::new(), clips: 0, shapes: Vec::new() }
+        Self::sized(Size::Screen, width, height)
+    }
+
+    /// For a screen or for print.
+    pub(super) fn sized(size: Size, width: f64, height: f64) -> Self {
+        Self { size, width, height, body: String::new(), clips: 0, shapes: Vec::new() }
+    }
+
+    pub(super) fn size(&self) -> Size {
+        self.size
     }
 
     pub(super) fn line(&mut self, from: (f64, f64), to: (f64, f64), colour: &str, width: f64) {
@@ -219,6 +232,7 @@ impl Canvas {
     }
 
     pub(super) fn text(&mut self, at: (f64, f64), text: &str, style: Style) {
+        let style = Style { size: self.size.letters(style.size), ..style };
         self.shapes.push(Shape::Text { at, text: text.to_owned(), style });
         let [x, y, size] = [at.0, at.1, style.size].map(number);
         let anchor = match style.anchor {
@@ -258,15 +272,20 @@ impl Canvas {
     /// The finished document, on white.
     pub(super) fn finish(self) -> Drawing {
         let [width, height] = [self.width, self.height].map(number);
+        let [wide, high] = match self.size.width_mm() {
+            None => [width.clone(), height.clone()],
+            Some(_) => [self.width, self.height].map(|side| number(self.size.mm(side)) + "mm"),
+        };
         let svg = format!(
-            r#"<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" font-family="'DejaVu Sans', Verdana, sans-serif" fill="{}">
+            r#"<svg xmlns="http://www.w3.org/2000/svg" width="{wide}" height="{high}" viewBox="0 0 {width} {height}" font-family="'DejaVu Sans', Verdana, sans-serif" fill="{}">
 <path d="M0 0H{width}V{height}H0Z" fill="white"/>
 {}</svg>
 "#,
             palette::INK,
             self.body
         );
-        Drawing { width: self.width, height: self.height, svg, shapes: self.shapes }
+        let Self { size, width, height, shapes, .. } = self;
+        Drawing { size, width, height, svg, shapes }
     }
 }
 

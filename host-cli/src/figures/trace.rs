@@ -8,6 +8,7 @@ use super::histogram::Range;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{Axis as PlotAxis, Spacing};
+use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, point};
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -155,7 +156,7 @@ const PANEL_HEIGHT: f64 = 106.0;
 const PANEL_PITCH: f64 = 118.0;
 
 /// Draws the axes of a wrench over time, one panel each, over a common time axis.
-pub fn trace_figure(title: &str, trace: &WrenchTrace) -> Figure {
+pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     let shown: Vec<_> = Axis::ALL
         .into_iter()
         .filter_map(|axis| {
@@ -163,7 +164,8 @@ pub fn trace_figure(title: &str, trace: &WrenchTrace) -> Figure {
         })
         .collect();
     let panels = shown.len().max(1) as f64;
-    let mut canvas = Canvas::new(WIDTH, TOP + PANEL_PITCH * panels + BOTTOM_MARGIN);
+    let mut canvas =
+        Canvas::sized(size, size.width(WIDTH), TOP + PANEL_PITCH * panels + BOTTOM_MARGIN);
     canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
     let time = shown.iter().map(|(_, _, window)| window.time).reduce(Range::union);
     let time = time.unwrap_or(Range { low: 0.0, high: 1.0 });
@@ -172,7 +174,7 @@ pub fn trace_figure(title: &str, trace: &WrenchTrace) -> Figure {
         let area = Rect {
             left: LEFT_MARGIN + 8.0,
             top: TOP + PANEL_PITCH * row as f64,
-            width: WIDTH - LEFT_MARGIN - 24.0,
+            width: size.width(WIDTH) - LEFT_MARGIN - 24.0,
             height: PANEL_HEIGHT,
         };
         let panel = Panel {
@@ -268,8 +270,8 @@ mod tests {
         let mut columns = vec![Vec::new(); 6];
         columns[2] = vec![1.0, f64::NAN, 2.0];
         trace.add(&[0.0, 1.0, 2.0], &columns);
-        let figure = trace_figure("run", &trace);
+        let figure = trace_figure(Size::Screen, "run", &trace);
         assert!(figure.svg().contains(">Fz (N)<") && !figure.svg().contains(">Fx (N)<"));
-        assert!(trace_figure("run", &WrenchTrace::new()).svg().ends_with("</svg>\n"));
+        assert!(trace_figure(Size::Screen, "run", &WrenchTrace::new()).svg().ends_with("</svg>\n"));
     }
 }

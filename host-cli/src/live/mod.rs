@@ -13,6 +13,7 @@
 
 mod history;
 mod model;
+mod picture;
 mod row;
 mod scale;
 
@@ -20,5 +21,6 @@ pub use history::{History, LONGEST_S};
 pub use model::{
     ChannelState, ChannelView, LiveModel, LiveSetup, MARKS, Mark, TARE_ROWS, TraceView, WINDOWS_S,
 };
+pub use picture::{Picture, TracePicture};
 pub use row::LiveRow;
 pub use scale::{nice_bound, nice_range};

@@ -1,6 +1,7 @@
 //! The state of a live view.
 
 use calibration::reading_ranges::ReadingRange;
+use serde::Serialize;
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -54,7 +55,8 @@ pub struct Mark {
 }
 
 /// How a channel is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum ChannelState {
     /// As it should be.
     Fine,
@@ -65,7 +67,7 @@ pub enum ChannelState {
 }
 
 /// A channel as it is shown.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ChannelView {
     /// The newest reading.
     pub reading: f64,

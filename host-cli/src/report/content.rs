@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use super::heading::Heading;
+use super::outliers::Outliers;
 use crate::trial::{ConditionRow, PhaseProfile, TrialResult};
 use calibration::quality::AxisQuality;
 use calibration::validation::cross_validation::CrossValidation;
@@ -13,14 +15,8 @@ pub const MOST_TRACES: usize = 100;
 /// What a report says. Times are in s on each log's clock, all else in SI units.
 #[derive(Clone, Debug)]
 pub struct Report<'a> {
-    /// What it is about.
-    pub title: &'a str,
-    /// Program and version.
-    pub made_by: &'a str,
-    /// When, in UTC, RFC 3339.
-    pub date: &'a str,
-    /// The command line that makes it again.
-    pub command: &'a str,
+    /// What it is about, and where it comes from.
+    pub heading: Heading<'a>,
     /// The results, in the manifest's order, with a thinned trace of the log where one is to be drawn.
     pub trials: &'a [TrialResult],
     /// Trials that could not be evaluated: file, and why.
@@ -39,6 +35,8 @@ pub struct Report<'a> {
     pub channel_length_m: f64,
     /// What went in.
     pub inputs: &'a [Input],
+    /// Rows in the windows with a reading that cannot be trusted; `None` without forces.
+    pub doubtful: Option<Outliers>,
     /// Warnings that are not of one trial.
     pub warnings: &'a [String],
 }

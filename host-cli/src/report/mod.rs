@@ -6,9 +6,11 @@
 //! notes, messages) is text: escaped in HTML (`markup`), `<` written `\u003c` in the numbers' JSON.
 
 mod content;
+mod heading;
 mod markup;
 mod numbers;
 mod of_calibration;
+mod outliers;
 mod page;
 mod sections;
 mod units;
@@ -16,9 +18,11 @@ mod units;
 use flate2::read::GzDecoder;
 
 pub use content::{CalibrationFacts, CalibrationSource, Input, MOST_TRACES, Report};
+pub use heading::Heading;
 pub(crate) use markup::figure;
 use markup::script_json;
-pub use of_calibration::{CalibrationReport, FewGroups, GroupRow, Intervals, OutlierRow, Outliers};
+pub use of_calibration::{CalibrationReport, FewGroups, GroupRow, Intervals};
+pub use outliers::{OutlierRow, Outliers};
 use page::Page;
 
 const SCRIPT: &str = include_str!("../../assets/report/report.js");
@@ -42,8 +46,7 @@ impl Report<'_> {
 "#
         );
         Page {
-            title: self.title,
-            made_by: self.made_by,
+            heading: self.heading,
             subtitle: &sections::subtitle(self),
             sections: sections::of(self, &numbers),
             script: Some((script, "The plots need JavaScript; the tables do not.")),

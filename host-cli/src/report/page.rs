@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::heading::Heading;
 use super::markup::escape;
 
 const STYLE: &str = include_str!("../../assets/report/report.css");
@@ -24,8 +25,7 @@ impl Section {
 
 /// What a page is made of.
 pub(super) struct Page<'a> {
-    pub(super) title: &'a str,
-    pub(super) made_by: &'a str,
+    pub(super) heading: Heading<'a>,
     /// Below the title, as text.
     pub(super) subtitle: &'a str,
     pub(super) sections: Vec<Section>,
@@ -37,7 +37,8 @@ impl Page<'_> {
     /// The content of the file. It needs no network, and a content security policy forbids everything that
     /// is not in it.
     pub(super) fn html(&self) -> String {
-        let [title, made_by, subtitle] = [self.title, self.made_by, self.subtitle].map(escape);
+        let [title, made_by, subtitle] =
+            [self.heading.title, self.heading.made_by, self.subtitle].map(escape);
         let shown = || self.sections.iter().filter(|section| !section.content.is_empty());
         let (mut links, mut main) = (String::new(), String::new());
         for Section { id, name, content } in shown() {

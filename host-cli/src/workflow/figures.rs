@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::figures::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
-use crate::figures::{Figure, Format};
+use crate::figures::{Figure, Format, Size};
 use crate::output::{OutputError, Outputs};
 use crate::trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialResult, TrialRow};
 
@@ -20,10 +20,11 @@ pub struct FigureFolder<'a> {
     outputs: &'a Outputs,
     directory: PathBuf,
     formats: Vec<Format>,
+    size: Size,
 }
 
 impl<'a> FigureFolder<'a> {
-    /// In `directory`, which is made if it is not there; each figure in every one of the formats.
+    /// In `directory`, which is made if it is not there; each figure in every one of the formats, of this size.
     ///
     /// # Errors
     /// [`OutputError`] if the directory cannot be made.
@@ -31,10 +32,11 @@ impl<'a> FigureFolder<'a> {
         outputs: &'a Outputs,
         directory: &Path,
         formats: &[Format],
+        size: Size,
     ) -> Result<Self, OutputError> {
         let directory = directory.to_owned();
         match std::fs::create_dir_all(&directory) {
-            Ok(()) => Ok(Self { outputs, directory, formats: formats.to_vec() }),
+            Ok(()) => Ok(Self { outputs, directory, formats: formats.to_vec(), size }),
             Err(source) => Err(OutputError::failed(directory, source)),
         }
     }
@@ -54,10 +56,11 @@ impl<'a> FigureFolder<'a> {
         let title = title(row);
         let passage = passage(row, profile);
         if !trace.wrench[0].is_empty() {
-            self.write(&format!("{stem}.drag"), &drag_lift_figure(&title, trace, &passage))?;
+            let figure = drag_lift_figure(self.size, &title, trace, &passage);
+            self.write(&format!("{stem}.drag"), &figure)?;
         }
         let range_s = some_strides(row, trace);
-        let figure = stack_figure(&title, trace, &passage, range_s);
+        let figure = stack_figure(self.size, &title, trace, &passage, range_s);
         self.write(&format!("{stem}.telemetry"), &figure)
     }
 
@@ -70,10 +73,14 @@ impl<'a> FigureFolder<'a> {
         conditions: &[ConditionRow],
         phases: &[(String, PhaseProfile)],
     ) -> Result<(), OutputError> {
-        self.write("boxes", &box_figure("Energies and specific resistance", conditions))?;
+        let figure = box_figure(self.size, "Energies and specific resistance", conditions);
+        self.write("boxes", &figure)?;
         match phases.is_empty() {
             true => Ok(()),
-            false => self.write("phase", &phase_figure("Drag and lift over a stride", phases)),
+            false => {
+                let figure = phase_figure(self.size, "Drag and lift over a stride", phases);
+                self.write("phase", &figure)
+            }
         }
     }
 

@@ -5,11 +5,14 @@ use std::path::Path;
 
 use super::batch::Batch;
 use super::group_errors::GroupErrors;
+use super::trial::{Doubt, DoubtfulRow, TrialJob, doubtful_rows};
 use crate::calibration_file::{CalibrationFile, Role};
 use crate::forces::RowRule;
-use crate::report::{CalibrationFacts, CalibrationSource, GroupRow, Input, figure};
-use crate::trial::{Profile, TrialOptions};
-use log_file::checksum;
+use crate::report::{
+    CalibrationFacts, CalibrationSource, GroupRow, Input, OutlierRow, Outliers, figure,
+};
+use crate::trial::{Diagnostic, Instrument, Profile, TrialOptions};
+use log_file::{Log, LogError, Mapping, ReadOptions, checksum};
 
 /// A file with its checksum.
 ///
@@ -38,6 +41,57 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
         }
     }
     inputs
+}
+
+/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration. Only
+/// logs that have some, as their diagnostics say, are read again.
+///
+/// # Errors
+/// [`LogError`] if one of those can no longer be read.
+pub fn doubtful(
+    batch: &Batch,
+    mapping: &Mapping,
+    instrument: Instrument<'_>,
+    options: TrialOptions,
+    read: ReadOptions<'_>,
+) -> Result<Option<Outliers>, LogError> {
+    if instrument.calibration.is_none() {
+        return Ok(None);
+    }
+    let read = ReadOptions { checksum: false, progress: None, ..read };
+    let mut all = Outliers::default();
+    for trial in &batch.trials {
+        let result = &trial.evaluated.result;
+        let is_doubt = |diagnostic: &Diagnostic| {
+            matches!(diagnostic, Diagnostic::OutOfRange { .. } | Diagnostic::Saturated { .. })
+        };
+        if !result.diagnostics.iter().any(is_doubt) {
+            continue;
+        }
+        let log = Log::open(&trial.path, mapping)?;
+        let job = TrialJob { log: &log, instrument, options, read };
+        let (rows, count) = doubtful_rows(&job, [result.row.t_enter_s, result.row.t_exit_s])?;
+        let row = |row: &DoubtfulRow| OutlierRow {
+            file: result.row.file.clone(),
+            line: row.line,
+            what: doubts(row),
+        };
+        all.rows.extend(rows.iter().map(row));
+        all.count += count;
+    }
+    Ok(Some(all))
+}
+
+fn doubts(row: &DoubtfulRow) -> String {
+    let of = |(channel, reading, doubt): &(usize, f64, Doubt)| {
+        let why = match doubt {
+            Doubt::Saturated => "an end of the converter".to_owned(),
+            Doubt::OutOfRange { min, max } => format!("calibrated from {min} to {max}"),
+        };
+        format!("`s{}` is {reading}, {why}", channel + 1)
+    };
+    let readings: Vec<String> = row.readings.iter().map(of).collect();
+    format!("{:.3} s: {}", row.time_s, readings.join("; "))
 }
 
 /// What a report says of the calibration in a file that is named `path`.

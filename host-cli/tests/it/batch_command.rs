@@ -443,3 +443,63 @@ fn statistics_of_a_table_are_printed_for_every_column() {
     assert_eq!(output.status.code(), Some(2));
     assert!(said(&output).contains("did you mean `a`?"));
 }
+
+/// Every remark of a document with this code: the number that its text begins with.
+fn remarked(document: &Value, code: &str) -> u64 {
+    let own = match document.get("code").and_then(Value::as_str) {
+        Some(found) if found == code => {
+            let text = document["text"].as_str().unwrap();
+            text.split(' ').next().unwrap().parse().unwrap()
+        }
+        _ => 0,
+    };
+    let within: u64 = match document {
+        Value::Array(values) => values.iter().map(|value| remarked(value, code)).sum(),
+        Value::Object(values) => values.values().map(|value| remarked(value, code)).sum(),
+        _ => 0,
+    };
+    own + within
+}
+
+#[test]
+fn the_report_names_the_rows_whose_readings_cannot_be_trusted() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    program::run(dir, "synth trials trials --per-condition 1", 0);
+    program::run(dir, "synth train --rows 5000 -o train.csv", 0);
+    program::run(dir, "fit train.csv -o cal.json", 0);
+    // One reading of one row is at the end of the converter: at 3 s, in the window.
+    let log = dir.join("trials/free-1.txt");
+    let text = fs::read_to_string(&log).unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let time_us = |line: &String| line.split(',').next()?.parse::<u64>().ok();
+    let at = lines.iter().position(|line| time_us(line) > Some(3_000_000)).unwrap();
+    let mut fields: Vec<String> = lines[at].split(',').map(str::to_owned).collect();
+    // The last eight columns are the sensors.
+    let third = fields.len() - 6;
+    fields[third] = "4095".to_owned();
+    let time_s = time_us(&lines[at]).unwrap() as f64 / 1e6;
+    lines[at] = fields.join(",");
+    fs::write(&log, lines.join("\n") + "\n").unwrap();
+
+    program::run(dir, "report trials/manifest.csv --calibration cal.json -o report.html", 0);
+    let page = fs::read_to_string(dir.join("report.html")).unwrap();
+    let section =
+        page.split("<h2 id=\"doubtful\">").nth(1).unwrap().split("</section>").next().unwrap();
+    let what = format!("{time_s:.3} s: `s3` is 4095, an end of the converter");
+    let row = section
+        .split("<tr>")
+        .find(|row| row.contains(&what))
+        .unwrap_or_else(|| panic!("{section}"));
+    assert!(row.contains("free-1.txt") && row.contains(&(at + 1).to_string()), "{row}");
+    // As many as the remarks of the same trials count: what is at the end of the converter is out of range, too.
+    let json = program::output(dir, "batch trials/manifest.csv --calibration cal.json --json");
+    let document: Value = serde_json::from_slice(&json.stdout).unwrap();
+    assert_eq!(remarked(&document, "saturated"), 1);
+    let counted = format!("{} frames in the windows", remarked(&document, "out_of_range"));
+    assert!(section.contains(&counted), "{counted}: {section}");
+    // Without forces there is nothing to trust.
+    program::run(dir, "report trials/manifest.csv -o energies.html", 0);
+    let page = fs::read_to_string(dir.join("energies.html")).unwrap();
+    assert!(!page.contains("id=\"doubtful\""));
+}

@@ -286,3 +286,25 @@ fn an_error_that_is_not_a_number_fails_the_limit() {
     let output = shellcal(&dir, "eval cal.json corrupt.csv --max-rms-moment 1e9");
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stdout));
 }
+
+/// Options whose value can be left out take it with an equals sign; without it, it is taken for a file.
+#[test]
+fn a_value_that_was_taken_for_a_file_is_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    program::run(dir, "synth train --rows 500 -o train.csv", 0);
+    program::run(dir, "fit train.csv --covariance rows -o cal.json", 0);
+    for (command, joined) in [
+        ("convert cal.json train.csv --interval 95 -o out.csv", "`--interval=95`"),
+        ("convert cal.json --interval 95 train.csv -o out.csv", "`--interval=95`"),
+        ("fit train.csv --cv 5", "`--cv=5`"),
+    ] {
+        let said = program::run(dir, command, 2);
+        assert!(said.contains("is no file") && said.contains(joined), "{command}: {said}");
+    }
+    // A file of that name is a file, and others are missing as ever.
+    fs::copy(dir.join("train.csv"), dir.join("95")).unwrap();
+    program::run(dir, "convert cal.json --interval 95 -o out.csv", 0);
+    let said = program::run(dir, "convert cal.json 96 --interval", 2);
+    assert!(said.contains("cannot read `96`"), "{said}");
+}

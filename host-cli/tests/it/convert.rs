@@ -278,7 +278,7 @@ fn the_trace_sees_every_frame() {
     let (log, calibration, read) = (open(&path), linear(3), ReadOptions::default());
     let conversion = Conversion { log: &log, calibration: &calibration, options: &options, read };
     convert(&conversion, &mut Vec::new(), Some(&mut trace)).unwrap();
-    let figure = shellcal::figures::trace_figure("log", &trace);
+    let figure = shellcal::figures::trace_figure(shellcal::figures::Size::Screen, "log", &trace);
     assert!(figure.svg().contains(">Fz (N)<"));
 }
 

@@ -200,10 +200,11 @@ impl Terminal {
     }
 }
 
-struct Board(Child);
+/// A board at 1 kHz on the port `board` of a directory.
+pub(crate) struct Board(Child);
 
 impl Board {
-    fn start(dir: &Path) -> Self {
+    pub(crate) fn start(dir: &Path) -> Self {
         let board = Self(program::start(dir, "board --simulate --symlink board --seed 2"));
         let deadline = Instant::now() + Duration::from_secs(60);
         while !dir.join("board").exists() {
@@ -361,16 +362,19 @@ fn what_cannot_be_shown_is_told() {
 }
 
 /// What a view costs: `cargo test -p shellcal --test it figures_of_a_live_view -- --ignored --nocapture`.
-/// Says how much of a core it takes, how memory grows, and that no frame is lost.
+/// Says how much of a core it takes, how memory grows, and that no frame is lost, over so many seconds as
+/// `SHELLCAL_LIVE_SECONDS` says.
 #[test]
-#[ignore = "a measurement, which takes three minutes"]
+#[ignore = "a measurement, which takes three minutes or as long as it is told"]
 fn figures_of_a_live_view() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     calibrate(dir);
     let _board = Board::start(dir);
-    let options = "board --start --calibration cal.json --output log.csv --duration 190";
-    let mut view = Terminal::start(dir, options, &[]);
+    let seconds = std::env::var("SHELLCAL_LIVE_SECONDS");
+    let seconds: u64 = seconds.map_or(180, |seconds| seconds.parse().unwrap());
+    let options = "board --start --calibration cal.json --output log.csv --duration";
+    let mut view = Terminal::start(dir, &format!("{options} {}", seconds + 10), &[]);
     view.wait_for("nothing lost");
     let proc = PathBuf::from(format!("/proc/{}", view.child.id()));
     let memory_kb = || {
@@ -385,7 +389,7 @@ fn figures_of_a_live_view() {
         (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
     };
     let (began, at_first) = (Instant::now(), cpu_s());
-    while began.elapsed() < Duration::from_secs(180) {
+    while began.elapsed() < Duration::from_secs(seconds) {
         view.look();
         if began.elapsed().as_secs() % 20 == 0 {
             println!("{:3} s: {} kB", began.elapsed().as_secs(), memory_kb());

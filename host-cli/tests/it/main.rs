@@ -37,6 +37,8 @@ mod instruction_sets;
 mod kept_columns;
 #[cfg(all(unix, feature = "live"))]
 mod live;
+#[cfg(all(unix, feature = "live"))]
+mod live_serve;
 mod log_bad_input;
 mod log_containers;
 mod log_formats;

@@ -211,3 +211,21 @@ fn what_takes_all_axes_says_so() {
     }
     assert!(!dir.join("out.mcap").exists());
 }
+
+/// Nothing is said of what was not fitted.
+#[test]
+fn the_report_of_forces_alone_is_silent_on_moments() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let [six, two] = logs(dir, 4);
+    for (log, has_moments) in [(six, true), (two, false)] {
+        program::run(dir, &format!("fit {log} --report fit.html"), 0);
+        let page = fs::read_to_string(dir.join("fit.html")).unwrap();
+        assert_eq!(page.contains("Moments are about the origin"), has_moments, "{log}");
+        assert_eq!(
+            page.contains("Forces are along the axes of the reference"),
+            !has_moments,
+            "{log}"
+        );
+    }
+}

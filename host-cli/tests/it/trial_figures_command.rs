@@ -288,3 +288,49 @@ fn a_real_trial_is_drawn_and_its_unclear_window_refused() {
     // Rows are missing from it, and what repeats is told.
     assert!(html.contains("rows are missing") && html.contains("repeat the frame before"));
 }
+
+/// 89 and 183 mm, in each format by what that says of its size.
+#[test]
+fn figures_are_as_wide_as_the_columns_of_a_paper() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    program::run(dir, "synth trials trials --per-condition 2", 0);
+    program::run(dir, "synth train --rows 5000 -o train.csv", 0);
+    program::run(dir, "fit train.csv -o cal.json", 0);
+    let trials = "trials/manifest.csv --calibration cal.json";
+    for (size, width_mm) in [("single", 89.0), ("double", 183.0)] {
+        let size = format!("--size {size}");
+        for format in ["svg", "pdf", "png"] {
+            program::run(dir, &format!("plot boxes {trials} {size} -o boxes.{format}"), 0);
+        }
+        program::run(dir, &format!("plot phase {trials} {size} -o phase.svg"), 0);
+        program::run(dir, &format!("fit train.csv {size} --plot fit.svg"), 0);
+        program::run(dir, &format!("eval cal.json train.csv {size} --plot eval.svg"), 0);
+        program::run(
+            dir,
+            &format!("convert cal.json train.csv -o out.csv {size} --plot trace.svg"),
+            0,
+        );
+        program::run(
+            dir,
+            &format!("batch {trials} --figures figures --figure-format svg {size}"),
+            0,
+        );
+        for name in ["boxes", "phase", "fit", "eval", "trace", "figures/boxes", "figures/phase"] {
+            let svg = fs::read_to_string(dir.join(format!("{name}.svg"))).unwrap();
+            let head = svg.lines().next().unwrap();
+            assert!(head.contains(&format!(" width=\"{width_mm}mm\"")), "{name}: {head}");
+            // Letters are text, in letters as large as they are drawn.
+            assert!(svg.contains("<text "), "{name}");
+        }
+        // 72 points to the inch; written to a hundredth.
+        let pdf = fs::read(dir.join("boxes.pdf")).unwrap();
+        let pdf = String::from_utf8_lossy(&pdf).into_owned();
+        let page = pdf.split("/MediaBox [0 0 ").nth(1).unwrap().split(' ').next().unwrap();
+        assert!((page.parse::<f64>().unwrap() - width_mm / 25.4 * 72.0).abs() < 0.006, "{page}");
+        // 600 pixels to the inch, the last of them begun.
+        let png = fs::read(dir.join("boxes.png")).unwrap();
+        let width = u32::from_be_bytes(png[16..20].try_into().unwrap());
+        assert_eq!(f64::from(width), (width_mm / 25.4 * 600.0_f64).ceil(), "{size}");
+    }
+}

@@ -15,8 +15,11 @@ mod bridge;
 mod emulated_board;
 #[cfg(unix)]
 mod flashed_image;
+#[cfg(unix)]
+mod live_page;
 mod lossy_radio;
 mod original_board;
+mod page_rules;
 mod published_results;
 mod report;
 #[cfg(unix)]

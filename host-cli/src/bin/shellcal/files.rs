@@ -96,6 +96,33 @@ pub(crate) fn outputs(mut matches: &ArgMatches) -> Result<Outputs, OutputError> 
     }
 }
 
+/// What to say of a value that was meant for an option before it and was taken for a file, as in `--interval 95`:
+/// the values of such options are joined to them, since they can be left out.
+pub(crate) fn misplaced_value(
+    mut command: &clap::Command,
+    mut matches: &ArgMatches,
+    arguments: &[OsString],
+) -> Option<String> {
+    while let Some((name, of_subcommand)) = matches.subcommand() {
+        (command, matches) = (command.find_subcommand(name)?, of_subcommand);
+    }
+    let takes_joined = |word: &str| {
+        let mut options = command.get_arguments().filter(|option| option.is_require_equals_set());
+        options
+            .any(|option| word.strip_prefix("--").is_some_and(|it| option.get_long() == Some(it)))
+    };
+    values::<InputPath>(matches).find_map(|path| {
+        let is_it = |pair: &[OsString]| {
+            pair[1] == *path.as_os_str() && pair[0].to_str().is_some_and(takes_joined)
+        };
+        let option = arguments.windows(2).find(|pair| is_it(pair) && !path.exists())?;
+        let (option, value) = (option[0].to_string_lossy(), path.display());
+        Some(format!(
+            "`{value}` is no file; if it is the value of `{option}`, join them: `{option}={value}`"
+        ))
+    })
+}
+
 /// The values of a type that were given, of all arguments of one command.
 fn values<T: Clone + Send + Sync + 'static>(matches: &ArgMatches) -> impl Iterator<Item = &T> {
     let of_argument = |id: &clap::Id| matches.try_get_many::<T>(id.as_str()).ok().flatten();

@@ -50,9 +50,12 @@ fn run(
     printer: &mut printer::Printer,
 ) -> anyhow::Result<outcome::Outcome> {
     instructions::chosen()?;
-    let arguments = std::env::args_os().collect();
-    let configured = config::configure(arguments, command, config, matches)?;
+    let words: Vec<_> = std::env::args_os().collect();
+    let configured = config::configure(words.clone(), command, config, matches)?;
     let args = parsed(command, &configured.matches);
+    if let Some(why) = files::misplaced_value(command, &configured.matches, &words) {
+        anyhow::bail!(why);
+    }
     let outputs = files::outputs(&configured.matches)?;
     if let Some(file) = configured.file() {
         outputs.protect(file)?;

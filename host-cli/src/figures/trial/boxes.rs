@@ -5,12 +5,15 @@ use super::super::figure::Figure;
 use super::super::palette;
 use super::super::panel::{LEFT_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
+use super::super::size::Size;
 use super::super::svg::{Anchor, Canvas, Rect, Style, number, point};
-use super::{TOP, WIDTH, draw_title, empty_figure};
+use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
 use crate::trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
 const PITCH: f64 = 214.0;
+/// From one line of the key to the next.
+const KEY_PITCH: f64 = 15.0;
 const QUANTITIES: [Quantity; 3] =
     [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
 const FILL: &str = "#d8e6f0";
@@ -18,7 +21,7 @@ const FILL: &str = "#d8e6f0";
 /// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers,
 /// outliers as open circles, the mean as a diamond. Left per trial, right per stride. What no
 /// condition has is left out.
-pub fn box_figure(title: &str, rows: &[ConditionRow]) -> Figure {
+pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
         rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()
     };
@@ -27,12 +30,13 @@ pub fn box_figure(title: &str, rows: &[ConditionRow]) -> Figure {
         .filter(|&quantity| Per::ALL.into_iter().any(|per| !of(quantity, per).is_empty()))
         .collect();
     if shown.is_empty() {
-        return empty_figure(title, "no condition has an energy or a specific resistance");
+        return empty_figure(size, title, "no condition has an energy or a specific resistance");
     }
     let count = shown.len();
-    let mut canvas = Canvas::new(WIDTH, TOP - 8.0 + PITCH * count as f64 + 22.0);
+    let key = if size.is_narrow() { KEY_PITCH } else { 0.0 };
+    let mut canvas = canvas(size, TOP - 8.0 + PITCH * count as f64 + 22.0 + key);
     draw_title(&mut canvas, title);
-    let width = (WIDTH - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
+    let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
     for (row, quantity) in shown.into_iter().enumerate() {
         for (column, per) in Per::ALL.into_iter().enumerate() {
             let boxes = of(quantity, per);
@@ -48,19 +52,23 @@ pub fn box_figure(title: &str, rows: &[ConditionRow]) -> Figure {
             draw_boxes(&mut canvas, area, quantity, per, &boxes);
         }
     }
-    draw_key(&mut canvas, TOP - 8.0 + PITCH * count as f64 + 10.0);
+    draw_key(&mut canvas, TOP - 8.0 + PITCH * count as f64 + 10.0, size);
     Figure::new(canvas.finish())
 }
 
-/// Says what the marks are, in one line.
-fn draw_key(canvas: &mut Canvas, y: f64) {
+/// Says what the marks are, in one line, or in two where that is too long.
+fn draw_key(canvas: &mut Canvas, y: f64, size: Size) {
     let start = Style::LABEL.anchored(Anchor::Start);
     let left = LEFT_MARGIN + 8.0;
     canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", start);
-    canvas.ring((left + 332.0, y - 4.0), 2.8, palette::INK);
-    canvas.text((left + 340.0, y), "outlier;", start);
-    draw_diamond(canvas, left + 402.0, y - 4.0);
-    canvas.text((left + 410.0, y), "mean", start);
+    let (right, y) = match size.is_narrow() {
+        true => (left + 4.0, y + KEY_PITCH),
+        false => (left + 332.0, y),
+    };
+    canvas.ring((right, y - 4.0), 2.8, palette::INK);
+    canvas.text((right + 8.0, y), "outlier;", start);
+    draw_diamond(canvas, right + 70.0, y - 4.0);
+    canvas.text((right + 78.0, y), "mean", start);
 }
 
 fn draw_diamond(canvas: &mut Canvas, x: f64, y: f64) {
@@ -104,7 +112,8 @@ fn draw_boxes(
         let x = area.left + (i as f64 + 0.5) * pitch;
         let place = |value: f64| panel.place(0.0, factor * value).1;
         draw_box(canvas, x, half, &row.statistics, place);
-        let count = format!("n = {}", row.statistics.n);
+        let equals = if canvas.size().is_narrow() { "=" } else { " = " };
+        let count = format!("n{equals}{}", row.statistics.n);
         canvas.text((x, area.bottom() + 16.0), &row.condition, Style::LABEL);
         let small = Style { size: 9.0, ..Style::LABEL };
         canvas.text((x, area.bottom() + 29.0), &count, small);

@@ -3,9 +3,9 @@
 use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
-use super::super::svg::Canvas;
+use super::super::size::Size;
 use super::{
-    DASHED, Key, PALE, Passage, SOLID, TOP, WIDTH, draw_legend, draw_lines, draw_title,
+    DASHED, Key, PALE, Passage, SOLID, TOP, canvas, draw_legend, draw_lines, draw_title,
     empty_figure, line, range_with_zero, smoothed, stride_s, wide_area,
 };
 use crate::trial::Trace;
@@ -14,13 +14,14 @@ const HEIGHT: f64 = 230.0;
 
 /// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: their means over a
 /// stride, and pale behind them all values. Without strides the values are all there is.
-pub fn drag_lift_figure(title: &str, trace: &Trace, passage: &Passage) -> Figure {
+pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passage) -> Figure {
     let (Some(&first), Some(&last)) = (trace.t_s.first(), trace.t_s.last()) else {
-        return empty_figure(title, "no rows");
+        return empty_figure(size, title, "no rows");
     };
     let [fx, _, fz, ..] = &trace.wrench;
     if fx.is_empty() || fz.is_empty() {
         return empty_figure(
+            size,
             title,
             "no forces: the log has no sensors, or no calibration was given",
         );
@@ -34,11 +35,11 @@ pub fn drag_lift_figure(title: &str, trace: &Trace, passage: &Passage) -> Figure
     });
     let (low, high) = range_with_zero(&raw);
     let panel = Panel {
-        area: wide_area(TOP, HEIGHT),
+        area: wide_area(size, TOP, HEIGHT),
         x: Axis::new("time", "s", Spacing::Linear, first, last),
         y: Axis::new("force", "N", Spacing::Linear, low, high).padded(0.06),
     };
-    let mut canvas = Canvas::new(WIDTH, TOP + HEIGHT + BOTTOM_MARGIN + 4.0);
+    let mut canvas = canvas(size, TOP + HEIGHT + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
     passage.draw(&mut canvas, &panel);
     panel.draw_grid(&mut canvas);

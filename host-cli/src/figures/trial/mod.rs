@@ -17,18 +17,25 @@ pub use window::window_figure;
 use super::figure::Figure;
 use super::palette;
 use super::panel::{LEFT_MARGIN, Panel};
+use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, text_width};
 use super::trace::Curve;
 use crate::trial::Trace;
 
-/// Width of a figure: a column of 88 mm at twice its size.
+/// Width of a figure on a screen: a column of 88 mm at twice its size.
 const WIDTH: f64 = 680.0;
 /// Room above the first panel.
 const TOP: f64 = 58.0;
 
 /// The area of a panel that is as wide as the figure allows.
-fn wide_area(top: f64, height: f64) -> Rect {
-    Rect { left: LEFT_MARGIN + 8.0, top, width: WIDTH - LEFT_MARGIN - 24.0, height }
+fn wide_area(size: Size, top: f64, height: f64) -> Rect {
+    let width = size.width(WIDTH) - LEFT_MARGIN - 24.0;
+    Rect { left: LEFT_MARGIN + 8.0, top, width, height }
+}
+
+/// A canvas of this height.
+fn canvas(size: Size, height: f64) -> Canvas {
+    Canvas::sized(size, size.width(WIDTH), height)
 }
 
 /// How a curve is drawn: colours alone would not do in grey.
@@ -115,25 +122,46 @@ enum Key<'a> {
     Area(&'a str, &'static str),
 }
 
-/// Draws a legend in one row above a panel, from its left.
+/// Draws a legend above a panel, from its left, in a row, or on paper in as many as it takes.
 fn draw_legend<'a>(canvas: &mut Canvas, area: Rect, keys: impl IntoIterator<Item = &'a Key<'a>>) {
-    let (mut left, y) = (area.left, area.top - 12.0);
+    let (mut rows, mut right): (Vec<Vec<(f64, &Key<'_>)>>, f64) = (Vec::new(), area.left);
+    let room = if canvas.size() == Size::Screen { f64::INFINITY } else { area.right() };
     for key in keys {
-        let text = match key {
-            Key::Line(text, pen) => {
-                let path = format!("M{left} {y}h24");
-                pen.draw(canvas, &path);
-                text
-            }
-            Key::Area(text, colour) => {
+        let length = 36.0 + 0.92 * text_width(key.text(), Style::LABEL.size) + 6.0;
+        // What follows a key is not in its way.
+        if rows.is_empty() || right + length - 6.0 > room {
+            rows.push(Vec::new());
+            right = area.left;
+        }
+        rows.last_mut().into_iter().for_each(|row| row.push((right, key)));
+        right += length;
+    }
+    for (above, row) in rows.iter().rev().enumerate() {
+        let y = area.top - 12.0 - LEGEND_PITCH * above as f64;
+        row.iter().for_each(|&(left, key)| key.draw(canvas, left, y));
+    }
+}
+
+/// From one row of a legend to the next.
+const LEGEND_PITCH: f64 = 15.0;
+
+impl Key<'_> {
+    fn text(&self) -> &str {
+        match self {
+            Key::Line(text, _) | Key::Area(text, _) => text,
+        }
+    }
+
+    fn draw(&self, canvas: &mut Canvas, left: f64, y: f64) {
+        match self {
+            Key::Line(_, pen) => pen.draw(canvas, &format!("M{left} {y}h24")),
+            Key::Area(_, colour) => {
                 let top = y - 5.0;
                 canvas.fill(&format!("M{left} {top}h24v10h-24Z"), colour);
                 canvas.frame(Rect { left, top, width: 24.0, height: 10.0 }, palette::ZERO);
-                text
             }
-        };
-        canvas.text((left + 30.0, y + 4.0), text, Style::LABEL.anchored(Anchor::Start));
-        left += 36.0 + 0.92 * text_width(text, Style::LABEL.size) + 6.0;
+        }
+        canvas.text((left + 30.0, y + 4.0), self.text(), Style::LABEL.anchored(Anchor::Start));
     }
 }
 
@@ -142,8 +170,8 @@ fn draw_title(canvas: &mut Canvas, title: &str) {
 }
 
 /// A figure that says why there is nothing to see.
-fn empty_figure(title: &str, reason: &str) -> Figure {
-    let mut canvas = Canvas::new(WIDTH, TOP + 60.0);
+fn empty_figure(size: Size, title: &str, reason: &str) -> Figure {
+    let mut canvas = canvas(size, TOP + 60.0);
     draw_title(&mut canvas, title);
     canvas.text((16.0, TOP + 12.0), reason, Style::LABEL.anchored(Anchor::Start));
     Figure::new(canvas.finish())
@@ -151,8 +179,10 @@ fn empty_figure(title: &str, reason: &str) -> Figure {
 
 #[cfg(test)]
 mod tests {
+    use super::super::lettering;
+    use super::super::svg::Shape;
     use super::*;
-    use crate::trial::{ConditionRow, Per, Quantity, Sample};
+    use crate::trial::{ConditionRow, Per, PhaseProfile, Quantity, Sample};
 
     fn trace() -> Trace {
         let t_s: Vec<f64> = (0..4000).map(|i| 1e-3 * f64::from(i)).collect();
@@ -181,7 +211,7 @@ mod tests {
     #[test]
     fn a_passage_is_shaded_where_it_is() {
         let passage = Passage::new([1.0, 3.3], Some(0.18), 0.28);
-        let svg = drag_lift_figure("t", &trace(), &passage);
+        let svg = drag_lift_figure(Size::Screen, "t", &trace(), &passage);
         let fills = |colour: &str| -> Vec<(f64, f64)> {
             let rectangles = svg.svg().lines().filter(|line| line.contains(colour));
             // "M<left> <top>V<bottom>H<right>V<top>Z", of the panel; legends draw with h and v.
@@ -192,7 +222,7 @@ mod tests {
             };
             rectangles.filter_map(of).collect()
         };
-        let area = wide_area(TOP, 100.0);
+        let area = wide_area(Size::Screen, TOP, 100.0);
         let x = |time_s: f64| area.left + area.width * time_s / 3.999;
         let expected = [(x(1.0), x(1.9)), (x(2.4), x(3.3))];
         for ((left, right), (from, to)) in fills(palette::PARTLY_INSIDE).into_iter().zip(expected) {
@@ -207,10 +237,10 @@ mod tests {
         let passage = Passage::new([1.0, 2.0], None, 0.28);
         let nothing = Trace { t_s: trace().t_s, ..Trace::default() };
         for figure in [
-            drag_lift_figure("a < b", &nothing, &passage),
-            stack_figure("a < b", &nothing, &passage, [0.0, 3.0]),
-            phase_figure("a < b", &[]),
-            box_figure("a < b", &[]),
+            drag_lift_figure(Size::Screen, "a < b", &nothing, &passage),
+            stack_figure(Size::Screen, "a < b", &nothing, &passage, [0.0, 3.0]),
+            phase_figure(Size::Screen, "a < b", &[]),
+            box_figure(Size::Screen, "a < b", &[]),
         ] {
             assert!(
                 figure.svg().contains("a &lt; b") && figure.svg().contains(">no"),
@@ -220,6 +250,7 @@ mod tests {
         }
         // What there is of telemetry is drawn without the rest.
         let legs = stack_figure(
+            Size::Screen,
             "t",
             &Trace { wrench: Default::default(), ..trace() },
             &passage,
@@ -240,7 +271,7 @@ mod tests {
             statistics: statistics.clone(),
             difference: None,
         };
-        let svg = box_figure("t", &[row]);
+        let svg = box_figure(Size::Screen, "t", &[row]);
         let svg = svg.svg();
         assert!(svg.contains("&lt;3 cm&gt;") && svg.contains("n = 6"));
         // One outlier, 30, and one ring in the key.
@@ -263,6 +294,56 @@ mod tests {
                 svg.contains(&format!(" {text}H")) || svg.contains(&format!("V{text}H")),
                 "{value} at {text}"
             );
+        }
+    }
+
+    /// As a page of a paper takes it: the width, letters of 5 to 7 pt, and nothing cut off at the edges.
+    fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
+        let drawing = figure.drawing();
+        let svg = figure.svg();
+        assert!(svg.contains(&format!("width=\"{width_mm}mm\"")), "{}", &svg[..200]);
+        let pt = size.scale() * 0.75;
+        // The width of the page in a PDF, in pt of 1/72 inch.
+        let page = width_mm / 25.4 * 72.0;
+        assert!((drawing.width * pt - page).abs() < 1e-9, "{} {page}", drawing.width * pt);
+        for shape in &drawing.shapes {
+            let Shape::Text { at, text, style } = shape else { continue };
+            // Half a hundredth: sizes are written with two decimals.
+            assert!((4.995..=7.005).contains(&(style.size * pt)), "{text}: {} pt", style.size * pt);
+            let Some((path, place)) = lettering::outline(text, *at, *style) else { continue };
+            let bounds = path.transform(place).unwrap().bounds();
+            let (right, bottom) = (drawing.width as f32, drawing.height as f32);
+            let is_inside = bounds.left() >= 0.0 && bounds.top() >= 0.0;
+            assert!(is_inside, "{text} at {bounds:?}");
+            assert!(bounds.right() <= right && bounds.bottom() <= bottom, "{text} at {bounds:?}");
+        }
+    }
+
+    #[test]
+    fn figures_fit_the_columns_of_a_paper() {
+        let passage = Passage::new([0.5, 3.5], Some(0.18), 0.28);
+        let phases = PhaseProfile::new([(&trace(), [0.5, 2.0])]).unwrap();
+        let phases = ["free", "3 cm"].map(|name| (name.to_owned(), phases.clone()));
+        let mut sample = Sample::default();
+        [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].into_iter().for_each(|value| sample.add_cluster([value]));
+        let statistics = sample.statistics(1).unwrap();
+        let mut boxes = Vec::new();
+        for condition in ["free", "0 cm", "3 cm", "6 cm", "9 cm"] {
+            for (per, quantity) in
+                [(Per::Trial, Quantity::DragEnergy), (Per::Stride, Quantity::DragEnergy)]
+            {
+                let (condition, statistics) = (condition.to_owned(), statistics.clone());
+                boxes.push(ConditionRow { condition, per, quantity, statistics, difference: None });
+            }
+        }
+        for (size, width_mm) in [(Size::Single, 89.0), (Size::Double, 183.0)] {
+            let figures = [
+                drag_lift_figure(size, "free: run-1.txt", &trace(), &passage),
+                stack_figure(size, "free: run-1.txt", &trace(), &passage, [0.0, 4.0]),
+                phase_figure(size, "Drag and lift over a stride", &phases),
+                box_figure(size, "Energies and specific resistance", &boxes),
+            ];
+            figures.iter().for_each(|figure| assert_printable(figure, size, width_mm));
         }
     }
 }

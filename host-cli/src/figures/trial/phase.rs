@@ -6,8 +6,9 @@ use super::super::figure::Figure;
 use super::super::palette;
 use super::super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
+use super::super::size::Size;
 use super::super::svg::{Anchor, Canvas, Rect, Style, point};
-use super::{Key, SOLID, TOP, WIDTH, draw_legend, draw_title, empty_figure};
+use super::{Key, SOLID, TOP, WIDTH, canvas, draw_legend, draw_title, empty_figure};
 use crate::trial::{PhaseForce, PhaseProfile};
 
 const HEIGHT: f64 = 104.0;
@@ -16,9 +17,9 @@ const GAP: f64 = 12.0;
 
 /// Draws drag (left) and lift (right) in N over a turn of the right leg, a row for each of the
 /// conditions: mean and one standard deviation from stride to stride. All panels have one scale.
-pub fn phase_figure(title: &str, conditions: &[(String, PhaseProfile)]) -> Figure {
+pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile)]) -> Figure {
     if conditions.is_empty() {
-        return empty_figure(title, "no strides with forces");
+        return empty_figure(size, title, "no strides with forces");
     }
     let forces = conditions.iter().flat_map(|(_, profile)| [&profile.drag, &profile.lift]);
     let ends = forces.flat_map(|force| {
@@ -27,9 +28,9 @@ pub fn phase_figure(title: &str, conditions: &[(String, PhaseProfile)]) -> Figur
     });
     let (low, high) = ends.fold((0.0_f64, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
     let rows = conditions.len() as f64;
-    let mut canvas = Canvas::new(WIDTH, TOP + 14.0 + PITCH * rows - 30.0 + BOTTOM_MARGIN + 4.0);
+    let mut canvas = canvas(size, TOP + 14.0 + PITCH * rows - 30.0 + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
-    let width = (WIDTH - 2.0 * (LEFT_MARGIN + 8.0) - GAP - 16.0) / 2.0;
+    let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - GAP - 16.0) / 2.0;
     for (row, (name, profile)) in conditions.iter().enumerate() {
         for (column, (quantity, force)) in
             [("drag", &profile.drag), ("lift", &profile.lift)].into_iter().enumerate()

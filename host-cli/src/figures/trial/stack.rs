@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
-use super::super::svg::Canvas;
+use super::super::size::Size;
 use super::{
-    Curve, DASHED, Key, Passage, Pen, SOLID, TOP, WIDTH, draw_legend, draw_lines, draw_title,
+    Curve, DASHED, Key, Passage, Pen, SOLID, TOP, canvas, draw_legend, draw_lines, draw_title,
     empty_figure, line, range_with_zero, wide_area,
 };
 use crate::trial::Trace;
@@ -26,7 +26,13 @@ struct StackRow<'a> {
 /// Draws Fx, Fy, Fz in N, the angles of both legs in rad within a turn, and the electrical power of
 /// both motors in W, between two times in s, with the passage shaded. What the trace does not have
 /// is left out.
-pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64; 2]) -> Figure {
+pub fn stack_figure(
+    size: Size,
+    title: &str,
+    trace: &Trace,
+    passage: &Passage,
+    range_s: [f64; 2],
+) -> Figure {
     let rows = trace.t_s.partition_point(|&t| t < range_s[0])
         ..trace.t_s.partition_point(|&t| t <= range_s[1]);
     let time_s = &trace.t_s[rows.clone()];
@@ -34,7 +40,7 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
         |column: &'_ [f64]| -> Option<Vec<f64>> { column.get(rows.clone()).map(<[f64]>::to_vec) };
     let panels = stack_rows(trace, time_s, part);
     if panels.is_empty() || time_s.is_empty() {
-        return empty_figure(title, "nothing to draw: neither forces nor telemetry");
+        return empty_figure(size, title, "nothing to draw: neither forces nor telemetry");
     }
 
     let mut bottom = TOP - GAP;
@@ -44,11 +50,11 @@ pub fn stack_figure(title: &str, trace: &Trace, passage: &Passage, range_s: [f64
         tops.push(bottom + GAP + legend);
         bottom += GAP + legend + HEIGHT;
     }
-    let mut canvas = Canvas::new(WIDTH, bottom + BOTTOM_MARGIN + 4.0);
+    let mut canvas = canvas(size, bottom + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
     let time = Axis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]);
     for (i, (row, &top)) in panels.iter().zip(&tops).enumerate() {
-        let area = wide_area(top, HEIGHT);
+        let area = wide_area(size, top, HEIGHT);
         let panel = Panel { area, x: time.clone(), y: row.y_axis() };
         passage.draw(&mut canvas, &panel);
         panel.draw_grid(&mut canvas);

@@ -3,10 +3,11 @@
 use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
-use super::super::svg::{Anchor, Canvas, Style, number};
+use super::super::size::Size;
+use super::super::svg::{Anchor, Style, number};
 use super::{
-    DASHED, Key, Passage, Pen, TOP, WIDTH, draw_legend, draw_lines, draw_title, empty_figure, line,
-    range_with_zero, wide_area,
+    DASHED, Key, Passage, Pen, TOP, canvas, draw_legend, draw_lines, draw_title, empty_figure,
+    line, range_with_zero, wide_area,
 };
 use crate::trial::{NoWindow, Proposal};
 
@@ -16,22 +17,23 @@ const MODEL: Pen = Pen { colour: "#000000", width: 2.0, dashed: false };
 
 /// Draws the drag in N over time in s, and what was found in it, or why nothing was.
 pub fn window_figure(
+    size: Size,
     title: &str,
     time_s: &[f64],
     drag_n: &[f64],
     found: Result<&Proposal, &NoWindow>,
 ) -> Figure {
     let (Some(&first), Some(&last)) = (time_s.first(), time_s.last()) else {
-        return empty_figure(title, "no forces");
+        return empty_figure(size, title, "no forces");
     };
     let drag = line(time_s, drag_n.iter().copied());
     let (low, high) = range_with_zero([&drag]);
     let panel = Panel {
-        area: wide_area(TOP, HEIGHT),
+        area: wide_area(size, TOP, HEIGHT),
         x: Axis::new("time", "s", Spacing::Linear, first, last),
         y: Axis::new("drag (−Fx)", "N", Spacing::Linear, low, high).padded(0.06),
     };
-    let mut canvas = Canvas::new(WIDTH, TOP + HEIGHT + BOTTOM_MARGIN + 4.0);
+    let mut canvas = canvas(size, TOP + HEIGHT + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
     match found {
         Ok(proposal) => {

@@ -1,6 +1,7 @@
 //! What the report of a calibration is made from.
 
-use super::super::CalibrationFacts;
+use super::super::outliers::Outliers;
+use super::super::{CalibrationFacts, Heading};
 use crate::figures::Figure;
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::Selection;
@@ -9,14 +10,8 @@ use shell_data::wrench::PerAxis;
 /// What the report of a calibration says. N and N·m.
 #[derive(Clone, Debug)]
 pub struct CalibrationReport<'a> {
-    /// What it is about.
-    pub title: &'a str,
-    /// Program and version.
-    pub made_by: &'a str,
-    /// When, in UTC, RFC 3339.
-    pub date: &'a str,
-    /// The command line that makes it again.
-    pub command: &'a str,
+    /// What it is about, and where it comes from.
+    pub heading: Heading<'a>,
     /// The calibration, its errors and what it was made from.
     pub calibration: CalibrationFacts<'a>,
     /// Features of the model, and how many of them the data determine.
@@ -82,26 +77,4 @@ pub struct GroupRow {
     pub load: PerAxis<f64>,
     /// Root mean square of predicted less measured.
     pub rms: PerAxis<f64>,
-}
-
-/// Rows that do not belong.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Outliers {
-    /// As many of them as are shown.
-    pub rows: Vec<OutlierRow>,
-    /// All of them.
-    pub count: usize,
-    /// Whether they were left out of the fit.
-    pub left_out: bool,
-}
-
-/// A row that does not belong.
-#[derive(Clone, Debug, PartialEq)]
-pub struct OutlierRow {
-    /// Its log.
-    pub file: String,
-    /// Its line, or row of a table.
-    pub line: u64,
-    /// What is wrong with it.
-    pub what: String,
 }

@@ -87,10 +87,18 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
         _ => {}
     }
     limits.push(
-        "Moments are about the origin of the reference sensor that it was fitted with, x forward, y left, z \
-         up; the shell was mounted as it was. Another point, another mounting or another sensor needs \
-         another calibration."
-            .to_owned(),
+        match facts.axes.iter().any(Axis::is_moment) {
+            true => {
+                "Moments are about the origin of the reference sensor that it was fitted with, x forward, y left, z \
+                 up; the shell was mounted as it was. Another point, another mounting or another sensor needs \
+                 another calibration."
+            }
+            false => {
+                "Forces are along the axes of the reference sensor that it was fitted with, x forward, y left, z up; \
+                 the shell was mounted as it was. Another mounting or another sensor needs another calibration."
+            }
+        }
+        .to_owned(),
     );
     limits
 }

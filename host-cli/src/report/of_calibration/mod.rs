@@ -5,7 +5,7 @@ mod limits;
 
 use std::fmt::Write;
 
-pub use content::{CalibrationReport, FewGroups, GroupRow, Intervals, OutlierRow, Outliers};
+pub use content::{CalibrationReport, FewGroups, GroupRow, Intervals};
 use limits::limits;
 
 use super::markup::{Cell, escape, figure, table};
@@ -30,9 +30,8 @@ impl CalibrationReport<'_> {
             _ => by_group(self),
         };
         Page {
-            title: self.title,
-            made_by: self.made_by,
-            subtitle: &format!("{}, {}.", self.made_by, self.date),
+            heading: self.heading,
+            subtitle: &format!("{}, {}.", self.heading.made_by, self.heading.date),
             sections: vec![
                 Section::new("answer", "How far it can be trusted", answer(self)),
                 Section::new("limits", "What it must not be used for", list(&limits(self))),
@@ -277,24 +276,13 @@ fn compared(selection: &Selection) -> String {
 fn outliers(report: &CalibrationReport<'_>) -> String {
     let Some(outliers) = &report.outliers else { return String::new() };
     let done = if outliers.left_out { "were left out" } else { "were used all the same" };
-    let Outliers { rows, count, .. } = outliers;
-    if *count == 0 {
-        return "<p>None was found.</p>\n".to_owned();
-    }
-    let mut html = format!("<p>{count} rows do not belong, and {done}.</p>\n");
-    let header = [("log", true), ("line", false), ("what", true)];
-    let cells = |row: &OutlierRow| {
-        vec![Cell::Text(row.file.clone()), Cell::from(row.line), Cell::Long(row.what.clone())]
-    };
-    let caption = match rows.len() == *count {
-        true => "Rows that do not belong".to_owned(),
-        false => format!("The first {} of them", rows.len()),
-    };
-    html += &table(&caption, &header, &rows.iter().map(cells).collect::<Vec<_>>());
-    html
+    outliers.html(
+        &format!("{} rows do not belong, and {done}.", outliers.count),
+        "Rows that do not belong",
+    )
 }
 
 fn origin(report: &CalibrationReport<'_>) -> String {
-    let command = escape(report.command);
+    let command = escape(report.heading.command);
     format!("<pre><code>{command}</code></pre>\n") + &sources_table(&report.calibration)
 }

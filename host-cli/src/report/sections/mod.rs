@@ -28,6 +28,7 @@ pub(super) fn of(report: &Report<'_>, numbers: &ReportNumbers) -> Vec<Section> {
         Section::new("conditions", "By condition", conditions(report, numbers)),
         Section::new("phase", "Over a stride", phase(numbers)),
         Section::new("trials", "Trials", trials(report, numbers)),
+        Section::new("doubtful", "Readings that cannot be trusted", doubtful(report)),
         Section::new("calibration", "Calibration", calibration(report)),
         Section::new("origin", "To make it again", origin(report)),
     ]
@@ -41,7 +42,7 @@ pub(super) fn subtitle(report: &Report<'_>) -> String {
         0 => String::new(),
         failed => format!(", {failed} that could not be evaluated"),
     };
-    format!("{}, {}. {count} trial{s}{failed}.", report.made_by, report.date)
+    format!("{}, {}. {count} trial{s}{failed}.", report.heading.made_by, report.heading.date)
 }
 
 fn warnings(report: &Report<'_>) -> String {
@@ -99,8 +100,18 @@ fn warnings(report: &Report<'_>) -> String {
     html
 }
 
+fn doubtful(report: &Report<'_>) -> String {
+    let Some(doubtful) = &report.doubtful else { return String::new() };
+    let sentence = format!(
+        "{} frames in the windows have a reading outside the range of the training data, or at an end of the \
+         converter, and were used all the same: forces are less certain there than their intervals say.",
+        doubtful.count
+    );
+    doubtful.html(&sentence, "Readings that cannot be trusted")
+}
+
 fn origin(report: &Report<'_>) -> String {
-    let mut html = format!("<pre><code>{}</code></pre>\n", escape(report.command));
+    let mut html = format!("<pre><code>{}</code></pre>\n", escape(report.heading.command));
     let settings: Vec<_> =
         report.settings.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
     if !settings.is_empty() {

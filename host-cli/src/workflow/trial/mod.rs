@@ -1,5 +1,6 @@
 //! A trial on its log: between given times, or between those that are found in the drag.
 
+mod doubtful;
 mod job;
 mod reading;
 
@@ -10,6 +11,7 @@ use crate::trial::{
 use log_file::ReadOptions;
 use reading::Recorded;
 
+pub use doubtful::{Doubt, DoubtfulRow, doubtful_rows};
 pub use job::{TrialJob, TrialLogError};
 
 /// When the robot enters the channel and when it leaves, s on the log's clock; `None` for what is to

@@ -20,6 +20,7 @@ use shellcal::workflow::convert::{
     OutputFormat, OutputPlan, convert_to,
 };
 
+use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs, note_rows};
 use super::mapping::{Columns as ColumnList, MappingArgs, parse_columns, tell_remembered};
 use super::payload::load::MotionArgs;
@@ -85,6 +86,9 @@ pub(crate) struct ConvertArgs {
     plot: Option<OutputPath>,
 
     #[command(flatten)]
+    figure_size: FigureSize,
+
+    #[command(flatten)]
     forces: ForceArgs,
 
     /// Take off weight and, with accelerations, inertia of what the sensor carries, before tare and low-pass:
@@ -148,7 +152,7 @@ impl ConvertArgs {
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
             let summary = self.convert(conversion, &target, trace.as_mut(), printer, outputs)?;
             if let (Some(trace), Some(format), Some(mut file)) = (trace, plot_format, plot.take()) {
-                let figure = trace_figure(&file_name(log), &trace);
+                let figure = trace_figure(self.figure_size.size(), &file_name(log), &trace);
                 file.write_all(&figure.render(format)?).context("cannot write the picture")?;
                 file.commit()?;
             }

@@ -14,6 +14,7 @@ use shellcal::output::Outputs;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
 use shellcal::workflow::selection::UsedRows;
 
+use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
 use super::quality::{significant, table_row};
 use crate::files::{InputPath, OutputPath};
@@ -55,6 +56,9 @@ pub(crate) struct EvalArgs {
     /// Draw predicted against measured, and the residuals, over all logs
     #[arg(long, value_name = "FILE.svg|pdf|png")]
     plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -111,7 +115,9 @@ impl EvalArgs {
         bar.finish_and_clear();
         if let (Some((mut output, format)), Some(plot)) = (output, &plot) {
             let title = format!("Evaluation of {}", self.calibration.display());
-            output.write_all(&fit_figure(&title, axes, plot, None).render(format)?)?;
+            output.write_all(
+                &fit_figure(self.figure_size.size(), &title, axes, plot, None).render(format)?,
+            )?;
             output.commit()?;
         }
 

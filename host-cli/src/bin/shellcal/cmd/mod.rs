@@ -10,6 +10,7 @@ mod covariance;
 mod deferred;
 mod doctor;
 mod eval;
+mod figure_size;
 mod fit;
 mod frames;
 mod import;
@@ -67,7 +68,7 @@ pub(crate) enum Command {
     /// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
     Record(Deferred<record::RecordArgs>),
 
-    /// Show forces and readings as they come, in the terminal
+    /// Show forces and readings as they come, in the terminal or in a browser
     ///
     /// Traces of the six axes with scale and noise, the eight channels in their calibrated range, the
     /// force as an arrow from above and from the side, rate and losses. What is recorded does not wait

@@ -3,8 +3,8 @@
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use log_file::Log;
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::figures::{FitPlot, coverage_figure, fit_figure};
-use shellcal::report::{CalibrationReport, FewGroups, Intervals, Outliers};
+use shellcal::figures::{FitPlot, Size, coverage_figure, fit_figure};
+use shellcal::report::{CalibrationReport, FewGroups, Heading, Intervals, Outliers};
 use shellcal::workflow;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::group_errors::{GroupedErrors, group_errors};
@@ -67,10 +67,12 @@ impl FitArgs {
         let (of_train, of_test) = found.plots.map_or_else(Default::default, Clone::clone);
         let of_test = (!self.test.is_empty()).then_some(&of_test);
         let report = CalibrationReport {
-            title: &title,
-            made_by: &file.origin.made_by,
-            date: &file.origin.date,
-            command: &origin::command_line(),
+            heading: Heading {
+                title: &title,
+                made_by: &file.origin.made_by,
+                date: &file.origin.date,
+                command: &origin::command_line(),
+            },
             calibration: calibration_facts(name, file),
             features: found.features,
             rank: diagnostics.map_or(0, |diagnostics| diagnostics.rank),
@@ -87,7 +89,7 @@ impl FitArgs {
             train_groups: &group_rows(&train.groups),
             test_groups: &group_rows(&test.groups),
             outliers: found.outliers,
-            figure: &fit_figure(&title, file.calibration.axes, &of_train, of_test),
+            figure: &fit_figure(Size::Screen, &title, file.calibration.axes, &of_train, of_test),
             coverage: &coverage_figure(&train.loads, &test.loads),
         };
         Ok(report.html())

@@ -36,6 +36,7 @@ use self::report::{Known, report};
 use self::weighing::in_words;
 use super::choices::{ModelArg, SolverArg};
 use super::covariance::{CovarianceArg, warn_of_few_groups};
+use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs};
 use super::origin;
 use super::outliers::report as outlier_reports;
@@ -146,6 +147,9 @@ pub(crate) struct FitArgs {
     /// Draw predicted against measured, and the residuals
     #[arg(long, value_name = "FILE.svg|pdf|png")]
     plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
 
     /// Write a report: errors by axis and by pose, which loads were calibrated, which model and why, and what
     /// the calibration must not be used for
@@ -523,7 +527,9 @@ impl FitArgs {
             let title = format!("Calibration {}", file.calibration.name());
             let test = (!self.test.is_empty()).then_some(test);
             let axes = file.calibration.axes;
-            output.write_all(&fit_figure(&title, axes, train, test).render(format)?)?;
+            output.write_all(
+                &fit_figure(self.figure_size.size(), &title, axes, train, test).render(format)?,
+            )?;
             output.commit()?;
         }
         Ok(())

@@ -1,9 +1,12 @@
-//! `shellcal live`: forces as they come, in the terminal.
+//! `shellcal live`: forces as they come, in the terminal or in a browser.
 
+mod browser;
 mod canvas;
 mod screen;
+mod session;
 mod view;
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -11,6 +14,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use log_file::Log;
+use serde_json::json;
 use shared_proto::Framing;
 use shell_data::wrench::Axes;
 use shellcal::calibration_file::CalibrationFile;
@@ -29,12 +33,14 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
-use view::{Logs, View};
+use session::{Logs, Session, Until};
+use view::Look;
 
 const EXAMPLES: &str = "\
 Examples:
   shellcal live /dev/ttyUSB0 --start --calibration calibration.json
   shellcal live run3.csv --calibration calibration.json --speed 4
+  shellcal live /dev/ttyUSB0 --start --calibration calibration.json --serve
 
 Keys: t and T tare and untare what is shown, space pauses, + and - zoom in time, m marks a moment,
 r starts and ends a recording, q ends";
@@ -87,8 +93,19 @@ pub(crate) struct LiveArgs {
     #[arg(long, value_name = "S", value_parser = parse_duration)]
     duration: Option<Duration>,
 
+    /// Show it in a browser, not in the terminal, at the address that is printed; at 127.0.0.1 unless told
+    /// otherwise, on a free port where that is 0
+    #[arg(
+        long,
+        value_name = "IP:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = browser::LOOPBACK
+    )]
+    serve: Option<SocketAddr>,
+
     /// Draw with ASCII [default: where the locale is not UTF-8]
-    #[arg(long)]
+    #[arg(long, conflicts_with = "serve")]
     ascii: bool,
 
     /// How the bytes are framed; recognised unless given
@@ -129,7 +146,10 @@ impl LiveArgs {
             (false, Some(_)) => anyhow::bail!("a log that is played is not recorded again"),
         };
         // What cannot work is said before the screen is taken.
-        view::require_terminal()?;
+        let served = match self.serve {
+            Some(at) => Some(browser::start(at)?),
+            None => view::require_terminal().map(|()| None)?,
+        };
         let first = logs.as_mut().filter(|_| self.output.is_some()).map(Logs::next).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
         let (source, recorded) = match is_port {
@@ -139,24 +159,29 @@ impl LiveArgs {
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
-        let mut view = View {
-            model,
-            rows,
-            feed,
-            logs,
-            name,
-            is_ascii: self.ascii || !view::is_utf8(),
-            color: printer.is_colored(),
-            duration: self.duration,
+        let mut session = Session::new(model, rows, feed, logs, name, self.duration);
+        let until = Until {
+            is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
+            is_over: &|| source.is_finished(),
         };
-        let ends = || stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed);
-        let shown = view.run(&ends, &|| source.is_finished());
+        let is_served = served.is_some();
+        let shown = match served {
+            Some((server, address)) => announce(printer, server.address(), &address)
+                .and_then(|()| browser::run(&mut session, server, &until)),
+            None => {
+                let is_ascii = self.ascii || !view::is_utf8();
+                view::run(&mut session, Look { is_ascii, color: printer.is_colored() }, &until)
+            }
+        };
         done.store(true, Ordering::Relaxed);
         let ended =
             source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
-        let shown = shown?;
-        for line in view.report(&shown) {
-            printer.line(line)?;
+        shown?;
+        for line in session.report() {
+            match is_served && printer.json() {
+                true => printer.note(line),
+                false => printer.line(line)?,
+            }
         }
         ended?;
         Ok(Outcome::Done)
@@ -220,6 +245,20 @@ impl LiveArgs {
         let (feed, done, speed) = (feed.clone(), Arc::clone(done), self.speed);
         let run = move || end_with(play(&log, &read, wants_readings, speed, &feed, &done), &done);
         Ok((thread::Builder::new().name("play".to_owned()).spawn(run)?, axes))
+    }
+}
+
+/// Says where to look.
+fn announce(printer: &mut Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
+    if !at.ip().is_loopback() {
+        printer.warning(
+            "other machines reach this view, over HTTP, which is not encrypted: whoever has its address can \
+             look on and end a recording",
+        );
+    }
+    match printer.json() {
+        true => printer.document(&json!({ "address": address })),
+        false => printer.line(format!("live at {address}\nCtrl-C ends it")),
     }
 }
 

@@ -13,6 +13,7 @@ use shellcal::workflow::batch::Batch;
 use shellcal::workflow::figures::{FigureFolder, reduce_trace};
 
 use super::manifest;
+use crate::cmd::figure_size::FigureSize;
 use crate::files::OutputPlace;
 
 /// The tables of a batch, which are also the names of their files. A share of the trials has no conditions.
@@ -54,6 +55,9 @@ pub(crate) struct OutputArgs {
     /// `LOG.LINE.telemetry`
     #[arg(long, value_name = "DIR")]
     pub(crate) figures: Option<OutputPlace>,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
 
     /// The formats of figures
     #[arg(long, value_name = "FORMATS", value_enum, value_delimiter = ',', default_values_t = [FormatArg::Svg, FormatArg::Png], requires = "figures")]
@@ -103,7 +107,7 @@ impl OutputArgs {
     ) -> anyhow::Result<Option<FigureFolder<'a>>> {
         let Some(directory) = &self.figures else { return Ok(None) };
         let formats: Vec<Format> = self.figure_format.iter().map(|&format| format.into()).collect();
-        Ok(Some(FigureFolder::create(outputs, directory, &formats)?))
+        Ok(Some(FigureFolder::create(outputs, directory, &formats, self.figure_size.size())?))
     }
 
     /// What has to be kept of a log for the outputs.

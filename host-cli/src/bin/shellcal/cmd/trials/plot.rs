@@ -15,6 +15,7 @@ use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;
+use crate::cmd::figure_size::FigureSize;
 use crate::cmd::frames::parse_window;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
@@ -75,6 +76,9 @@ struct OneArgs {
     output: OutputPath,
 
     #[command(flatten)]
+    figure_size: FigureSize,
+
+    #[command(flatten)]
     evaluation: EvaluationArgs,
 }
 
@@ -91,6 +95,9 @@ struct ManyArgs {
     /// File to write: `.svg`, `.pdf` or `.png`
     #[arg(long, short, value_name = "FILE")]
     output: OutputPath,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
@@ -114,7 +121,7 @@ impl OneArgs {
         outputs: &Outputs,
         telemetry: bool,
     ) -> anyhow::Result<Outcome> {
-        let format = Format::of(&self.output)?;
+        let (format, size) = (Format::of(&self.output)?, self.figure_size.size());
         // A path that cannot be written is an error before the work.
         outputs.probe(&self.output)?;
         let equipment = self.evaluation.equipment()?;
@@ -134,7 +141,7 @@ impl OneArgs {
         let figure = match telemetry {
             true => {
                 let range_s = between.unwrap_or_else(|| some_strides(row, &trace));
-                stack_figure(&title, &trace, &passage, range_s)
+                stack_figure(size, &title, &trace, &passage, range_s)
             }
             false => {
                 if trace.wrench[0].is_empty() {
@@ -146,7 +153,7 @@ impl OneArgs {
                     Some([from_s, to_s]) => trace.within(from_s, to_s),
                     None => trace,
                 };
-                drag_lift_figure(&title, &shown, &passage)
+                drag_lift_figure(size, &title, &shown, &passage)
             }
         };
         write(printer, outputs, &self.output, format, &figure, Some(row))
@@ -160,7 +167,7 @@ impl ManyArgs {
         outputs: &Outputs,
         phase: bool,
     ) -> anyhow::Result<Outcome> {
-        let format = Format::of(&self.output)?;
+        let (format, size) = (Format::of(&self.output)?, self.figure_size.size());
         outputs.probe(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let manifest = manifest::read(&self.manifest, outputs)?;
@@ -182,14 +189,14 @@ impl ManyArgs {
             if phases.is_empty() {
                 bail!("no trial has strides with forces to draw");
             }
-            phase_figure(&title("Drag and lift over a stride"), &phases)
+            phase_figure(size, &title("Drag and lift over a stride"), &phases)
         } else {
             // Intervals are not drawn: any seed will do.
             let conditions = batch.statistics(None, 1);
             if conditions.is_empty() {
                 bail!("no trial could be evaluated");
             }
-            box_figure(&title("Energies and specific resistance"), &conditions)
+            box_figure(size, &title("Energies and specific resistance"), &conditions)
         };
         let outcome = write(printer, outputs, &self.output, format, &figure, None)?;
         Ok(if failed { Outcome::CheckFailed } else { outcome })

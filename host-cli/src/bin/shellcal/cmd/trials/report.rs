@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use shellcal::output::Outputs;
-use shellcal::report::{Input, Report};
+use shellcal::report::{Heading, Input, Report};
 use shellcal::trial::{TraceExtent, TrialResult};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
@@ -82,6 +82,8 @@ impl ReportArgs {
             (failure.file.clone(), format!("{place}: {}", failure.message))
         };
         let failures: Vec<_> = batch.failures.iter().map(of_failure).collect();
+        let (mapping, read) = (&equipment.mapping, evaluation.read_options());
+        let doubtful = report::doubtful(&batch, mapping, equipment.instrument(), options, read)?;
         let trials: Vec<TrialResult> =
             batch.trials.drain(..).map(|trial| trial.evaluated.result).collect();
         let name = evaluation.calibration().map(|path| path.display().to_string());
@@ -89,10 +91,12 @@ impl ReportArgs {
         let calibration = calibration.map(|(name, file)| report::calibration_facts(&name, file));
         let title = self.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
         let document = Report {
-            title: &title,
-            made_by: &origin::program(),
-            date: &origin::date()?,
-            command: &origin::command_line(),
+            heading: Heading {
+                title: &title,
+                made_by: &origin::program(),
+                date: &origin::date()?,
+                command: &origin::command_line(),
+            },
             trials: &trials,
             failed: &failures,
             conditions: &conditions,
@@ -102,6 +106,7 @@ impl ReportArgs {
             robot_length_m: equipment.profile.robot.length_m,
             channel_length_m: equipment.profile.channel.length_m,
             inputs: &inputs,
+            doubtful,
             warnings: &warnings,
         };
         let html = document.html();

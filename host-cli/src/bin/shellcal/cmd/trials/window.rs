@@ -9,6 +9,7 @@ use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOpt
 use shellcal::workflow::trial::{TrialJob, WindowSearch, search_window};
 
 use super::evaluation::EvaluationArgs;
+use crate::cmd::figure_size::FigureSize;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -31,6 +32,9 @@ pub(crate) struct WindowArgs {
     /// Draw the drag and what was found in it, as SVG, PDF or PNG; of one log
     #[arg(long, value_name = "FILE")]
     plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
@@ -70,7 +74,13 @@ impl WindowArgs {
             let WindowSearch { time_s, drag_n, proposal } = search_window(&job)?;
             let name = path.display().to_string();
             if let (Some(file), Some(format)) = (&self.plot, format) {
-                let figure = window_figure(&name, &time_s, &drag_n, proposal.as_ref());
+                let figure = window_figure(
+                    self.figure_size.size(),
+                    &name,
+                    &time_s,
+                    &drag_n,
+                    proposal.as_ref(),
+                );
                 outputs.write(file, &figure.render(format)?)?;
             }
             found.push(Found::new(name, proposal));

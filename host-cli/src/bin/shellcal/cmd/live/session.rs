@@ -1,0 +1,277 @@
+//! A live view apart from where it is shown: frames come in, and what the user wants is done.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use shellcal::link::{Journal, Progress, Wish};
+use shellcal::live::LiveModel;
+use shellcal::output::OutputError;
+use shellcal::recording::protocol_name;
+use shellcal::workflow::live::{Feed, LiveRows};
+
+use super::super::record::{clock, list_losses};
+
+/// Time from picture to picture: thirty a second.
+pub(super) const PERIOD: Duration = Duration::from_micros(33_333);
+
+/// What a user can do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Action {
+    Tare,
+    Untare,
+    Pause,
+    ZoomIn,
+    ZoomOut,
+    Mark,
+    Record,
+}
+
+/// A live view and what it is of.
+pub(super) struct Session {
+    pub(super) model: LiveModel,
+    rows: LiveRows,
+    feed: Feed,
+    /// The logs that are written; `None` where nothing can be recorded.
+    logs: Option<Logs>,
+    pub(super) name: String,
+    duration: Option<Duration>,
+    started: Instant,
+    elapsed: Duration,
+    /// Frames so far, and pictures of them.
+    frames: u64,
+    pub(super) pictures: u64,
+    /// Whether the source has ended.
+    is_over: bool,
+    /// What has just been done.
+    pub(super) message: String,
+}
+
+/// What tells a view to end: whoever runs it, and its source.
+pub(super) struct Until<'a> {
+    pub(super) is_stopped: &'a dyn Fn() -> bool,
+    pub(super) is_over: &'a dyn Fn() -> bool,
+}
+
+/// The logs that one view writes, one after the other.
+#[derive(Debug)]
+pub(super) struct Logs {
+    path: Option<PathBuf>,
+    overwrite: bool,
+    written: Vec<String>,
+    is_on: bool,
+}
+
+impl Logs {
+    /// The first of them, if it has a name.
+    pub(super) fn new(path: Option<PathBuf>, overwrite: bool) -> Self {
+        Self { path, overwrite, written: Vec::new(), is_on: false }
+    }
+
+    /// Makes the next: `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there.
+    pub(super) fn next(&mut self) -> anyhow::Result<Journal> {
+        let base = self.path.clone().unwrap_or_else(|| PathBuf::from("live.csv"));
+        let mut number = self.written.len() + 1;
+        loop {
+            let path = numbered(&base, number);
+            // A name that was given is meant; one that was made must not be in the way.
+            let is_given = number == 1 && self.path.is_some();
+            match Journal::create(&path, self.overwrite && is_given) {
+                Err(OutputError::Failed { source, .. })
+                    if !is_given && source.kind() == io::ErrorKind::AlreadyExists =>
+                {
+                    number += 1;
+                }
+                journal => {
+                    let journal = journal?;
+                    self.written.push(path.display().to_string());
+                    self.is_on = true;
+                    return Ok(journal);
+                }
+            }
+        }
+    }
+
+    fn current(&self) -> Option<&str> {
+        self.written.last().filter(|_| self.is_on).map(String::as_str)
+    }
+}
+
+fn numbered(base: &Path, number: usize) -> PathBuf {
+    if number == 1 {
+        return base.to_path_buf();
+    }
+    let stem = base.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = base.extension().map(|ending| format!(".{}", ending.to_string_lossy()));
+    base.with_file_name(format!("{stem}-{number}{}", ending.unwrap_or_default()))
+}
+
+impl Session {
+    pub(super) fn new(
+        model: LiveModel,
+        rows: LiveRows,
+        feed: Feed,
+        logs: Option<Logs>,
+        name: String,
+        duration: Option<Duration>,
+    ) -> Self {
+        Self {
+            model,
+            rows,
+            feed,
+            logs,
+            name,
+            duration,
+            started: Instant::now(),
+            elapsed: Duration::ZERO,
+            frames: 0,
+            pictures: 0,
+            is_over: false,
+            message: String::new(),
+        }
+    }
+
+    /// Takes the frames that have come; whether to go on. A log that has been played to its end stays.
+    pub(super) fn advance(&mut self, until: &Until<'_>) -> anyhow::Result<bool> {
+        let mut frames = Vec::new();
+        self.feed.fetch(&mut frames);
+        for row in self.rows.of(&frames)? {
+            self.model.push(row);
+        }
+        self.frames += frames.len() as u64;
+        self.elapsed = self.started.elapsed();
+        self.is_over = (until.is_over)() && self.feed.waiting() == 0;
+        // A port that is gone for good has something to say, which a screen would hide.
+        let is_gone = self.is_over && self.logs.is_some();
+        let is_out_of_time = self.duration.is_some_and(|end| self.elapsed >= end);
+        Ok(!((until.is_stopped)() || is_out_of_time || is_gone))
+    }
+
+    /// Whether there is something to record.
+    pub(super) fn can_record(&self) -> bool {
+        self.logs.is_some()
+    }
+
+    /// The log that is being written.
+    pub(super) fn recording(&self) -> Option<&str> {
+        self.logs.as_ref().and_then(Logs::current)
+    }
+
+    pub(super) fn obey(&mut self, action: Action) {
+        self.message = match action {
+            Action::Tare => {
+                self.model.begin_tare();
+                "taring what is shown; a log keeps its own tare".to_owned()
+            }
+            Action::Untare => {
+                self.model.end_tare();
+                "no tare but that of the calibration's first frames".to_owned()
+            }
+            Action::Pause => {
+                self.model.toggle_pause();
+                self.feed.hold(self.model.is_paused());
+                let more = if self.logs.is_some() { "; recording goes on" } else { "" };
+                match self.model.is_paused() {
+                    true => format!("paused{more}"),
+                    false => String::new(),
+                }
+            }
+            Action::ZoomIn => {
+                self.model.zoom_in();
+                String::new()
+            }
+            Action::ZoomOut => {
+                self.model.zoom_out();
+                String::new()
+            }
+            Action::Mark => match self.model.mark() {
+                Some(mark) => {
+                    self.feed.ask(Wish::Mark { index: mark.index, number: mark.number });
+                    format!("mark {} at {:.3} s", mark.number, mark.time_s)
+                }
+                None => return,
+            },
+            Action::Record => self.toggle_recording(),
+        };
+    }
+
+    fn toggle_recording(&mut self) -> String {
+        let Some(logs) = &mut self.logs else {
+            return "a log that is played is not recorded again".to_owned();
+        };
+        if let Some(log) = logs.current() {
+            let said = format!("recorded `{log}`");
+            logs.is_on = false;
+            self.feed.ask(Wish::Rest);
+            return said;
+        }
+        match logs.next() {
+            Ok(journal) => {
+                self.feed.ask(Wish::Record(journal));
+                format!("recording to `{}`", logs.current().unwrap_or_default())
+            }
+            Err(error) => format!("{error:#}"),
+        }
+    }
+
+    /// How it goes, in a line.
+    pub(super) fn state(&self) -> String {
+        if self.logs.is_none() {
+            return match self.is_over {
+                true => "played to its end".to_owned(),
+                false => format!("playing, {}", clock(self.elapsed)),
+            };
+        }
+        let Some(progress) = self.feed.progress() else { return "waiting".to_owned() };
+        let Progress { rate_hz, frames, bytes, ref losses, .. } = progress;
+        let time = clock(progress.elapsed);
+        match progress.protocol {
+            _ if !progress.connected => format!("{time}  port is gone, waiting for it"),
+            None if bytes == 0 => format!("{time}  nothing arrives; `--start` starts a board"),
+            None => format!("{time}  {bytes} bytes, no frame so far"),
+            Some(protocol) => {
+                let lost = list_losses(losses);
+                let lost = if lost.is_empty() { "nothing lost" } else { &lost };
+                format!(
+                    "{}  {time}  {rate_hz:.1} Hz  {frames} frames  {lost}",
+                    protocol_name(protocol)
+                )
+            }
+        }
+    }
+
+    /// What is said at the end.
+    pub(super) fn report(&self) -> Vec<String> {
+        let Self { frames, pictures, elapsed, .. } = self;
+        let seconds = elapsed.as_secs_f64();
+        let mut lines = vec![format!(
+            "{frames} frames in {seconds:.1} s, {pictures} pictures, {} frames not shown",
+            self.feed.left_out()
+        )];
+        let logs = self.logs.iter().flat_map(|logs| &logs.written);
+        lines.extend(logs.map(|log| format!("recorded `{log}`")));
+        let marks = self.model.marks().iter();
+        lines.extend(marks.map(|mark| format!("mark {} at {:.3} s", mark.number, mark.time_s)));
+        lines
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logs_are_numbered_and_none_is_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.csv");
+        std::fs::write(dir.path().join("run-2.csv"), "mine").unwrap();
+        let mut logs = Logs::new(Some(path.clone()), false);
+        let mut journals = vec![logs.next().unwrap(), logs.next().unwrap()];
+        let names: Vec<_> =
+            logs.written.iter().map(Path::new).map(|p| p.file_name().unwrap()).collect();
+        assert_eq!(names, ["run.csv", "run-3.csv"]);
+        assert_eq!(std::fs::read(dir.path().join("run-2.csv")).unwrap(), b"mine");
+        journals.clear();
+        assert!(Logs::new(Some(path), false).next().is_err(), "a name that was given is taken");
+    }
+}

@@ -1,0 +1,44 @@
+//! Rows of logs that are not to be trusted, and why.
+
+use super::markup::{Cell, escape, table};
+
+/// Rows that are not to be trusted.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outliers {
+    /// As many of them as are shown.
+    pub rows: Vec<OutlierRow>,
+    /// All of them.
+    pub count: usize,
+    /// Whether they were left out.
+    pub left_out: bool,
+}
+
+/// A row that is not to be trusted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutlierRow {
+    /// Its log.
+    pub file: String,
+    /// Its line, or row of a table.
+    pub line: u64,
+    /// What is wrong with it.
+    pub what: String,
+}
+
+impl Outliers {
+    /// A sentence about them, and a table of the rows.
+    pub(super) fn html(&self, sentence: &str, caption: &str) -> String {
+        if self.count == 0 {
+            return "<p>None was found.</p>\n".to_owned();
+        }
+        let header = [("log", true), ("line", false), ("what", true)];
+        let cells = |row: &OutlierRow| {
+            vec![Cell::Text(row.file.clone()), Cell::from(row.line), Cell::Long(row.what.clone())]
+        };
+        let caption = match self.rows.len() == self.count {
+            true => caption.to_owned(),
+            false => format!("The first {} of them", self.rows.len()),
+        };
+        let rows: Vec<_> = self.rows.iter().map(cells).collect();
+        format!("<p>{}</p>\n{}", escape(sentence), table(&caption, &header, &rows))
+    }
+}

@@ -1,0 +1,167 @@
+//! The head of a request, and what may be wrong with it.
+
+/// The longest head of a request, bytes: that of a browser has about one thousand.
+pub(super) const LONGEST: usize = 8192;
+
+/// What is answered to a request that is not obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Refusal {
+    Malformed,
+    NoToken,
+    NotFound,
+    Method,
+    TooSlow,
+    Body,
+    Host,
+    TooLong,
+    Busy,
+    Version,
+}
+
+impl Refusal {
+    /// The line of the status (RFC 9110), and what to say to people.
+    pub(super) fn status(self) -> (&'static str, &'static str) {
+        match self {
+            Refusal::Malformed => ("400 Bad Request", "this is no request of HTTP 1.1"),
+            Refusal::NoToken => (
+                "403 Forbidden",
+                "the token is missing or is that of an earlier run: open the address as it was printed",
+            ),
+            Refusal::NotFound => ("404 Not Found", "there is no such page"),
+            Refusal::Method => ("405 Method Not Allowed", "pages are read, orders are posted"),
+            Refusal::TooSlow => ("408 Request Timeout", "the request took too long"),
+            Refusal::Body => ("413 Content Too Large", "no request has a body"),
+            Refusal::Host => (
+                "421 Misdirected Request",
+                "open the address as it was printed: by number, or as localhost",
+            ),
+            Refusal::TooLong => ("431 Request Header Fields Too Large", "the request is too long"),
+            Refusal::Busy => ("503 Service Unavailable", "too many orders wait"),
+            Refusal::Version => ("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken"),
+        }
+    }
+}
+
+/// How something is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Method {
+    Get,
+    Post,
+}
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Request<'a> {
+    pub(super) method: Method,
+    pub(super) path: &'a str,
+    /// The value of `token=` in the address; empty if there is none.
+    pub(super) token: &'a str,
+    pub(super) host: &'a str,
+}
+
+/// Where the head of a request ends, its empty line included; bytes before `from` were looked at.
+pub(super) fn end_of_head(bytes: &[u8], from: usize) -> Option<usize> {
+    let from = from.saturating_sub(3).min(bytes.len());
+    let place = bytes[from..].windows(4).position(|window| window == b"\r\n\r\n")?;
+    Some(from + place + 4)
+}
+
+/// Reads a whole head.
+pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, Refusal> {
+    let text = std::str::from_utf8(head).map_err(|_| Refusal::Malformed)?;
+    let text = text.strip_suffix("\r\n\r\n").ok_or(Refusal::Malformed)?;
+    let mut lines = text.split("\r\n");
+    let mut words = lines.next().unwrap_or_default().split(' ');
+    let (Some(method), Some(target), Some(version), None) =
+        (words.next(), words.next(), words.next(), words.next())
+    else {
+        return Err(Refusal::Malformed);
+    };
+    if !version.starts_with("HTTP/") || !target.starts_with('/') {
+        return Err(Refusal::Malformed);
+    }
+    if version != "HTTP/1.1" {
+        return Err(Refusal::Version);
+    }
+    let mut host = None;
+    for line in lines {
+        let (name, value) = line.split_once(':').ok_or(Refusal::Malformed)?;
+        // A line that begins with a space would go on the one before, which no browser sends any more.
+        if name.is_empty() || name.bytes().any(|byte| byte <= b' ' || byte >= 127) {
+            return Err(Refusal::Malformed);
+        }
+        let value = value.trim_matches([' ', '\t']);
+        if name.eq_ignore_ascii_case("host") {
+            if host.replace(value).is_some() {
+                return Err(Refusal::Malformed);
+            }
+        } else if name.eq_ignore_ascii_case("transfer-encoding")
+            || name.eq_ignore_ascii_case("content-length") && value != "0"
+        {
+            return Err(Refusal::Body);
+        }
+    }
+    let method = match method {
+        "GET" => Method::Get,
+        "POST" => Method::Post,
+        _ => return Err(Refusal::Method),
+    };
+    let (path, query) = target.split_once('?').unwrap_or((target, ""));
+    let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
+    Ok(Request { method, path, token, host: host.ok_or(Refusal::Malformed)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_of_a_browser_is_understood() {
+        let head =
+            b"GET /events?x=1&token=ab12 HTTP/1.1\r\nHost: localhost:80\r\nAccept: */*\r\n\r\n";
+        let request =
+            Request { method: Method::Get, path: "/events", token: "ab12", host: "localhost:80" };
+        assert_eq!(parse(head), Ok(request));
+        let head = b"POST /mark HTTP/1.1\r\nhOST:\tlocalhost \r\nContent-Length: 0\r\n\r\n";
+        let request = Request { method: Method::Post, path: "/mark", token: "", host: "localhost" };
+        assert_eq!(parse(head), Ok(request));
+    }
+
+    #[test]
+    fn what_is_no_request_is_refused() {
+        let refused =
+            |head: &str, why: Refusal| assert_eq!(parse(head.as_bytes()), Err(why), "{head}");
+        for head in [
+            "\r\n\r\n",
+            "GET /\r\n\r\n",
+            "GET  / HTTP/1.1\r\nHost: a\r\n\r\n",
+            "GET / HTTP/1.1 x\r\nHost: a\r\n\r\n",
+            "GET http://a/ HTTP/1.1\r\nHost: a\r\n\r\n",
+            "GET / HTTP/1.1\r\n\r\n",
+            "GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n",
+            "GET / HTTP/1.1\r\nHost: a\r\n and more\r\n\r\n",
+            "GET / HTTP/1.1\r\nHost : a\r\n\r\n",
+            "GET / HTTP/1.1\r\nHost: a\r\nno colon\r\n\r\n",
+            "GET / FTP/1.1\r\nHost: a\r\n\r\n",
+        ] {
+            refused(head, Refusal::Malformed);
+        }
+        assert_eq!(parse(b"GET /\xff HTTP/1.1\r\nHost: a\r\n\r\n"), Err(Refusal::Malformed));
+        refused("GET / HTTP/2\r\nHost: a\r\n\r\n", Refusal::Version);
+        refused("DELETE / HTTP/1.1\r\nHost: a\r\n\r\n", Refusal::Method);
+        refused("POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n\r\n", Refusal::Body);
+        refused("POST / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n", Refusal::Body);
+    }
+
+    #[test]
+    fn the_end_of_a_head_is_found_however_it_arrives() {
+        let head = b"GET / HTTP/1.1\r\nHost: a\r\n\r\nrest";
+        let end = head.len() - 4;
+        assert_eq!(end_of_head(head, 0), Some(end));
+        for looked_at in 0..end {
+            assert_eq!(end_of_head(&head[..looked_at], 0), None);
+            assert_eq!(end_of_head(head, looked_at), Some(end), "{looked_at}");
+        }
+        assert_eq!(end_of_head(b"", 7), None);
+    }
+}

@@ -1,0 +1,191 @@
+//! `shellcal live --serve` in a headless browser, on a simulated board.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use serde_json::Value;
+use shellcal::simulation::radio::Faults;
+use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
+use system_tests::browser::Browser;
+use system_tests::chromium;
+use system_tests::program::{Recording, command, interrupt, run, run_patiently};
+
+use crate::page_rules::{check_rules, contrast, keep};
+
+/// A board in this process, so that its clock can be held against that of the browser.
+struct Board {
+    board: SimulatedBoard,
+    /// When its clock was zero at the earliest, ms since 1970.
+    from_ms: f64,
+}
+
+impl Board {
+    fn start(dir: &Path) -> Self {
+        let from_ms = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64() * 1e3;
+        let board = SimulatedBoard::start(Settings {
+            load: Load::hands(2),
+            seed: 2,
+            unit_seed: 1,
+            noise_scale: 1.0,
+            faults: Faults::default(),
+        });
+        let board = board.unwrap();
+        // At a rate that a busy machine simulates without delay: a board that is late is not what is measured.
+        run_patiently(dir, &format!("board {} rate 100", board.port()), 0);
+        Self { board, from_ms }
+    }
+}
+
+/// The program that serves the page.
+struct Server {
+    child: Child,
+    address: String,
+}
+
+impl Server {
+    fn start(dir: &Path, arguments: &str) -> Self {
+        let child = command(dir)
+            .args(arguments.split_whitespace())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn();
+        let mut child = child.unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+        let address = line.trim_end().strip_prefix("live at ").unwrap_or_else(|| panic!("{line}"));
+        Self { address: address.to_owned(), child }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        _ = self.child.kill();
+        _ = self.child.wait();
+    }
+}
+
+/// The delay of every picture, from the sample of its newest row to when it is drawn, ms, in order of size.
+fn delays(browser: &mut Browser, board: &Board) -> Vec<f64> {
+    let watch = "(() => { window.seen = []; const now = document.getElementById('now'); \
+        new MutationObserver(() => window.seen.push([Date.now(), parseFloat(now.textContent)]))\
+        .observe(now, { childList: true, characterData: true, subtree: true }); return 0; })()";
+    browser.evaluate(watch);
+    browser.wait_for("window.seen.length >= 100");
+    let seen = browser.evaluate("window.seen");
+    let delay = |pair: &Value| {
+        let [drawn_ms, time_s] = [0, 1].map(|at| pair[at].as_f64().unwrap());
+        drawn_ms - (board.from_ms + 1e3 * time_s)
+    };
+    let mut delays: Vec<f64> = seen.as_array().unwrap().iter().map(delay).collect();
+    delays.sort_by(f64::total_cmp);
+    delays
+}
+
+/// How far the right end of each trace is from the value beside it, as a share of the trace's height: what is
+/// drawn is looked at point by point. Grey is the zero line.
+const OFF: &str = "(() => [...document.querySelectorAll('.trace')].map((row) => {\
+    const canvas = row.querySelector('canvas'), { width, height } = canvas;\
+    const points = canvas.getContext('2d').getImageData(width - 6, 0, 6, height).data;\
+    const rows = []; for (let y = 0; y < height; y++) for (let x = 0; x < 6; x++) {\
+      const [r, g, b, a] = points.slice(4 * (6 * y + x), 4 * (6 * y + x) + 4);\
+      if (a > 100 && Math.max(r, g, b) - Math.min(r, g, b) > 40) { rows.push(y); break; } }\
+    const [value, scale] = [row.querySelectorAll('b span')[1], row.querySelectorAll('.quiet')[1]].map((e) => parseFloat(e.textContent.replace('−', '-').replace(/[^-+\\d.]/g, '')));\
+    const expected = height * (1 - value / scale) / 2;\
+    return rows.length ? Math.max(0, rows[0] - expected, expected - rows[rows.length - 1]) / height : 1; }))()";
+
+#[test]
+#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+fn the_page_follows_the_board() {
+    let chromium = chromium::find().unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    run(dir, "synth train --rows 5000 --output train.csv", 0);
+    run(dir, "fit train.csv --output cal.json", 0);
+    let board = Board::start(dir);
+    let port = board.board.port();
+    let arguments = format!("live {port} --start --calibration cal.json --output log.csv --serve");
+    let server = Server::start(dir, &arguments);
+    let mut browser = Browser::start(&chromium, [1400, 900], false);
+    browser.visit(&server.address);
+    browser.wait_for("document.querySelectorAll('.trace').length === 6 && !document.getElementById('arrows').hidden");
+    assert_eq!(browser.evaluate("document.querySelectorAll('.channel').length"), 8);
+
+    let delays = delays(&mut browser, &board);
+    let [median, worst] = [delays[50], delays[delays.len() - 1]];
+    println!("{median:.0} ms from a sample to its picture (median), {worst:.0} ms at most");
+    // The middle one, since a machine that others use may be late now and then. A sample is older than its
+    // picture.
+    assert!((0.0..200.0).contains(&median), "{delays:?}");
+
+    // What is drawn is what is said.
+    browser.click("document.querySelector('[data-order=pause]')");
+    browser.wait_for("document.getElementById('flags').textContent.includes('PAUSED')");
+    browser.wait_for(
+        "document.querySelector('[data-order=pause]').getAttribute('aria-pressed') === 'true'",
+    );
+    let off = browser.evaluate(OFF);
+    let off: Vec<f64> = off.as_array().unwrap().iter().map(|off| off.as_f64().unwrap()).collect();
+    // The line is 1.5 points wide on canvases of 50 and more.
+    assert!(off.len() == 6 && off.iter().all(|&off| off < 0.04), "{off:?}");
+    browser.press(" ");
+    browser.wait_for("!document.getElementById('flags').textContent.includes('PAUSED')");
+
+    for (order, effect) in [
+        ("mark", "document.getElementById('message').textContent.startsWith('mark 1 at')"),
+        ("zoom-in", "document.getElementById('from').textContent === '−5 s'"),
+        ("zoom-out", "document.getElementById('from').textContent === '−10 s'"),
+        ("tare", "document.getElementById('message').textContent.startsWith('taring')"),
+        ("untare", "document.getElementById('message').textContent.startsWith('no tare')"),
+    ] {
+        browser.click(&format!("document.querySelector('[data-order={order}]')"));
+        browser.wait_for(effect);
+    }
+    keep(&browser.screenshot(), "live-1400.png.base64");
+
+    // Others look on, on other screens, in the dark.
+    for (width, dark) in [(1400, false), (1024, true), (390, false), (390, true)] {
+        let mut other = Browser::start(&chromium, [width, 800], width < 500);
+        if dark {
+            other.prefer_dark();
+        }
+        other.visit(&server.address);
+        other.wait_for("document.querySelectorAll('.trace').length === 6");
+        let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
+        assert_eq!(other.evaluate(beyond), 0, "{width}");
+        // Nor is anything cut off at the side.
+        let cut = "[...document.querySelectorAll('body *')].filter((e) => e.getBoundingClientRect().right > document.documentElement.clientWidth + 0.5).map((e) => e.outerHTML.slice(0, 80))";
+        assert_eq!(other.evaluate(cut), Value::Array(Vec::new()), "{width}");
+        assert!(contrast(&mut other) > 4.5, "{width}");
+        let paper = other.evaluate("getComputedStyle(document.body).backgroundColor");
+        assert_eq!(paper == "rgb(255, 255, 255)", !dark);
+        check_rules(&mut other);
+        keep(&other.screenshot(), &format!("live-{width}-{dark}.png.base64"));
+        assert_eq!(other.complaints(), Vec::<String>::new(), "{width}");
+    }
+
+    browser.click("document.querySelector('[data-order=record]')");
+    browser.wait_for("document.getElementById('message').textContent === 'recorded `log.csv`'");
+    interrupt(&server.child);
+    browser.wait_for("document.getElementById('state').textContent === 'the program has ended'");
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+    // The page asks for itself, its events and its orders.
+    let requests = browser.requests();
+    let origin = server.address.split("/?").next().unwrap();
+    assert!(requests.iter().all(|request| request.starts_with(origin)), "{requests:?}");
+
+    let log = Recording::read(&dir.join("log.csv"));
+    let index = log.numbers("index");
+    assert!(index.len() > 300, "{} rows", index.len());
+    assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
+    assert_eq!(log.text("flags").iter().filter(|flags| flags.contains("mark1")).count(), 1);
+    // What the program says of how it ended.
+    let mut server = server;
+    let deadline = SystemTime::now() + Duration::from_secs(60);
+    while server.child.try_wait().unwrap().is_none() {
+        assert!(SystemTime::now() < deadline, "it does not end");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(server.child.wait().unwrap().code(), Some(0));
+}
