@@ -2,6 +2,7 @@
 
 mod choice;
 mod html;
+mod means;
 mod outliers;
 mod partial;
 mod physics;
@@ -111,6 +112,11 @@ pub(crate) struct FitArgs {
         value_parser = parse_cv
     )]
     cv: Option<HeldOut>,
+
+    /// Fit to the mean of each group of rows, each counted once: the group column, files, or plateaus that are
+    /// found. Test logs are compared row by row
+    #[arg(long, conflicts_with_all = ["partial", "residuals"])]
+    means: bool,
 
     /// Which way rows are dealt into the random folds that `--cv` compares with
     #[arg(long, value_name = "N", default_value_t = 1, requires = "held_out")]
@@ -238,6 +244,10 @@ impl FitArgs {
             self.ridge == 0.0 || self.solver.0 != SolverKind::RidgeGcv,
             "`--solver ridge-gcv` finds the parameter itself: leave out `--ridge`"
         );
+        anyhow::ensure!(
+            !self.means || !matches!(self.model, ModelArg::Physics),
+            "`--model physics` is fitted to means of stretches of rows of its own: leave out `--means`"
+        );
         let mapping = self.mapping.mapping()?;
         let train = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
         let dropped = self.drop_rows(&train, printer, outputs)?;
@@ -252,6 +262,12 @@ impl FitArgs {
         let axes = agree_on_axes(&train, &mut test)?;
         note_axes(axes, printer);
         let opened = self.open_outputs(outputs)?;
+        let specified = self.mapping.specified(&train)?;
+        let means = self.means.then(|| self.reduce_to_means(&train, used, printer)).transpose()?;
+        let (train, used, sources) = match means {
+            Some((log, sources)) => (vec![log], UsedRows::default(), Some(sources)),
+            None => (train, used, None),
+        };
         if matches!(self.model, ModelArg::Physics) {
             let weighed = Weighed::default();
             self.run_physics(&Logs { train, test }, opened, weighed, used, start, printer)?;
@@ -322,7 +338,11 @@ impl FitArgs {
         let group_by = choice.group_by.clone();
         let few_groups = choice.few_groups;
         let mut file = self.calibration_file((&train, &test), &fitted, choice)?;
-        file.origin.columns = self.mapping.specified(&train)?;
+        file.origin.columns = specified;
+        if let Some(sources) = sources {
+            file.origin.sources.retain(|source| source.role != Role::Train);
+            file.origin.sources.splice(..0, sources);
+        }
         let html = self.report.as_ref().map(|_| {
             let model = fitted.solution.model;
             let axes = file.calibration.axes;
