@@ -56,6 +56,13 @@ impl FactoredRows {
         self.ranges.rows
     }
 
+    /// Whether the sum of the squares of the constant is the number of rows, as it is of what rows have left.
+    pub fn counts_its_rows(&self) -> bool {
+        let ones = self.triangle.r().col(self.features.len() - 1).norm_l2();
+        // Some roundings of each of many blocks.
+        (ones * ones / self.rows() as f64 - 1.0).abs() < 1e-9
+    }
+
     /// Number of channels.
     pub fn channels(&self) -> usize {
         self.features.model().channels
@@ -196,14 +203,9 @@ impl FactoredRows {
     /// How well a solution does on these rows; `None` if there are none, or its features are not among these.
     pub fn quality(&self, solution: &Solution) -> Option<PerAxis<AxisQuality>> {
         let errors = self.errors(solution).filter(|_| self.rows() > 0)?;
-        let (p, rows) = (self.features.len(), self.rows() as f64);
-        let nothing = Mat::zeros(p, Axis::ALL.len());
-        let sums = self.triangle.sums_of_residuals(nothing.as_ref(), p - 1);
-        let mean = |i: usize, axis: usize| if i + 1 == p { -sums[axis] / rows } else { 0.0 };
-        let mean = Mat::from_fn(p, Axis::ALL.len(), mean);
-        let about_mean = self.triangle.residual_products(mean.as_ref());
+        let variances = self.load_variances();
         Some(std::array::from_fn(|axis| {
-            let (error, total) = (errors[axis], about_mean[(axis, axis)]);
+            let (error, total) = (errors[axis], variances[axis] * self.rows() as f64);
             AxisQuality {
                 rms: error.rms(),
                 max: None,
@@ -211,6 +213,23 @@ impl FactoredRows {
                 r_squared: (total > 0.0).then(|| 1.0 - error.squares / total),
             }
         }))
+    }
+
+    /// The variance of the wrench, squares of N and N·m.
+    pub fn load_variances(&self) -> PerAxis<f64> {
+        let (p, rows) = (self.features.len(), self.rows().max(1) as f64);
+        let nothing = Mat::zeros(p, Axis::ALL.len());
+        let sums = self.triangle.sums_of_residuals(nothing.as_ref(), p - 1);
+        let mean = |i: usize, axis: usize| if i + 1 == p { -sums[axis] / rows } else { 0.0 };
+        let mean = Mat::from_fn(p, Axis::ALL.len(), mean);
+        let about_mean = self.triangle.residual_products(mean.as_ref());
+        std::array::from_fn(|axis| about_mean[(axis, axis)] / rows)
+    }
+
+    /// Whether `model` can be fitted to what was kept.
+    pub fn has_features_of(&self, model: &Model) -> bool {
+        let scaling = Scaling::identity(model.channels);
+        self.change(model, &scaling).is_some()
     }
 
     /// What `R` makes of the columns of a matrix, of one row per feature.

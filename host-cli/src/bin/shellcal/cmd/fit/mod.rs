@@ -127,7 +127,7 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "solver", "truncate", "cv", "dropped", "valid_range", "residuals"]
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "residuals"]
     )]
     partial: Option<OutputOrStdout>,
 
@@ -327,6 +327,14 @@ impl FitArgs {
                 100.0 * share
             ));
         }
+        let tested = total(&fitted.test);
+        if tested.rows > 0 && tested.out_of_range_rows == tested.rows {
+            printer.warning(format!(
+                "none of the {} test rows lies within the range of the training data: their errors are of a \
+                 guess beyond it. Was the sensor zeroed anew, or the columns taken in another order?",
+                tested.rows
+            ));
+        }
         let known = Known {
             weighing: weighing.as_ref(),
             groups: choice.found_groups(),
@@ -361,7 +369,7 @@ impl FitArgs {
                     .collect(),
                 outliers: self.outlier_rows(named.as_ref(), &dropped, &train),
                 plots: fitted.plots.as_ref(),
-                test: total(&fitted.test),
+                test: tested,
                 group_by: group_by.as_ref(),
             };
             self.html(&file, found, (&train, &test), used)
