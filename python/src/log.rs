@@ -160,7 +160,7 @@ fn wrench(text: &str) -> Option<PerAxis<Option<ColumnRef>>> {
         let six = <[ColumnRef; 6]>::try_from(list(text)).ok()?;
         return Some(six.map(Some));
     }
-    let mut columns = PerAxis::default();
+    let mut columns: PerAxis<Option<ColumnRef>> = PerAxis::default();
     for item in items() {
         let (axis, name) = named_axis(item).filter(|(_, name)| !name.trim().is_empty())?;
         let taken = columns[axis.index()].replace(column(name));
