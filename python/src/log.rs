@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use log_file::{
-    ColumnRef, Format, Log, Mapping, Meaning, MomentUnit, ReadOptions, TimeUnit, Wanted,
+    ColumnRef, Format, Log, Mapping, Meaning, MomentUnit, ReadOptions, TimeUnit, Wanted, named_axis,
 };
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use shell_data::block::Block;
-use shell_data::wrench::Axis;
+use shell_data::wrench::{Axis, PerAxis};
 
 use crate::error::{Failure, Told};
 use crate::interrupt::without_lock;
@@ -126,9 +126,8 @@ pub(crate) fn mapping(names: &Columns) -> Result<Mapping, Failure> {
             }
             "sensors" => mapping.sensors = Some(list(text)),
             "wrench" => {
-                let six = <[ColumnRef; 6]>::try_from(list(text));
-                let six = six.map_err(|_| refused("six columns, Fx to Mz"))?;
-                mapping.wrench = Some(six.map(Some));
+                let expected = "six columns, Fx to Mz, or their axes: `fx=a,fz=b`";
+                mapping.wrench = Some(wrench(text).ok_or_else(|| refused(expected))?);
             }
             "time" => mapping.time = Some(column(text)),
             "group" => mapping.group = Some(column(text)),
@@ -152,6 +151,24 @@ pub(crate) fn mapping(names: &Columns) -> Result<Mapping, Failure> {
         }
     }
     Ok(mapping)
+}
+
+/// Six columns, or `fx=a,fz=b`: columns of axes that are named.
+fn wrench(text: &str) -> Option<PerAxis<Option<ColumnRef>>> {
+    let items = || text.split(',');
+    if !items().any(|item| named_axis(item).is_some()) {
+        let six = <[ColumnRef; 6]>::try_from(list(text)).ok()?;
+        return Some(six.map(Some));
+    }
+    let mut columns: PerAxis<Option<ColumnRef>> = PerAxis::default();
+    for item in items() {
+        let (axis, name) = named_axis(item).filter(|(_, name)| !name.trim().is_empty())?;
+        let taken = columns[axis.index()].replace(column(name));
+        if taken.is_some() {
+            return None;
+        }
+    }
+    Some(columns)
 }
 
 /// A column by its place, from 1, or its name.

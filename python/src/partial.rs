@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use calibration::validation::grouped::{Apart, GroupKind, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
 use calibration::{Basis, Model};
 use log_file::{Log, ReadOptions};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use shellcal::calibration_file::{PartialFit, PartialGroups, PartialStream, Role, Source};
+use shellcal::calibration_file::{PartialFit, PartialGroups, PartialStream, Role, Source, Sums};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::in_memory;
 use shellcal::workflow::merge::{self, MergedFitOptions, MergedModel};
@@ -60,7 +60,7 @@ impl Partial {
             let sums = in_memory::sum(&rows, basis, (Apart::Groups, split), 0)?;
             let total = sums.total().ok_or(WorkflowError::NoRows)?.clone();
             let model = Model { basis, intercept, channels: total.channels() };
-            let mut partial = PartialFit::new(model, total);
+            let mut partial = PartialFit::new(model, Sums::Exact(total));
             (partial.made_by, partial.date) = made;
             partial.sources = vec![Source {
                 role: Role::Train,
@@ -70,8 +70,12 @@ impl Partial {
             }];
             if kept.is_some() {
                 let first_in = vec![0; sums.groups.len()];
+                let GroupedMoments { groups, random, .. } = sums;
+                let exact = |(label, moments)| (label, Sums::Exact(moments));
+                let groups = groups.into_iter().map(exact).collect();
+                let random = (split, random);
                 partial.groups =
-                    Some(PartialGroups::new(GroupKind::Column, split, sums, &first_in));
+                    Some(PartialGroups::new(GroupKind::Column, random, groups, &first_in));
             }
             Ok(Self(partial))
         })
@@ -105,6 +109,7 @@ impl Partial {
             intercept,
             groups,
             seed,
+            triangles: false,
             fresh,
             read: ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() },
         };
@@ -154,7 +159,7 @@ impl Partial {
     }
 
     fn rows(&self) -> u64 {
-        self.0.moments.rows()
+        self.0.sums.rows()
     }
 
     fn model(&self) -> String {

@@ -127,6 +127,9 @@ def test_a_log_is_refused_with_its_place(tmp_path: Path) -> None:
     assert table.rows == 1 and table.about["skipped_rows"] == 1
     for options, expected in [
         ({"wrench": "1-3"}, "six columns"),
+        ({"wrench": "fx=s1,fx=s2"}, "or their axes"),
+        ({"wrench": "fx=s1,s2"}, "or their axes"),
+        ({"wrench": "fx="}, "or their axes"),
         ({"time_unit": "hours"}, "`s`, `ms`, `us` or `ns`"),
         ({"colour": "red"}, "no option `colour`"),
         ({"sensors": "nowhere"}, "nowhere"),

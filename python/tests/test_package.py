@@ -226,6 +226,14 @@ def test_a_log_is_an_arrow_table(logs: list[Path]) -> None:
         assert found[name].to_pylist() == table[name].tolist(), name
 
 
+def test_a_wrench_of_some_axes_is_named(logs: list[Path]) -> None:
+    whole = shellcal.read_log(logs[0])
+    table = shellcal.read_log(logs[0], wrench="fz=fz_n, Fx=fx_n")
+    names = [name for name in table if name.startswith(("f", "m"))]
+    assert names == ["fx_n", "fz_n"]
+    assert all((table[name] == whole[name]).all() for name in names)
+
+
 def test_an_arrow_table_keeps_its_memory_for_as_long_as_it_is_held() -> None:
     arrow = pytest.importorskip("pyarrow")
     from shellcal import _arrow

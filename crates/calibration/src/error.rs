@@ -51,6 +51,14 @@ pub enum FitError {
     /// The rows cannot be summed exactly; another solver can do with them.
     #[error("the exact solver cannot take these rows: {0}")]
     NotExact(#[from] ExactError),
+    /// A model of other features than were kept.
+    #[error("the triangles are for `{kept}` features, not for `{asked}`")]
+    OtherFeatures {
+        /// The largest model that can be fitted.
+        kept: String,
+        /// The model that was asked for.
+        asked: String,
+    },
     /// A value is infinite or not a number.
     #[error("`{column}` is not a finite number in row `{row}` of a block")]
     NotFinite {

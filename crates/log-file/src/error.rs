@@ -70,8 +70,8 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
     },
-    /// A table of a text file was asked for by name.
-    #[error("`{}` is text and has no table `{wanted}`", path.display())]
+    /// A table was asked for by name of a file that is one.
+    #[error("`{}` is a single table, and has none called `{wanted}`", path.display())]
     NoParts {
         /// The file.
         path: PathBuf,

@@ -55,7 +55,7 @@ mod stream;
 
 pub use error::{Field, LogError, Place, RowMismatch, RowProblem};
 pub use format::columns::{Column, Meaning};
-pub use format::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
+pub use format::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit, named_axis};
 pub use log::Log;
 pub use read::all::{read_all, threads_for};
 pub use read::request::{ReadOptions, ReadSummary, Wanted};

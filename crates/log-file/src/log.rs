@@ -1,6 +1,6 @@
 //! A log file whose layout has been recognised.
 
-use std::io::Read;
+use std::io::{self, Read, Write};
 use std::path::Path;
 
 use crate::error::LogError;
@@ -58,6 +58,18 @@ impl Log {
             }
         }
         Self::of(source, &mapping)
+    }
+
+    /// A log of text that `write` writes, CSV with names; errors call it `path`.
+    ///
+    /// # Errors
+    /// [`LogError`] if there is no room for it, or it is no such text.
+    pub fn of_text(
+        path: &Path,
+        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    ) -> Result<Self, LogError> {
+        let mapping = Mapping { format: Some(Format::Csv), ..Mapping::default() };
+        Self::of(LogSource::of_text(path, write)?, &mapping)
     }
 
     fn of(source: LogSource, mapping: &Mapping) -> Result<Self, LogError> {

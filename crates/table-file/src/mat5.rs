@@ -93,11 +93,14 @@ pub fn arrays(file: &[u8]) -> Result<Vec<Array>, TableError> {
 }
 
 fn arrays_of(file: Vec<u8>) -> Result<Vec<Array>, TableError> {
+    if file.len() < HEADER {
+        return Err(KIND.damaged(format!("its header of {HEADER} bytes is cut off")));
+    }
     let file = Arc::new(file);
     let is_little = file.get(126..HEADER) == Some(b"IM");
     let mut arrays = Vec::new();
     let mut inflated_bytes = 0;
-    let mut elements = Elements::new(&file, HEADER.min(file.len())..file.len(), is_little);
+    let mut elements = Elements::new(&file, HEADER..file.len(), is_little);
     while let Some((kind, content)) = elements.next()? {
         match kind {
             MATRIX => arrays.push(array(&file, content, is_little)?),
@@ -260,10 +263,13 @@ pub fn arrays_of_log(arrays: &[Array], name: Option<&str>) -> Result<Vec<Array>,
     };
     let wanted: Vec<Array> = arrays.iter().filter(is_table).filter(is_wanted).cloned().collect();
     if wanted.is_empty() {
+        let Some(name) = name else {
+            return Err(KIND.unsupported("no matrix or vector of real numbers"));
+        };
         return Err(TableError::Choice {
             kind: KIND,
             part: "matrix of real numbers",
-            wanted: Some(name.unwrap_or_default().to_owned()),
+            wanted: Some(name.to_owned()),
             found: arrays.iter().filter(is_table).map(|array| array.name.clone()).collect(),
         });
     }

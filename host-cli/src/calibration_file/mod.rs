@@ -36,6 +36,7 @@ mod partial;
 mod physics_document;
 mod problem;
 pub mod stored;
+mod triangle;
 mod version;
 
 use std::io;
@@ -44,8 +45,8 @@ use std::path::{Path, PathBuf};
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
 pub use self::partial::{
-    GROUPED_PARTIAL_SCHEMA_VERSION, MergeError, PARTIAL_SCHEMA_VERSION, PartialFit, PartialGroup,
-    PartialGroups, PartialStream,
+    FACTORED_PARTIAL_SCHEMA_VERSION, GROUPED_PARTIAL_SCHEMA_VERSION, MergeError,
+    PARTIAL_SCHEMA_VERSION, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums,
 };
 use crate::input::{self, Document};
 use calibration::{Calibration, Kind};

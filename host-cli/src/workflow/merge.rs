@@ -2,17 +2,19 @@
 //! again, their largest errors and how errors and loads are distributed.
 
 use super::WorkflowError;
+use super::factored::of_rows;
 use super::model_choice::choose_from;
 use super::model_choice::{CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, RANDOM_FOLDS};
 use super::selection::UsedRows;
 use super::uncertainty::Uncertainty;
 use crate::calibration_file::{
-    CalibrationFile, Diagnostics, MergeError, Origin, PartialFit, SolverRecord,
+    CalibrationFile, Diagnostics, MergeError, Origin, PartialFit, SolverRecord, Sums,
 };
-use calibration::exact::{PartitionedMoments, SolveError};
+use calibration::exact::{Moments, PartitionedMoments, SolveError};
+use calibration::factored::FactoredRows;
 use calibration::quality::AxisQuality;
 use calibration::solver::{Solution, SolverKind, solve_moments};
-use calibration::validation::ValidationError;
+use calibration::validation::{ValidationError, factored, selection};
 use calibration::{Basis, Calibration, FitError, Model};
 use log_file::ReadOptions;
 use shell_data::wrench::PerAxis;
@@ -49,6 +51,8 @@ pub struct MergedFit {
     pub calibration: Calibration,
     /// What the solver says.
     pub solution: Solution,
+    /// The solver.
+    pub solver: SolverKind,
     /// What the groups said before.
     pub choice: ModelChoice,
     /// Why groups were asked for and the covariance is that of independent rows.
@@ -63,14 +67,25 @@ pub struct MergedFit {
 /// [`WorkflowError`] if the rows do not determine the coefficients, or something is asked of groups
 /// where there are none.
 pub fn fit(merged: &PartialFit, options: &MergedFitOptions) -> Result<MergedFit, WorkflowError> {
+    match &merged.sums {
+        Sums::Exact(moments) => fit_exactly(merged, moments, options),
+        Sums::Factored(rows) => fit_triangle(merged, rows, options),
+    }
+}
+
+fn fit_exactly(
+    merged: &PartialFit,
+    moments: &Moments,
+    options: &MergedFitOptions,
+) -> Result<MergedFit, WorkflowError> {
     let choice = choose(merged, options)?;
     let model = Model { basis: choice.basis, ..merged.model };
-    let parts = PartitionedMoments::new(&merged.moments, &model);
+    let parts = PartitionedMoments::new(moments, &model);
     if let Err(error @ SolveError::OtherFeatures { .. }) = parts {
         return Err(ValidationError::from(error).into());
     }
-    let ranges = merged.moments.reading_ranges();
-    let solution = solve_moments(&merged.moments, &model, choice.ridge, &ranges)?;
+    let ranges = moments.reading_ranges();
+    let solution = solve_moments(moments, &model, choice.ridge, &ranges)?;
     let mut calibration = Calibration::of_solution(&solution, &ranges);
     calibration.axes = merged.axes;
     let from = choice.covariance_from(options.covariance);
@@ -78,24 +93,69 @@ pub fn fit(merged: &PartialFit, options: &MergedFitOptions) -> Result<MergedFit,
     calibration.covariance = found.covariance;
     let train = parts.and_then(|parts| parts.in_sample(choice.ridge));
     let train = train.map_err(|_| FitError::NearlyDependent)?;
-    Ok(MergedFit { calibration, solution, choice, not_grouped: found.not_grouped, train })
+    let (solver, not_grouped) = (SolverKind::Exact, found.not_grouped);
+    Ok(MergedFit { calibration, solution, solver, choice, not_grouped, train })
+}
+
+/// The same from the triangle of rows that could not be summed exactly.
+fn fit_triangle(
+    merged: &PartialFit,
+    rows: &FactoredRows,
+    options: &MergedFitOptions,
+) -> Result<MergedFit, WorkflowError> {
+    let choice = choose_triangles(merged, options)?;
+    let model = Model { basis: choice.basis, ..merged.model };
+    let (solver, ranges) = (SolverKind::Tsqr, rows.reading_ranges());
+    let solution = rows.solve(&model, choice.ridge)?;
+    let mut calibration = Calibration::of_solution(&solution, ranges);
+    calibration.axes = merged.axes;
+    let from = choice.covariance_from(options.covariance);
+    let found = Uncertainty::of(&solution, solver, choice.ridge, from);
+    calibration.covariance = found.covariance;
+    let train = rows.quality(&solution).ok_or(WorkflowError::NoRows)?;
+    let not_grouped = found.not_grouped;
+    Ok(MergedFit { calibration, solution, solver, choice, not_grouped, train })
+}
+
+/// Chooses and validates as [`choose`] does, from triangles.
+fn choose_triangles(
+    merged: &PartialFit,
+    options: &MergedFitOptions,
+) -> Result<ModelChoice, WorkflowError> {
+    let asked = asked(merged, options);
+    let Some((group_by, groups)) = merged.factored() else { return asked.without_groups() };
+    let intercept = merged.model.intercept;
+    let mut choice = asked.open(Some(group_by.into()));
+    if asked.basis.is_none() {
+        let given = [asked.ridge];
+        let ridges = if asked.ridge > 0.0 { &given[..] } else { &selection::RIDGES };
+        let selection = factored::select(&groups, intercept, ridges)?;
+        let chosen = &selection.candidates[selection.chosen];
+        (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
+        choice.selection = Some(selection);
+    }
+    if let Some(folds) = options.cross_validation {
+        let model = Model { basis: choice.basis, ..merged.model };
+        let found = factored::cross_validate(&groups, &model, choice.ridge, folds);
+        choice.cross_validation = Some(found.map_err(of_rows)?);
+    }
+    match choice.by_group {
+        true => asked.decide_factored(choice, Ok(groups)),
+        false => Ok(choice),
+    }
 }
 
 impl MergedFit {
     /// The calibration file of a fit to `merged`.
     pub fn file(self, merged: &PartialFit, sensor_serial: Option<String>) -> CalibrationFile {
-        let Self { calibration, solution, choice, train, .. } = self;
+        let Self { calibration, solution, solver, choice, train, .. } = self;
         CalibrationFile {
             calibration,
             origin: Origin {
                 made_by: merged.made_by.clone(),
                 date: merged.date.clone(),
                 sensor_serial,
-                solver: Some(SolverRecord {
-                    name: SolverKind::Exact,
-                    ridge: choice.ridge,
-                    truncate: None,
-                }),
+                solver: Some(SolverRecord { name: solver, ridge: choice.ridge, truncate: None }),
                 diagnostics: Some(Diagnostics {
                     rows: solution.rows,
                     skipped_rows: merged.skipped_rows,
@@ -115,8 +175,8 @@ impl MergedFit {
     }
 }
 
-fn choose(merged: &PartialFit, options: &MergedFitOptions) -> Result<ModelChoice, WorkflowError> {
-    let asked = ModelChoiceOptions {
+fn asked(merged: &PartialFit, options: &MergedFitOptions) -> ModelChoiceOptions<'static> {
+    ModelChoiceOptions {
         basis: match options.model {
             MergedModel::Same => Some(merged.model.basis),
             MergedModel::Given(basis) => Some(basis),
@@ -131,7 +191,11 @@ fn choose(merged: &PartialFit, options: &MergedFitOptions) -> Result<ModelChoice
         used: UsedRows::default(),
         memory: 0,
         read: ReadOptions::default(),
-    };
+    }
+}
+
+fn choose(merged: &PartialFit, options: &MergedFitOptions) -> Result<ModelChoice, WorkflowError> {
+    let asked = asked(merged, options);
     let random_folds = options.cross_validation.map(|folds| folds.unwrap_or(RANDOM_FOLDS));
     match merged.grouped(random_folds)? {
         Some((group_by, sums)) => choose_from(sums, group_by.into(), &asked),

@@ -2,6 +2,7 @@
 //! logs, where any of it is asked for.
 
 use super::WorkflowError;
+use super::factored::{Factored, factor};
 pub use super::groups::HeldOut;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::log_facts::{Gathering, LogFacts};
@@ -10,6 +11,7 @@ use super::moments::{self, SumOptions, Sums};
 use super::selection::UsedRows;
 use super::uncertainty::CovarianceFrom;
 use calibration::exact::Moments;
+use calibration::factored::FactoredGroups;
 use calibration::solver::SolverKind;
 use calibration::validation::ValidationError;
 use calibration::validation::advice::Advice;
@@ -87,6 +89,8 @@ pub struct ModelChoice {
     pub advice: Option<Advice>,
     /// The sums of the training rows, by group, where they were made.
     pub sums: Option<GroupedMoments>,
+    /// The training rows by group, where standard errors are to come from groups and there are no sums.
+    pub factored: Option<FactoredGroups>,
     /// What was gathered of the rows when those were made.
     pub facts: Option<LogFacts>,
     /// What the groups of those are.
@@ -107,13 +111,18 @@ impl ModelChoice {
                 CovarianceFrom::Nothing
             }
             Some(sums) if self.by_group => CovarianceFrom::Groups(sums),
+            None if self.by_group => match &self.factored {
+                Some(rows) => CovarianceFrom::Factored(rows),
+                None => CovarianceFrom::Rows,
+            },
             _ => CovarianceFrom::Rows,
         }
     }
 
     /// The groups that were found, where they are not given.
     pub fn found_groups(&self) -> Option<FoundSummary> {
-        let is_used = self.sums.is_some() || self.cross_validation.is_some();
+        let is_used =
+            self.sums.is_some() || self.factored.is_some() || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found().map(FoundGroups::summary)
     }
 }
@@ -155,12 +164,13 @@ pub fn choose(
     if !validates && !choice.by_group {
         return Ok(choice);
     }
-    let sums = options.sum(train, choice.basis, group_by.ok_or(WorkflowError::NoGroups)?);
+    let group_by = group_by.ok_or(WorkflowError::NoGroups)?;
+    let sums = options.sum(train, choice.basis, group_by.clone());
     let sums = match sums {
-        // Better standard errors were not asked for by name.
-        Err(WorkflowError::Fit(FitError::NotExact(reason))) if !validates => {
-            choice.not_grouped = Some(reason.into());
-            return Ok(choice);
+        Err(WorkflowError::Fit(FitError::NotExact(_))) if !validates => {
+            let read = ReadOptions { checksum: false, ..options.read };
+            let found = factor(train, choice.basis, &group_by, options.used, &read);
+            return options.decide_factored(choice, found.map(|Factored { groups, .. }| groups));
         }
         Err(WorkflowError::Validation(reason)) if !validates => {
             choice.not_grouped = Some(reason);
@@ -218,7 +228,7 @@ impl ModelChoiceOptions<'_> {
     }
 
     /// What is asked for, before anything is known.
-    fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
+    pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
         ModelChoice {
             basis: self.basis.unwrap_or(Basis::Poly3),
             ridge: self.ridge,
@@ -226,6 +236,7 @@ impl ModelChoiceOptions<'_> {
             cross_validation: None,
             advice: None,
             sums: None,
+            factored: None,
             facts: None,
             by_group: self.wants_groups(group_by.as_ref()),
             group_by,
@@ -248,9 +259,6 @@ impl ModelChoiceOptions<'_> {
         mut choice: ModelChoice,
         sums: GroupedMoments,
     ) -> Result<ModelChoice, WorkflowError> {
-        // A few groups say little about how groups scatter.
-        choice.by_group &=
-            self.covariance != CovarianceRule::Auto || sums.groups.len() >= FEWEST_GROUPS;
         if self.basis.is_none() {
             let given = [self.ridge];
             let ridges = if self.ridge > 0.0 { &given[..] } else { &selection::RIDGES };
@@ -262,10 +270,7 @@ impl ModelChoiceOptions<'_> {
         }
         let channels = sums.total().map_or(0, Moments::channels);
         let model = Model { basis: choice.basis, intercept: self.intercept, channels };
-        let is_of_poses = choice.group_by.as_ref().is_some_and(GroupBy::is_of_poses);
-        if self.covariance == CovarianceRule::Auto && is_of_poses {
-            choice.few_groups = FewGroups::of(model.term_count(), sums.groups.len());
-        }
+        self.judge_groups(&mut choice, &model, sums.groups.len());
         if self.cross_validation.is_some() {
             let found = cross_validate(&sums, &model, choice.ridge, self.folds())?;
             choice.cross_validation = Some(found);
@@ -275,6 +280,37 @@ impl ModelChoiceOptions<'_> {
         }
         choice.sums = Some(sums);
         Ok(choice)
+    }
+
+    /// The same for rows that cannot be summed exactly, of which nothing but standard errors is asked.
+    pub(super) fn decide_factored(
+        &self,
+        mut choice: ModelChoice,
+        rows: Result<FactoredGroups, WorkflowError>,
+    ) -> Result<ModelChoice, WorkflowError> {
+        let rows = match rows {
+            // Better standard errors were not asked for by name.
+            Err(WorkflowError::Validation(reason)) => {
+                choice.not_grouped = Some(reason);
+                return Ok(choice);
+            }
+            rows => rows?,
+        };
+        let channels = rows.groups.first().map_or(0, |(_, rows)| rows.channels());
+        let model = Model { basis: choice.basis, intercept: self.intercept, channels };
+        self.judge_groups(&mut choice, &model, rows.groups.len());
+        choice.factored = Some(rows);
+        Ok(choice)
+    }
+
+    /// Whether so many groups can tell how the coefficients of `model` scatter.
+    fn judge_groups(&self, choice: &mut ModelChoice, model: &Model, groups: usize) {
+        // A few groups say little about how groups scatter.
+        choice.by_group &= self.covariance != CovarianceRule::Auto || groups >= FEWEST_GROUPS;
+        let is_of_poses = choice.group_by.as_ref().is_some_and(GroupBy::is_of_poses);
+        if self.covariance == CovarianceRule::Auto && is_of_poses {
+            choice.few_groups = FewGroups::of(model.term_count(), groups);
+        }
     }
 
     /// Whether the covariance is to come from groups, if those are `group_by`.

@@ -1,14 +1,17 @@
 //! Partial fits: the sums of some logs, for [`merge`](super::merge).
 
 use super::WorkflowError;
+use super::factored::{Factored, factor};
 use super::groups::{self, GroupBy};
 use super::model_choice::{RANDOM_FOLDS, random_split};
-use super::moments::{self, SumOptions, Sums};
+use super::moments::{self, SumOptions};
 use super::selection::UsedRows;
-use crate::calibration_file::{PartialFit, PartialGroups, Role, Source};
-use calibration::validation::grouped::{Apart, GroupKind, RandomSplit};
-use calibration::{Basis, Model};
-use log_file::{Log, ReadOptions};
+use crate::calibration_file::{PartialFit, PartialGroups, Role, Source, Sums};
+use calibration::exact::Moments;
+use calibration::factored::FactoredGroups;
+use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
+use calibration::{Basis, FitError, Model};
+use log_file::{Log, ReadOptions, ReadSummary};
 
 /// What is summed, and how.
 #[derive(Clone, Copy)]
@@ -21,6 +24,8 @@ pub struct PartialOptions<'a> {
     pub groups: Option<KeptGroups>,
     /// Which way rows are dealt into the random folds that held-out errors are compared with.
     pub seed: u64,
+    /// Keep triangles also where rows can be summed exactly, for parts of which others cannot.
+    pub triangles: bool,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
     /// How logs are read.
@@ -36,11 +41,21 @@ pub enum KeptGroups {
     By(GroupKind),
 }
 
-/// Sums the rows of `logs`, which are put into the order of their names where groups are kept. Program
+/// What was kept of some logs.
+struct Kept {
+    total: Sums,
+    groups: Vec<(String, Sums)>,
+    random: (RandomSplit, Vec<Moments>),
+    /// For each group, the log that has its first row.
+    first_in: Vec<usize>,
+    summaries: Vec<ReadSummary>,
+}
+
+/// Sums the rows of `logs`, exactly where that can be, which are put into the order of their names where groups are kept. Program
 /// and date are left to the caller.
 ///
 /// # Errors
-/// [`WorkflowError`] if a log cannot be read, or the rows cannot be summed exactly.
+/// [`WorkflowError`] if a log cannot be read, or there are too many groups.
 pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit, WorkflowError> {
     let axes = super::agree_on_axes(logs, &mut [])?;
     if options.groups.is_some() {
@@ -63,13 +78,19 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         gathering: None,
         read: ReadOptions { checksum: true, ..options.read },
     };
-    let Sums { grouped, first_in, summaries, .. } = moments::sum(logs, &sum_options)?;
-    let total = grouped.total().ok_or(WorkflowError::NoRows)?.clone();
+    let kept = match options.triangles {
+        true => keep_triangles(logs, &sum_options),
+        false => match moments::sum(logs, &sum_options) {
+            Err(WorkflowError::Fit(FitError::NotExact(_))) => keep_triangles(logs, &sum_options),
+            sums => keep_sums(sums?, random),
+        },
+    };
+    let Kept { total, groups, random, first_in, summaries } = kept?;
     let model =
         Model { basis: options.basis, intercept: options.intercept, channels: total.channels() };
     let mut partial = PartialFit::new(model, total);
     partial.axes = axes;
-    partial.groups = group_by.map(|by| PartialGroups::new(by, random, grouped, &first_in));
+    partial.groups = group_by.map(|by| PartialGroups::new(by, random, groups, &first_in));
     for (log, summary) in logs.iter().zip(&summaries) {
         partial.skipped_rows += summary.skipped_rows;
         partial.repeated_rows += summary.repeated_rows;
@@ -86,4 +107,34 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         }
     }
     Ok(partial)
+}
+
+fn keep_sums(sums: moments::Sums, split: RandomSplit) -> Result<Kept, WorkflowError> {
+    let moments::Sums { grouped, first_in, summaries, .. } = sums;
+    let total = grouped.total().ok_or(WorkflowError::NoRows)?.clone();
+    let GroupedMoments { groups, random, .. } = grouped;
+    let exact = |(label, moments): (String, Moments)| (label, Sums::Exact(moments));
+    Ok(Kept {
+        total: Sums::Exact(total),
+        groups: groups.into_iter().map(exact).collect(),
+        random: (split, random),
+        first_in,
+        summaries,
+    })
+}
+
+fn keep_triangles(logs: &[Log], options: &SumOptions<'_>) -> Result<Kept, WorkflowError> {
+    let SumOptions { basis, group_by, used, read, .. } = options;
+    let Factored { groups, first_in, summaries } = factor(logs, *basis, group_by, *used, read)?;
+    let total = groups.total().ok_or(WorkflowError::NoRows)?;
+    let FactoredGroups { groups } = groups;
+    let groups = groups.into_iter().map(|(label, rows)| (label, Sums::Factored(rows)));
+    Ok(Kept {
+        total: Sums::Factored(total),
+        groups: groups.collect(),
+        // Rows are not dealt at random: their triangle would have to be made without each fold.
+        random: (RandomSplit::default(), Vec::new()),
+        first_in,
+        summaries,
+    })
 }

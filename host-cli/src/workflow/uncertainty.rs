@@ -1,5 +1,6 @@
 //! The covariance of a fit, from rows or from groups of them.
 
+use calibration::factored::FactoredGroups;
 use calibration::solver::{Solution, SolverKind};
 use calibration::uncertainty::Covariance;
 use calibration::validation::ValidationError;
@@ -14,6 +15,8 @@ pub enum CovarianceFrom<'a> {
     Rows,
     /// Errors are alike within the groups of these sums, which are those of the training rows.
     Groups(&'a GroupedMoments),
+    /// The same of rows that could not be summed exactly.
+    Factored(&'a FactoredGroups),
 }
 
 /// The covariance, as far as it can be had.
@@ -39,10 +42,19 @@ impl Uncertainty {
             CovarianceFrom::Groups(sums) => {
                 Covariance::of_groups(sums, &solution.model, ridge).map(Some)
             }
+            CovarianceFrom::Factored(_) if !is_least_squares(solver) => {
+                Err(ValidationError::OtherSolver)
+            }
+            CovarianceFrom::Factored(rows) => Covariance::of_factored(rows, solution).map(Some),
         };
         match found {
             Ok(covariance) => Self { covariance, not_grouped: None },
             Err(error) => Self { covariance: by_rows(), not_grouped: Some(error) },
         }
     }
+}
+
+/// Whether a solver weighs all rows alike and leaves no direction out.
+fn is_least_squares(solver: SolverKind) -> bool {
+    !matches!(solver, SolverKind::Huber | SolverKind::Svd | SolverKind::RidgeGcv)
 }

@@ -50,7 +50,7 @@ fn partial_fits_are_read_and_written_as_they_were() {
     let (content, checksum) = text.rsplit_once(",\n  \"checksum\": ").unwrap();
     assert_eq!(format!("{content}\n}}\n"), fs::read_to_string(&path).unwrap());
     assert!(checksum.starts_with("\"xxh128:") && checksum.ends_with("\"\n}\n"), "{checksum}");
-    assert_eq!((partial.model.basis, partial.moments.rows()), (Basis::Cubic, 299));
+    assert_eq!((partial.model.basis, partial.sums.rows()), (Basis::Cubic, 299));
 }
 
 #[test]

@@ -207,6 +207,22 @@ fn faults_are_named_by_row_and_column() {
     assert!(complaint.contains("`/x`; it has `/readings`, `/wrench`"), "{complaint}");
     let complaint = said("a.xlsx", &seed("xlsx/workbook.xlsx"), &["--table", "x"]);
     assert!(complaint.contains("without a sheet `x`; it has `Sheet`"), "{complaint}");
+    // Formats that hold one table alone.
+    for (name, of) in [("a.parquet", "parquet/groups.parquet"), ("a.npy", "numpy/matrix.npy")] {
+        let complaint = said(name, &seed(of), &["--table", "x"]);
+        assert!(complaint.contains("is a single table, and has none called `x`"), "{complaint}");
+        assert!(complaint.contains("leave out `--table`"), "{complaint}");
+    }
+    let matlab = seed("matlab/matrix.mat");
+    let complaint = said("b.mat", &matlab[..100], &[]);
+    assert!(complaint.contains("its header of 128 bytes is cut off"), "{complaint}");
+    let complaint = said("b.mat", &matlab[..128], &[]);
+    assert!(complaint.contains("no matrix or vector of real numbers"), "{complaint}");
+    assert!(!complaint.contains("--table"), "{complaint}");
+    // A column by its place is like no other.
+    let complaint = said("c.npy", &seed("numpy/matrix.npy"), &["--sensors", "40-41"]);
+    assert!(complaint.contains("no columns `column 40`, `column 41`"), "{complaint}");
+    assert!(!complaint.contains("did you mean"), "{complaint}");
     for (name, start, what) in [
         ("a.h5", &b"\x89HDF\r\n\x1a\n\0\0"[..], "is an HDF5 file"),
         ("a.csv", b"SQLite format 3\0", "is an SQLite database"),

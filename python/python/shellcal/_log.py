@@ -100,7 +100,8 @@ def read_log(path: PathLike, **options: Any) -> Table:
     path : path
         The log, also compressed with gzip.
     format, sensors, wrench, time, group, time_unit, moment_unit : str, optional
-        What the columns are, where their names do not say, as the options of ``shellcal fit``.
+        What the columns are, where their names do not say, as the options of ``shellcal fit``: ``wrench`` names
+        six columns, or some with their axes (``fx=a,fz=b``).
     skip_bad_rows : bool
         Leaves out rows that are wrong.
     threads : int

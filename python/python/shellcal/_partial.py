@@ -54,7 +54,8 @@ class Partial:
         Raises
         ------
         FitError
-            If the rows cannot be summed exactly: readings have to be counts of a converter.
+            If the rows cannot be summed exactly: readings have to be counts of a converter. Logs of other
+            numbers can be added (`add_logs`).
         CountedTwiceError
             If the same rows have been added already.
         """
@@ -68,7 +69,8 @@ class Partial:
 
     def add_logs(self, *paths: PathLike, fresh: bool = False, **columns: Any) -> Partial:
         """Adds the rows of logs. `columns` are those of `read_log`; `fresh` leaves out rows that repeat
-        the readings of the row before."""
+        the readings of the row before. Where no exact sums can be had of them, as of readings in volts, triangles of a
+        QR factorisation are kept, which merge with their like alone, and to the last digits but one."""
         files = [os.fspath(path) for path in paths]
         return self._add(_Sums.of_logs(files, self._what, fresh, reading(columns), made_by()))
 

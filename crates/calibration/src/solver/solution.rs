@@ -33,7 +33,7 @@ pub struct Solution {
 }
 
 impl Solution {
-    pub(super) fn new(features: &Features, solved: LeastSquares, ridge: f64) -> Self {
+    pub(crate) fn new(features: &Features, solved: LeastSquares, ridge: f64) -> Self {
         Self {
             model: features.model(),
             scaling: features.scaling().clone(),

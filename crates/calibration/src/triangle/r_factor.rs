@@ -23,6 +23,20 @@ impl Triangle {
         self.rows
     }
 
+    /// That of so many rows, of an upper triangular matrix of order p + q: [`Triangle::whole`].
+    ///
+    /// # Panics
+    /// If the matrix is not square, or smaller than there are features.
+    pub fn of_parts(features: usize, rows: u64, whole: Mat<f64>) -> Self {
+        assert!(whole.nrows() == whole.ncols() && features <= whole.ncols());
+        Self { features, rows, r: whole }
+    }
+
+    /// All of it, of order p + q: `R` and `Z`, below them zeros and `E`.
+    pub fn whole(&self) -> MatRef<'_, f64> {
+        self.r.as_ref()
+    }
+
     /// The upper triangular `R`, p × p.
     pub fn r(&self) -> MatRef<'_, f64> {
         self.r.as_ref().submatrix(0, 0, self.features, self.features)

@@ -21,6 +21,15 @@ impl Triangle {
         triangle
     }
 
+    /// That of the same rows of `X·T`, `change` being `T`, p × any number of columns.
+    pub(crate) fn in_terms_of(&self, change: MatRef<'_, f64>) -> Self {
+        let (p, order) = (self.features, self.r.nrows());
+        let mut x = Mat::zeros(order, change.ncols());
+        x.as_mut().subrows_mut(0, p).copy_from(self.r() * change);
+        let y = self.r.as_ref().submatrix(0, p, order, order - p).to_owned();
+        Self { rows: self.rows, ..Self::of_rows(&x, &y) }
+    }
+
     /// Solves for the coefficients.
     ///
     /// Singular values of the equilibrated `R` that rounding in the factorisation may have made out
@@ -107,17 +116,21 @@ impl Triangle {
 
     /// `(Y − X·C)ᵀ(Y − X·C)` of any `C`, q × q.
     pub(crate) fn residual_products(&self, coefficients: MatRef<'_, f64>) -> Mat<f64> {
-        let (p, q) = (self.features, self.r.nrows() - self.features);
-        let misfit = self.r.as_ref().submatrix(0, p, p, q) - self.r() * coefficients;
+        let misfit = self.misfit(coefficients);
         misfit.transpose() * &misfit + self.rest_products()
+    }
+
+    /// `Z − R·C` of any `C`, p × q.
+    pub(crate) fn misfit(&self, coefficients: MatRef<'_, f64>) -> Mat<f64> {
+        let (p, q) = (self.features, self.r.nrows() - self.features);
+        self.r.as_ref().submatrix(0, p, p, q) - self.r() * coefficients
     }
 
     /// Sums of the residuals `X·C − Y` of any `C`, where the column `ones` of `X` is ones.
     pub(crate) fn sums_of_residuals(&self, coefficients: MatRef<'_, f64>, ones: usize) -> Vec<f64> {
-        let (p, q) = (self.features, self.r.nrows() - self.features);
-        let misfit = self.r() * coefficients - self.r.as_ref().submatrix(0, p, p, q);
+        let misfit = self.misfit(coefficients);
         let column = self.r().col(ones).to_owned();
-        (0..q).map(|a| column.transpose() * misfit.col(a)).collect()
+        (0..misfit.ncols()).map(|a| -(column.transpose() * misfit.col(a))).collect()
     }
 
     /// `EᵀE`, q × q: what no `C` can fit.

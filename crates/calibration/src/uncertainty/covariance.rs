@@ -3,10 +3,12 @@
 use faer::Mat;
 
 use super::interval::{ErrorShape, normal_quantile, student_quantile};
-use super::new_groups::held_out_intervals;
+use super::new_groups::{held_out_intervals, held_out_intervals_factored};
 use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
+use crate::factored::FactoredGroups;
 use crate::model::Model;
 use crate::physics::{GroupIntervals, TooFewGroups};
+use crate::sandwich::{GroupScatter, ScatterError};
 use crate::solver::Solution;
 use crate::validation::ValidationError;
 use crate::validation::grouped::GroupedMoments;
@@ -85,21 +87,37 @@ impl Covariance {
         let groups: Vec<_> = sums.groups.iter().map(|(_, moments)| moments).collect();
         let found =
             PartitionedMoments::new(total, model)?.by_group(&groups, ridge).map_err(|error| {
+                let label = |place: usize| sums.groups[place].0.clone();
                 match error {
                     GroupScatterError::Solve(error) => ValidationError::Solve(error),
-                    GroupScatterError::NearlyDependent => {
-                        ValidationError::Solve(SolveError::NearlyDependent)
-                    }
-                    GroupScatterError::Alone(places) => ValidationError::Alone {
-                        groups: places
-                            .into_iter()
-                            .map(|place| sums.groups[place].0.clone())
-                            .collect(),
-                    },
+                    GroupScatterError::Scatter(error) => of_scatter(error, label),
                 }
             })?;
-        Ok(Self {
-            residual: found.residual_covariance(total.rows()),
+        let intervals = held_out_intervals(sums, model, ridge);
+        Ok(Self::of_scatter(found, total.rows(), intervals))
+    }
+
+    /// The same of a solution for rows that could not be summed exactly.
+    ///
+    /// # Errors
+    /// As [`Covariance::of_groups`].
+    pub fn of_factored(
+        rows: &FactoredGroups,
+        solution: &Solution,
+    ) -> Result<Self, ValidationError> {
+        let groups = rows.groups.len();
+        if groups < 2 {
+            return Err(ValidationError::TooFewGroups { found: groups });
+        }
+        let label = |place: usize| rows.groups[place].0.clone();
+        let found = rows.scatter(solution, None).map_err(|error| of_scatter(error, label))?;
+        let intervals = held_out_intervals_factored(rows, &solution.model, solution.ridge);
+        Ok(Self::of_scatter(found, solution.rows, intervals))
+    }
+
+    fn of_scatter(found: GroupScatter, rows: u64, intervals: Option<GroupIntervals>) -> Self {
+        Self {
+            residual: found.residual_covariance(rows),
             degrees_of_freedom: found.groups as u64 - 1,
             coefficients: CoefficientCovariance::Groups {
                 groups: found.groups as u64,
@@ -107,8 +125,8 @@ impl Covariance {
             },
             shape: None,
             shared: Some(found.shared),
-            intervals: held_out_intervals(sums, model, ridge),
-        })
+            intervals,
+        }
     }
 
     /// How many standard errors either way a prediction interval of `level` reaches, per axis.
@@ -134,6 +152,16 @@ impl Covariance {
     /// Standard deviation of the residuals, per axis, N and N·m.
     pub fn residual_sd(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.residual[axis][axis].sqrt())
+    }
+}
+
+/// Why there is no covariance; `label` is that of the group at a place.
+fn of_scatter(error: ScatterError, label: impl Fn(usize) -> String) -> ValidationError {
+    match error {
+        ScatterError::NearlyDependent => ValidationError::Solve(SolveError::NearlyDependent),
+        ScatterError::Alone(places) => {
+            ValidationError::Alone { groups: places.into_iter().map(label).collect() }
+        }
     }
 }
 

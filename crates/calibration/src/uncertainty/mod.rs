@@ -14,7 +14,7 @@
 //! This holds for errors that are independent from row to row. Rows of one pose are not: they share
 //! place, creep and angle, and a hundred of them tell little more than ten. Where rows come in
 //! groups, each axis `a` has a covariance of its own, `T·Tᵀ`, from how the groups scatter (see
-//! [`GroupScatter`](super::exact::GroupScatter)), and
+//! [`GroupScatter`](super::sandwich::GroupScatter)), and
 //!
 //! ```text
 //! untared   se² = S[a][a] + ‖Tᵀx‖²

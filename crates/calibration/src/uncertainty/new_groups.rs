@@ -4,9 +4,11 @@
 //! rows and what scatters about it, taken as normal. Both come from the sums of the group, so that no row is
 //! read again. What the scores say, [`GroupIntervals`] does.
 
-use crate::exact::{Moments, PartitionedMoments};
+use crate::exact::{Moments, NewGroup, PartitionedMoments};
+use crate::factored::FactoredGroups;
 use crate::model::Model;
 use crate::physics::GroupIntervals;
+use crate::sandwich::GroupScatter;
 use crate::validation::grouped::GroupedMoments;
 use shell_data::wrench::PerAxis;
 
@@ -22,10 +24,34 @@ pub(super) fn held_out_intervals(
     ridge: f64,
 ) -> Option<GroupIntervals> {
     let groups = sums.groups.len();
-    let whole = sums.total().filter(|_| (2..=MOST_GROUPS).contains(&groups))?;
+    let whole = sums.total()?;
+    of_scores(groups, |group| score_without(sums, whole, model, ridge, group))
+}
+
+/// The same for rows that could not be summed exactly.
+pub(super) fn held_out_intervals_factored(
+    rows: &FactoredGroups,
+    model: &Model,
+    ridge: f64,
+) -> Option<GroupIntervals> {
+    of_scores(rows.groups.len(), |group| {
+        let rest = rows.without(Some(group))?;
+        let solution = rest.solve(model, ridge).ok()?;
+        let scatter = rows.scatter(&solution, Some(group)).ok()?;
+        let new = rows.on_new_group(group, &solution, &scatter)?;
+        Some(score_of(&new, &scatter, rest.rows()))
+    })
+}
+
+fn of_scores(
+    groups: usize,
+    score: impl Fn(usize) -> Option<PerAxis<(f64, f64)>>,
+) -> Option<GroupIntervals> {
+    if !(2..=MOST_GROUPS).contains(&groups) {
+        return None;
+    }
     let unknown = [(f64::INFINITY, 0.0); 6];
-    let score = |group| score_without(sums, whole, model, ridge, group).unwrap_or(unknown);
-    let scores: Vec<PerAxis<(f64, f64)>> = (0..groups).map(score).collect();
+    let scores: Vec<_> = (0..groups).map(|group| score(group).unwrap_or(unknown)).collect();
     Some(GroupIntervals::of_groups(&scores))
 }
 
@@ -45,8 +71,13 @@ fn score_without(
     let parts = PartitionedMoments::new(&rest, model).ok()?;
     let scatter = parts.by_group(&others, ridge).ok()?;
     let [new] = parts.on_new_groups(&scatter, [held_out], ridge).ok()?;
-    let residual = scatter.residual_covariance(rest.rows());
-    Some(std::array::from_fn(|axis| {
+    Some(score_of(&new, &scatter, rest.rows()))
+}
+
+/// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows.
+fn score_of(new: &NewGroup, scatter: &GroupScatter, rows: u64) -> PerAxis<(f64, f64)> {
+    let residual = scatter.residual_covariance(rows);
+    std::array::from_fn(|axis| {
         let errors = &new.errors[axis];
         let rows = errors.rows.max(1) as f64;
         let (mean, square) = (errors.sum / rows, errors.squares / rows);
@@ -54,7 +85,7 @@ fn score_without(
         // An axis without errors has no scores.
         let score = |value: f64| if unit > 0.0 { value / unit } else { 0.0 };
         (score(mean.abs()), score((square - mean * mean).max(0.0).sqrt()))
-    }))
+    })
 }
 
 #[cfg(test)]

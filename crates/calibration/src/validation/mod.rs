@@ -13,6 +13,7 @@ pub mod advice;
 pub mod comparison;
 pub mod cross_validation;
 pub mod excitation;
+pub mod factored;
 pub mod grouped;
 pub mod outliers;
 pub mod plateaus;

@@ -1,7 +1,7 @@
 //! What the user specifies about a log that cannot be recognised.
 
 use shell_data::ColumnNames;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axis, PerAxis};
 pub use shell_data::{MomentUnit, TimeUnit};
 use std::fmt;
 
@@ -78,6 +78,13 @@ pub struct Mapping {
     pub moment_unit: Option<MomentUnit>,
     /// What is taken where nothing is specified above, if the log has such columns.
     pub usual: Option<ColumnNames>,
+}
+
+/// An axis and what is said of its column, in `fx=a`.
+pub fn named_axis(item: &str) -> Option<(Axis, &str)> {
+    let (name, column) = item.split_once('=')?;
+    let axis = Axis::ALL.into_iter().find(|axis| axis.name().eq_ignore_ascii_case(name.trim()))?;
+    Some((axis, column))
 }
 
 impl Mapping {

@@ -9,7 +9,7 @@
 //! What a file is, is known by its first bytes, not by its name.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -35,7 +35,7 @@ pub(crate) struct LogSource {
     container: Container,
     /// Whether the text is UTF-16, with the highest byte of each pair first.
     utf16: Option<bool>,
-    /// What came from standard input.
+    /// What stands in for the file: what came from standard input, or was made.
     spool: Option<Arc<TempPath>>,
     /// A file whose columns stand beside those of this one, row by row.
     beside: Option<Arc<LogSource>>,
@@ -54,17 +54,9 @@ impl LogSource {
     /// The file at `path`, or all of standard input for `-`; `part` names the table to be read of a
     /// file that can hold several.
     pub(crate) fn new(path: &Path, part: Option<&str>) -> Result<Self, LogError> {
-        let mut source = Self {
-            path: path.to_owned(),
-            bytes: 0,
-            container: Container::Plain,
-            utf16: None,
-            spool: None,
-            beside: None,
-        };
+        let mut source = Self::at(path);
         if path.as_os_str() == "-" {
-            let spool = spool_standard_input().map_err(|error| source.error(error))?;
-            source.spool = Some(Arc::new(spool));
+            source = source.with_spool(|file| io::copy(&mut io::stdin().lock(), file).map(drop))?;
         }
         // Before it is opened: whoever opens a pipe waits for its writer.
         let metadata = std::fs::metadata(source.location()).map_err(|error| source.error(error))?;
@@ -109,6 +101,44 @@ impl LogSource {
             _ => None,
         };
         Ok(source)
+    }
+
+    /// Text that `write` writes, called `path`.
+    pub(crate) fn of_text(
+        path: &Path,
+        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    ) -> Result<Self, LogError> {
+        let mut source = Self::at(path).with_spool(|file| {
+            let mut text = BufWriter::new(file);
+            write(&mut text)?;
+            text.flush()
+        })?;
+        let metadata = std::fs::metadata(source.location()).map_err(|error| source.error(error))?;
+        source.bytes = metadata.len();
+        Ok(source)
+    }
+
+    /// A plain file of unknown size.
+    fn at(path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
+            bytes: 0,
+            container: Container::Plain,
+            utf16: None,
+            spool: None,
+            beside: None,
+        }
+    }
+
+    /// The same with what `write` writes in its place: logs are read several times.
+    fn with_spool(self, write: impl FnOnce(&mut File) -> io::Result<()>) -> Result<Self, LogError> {
+        let spool = || {
+            let mut file = tempfile::NamedTempFile::new()?;
+            write(file.as_file_mut())?;
+            Ok(file.into_temp_path())
+        };
+        let spool = spool().map_err(|error| self.error(error))?;
+        Ok(Self { spool: Some(Arc::new(spool)), ..self })
     }
 
     /// The same with the columns of another file, whose rows are those of this one.
@@ -162,6 +192,9 @@ impl LogSource {
     }
 
     fn table(&self, kind: FileKind, part: Option<&str>) -> Result<Table, LogError> {
+        if let (FileKind::Arrow | FileKind::NumPy | FileKind::Parquet, Some(part)) = (kind, part) {
+            return Err(LogError::NoParts { path: self.path.clone(), wanted: part.to_owned() });
+        }
         Table::open(self.location(), kind, part).map_err(|problem| self.table_error(problem))
     }
 
@@ -303,13 +336,6 @@ impl LogSource {
             problem => LogError::Table { path: self.path.clone(), problem },
         }
     }
-}
-
-/// Copies standard input into a temporary file: logs are read several times.
-fn spool_standard_input() -> io::Result<TempPath> {
-    let mut file = tempfile::NamedTempFile::new()?;
-    io::copy(&mut io::stdin().lock(), &mut file)?;
-    Ok(file.into_temp_path())
 }
 
 /// The text of a log from its start.

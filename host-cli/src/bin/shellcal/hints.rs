@@ -74,7 +74,14 @@ fn nearest_columns(cause: &(dyn Error + 'static)) -> Option<String> {
             "`{name}` is there, but was said to be something else: check `--sensors`, `--wrench` and `--time`"
         ));
     }
+    // A column by its place is like no other.
+    let is_place = |name: &str| {
+        name.strip_prefix("column ").is_some_and(|place| place.parse::<usize>().is_ok())
+    };
     let nearest = |name: &String| {
+        if is_place(name) {
+            return None;
+        }
         let like = suggest(name, found.iter().map(String::as_str))?;
         Some(format!("`{like}` for `{name}`"))
     };
@@ -126,6 +133,9 @@ fn after_merge(error: &MergeError) -> Option<&'static str> {
         MergeError::Channels { .. } => "name the same sensor columns with `--sensors`",
         MergeError::Twice(_) => {
             "leave one of them out; `--skip-counted` leaves out partial fits that were delivered twice"
+        }
+        MergeError::Kind { .. } => {
+            "make all with `fit --partial --solver tsqr`, which keeps triangles of any numbers"
         }
         MergeError::Groups { .. } => "make all with `--groups`, or all without",
         MergeError::GroupsAre { .. } => {

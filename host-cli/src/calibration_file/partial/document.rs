@@ -2,7 +2,7 @@
 //!
 //! | field | content |
 //! |---|---|
-//! | `partial_schema_version` | [`PARTIAL_SCHEMA_VERSION`], with groups [`GROUPED_PARTIAL_SCHEMA_VERSION`] |
+//! | `partial_schema_version` | [`PARTIAL_SCHEMA_VERSION`], with groups [`GROUPED_PARTIAL_SCHEMA_VERSION`]; [`FACTORED_PARTIAL_SCHEMA_VERSION`] of triangles |
 //! | `made_by`, `date` | program and version, UTC |
 //! | `model` | features and intercept |
 //! | `skipped_rows`, `repeated_rows` | wrong rows left out, rows that repeat their readings |
@@ -10,13 +10,13 @@
 //! | `columns` | optional: their columns that were specified, by name, as in a calibration's document |
 //! | `axes` | optional: the axes of the wrench that there are sums of, where these are not all six |
 //! | `moments` | rows, the range of each channel, and the sums, as decimal integers |
-//! | `groups` | version 2: the same for each group and for rows that were dealt at random |
+//! | `triangle` | version 3, in place of `moments`: rows, centre and scale, the range of each channel, and the columns of the triangle |
+//! | `groups` | version 2 and 3: the same for each group and for rows that were dealt at random |
 //! | `checksum` | XXH3 of 128 bits of all bytes before it; absent in files of earlier programs |
 
 use std::collections::HashSet;
 use std::path::Path;
 
-use calibration::exact::Moments;
 use calibration::model::Model;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::de::IgnoredAny;
@@ -28,8 +28,9 @@ use super::super::layout::to_json;
 use super::super::moments::MomentsDocument;
 use super::super::problem::problem;
 use super::super::stored::{Name, Stored, StoredColumnNames, StoredModel, StoredSource, axes_of};
+use super::super::triangle::TriangleDocument;
 use super::super::{CalibrationFileError, Problem, Role};
-use super::{PartialFit, PartialGroup, PartialGroups};
+use super::{PartialFit, PartialGroup, PartialGroups, Sums};
 use crate::input;
 
 /// The version of the documents without groups.
@@ -37,6 +38,9 @@ pub const PARTIAL_SCHEMA_VERSION: u64 = 1;
 
 /// The version of the documents with groups.
 pub const GROUPED_PARTIAL_SCHEMA_VERSION: u64 = 2;
+
+/// The version of the documents of triangles, with groups or without.
+pub const FACTORED_PARTIAL_SCHEMA_VERSION: u64 = 3;
 
 #[derive(Serialize, Deserialize)]
 struct Document {
@@ -52,7 +56,10 @@ struct Document {
     /// Absent where there are all six.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     axes: Option<Vec<String>>,
-    moments: MomentsDocument,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    moments: Option<MomentsDocument>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    triangle: Option<TriangleDocument>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     groups: Option<GroupsDocument>,
 }
@@ -72,7 +79,10 @@ struct GroupDocument {
     label: String,
     source: usize,
     place: usize,
-    moments: MomentsDocument,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    moments: Option<MomentsDocument>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    triangle: Option<TriangleDocument>,
 }
 
 /// What is read before all else.
@@ -102,11 +112,11 @@ impl PartialFit {
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
         let header: Header = serde_json::from_slice(text).map_err(problem)?;
         let found = header.partial_schema_version;
-        if !(PARTIAL_SCHEMA_VERSION..=GROUPED_PARTIAL_SCHEMA_VERSION).contains(&found) {
+        if !(PARTIAL_SCHEMA_VERSION..=FACTORED_PARTIAL_SCHEMA_VERSION).contains(&found) {
             return Err(Problem::SchemaVersion { found });
         }
         let document: Document = serde_json::from_slice(text).map_err(problem)?;
-        let has_groups = document.groups.is_some();
+        let has_groups = document.groups.is_some() || document.triangle.is_some();
         let partial = document.value().map_err(Problem::Inconsistent)?;
         // Last: what can be named says more.
         check(text, header.checksum.is_some(), has_groups).map_err(Problem::Inconsistent)?;
@@ -116,10 +126,7 @@ impl PartialFit {
     /// The JSON document.
     pub fn to_json(&self) -> String {
         with_checksum(to_json(&Document {
-            partial_schema_version: match self.groups {
-                None => PARTIAL_SCHEMA_VERSION,
-                Some(_) => GROUPED_PARTIAL_SCHEMA_VERSION,
-            },
+            partial_schema_version: version(&self.sums, self.groups.is_some()),
             made_by: self.made_by.clone(),
             date: self.date.clone(),
             model: Stored::of(&self.model, self.axes),
@@ -129,7 +136,8 @@ impl PartialFit {
             columns: Stored::of(&self.columns, self.axes),
             axes: (!self.axes.are_all())
                 .then(|| self.axes.iter().map(|axis| axis.column().to_owned()).collect()),
-            moments: MomentsDocument::of(&self.moments, self.axes),
+            moments: moments(&self.sums, self.axes),
+            triangle: triangle(&self.sums, self.axes),
             groups: self.groups.as_ref().map(|groups| GroupsDocument::of(groups, self.axes)),
         }))
     }
@@ -139,28 +147,30 @@ impl Document {
     /// # Errors
     /// What does not fit together.
     fn value(self) -> Result<PartialFit, String> {
-        let expected = match self.groups {
-            None => PARTIAL_SCHEMA_VERSION,
-            Some(_) => GROUPED_PARTIAL_SCHEMA_VERSION,
-        };
-        let version = self.partial_schema_version;
-        if version != expected {
-            return Err(format!("`groups` belongs to version 2, this is version {version}"));
-        }
         let axes = axes_of(self.axes.as_deref())?;
-        let (model, moments) = (self.model.value(axes)?, self.moments.value(axes)?);
-        if !suits(&moments, &model) {
-            return Err("`moments` are not those of `model`".to_owned());
+        let (model, sums) = (self.model.value(axes)?, sums(self.moments, self.triangle, axes)?);
+        let (expected, found) =
+            (version(&sums, self.groups.is_some()), self.partial_schema_version);
+        if found != expected {
+            return Err(match sums {
+                Sums::Exact(_) => format!("`groups` belongs to version 2, this is version {found}"),
+                Sums::Factored(_) => {
+                    format!("`triangle` belongs to version {expected}, this is version {found}")
+                }
+            });
+        }
+        if !suits(&sums, &model) {
+            return Err(format!("`{}` are not those of `model`", field(&sums)));
         }
         let logs = self.sources.iter().filter(|source| source.role != Role::Wrench);
         let rows = logs.fold(0, |rows: u64, source| rows.saturating_add(source.rows));
-        if rows != moments.rows() {
-            let summed = moments.rows();
-            return Err(format!("`sources` have {rows} rows, `moments` are of {summed}"));
+        if rows != sums.rows() {
+            let (summed, field) = (sums.rows(), field(&sums));
+            return Err(format!("`sources` have {rows} rows, `{field}` are of {summed}"));
         }
         let sources = self.sources.len();
         let groups =
-            self.groups.map(|groups| groups.value(&model, &moments, sources, axes)).transpose()?;
+            self.groups.map(|groups| groups.value(&model, &sums, sources, axes)).transpose()?;
         Ok(PartialFit {
             made_by: self.made_by,
             date: self.date,
@@ -170,7 +180,7 @@ impl Document {
             sources: self.sources.value(axes)?,
             axes,
             columns: self.columns.value(axes)?,
-            moments,
+            sums,
             groups,
         })
     }
@@ -183,7 +193,8 @@ impl GroupsDocument {
             label: group.label.clone(),
             source: group.source,
             place: group.place,
-            moments: MomentsDocument::of(&group.moments, axes),
+            moments: moments(&group.sums, axes),
+            triangle: triangle(&group.sums, axes),
         };
         Self {
             by: Name::of(&groups.by, axes),
@@ -199,38 +210,52 @@ impl GroupsDocument {
     fn value(
         self,
         model: &Model,
-        total: &Moments,
+        total: &Sums,
         sources: usize,
         axes: Axes,
     ) -> Result<PartialGroups, String> {
-        let (mut sums, mut groups) = (Vec::new(), Vec::new());
+        let (mut moments_of, mut groups, mut rows) = (Vec::new(), Vec::new(), 0_u64);
         let (mut labels, mut places) = (HashSet::new(), HashSet::new());
         if self.sums.len() > MAX_GROUPS {
             return Err(format!("`groups` has more than {MAX_GROUPS}"));
         }
-        for GroupDocument { label, source, place, moments } in self.sums {
+        for GroupDocument { label, source, place, moments, triangle } in self.sums {
             let named = |why: &str| format!("group `{label}`: {why}");
-            let moments = moments.value(axes).map_err(|error| named(&error))?;
-            if !suits(&moments, model) {
-                return Err(named("`moments` are not those of `model`"));
+            let sums = sums(moments, triangle, axes).map_err(|error| named(&error))?;
+            if !suits(&sums, model) || sums.kind() != total.kind() {
+                return Err(named(&format!("`{}` are not those of `model`", field(&sums))));
             }
             if source >= sources || !places.insert((source, place)) || !labels.insert(label.clone())
             {
                 return Err(named("its label or place is taken, or it is of no source"));
             }
-            sums.push((label.clone(), moments.clone()));
-            groups.push(PartialGroup { label, source, place, moments });
+            rows = rows.saturating_add(sums.rows());
+            if let Sums::Exact(moments) = &sums {
+                moments_of.push((label.clone(), moments.clone()));
+            }
+            groups.push(PartialGroup { label, source, place, sums });
         }
-        let sums = GroupedMoments::new(sums, Vec::new()).map_err(|error| error.to_string())?;
-        if sums.total() != Some(total) {
-            return Err("the sums of the groups do not add up to `moments`".to_owned());
+        let is_whole = match total {
+            Sums::Exact(total) => {
+                let sums = GroupedMoments::new(moments_of, Vec::new());
+                sums.map_err(|error| error.to_string())?.total() == Some(total)
+            }
+            // Their last digits depend on the order in which they were merged.
+            Sums::Factored(total) => rows == total.rows(),
+        };
+        if !is_whole {
+            return Err(format!("the sums of the groups do not add up to `{}`", field(total)));
         }
         let split = RandomSplit {
             folds: self.random_folds,
             held_out: self.held_out_folds,
             seed: self.seed,
         };
-        if !(1..=split.folds).contains(&split.held_out) || self.random.len() != split.held_out {
+        let dealt = match total {
+            Sums::Exact(_) => (1..=split.folds).contains(&split.held_out),
+            Sums::Factored(_) => split.held_out == 0,
+        };
+        if !dealt || self.random.len() != split.held_out {
             return Err(format!(
                 "`random` has {} sums, for {} folds of {} that are held out",
                 self.random.len(),
@@ -241,7 +266,11 @@ impl GroupsDocument {
         let mut random = Vec::new();
         for moments in self.random {
             let moments = moments.value(axes)?;
-            if !suits(&moments, model) || !moments.can_be_part_of(total) {
+            let is_part = match total {
+                Sums::Exact(total) => moments.can_be_part_of(total),
+                Sums::Factored(_) => false,
+            };
+            if (moments.channels(), moments.basis()) != (model.channels, model.basis) || !is_part {
                 return Err("`random` are not sums of some of the rows".to_owned());
             }
             random.push(moments);
@@ -250,8 +279,52 @@ impl GroupsDocument {
     }
 }
 
-fn suits(moments: &Moments, model: &Model) -> bool {
-    (moments.channels(), moments.basis()) == (model.channels, model.basis)
+fn suits(sums: &Sums, model: &Model) -> bool {
+    (sums.channels(), sums.basis()) == (model.channels, model.basis)
+}
+
+fn version(sums: &Sums, has_groups: bool) -> u64 {
+    match (sums, has_groups) {
+        (Sums::Factored(_), _) => FACTORED_PARTIAL_SCHEMA_VERSION,
+        (Sums::Exact(_), true) => GROUPED_PARTIAL_SCHEMA_VERSION,
+        (Sums::Exact(_), false) => PARTIAL_SCHEMA_VERSION,
+    }
+}
+
+/// The field that has them.
+fn field(sums: &Sums) -> &'static str {
+    match sums {
+        Sums::Exact(_) => "moments",
+        Sums::Factored(_) => "triangle",
+    }
+}
+
+fn moments(sums: &Sums, axes: Axes) -> Option<MomentsDocument> {
+    match sums {
+        Sums::Exact(moments) => Some(MomentsDocument::of(moments, axes)),
+        Sums::Factored(_) => None,
+    }
+}
+
+fn triangle(sums: &Sums, axes: Axes) -> Option<TriangleDocument> {
+    match sums {
+        Sums::Exact(_) => None,
+        Sums::Factored(rows) => Some(TriangleDocument::of(rows, axes)),
+    }
+}
+
+/// What one of the two fields has.
+fn sums(
+    moments: Option<MomentsDocument>,
+    triangle: Option<TriangleDocument>,
+    axes: Axes,
+) -> Result<Sums, String> {
+    match (moments, triangle) {
+        (Some(moments), None) => Ok(Sums::Exact(moments.value(axes)?)),
+        (None, Some(triangle)) => Ok(Sums::Factored(triangle.value(axes)?)),
+        (None, None) => Err("missing field `moments` or `triangle`".to_owned()),
+        (Some(_), Some(_)) => Err("it has both `moments` and `triangle`".to_owned()),
+    }
 }
 
 /// How every document ends.

@@ -8,9 +8,10 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use calibration::exact::Moments;
+use calibration::factored::FactoredGroups;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 
-use super::{MergeError, PartialFit, Source};
+use super::{MergeError, PartialFit, Source, Sums};
 
 /// The sums of a partial fit, apart by group.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +22,7 @@ pub struct PartialGroups {
     pub split: RandomSplit,
     /// The groups.
     pub groups: Vec<PartialGroup>,
-    /// The sums of the random folds that are held out.
+    /// The sums of the random folds that are held out; none of rows that are not summed exactly.
     pub random: Vec<Moments>,
 }
 
@@ -35,25 +36,26 @@ pub struct PartialGroup {
     /// How many groups begin before it in that source.
     pub place: usize,
     /// The sums over its rows.
-    pub moments: Moments,
+    pub sums: Sums,
 }
 
 impl PartialGroups {
-    /// The groups of `sums`; `first_in` names the source of the first row of each.
+    /// The groups of `sums`, by label, and the sums of rows dealt by `split`; `first_in` names the source of
+    /// the first row of each.
     pub fn new(
         by: GroupKind,
-        split: RandomSplit,
-        sums: GroupedMoments,
+        (split, random): (RandomSplit, Vec<Moments>),
+        sums: Vec<(String, Sums)>,
         first_in: &[usize],
     ) -> Self {
         let (mut last, mut place) = (None, 0);
-        let group = |((label, moments), &source): ((String, Moments), &usize)| {
+        let group = |((label, sums), &source): ((String, Sums), &usize)| {
             place = if last == Some(source) { place + 1 } else { 0 };
             last = Some(source);
-            PartialGroup { label, source, place, moments }
+            PartialGroup { label, source, place, sums }
         };
-        let groups = sums.groups.into_iter().zip(first_in).map(group).collect();
-        Self { by, split, groups, random: sums.random }
+        let groups = sums.into_iter().zip(first_in).map(group).collect();
+        Self { by, split, groups, random }
     }
 
     /// Whether the groups of `other` can be added.
@@ -94,7 +96,7 @@ impl PartialGroups {
                 continue;
             };
             let known = &mut self.groups[known];
-            known.moments.merge(&group.moments)?;
+            known.sums.merge(&group.sums)?;
             if begins(source, group.place) < begins(known.source, known.place) {
                 (known.source, known.place) = (source, group.place);
             }
@@ -125,10 +127,25 @@ impl PartialFit {
         random_folds: Option<usize>,
     ) -> Result<Option<(GroupKind, GroupedMoments)>, MergeError> {
         let Some(groups) = &self.groups else { return Ok(None) };
-        let sums = groups.groups.iter().map(|of| (of.label.clone(), of.moments.clone())).collect();
+        let exact = |of: &PartialGroup| match &of.sums {
+            Sums::Exact(moments) => Some((of.label.clone(), moments.clone())),
+            Sums::Factored(_) => None,
+        };
+        let sums = groups.groups.iter().filter_map(exact).collect();
         let is_dealt = random_folds == Some(groups.split.folds);
         let random = if is_dealt { groups.random.clone() } else { Vec::new() };
         Ok(Some((groups.by, GroupedMoments::new(sums, random)?)))
+    }
+
+    /// The rows by group, where they are not summed exactly.
+    pub fn factored(&self) -> Option<(GroupKind, FactoredGroups)> {
+        let groups = self.groups.as_ref()?;
+        let factored = |of: &PartialGroup| match &of.sums {
+            Sums::Factored(rows) => Some((of.label.clone(), rows.clone())),
+            Sums::Exact(_) => None,
+        };
+        let rows = groups.groups.iter().filter_map(factored).collect();
+        Some((groups.by, FactoredGroups { groups: rows }))
     }
 
     /// Puts sources into the order of their names, and groups into that of their first rows. Without

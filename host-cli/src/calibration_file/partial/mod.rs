@@ -1,24 +1,29 @@
-//! Partial fits as files: the exact sums over some rows, to be merged with those over others.
+//! Partial fits as files: the sums over some rows, to be merged with those over others.
 //!
-//! One JSON document. Merging is exact, so in whatever order and grouping partial fits are merged,
-//! the result is the one fit over all their rows, bit for bit.
+//! One JSON document. Merging exact sums is exact, so in whatever order and grouping partial fits are merged,
+//! the result is the one fit over all their rows, bit for bit. Rows that cannot be summed exactly leave a triangle
+//! instead: merged, it gives the fit over all rows but for the last digits, always the same for one order.
 //!
 //! The documents are described in [`document`], a stream of several in [`stream`].
 
 mod document;
 mod groups;
 mod stream;
+mod sums;
 
-pub use self::document::{GROUPED_PARTIAL_SCHEMA_VERSION, PARTIAL_SCHEMA_VERSION};
+pub use self::document::{
+    FACTORED_PARTIAL_SCHEMA_VERSION, GROUPED_PARTIAL_SCHEMA_VERSION, PARTIAL_SCHEMA_VERSION,
+};
 pub use self::groups::{PartialGroup, PartialGroups};
 pub use self::stream::PartialStream;
+pub use self::sums::Sums;
 use super::{Role, Source};
-use calibration::exact::{ExactError, Moments};
+use calibration::exact::ExactError;
 use calibration::model::Model;
 use shell_data::ColumnNames;
 use shell_data::wrench::Axes;
 
-/// The exact sums over some rows, with their origin.
+/// The sums over some rows, with their origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PartialFit {
     /// Program and version.
@@ -38,7 +43,7 @@ pub struct PartialFit {
     /// The axes of the wrench that were summed.
     pub axes: Axes,
     /// The sums.
-    pub moments: Moments,
+    pub sums: Sums,
     /// The same apart by group, where that was asked for.
     pub groups: Option<PartialGroups>,
 }
@@ -74,6 +79,14 @@ pub enum MergeError {
     /// A file would be counted twice.
     #[error("its rows of `{0}` have been counted already")]
     Twice(String),
+    /// One has exact sums, the other triangles.
+    #[error("it has {found}, expected {expected}: readings or loads of one are no exact sums")]
+    Kind {
+        /// What the first has.
+        expected: &'static str,
+        /// What the other has.
+        found: &'static str,
+    },
     /// One keeps its groups, the other does not.
     #[error("it keeps {} sums of groups, expected {}", which(*.found), which(!*.found))]
     Groups {
@@ -112,7 +125,7 @@ pub enum MergeError {
 
 impl PartialFit {
     /// A partial fit of `model` with these sums of all six axes, of unknown origin.
-    pub fn new(model: Model, moments: Moments) -> Self {
+    pub fn new(model: Model, sums: Sums) -> Self {
         Self {
             made_by: String::new(),
             date: String::new(),
@@ -122,7 +135,7 @@ impl PartialFit {
             sources: Vec::new(),
             columns: None,
             axes: Axes::ALL,
-            moments,
+            sums,
             groups: None,
         }
     }
@@ -148,13 +161,17 @@ impl PartialFit {
         if let Some(source) = logs.find(|source| self.has_counted(source)) {
             return Err(MergeError::Twice(source.path.display().to_string()));
         }
+        if self.sums.kind() != other.sums.kind() {
+            let (expected, found) = (self.sums.kind(), other.sums.kind());
+            return Err(MergeError::Kind { expected, found });
+        }
         match (&self.groups, &other.groups) {
             (Some(groups), Some(others)) => groups.check(others)?,
             (None, None) => {}
             (_, others) => return Err(MergeError::Groups { found: others.is_some() }),
         }
         // Parts fit wherever the whole does, so nothing fails from here on.
-        self.moments.merge(&other.moments)?;
+        self.sums.merge(&other.sums)?;
         let own = self.sources.len();
         self.sources.extend(other.sources.iter().cloned());
         if let (Some(groups), Some(others)) = (&mut self.groups, &other.groups) {

@@ -81,7 +81,7 @@ impl<R: BufRead> Iterator for PartialStream<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration_file::{Role, Source};
+    use crate::calibration_file::{Role, Source, Sums};
     use calibration::exact::Accumulator;
     use calibration::model::{Basis, Model};
 
@@ -90,7 +90,7 @@ mod tests {
         let readings = vec![(0..rows).map(|row| row as f64).collect()];
         sums.absorb(&readings, &vec![vec![0.25; rows]; 6]).unwrap();
         let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
-        let mut partial = PartialFit::new(model, sums.finish().unwrap());
+        let mut partial = PartialFit::new(model, Sums::Exact(sums.finish().unwrap()));
         let path = "log.csv".into();
         partial.sources =
             vec![Source { role: Role::Train, path, checksum: None, rows: rows as u64 }];

@@ -4,6 +4,7 @@ use super::rows::{InMemory, RowSource, rows_sample};
 use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, SolverRecord, Source};
 use crate::workflow::WorkflowError;
 use crate::workflow::eval::{BlockErrors, Evaluation};
+use crate::workflow::factored::of_rows;
 use crate::workflow::fit::{check_sizes, root_mean_square, shape};
 use crate::workflow::groups::GroupBy;
 use crate::workflow::model_choice::{
@@ -13,7 +14,9 @@ use crate::workflow::selection::UsedRows;
 use crate::workflow::solving::{Problem, Solved, solve};
 use crate::workflow::uncertainty::{CovarianceFrom, Uncertainty};
 use calibration::exact::ExactError;
+use calibration::factored::{FactoredGroups, GroupFactors};
 use calibration::reading_ranges::ReadingRanges;
+use calibration::scaling::Scaling;
 use calibration::solver::{Solution, SolverKind};
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
@@ -219,6 +222,22 @@ pub fn sum(
     Ok(sums.finish(workers)?)
 }
 
+/// Factors rows by their labels, where they cannot be summed exactly.
+fn factor(
+    source: &dyn RowSource,
+    basis: Basis,
+    threads: usize,
+) -> Result<FactoredGroups, WorkflowError> {
+    let scaling = Scaling::of_sample(&rows_sample(source).readings, true);
+    let mut groups = GroupFactors::new(basis, scaling);
+    InMemory { source, threads }.each_block(
+        || (),
+        |(), block| std::mem::take(block),
+        |block| groups.add(&block).map_err(of_rows),
+    )?;
+    groups.finish().map_err(of_rows)
+}
+
 /// What can be had of rows that have weights, which no exact sum can take: a plain least-squares fit, and
 /// standard errors by row.
 fn check_weighted(options: &RowFitOptions) -> Result<(), WorkflowError> {
@@ -261,8 +280,12 @@ fn choose(
     let basis = options.basis.unwrap_or(Basis::Poly3);
     let sum = |apart| sum(source, basis, (apart, asked.random_split()), options.threads);
     match asked.sum_apart(sum) {
+        Err(WorkflowError::Fit(FitError::NotExact(_))) if !asked.validates() => {
+            let choice = asked.open(Some(GroupBy::Column));
+            asked.decide_factored(choice, factor(source, basis, options.threads)).map(Some)
+        }
         // Better standard errors were not asked for by name.
-        Err(WorkflowError::Fit(FitError::NotExact(_)) | WorkflowError::Validation(_))
+        Err(WorkflowError::Validation(_))
             if !asked.validates() && options.covariance == CovarianceRule::Auto =>
         {
             Ok(None)

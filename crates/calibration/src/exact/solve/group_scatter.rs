@@ -1,71 +1,30 @@
-//! How coefficients scatter where errors are alike within groups of rows, from sums alone.
+//! The [scatter](crate::sandwich) of coefficients over groups of rows, from sums alone.
 //!
-//! With `F·Fᵀ = A⁻¹`, `A = XᵀX` over all rows, and for each group of rows its Gram matrix `A_g` and
-//! its score `s_g = X_gᵀ(W_g − X_g·C) = B_g − A_g·C`,
-//!
-//! ```text
-//! K_g = FᵀA_gF    u_g = Fᵀs_g    v_g = (I − K_g)^(−½)·u_g
-//! cov(C) = F·(Σ v_g·v_gᵀ)·Fᵀ
-//! ```
-//!
-//! for each axis: the sandwich over clusters with the correction CR2 of Bell and McCaffrey (Survey
-//! Methodology 28, 2002, p. 169), who take the residuals `(I − H_g)^(−½)·e_g`, `H_g = X_gA⁻¹X_gᵀ`.
-//! That the sums are sufficient follows from `Xᵀ·f(X·A⁻¹·Xᵀ) = f(XᵀX·A⁻¹)·Xᵀ`. Likewise
-//!
-//! ```text
-//! Σ e_gᵀ(I − H_g)⁻¹e_g = Σ eᵀe + Σ u_gᵀ(I − K_g)⁻¹u_g
-//! ```
-//!
-//! whose mean over all rows is the variance of one row: without bias where errors are independent,
-//! and where the errors of a group are one and the same and so are its readings.
-//!
-//! In `f64` but for the scores, which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
+//! `K_g` and `u_g` of a group come from its sums `A_g` and `s_g = B_g − A_g·C`. In `f64` but for the scores,
+//! which cancel: errors of about κ(X)²·2⁻⁵³ in a variance.
 
-use faer::{Mat, Side};
+use faer::Mat;
 
 use super::fit::SolveError;
 use super::partition::{PartitionedMoments, counted_coefficients};
 use super::symmetric::Symmetric;
 use crate::exact::moments::product_sums::Moments;
 use crate::factor::InverseFactor;
-use shell_data::wrench::PerAxis;
-
-/// A group whose `K_g` has an eigenvalue this near to one determines a direction alone.
-const ALONE: f64 = 1e-8;
-
-/// By how much the `K_g` may fail to add up to the identity.
-const LARGEST_DEFECT: f64 = 1e-4;
-
-/// What groups of rows say about the scatter of the coefficients.
-#[derive(Clone, Debug)]
-pub struct GroupScatter {
-    /// Groups that have rows.
-    pub groups: usize,
-    /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`: rows are features of centred and
-    /// scaled readings, N and N·m.
-    pub factors: PerAxis<Mat<f64>>,
-    /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
-    pub residual_products: PerAxis<PerAxis<f64>>,
-    /// The share of the squared errors that the rows of a group have in common: their mean, squared.
-    pub shared: PerAxis<f64>,
-}
-
-impl GroupScatter {
-    /// The covariance of the errors of one of so many rows, in products of N and N·m.
-    pub fn residual_covariance(&self, rows: u64) -> PerAxis<PerAxis<f64>> {
-        self.residual_products.map(|row| row.map(|product| product / rows as f64))
-    }
-}
+use crate::sandwich::{ClusterShare, GroupScatter, ScatterError, ScatterSums};
 
 /// Why groups say nothing about the scatter of the coefficients.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GroupScatterError {
     /// There are no coefficients.
     Solve(SolveError),
-    /// The groups, by their places, without which the rows do not determine the coefficients.
-    Alone(Vec<usize>),
-    /// The features are too nearly dependent for this.
-    NearlyDependent,
+    /// The groups do not tell.
+    Scatter(ScatterError),
+}
+
+impl From<ScatterError> for GroupScatterError {
+    fn from(error: ScatterError) -> Self {
+        Self::Scatter(error)
+    }
 }
 
 impl PartitionedMoments<'_> {
@@ -87,72 +46,21 @@ impl PartitionedMoments<'_> {
         let factor = Mat::from_fn(stretch.len(), stretch.len(), |i, j| stretch[i] * factor[(i, j)]);
         let (size, coefficients) = (factor.nrows(), counted_coefficients(&fit));
         let groups: Vec<&Moments> = groups.iter().copied().filter(|g| g.rows() > 0).collect();
-        let mut scores: PerAxis<Mat<f64>> = std::array::from_fn(|_| Mat::zeros(groups.len(), size));
-        let mut products = fit.residual_products;
-        let mut defect = Mat::<f64>::identity(size, size);
-        let mut alone = Vec::new();
-        let (mut common, mut squares) = (PerAxis::<f64>::default(), PerAxis::<f64>::default());
+        let mut sums = ScatterSums::new(groups.len(), size, fit.residual_products);
         for (place, group) in groups.iter().enumerate() {
             let part = scales.part(&group.in_units_of(self.total));
             let gram = Symmetric::new(part.gram.iter().copied(), &scales.columns);
             let errors = scales.errors(&part, &coefficients);
-            for (axis, errors) in errors.iter().enumerate() {
-                common[axis] += errors.sum * errors.sum / errors.rows as f64;
-                squares[axis] += errors.squares;
-            }
             let share = factor.transpose() * (gram.rounded() * &factor);
-            defect -= &share;
             let score = gram.residual(&part.right, &coefficients);
             let score = Mat::from_fn(size, 6, |j, axis| score[j][axis].to_f64());
             let score = factor.transpose() * score;
-            let eigen = share.self_adjoint_eigen(Side::Upper);
-            let eigen = eigen.map_err(|_| GroupScatterError::NearlyDependent)?;
-            let (basis, values) = (eigen.U(), eigen.S().column_vector());
-            let rest: Vec<f64> = values.iter().map(|value| 1.0 - value.max(0.0)).collect();
-            if rest.iter().any(|&rest| rest < ALONE) {
-                alone.push(place);
-                continue;
-            }
-            let mut turned = basis.transpose() * score;
-            for (i, rest) in rest.iter().enumerate() {
-                turned.row_mut(i).iter_mut().for_each(|x| *x /= rest.sqrt());
-            }
-            for (products, a) in products.iter_mut().zip(turned.col_iter()) {
-                for (product, b) in products.iter_mut().zip(turned.col_iter()) {
-                    *product += a.transpose() * b;
-                }
-            }
-            let score = basis * turned;
-            for (scores, score) in scores.iter_mut().zip(score.col_iter()) {
-                scores.row_mut(place).iter_mut().zip(score.iter()).for_each(|(x, s)| *x = *s);
-            }
-        }
-        if ridge == 0.0 && defect.norm_max() > LARGEST_DEFECT {
-            return Err(GroupScatterError::NearlyDependent);
-        }
-        if !alone.is_empty() {
-            return Err(GroupScatterError::Alone(alone));
+            let errors = errors.map(|of| (of.rows, of.sum, of.squares));
+            sums.add(place, ClusterShare { share, score, errors })?;
         }
         let back = Mat::from_fn(size, size, |i, j| factor[(j, i)] / stretch[j]);
-        let factors = scores.each_ref().map(|scores| upper_root(&(scores * &back)));
-        let shared = std::array::from_fn(|axis| match squares[axis] > 0.0 {
-            true => (common[axis] / squares[axis]).min(1.0),
-            false => 0.0,
-        });
-        Ok(GroupScatter { groups: groups.len(), factors, residual_products: products, shared })
+        Ok(sums.finish(&back, ridge)?)
     }
-}
-
-/// An upper triangular `T` with `T·Tᵀ = MᵀM`, by QR of `M` with its columns backwards.
-fn upper_root(m: &Mat<f64>) -> Mat<f64> {
-    let size = m.ncols();
-    let last = size - 1;
-    let backwards = Mat::from_fn(m.nrows(), size, |i, j| m[(i, last - j)]);
-    let qr = backwards.qr();
-    let r = qr.thin_R();
-    Mat::from_fn(size, size, |i, j| {
-        if i <= j && last - j < r.nrows() { r[(last - j, last - i)] } else { 0.0 }
-    })
 }
 
 #[cfg(test)]
@@ -160,6 +68,7 @@ mod tests {
     use super::*;
     use crate::exact::Accumulator;
     use crate::model::{Basis, Model};
+    use faer::Side;
 
     /// Seven groups of unequal size, two channels, six axes with errors that groups share.
     fn rows() -> (Vec<Vec<f64>>, Vec<Vec<f64>>, Vec<usize>) {
@@ -285,6 +194,6 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
         let found = PartitionedMoments::new(&total, &model).unwrap();
         let found = found.by_group(&parts.iter().collect::<Vec<_>>(), 0.0);
-        assert_eq!(found.unwrap_err(), GroupScatterError::Alone(vec![3]));
+        assert_eq!(found.unwrap_err(), ScatterError::Alone(vec![3]).into());
     }
 }

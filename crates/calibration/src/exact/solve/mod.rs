@@ -16,7 +16,7 @@ mod solver;
 mod symmetric;
 
 pub use self::fit::{Fit, SolveError};
-pub use self::group_scatter::{GroupScatter, GroupScatterError};
+pub use self::group_scatter::GroupScatterError;
 pub use self::held_out::HeldOutErrors;
 pub use self::new_groups::NewGroup;
 pub use self::partition::{PartMoments, PartitionedMoments};

@@ -6,11 +6,11 @@
 use faer::Mat;
 
 use super::fit::SolveError;
-use super::group_scatter::GroupScatter;
 use super::held_out::HeldOutErrors;
 use super::partition::{PartitionedMoments, counted_coefficients};
 use super::symmetric::Symmetric;
 use crate::exact::moments::product_sums::Moments;
+use crate::sandwich::GroupScatter;
 use shell_data::wrench::PerAxis;
 
 /// A group that was not fitted.

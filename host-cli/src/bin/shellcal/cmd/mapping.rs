@@ -1,7 +1,7 @@
 //! The flags of every command that reads logs: what their columns are, and how they are read.
 
 use clap::ValueEnum;
-use log_file::{ColumnRef, Format, Log, Mapping, MomentUnit, ReadOptions, TimeUnit};
+use log_file::{ColumnRef, Format, Log, Mapping, MomentUnit, ReadOptions, TimeUnit, named_axis};
 use shell_data::ColumnNames;
 use shell_data::wrench::{Axis, PerAxis};
 use shellcal::calibration_file::CalibrationFile;
@@ -261,13 +261,6 @@ pub(crate) fn parse_wrench(text: &str) -> Result<WrenchColumns, String> {
         }
     }
     Ok(WrenchColumns(columns))
-}
-
-/// An axis and its column, of `fx=a`.
-fn named_axis(item: &str) -> Option<(Axis, &str)> {
-    let (name, column) = item.split_once('=')?;
-    let axis = Axis::ALL.into_iter().find(|axis| axis.name().eq_ignore_ascii_case(name.trim()))?;
-    Some((axis, column))
 }
 
 /// Keeps a slip of the finger from asking for 10⁹ columns.

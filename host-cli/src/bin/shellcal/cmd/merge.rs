@@ -236,7 +236,12 @@ impl MergeArgs {
                 .note("physics was not weighed: it is fitted to rows, and partial fits have none");
         }
         let is_alone = choice.cross_validation.as_ref().is_some_and(|cv| cv.random_folds == 0);
-        if is_alone {
+        if is_alone && choice.sums.is_none() {
+            printer.note(
+                "no random split beside the held-out groups: rows that cannot be summed exactly are not dealt \
+                 at random",
+            );
+        } else if is_alone {
             printer.note(format!(
                 "no random split beside the held-out groups: partial fits have one in \
                  {RANDOM_FOLDS} folds, for `--cv` and `--cv={RANDOM_FOLDS}`"
@@ -253,7 +258,7 @@ impl MergeArgs {
         file: Option<&CalibrationFile>,
         to_stderr: bool,
     ) -> anyhow::Result<()> {
-        let (rows, files, axes) = (sum.moments.rows(), sum.sources.len(), sum.axes);
+        let (rows, files, axes) = (sum.sums.rows(), sum.sources.len(), sum.axes);
         let groups = sum.groups.as_ref().map(|groups| groups.groups.len());
         let fit = file.and_then(|file| file.origin.diagnostics.as_ref());
         let name = file.map_or_else(|| sum.model.name(), |file| file.calibration.name());

@@ -31,7 +31,7 @@ impl FitArgs {
             intercept: !self.no_intercept,
             ridge: self.ridge,
             solver: self.solver.0,
-            cross_validation: self.cv,
+            cross_validation: self.held_out(),
             seed: self.cv_seed,
             covariance: self.covariance_rule(),
             used,
@@ -61,7 +61,8 @@ impl FitArgs {
         printer: &mut Printer,
     ) -> Option<Result<Weighing, WorkflowError>> {
         let (sums, group_by) = choice.sums.as_ref().zip(choice.group_by.as_ref())?;
-        choice.selection.as_ref()?;
+        // Physics is fitted to rows.
+        choice.selection.as_ref().filter(|_| !self.means)?;
         let bar = printer.progress("physics", train.iter().map(Log::bytes).sum());
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };

@@ -2,6 +2,7 @@
 
 mod choice;
 mod html;
+mod means;
 mod outliers;
 mod partial;
 mod physics;
@@ -113,6 +114,11 @@ pub(crate) struct FitArgs {
     )]
     cv: Option<HeldOut>,
 
+    /// Fit to the mean of each group of rows, each counted once: the group column, files, or plateaus that are
+    /// found. Test logs are compared row by row
+    #[arg(long, conflicts_with_all = ["partial", "residuals"])]
+    means: bool,
+
     /// Which way rows are dealt into the random folds that `--cv` compares with
     #[arg(long, value_name = "N", default_value_t = 1, requires = "held_out")]
     cv_seed: u64,
@@ -122,7 +128,7 @@ pub(crate) struct FitArgs {
     #[arg(
         long,
         value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "solver", "truncate", "cv", "dropped", "valid_range", "residuals"]
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "residuals"]
     )]
     partial: Option<OutputOrStdout>,
 
@@ -242,6 +248,10 @@ impl FitArgs {
             self.ridge == 0.0 || self.solver.0 != SolverKind::RidgeGcv,
             "`--solver ridge-gcv` finds the parameter itself: leave out `--ridge`"
         );
+        anyhow::ensure!(
+            !self.means || !matches!(self.model, ModelArg::Physics),
+            "`--model physics` is fitted to means of stretches of rows of its own: leave out `--means`"
+        );
         let mapping = self.mapping.mapping()?;
         let train = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
         let dropped = self.drop_rows(&train, printer, outputs)?;
@@ -256,6 +266,12 @@ impl FitArgs {
         let axes = agree_on_axes(&train, &mut test)?;
         note_axes(axes, printer);
         let opened = self.open_outputs(outputs)?;
+        let specified = self.mapping.specified(&train)?;
+        let means = self.means.then(|| self.reduce_to_means(&train, used, printer)).transpose()?;
+        let (train, used, sources) = match means {
+            Some((log, sources)) => (vec![log], UsedRows::default(), Some(sources)),
+            None => (train, used, None),
+        };
         if matches!(self.model, ModelArg::Physics) {
             let weighed = Weighed::default();
             self.run_physics(&Logs { train, test }, opened, weighed, used, start, printer)?;
@@ -315,6 +331,14 @@ impl FitArgs {
                 100.0 * share
             ));
         }
+        let tested = total(&fitted.test);
+        if tested.rows > 0 && tested.out_of_range_rows == tested.rows {
+            printer.warning(format!(
+                "none of the {} test rows lies within the range of the training data: their errors are of a \
+                 guess beyond it. Was the sensor zeroed anew, or the columns taken in another order?",
+                tested.rows
+            ));
+        }
         let known = Known {
             weighing: weighing.as_ref(),
             groups: choice.found_groups(),
@@ -326,7 +350,11 @@ impl FitArgs {
         let group_by = choice.group_by.clone();
         let few_groups = choice.few_groups;
         let mut file = self.calibration_file((&train, &test), &fitted, choice)?;
-        file.origin.columns = self.mapping.specified(&train)?;
+        file.origin.columns = specified;
+        if let Some(sources) = sources {
+            file.origin.sources.retain(|source| source.role != Role::Train);
+            file.origin.sources.splice(..0, sources);
+        }
         let html = self.report.as_ref().map(|_| {
             let model = fitted.solution.model;
             let axes = file.calibration.axes;
@@ -345,7 +373,7 @@ impl FitArgs {
                     .collect(),
                 outliers: self.outlier_rows(named.as_ref(), &dropped, &train),
                 plots: fitted.plots.as_ref(),
-                test: total(&fitted.test),
+                test: tested,
                 group_by: group_by.as_ref(),
             };
             self.html(&file, found, (&train, &test), used)

@@ -26,7 +26,8 @@ pub(super) enum OutliersArg {
 impl FitArgs {
     /// Whether rows that do not belong are to be named, as they are unless something else is asked for.
     pub(super) fn looks_for_outliers(&self) -> bool {
-        matches!(self.outliers, None | Some(OutliersArg::Report))
+        // A mean is of no line.
+        !self.means && matches!(self.outliers, None | Some(OutliersArg::Report))
     }
 
     /// Finds the rows that are to be left out, lists them and says so.

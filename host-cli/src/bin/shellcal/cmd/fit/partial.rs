@@ -1,7 +1,9 @@
 //! `shellcal fit --partial`: sums for `shellcal merge`, and no fit.
 
 use calibration::Basis;
+use calibration::solver::SolverKind;
 use log_file::Log;
+use shellcal::calibration_file::Sums;
 use shellcal::output::Outputs;
 use shellcal::workflow::partial::{self, PartialOptions};
 
@@ -37,6 +39,7 @@ impl FitArgs {
             intercept: !self.no_intercept,
             groups: self.groups.map(GroupsArg::kept),
             seed: self.cv_seed,
+            triangles: self.keeps_triangles()?,
             fresh: self.fresh,
             read: self.mapping.read_options(),
         };
@@ -46,11 +49,15 @@ impl FitArgs {
         partial.columns = self.mapping.specified(&train)?;
         note_axes(partial.axes, printer);
         destination.write(&partial, printer)?;
-        let (rows, model) = (partial.moments.rows(), partial.model);
+        let (rows, model) = (partial.sums.rows(), partial.model);
         if printer.json() {
             return printer.document(&serde_json::json!({ "model": model.name(), "rows": rows }));
         }
-        let mut done = format!("{}: sums over {rows} rows of {} files", model.name(), train.len());
+        let kept = match &partial.sums {
+            Sums::Exact(_) => "sums over",
+            Sums::Factored(_) => "the triangle of",
+        };
+        let mut done = format!("{}: {kept} {rows} rows of {} files", model.name(), train.len());
         if let Some(groups) = &partial.groups {
             done += &format!(", in {} groups by {}", groups.groups.len(), groups.by.name());
         }
@@ -59,5 +66,16 @@ impl FitArgs {
             return Ok(());
         }
         printer.line(done)
+    }
+
+    /// Whether triangles are wanted wherever sums could be had.
+    fn keeps_triangles(&self) -> anyhow::Result<bool> {
+        match self.solver.0 {
+            SolverKind::Exact => Ok(false),
+            SolverKind::Tsqr => Ok(true),
+            _ => anyhow::bail!(
+                "`--partial` keeps exact sums, or with `--solver tsqr` triangles: leave out `--solver`"
+            ),
+        }
     }
 }

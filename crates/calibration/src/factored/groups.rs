@@ -1,0 +1,148 @@
+//! Rows group by group.
+
+use std::collections::HashMap;
+
+use super::rows::FactoredRows;
+use crate::model::Basis;
+use crate::scaling::Scaling;
+use crate::triangle::Workspace;
+use crate::validation::ValidationError;
+use crate::validation::grouped::MAX_GROUPS;
+use shell_data::block::Block;
+
+/// What the triangles of all groups may take, in bytes.
+const MEMORY: usize = 512 << 20;
+
+/// The rows of each group, in the order of their first rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FactoredGroups {
+    /// Label and rows.
+    pub groups: Vec<(String, FactoredRows)>,
+}
+
+/// Groups while their rows are being added. Rows of a group are factored so many at a time, whatever blocks
+/// they come in: the result depends on the order of the rows and on nothing else.
+#[derive(Debug)]
+pub struct GroupFactors {
+    empty: FactoredRows,
+    workspace: Workspace,
+    groups: Vec<Group>,
+    places: HashMap<String, usize>,
+}
+
+#[derive(Debug)]
+struct Group {
+    label: String,
+    rows: FactoredRows,
+    /// Rows that are not yet among them.
+    waiting: Block,
+}
+
+impl GroupFactors {
+    /// No groups; features as in [`FactoredRows::new`].
+    pub fn new(basis: Basis, scaling: Scaling) -> Self {
+        let empty = FactoredRows::new(basis, scaling);
+        let workspace = empty.workspace();
+        Self { empty, workspace, groups: Vec::new(), places: HashMap::new() }
+    }
+
+    /// How many groups there are by now.
+    pub fn group_count(&self) -> usize {
+        self.groups.len()
+    }
+
+    /// Adds the rows of a block, which all have labels.
+    ///
+    /// # Errors
+    /// [`ValidationError`] if there are too many groups, or a row that no fit can take.
+    pub fn add(&mut self, block: &Block) -> Result<(), ValidationError> {
+        let mut start = 0;
+        for (label, rows) in &block.groups {
+            let place = self.place(label)?;
+            let group = &mut self.groups[place];
+            let waiting = &mut group.waiting;
+            let append = |to: &mut Vec<Vec<f64>>, from: &[Vec<f64>]| {
+                to.resize_with(from.len(), Vec::new);
+                to.iter_mut().zip(from).for_each(|(to, from)| {
+                    to.extend_from_slice(&from[start..start + rows]);
+                });
+            };
+            append(&mut waiting.readings, &block.readings);
+            append(&mut waiting.wrench, &block.wrench);
+            waiting.rows += rows;
+            start += rows;
+            if waiting.rows >= self.workspace.rows() {
+                group.settle(&mut self.workspace, false)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn place(&mut self, label: &str) -> Result<usize, ValidationError> {
+        if let Some(&place) = self.places.get(label) {
+            return Ok(place);
+        }
+        let limit = MAX_GROUPS.min(MEMORY / self.empty.bytes());
+        let place = self.groups.len();
+        if place == limit {
+            return Err(ValidationError::TooManyGroups { limit });
+        }
+        let group =
+            Group { label: label.to_owned(), rows: self.empty.clone(), waiting: Block::default() };
+        self.groups.push(group);
+        self.places.insert(label.to_owned(), place);
+        Ok(place)
+    }
+
+    /// The groups, after all rows.
+    ///
+    /// # Errors
+    /// [`ValidationError::Rows`] if there is a row that no fit can take.
+    pub fn finish(mut self) -> Result<FactoredGroups, ValidationError> {
+        for group in &mut self.groups {
+            group.settle(&mut self.workspace, true)?;
+        }
+        let groups = self.groups.into_iter().map(|group| (group.label, group.rows)).collect();
+        Ok(FactoredGroups { groups })
+    }
+}
+
+impl Group {
+    /// Factors as many of the rows that wait as fill the workspace some times, or all of them.
+    fn settle(&mut self, workspace: &mut Workspace, all: bool) -> Result<(), ValidationError> {
+        let waiting = &mut self.waiting;
+        let step = if all { 1 } else { workspace.rows() };
+        let rows = waiting.rows / step * step;
+        let mut block = Block { rows, ..Block::default() };
+        for (to, from) in
+            [(&mut block.readings, &mut waiting.readings), (&mut block.wrench, &mut waiting.wrench)]
+        {
+            to.extend(from.iter_mut().map(|column| {
+                let rest = column.split_off(rows);
+                std::mem::replace(column, rest)
+            }));
+        }
+        waiting.rows -= rows;
+        if rows == 0 {
+            return Ok(());
+        }
+        let added = self.rows.absorb(&block, workspace);
+        added.map_err(|error| ValidationError::Rows(Box::new(error)))
+    }
+}
+
+impl FactoredGroups {
+    /// All rows; `None` where there is no group.
+    pub fn total(&self) -> Option<FactoredRows> {
+        self.without(None)
+    }
+
+    /// All rows but those of a group; `None` where there are none.
+    pub(crate) fn without(&self, group: Option<usize>) -> Option<FactoredRows> {
+        let others = self.groups.iter().enumerate().filter(|(place, _)| Some(*place) != group);
+        let mut others = others.map(|(_, (_, rows))| rows);
+        let mut all = others.next()?.clone();
+        others.for_each(|rows| all.merge(rows));
+        Some(all)
+    }
+}

@@ -1,0 +1,244 @@
+//! Some rows.
+
+use faer::{Mat, MatRef};
+
+use super::change::change;
+use crate::FitError;
+use crate::exact::HeldOutErrors;
+use crate::features::Features;
+use crate::model::{Basis, Model};
+use crate::quality::AxisQuality;
+use crate::reading_ranges::ReadingRanges;
+use crate::scaling::{ChannelSample, Scaling};
+use crate::solver::Solution;
+use crate::triangle::{Ridge, Triangle, Workspace};
+use shell_data::block::Block;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// What is kept of some rows: the triangle of features, a constant among them, and wrench.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FactoredRows {
+    features: Features,
+    ranges: ReadingRanges,
+    triangle: Triangle,
+}
+
+impl FactoredRows {
+    /// No rows; features of readings standardised by `scaling`, which is best that of a sample.
+    pub fn new(basis: Basis, scaling: Scaling) -> Self {
+        let model = Model { basis, intercept: true, channels: scaling.channels() };
+        let triangle = Triangle::new(model.term_count(), Axis::ALL.len());
+        let ranges = ReadingRanges::new(model.channels);
+        Self { features: Features::new(model, scaling), ranges, triangle }
+    }
+
+    /// What was kept: ranges of the readings, and the upper triangular matrix by its columns. `None` if it is not
+    /// of that size.
+    pub fn of_parts(
+        (basis, scaling): (Basis, Scaling),
+        ranges: ReadingRanges,
+        columns: &[Vec<f64>],
+    ) -> Option<Self> {
+        let mut empty = Self::new(basis, scaling);
+        let order = empty.triangle.whole().ncols();
+        let is_upper = columns.iter().enumerate().all(|(j, column)| column.len() == j + 1);
+        if columns.len() != order || !is_upper {
+            return None;
+        }
+        let upper = |i: usize, j: usize| columns[j].get(i).copied().unwrap_or(0.0);
+        let whole = Mat::from_fn(order, order, upper);
+        empty.triangle = Triangle::of_parts(empty.features.len(), ranges.rows, whole);
+        Some(Self { ranges, ..empty })
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> u64 {
+        self.ranges.rows
+    }
+
+    /// Whether the sum of the squares of the constant is the number of rows, as it is of what rows have left.
+    pub fn counts_its_rows(&self) -> bool {
+        let ones = self.triangle.r().col(self.features.len() - 1).norm_l2();
+        // Some roundings of each of many blocks.
+        (ones * ones / self.rows() as f64 - 1.0).abs() < 1e-9
+    }
+
+    /// Number of channels.
+    pub fn channels(&self) -> usize {
+        self.features.model().channels
+    }
+
+    /// The family of features.
+    pub fn basis(&self) -> Basis {
+        self.features.model().basis
+    }
+
+    /// Centre and scale of the readings.
+    pub fn scaling(&self) -> &Scaling {
+        self.features.scaling()
+    }
+
+    /// The range of each channel.
+    pub fn reading_ranges(&self) -> &ReadingRanges {
+        &self.ranges
+    }
+
+    /// The upper triangular matrix by its columns, of lengths 1, 2, …: features, then the wrench.
+    pub fn columns(&self) -> Vec<Vec<f64>> {
+        let whole = self.triangle.whole();
+        (0..whole.ncols()).map(|j| (0..=j).map(|i| whole[(i, j)]).collect()).collect()
+    }
+
+    /// The bytes that a set of rows takes.
+    pub fn bytes(&self) -> usize {
+        let order = self.triangle.whole().ncols();
+        order * order * size_of::<f64>()
+    }
+
+    /// The memory that adding rows needs.
+    pub fn workspace(&self) -> Workspace {
+        Workspace::new(self.features.len(), Axis::ALL.len())
+    }
+
+    /// Adds the rows of a block.
+    ///
+    /// # Errors
+    /// [`FitError`] if a reading or a wrench is not finite, or so large that its products are not.
+    pub fn absorb(&mut self, block: &Block, workspace: &mut Workspace) -> Result<(), FitError> {
+        self.ranges.merge(&ReadingRanges::of_block(block, self.channels())?);
+        let p = self.features.len();
+        for start in (0..block.rows).step_by(workspace.rows()) {
+            let rows = start..block.rows.min(start + workspace.rows());
+            self.triangle.absorb(rows.len(), workspace, |columns, stride| {
+                self.features.fill(&block.readings, rows.clone(), columns, stride);
+                for (column, axis) in columns.chunks_mut(stride).skip(p).zip(&block.wrench) {
+                    column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
+                }
+            });
+        }
+        match self.triangle.whole().is_all_finite() {
+            true => Ok(()),
+            false => Err(FitError::Overflow),
+        }
+    }
+
+    /// Adds the rows of `later`, about the centre of these.
+    ///
+    /// # Panics
+    /// If their features are of other families or numbers of channels.
+    pub fn merge(&mut self, later: &Self) {
+        match later.features == self.features {
+            true => self.triangle.merge(&later.triangle),
+            false => {
+                let change = later.change(&self.features.model(), self.scaling());
+                let change = change.expect("rows of one family of features");
+                self.triangle.merge(&later.triangle.in_terms_of(change.as_ref()));
+            }
+        }
+        self.ranges.merge(&later.ranges);
+    }
+
+    /// The features of `model` about the centre of `scaling`, as sums of these; `None` if some are not among
+    /// them.
+    pub(super) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
+        (model.channels == self.channels()).then(|| change(&self.features, model, scaling))?
+    }
+
+    /// Centre and scale of these rows: about their mean, unless there is no constant to take it up.
+    fn scaling_of_all(&self, intercept: bool) -> Scaling {
+        let (r, ones) = (self.triangle.r(), self.features.len() - 1);
+        let terms = self.features.model().terms();
+        let about = self.scaling();
+        let channel = |i: usize| {
+            let place = terms.iter().position(|term| term.factors() == [i as u8]).unwrap_or(ones);
+            let sum = r.col(ones).transpose() * r.col(place);
+            let mean = about.centre[i] + about.scale[i] * (sum / self.rows().max(1) as f64);
+            let range = self.ranges.channels[i];
+            ChannelSample { min: range.min, max: range.max, mean, integers: false }
+        };
+        Scaling::of_channels((0..self.channels()).map(channel), intercept)
+    }
+
+    /// Fits `model`. `ridge` is λ, on powers of readings about the mean of these rows.
+    ///
+    /// # Errors
+    /// [`FitError`] if the rows do not determine the coefficients, or the features of the model are not among
+    /// these.
+    pub fn solve(&self, model: &Model, ridge: f64) -> Result<Solution, FitError> {
+        if !(ridge >= 0.0 && ridge.is_finite()) {
+            return Err(FitError::Ridge(ridge));
+        }
+        let scaling = self.scaling_of_all(model.intercept);
+        let change = self.change(model, &scaling).ok_or_else(|| FitError::OtherFeatures {
+            kept: self.features.model().name(),
+            asked: model.name(),
+        })?;
+        let features = Features::new(*model, scaling);
+        let free_column = model.intercept.then(|| features.len() - 1);
+        let solved = self
+            .triangle
+            .in_terms_of(change.as_ref())
+            .solve(Ridge { lambda: ridge, free_column })
+            .map_err(|error| FitError::of_least_squares(error, &features, &self.ranges))?;
+        Ok(Solution::new(&features, solved, ridge))
+    }
+
+    /// The errors of a solution on these rows; `None` if its features are not among these.
+    pub fn errors(&self, solution: &Solution) -> Option<PerAxis<HeldOutErrors>> {
+        let change = self.change(&solution.model, &solution.scaling)?;
+        Some(self.errors_of((&change * &solution.coefficients).as_ref()))
+    }
+
+    /// The errors of coefficients of these features.
+    pub(super) fn errors_of(&self, coefficients: MatRef<'_, f64>) -> PerAxis<HeldOutErrors> {
+        let products = self.triangle.residual_products(coefficients);
+        let sums = self.triangle.sums_of_residuals(coefficients, self.features.len() - 1);
+        std::array::from_fn(|axis| HeldOutErrors {
+            rows: self.rows(),
+            sum: sums[axis],
+            squares: products[(axis, axis)],
+        })
+    }
+
+    /// How well a solution does on these rows; `None` if there are none, or its features are not among these.
+    pub fn quality(&self, solution: &Solution) -> Option<PerAxis<AxisQuality>> {
+        let errors = self.errors(solution).filter(|_| self.rows() > 0)?;
+        let variances = self.load_variances();
+        Some(std::array::from_fn(|axis| {
+            let (error, total) = (errors[axis], variances[axis] * self.rows() as f64);
+            AxisQuality {
+                rms: error.rms(),
+                max: None,
+                bias: error.bias(),
+                r_squared: (total > 0.0).then(|| 1.0 - error.squares / total),
+            }
+        }))
+    }
+
+    /// The variance of the wrench, squares of N and N·m.
+    pub fn load_variances(&self) -> PerAxis<f64> {
+        let (p, rows) = (self.features.len(), self.rows().max(1) as f64);
+        let nothing = Mat::zeros(p, Axis::ALL.len());
+        let sums = self.triangle.sums_of_residuals(nothing.as_ref(), p - 1);
+        let mean = |i: usize, axis: usize| if i + 1 == p { -sums[axis] / rows } else { 0.0 };
+        let mean = Mat::from_fn(p, Axis::ALL.len(), mean);
+        let about_mean = self.triangle.residual_products(mean.as_ref());
+        std::array::from_fn(|axis| about_mean[(axis, axis)] / rows)
+    }
+
+    /// Whether `model` can be fitted to what was kept.
+    pub fn has_features_of(&self, model: &Model) -> bool {
+        let scaling = Scaling::identity(model.channels);
+        self.change(model, &scaling).is_some()
+    }
+
+    /// What `R` makes of the columns of a matrix, of one row per feature.
+    pub(super) fn times(&self, columns: &Mat<f64>) -> Mat<f64> {
+        self.triangle.r() * columns
+    }
+
+    /// `Z − R·C` of coefficients of these features.
+    pub(super) fn misfit(&self, coefficients: MatRef<'_, f64>) -> Mat<f64> {
+        self.triangle.misfit(coefficients)
+    }
+}

@@ -1,0 +1,268 @@
+//! The [scatter](crate::sandwich) of coefficients over groups of rows, from their triangles.
+//!
+//! With `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`: errors of about κ(X)·2⁻⁵³.
+
+use faer::Mat;
+
+use super::groups::FactoredGroups;
+use super::rows::FactoredRows;
+use crate::exact::NewGroup;
+use crate::sandwich::{ClusterShare, GroupScatter, ScatterError, ScatterSums};
+use crate::solver::Solution;
+
+impl FactoredGroups {
+    /// The scatter of the coefficients of a solution over these groups, or all but one of them, which are
+    /// all rows that it was fitted to. The bias that a ridge brings is left out.
+    ///
+    /// # Errors
+    /// [`ScatterError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    pub(crate) fn scatter(
+        &self,
+        solution: &Solution,
+        held_out: Option<usize>,
+    ) -> Result<GroupScatter, ScatterError> {
+        let others = self.groups.iter().enumerate().filter(|(place, _)| Some(*place) != held_out);
+        let groups: Vec<&FactoredRows> =
+            others.map(|(_, (_, rows))| rows).filter(|rows| rows.rows() > 0).collect();
+        let factor = solution.factor.matrix();
+        let products = &solution.residual_products;
+        let products =
+            std::array::from_fn(|a| std::array::from_fn(|b| products[(a.min(b), a.max(b))]));
+        let mut sums = ScatterSums::new(groups.len(), factor.nrows(), products);
+        let express = |rows: &FactoredRows| {
+            let change = rows.change(&solution.model, &solution.scaling);
+            let change = change.ok_or(ScatterError::NearlyDependent)?;
+            Ok((&change * &*factor, &change * &solution.coefficients))
+        };
+        // As a rule all are about one centre; those of recordings that were merged are not.
+        let mut about = None;
+        for (place, rows) in groups.iter().enumerate() {
+            let known = about.take().filter(|(scaling, _)| *scaling == rows.scaling());
+            let parts = known.map_or_else(|| express(rows), |(_, parts)| Ok(parts))?;
+            let (_, (factors, coefficients)) = about.insert((rows.scaling(), parts));
+            let columns = rows.times(factors);
+            let share = columns.transpose() * &columns;
+            let score = columns.transpose() * rows.misfit(coefficients.as_ref());
+            let errors = rows.errors_of(coefficients.as_ref());
+            let errors = errors.map(|of| (of.rows, of.sum, of.squares));
+            sums.add(place, ClusterShare { share, score, errors })?;
+        }
+        sums.finish(&factor.transpose().to_owned(), solution.ridge)
+    }
+
+    /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.
+    pub(crate) fn on_new_group(
+        &self,
+        group: usize,
+        solution: &Solution,
+        scatter: &GroupScatter,
+    ) -> Option<NewGroup> {
+        let rows = &self.groups[group].1;
+        let change = rows.change(&solution.model, &solution.scaling)?;
+        let variance = scatter.factors.each_ref().map(|factor: &Mat<f64>| {
+            let spread = rows.times(&(&change * factor));
+            spread.squared_norm_l2() / rows.rows().max(1) as f64
+        });
+        Some(NewGroup { errors: rows.errors(solution)?, variance })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::factored::GroupFactors;
+    use crate::features::Features;
+    use crate::model::{Basis, Model};
+    use crate::scaling::Scaling;
+    use crate::solver::{self, FitProblem, SolverKind};
+    use crate::uncertainty::Covariance;
+    use crate::validation::ValidationError;
+    use faer::Side;
+    use shell_data::block::Block;
+    use system_tests::random::Random;
+
+    /// Groups of one to seven rows, fewer than there are features, whose errors resemble each other; the second
+    /// channel is the first and `apart` of something else.
+    fn block(apart: f64) -> Block {
+        let mut random = Random(16);
+        let mut noise = |scale: f64| scale * (2.0 * random.unit() - 1.0);
+        let sizes: Vec<usize> = (0..40).map(|group| 1 + group * 5 % 7).collect();
+        let (mut readings, mut wrench) = (vec![Vec::new(); 2], vec![Vec::new(); 6]);
+        for &rows in &sizes {
+            let (place, common) = (noise(1.0), [(); 6].map(|()| noise(0.3)));
+            for _ in 0..rows {
+                let first = 1.3 + place + noise(0.2);
+                readings[0].push(first);
+                readings[1].push(first + noise(apart));
+                for (axis, column) in wrench.iter_mut().enumerate() {
+                    column.push(first * (1.0 + axis as f64) + common[axis] + noise(0.1));
+                }
+            }
+        }
+        let rows = readings[0].len();
+        let groups = sizes.iter().enumerate().map(|(i, &rows)| (i.to_string(), rows)).collect();
+        Block { rows, readings, wrench, groups, ..Block::default() }
+    }
+
+    fn fitted(block: &Block, model: Model) -> (Solution, FactoredGroups) {
+        let scaling = Scaling::of_sample(&block.readings, model.intercept);
+        let problem = FitProblem { model, scaling, ridge: 0.0 };
+        let mut blocks = std::slice::from_ref(block);
+        let (solution, _) = solver::fit(SolverKind::RefinedTsqr, problem, &mut blocks).unwrap();
+        let scaling = Scaling::of_sample(&block.readings, true);
+        let mut groups = GroupFactors::new(model.basis, scaling);
+        groups.add(block).unwrap();
+        (solution, groups.finish().unwrap())
+    }
+
+    /// By the definition, from the singular vectors of all rows: the variances of predictions at the rows, and the
+    /// products of residuals. Neither needs an inverse, so the condition of the features does not matter.
+    fn dense(x: &Mat<f64>, block: &Block) -> (Vec<Mat<f64>>, Mat<f64>) {
+        let (n, svd) = (x.nrows(), x.thin_svd().unwrap());
+        let u = svd.U();
+        let y = Mat::from_fn(n, 6, |row, axis| block.wrench[axis][row]);
+        let e = &y - u * (u.transpose() * &y);
+        let mut variances = vec![Mat::zeros(n, n); 6];
+        let (mut products, mut start) = (Mat::zeros(6, 6), 0);
+        for (_, rows) in &block.groups {
+            let (ug, eg) = (u.subrows(start, *rows), e.subrows(start, *rows));
+            let rest = Mat::<f64>::identity(*rows, *rows) - ug * ug.transpose();
+            let eigen = rest.self_adjoint_eigen(Side::Lower).unwrap();
+            let power = |exponent: f64| {
+                let values = eigen.S().column_vector();
+                let scaled =
+                    Mat::from_fn(*rows, *rows, |i, j| eigen.U()[(i, j)] * values[j].powf(exponent));
+                scaled * eigen.U().transpose()
+            };
+            let v = u * (ug.transpose() * (power(-0.5) * eg));
+            for (axis, variances) in variances.iter_mut().enumerate() {
+                *variances += v.col(axis) * v.col(axis).transpose();
+            }
+            products += eg.transpose() * (power(-1.0) * eg);
+            start += rows;
+        }
+        (variances, products)
+    }
+
+    #[test]
+    fn triangles_give_what_the_rows_themselves_give_by_the_definition() {
+        for (basis, intercept, apart) in [
+            (Basis::Cubic, true, 0.5),
+            (Basis::Quadratic, false, 0.5),
+            (Basis::Linear, true, 1e-4),
+            (Basis::Linear, true, 1e-7),
+            (Basis::Linear, true, 1e-10),
+        ] {
+            let block = block(apart);
+            let model = Model { basis, intercept, channels: 2 };
+            let (solution, groups) = fitted(&block, model);
+            let features = Features::new(model, solution.scaling.clone());
+            let (n, p) = (block.rows, features.len());
+            let mut columns = vec![0.0; n * p];
+            features.fill(&block.readings, 0..n, &mut columns, n);
+            let x = Mat::from_fn(n, p, |row, j| columns[j * n + row]);
+            let (variances, products) = dense(&x, &block);
+            let found = groups.scatter(&solution, None).unwrap();
+            assert_eq!(found.groups, 40);
+            // Both ways know the directions of the features to ε·κ; sums of some hundred roundings.
+            let tolerance = 100.0 * f64::EPSILON * solution.condition + 1e-12;
+            assert!(apart > 1e-9 || solution.condition > 1e9, "{}", solution.condition);
+            for axis in 0..6 {
+                let spread = &x * &found.factors[axis];
+                for row in 0..n {
+                    let variance = spread.row(row).squared_norm_l2();
+                    let ratio = variance / variances[axis][(row, row)];
+                    assert!((ratio - 1.0).abs() < tolerance, "{basis:?} {apart} {ratio}");
+                }
+                for b in 0..6 {
+                    let difference = found.residual_products[axis][b] - products[(axis, b)];
+                    assert!(difference.abs() < tolerance * products.norm_max(), "{axis} {b}");
+                }
+            }
+        }
+    }
+
+    /// Recordings that were made apart have centres of their own.
+    #[test]
+    fn merged_triangles_are_those_of_all_rows_whatever_centre_they_are_about() {
+        let block = block(0.5);
+        let half = block.rows / 2;
+        let part = |first: bool, centre: f64| {
+            let mut part = block.clone();
+            part.retain_rows(&(0..block.rows).map(|row| (row < half) == first).collect::<Vec<_>>());
+            let scaling = Scaling { centre: vec![centre; 2], scale: vec![0.5; 2] };
+            let mut rows = FactoredRows::new(Basis::Poly3, scaling);
+            let mut workspace = rows.workspace();
+            rows.absorb(&part, &mut workspace).unwrap();
+            rows
+        };
+        let mut merged = part(true, 1.25);
+        merged.merge(&part(false, 3.0));
+        assert_eq!(merged.rows(), block.rows as u64);
+        for (basis, intercept) in [
+            (Basis::Poly3, true),
+            (Basis::Cubic, true),
+            (Basis::Linear, true),
+            (Basis::Linear, false),
+        ] {
+            let model = Model { basis, intercept, channels: 2 };
+            let (expected, _) = fitted(&block, model);
+            let found = merged.solve(&model, 0.0).unwrap();
+            assert_eq!(found.scaling, expected.scaling, "about the mean of all rows");
+            // Condition numbers below 1e3 about either centre.
+            let difference = (&found.coefficients - &expected.coefficients).norm_max();
+            assert!(
+                difference < 1e-11 * expected.coefficients.norm_max(),
+                "{basis:?} {difference}"
+            );
+            let quality = merged.quality(&found).unwrap();
+            for (axis, found) in quality.into_iter().enumerate() {
+                let rms = (expected.residual_products[(axis, axis)] / block.rows as f64).sqrt();
+                assert!((found.rms / rms - 1.0).abs() < 1e-11);
+                let column = &block.wrench[axis];
+                let mean = column.iter().sum::<f64>() / block.rows as f64;
+                let total = column.iter().map(|w| (w - mean).powi(2)).sum::<f64>();
+                let r_squared = 1.0 - rms * rms * block.rows as f64 / total;
+                assert!((found.r_squared.unwrap() - r_squared).abs() < 1e-11);
+            }
+        }
+        let larger = Model { basis: Basis::Poly3, intercept: true, channels: 3 };
+        assert!(merged.solve(&larger, 0.0).is_err());
+    }
+
+    #[test]
+    fn a_group_that_alone_moves_a_channel_is_named_and_one_group_is_too_few() {
+        let mut block = block(0.5);
+        let alone: Vec<bool> = (block.groups.iter().enumerate())
+            .flat_map(|(group, (_, rows))| std::iter::repeat_n(group == 4, *rows))
+            .collect();
+        for (reading, alone) in block.readings[1].iter_mut().zip(alone) {
+            *reading = if alone { *reading } else { 1.0 };
+        }
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
+        let (solution, mut groups) = fitted(&block, model);
+        let found = Covariance::of_factored(&groups, &solution).unwrap_err();
+        assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
+        groups.groups.truncate(1);
+        let found = Covariance::of_factored(&groups, &solution).unwrap_err();
+        assert_eq!(found, ValidationError::TooFewGroups { found: 1 });
+    }
+
+    /// The result depends on the order of the rows alone, not on how they come in.
+    #[test]
+    fn blocks_of_any_length_give_the_same_bits() {
+        let all = block(0.5);
+        let mut scattered = GroupFactors::new(Basis::Cubic, Scaling::identity(2));
+        let mut whole = GroupFactors::new(Basis::Cubic, Scaling::identity(2));
+        for _ in 0..40 {
+            whole.add(&all).unwrap();
+            for start in (0..all.rows).step_by(11) {
+                let mut part = all.clone();
+                let is_in = |row: usize| (start..start + 11).contains(&row);
+                part.retain_rows(&(0..all.rows).map(is_in).collect::<Vec<_>>());
+                scattered.add(&part).unwrap();
+            }
+        }
+        assert_eq!(scattered.finish().unwrap(), whole.finish().unwrap());
+    }
+}

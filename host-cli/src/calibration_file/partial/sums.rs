@@ -1,0 +1,62 @@
+//! What a partial fit keeps of its rows.
+
+use calibration::exact::Moments;
+use calibration::factored::FactoredRows;
+use calibration::model::Basis;
+
+use super::MergeError;
+
+/// What is kept of some rows.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Sums {
+    /// Exact sums: merged in any order they are the same, bit for bit.
+    Exact(Moments),
+    /// The triangle of rows that cannot be summed exactly: merged in another order it differs in its last digits.
+    Factored(FactoredRows),
+}
+
+impl Sums {
+    /// Number of rows.
+    pub fn rows(&self) -> u64 {
+        match self {
+            Self::Exact(moments) => moments.rows(),
+            Self::Factored(rows) => rows.rows(),
+        }
+    }
+
+    /// Number of channels.
+    pub fn channels(&self) -> usize {
+        match self {
+            Self::Exact(moments) => moments.channels(),
+            Self::Factored(rows) => rows.channels(),
+        }
+    }
+
+    /// The family of features.
+    pub fn basis(&self) -> Basis {
+        match self {
+            Self::Exact(moments) => moments.basis(),
+            Self::Factored(rows) => rows.basis(),
+        }
+    }
+
+    /// What they are called.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Exact(_) => "exact sums",
+            Self::Factored(_) => "triangles",
+        }
+    }
+
+    /// Adds the rows of `other`.
+    pub(super) fn merge(&mut self, other: &Self) -> Result<(), MergeError> {
+        match (&mut *self, other) {
+            (Self::Exact(own), Self::Exact(other)) => own.merge(other)?,
+            (Self::Factored(own), Self::Factored(other)) => own.merge(other),
+            (own, other) => {
+                return Err(MergeError::Kind { expected: own.kind(), found: other.kind() });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,70 @@
+//! Rows that cannot be summed exactly, in a document: the triangle of their features and wrench.
+
+use calibration::factored::FactoredRows;
+use calibration::model::{Basis, MAX_CHANNELS, Model};
+use calibration::reading_ranges::{ReadingRange, ReadingRanges};
+use calibration::scaling::Scaling;
+use serde::{Deserialize, Serialize};
+use shell_data::wrench::Axes;
+
+use super::LARGEST;
+use super::stored::{Name, Stored, StoredReadingRange, StoredScaling};
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct TriangleDocument {
+    basis: Name<Basis>,
+    rows: u64,
+    /// What features are made of: `z = (s − centre) / scale`.
+    scaling: StoredScaling,
+    channels: Vec<StoredReadingRange>,
+    /// Columns of the upper triangular matrix, of lengths 1, 2, …: features with a constant, then all six axes.
+    columns: Vec<Vec<f64>>,
+}
+
+impl TriangleDocument {
+    pub(super) fn of(rows: &FactoredRows, axes: Axes) -> Self {
+        Self {
+            basis: Name::of(&rows.basis(), axes),
+            rows: rows.rows(),
+            scaling: Stored::of(rows.scaling(), axes),
+            channels: Stored::of(&rows.reading_ranges().channels, axes),
+            columns: rows.columns(),
+        }
+    }
+
+    /// # Errors
+    /// What does not fit together.
+    pub(super) fn value(self, axes: Axes) -> Result<FactoredRows, String> {
+        let named = |why: &str| format!("`triangle`: {why}");
+        let (basis, scaling) = (self.basis.value(axes)?, self.scaling.value(axes)?);
+        let Scaling { centre, scale } = &scaling;
+        let channels: Vec<ReadingRange> = self.channels.value(axes)?;
+        let count = channels.len();
+        if centre.len() != count || scale.len() != count || !(1..=MAX_CHANNELS).contains(&count) {
+            return Err(named("`scaling` and `channels` are not of as many channels"));
+        }
+        let model = Model { basis, intercept: true, channels: count };
+        model.check_size().map_err(|error| named(&error.to_string()))?;
+        let is_power_of_two = |scale: &f64| scale.is_normal() && scale.to_bits() << 12 == 0;
+        if !scale.iter().all(|scale| *scale > 0.0 && is_power_of_two(scale)) {
+            return Err(named("a `scale` is no power of two"));
+        }
+        let small = |x: &f64| x.abs() <= LARGEST;
+        let ranges = channels.iter().flat_map(|range| [&range.min, &range.max]);
+        if !ranges.chain(centre).chain(self.columns.iter().flatten()).all(small)
+            || self.rows == 0
+            || channels.iter().any(|range| range.min > range.max)
+        {
+            return Err(named("a number is too large, a range is empty, or there are no rows"));
+        }
+        let ranges = ReadingRanges { rows: self.rows, channels };
+        let rows =
+            FactoredRows::of_parts((basis, scaling), ranges, &self.columns).ok_or_else(|| {
+                named("`columns` are not those of an upper triangular matrix of its size")
+            })?;
+        match rows.counts_its_rows() {
+            true => Ok(rows),
+            false => Err(named("the sum of ones is not the number of rows")),
+        }
+    }
+}

@@ -1,0 +1,327 @@
+//! Readings with all the digits of a double, which no sum takes exactly: standard errors by group, partial fits,
+//! fits to means.
+
+use std::fs;
+use std::path::Path;
+
+use system_tests::program;
+use tempfile::TempDir;
+
+const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
+
+/// What readings are multiplied by: no fraction of a power of two or ten.
+const VOLT: f64 = 0.1 + 1e-9;
+
+/// `train.csv` as it is and `volts.csv`, the same with readings in other units; `a.csv`, `b.csv` and `c.csv` are
+/// the rows of volts in turn.
+fn folder() -> TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let text = fs::read_to_string(DATA).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    let volts = |row: &str| -> String {
+        let of = |(at, field): (usize, &str)| match at {
+            1..=8 => (field.parse::<f64>().unwrap() * VOLT).to_string(),
+            _ => field.to_owned(),
+        };
+        row.split(',').enumerate().map(of).collect::<Vec<_>>().join(",")
+    };
+    let rows: Vec<String> = rows.lines().map(volts).collect();
+    let write = |name: &str, rows: &[String]| {
+        fs::write(dir.path().join(name), format!("{header}\n{}\n", rows.join("\n"))).unwrap();
+    };
+    write("volts.csv", &rows);
+    let third = rows.len() / 3;
+    write("a.csv", &rows[..third]);
+    write("b.csv", &rows[third..third + 500]);
+    write("c.csv", &rows[third + 500..]);
+    fs::write(dir.path().join("train.csv"), text).unwrap();
+    dir
+}
+
+/// What the command says, and what it prints.
+fn done(dir: &Path, arguments: &str) -> (String, String) {
+    let output = program::output(dir, arguments);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{arguments}: {said}");
+    (said, String::from_utf8(output.stdout).unwrap())
+}
+
+fn refused(dir: &Path, arguments: &str) -> String {
+    let output = program::output(dir, arguments);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
+    said
+}
+
+fn json(dir: &Path, name: &str) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(dir.join(name)).unwrap()).unwrap()
+}
+
+/// Columns of the wrench and of its standard errors, and of ends of intervals if any, for the rows of a log.
+fn converted(dir: &Path, calibration: &str, log: &str) -> Vec<Vec<f64>> {
+    done(dir, &format!("convert {calibration} {log} --no-tare --no-lowpass -o out.csv"));
+    let text = fs::read_to_string(dir.join("out.csv")).unwrap();
+    let rows = text.lines().skip(1);
+    rows.map(|row| row.split(',').skip(1).take(12).map(|x| x.parse().unwrap()).collect()).collect()
+}
+
+fn assert_close(found: &[Vec<f64>], expected: &[Vec<f64>], relative: f64) {
+    assert_eq!(found.len(), expected.len());
+    let sizes: Vec<f64> =
+        (0..12).map(|at| expected.iter().map(|row| row[at].abs()).fold(0.0, f64::max)).collect();
+    for (found, expected) in found.iter().zip(expected) {
+        for at in 0..12 {
+            let difference = (found[at] - expected[at]).abs();
+            assert!(difference < relative * sizes[at], "{at}: {} {}", found[at], expected[at]);
+        }
+    }
+}
+
+/// The exact sums of the counts are the truth: a fit is the same in any unit.
+#[test]
+fn standard_errors_by_group_are_those_of_exact_sums() {
+    let dir = folder();
+    let dir = dir.path();
+    for model in ["linear", "cubic --no-intercept", "quadratic"] {
+        done(dir, &format!("fit train.csv --model {model} -o exact.json"));
+        let (said, _) = done(dir, &format!("fit volts.csv --model {model} -o volts.json"));
+        // Once, and no word of rows that are taken as independent.
+        assert_eq!(said.matches("exact").count(), 1, "{said}");
+        assert!(!said.contains("independent"), "{said}");
+        let (exact, volts) = (json(dir, "exact.json"), json(dir, "volts.json"));
+        for field in ["degrees_of_freedom", "residual", "shared"] {
+            let (exact, volts) = (&exact["covariance"][field], &volts["covariance"][field]);
+            assert_eq!(exact.is_null(), volts.is_null(), "{field}");
+        }
+        assert_eq!(volts["covariance"]["degrees_of_freedom"], 124);
+        // A unit is rounded in every reading, 2⁻⁵³, times conditions of some 1e4 without a constant.
+        let exact = converted(dir, "exact.json", "train.csv");
+        assert_close(&converted(dir, "volts.json", "volts.csv"), &exact, 1e-11);
+    }
+}
+
+/// Few groups have intervals of their own, from groups that were held out.
+#[test]
+fn intervals_of_few_groups_are_those_of_exact_sums() {
+    let dir = folder();
+    let dir = dir.path();
+    for name in ["train", "volts"] {
+        let text = fs::read_to_string(dir.join(format!("{name}.csv"))).unwrap();
+        let is_in = |(line, row): &(usize, &str)| {
+            *line == 0 || row.rsplit_once(',').unwrap().1.parse::<u32>().unwrap() < 45
+        };
+        let rows: Vec<&str> = text.lines().enumerate().filter(is_in).map(|(_, row)| row).collect();
+        fs::write(dir.join(format!("{name}.csv")), rows.join("\n") + "\n").unwrap();
+    }
+    let intervals = |name: &str| -> Vec<f64> {
+        let (_, printed) =
+            done(dir, &format!("fit {name}.csv --model linear --json -o {name}.json"));
+        let report: serde_json::Value = serde_json::from_str(&printed).unwrap();
+        assert_eq!(report["covariance"]["groups"], 45);
+        let of = report["covariance"]["interval_95"].as_array().unwrap();
+        of.iter().map(|x| x.as_f64().unwrap()).collect()
+    };
+    for (exact, volts) in intervals("train").iter().zip(intervals("volts")) {
+        assert!((volts / exact - 1.0).abs() < 1e-10, "{exact} {volts}");
+    }
+}
+
+#[test]
+fn merged_triangles_are_the_fit_over_all_files() {
+    let dir = folder();
+    let dir = dir.path();
+    for model in
+        ["--model cubic", "--model quadratic --no-intercept", "--model linear --ridge 1e-3"]
+    {
+        let (features, ridge) = model.split_once(" --ridge").unwrap_or((model, ""));
+        let ridge = if ridge.is_empty() { String::new() } else { format!("--ridge{ridge}") };
+        done(dir, &format!("fit a.csv b.csv c.csv {model} --group group -o whole.json"));
+        for file in ["a", "b", "c"] {
+            let (said, _) =
+                done(dir, &format!("fit {file}.csv {features} --groups --partial {file}.json"));
+            assert!(!said.contains("warning"), "{said}");
+            assert_eq!(json(dir, &format!("{file}.json"))["partial_schema_version"], 3);
+        }
+        done(dir, &format!("merge a.json b.json c.json {ridge} -o merged.json"));
+        done(dir, "merge c.json a.json --partial late.json");
+        done(dir, &format!("merge late.json b.json {ridge} -o other.json"));
+        let whole = converted(dir, "whole.json", "volts.csv");
+        // Conditions of some hundred, or 1e4 without a constant, in double precision; features and their scale
+        // are rounded once more for each file.
+        let relative = if model.contains("no-intercept") { 1e-9 } else { 1e-12 };
+        for name in ["merged.json", "other.json"] {
+            assert_close(&converted(dir, name, "volts.csv"), &whole, relative);
+            let (found, expected) = (json(dir, name), json(dir, "whole.json"));
+            assert_eq!(found["diagnostics"]["rows"], expected["diagnostics"]["rows"]);
+            assert_eq!(found["solver"]["name"], "tsqr");
+            for axis in 0..6 {
+                for figure in ["rms", "r_squared"] {
+                    let of = |file: &serde_json::Value| {
+                        file["diagnostics"]["train"][axis][figure].as_f64().unwrap()
+                    };
+                    assert!((of(&found) / of(&expected) - 1.0).abs() < 1e-9, "{figure}");
+                }
+            }
+        }
+        // One order, the same bytes, but for the date.
+        done(dir, &format!("merge a.json b.json c.json {ridge} -o again.json"));
+        assert_eq!(
+            json(dir, "again.json")["coefficients"],
+            json(dir, "merged.json")["coefficients"]
+        );
+    }
+}
+
+#[test]
+fn merged_triangles_validate_and_choose_as_a_fit_does() {
+    let dir = folder();
+    let dir = dir.path();
+    for file in ["a", "b", "c"] {
+        done(dir, &format!("fit {file}.csv --model auto --groups --partial {file}.json"));
+    }
+    let report = |arguments: &str| -> serde_json::Value {
+        serde_json::from_str(&done(dir, &format!("{arguments} --json")).1).unwrap()
+    };
+    let merged = report("merge a.json b.json c.json --model cubic --cv=9");
+    let whole = report("fit a.csv b.csv c.csv --model cubic --cv=9 --group group");
+    for axis in 0..6 {
+        let of = |report: &serde_json::Value| {
+            report["cross_validation"]["grouped"][axis]["rms"].as_f64().unwrap()
+        };
+        // Refits of the rows, and triangles: conditions below 1e3.
+        assert!((of(&merged) / of(&whole) - 1.0).abs() < 1e-9, "{axis}");
+    }
+    assert!(merged["cross_validation"]["random"].is_null());
+    let chosen = |report: &serde_json::Value| {
+        let at = report["selection"]["chosen"].as_u64().unwrap() as usize;
+        report["selection"]["candidates"][at].clone()
+    };
+    let merged = chosen(&report("merge a.json b.json c.json --model auto"));
+    let whole = chosen(&report("fit a.csv b.csv c.csv --model auto --group group"));
+    assert_eq!((&merged["basis"], &merged["ridge"]), (&whole["basis"], &whole["ridge"]));
+    let score = |of: &serde_json::Value| of["errors"]["score"].as_f64().unwrap();
+    // A ridge is about the mean of the rows of a fold here, of all rows there.
+    assert!((score(&merged) / score(&whole) - 1.0).abs() < 1e-3, "{merged} {whole}");
+}
+
+#[test]
+fn exact_sums_and_triangles_are_not_merged_and_damaged_triangles_are_refused() {
+    let dir = folder();
+    let dir = dir.path();
+    done(dir, "fit train.csv --model linear --partial exact.json");
+    done(dir, "fit a.csv --model linear --groups --partial a.json");
+    done(dir, "fit b.csv --model linear --partial b.json");
+    done(dir, "fit train.csv --model linear --solver tsqr --partial triangle.json");
+    let said = refused(dir, "merge exact.json b.json -o cal.json");
+    assert!(said.contains("`b.json`: it has triangles, expected exact sums"), "{said}");
+    assert!(said.contains("--solver tsqr"), "{said}");
+    assert!(!dir.join("cal.json").exists());
+    done(dir, "merge triangle.json b.json -o cal.json");
+    let said = refused(dir, "fit b.csv --model linear --solver huber --partial c.json");
+    assert!(said.contains("leave out `--solver`"), "{said}");
+    assert!(refused(dir, "merge b.json --cv").contains("keep no sums of groups"));
+    assert!(refused(dir, "merge b.json --model cubic").contains("not for `cubic+1`"));
+    let text = fs::read_to_string(dir.join("a.json")).unwrap();
+    let sealed = |text: &str| {
+        let (content, _) = text.rsplit_once(",\n  \"checksum\"").unwrap();
+        let hash = twox_hash::XxHash3_128::oneshot(content.as_bytes());
+        format!("{content},\n  \"checksum\": \"xxh128:{hash:032x}\"\n}}\n")
+    };
+    assert_eq!(sealed(&text), text);
+    let cases = [
+        ("\"partial_schema_version\": 3", "\"partial_schema_version\": 2", "belongs to version 3"),
+        ("\"triangle\"", "\"square\"", "missing field `moments` or `triangle`"),
+        ("\"rows\": 833,\n    \"scaling\"", "\"rows\": 834,\n    \"scaling\"", "the sum of ones"),
+        ("\"channels\": 8", "\"channels\": 7", "`triangle` are not those of `model`"),
+        ("\"held_out_folds\": 0", "\"held_out_folds\": 1", "that are held out"),
+    ];
+    for (from, to, expected) in cases {
+        assert!(text.contains(from), "{from} in {}", &text[..1500]);
+        fs::write(dir.join("bad.json"), sealed(&text.replacen(from, to, 1))).unwrap();
+        let said = refused(dir, "merge bad.json");
+        assert!(said.contains(expected), "{from}: {said}");
+        fs::write(dir.join("bad.json"), text.replacen(from, to, 1)).unwrap();
+        refused(dir, "merge bad.json");
+    }
+}
+
+/// The means made here, and fitted as a log of their own.
+#[test]
+fn a_fit_to_means_takes_each_group_once() {
+    let dir = folder();
+    let dir = dir.path();
+    let text = fs::read_to_string(dir.join("train.csv")).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    let mut means: Vec<(String, f64, Vec<f64>)> = Vec::new();
+    for row in rows.lines() {
+        let fields: Vec<&str> = row.split(',').collect();
+        let (label, numbers) = (fields[15], &fields[..15]);
+        let numbers = numbers.iter().map(|field| field.parse::<f64>().unwrap());
+        match means.iter_mut().find(|(known, ..)| known == label) {
+            Some((_, count, sums)) => {
+                *count += 1.0;
+                sums.iter_mut().zip(numbers).for_each(|(sum, x)| *sum += x);
+            }
+            None => means.push((label.to_owned(), 1.0, numbers.collect())),
+        }
+    }
+    assert_eq!(means.len(), 125);
+    let lines = means.iter().map(|(label, count, sums)| {
+        let numbers: Vec<String> = sums.iter().map(|sum| (sum / count).to_string()).collect();
+        format!("{},{label}", numbers.join(","))
+    });
+    let lines: Vec<String> = lines.collect();
+    fs::write(dir.join("means.csv"), format!("{header}\n{}\n", lines.join("\n"))).unwrap();
+    done(dir, "fit means.csv --model linear --cv -o expected.json");
+    let (said, _) = done(dir, "fit train.csv --means --model linear --cv -o found.json");
+    assert!(said.contains("a row is the mean of a group: 125 of 2500 rows"), "{said}");
+    let expected = converted(dir, "expected.json", "train.csv");
+    // Sums of twenty numbers in double precision there.
+    assert_close(&converted(dir, "found.json", "train.csv"), &expected, 1e-10);
+    let (found, expected) = (json(dir, "found.json"), json(dir, "expected.json"));
+    assert_eq!(found["diagnostics"]["rows"], 125);
+    assert_eq!(found["covariance"]["degrees_of_freedom"], 124);
+    for axis in 0..6 {
+        let of = |file: &serde_json::Value| {
+            file["diagnostics"]["cross_validation"]["grouped"][axis]["rms"].as_f64().unwrap()
+        };
+        assert!((of(&found) / of(&expected) - 1.0).abs() < 1e-9);
+    }
+    // The file that was recorded is the source.
+    done(dir, "fit train.csv --model linear -o rows.json");
+    assert_eq!(found["sources"], json(dir, "rows.json")["sources"]);
+    let said = refused(dir, "fit train.csv --means --model physics");
+    assert!(said.contains("leave out `--means`"), "{said}");
+    assert!(refused(dir, "fit train.csv --means --partial x.json").contains("--partial"));
+    let (_, alone) = text.split_once('\n').unwrap();
+    let alone: Vec<&str> = alone.lines().take(30).collect();
+    fs::write(dir.join("alone.csv"), format!("{header}\n{}\n", alone.join("\n"))).unwrap();
+    let said = refused(dir, "fit alone.csv --means --model linear");
+    assert!(said.contains("too few"), "{said}");
+}
+
+/// The reference figures of other people's sensors that are of means.
+#[test]
+fn figures_of_pose_means_are_reached() {
+    let Some(data) = std::env::var_os("SHELLCAL_REAL_DATA") else {
+        eprintln!("skipped: SHELLCAL_REAL_DATA is not set");
+        return;
+    };
+    let log = Path::new(&data).join("others/photointerrupters/poses.csv");
+    let dir = tempfile::tempdir().unwrap();
+    // Each computed with numpy, plain least squares on the means of the poses.
+    for (model, expected) in [
+        ("linear", [2.3784, 1.7835, 2.6591, 0.0621, 0.1165, 0.0724]),
+        ("cubic", [10.68, 4.716, 1.013, 0.0663, 0.2280, 0.2799]),
+    ] {
+        let arguments = ["fit", "--means", "--group", "pose", "--cv", "--json", "--model", model];
+        let output = program::command(dir.path()).args(arguments).arg(&log).output().unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        for (axis, expected) in expected.into_iter().enumerate() {
+            let found = &report["cross_validation"]["grouped"][axis]["rms"];
+            let found = found.as_f64().unwrap();
+            // Half of the last digit that is given.
+            assert!((found / expected - 1.0).abs() < 1e-3, "{model} {axis}: {found} {expected}");
+        }
+    }
+}
