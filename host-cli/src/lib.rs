@@ -2,7 +2,7 @@
 //!
 //! Three layers, arrows pointing inward only:
 //!
-//! - *pure core*: the crates [`shell_data`] and [`calibration`], and [`alignment`], [`figures`],
+//! - *pure core*: the crates [`shell_data`] and [`calibration`], and [`alignment`], [`drift`], [`figures`],
 //!   [`forces`], [`live`], [`payload`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices
 //!   and matrices in, values out; no files, no clocks, no printing;
 //! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`input`], [`link`], [`output`],
@@ -34,6 +34,7 @@
 
 pub mod alignment;
 pub mod calibration_file;
+pub mod drift;
 pub mod figures;
 pub mod forces;
 pub mod input;

@@ -11,7 +11,8 @@
 //!
 //! **Tare.** The mean wrench of the first 50 *fresh* frames, or of the fresh frames between two times.
 //! A row that repeats the frame before, as telemetry does until the sensor gives the next, is not a
-//! frame: it counts neither in the tare nor in its mean, whichever rows are written later.
+//! frame: it counts neither in the tare nor in its mean, whichever rows are written later. A tare can also
+//! follow the [rests]: straight from one to the next, or, while recording, that of the last.
 //!
 //! **Clock.** The grid of the low-pass has the usual period between rows, the median of the first
 //! [`CLOCK_ROWS`] rows. Each frame stands in the slot nearest to its own time, and a slot without a
@@ -34,6 +35,7 @@ mod error;
 pub mod filter;
 mod options;
 mod pipeline;
+pub mod rests;
 mod setup;
 mod signal;
 mod tare;

@@ -34,6 +34,11 @@ pub enum TareRule {
     First(usize),
     /// The fresh frames from one time to another, s on the log's clock.
     Between(f64, f64),
+    /// All [stretches at rest](super::Rest): the zero runs straight from one to the next.
+    Rests {
+        /// The zero of the last stretch that has ended is held, as it must be while a log is recorded.
+        causal: bool,
+    },
 }
 
 /// A Butterworth low-pass.
@@ -93,13 +98,28 @@ impl ForceOptions {
     /// The same with the low-pass forward only, as it must be while a log is recorded.
     pub fn causal(self) -> Self {
         let low_pass = self.low_pass.map(|low_pass| LowPass { zero_phase: false, ..low_pass });
-        Self { low_pass, ..self }
+        Self { low_pass, tare: self.tare.following(true), ..self }
     }
 
     /// The same with the low-pass without delay.
     pub fn zero_phase(self) -> Self {
         let low_pass = self.low_pass.map(|low_pass| LowPass { zero_phase: true, ..low_pass });
-        Self { low_pass, ..self }
+        Self { low_pass, tare: self.tare.following(false), ..self }
+    }
+}
+
+impl TareRule {
+    /// The same, of rests causal or not.
+    fn following(self, causal: bool) -> Self {
+        match self {
+            Self::Rests { .. } => Self::Rests { causal },
+            fixed => fixed,
+        }
+    }
+
+    /// Whether the zero follows the rests.
+    pub fn follows_rests(self) -> bool {
+        matches!(self, Self::Rests { .. })
     }
 }
 
@@ -109,6 +129,8 @@ impl fmt::Display for TareRule {
             Self::Untared => f.write_str("none"),
             Self::First(frames) => write!(f, "mean of the first {frames} frames"),
             Self::Between(from_s, to_s) => write!(f, "mean from {from_s} s to {to_s} s"),
+            Self::Rests { causal: false } => f.write_str("straight between stretches at rest"),
+            Self::Rests { causal: true } => f.write_str("that of the last stretch at rest"),
         }
     }
 }

@@ -6,6 +6,7 @@ use shell_data::wrench::{Axis, PerAxis};
 
 use super::clock::{Clock, Grid};
 use super::filter::FilterError;
+use super::rests::{Rest, RestZeros};
 use super::signal::{BlockPlan, SignalFilter};
 use super::{LowPass, RowRule, TareResult};
 
@@ -14,6 +15,8 @@ use super::{LowPass, RowRule, TareResult};
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
     pub(super) tare: Option<Tare>,
+    /// What is subtracted in place of the tare's mean, where the tare follows the rests.
+    pub(super) zeros: Option<RestZeros>,
     pub(super) tare_result: Option<TareResult>,
     pub(super) low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
@@ -40,10 +43,17 @@ impl ForcePipeline {
     /// The calibration's own zero, unfiltered: what [`ForceOptions::RAW`](super::ForceOptions::RAW)
     /// gives on any log.
     pub fn raw() -> Self {
-        Self { rule: RowRule::Time, tare: None, tare_result: None, low_pass: None, filter: None }
+        Self {
+            rule: RowRule::Time,
+            tare: None,
+            zeros: None,
+            tare_result: None,
+            low_pass: None,
+            filter: None,
+        }
     }
 
-    /// What is subtracted.
+    /// The tare; of one that follows the rests, the first.
     pub fn tare(&self) -> Option<&Tare> {
         self.tare.as_ref()
     }
@@ -58,17 +68,40 @@ impl ForcePipeline {
         self.low_pass
     }
 
+    /// Follows another rest, if the tare does that, while a log is recorded.
+    pub fn follow(&mut self, calibration: &Calibration, rest: &Rest) {
+        if let Some(zeros) = &mut self.zeros {
+            zeros.add(calibration, rest);
+        }
+    }
+
     /// The wrench of every row, tared, not filtered: N and N·m. The bits of a row do not depend on
-    /// the rows beside it.
-    pub fn wrench(&self, calibration: &Calibration, readings: &[Vec<f64>]) -> PerAxis<Vec<f64>> {
+    /// the rows beside it. Times, s, are for a tare that follows the rests.
+    pub fn wrench(
+        &self,
+        calibration: &Calibration,
+        times_s: &[f64],
+        readings: &[Vec<f64>],
+    ) -> PerAxis<Vec<f64>> {
         let mut wrench = PerAxis::default();
         calibration.wrench(readings, &mut wrench);
-        if let Some(tare) = &self.tare {
+        self.tare_off(times_s, &mut wrench);
+        wrench
+    }
+
+    /// Takes the tare off wrenches at `times_s`. Columns may be empty.
+    pub fn tare_off(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) {
+        if let Some(zeros) = &self.zeros {
+            for (row, &time_s) in times_s.iter().enumerate() {
+                for (column, zero) in wrench.iter_mut().zip(zeros.at(time_s)) {
+                    column.get_mut(row).into_iter().for_each(|value| *value -= zero);
+                }
+            }
+        } else if let Some(tare) = &self.tare {
             for (column, zero) in wrench.iter_mut().zip(tare.wrench) {
                 column.iter_mut().for_each(|value| *value -= zero);
             }
         }
-        wrench
     }
 
     /// The low-pass along `axes`, from the first row of the log on, or, by time, from any row of those

@@ -28,6 +28,14 @@ impl PipelineSetup {
         Self::of(options, true)
     }
 
+    /// The same while a log is recorded: of a tare that follows the rests only the first is looked for,
+    /// and [`ForcePipeline::follow`] is told of all of them.
+    pub fn while_recording(options: ForceOptions) -> Self {
+        let mut setup = Self::of(options, false);
+        setup.tare.end_at_first_rest();
+        setup
+    }
+
     fn of(options: ForceOptions, keep_frames: bool) -> Self {
         let tare = TareSearch::new(options.tare, options.rule, keep_frames);
         Self { options, tare, clock: ClockSearch::default() }
@@ -115,9 +123,9 @@ impl PipelineSetup {
     ) -> Result<(ForcePipeline, Option<TareFrames>), ForceError> {
         let low_pass = self.low_pass()?;
         let clock = self.clock.finish(self.options.rate_hz);
-        let Found { tare, result, frames } = self.tare.finish(calibration)?;
+        let Found { tare, result, frames, zeros } = self.tare.finish(calibration)?;
         let (low_pass, plan) = low_pass.unzip();
         let (rule, filter) = (self.options.rule, clock.zip(plan));
-        Ok((ForcePipeline { rule, tare, tare_result: result, low_pass, filter }, frames))
+        Ok((ForcePipeline { rule, tare, zeros, tare_result: result, low_pass, filter }, frames))
     }
 }

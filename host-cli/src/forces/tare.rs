@@ -4,6 +4,7 @@ use calibration::Calibration;
 use calibration::uncertainty::Tare;
 use shell_data::wrench::AxisValues;
 
+use super::rests::{REST_FRAMES, RestFinder, RestZeros};
 use super::{ForceError, RowRule, TareRule};
 
 /// Frames that are summed at once: fixed, so that the mean has the same bits however the log is cut.
@@ -23,9 +24,13 @@ pub(super) struct TareSearch {
     seen_s: Option<(f64, f64)>,
     /// The frames themselves, if they are kept.
     frames: Option<TareFrames>,
+    /// Where the tare follows them: the rests, and the zeros at these.
+    rests: Option<(RestFinder, RestZeros)>,
+    /// Leave all rests but the first to somebody else.
+    ends_at_first_rest: bool,
 }
 
-/// The frames of a tare.
+/// The frames of a tare: of one that follows the rests, those of the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TareFrames {
     /// Readings, counts, one column a channel.
@@ -39,7 +44,7 @@ pub struct TareFrames {
 /// What was taken as unloaded.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TareResult {
-    /// Number of frames.
+    /// Number of frames, of the first rest where there are several.
     pub frames: usize,
     /// Time of the first, s; `None` if the log has no time.
     pub start_s: Option<f64>,
@@ -48,6 +53,12 @@ pub struct TareResult {
     /// Their mean wrench, which was subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub wrench: AxisValues<f64>,
+    /// Where the tare follows the rests: how many there are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rests: Option<usize>,
+    /// The end of the last of these, s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub last_rest_s: Option<f64>,
 }
 
 /// Some rows of a log, in order.
@@ -76,7 +87,17 @@ impl TareSearch {
             found_s: None,
             seen_s: None,
             frames: keep_frames.then(TareFrames::default),
+            rests: match rule {
+                TareRule::Rests { causal } => Some((RestFinder::default(), RestZeros::new(causal))),
+                _ => None,
+            },
+            ends_at_first_rest: false,
         }
+    }
+
+    /// Looks for the frames of the first rest alone.
+    pub(super) fn end_at_first_rest(&mut self) {
+        self.ends_at_first_rest = true;
     }
 
     /// Whether all frames are found.
@@ -94,6 +115,9 @@ impl TareSearch {
 
     /// Looks at the next rows, in order.
     pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
+        if !self.ends_at_first_rest {
+            self.look_for_rests(calibration, rows);
+        }
         for row in 0..rows.fresh.len() {
             let time = rows.times_s.get(row).copied();
             if let (Some(time), false) = (time, self.is_done) {
@@ -103,6 +127,11 @@ impl TareSearch {
                 TareRule::Untared => return,
                 TareRule::First(frames) => self.is_done |= self.found >= frames,
                 TareRule::Between(_, end_s) => self.is_done |= time.is_none_or(|time| time > end_s),
+                TareRule::Rests { .. } if self.found >= REST_FRAMES => {
+                    self.is_done = self.ends_at_first_rest;
+                    return;
+                }
+                TareRule::Rests { .. } => {}
             }
             if self.is_done {
                 return;
@@ -112,8 +141,28 @@ impl TareSearch {
                 continue;
             }
             self.take(calibration, rows, row);
-            self.is_done = matches!(self.rule, TareRule::First(frames) if self.found >= frames);
+            self.is_done = match self.rule {
+                TareRule::First(frames) => self.found >= frames,
+                TareRule::Rests { .. } => self.ends_at_first_rest && self.found >= REST_FRAMES,
+                _ => false,
+            };
         }
+    }
+
+    fn look_for_rests(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
+        let Some((finder, zeros)) = &mut self.rests else { return };
+        let by_row = self.rows == RowRule::Rows;
+        let frames: Vec<bool> = rows.fresh.iter().map(|&fresh| fresh || by_row).collect();
+        let pick = |column: &[f64]| -> Vec<f64> {
+            column
+                .iter()
+                .zip(&frames)
+                .filter(|(_, frame)| **frame)
+                .map(|(value, _)| *value)
+                .collect()
+        };
+        let readings: Vec<Vec<f64>> = rows.readings.iter().map(|column| pick(column)).collect();
+        finder.look_at(&pick(rows.times_s), &readings, &mut |rest| zeros.add(calibration, rest));
     }
 
     fn take(&mut self, calibration: &Calibration, rows: FirstRows<'_>, row: usize) {
@@ -158,8 +207,12 @@ impl TareSearch {
                 let (first_s, last_s) = self.seen_s.unwrap_or((f64::NAN, f64::NAN));
                 return Err(ForceError::TareTime { start_s, end_s, first_s, last_s });
             }
-            TareRule::First(_) | TareRule::Between(..) => {}
+            TareRule::Rests { .. } if found < REST_FRAMES => {
+                return Err(ForceError::TareFrames { wanted: REST_FRAMES, found });
+            }
+            TareRule::First(_) | TareRule::Between(..) | TareRule::Rests { .. } => {}
         }
+        let zeros = self.rests.take().map(|(_, zeros)| zeros);
         if !self.chunk[0].is_empty() {
             self.add_chunk(calibration);
         }
@@ -168,8 +221,10 @@ impl TareSearch {
             start_s: self.found_s.map(|(start, _)| start),
             end_s: self.found_s.map(|(_, end)| end),
             wrench: calibration.axes.values(&mean.wrench),
+            rests: zeros.as_ref().map(RestZeros::count),
+            last_rest_s: zeros.as_ref().and_then(RestZeros::end_s),
         });
-        Ok(Found { tare: self.mean, result, frames: self.frames })
+        Ok(Found { tare: self.mean, result, frames: self.frames, zeros })
     }
 }
 
@@ -179,6 +234,7 @@ pub(super) struct Found {
     pub(super) tare: Option<Tare>,
     pub(super) result: Option<TareResult>,
     pub(super) frames: Option<TareFrames>,
+    pub(super) zeros: Option<RestZeros>,
 }
 
 impl TareFrames {
@@ -207,8 +263,8 @@ fn mean_of_both(a: &Tare, b: &Tare) -> Tare {
 }
 
 /// Writes one value per axis under the axes' column names.
-fn by_column<S: serde::Serializer>(
-    values: &AxisValues<f64>,
+pub(super) fn by_column<T: serde::Serialize, S: serde::Serializer>(
+    values: &AxisValues<T>,
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
     serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))

@@ -1,6 +1,7 @@
 //! RunningForces beside the readings, by the [force pipeline](crate::forces), as frames come.
 
 use super::reception::{BoardFrame, Measured};
+use crate::forces::rests::RestFinder;
 use crate::forces::{
     FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup,
 };
@@ -23,6 +24,8 @@ pub struct RunningForces {
     calibration: Calibration,
     options: ForceOptions,
     stage: Stage,
+    /// The rests, where the tare follows them.
+    rests: Option<RestFinder>,
     newest: Option<PerAxis<f64>>,
 }
 
@@ -57,10 +60,11 @@ impl RunningForces {
     /// Nothing has come yet.
     pub fn new(live: LiveForces) -> Self {
         let options = live.options.causal();
-        let setup = Box::new(PipelineSetup::new(options));
+        let rests = options.tare.follows_rests().then(RestFinder::default);
+        let setup = Box::new(PipelineSetup::while_recording(options));
         let stage =
             Stage::Setup { setup, times_s: Vec::new(), readings: vec![Vec::new(); CHANNELS] };
-        Self { calibration: live.calibration, options, stage, newest: None }
+        Self { calibration: live.calibration, options, stage, rests, newest: None }
     }
 
     /// RunningForces of frames that hold readings.
@@ -76,7 +80,14 @@ impl RunningForces {
         self.calibration.wrench(&cut(&readings, 0..first), &mut wrench);
         if let (Stage::Running { pipeline, stream }, true) = (&mut self.stage, first < frames.len())
         {
-            let tared = pipeline.wrench(&self.calibration, &cut(&readings, first..frames.len()));
+            follow(&mut self.rests, pipeline, &self.calibration, &times_s[first..], || {
+                cut(&readings, first..frames.len())
+            });
+            let tared = pipeline.wrench(
+                &self.calibration,
+                &times_s[first..],
+                &cut(&readings, first..frames.len()),
+            );
             let filtered = stream.push(&times_s[first..], tared)?;
             wrench.iter_mut().zip(filtered).for_each(|(wrench, rest)| wrench.extend(rest));
         }
@@ -118,13 +129,27 @@ impl RunningForces {
             row += 1;
         }
         if setup.is_done() {
-            let pipeline = setup.as_ref().clone().finish(&self.calibration)?.0;
+            let mut pipeline = setup.as_ref().clone().finish(&self.calibration)?.0;
+            follow(&mut self.rests, &mut pipeline, &self.calibration, kept_s, || kept.clone());
             let mut stream = pipeline.stream(&Axis::ALL);
-            stream.push(kept_s, pipeline.wrench(&self.calibration, kept))?;
+            stream.push(kept_s, pipeline.wrench(&self.calibration, kept_s, kept))?;
             let (pipeline, stream) = (Box::new(pipeline), Box::new(stream));
             self.stage = Stage::Running { pipeline, stream };
         }
         Ok(row)
+    }
+}
+
+/// Lets a pipeline follow the rests that end among some frames, where its tare does that.
+fn follow(
+    rests: &mut Option<RestFinder>,
+    pipeline: &mut ForcePipeline,
+    calibration: &Calibration,
+    times_s: &[f64],
+    readings: impl FnOnce() -> Vec<Vec<f64>>,
+) {
+    if let Some(finder) = rests {
+        finder.look_at(times_s, &readings(), &mut |rest| pipeline.follow(calibration, rest));
     }
 }
 

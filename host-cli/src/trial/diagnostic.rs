@@ -6,6 +6,7 @@ use serde::{Serialize, Serializer};
 
 use super::window::Proposal;
 use crate::forces::RowRule;
+use crate::forces::rests::ZeroMove;
 
 /// How much a diagnostic matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -102,6 +103,11 @@ pub enum Diagnostic {
         /// When the tare ended, s.
         end_s: f64,
     },
+    /// The zero at the end of the log is not that of the tare.
+    MovedZero {
+        /// By how much, in words.
+        text: String,
+    },
     /// The calibration carries no covariance: no intervals.
     NoIntervals,
     /// The rate of the log is too low for the usual low-pass: forces are not filtered.
@@ -137,6 +143,11 @@ impl Diagnostic {
         }
     }
 
+    /// That the zero has moved, if it has.
+    pub fn moved_zero(zero: ZeroMove) -> Option<Self> {
+        zero.in_words().map(|text| Self::MovedZero { text })
+    }
+
     /// How much it matters.
     pub fn severity(&self) -> Severity {
         match self {
@@ -167,6 +178,7 @@ impl Diagnostic {
             Self::Saturated { .. } => "saturated",
             Self::MovingTare { .. } => "moving_tare",
             Self::LateTare { .. } => "late_tare",
+            Self::MovedZero { .. } => "moved_zero",
             Self::NoIntervals => "no_intervals",
             Self::Unfiltered { .. } => "unfiltered",
             Self::SkippedRows { .. } => "skipped_rows",
@@ -230,6 +242,7 @@ impl fmt::Display for Diagnostic {
             Self::LateTare { end_s } => {
                 write!(f, "the tare ends at {end_s:.3} s, after the robot has entered the channel")
             }
+            Self::MovedZero { text } => f.write_str(text),
             Self::NoIntervals => {
                 write!(f, "the calibration carries no covariance: intervals are left out")
             }

@@ -26,11 +26,13 @@ impl TrialForces {
         axes: &[Axis],
     ) -> Result<Self, TrialError> {
         let (frames, frame_of_row) = frames(rows);
-        let by_frame = pipeline.wrench(calibration, &frames);
+        let mut by_frame = PerAxis::default();
+        calibration.wrench(&frames, &mut by_frame);
         let mut wrench = PerAxis::<Vec<f64>>::default();
         for axis in axes.iter().map(|axis| axis.index()) {
             wrench[axis] = frame_of_row.iter().map(|&frame| by_frame[axis][frame]).collect();
         }
+        pipeline.tare_off(&rows.times_s, &mut wrench);
         let mut stream = pipeline.stream(axes);
         let mut wrench = stream.push(&rows.times_s, wrench).map_err(ForceError::from)?;
         let rest = stream.finish().map_err(ForceError::from)?;

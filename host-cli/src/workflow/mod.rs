@@ -5,6 +5,7 @@ pub mod batch;
 pub mod bench;
 pub mod convert;
 pub mod doctor;
+pub mod drift;
 pub mod eval;
 pub mod factored;
 pub mod figures;

@@ -6,6 +6,7 @@
 use super::selection::{RowFilter, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
 use crate::forces::ForcePipeline;
+use crate::forces::rests::{ZeroMove, ZeroWatch};
 use calibration::Calibration;
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
@@ -38,6 +39,9 @@ pub struct NoiseSummary {
     pub axes: AxisValues<Scatter>,
     /// The readings of each channel, counts.
     pub channels: Vec<Scatter>,
+    /// How the zero has moved between the first rest and the last; of a log with time, at rest twice.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zero: Option<ZeroMove>,
 }
 
 /// How a quantity scatters, in its own unit.
@@ -82,12 +86,14 @@ pub fn noise(
     read: &ReadOptions<'_>,
 ) -> Result<NoiseSummary, NoiseError> {
     let path = || log.path().display().to_string();
-    let wanted = Wanted { readings: true, time: options.window.is_some(), ..Wanted::default() };
+    let time = options.window.is_some() || log.has_time();
+    let wanted = Wanted { readings: true, time, ..Wanted::default() };
     log.require(&wanted)?;
     check_channels(log, calibration.channels())?;
     let pipeline = ForcePipeline::raw();
     let mut axes = PerAxis::<ColumnStatistics>::default();
     let mut channels = vec![ColumnStatistics::default(); log.channels()];
+    let mut watch = ZeroWatch::default();
     let summary = log.read(
         &wanted,
         read,
@@ -97,11 +103,13 @@ pub fn noise(
                 let keep: Vec<_> = block.time_s.iter().map(|&t| window.contains(t)).collect();
                 block.retain_rows(&keep);
             }
-            let wrench = pipeline.wrench(calibration, &block.readings);
+            let wrench = pipeline.wrench(calibration, &block.time_s, &block.readings);
             let channels: Vec<_> = block.readings.iter().map(|c| ColumnStatistics::of(c)).collect();
-            (wrench.map(|column| ColumnStatistics::of(&column)), channels)
+            let frames = (std::mem::take(&mut block.time_s), std::mem::take(&mut block.readings));
+            (wrench.map(|column| ColumnStatistics::of(&column)), channels, frames)
         },
-        |(block_axes, block_channels)| {
+        |(block_axes, block_channels, (times_s, readings))| {
+            watch.look_at(&times_s, &readings);
             axes.iter_mut().zip(&block_axes).for_each(|(all, block)| all.merge(block));
             channels.iter_mut().zip(&block_channels).for_each(|(all, block)| all.merge(block));
             Ok::<(), NoiseError>(())
@@ -119,6 +127,7 @@ pub fn noise(
         rows_used: options.rows,
         axes: calibration.axes.values(&axes.map(|moments| moments.scatter())),
         channels: channels.iter().map(ColumnStatistics::scatter).collect(),
+        zero: watch.finish(calibration),
     })
 }
 

@@ -25,6 +25,7 @@ mod cross_validation;
 mod doctor;
 #[cfg(unix)]
 mod doctor_port;
+mod drift;
 mod exact_coefficients;
 mod exact_optimum;
 mod exact_sums;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use log_file::{Log, Mapping, ReadOptions};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::forces::{ForceOptions, LowPass};
+use shellcal::forces::{ForceOptions, LowPass, TareRule};
 use shellcal::simulation::synthetic_trial::TrialLayout;
 use shellcal::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use shellcal::trial::manifest::Manifest;
@@ -49,12 +49,19 @@ fn assert_within(some: &Forces, all: &Forces, at_least: usize, what: &str) {
 }
 
 /// What `plot` draws and `report` shows of `log` between two times.
-fn of_library(folder: &Path, log: &str, window: (f64, f64), low_pass: LowPass) -> [Forces; 2] {
+fn of_library(
+    folder: &Path,
+    log: &str,
+    window: (f64, f64),
+    low_pass: LowPass,
+    tare: TareRule,
+) -> [Forces; 2] {
     let file = CalibrationFile::read(&folder.join("cal.json")).unwrap();
     let profile = Profile::velociroach();
     let instrument = Instrument { profile: &profile, calibration: Some(&file.calibration) };
     let forces = ForceOptions {
         low_pass: Some(low_pass),
+        tare,
         low_pass_is_optional: false,
         ..ForceOptions::default()
     };
@@ -89,10 +96,20 @@ fn of_library(folder: &Path, log: &str, window: (f64, f64), low_pass: LowPass) -
 }
 
 /// The commands that show the forces of a whole log agree with `convert`, at the frames it writes.
-fn assert_all_agree(folder: &Path, log: &str, window: (f64, f64), low_pass: LowPass) -> Forces {
+fn assert_all_agree(
+    folder: &Path,
+    log: &str,
+    window: (f64, f64),
+    low_pass: LowPass,
+    rests: bool,
+) -> Forces {
     let LowPass { cutoff_hz, order, zero_phase } = low_pass;
     let phase = if zero_phase { "" } else { "--causal" };
-    let filter = format!("--lowpass {cutoff_hz} --order {order} {phase}");
+    let (tare, tared) = match rests {
+        true => (TareRule::Rests { causal: !zero_phase }, "--tare rests"),
+        false => (ForceOptions::default().tare, ""),
+    };
+    let filter = format!("--lowpass {cutoff_hz} --order {order} {phase} {tared}");
     let (enter, exit) = window;
     succeed(folder, &format!("convert cal.json {log} -o all.csv --all-rows {filter}"));
     succeed(folder, &format!("convert cal.json {log} -o fresh.csv --fresh {filter}"));
@@ -117,7 +134,7 @@ fn assert_all_agree(folder: &Path, log: &str, window: (f64, f64), low_pass: LowP
     ] {
         assert_within(&of_table(&folder.join(name)), &all, at_least, name);
     }
-    let [plotted, reported] = of_library(folder, log, window, low_pass);
+    let [plotted, reported] = of_library(folder, log, window, low_pass, tare);
     assert_within(&plotted, &all, all.len(), "plot");
     assert_within(&reported, &all, 200, "report");
     all
@@ -139,12 +156,17 @@ fn every_command_gives_the_same_forces_of_a_recording() {
     record("");
     for zero_phase in [true, false] {
         let low_pass = LowPass { zero_phase, ..LowPass::default() };
-        assert_all_agree(folder.path(), "log.csv", (5.0, 20.0), low_pass);
+        assert_all_agree(folder.path(), "log.csv", (5.0, 20.0), low_pass, false);
+        assert_all_agree(folder.path(), "log.csv", (5.0, 20.0), low_pass, true);
     }
-    for low_pass in [LowPass::default(), LowPass { cutoff_hz: 3.0, order: 2, zero_phase: false }] {
+    let slow = LowPass { cutoff_hz: 3.0, order: 2, zero_phase: false };
+    for (low_pass, rests) in
+        [(LowPass::default(), false), (LowPass::default(), true), (slow, false)]
+    {
         let low_pass = LowPass { zero_phase: false, ..low_pass };
-        record(&format!("--lowpass {} --order {}", low_pass.cutoff_hz, low_pass.order));
-        let all = assert_all_agree(folder.path(), "log.csv", (5.0, 20.0), low_pass);
+        let tare = if rests { "--tare rests" } else { "" };
+        record(&format!("--lowpass {} --order {} {tare}", low_pass.cutoff_hz, low_pass.order));
+        let all = assert_all_agree(folder.path(), "log.csv", (5.0, 20.0), low_pass, rests);
         let path = folder.path().join("log.csv");
         let flags = column(&path, "flags");
         assert!(flags.iter().enumerate().all(|(i, f)| f.contains("untared") == (i < 50)));
@@ -168,7 +190,8 @@ fn rows_that_repeat_a_frame_change_no_force() {
     let [enter, exit] = trial.window_s();
     for zero_phase in [true, false] {
         let low_pass = LowPass { zero_phase, ..LowPass::default() };
-        assert_all_agree(folder.path(), "run.txt", (enter, exit), low_pass);
+        assert_all_agree(folder.path(), "run.txt", (enter, exit), low_pass, false);
+        assert_all_agree(folder.path(), "run.txt", (enter, exit), low_pass, true);
     }
     // The tare is the same, and so are the forces.
     let tare = |rows: &str| {

@@ -22,6 +22,7 @@ use shellcal::trial::manifest::suggest;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
+use shellcal::workflow::drift::DriftError;
 use shellcal::workflow::noise::NoiseError;
 use shellcal::workflow::payload::PayloadLogError;
 use shellcal::workflow::trial::TrialLogError;
@@ -45,6 +46,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             .or_else(|| known(cause, after_calibration))
             .or_else(|| known(cause, after_conversion))
             .or_else(|| known(cause, after_noise))
+            .or_else(|| known(cause, after_drift))
             .or_else(|| known(cause, after_payload))
             .or_else(|| known(cause, after_alignment))
             .or_else(|| known(cause, after_trial))
@@ -155,6 +157,12 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
         ConvertError::Log(error) => return after_log(error),
         ConvertError::Channels(_) => CHANNELS,
         ConvertError::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
+        ConvertError::RestsUnderLoad => {
+            "leave out `--tare rests`, or take the weight off by `payload subtract` first"
+        }
+        ConvertError::RestsWithoutTime { .. } => {
+            "name it with `--time`, or tare on the first frames"
+        }
         ConvertError::TareTime { .. } => "`shellcal info` tells the times of a log",
         ConvertError::NoRate { .. } => {
             "say how many rows there are in a second with `--rate`, or leave the filter out with `--no-lowpass`"
@@ -170,6 +178,20 @@ fn after_conversion(error: &ConvertError) -> Option<&'static str> {
         }
         _ => return None,
     })
+}
+
+fn after_drift(error: &DriftError) -> Option<&'static str> {
+    match error {
+        DriftError::Log(error) => after_log(error),
+        DriftError::Channels(_) => Some(CHANNELS),
+        DriftError::TooFewRests { .. } => Some(
+            "begin with the sensor at rest and unloaded, and let it rest for a second or more now and then",
+        ),
+        DriftError::Temperature { .. } => {
+            Some("name the column of temperature with `--temperature`")
+        }
+        _ => None,
+    }
 }
 
 fn after_trial(error: &TrialLogError) -> Option<&'static str> {

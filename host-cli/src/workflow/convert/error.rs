@@ -57,6 +57,15 @@ pub enum ConvertError {
         /// ConvertedFrames in the log.
         found: usize,
     },
+    /// A zero that follows the rests would take the weight for drift.
+    #[error("a tare that follows the rests takes what the sensor carries for its zero")]
+    RestsUnderLoad,
+    /// Rests are stretches of time.
+    #[error("`{path}` has no time column, without which no rests are found for the tare to follow")]
+    RestsWithoutTime {
+        /// The log.
+        path: String,
+    },
     /// No frame within the tare window.
     #[error(
         "`{path}` has no frame between `{start}` and `{end}` s to tare on: \

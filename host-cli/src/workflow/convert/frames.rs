@@ -41,6 +41,15 @@ pub(super) struct ConvertedRows {
     pub(super) frames: ConvertedFrames,
     /// Rows whose load is not known.
     pub(super) without_motion: u64,
+    /// What the zero is watched in, if it is.
+    pub(super) watched: Option<WatchedFrames>,
+}
+
+/// Consecutive fresh frames as they were read.
+#[derive(Debug)]
+pub(super) struct WatchedFrames {
+    pub(super) times_s: Vec<f64>,
+    pub(super) readings: Vec<Vec<f64>>,
 }
 
 /// What turns readings into frames.
@@ -52,6 +61,8 @@ pub(super) struct Converter<'a> {
     pub(super) options: &'a ConvertOptions,
     /// Whether frames keep their readings.
     pub(super) keeps_readings: bool,
+    /// Whether rows that repeat a frame are frames, where the zero is watched; else `None`.
+    pub(super) watch: Option<bool>,
 }
 
 impl ConvertedFrames {
@@ -100,9 +111,28 @@ impl ConvertedFrames {
 
 impl Converter<'_> {
     pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
+        let watched = self.watched(block);
+        ConvertedRows { watched, ..self.convert_rows(block) }
+    }
+
+    /// The frames that the zero is watched in, if it is.
+    fn watched(&self, block: &Block) -> Option<WatchedFrames> {
+        let repeats_are_frames = self.watch?;
+        let (mut times_s, mut readings) = (block.time_s.clone(), block.readings.clone());
+        if !repeats_are_frames {
+            let fresh = block.fresh_rows();
+            for column in std::iter::once(&mut times_s).chain(&mut readings) {
+                let mut fresh = fresh.iter();
+                column.retain(|_| fresh.next().is_some_and(|fresh| *fresh));
+            }
+        }
+        Some(WatchedFrames { times_s, readings })
+    }
+
+    fn convert_rows(&self, block: &mut Block) -> ConvertedRows {
         if self.pipeline.low_pass().is_none() {
             self.options.rows.select(block);
-            let mut wrench = self.pipeline.wrench(self.calibration, &block.readings);
+            let mut wrench = self.pipeline.wrench(self.calibration, &block.time_s, &block.readings);
             let without_motion = self.take_off_load(&block.time_s, &mut wrench);
             let frames = ConvertedFrames { wrench, ..self.frames(block) };
             return ConvertedRows { frames, without_motion, ..ConvertedRows::default() };
@@ -118,7 +148,8 @@ impl Converter<'_> {
         let new_rows: Vec<usize> = (0..block.rows).filter(|&row| is_new(row)).collect();
         let pick = |column: &Vec<f64>| new_rows.iter().map(|&row| column[row]).collect();
         let readings: Vec<Vec<f64>> = block.readings.iter().map(pick).collect();
-        let by_frame = self.pipeline.wrench(self.calibration, &readings);
+        let mut by_frame = PerAxis::default();
+        self.calibration.wrench(&readings, &mut by_frame);
         let mut frame = 0;
         let of_row = |row: usize| {
             frame += usize::from(is_new(row));
@@ -127,9 +158,11 @@ impl Converter<'_> {
         let frame_of_row: Vec<usize> = (0..block.rows).map(of_row).collect();
         let spread = |frames: Vec<f64>| frame_of_row.iter().map(|&frame| frames[frame]).collect();
         let mut wrench = by_frame.map(spread);
+        self.pipeline.tare_off(&time_s, &mut wrench);
         let without_motion = self.take_off_load(&time_s, &mut wrench);
         self.options.rows.select(block);
-        ConvertedRows { time_s, wrench, written, frames: self.frames(block), without_motion }
+        let frames = self.frames(block);
+        ConvertedRows { time_s, wrench, written, frames, without_motion, watched: None }
     }
 
     /// Takes off what the sensor carries; returns the number of rows where that is not known.

@@ -31,7 +31,9 @@ pub use summary::{AxisSummary, ConvertSummary};
 
 use super::check_channels;
 use super::payload::LoadSummary;
+use super::selection::RowFilter;
 use crate::figures::WrenchTrace;
+use crate::forces::rests::ZeroWatch;
 use calibration::{Calibration, Kind};
 use encode::{Encoder, Output};
 use frames::Converter;
@@ -105,6 +107,7 @@ pub fn convert_to(
     }
     let (pipeline, zero) = survey(conversion)?;
     let time = options.columns.time
+        || options.forces.tare.follows_rests()
         || trace.is_some()
         || pipeline.low_pass().is_some()
         || options.load.is_some();
@@ -121,7 +124,11 @@ pub fn convert_to(
     let table = Table::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
     let encoder = Encoder { table: &table, format, channels };
     let keeps_readings = encoder.needs_readings();
-    let converter = Converter { calibration, pipeline: &pipeline, zero, options, keeps_readings };
+    let repeats_are_frames = !log.repeats_are_stale() && options.rows == RowFilter::All;
+    let watch = (time && options.load.is_none()).then_some(repeats_are_frames);
+    let converter =
+        Converter { calibration, pipeline: &pipeline, zero, options, keeps_readings, watch };
+    let mut zero_watch = ZeroWatch::default();
     let output = Output::new(&encoder, out)?;
     let totals = Totals::new(options.load.is_some());
     let mut writer =
@@ -138,6 +145,9 @@ pub fn convert_to(
         },
         |(rows, encoded)| {
             rows_without_motion += rows.without_motion;
+            if let Some(frames) = &rows.watched {
+                zero_watch.look_at(&frames.times_s, &frames.readings);
+            }
             match encoded {
                 Some(encoded) => writer.write(&rows.frames, encoded?),
                 None => writer.filter(rows),
@@ -161,6 +171,7 @@ pub fn convert_to(
         saturated_frames: totals.saturated,
         left_out_frames: totals.left_out,
         axes: calibration.axes.values(&totals.axes()),
+        zero: zero_watch.finish(calibration),
         load: options.load.as_ref().map(|load| LoadSummary {
             has_inertia: load.has_inertia,
             lag: load.lag,

@@ -1,6 +1,7 @@
 //! What a conversion has done.
 
 use super::frames::ConvertedFrames;
+use crate::forces::rests::ZeroMove;
 use crate::forces::{AppliedLowPass, TareResult};
 use crate::workflow::payload::LoadSummary;
 use crate::workflow::sampling::Rate;
@@ -37,6 +38,10 @@ pub struct ConvertSummary {
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: AxisValues<AxisSummary>,
+    /// How the zero has moved between the first rest and the last, before any tare: of a log with time, at
+    /// rest twice, without a load that is taken off.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zero: Option<ZeroMove>,
     /// What the load that the sensor carries has left, where one was taken off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadSummary>,

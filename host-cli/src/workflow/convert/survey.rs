@@ -18,6 +18,15 @@ pub(super) fn survey(
     if forces.low_pass.is_some() && !log.has_time() && forces.low_pass_is_optional {
         forces.low_pass = None;
     }
+    if forces.tare.follows_rests() {
+        if options.load.is_some() {
+            return Err(ConvertError::RestsUnderLoad);
+        }
+        if !log.has_time() {
+            let path = log.path().display().to_string();
+            return Err(ConvertError::RestsWithoutTime { path });
+        }
+    }
     let mut setup = match options.load {
         Some(_) => PipelineSetup::keeping_frames(forces),
         None => PipelineSetup::new(forces),

@@ -129,8 +129,9 @@ fn evaluated(
     trial: &Trial,
     recorded: Recorded,
 ) -> Result<(Evaluated, u64), TrialError> {
-    let result = recorded.evaluate(job, trial)?;
-    let Recorded { times, summary, .. } = recorded;
+    let mut result = recorded.evaluate(job, trial)?;
+    let Recorded { times, summary, zero, .. } = recorded;
+    result.diagnostics.extend(zero.and_then(Diagnostic::moved_zero));
     let evaluated = Evaluated { result, times, rows: summary.rows, checksum: summary.checksum };
     Ok((evaluated, summary.skipped_rows))
 }

@@ -1,7 +1,8 @@
-//! A trial's rows from its log: one pass, in which of most rows the time alone is parsed.
+//! A trial's rows from its log: one pass, in which, without forces, of most rows the time alone is parsed.
 
 use super::job::{TrialJob, TrialLogError};
-use crate::forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames};
+use crate::forces::rests::{ZeroMove, ZeroWatch};
+use crate::forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
 use crate::trial::{
     LogTimes, MEASURED_POWER, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows,
     evaluate,
@@ -19,6 +20,8 @@ const MARGIN_S: f64 = 1.0;
 pub(super) struct Recorded {
     pub(super) times: LogTimes,
     pub(super) summary: ReadSummary,
+    /// How the zero has moved, where the tare does not follow it.
+    pub(super) zero: Option<ZeroMove>,
     rows: TrialRows,
     forces: Option<(ForcePipeline, Option<TareFrames>)>,
 }
@@ -30,13 +33,15 @@ impl Recorded {
         let wanted = reading.wanted.clone();
         let summary = job.log.read_where(&wanted, &job.read, &mut reading)?;
         let times = reading.log_times(summary.rows)?;
+        let calibration = job.instrument.calibration;
+        let zero = reading.watch.as_ref().zip(calibration).and_then(|(watch, of)| watch.finish(of));
         let forces = match reading.setup {
             None => None,
             Some((calibration, setup)) => {
                 Some(setup.finish(calibration).map_err(TrialError::from)?)
             }
         };
-        Ok(Self { times, rows: reading.trial_rows, forces, summary })
+        Ok(Self { times, rows: reading.trial_rows, forces, zero, summary })
     }
 
     pub(super) fn evaluate(
@@ -64,6 +69,8 @@ struct Reading<'a> {
     kinds: Vec<Telemetry>,
     /// The calibration and the search for tare and clock, where there are forces.
     setup: Option<(&'a Calibration, PipelineSetup)>,
+    /// Looks at the zero of the whole log: a drift can only be followed from rest to rest.
+    watch: Option<ZeroWatch>,
     takes_all: bool,
     /// The times between which rows are needed, s, once that is known.
     needed_s: Option<(f64, f64)>,
@@ -99,12 +106,15 @@ impl<'a> Reading<'a> {
         let calibration = instrument.calibration;
         let calibration = calibration.filter(|of| of.channels() == channels);
         let setup = |of| (of, PipelineSetup::keeping_frames(options.forces));
+        let tare = options.forces.tare;
+        let watches = calibration.is_some() && tare != TareRule::Untared && !tare.follows_rests();
         let telemetry = kinds.iter().map(|kind| (*kind, Vec::new())).collect();
         Ok(Self {
             enter_s: window.0,
             exit_s: window.1,
             wanted: Wanted { time: true, readings, others, ..Wanted::default() },
             setup: calibration.map(setup),
+            watch: watches.then(ZeroWatch::default),
             takes_all: options.trace == TraceExtent::Log,
             needed_s: None,
             sampling: Sampling::new(),
@@ -131,6 +141,16 @@ impl<'a> Reading<'a> {
         };
         let (low, high) = (low.min(self.enter_s - MARGIN_S), high.max(self.exit_s + MARGIN_S));
         Ok(*self.needed_s.insert((low, high)))
+    }
+
+    /// Shows the zero's watch the fresh frames of a block.
+    fn watch_zero(&mut self, block: &Block, fresh: &[bool]) {
+        let Some(watch) = &mut self.watch else { return };
+        let pick = |column: &Vec<f64>| -> Vec<f64> {
+            column.iter().zip(fresh).filter(|(_, fresh)| **fresh).map(|(value, _)| *value).collect()
+        };
+        let readings: Vec<Vec<f64>> = block.readings.iter().map(pick).collect();
+        watch.look_at(&pick(&block.time_s), &readings);
     }
 
     fn wants_tare(&self, last_s: f64) -> bool {
@@ -165,7 +185,7 @@ impl Selection for Reading<'_> {
         }
         let (low, high) = self.needed_s()?;
         let (first, last) = (times[0], times[times.len() - 1]);
-        Ok(self.wants_tare(last) || (last >= low && first <= high))
+        Ok(self.wants_tare(last) || self.watch.is_some() || (last >= low && first <= high))
     }
 
     fn take(&mut self, block: &mut Block) -> Result<(), TrialLogError> {
@@ -183,6 +203,7 @@ impl Selection for Reading<'_> {
             }
         }
         let (low, high) = self.needed_s()?;
+        self.watch_zero(block, &fresh);
         let times = &block.time_s;
         let rows = times.partition_point(|&t| t < low)..times.partition_point(|&t| t <= high);
         if rows.is_empty() {

@@ -21,7 +21,7 @@ use shellcal::workflow::convert::{
 };
 
 use super::figure_size::FigureSize;
-use super::frames::{ForceArgs, FrameArgs, note_rows};
+use super::frames::{ForceArgs, FrameArgs, note_rows, warn_of_zero};
 use super::mapping::{Columns as ColumnList, MappingArgs, parse_columns, tell_remembered};
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputPath, OutputPlace};
@@ -349,7 +349,12 @@ fn report(printer: &mut Printer, log: &Log, summary: &ConvertSummary) {
                 (Some(start), Some(end)) => format!(", {start} s to {end} s"),
                 _ => String::new(),
             };
-            printer.note(format!("tare: mean of {} frames{when}", tare.frames));
+            match (tare.rests, tare.last_rest_s) {
+                (Some(rests), Some(last_s)) => printer.note(format!(
+                    "tare: follows {rests} stretches at rest, the first{when}, the last until {last_s} s"
+                )),
+                _ => printer.note(format!("tare: mean of {} frames{when}", tare.frames)),
+            }
         }
     }
     match summary.low_pass {
@@ -367,6 +372,9 @@ fn report(printer: &mut Printer, log: &Log, summary: &ConvertSummary) {
             let times = rate.backwards;
             printer.warning(format!("`{path}`: time stands still or runs backwards {times} times"));
         }
+    }
+    if summary.tare.as_ref().is_some_and(|tare| tare.rests.is_none()) {
+        warn_of_zero(printer, log.path(), summary.zero.as_ref());
     }
     for (count, what) in [
         (summary.out_of_range_frames, "outside the calibrated range"),

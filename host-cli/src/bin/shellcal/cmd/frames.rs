@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use log_file::Log;
+use shellcal::forces::rests::ZeroMove;
 use shellcal::forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 use shellcal::workflow::selection::{RowFilter, TimeWindow};
 
@@ -12,10 +13,10 @@ use crate::printer::Printer;
 /// How readings become forces.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct ForceArgs {
-    /// Subtract the mean wrench of the first N frames [default: 50]. Rows that repeat a frame do not
-    /// count
-    #[arg(long, value_name = "N", group = "tares", help_heading = "Taring", value_parser = parse_count)]
-    tare: Option<usize>,
+    /// Subtract the mean wrench of the first N frames [default: 50], where rows that repeat a frame do
+    /// not count; or, with `rests`, a zero that runs straight from one stretch at rest to the next
+    #[arg(long, value_name = "N|rests", group = "tares", help_heading = "Taring", value_parser = parse_tare)]
+    tare: Option<TareRule>,
 
     /// Subtract the mean wrench between two times, in s on the log's clock
     #[arg(long, value_name = "START:END", group = "tares", help_heading = "Taring", value_parser = parse_window)]
@@ -59,17 +60,18 @@ impl ForceArgs {
             order: self.order,
             zero_phase: !self.causal && rule == RowRule::Time,
         };
-        ForceOptions {
+        let options = ForceOptions {
             tare: match (self.tare_time, self.tare) {
                 _ if self.no_tare => TareRule::Untared,
                 (Some(window), _) => TareRule::Between(window.start_s, window.end_s),
-                (None, frames) => TareRule::First(frames.unwrap_or(DEFAULT_TARE_FRAMES)),
+                (None, tare) => tare.unwrap_or(TareRule::First(DEFAULT_TARE_FRAMES)),
             },
             low_pass: (!self.no_lowpass).then_some(low_pass),
             low_pass_is_optional: self.lowpass.is_none(),
             rate_hz: self.rate,
             rule,
-        }
+        };
+        if low_pass.zero_phase { options } else { options.causal() }
     }
 
     /// The same, of a sensor whose zero is known: nothing is subtracted unless that is asked for.
@@ -134,10 +136,19 @@ pub(crate) fn note_rows(
     printer.note(text);
 }
 
-pub(crate) fn parse_count(text: &str) -> Result<usize, String> {
+/// Warns of a zero at the end of a log that is not that at its start, unless the tare follows it.
+pub(crate) fn warn_of_zero(printer: &mut Printer, log: &Path, zero: Option<&ZeroMove>) {
+    if let Some(text) = zero.and_then(ZeroMove::in_words) {
+        printer.warning(format!("`{}`: {text}", log.display()));
+    }
+}
+
+/// A number of frames, or `rests`.
+pub(crate) fn parse_tare(text: &str) -> Result<TareRule, String> {
     match text.parse() {
-        Ok(0) | Err(_) => Err("expected a number of frames, 1 or more".to_owned()),
-        Ok(frames) => Ok(frames),
+        _ if text == "rests" => Ok(TareRule::Rests { causal: false }),
+        Ok(frames) if frames > 0 => Ok(TareRule::First(frames)),
+        _ => Err("expected a number of frames, 1 or more, or `rests`".to_owned()),
     }
 }
 

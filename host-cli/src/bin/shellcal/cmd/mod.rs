@@ -9,6 +9,7 @@ mod convert;
 mod covariance;
 mod deferred;
 mod doctor;
+mod drift;
 mod eval;
 mod figure_size;
 mod fit;
@@ -125,6 +126,12 @@ pub(crate) enum Command {
     /// Measure the noise of an unloaded sensor: RMS about the mean, per axis and channel
     Noise(Deferred<noise::NoiseArgs>),
 
+    /// Tell how the zero of an unloaded sensor moves: trend against time and temperature, wander
+    ///
+    /// Looks at the stretches of a log in which the sensor is at rest and unloaded, and says whether a
+    /// tare at the start holds to the end.
+    Drift(Deferred<drift::DriftArgs>),
+
     /// Evaluate one trial: drag, lift, energies and specific resistance, and those of its strides
     ///
     /// Without `--enter` and `--exit` the window is looked for in the drag.
@@ -221,6 +228,7 @@ impl Command {
             Command::Convert(args) => args.run(printer, outputs),
             Command::Payload(args) => args.run(printer, outputs),
             Command::Noise(args) => args.run(printer),
+            Command::Drift(args) => args.run(printer, outputs),
             Command::Trial(args) => args.run(printer, outputs),
             Command::Batch(args) => args.run(printer, outputs),
             Command::Window(args) => args.run(printer, outputs),

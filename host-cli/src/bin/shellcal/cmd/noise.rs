@@ -6,7 +6,7 @@ use shellcal::calibration_file::CalibrationFile;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
 
-use super::frames::{FrameArgs, note_rows, parse_window};
+use super::frames::{FrameArgs, note_rows, parse_window, warn_of_zero};
 use super::mapping::{MappingArgs, tell_remembered};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -65,6 +65,7 @@ impl NoiseArgs {
             let summary = summary?;
             let counts = [summary.rows, summary.repeated_rows, summary.skipped_rows];
             note_rows(printer, path, summary.rows_used, counts);
+            warn_of_zero(printer, path, summary.zero.as_ref());
             noises.push(Noise { log: path.display().to_string(), summary });
         }
         if printer.json() {

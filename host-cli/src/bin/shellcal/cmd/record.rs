@@ -13,7 +13,7 @@ use shellcal::link::{
 };
 use shellcal::recording::{LiveForces, Losses, protocol_name};
 
-use super::frames::{describe_forces, parse_count};
+use super::frames::{describe_forces, parse_tare};
 use super::serial::{FramingArg, SerialArgs};
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
@@ -55,9 +55,10 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "CAL", requires = "output")]
     calibration: Option<InputPath>,
 
-    /// Subtract the mean wrench of the first N frames from the forces after them [default: 50]
-    #[arg(long, value_name = "N", requires = "calibration", value_parser = parse_count)]
-    tare: Option<usize>,
+    /// Subtract the mean wrench of the first N frames from the forces after them [default: 50]; or,
+    /// with `rests`, that of the last stretch at rest
+    #[arg(long, value_name = "N|rests", requires = "calibration", value_parser = parse_tare)]
+    tare: Option<TareRule>,
 
     /// Subtract nothing
     #[arg(long, requires = "calibration", conflicts_with = "tare")]
@@ -137,14 +138,13 @@ impl RecordArgs {
         let options = ForceOptions {
             tare: match self.tare {
                 _ if self.no_tare => TareRule::Untared,
-                Some(frames) => TareRule::First(frames),
-                None => usual.tare,
+                tare => tare.unwrap_or(usual.tare),
             },
             low_pass: (!self.no_lowpass).then_some(low_pass),
             low_pass_is_optional: self.lowpass.is_none(),
             ..usual
         };
-        LiveForces { calibration, options }
+        LiveForces { calibration, options: options.causal() }
     }
 
     fn uplink(&self) -> anyhow::Result<Option<Uplink>> {

@@ -1,0 +1,204 @@
+//! `shellcal drift`: how the zero of an unloaded sensor moves.
+
+use log_file::{ColumnRef, Log, ReadOptions};
+use serde::Serialize;
+use shellcal::calibration_file::CalibrationFile;
+use shellcal::drift::{Drift, Trend};
+use shellcal::figures::{Axis, Chart, Figure, Format, Mark, Series, Size, Spacing, trace_figure};
+use shellcal::forces::rests::{FALSE_ALARMS, ZeroChange, largest_change};
+use shellcal::output::Outputs;
+use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
+
+use super::frames::FrameArgs;
+use super::mapping::{MappingArgs, parse_column, tell_remembered};
+use crate::files::{InputPath, OutputPath};
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal drift unloaded.csv
+  shellcal drift run3.csv --calibration calibration.json --plot drift.svg
+  shellcal drift oven.csv --calibration calibration.json --temperature 10";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct DriftArgs {
+    /// Logs of a sensor that is at rest and unloaded at the start and now and then, of any format
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<InputPath>,
+
+    /// Calibration file, for the zero of forces and moments beside that of the readings
+    #[arg(long, short, value_name = "CAL")]
+    calibration: Option<InputPath>,
+
+    /// The column of temperature: its name or place [default: `temperature_c`, if there is one]
+    #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
+    temperature: Option<ColumnRef>,
+
+    /// Draw the zeros at the rests over time, to .svg, .pdf or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    frames: FrameArgs,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// What `--json` says of one log.
+#[derive(Serialize)]
+struct LogDrift {
+    log: String,
+    /// Whether a tare at the start holds to the end.
+    tare_holds: bool,
+    #[serde(flatten)]
+    summary: DriftSummary,
+}
+
+impl DriftArgs {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let several = self.logs.len();
+        anyhow::ensure!(
+            self.plot.is_none() || several == 1,
+            "`--plot` draws one log, `{several}` were given"
+        );
+        let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
+        let file = self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+        let mapping = match &file {
+            Some(file) => self.mapping.mapping_for(file)?,
+            None => self.mapping.mapping()?,
+        };
+        let options = DriftOptions {
+            calibration: file.as_ref().map(|file| &file.calibration),
+            temperature: self.temperature.clone(),
+        };
+        let mut drifts = Vec::new();
+        for path in &self.logs {
+            let log = Log::open(path, &mapping)?;
+            if let Some(calibration) = &self.calibration {
+                tell_remembered(printer, calibration, &mapping, std::slice::from_ref(&log));
+            }
+            let name = path.display().to_string();
+            let bar = printer.progress(&name, log.bytes());
+            let progress = |bytes| bar.set_position(bytes);
+            let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
+            let summary = drift(&log, &options, self.frames.rows(&log), &read);
+            bar.finish_and_clear();
+            let summary = summary?;
+            if let (Some(path), Some(format)) = (&self.plot, plot_format) {
+                outputs.write(path, &figure(&name, &summary).render(format)?)?;
+            }
+            let tare_holds = moved(&summary).is_none();
+            drifts.push(LogDrift { log: name, tare_holds, summary });
+        }
+        if printer.json() {
+            printer.document(&drifts)?;
+            return Ok(Outcome::Done);
+        }
+        drifts.iter().try_for_each(|drift| drift.print(printer))?;
+        Ok(Outcome::Done)
+    }
+}
+
+/// The quantities, each with its name, its unit and how many decimals it is shown with.
+fn quantities(summary: &DriftSummary) -> Vec<(String, &'static str, usize, &Drift)> {
+    let axes = summary.axes.iter().flatten().map(|(axis, drift)| {
+        (axis.name().to_owned(), axis.unit(), if axis.is_moment() { 6 } else { 4 }, drift)
+    });
+    let channels = summary.channels.iter().enumerate();
+    axes.chain(channels.map(|(i, drift)| (format!("s{}", i + 1), "counts", 2, drift))).collect()
+}
+
+/// What has moved most beyond its limit: among the axes, or among the channels without a calibration.
+fn moved(summary: &DriftSummary) -> Option<(usize, ZeroChange)> {
+    let judged = summary.axes.as_ref().map_or(summary.channels.len(), Vec::len);
+    let all = quantities(summary);
+    largest_change(all[..judged].iter().enumerate().map(|(i, (.., drift))| (i, drift.change)))
+}
+
+impl LogDrift {
+    fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
+        let Self { log, summary, .. } = self;
+        let DriftSummary { rests, first_s, last_s, .. } = *summary;
+        printer.line(format!(
+            "{log}: {rests} stretches at rest, the first about {first_s:.1} s, the last about {last_s:.1} s"
+        ))?;
+        let quantities = quantities(summary);
+        let has_trend = quantities.iter().any(|(.., drift)| drift.per_degree.is_some());
+        let mut header = vec!["zero of", "change", "noise", "wander", "per minute", "± SE"];
+        if has_trend {
+            header.extend(["per degree", "± SE"]);
+        }
+        let rows: Vec<Vec<String>> = quantities
+            .iter()
+            .map(|(name, unit, decimals, drift)| {
+                let decimals = *decimals;
+                let shown = |value: f64| format!("{value:.decimals$}");
+                let ZeroChange { change, noise, .. } = drift.change;
+                let mut row = vec![format!("{name} ({unit})")];
+                row.extend([change, noise, drift.wander].map(shown));
+                let Trend { slope, standard_error, .. } = drift.per_s;
+                row.extend([60.0 * slope, 60.0 * standard_error].map(shown));
+                if has_trend {
+                    let figures =
+                        drift.per_degree.map(|at| [at.slope, at.standard_error].map(shown));
+                    row.extend(figures.unwrap_or_default());
+                }
+                row
+            })
+            .collect();
+        printer.table(&header, &rows)?;
+        match summary.temperature {
+            Some([low, high]) if has_trend => {
+                let better = by_temperature(&quantities);
+                printer.line(format!("temperature {low:.2} to {high:.2}: {better}"))?;
+            }
+            Some([at, _]) => printer.line(format!("temperature {at:.2} throughout"))?,
+            None => {}
+        }
+        printer.line(match moved(summary) {
+            None => "a tare at the start holds to the end: no zero moves beyond its noise".to_owned(),
+            Some((i, ZeroChange { change, noise, .. })) => {
+                let (name, unit, decimals, _) = &quantities[i];
+                format!(
+                    "a tare at the start does not hold: the zero of {name} moves by {change:.decimals$} {unit}, \
+                     with a noise of {noise:.decimals$}; `--tare rests` follows it"
+                )
+            }
+        })?;
+        printer.note(format!(
+            "a zero that stands still is said to move in {} % of logs at most",
+            100.0 * FALSE_ALARMS
+        ));
+        Ok(())
+    }
+}
+
+/// Whether time or temperature follows the zeros better, over all quantities.
+fn by_temperature(quantities: &[(String, &'static str, usize, &Drift)]) -> String {
+    let pairs = quantities.iter().filter_map(|(.., drift)| Some((drift.per_s, drift.per_degree?)));
+    let better = pairs.clone().filter(|(time, warmth)| warmth.residual_rms < time.residual_rms);
+    let (better, all) = (better.count(), pairs.count());
+    format!("a line against it is closer to the zeros than one against time in {better} of {all}")
+}
+
+fn figure(name: &str, summary: &DriftSummary) -> Figure {
+    let title = format!("{name}: zero at rest, less that at the start");
+    if summary.axes.is_some() {
+        return trace_figure(Size::Screen, &title, &summary.trace());
+    }
+    let series: Vec<Series> = summary
+        .zeros
+        .channel_changes()
+        .into_iter()
+        .enumerate()
+        .map(|(i, points)| Series { label: format!("s{}", i + 1), points, mark: Mark::Line })
+        .collect();
+    let values = || series.iter().flat_map(|series| series.points.iter().map(|point| point.1));
+    let (low, high) = (values().fold(0.0, f64::min), values().fold(0.0, f64::max));
+    let x = Axis::new("time", "s", Spacing::Linear, summary.first_s, summary.last_s);
+    let y = Axis::new("change of the zero", "counts", Spacing::Linear, low, high);
+    Chart { title, x, y, series }.figure()
+}

@@ -1,0 +1,276 @@
+//! Stretches in which the sensor is at rest and unloaded: where its zero can be seen.
+//!
+//! The first [`REST_FRAMES`] fresh frames of a log are one, by the same agreement as the usual tare. Later,
+//! a stretch of as many frames or more, and of half a second at least, is one if in every channel
+//!
+//! - its readings scatter about their mean by no more than [`QUIET`] times what the first stretch's do,
+//! - its fifths differ in their means by no more than [`QUIET`] times that scatter, and
+//! - its mean lies within [`SAME_ZERO`] of the range that the readings have had so far, or [`QUIET`] times
+//!   that scatter if that is more, of the mean of the stretch at rest before it.
+//!
+//! So the zero may wander as far as it likes, as long as it does so slowly or by little at once, and a load
+//! that is held is no rest. A load that comes more slowly than twice the noise in half a second is taken for
+//! drift, and a load below a twentieth of what the log has seen by then for none: nothing in the readings tells
+//! them apart. Only the past is looked at, so that rests are the same while a log is recorded and afterwards.
+
+mod watch;
+mod zeros;
+
+use std::collections::VecDeque;
+
+use shell_data::statistics::RunningVariance;
+
+use super::options::DEFAULT_TARE_FRAMES;
+
+pub use watch::{FALSE_ALARMS, Level, ZeroChange, ZeroMove, ZeroWatch, largest_change};
+pub(super) use zeros::RestZeros;
+
+/// The fewest frames of a rest: those of the usual tare.
+pub const REST_FRAMES: usize = DEFAULT_TARE_FRAMES;
+
+/// Parts of a rest. They tell how sure its mean is also where neighbouring frames have noise in common.
+pub const PARTS: usize = 5;
+
+/// How much noisier than the first rest a rest may be, and by how many times its noise a zero may move
+/// from one rest to the next without further reason.
+const QUIET: f64 = 2.0;
+
+/// The share of the range seen so far by which a zero may move from one rest to the next: after loads it
+/// comes back with hysteresis.
+const SAME_ZERO: f64 = 0.05;
+
+/// The least noise, as a share of the reading: half a step of a 12-bit converter in the middle of its range.
+const LEAST_NOISE: f64 = 2.5e-4;
+
+/// Time from the first frame of a part to its last at least, s: ten frames at 100 Hz, with room for a clock
+/// that is not quite even.
+const PART_S: f64 = 0.085;
+
+/// A stretch at rest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rest {
+    /// Time of each frame, s.
+    pub times_s: Vec<f64>,
+    /// Readings, counts, one column a channel.
+    pub readings: Vec<Vec<f64>>,
+    /// Frames of each of its [`PARTS`].
+    pub parts: Vec<usize>,
+}
+
+impl Rest {
+    /// Time of the first frame, s.
+    pub fn start_s(&self) -> f64 {
+        self.times_s.first().copied().unwrap_or(f64::NAN)
+    }
+
+    /// Time of the last frame, s.
+    pub fn end_s(&self) -> f64 {
+        self.times_s.last().copied().unwrap_or(f64::NAN)
+    }
+
+    /// The time between both, s.
+    pub fn middle_s(&self) -> f64 {
+        0.5 * (self.start_s() + self.end_s())
+    }
+}
+
+/// A part of what may be a rest.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Part {
+    times_s: Vec<f64>,
+    readings: Vec<Vec<f64>>,
+    levels: Vec<RunningVariance>,
+}
+
+/// What is known of the readings of a channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Known {
+    /// Standard deviation at rest.
+    noise: f64,
+    /// The mean of the last rest.
+    zero: f64,
+    /// Extremes of the means of parts.
+    low: f64,
+    high: f64,
+}
+
+/// The search for rests, as far as a log has been read.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RestFinder {
+    /// Of every channel, once there was a rest.
+    known: Vec<Known>,
+    parts: VecDeque<Part>,
+    current: Part,
+    last_s: Option<f64>,
+}
+
+impl RestFinder {
+    /// Takes the next fresh frames: their times, s, and their readings, one column a channel. The rests
+    /// that end among them are handed to `found`, in order.
+    pub fn look_at(
+        &mut self,
+        times_s: &[f64],
+        readings: &[Vec<f64>],
+        found: &mut dyn FnMut(&Rest),
+    ) {
+        self.current.readings.resize_with(readings.len(), Vec::new);
+        let mut taken = 0;
+        for (row, &time) in times_s.iter().enumerate() {
+            // A clock that is set back, or is none, ends what was before.
+            if self.last_s.is_some_and(|last| time < last) || !time.is_finite() {
+                self.forget(readings.len());
+                taken = row;
+            }
+            self.last_s = Some(time);
+            let frames = self.current.times_s.len() + row + 1 - taken;
+            let start = *self.current.times_s.first().unwrap_or(&times_s[taken]);
+            // The first rest is as short as a tare.
+            let is_long = self.known.is_empty() || time - start >= PART_S;
+            if frames >= REST_FRAMES / PARTS && is_long {
+                self.current.extend(times_s, readings, taken..row + 1);
+                taken = row + 1;
+                if let Some(rest) = self.end_part(readings.len()) {
+                    found(&rest);
+                }
+            }
+        }
+        self.current.extend(times_s, readings, taken..times_s.len());
+    }
+
+    fn forget(&mut self, channels: usize) {
+        self.parts.clear();
+        self.current = Part::empty(channels);
+    }
+
+    /// Ends the current part, and with it a rest if it is the last of one.
+    fn end_part(&mut self, channels: usize) -> Option<Rest> {
+        let mut part = std::mem::replace(&mut self.current, Part::empty(channels));
+        part.levels = part.readings.iter().map(|column| RunningVariance::of(column)).collect();
+        for (known, level) in self.known.iter_mut().zip(&part.levels) {
+            known.low = known.low.min(level.mean);
+            known.high = known.high.max(level.mean);
+        }
+        if self.parts.len() == PARTS {
+            self.parts.pop_front();
+        }
+        self.parts.push_back(part);
+        if self.parts.len() < PARTS {
+            return None;
+        }
+        let whole = |channel: usize| {
+            let mut whole = RunningVariance::default();
+            self.parts.iter().for_each(|part| whole.merge(&part.levels[channel]));
+            whole
+        };
+        let whole: Vec<RunningVariance> = (0..channels).map(whole).collect();
+        // What is not a number is at rest nowhere.
+        if !whole.iter().all(|level| level.mean.is_finite() && level.squares.is_finite()) {
+            return None;
+        }
+        if self.known.is_empty() {
+            let known = |level: &RunningVariance| {
+                let noise = level.rms_about_mean();
+                Known { noise, zero: level.mean, low: level.mean, high: level.mean }
+            };
+            self.known = whole.iter().map(known).collect();
+        } else if (0..channels).all(|channel| self.is_at_rest(channel, &whole[channel])) {
+            self.known.iter_mut().zip(&whole).for_each(|(known, level)| known.zero = level.mean);
+        } else {
+            return None;
+        }
+        let mut rest = Rest::default();
+        rest.readings.resize_with(channels, Vec::new);
+        for mut part in self.parts.drain(..) {
+            rest.parts.push(part.times_s.len());
+            rest.times_s.append(&mut part.times_s);
+            let columns = rest.readings.iter_mut().zip(&mut part.readings);
+            columns.for_each(|(column, part)| column.append(part));
+        }
+        Some(rest)
+    }
+
+    /// Whether a channel rests over the parts, whose readings together are `whole`.
+    fn is_at_rest(&self, channel: usize, whole: &RunningVariance) -> bool {
+        let known = self.known[channel];
+        let quiet = QUIET * known.noise.max(LEAST_NOISE * known.zero.abs());
+        let means = || self.parts.iter().map(|part| part.levels[channel].mean);
+        let steps =
+            means().fold(f64::NEG_INFINITY, f64::max) - means().fold(f64::INFINITY, f64::min);
+        let near = quiet.max(SAME_ZERO * (known.high - known.low));
+        whole.rms_about_mean() <= quiet && steps <= quiet && (whole.mean - known.zero).abs() <= near
+    }
+}
+
+impl Part {
+    fn empty(channels: usize) -> Self {
+        Self { readings: vec![Vec::new(); channels], ..Self::default() }
+    }
+
+    fn extend(&mut self, times_s: &[f64], readings: &[Vec<f64>], rows: std::ops::Range<usize>) {
+        self.times_s.extend_from_slice(&times_s[rows.clone()]);
+        for (column, new) in self.readings.iter_mut().zip(readings) {
+            column.extend_from_slice(&new[rows.clone()]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise without pattern, of standard deviation 1.
+    fn noise(i: usize) -> f64 {
+        let hash = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let hash = (hash ^ (hash >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        ((hash >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
+    }
+
+    /// The rests of one channel at 100 Hz, as first and last time, looked at in pieces.
+    fn rests(level: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
+        let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
+        let readings: Vec<f64> =
+            times.iter().enumerate().map(|(i, &t)| 2000.0 + level(t) + 4.0 * noise(i)).collect();
+        let mut finder = RestFinder::default();
+        let mut found = Vec::new();
+        for (times, readings) in times.chunks(piece).zip(readings.chunks(piece)) {
+            let take = &mut |rest: &Rest| found.push((rest.start_s(), rest.end_s()));
+            finder.look_at(times, &[readings.to_vec()], take);
+        }
+        found
+    }
+
+    #[test]
+    fn a_sensor_at_rest_rests_all_the_time_however_its_log_is_cut() {
+        let found = rests(|_| 0.0, 60, 10_000);
+        assert_eq!((found.len(), found[0]), (120, (0.0, 0.49)));
+        assert_eq!(rests(|_| 0.0, 60, 7), found);
+        // A drift of 40 times the noise in a minute is followed.
+        assert_eq!(rests(|t| 160.0 * t / 60.0, 60, 333).len(), 120);
+    }
+
+    #[test]
+    fn a_load_is_no_rest_moving_or_held() {
+        // Loaded from 10 s to 40 s, held from 20 s on; the zero comes back with 3 % of hysteresis.
+        let level = |t: f64| match t {
+            t if t < 10.0 => 0.0,
+            t if t < 20.0 => 500.0 + 300.0 * (9.0 * t).sin(),
+            t if t < 40.0 => 700.0,
+            _ => 24.0,
+        };
+        let found = rests(level, 60, 100);
+        assert!(found.iter().all(|&(start, end)| end < 10.1 || start >= 40.0), "{found:?}");
+        assert!(found.iter().filter(|(start, _)| *start >= 40.0).count() >= 39, "{found:?}");
+    }
+
+    #[test]
+    fn a_clock_that_is_set_back_parts_rests() {
+        let mut finder = RestFinder::default();
+        let times: Vec<f64> = (0..90).map(|i| f64::from(i % 45) / 100.0).collect();
+        let readings = vec![vec![7.0; 90]];
+        let mut found = 0;
+        finder.look_at(&times, &readings, &mut |_| found += 1);
+        assert_eq!(found, 0);
+        finder.look_at(&[0.45, 0.46, 0.47, 0.48, 0.49], &[vec![7.0; 5]], &mut |_| found += 1);
+        assert_eq!(found, 1);
+    }
+}

@@ -1,0 +1,203 @@
+//! Whether the zero at the end of a log is that at its start.
+//!
+//! The means of the first and of the last rest differ by more than chance if on some of k axes they do so by
+//! more than `t·√(e₁² + e₂²)`, with e the standard error of a mean from its [`PARTS`] parts and t Student's
+//! quantile with `2·(PARTS − 1)` degrees of freedom at a level of 1 − [`FALSE_ALARMS`]/k (Bonferroni). It is
+//! worth telling if it also exceeds the noise of one frame. So where the zero stands still an alarm is raised in
+//! [`FALSE_ALARMS`] of logs at most, as long as noise has nothing in common with itself a fifth of a rest
+//! later; what the springs have kept of a load (play, creep) is a zero that has moved.
+
+use calibration::Calibration;
+use calibration::uncertainty::student_quantile;
+use shell_data::statistics::RunningVariance;
+use shell_data::wrench::{Axis, AxisValues, PerAxis};
+
+use super::{PARTS, Rest, RestFinder};
+
+/// The share of logs with a still zero that are said to have one that moves, at most.
+pub const FALSE_ALARMS: f64 = 0.01;
+
+/// A quantity over a rest, in its own unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Level {
+    /// Its mean.
+    pub mean: f64,
+    /// The noise of a frame: root of the mean square distance from the mean.
+    pub noise: f64,
+    /// Standard error of the mean, from the means of the parts.
+    pub standard_error: f64,
+}
+
+/// How a zero has moved, in its own unit.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct ZeroChange {
+    /// By how much, from the first rest to the last.
+    pub change: f64,
+    /// What it has to exceed to be said to have moved.
+    pub limit: f64,
+    /// The noise of a frame, RMS at the first rest.
+    pub noise: f64,
+}
+
+/// The zero at the start of a log and at its end.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ZeroMove {
+    /// Stretches at rest.
+    pub rests: u64,
+    /// The middle of the first, s.
+    pub first_s: f64,
+    /// The middle of the last, s.
+    pub last_s: f64,
+    /// Of the wrench, N and N·m.
+    #[serde(serialize_with = "super::super::tare::by_column")]
+    pub axes: AxisValues<ZeroChange>,
+}
+
+impl Level {
+    /// Of the values at a rest's frames.
+    pub fn of(values: &[f64], parts: &[usize]) -> Self {
+        let whole = RunningVariance::of(values);
+        let mut means = Vec::with_capacity(parts.len());
+        let mut rest = values;
+        for &frames in parts {
+            let (part, after) = rest.split_at(frames.min(rest.len()));
+            means.push(RunningVariance::of(part).mean);
+            rest = after;
+        }
+        let parts = RunningVariance::of(&means);
+        let n = parts.count as f64;
+        Self {
+            mean: whole.mean,
+            noise: whole.rms_about_mean(),
+            standard_error: (parts.squares / (n * (n - 1.0))).sqrt(),
+        }
+    }
+
+    /// The wrench over a rest.
+    pub fn of_wrench(calibration: &Calibration, rest: &Rest) -> PerAxis<Self> {
+        let mut wrench = PerAxis::default();
+        calibration.wrench(&rest.readings, &mut wrench);
+        wrench.map(|values| Self::of(&values, &rest.parts))
+    }
+}
+
+impl ZeroChange {
+    /// From the first rest to the last, one of `quantities` that are looked at.
+    pub fn new(first: &Level, last: &Level, quantities: usize) -> Self {
+        let level = 1.0 - FALSE_ALARMS / quantities.max(1) as f64;
+        let t = student_quantile(level, 2.0 * (PARTS - 1) as f64);
+        let by_chance = t * first.standard_error.hypot(last.standard_error);
+        let (change, noise) = (last.mean - first.mean, first.noise);
+        Self { change, limit: by_chance.max(noise), noise }
+    }
+
+    /// Whether it has moved.
+    pub fn has_moved(&self) -> bool {
+        self.change.abs() > self.limit
+    }
+}
+
+/// Of the changes that are beyond their limits the largest, measured by its limit.
+pub fn largest_change<T: Copy>(
+    changes: impl Iterator<Item = (T, ZeroChange)>,
+) -> Option<(T, ZeroChange)> {
+    let size = |change: &ZeroChange| change.change.abs() / change.limit;
+    let moved = changes.filter(|(_, change)| change.has_moved());
+    moved.max_by(|(_, a), (_, b)| size(a).total_cmp(&size(b)))
+}
+
+impl ZeroMove {
+    /// The axis that has moved most beyond its limit; `None` if none has.
+    pub fn largest(&self) -> Option<(Axis, ZeroChange)> {
+        largest_change(self.axes.iter().copied())
+    }
+
+    /// What has moved, in words; `None` if nothing has.
+    pub fn in_words(&self) -> Option<String> {
+        let (axis, ZeroChange { change, noise, .. }) = self.largest()?;
+        let decimals = if axis.is_moment() { 5 } else { 3 };
+        let (name, unit) = (axis.name(), axis.unit());
+        Some(format!(
+            "the zero of {name} moves by {change:.decimals$} {unit} from the rest at {:.1} s to that at {:.1} s, \
+             where its noise is {noise:.decimals$} {unit}",
+            self.first_s, self.last_s
+        ))
+    }
+}
+
+/// Looks at the rests of a log as it is read.
+#[derive(Clone, Debug, Default)]
+pub struct ZeroWatch {
+    finder: RestFinder,
+    first: Option<Rest>,
+    last: Option<Rest>,
+    rests: u64,
+}
+
+impl ZeroWatch {
+    /// Takes the next fresh frames, see [`RestFinder::look_at`].
+    pub fn look_at(&mut self, times_s: &[f64], readings: &[Vec<f64>]) {
+        let Self { finder, first, last, rests } = self;
+        finder.look_at(times_s, readings, &mut |rest| {
+            *rests += 1;
+            match first {
+                None => *first = Some(rest.clone()),
+                Some(_) => *last = Some(rest.clone()),
+            }
+        });
+    }
+
+    /// How the zero has moved; `None` with fewer than two rests.
+    pub fn finish(&self, calibration: &Calibration) -> Option<ZeroMove> {
+        let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
+        let levels = [first, last].map(|rest| Level::of_wrench(calibration, rest));
+        let count = calibration.axes.iter().count();
+        let change = |axis: usize| ZeroChange::new(&levels[0][axis], &levels[1][axis], count);
+        Some(ZeroMove {
+            rests: self.rests,
+            first_s: first.middle_s(),
+            last_s: last.middle_s(),
+            axes: calibration.axes.values(&std::array::from_fn(change)),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sums of twelve uniform numbers: normal as far as ten numbers can tell.
+    struct Noise(u64);
+
+    impl Noise {
+        fn next(&mut self) -> f64 {
+            let mut uniform = || {
+                self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+            };
+            (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+        }
+    }
+
+    #[test]
+    fn chance_alone_exceeds_the_limit_as_often_as_is_said() {
+        let mut noise = Noise(1);
+        let parts = [10; PARTS];
+        let mut level = || Level::of(&std::array::from_fn::<f64, 50, _>(|_| noise.next()), &parts);
+        // Without the noise of a frame in the limit what is left is the test.
+        let alarm = |first: Level, last: Level| {
+            ZeroChange::new(&Level { noise: 0.0, ..first }, &last, 1).has_moved()
+        };
+        let alarms = (0..20_000).filter(|_| alarm(level(), level())).count() as f64 / 20_000.0;
+        // Three standard deviations of a share of 20,000.
+        assert!((alarms - FALSE_ALARMS).abs() < 0.0022, "{alarms}");
+    }
+
+    #[test]
+    fn a_level_has_the_error_of_its_parts() {
+        let level = Level::of(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
+        // Parts of 2, 3 and 4: variance 1 of three.
+        assert_eq!((level.mean, level.standard_error), (3.0, (1.0_f64 / 3.0).sqrt()));
+        assert_eq!(level.noise, (16.0_f64 / 6.0).sqrt());
+    }
+}

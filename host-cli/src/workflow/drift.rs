@@ -1,0 +1,262 @@
+//! How the zero of a log moves, from its first row to its last.
+
+use crate::drift::{Drift, FEWEST_RESTS};
+use crate::figures::WrenchTrace;
+use crate::forces::rests::{Level, Rest, RestFinder};
+use crate::workflow::selection::{RowFilter, by_column};
+use crate::workflow::{ChannelMismatch, check_channels};
+use calibration::Calibration;
+use log_file::{ColumnRef, Log, LogError, ReadOptions, Wanted};
+use shell_data::wrench::{AxisValues, PerAxis};
+
+/// The column that `record` writes the die's temperature into.
+pub const TEMPERATURE: &str = "temperature_c";
+
+/// What is looked at beside the readings.
+#[derive(Clone, Debug, Default)]
+pub struct DriftOptions<'a> {
+    /// For the zero of the wrench beside that of the channels.
+    pub calibration: Option<&'a Calibration>,
+    /// The column of temperature; `None` for [`TEMPERATURE`] if there is one.
+    pub temperature: Option<ColumnRef>,
+}
+
+/// How the zero of a log moves.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct DriftSummary {
+    /// Rows in the log.
+    pub rows: u64,
+    /// Rows that were wrong and left out.
+    pub skipped_rows: u64,
+    /// Stretches at rest.
+    pub rests: usize,
+    /// The middle of the first, s.
+    pub first_s: f64,
+    /// The middle of the last, s.
+    pub last_s: f64,
+    /// The temperature at the rests, lowest and highest; `None` where it is not known.
+    pub temperature: Option<[f64; 2]>,
+    /// The wrench, N and N·m, if there was a calibration.
+    #[serde(serialize_with = "by_axis")]
+    pub axes: Option<AxisValues<Drift>>,
+    /// The readings of each channel, counts.
+    pub channels: Vec<Drift>,
+    /// The zeros at the rests.
+    #[serde(skip)]
+    pub zeros: Zeros,
+}
+
+/// The zeros at the rests, column by column.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Zeros {
+    /// The middle of each rest, s.
+    pub times_s: Vec<f64>,
+    /// The wrench, N and N·m; empty without a calibration.
+    pub axes: PerAxis<Vec<f64>>,
+    /// The readings of each channel, counts.
+    pub channels: Vec<Vec<f64>>,
+}
+
+/// A log that tells no drift.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DriftError {
+    /// The log cannot be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// The calibration is for another sensor.
+    #[error(transparent)]
+    Channels(#[from] ChannelMismatch),
+    /// Too few rests.
+    #[error(
+        "`{path}` has `{found}` stretches at rest, {FEWEST_RESTS} at least are needed to tell a drift"
+    )]
+    TooFewRests {
+        /// The log.
+        path: String,
+        /// Stretches found.
+        found: usize,
+    },
+    /// A temperature that is no number.
+    #[error("`{path}`: `{text}` in column `{column}` is no temperature")]
+    Temperature {
+        /// The log.
+        path: String,
+        /// The column.
+        column: String,
+        /// What stands there.
+        text: String,
+    },
+}
+
+/// Finds the rests of a log, and how its zero moves from one to the next, in one pass.
+///
+/// # Errors
+/// [`DriftError`].
+pub fn drift(
+    log: &Log,
+    options: &DriftOptions<'_>,
+    rows: RowFilter,
+    read: &ReadOptions<'_>,
+) -> Result<DriftSummary, DriftError> {
+    let path = || log.path().display().to_string();
+    let usual = || log.columns().iter().position(|column| column.name == TEMPERATURE);
+    let temperature = match &options.temperature {
+        Some(column) => Some(log.column_places(std::slice::from_ref(column))?[0]),
+        None => usual(),
+    };
+    let texts = temperature.into_iter().collect();
+    let wanted = Wanted { readings: true, time: true, texts, ..Wanted::default() };
+    log.require(&wanted)?;
+    if let Some(calibration) = options.calibration {
+        check_channels(log, calibration.channels())?;
+    }
+    let mut finder = RestFinder::default();
+    let mut observed = Observed::new(log.channels());
+    let mut warmth = Warmth::default();
+    let summary = log.read(
+        &wanted,
+        read,
+        |block| {
+            rows.select(block);
+            std::mem::take(block)
+        },
+        |block| {
+            let mut row = 0;
+            for (text, rows) in block.texts.iter().flatten() {
+                let known = warmth.add(block.time_s[row], text);
+                known.map_err(|text| DriftError::Temperature {
+                    path: path(),
+                    column: log.columns()[temperature.unwrap_or_default()].name.clone(),
+                    text,
+                })?;
+                row += rows;
+            }
+            finder.look_at(&block.time_s, &block.readings, &mut |rest| {
+                observed.add(options.calibration, rest);
+            });
+            Ok::<(), DriftError>(())
+        },
+    )?;
+    let Observed { axes, channels, times_s } = observed;
+    let temperatures: Vec<Option<f64>> = times_s.iter().map(|&time| warmth.at(time)).collect();
+    let calibration_axes = options.calibration.map(|calibration| calibration.axes);
+    let quantities = calibration_axes.map_or(channels.len(), |axes| axes.iter().count());
+    let of = |levels: &Vec<Level>| Drift::of(levels, &times_s, &temperatures, quantities);
+    let too_few = || DriftError::TooFewRests { path: path(), found: times_s.len() };
+    let channel_drifts = channels.iter().map(of).collect::<Option<Vec<_>>>().ok_or_else(too_few)?;
+    let axis_drifts = match calibration_axes {
+        None => None,
+        Some(present) => {
+            let found = present.iter().map(|axis| Some((axis, of(&axes[axis.index()])?)));
+            Some(found.collect::<Option<AxisValues<Drift>>>().ok_or_else(too_few)?)
+        }
+    };
+    let known = temperatures.iter().copied().flatten();
+    let extremes = |ends: Option<[f64; 2]>, at: f64| match ends {
+        None => Some([at, at]),
+        Some([low, high]) => Some([low.min(at), high.max(at)]),
+    };
+    let means = |levels: &Vec<Level>| levels.iter().map(|level| level.mean).collect();
+    Ok(DriftSummary {
+        rows: summary.rows,
+        skipped_rows: summary.skipped_rows,
+        rests: times_s.len(),
+        first_s: times_s[0],
+        last_s: times_s[times_s.len() - 1],
+        temperature: known.fold(None, extremes),
+        axes: axis_drifts,
+        channels: channel_drifts,
+        zeros: Zeros {
+            axes: axes.each_ref().map(means),
+            channels: channels.iter().map(means).collect(),
+            times_s,
+        },
+    })
+}
+
+/// Levels at the rests, column by column.
+struct Observed {
+    times_s: Vec<f64>,
+    axes: PerAxis<Vec<Level>>,
+    channels: Vec<Vec<Level>>,
+}
+
+impl Observed {
+    fn new(channels: usize) -> Self {
+        let channels = vec![Vec::new(); channels];
+        Self { times_s: Vec::new(), axes: PerAxis::default(), channels }
+    }
+
+    fn add(&mut self, calibration: Option<&Calibration>, rest: &Rest) {
+        self.times_s.push(rest.middle_s());
+        for (levels, readings) in self.channels.iter_mut().zip(&rest.readings) {
+            levels.push(Level::of(readings, &rest.parts));
+        }
+        if let Some(calibration) = calibration {
+            let wrench = Level::of_wrench(calibration, rest);
+            self.axes.iter_mut().zip(wrench).for_each(|(levels, level)| levels.push(level));
+        }
+    }
+}
+
+/// The temperature over time: a board says it now and then, and it holds until then.
+#[derive(Default)]
+struct Warmth {
+    changes: Vec<(f64, f64)>,
+}
+
+impl Warmth {
+    /// Adds what stands in the column from a time on; what is no number is the error.
+    fn add(&mut self, time_s: f64, text: &str) -> Result<(), String> {
+        let text = text.trim();
+        if text.is_empty() {
+            return Ok(());
+        }
+        let number = text.replace(',', ".").parse().ok().filter(|value: &f64| value.is_finite());
+        let value = number.ok_or_else(|| text.to_owned())?;
+        if self.changes.last().is_none_or(|&(_, last)| last != value) {
+            self.changes.push((time_s, value));
+        }
+        Ok(())
+    }
+
+    fn at(&self, time_s: f64) -> Option<f64> {
+        let next = self.changes.partition_point(|&(time, _)| time <= time_s);
+        next.checked_sub(1).map(|last| self.changes[last].1)
+    }
+}
+
+impl DriftSummary {
+    /// The wrench at the rests less that at the first, to be drawn.
+    pub fn trace(&self) -> WrenchTrace {
+        let mut trace = WrenchTrace::new();
+        trace
+            .add(&self.zeros.times_s, &self.zeros.axes.each_ref().map(|column| from_first(column)));
+        trace
+    }
+}
+
+impl Zeros {
+    /// The readings of each channel at the rests less those at the first, with their times.
+    pub fn channel_changes(&self) -> Vec<Vec<(f64, f64)>> {
+        let points = |column: &Vec<f64>| {
+            self.times_s.iter().copied().zip(from_first(column)).collect::<Vec<_>>()
+        };
+        self.channels.iter().map(points).collect()
+    }
+}
+
+fn from_first(column: &[f64]) -> Vec<f64> {
+    column.iter().map(|value| value - column[0]).collect()
+}
+
+fn by_axis<S: serde::Serializer>(
+    values: &Option<AxisValues<Drift>>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    match values {
+        Some(values) => by_column(values, serializer),
+        None => serializer.serialize_none(),
+    }
+}
