@@ -34,6 +34,7 @@
 
 pub mod alignment;
 pub mod calibration_file;
+mod compressed;
 pub mod drift;
 pub mod figures;
 pub mod forces;

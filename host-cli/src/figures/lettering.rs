@@ -6,12 +6,16 @@ use tiny_skia::{Path, PathBuilder, Transform};
 use ttf_parser::{Face, OutlineBuilder};
 
 use super::svg::{Anchor, Style};
+use crate::compressed;
 
 static REGULAR: LazyLock<Option<Face<'static>>> =
-    LazyLock::new(|| Face::parse(include_bytes!("../../assets/DejaVuSans-subset.ttf"), 0).ok());
-static BOLD: LazyLock<Option<Face<'static>>> = LazyLock::new(|| {
-    Face::parse(include_bytes!("../../assets/DejaVuSans-Bold-subset.ttf"), 0).ok()
-});
+    LazyLock::new(|| font(include_bytes!("../../assets/DejaVuSans-subset.ttf.zst")));
+static BOLD: LazyLock<Option<Face<'static>>> =
+    LazyLock::new(|| font(include_bytes!("../../assets/DejaVuSans-Bold-subset.ttf.zst")));
+
+fn font(asset: &[u8]) -> Option<Face<'static>> {
+    Face::parse(compressed::content(asset).leak(), 0).ok()
+}
 
 /// A font of the program.
 pub(super) fn face(bold: bool) -> Option<&'static Face<'static>> {

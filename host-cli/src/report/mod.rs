@@ -15,8 +15,6 @@ mod page;
 mod sections;
 mod units;
 
-use flate2::read::GzDecoder;
-
 pub use content::{CalibrationFacts, CalibrationSource, Input, MOST_TRACES, Report};
 pub use heading::Heading;
 pub(crate) use markup::figure;
@@ -26,8 +24,7 @@ pub use outliers::{OutlierRow, Outliers};
 use page::Page;
 
 const SCRIPT: &str = include_str!("../../assets/report/report.js");
-/// Compressed, as it would be an eighth of the program otherwise.
-const PLOTLY: &[u8] = include_bytes!("../../assets/report/plotly-cartesian.min.js.gz");
+const PLOTLY: &[u8] = include_bytes!("../../assets/report/plotly-cartesian.min.js.zst");
 const PLOTLY_LICENCE: &str = include_str!("../../assets/report/plotly-LICENSE.txt");
 
 impl Report<'_> {
@@ -35,7 +32,8 @@ impl Report<'_> {
     pub fn html(&self) -> String {
         let numbers = numbers::ReportNumbers::of(self);
         let data = script_json(&numbers);
-        let plotly = std::io::read_to_string(GzDecoder::new(PLOTLY)).expect("an asset of text");
+        let plotly =
+            String::from_utf8(crate::compressed::content(PLOTLY)).expect("an asset of text");
         let script = format!(
             r#"<script id="data" type="application/json">{data}</script>
 <!-- plotly.js, which follows:
