@@ -115,6 +115,8 @@ const drawChannel = ({ row, reading, range, head, word }, channel) => {
 
 const drawArrow = (canvas, right, up, reach, names) => {
   const { context, width, height } = begin(canvas), x = width / 2, y = height / 2, radius = Math.min(x, y) - 14;
+  // A window that is not yet laid out, or all but closed, has no room for one.
+  if (radius <= 0) return;
   line(context, colours.line, 1, [x - radius, y], [x + radius, y]);
   line(context, colours.line, 1, [x, y - radius], [x, y + radius]);
   context.strokeStyle = colours.line;
