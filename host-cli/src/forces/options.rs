@@ -34,7 +34,7 @@ pub enum TareRule {
     First(usize),
     /// The fresh frames from one time to another, s on the log's clock.
     Between(f64, f64),
-    /// All [stretches at rest](super::Rest): the zero runs straight from one to the next.
+    /// All stretches at rest: the zero runs straight from one to the next.
     Rests {
         /// The zero of the last stretch that has ended is held, as it must be while a log is recorded.
         causal: bool,

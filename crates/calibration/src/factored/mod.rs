@@ -13,7 +13,7 @@
 //! taken away from a sum, so errors grow with the condition number and not with its square. Triangles of groups of
 //! rows merge to that of all ([`FactoredGroups`]).
 //!
-//! Features are always summed with a constant, so they can be [expressed](change) about another centre:
+//! Features are always summed with a constant, so they can be expressed about another centre:
 //! triangles of recordings that were made apart merge, and the features of a smaller model are among those of a
 //! larger one. What depends on the order of the rows is the last digits, no more.
 

@@ -3,9 +3,9 @@
 //! The first [`REST_FRAMES`] fresh frames of a log are one, by the same agreement as the usual tare. Later,
 //! a stretch of as many frames or more, and of half a second at least, is one if in every channel
 //!
-//! - its readings scatter about their mean by no more than [`QUIET`] times what the first stretch's do,
-//! - its fifths differ in their means by no more than [`QUIET`] times that scatter, and
-//! - its mean lies within [`SAME_ZERO`] of the range that the readings have had so far, or [`QUIET`] times
+//! - its readings scatter about their mean by no more than `QUIET` times what the first stretch's do,
+//! - its fifths differ in their means by no more than `QUIET` times that scatter, and
+//! - its mean lies within `SAME_ZERO` of the range that the readings have had so far, or `QUIET` times
 //!   that scatter if that is more, of the mean of the stretch at rest before it.
 //!
 //! So the zero may wander as far as it likes, as long as it does so slowly or by little at once, and a load
