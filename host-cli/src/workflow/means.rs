@@ -1,7 +1,7 @@
 //! The means of groups of training rows, as a log of their own.
 //!
-//! Rows of a pose are one observation many times over. A fit to the means takes each pose once, however long it
-//! was held: whoever has weighed poses alike, gets the same figures.
+//! Rows of a pose are one observation many times over. A fit to the means gives each pose the same weight, however
+//! long it was held.
 
 use std::collections::HashMap;
 use std::io::{self, Write};

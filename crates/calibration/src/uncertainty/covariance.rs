@@ -90,7 +90,7 @@ impl Covariance {
                 let label = |place: usize| sums.groups[place].0.clone();
                 match error {
                     GroupScatterError::Solve(error) => ValidationError::Solve(error),
-                    GroupScatterError::Scatter(error) => of_scatter(error, label),
+                    GroupScatterError::Scatter(error) => why_no_scatter(error, label),
                 }
             })?;
         let intervals = held_out_intervals(sums, model, ridge);
@@ -110,7 +110,7 @@ impl Covariance {
             return Err(ValidationError::TooFewGroups { found: groups });
         }
         let label = |place: usize| rows.groups[place].0.clone();
-        let found = rows.scatter(solution, None).map_err(|error| of_scatter(error, label))?;
+        let found = rows.scatter(solution, None).map_err(|error| why_no_scatter(error, label))?;
         let intervals = held_out_intervals_factored(rows, &solution.model, solution.ridge);
         Ok(Self::of_scatter(found, solution.rows, intervals))
     }
@@ -156,7 +156,7 @@ impl Covariance {
 }
 
 /// Why there is no covariance; `label` is that of the group at a place.
-fn of_scatter(error: ScatterError, label: impl Fn(usize) -> String) -> ValidationError {
+fn why_no_scatter(error: ScatterError, label: impl Fn(usize) -> String) -> ValidationError {
     match error {
         ScatterError::NearlyDependent => ValidationError::Solve(SolveError::NearlyDependent),
         ScatterError::Alone(places) => {
