@@ -13,6 +13,7 @@ use crate::calibration_file::{
 use calibration::exact::{Moments, PartitionedMoments, SolveError};
 use calibration::factored::FactoredRows;
 use calibration::quality::AxisQuality;
+use calibration::reading_ranges::ReadingRanges;
 use calibration::solver::{Solution, SolverKind, solve_moments};
 use calibration::validation::{ValidationError, factored, selection};
 use calibration::{Basis, Calibration, FitError, Model};
@@ -67,17 +68,34 @@ pub struct MergedFit {
 /// [`WorkflowError`] if the rows do not determine the coefficients, or something is asked of groups
 /// where there are none.
 pub fn fit(merged: &PartialFit, options: &MergedFitOptions) -> Result<MergedFit, WorkflowError> {
-    match &merged.sums {
-        Sums::Exact(moments) => fit_exactly(merged, moments, options),
-        Sums::Factored(rows) => fit_triangle(merged, rows, options),
-    }
+    let Solved { choice, solver, solution, ranges, train } = match &merged.sums {
+        Sums::Exact(moments) => solve_exactly(merged, moments, options)?,
+        Sums::Factored(rows) => solve_triangle(merged, rows, options)?,
+    };
+    let mut calibration = Calibration::of_solution(&solution, &ranges);
+    calibration.axes = merged.axes;
+    let from = choice.covariance_from(options.covariance);
+    let Uncertainty { covariance, not_grouped } =
+        Uncertainty::of(&solution, solver, choice.ridge, from);
+    calibration.covariance = covariance;
+    Ok(MergedFit { calibration, solution, solver, choice, not_grouped, train })
 }
 
-fn fit_exactly(
+/// The coefficients, and what they were found with.
+struct Solved {
+    choice: ModelChoice,
+    solver: SolverKind,
+    solution: Solution,
+    ranges: ReadingRanges,
+    /// Errors on the training rows.
+    train: PerAxis<AxisQuality>,
+}
+
+fn solve_exactly(
     merged: &PartialFit,
     moments: &Moments,
     options: &MergedFitOptions,
-) -> Result<MergedFit, WorkflowError> {
+) -> Result<Solved, WorkflowError> {
     let choice = choose(merged, options)?;
     let model = Model { basis: choice.basis, ..merged.model };
     let parts = PartitionedMoments::new(moments, &model);
@@ -86,35 +104,23 @@ fn fit_exactly(
     }
     let ranges = moments.reading_ranges();
     let solution = solve_moments(moments, &model, choice.ridge, &ranges)?;
-    let mut calibration = Calibration::of_solution(&solution, &ranges);
-    calibration.axes = merged.axes;
-    let from = choice.covariance_from(options.covariance);
-    let found = Uncertainty::of(&solution, SolverKind::Exact, choice.ridge, from);
-    calibration.covariance = found.covariance;
     let train = parts.and_then(|parts| parts.in_sample(choice.ridge));
     let train = train.map_err(|_| FitError::NearlyDependent)?;
-    let (solver, not_grouped) = (SolverKind::Exact, found.not_grouped);
-    Ok(MergedFit { calibration, solution, solver, choice, not_grouped, train })
+    Ok(Solved { choice, solver: SolverKind::Exact, solution, ranges, train })
 }
 
 /// The same from the triangle of rows that could not be summed exactly.
-fn fit_triangle(
+fn solve_triangle(
     merged: &PartialFit,
     rows: &FactoredRows,
     options: &MergedFitOptions,
-) -> Result<MergedFit, WorkflowError> {
+) -> Result<Solved, WorkflowError> {
     let choice = choose_triangles(merged, options)?;
     let model = Model { basis: choice.basis, ..merged.model };
-    let (solver, ranges) = (SolverKind::Tsqr, rows.reading_ranges());
     let solution = rows.solve(&model, choice.ridge)?;
-    let mut calibration = Calibration::of_solution(&solution, ranges);
-    calibration.axes = merged.axes;
-    let from = choice.covariance_from(options.covariance);
-    let found = Uncertainty::of(&solution, solver, choice.ridge, from);
-    calibration.covariance = found.covariance;
     let train = rows.quality(&solution).ok_or(WorkflowError::NoRows)?;
-    let not_grouped = found.not_grouped;
-    Ok(MergedFit { calibration, solution, solver, choice, not_grouped, train })
+    let ranges = rows.reading_ranges().clone();
+    Ok(Solved { choice, solver: SolverKind::Tsqr, solution, ranges, train })
 }
 
 /// Chooses and validates as [`choose`] does, from triangles.
