@@ -109,6 +109,9 @@ fn style() -> Result<()> {
     let clippy = ["clippy", "--workspace", "--all-targets"];
     let deny = ["--", "-D", "warnings"];
     step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
+    // What is not in the program unless it is asked for.
+    let optional = ["clippy", "--package", "shellcal", "--bins", "--features", "foxglove"];
+    step("lints of features", &mut cargo(&[&optional[..], &PROFILE, &deny].concat()))?;
     eprintln!("\n==> layers");
     layers::run(&layers::Args::default())?;
     licences::check()

@@ -1,10 +1,12 @@
 //! The figure of a body in a channel of beams: drag over position, and the beams that touch below.
 
 use super::figure::Figure;
+use super::legend::Legend;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{Axis, Spacing};
-use super::svg::{Anchor, Canvas, Rect, Style, point, text_width};
+use super::size::Size;
+use super::svg::{Anchor, Canvas, Rect, Style, point};
 
 /// A line of the figure.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,19 +26,17 @@ const DRAG_HEIGHT: f64 = 260.0;
 const CONTACTS_HEIGHT: f64 = 110.0;
 const GAP: f64 = 18.0;
 const TOP: f64 = 44.0;
-const LEGEND_KEY: f64 = 24.0;
-const LEGEND_PITCH: f64 = 19.0;
 
 /// Draws drag over position, and contact counts below.
-pub fn channel_figure(title: &str, curves: &[ChannelCurve]) -> Figure {
-    let labels = curves.iter().map(|curve| text_width(&curve.label, Style::LABEL.size));
-    let legend = LEGEND_KEY + 24.0 + labels.fold(0.0, f64::max);
+pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figure {
+    let labels: Vec<&str> = curves.iter().map(|curve| curve.label.as_str()).collect();
+    let legend = Legend::new(size, &labels);
     let left = LEFT_MARGIN + 4.0;
-    let upper = Rect { left, top: TOP, width: WIDTH, height: DRAG_HEIGHT };
+    let upper = Rect { left, top: TOP, width: legend.panels(left, WIDTH), height: DRAG_HEIGHT };
     let lower = Rect { top: upper.bottom() + GAP, height: CONTACTS_HEIGHT, ..upper };
-    let entries = TOP + LEGEND_PITCH * curves.len() as f64 + 16.0;
-    let height = (lower.bottom() + BOTTOM_MARGIN + 6.0).max(entries);
-    let mut canvas = Canvas::new(upper.right() + legend, height);
+    let bottom = lower.bottom() + BOTTOM_MARGIN + 6.0;
+    let (width, height) = legend.canvas(upper, bottom);
+    let mut canvas = Canvas::sized(size, width, height);
     let style = Style::TITLE.anchored(Anchor::Start);
     canvas.text((left, TOP - 16.0), title, style);
 
@@ -65,13 +65,9 @@ pub fn channel_figure(title: &str, curves: &[ChannelCurve]) -> Figure {
     upper.draw_y_labels(&mut canvas);
     canvas.frame(upper.area, palette::INK);
     lower.draw_frame(&mut canvas);
-    for (i, curve) in curves.iter().enumerate() {
-        let (left, y) = (upper.area.right() + 12.0, TOP + 10.0 + LEGEND_PITCH * i as f64);
-        let width = if curve.measured { 0.8 } else { 1.6 };
-        canvas.line((left, y), (left + LEGEND_KEY, y), colour(i), width);
-        let style = Style::LABEL.anchored(Anchor::Start);
-        canvas.text((left + LEGEND_KEY + 6.0, y + 4.0), &curve.label, style);
-    }
+    legend.draw(&mut canvas, upper.area, bottom, |canvas, i, [from, to]| {
+        canvas.line(from, to, colour(i), if curves[i].measured { 0.8 } else { 1.6 });
+    });
     Figure::new(canvas.finish())
 }
 
@@ -107,7 +103,8 @@ mod tests {
             contacts: if measured { Vec::new() } else { vec![(0.0, 0.0), (0.1, 5.0)] },
             measured,
         };
-        let figure = channel_figure("drag", &[curve("3 cm", false), curve("run 1", true)]);
+        let figure =
+            channel_figure(Size::Screen, "drag", &[curve("3 cm", false), curve("run 1", true)]);
         let lines = |colour: &str| figure.svg().matches(&format!("stroke=\"{colour}\"")).count();
         // With the one in the legend.
         assert_eq!((lines(colour(0)), lines(colour(1))), (3, 2));
@@ -116,6 +113,6 @@ mod tests {
 
     #[test]
     fn a_figure_without_curves_is_a_figure() {
-        assert!(!channel_figure("nothing", &[]).svg().contains("NaN"));
+        assert!(!channel_figure(Size::Screen, "nothing", &[]).svg().contains("NaN"));
     }
 }

@@ -1,10 +1,12 @@
 //! Lines and points on one pair of axes, linear or logarithmic.
 
 use super::figure::Figure;
+use super::legend::Legend;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::Axis;
-use super::svg::{Anchor, Canvas, Rect, Style, point, text_width};
+use super::size::Size;
+use super::svg::{Anchor, Canvas, Rect, Style, point};
 
 /// How the points of a series are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,18 +47,18 @@ pub struct Chart {
 const WIDTH: f64 = 520.0;
 const HEIGHT: f64 = 340.0;
 const TOP: f64 = 44.0;
-const LEGEND_KEY: f64 = 24.0;
-const LEGEND_PITCH: f64 = 19.0;
 
 impl Chart {
     /// Draws the chart.
-    pub fn figure(&self) -> Figure {
-        let labels = self.series.iter().map(|series| text_width(&series.label, Style::LABEL.size));
-        let legend = LEGEND_KEY + 24.0 + labels.fold(0.0, f64::max);
-        let area = Rect { left: LEFT_MARGIN + 4.0, top: TOP, width: WIDTH, height: HEIGHT };
-        let entries = LEGEND_PITCH * self.series.len() as f64;
-        let height = (TOP + HEIGHT + BOTTOM_MARGIN + 6.0).max(TOP + entries + 16.0);
-        let mut canvas = Canvas::new(area.right() + legend, height);
+    pub fn figure(&self, size: Size) -> Figure {
+        let labels: Vec<&str> = self.series.iter().map(|series| series.label.as_str()).collect();
+        let legend = Legend::new(size, &labels);
+        let left = LEFT_MARGIN + 4.0;
+        let width = legend.panels(left, WIDTH);
+        let area = Rect { left, top: TOP, width, height: HEIGHT.min(width) };
+        let bottom = area.bottom() + BOTTOM_MARGIN + 6.0;
+        let (width, height) = legend.canvas(area, bottom);
+        let mut canvas = Canvas::sized(size, width, height);
         let title = Style::TITLE.anchored(Anchor::Start);
         canvas.text((area.left, TOP - 16.0), &self.title, title);
 
@@ -68,13 +70,10 @@ impl Chart {
             }
         });
         panel.draw_frame(&mut canvas);
-        for (i, series) in self.series.iter().enumerate() {
-            let (left, y) = (area.right() + 12.0, TOP + 10.0 + LEGEND_PITCH * i as f64);
-            let (from, to) = ((left, y), (left + LEGEND_KEY, y));
-            series.draw_marks(&mut canvas, &[from, to], &[(left + LEGEND_KEY / 2.0, y)], colour(i));
-            let style = Style::LABEL.anchored(Anchor::Start);
-            canvas.text((left + LEGEND_KEY + 6.0, y + 4.0), &series.label, style);
-        }
+        legend.draw(&mut canvas, area, bottom, |canvas, i, [from, to]| {
+            let middle = (f64::midpoint(from.0, to.0), from.1);
+            self.series[i].draw_marks(canvas, &[from, to], &[middle], colour(i));
+        });
         Figure::new(canvas.finish())
     }
 }
@@ -128,7 +127,7 @@ mod tests {
             mark: Mark::Both,
         };
         let chart = Chart { title: "t".into(), x: axis(), y: axis(), series: vec![series] };
-        let figure = chart.figure();
+        let figure = chart.figure(Size::Screen);
         // Two points and one in the legend.
         assert_eq!(figure.svg().matches("<circle").count(), 3);
         assert!(figure.svg().contains("a &lt; b") && !figure.svg().contains("NaN"));

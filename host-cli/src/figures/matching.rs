@@ -6,6 +6,7 @@ use super::figure::Figure;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{Axis, Spacing};
+use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, point};
 use crate::alignment::Quality;
 
@@ -17,13 +18,14 @@ const PITCH: f64 = HEIGHT + BOTTOM_MARGIN + 36.0;
 const SEARCH_POINTS: usize = 1600;
 
 /// Draws the search (score over offset, the best being 1) above an excerpt of the match.
-pub fn match_figure(title: &str, quality: &Quality) -> Figure {
-    let mut canvas = Canvas::new(WIDTH, TOP + 2.0 * PITCH);
+pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
+    let width = size.width(WIDTH);
+    let mut canvas = Canvas::sized(size, width, TOP + 2.0 * PITCH);
     canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
     let area = |row: f64| Rect {
         left: LEFT_MARGIN + 8.0,
         top: TOP + row * PITCH,
-        width: WIDTH - LEFT_MARGIN - 24.0,
+        width: width - LEFT_MARGIN - 24.0,
         height: HEIGHT,
     };
 
@@ -116,7 +118,7 @@ mod tests {
             white_se: [0.0; 2],
             excerpt: Excerpt::default(),
         };
-        let figure = match_figure("a < b", &quality);
+        let figure = match_figure(Size::Screen, "a < b", &quality);
         assert!(figure.svg().contains("a &lt; b") && !figure.svg().contains("NaN"));
     }
 }

@@ -18,6 +18,7 @@ mod density;
 mod figure;
 mod fit;
 mod histogram;
+mod legend;
 mod lettering;
 mod matching;
 mod palette;

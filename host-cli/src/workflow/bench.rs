@@ -15,7 +15,7 @@ use std::time::Instant;
 use faer::Mat;
 use serde::Serialize;
 
-use crate::figures::{Axis, Chart, Figure, Mark, Series, Spacing};
+use crate::figures::{Axis, Chart, Figure, Mark, Series, Size, Spacing};
 use calibration::features::Features;
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, Solution, SolverKind};
@@ -279,7 +279,7 @@ pub enum ErrorKind {
 
 /// Run time against error, both logarithmic: a colour for each solver, a point for each model, and a
 /// line along the fastest solvers of each accuracy.
-pub fn figure(benches: &[ModelBench], kind: ErrorKind) -> Figure {
+pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
     let point = |m: &Measurement| {
         let error = match kind {
             ErrorKind::Coefficients => m.coefficient_error,
@@ -334,7 +334,7 @@ pub fn figure(benches: &[ModelBench], kind: ErrorKind) -> Figure {
     };
     let rows = benches.first().map_or(0, |bench| bench.rows);
     let (x, y) = (axis("run time", "ms", |p| p.0), axis(quantity, "", |p| p.1));
-    Chart { title: format!("Solvers on {rows} rows"), x, y, series }.figure()
+    Chart { title: format!("Solvers on {rows} rows"), x, y, series }.figure(size)
 }
 
 #[cfg(test)]
@@ -393,7 +393,7 @@ mod tests {
             }
         }
         assert!(markdown(std::slice::from_ref(&bench)).contains("| poly3+1 (20) | error |"));
-        let svg = figure(&[bench], ErrorKind::Coefficients);
+        let svg = figure(Size::Screen, &[bench], ErrorKind::Coefficients);
         assert!(svg.svg().contains("front of poly3+1"));
     }
 }

@@ -12,6 +12,7 @@ use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
 };
 
+use super::figure_size::FigureSize;
 use super::frames::{FrameArgs, note_rows};
 use super::mapping::{FormatArg, MappingArgs, TimeUnitArg, parse_column};
 use crate::files::{InputPath, OutputPath};
@@ -36,6 +37,9 @@ pub(crate) struct AlignArgs {
     /// Draw the match, to .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
 
     /// Time that the board averages a frame over, in s: the reference is averaged likewise
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_exposure)]
@@ -138,7 +142,8 @@ impl AlignArgs {
             }
         };
         if let (Some(mut file), Some(format)) = (plot, plot_format) {
-            let figure = match_figure(&self.title(&aligned), &aligned.quality);
+            let figure =
+                match_figure(self.figure_size.size(), &self.title(&aligned), &aligned.quality);
             file.write_all(&figure.render(format)?).context("cannot write the picture")?;
             file.commit()?;
         }

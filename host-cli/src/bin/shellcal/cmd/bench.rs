@@ -13,6 +13,7 @@ use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
 
 use super::choices::{BasisArg, SolverArg};
+use super::figure_size::FigureSize;
 use super::mapping::MappingArgs;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
@@ -53,6 +54,9 @@ pub(crate) struct BenchArgs {
     plot: Option<OutputPath>,
 
     #[command(flatten)]
+    figure_size: FigureSize,
+
+    #[command(flatten)]
     mapping: MappingArgs,
 }
 
@@ -78,7 +82,9 @@ impl BenchArgs {
         }
         anyhow::ensure!(!benches.is_empty(), "the rows determine none of the models");
         for (kind, mut file, format) in opened {
-            file.write_all(&bench::figure(&benches, kind).render(format)?)?;
+            file.write_all(
+                &bench::figure(self.figure_size.size(), &benches, kind).render(format)?,
+            )?;
             file.commit()?;
         }
         if printer.json() {

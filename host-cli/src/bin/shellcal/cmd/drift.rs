@@ -9,6 +9,7 @@ use shellcal::forces::rests::{FALSE_ALARMS, ZeroChange, largest_change};
 use shellcal::output::Outputs;
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
 
+use super::figure_size::FigureSize;
 use super::frames::FrameArgs;
 use super::mapping::{MappingArgs, parse_column, tell_remembered};
 use crate::files::{InputPath, OutputPath};
@@ -39,6 +40,9 @@ pub(crate) struct DriftArgs {
     /// Draw the zeros at the rests over time, to .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
 
     #[command(flatten)]
     frames: FrameArgs,
@@ -88,7 +92,10 @@ impl DriftArgs {
             bar.finish_and_clear();
             let summary = summary?;
             if let (Some(path), Some(format)) = (&self.plot, plot_format) {
-                outputs.write(path, &figure(&name, &summary).render(format)?)?;
+                outputs.write(
+                    path,
+                    &figure(self.figure_size.size(), &name, &summary).render(format)?,
+                )?;
             }
             let tare_holds = moved(&summary).is_none();
             drifts.push(LogDrift { log: name, tare_holds, summary });
@@ -184,10 +191,10 @@ fn by_temperature(quantities: &[(String, &'static str, usize, &Drift)]) -> Strin
     format!("a line against it is closer to the zeros than one against time in {better} of {all}")
 }
 
-fn figure(name: &str, summary: &DriftSummary) -> Figure {
+fn figure(size: Size, name: &str, summary: &DriftSummary) -> Figure {
     let title = format!("{name}: zero at rest, less that at the start");
     if summary.axes.is_some() {
-        return trace_figure(Size::Screen, &title, &summary.trace());
+        return trace_figure(size, &title, &summary.trace());
     }
     let series: Vec<Series> = summary
         .zeros
@@ -200,5 +207,5 @@ fn figure(name: &str, summary: &DriftSummary) -> Figure {
     let (low, high) = (values().fold(0.0, f64::min), values().fold(0.0, f64::max));
     let x = Axis::new("time", "s", Spacing::Linear, summary.first_s, summary.last_s);
     let y = Axis::new("change of the zero", "counts", Spacing::Linear, low, high);
-    Chart { title, x, y, series }.figure()
+    Chart { title, x, y, series }.figure(size)
 }

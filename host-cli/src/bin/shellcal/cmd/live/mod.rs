@@ -1,7 +1,9 @@
-//! `shellcal live`: forces as they come, in the terminal or in a browser.
+//! `shellcal live`: forces as they come, in the terminal, in a browser or in Foxglove.
 
 mod browser;
 mod canvas;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod screen;
 mod session;
 mod view;
@@ -13,6 +15,8 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::Context;
+#[cfg(feature = "foxglove")]
+use foxglove_view::FoxgloveServer;
 use log_file::Log;
 use serde_json::json;
 use shared_proto::Framing;
@@ -22,6 +26,7 @@ use shellcal::forces::{ForceOptions, LowPass, TareRule};
 use shellcal::link::{Journal, PortOptions, RecordOptions, Sinks, Source, Uplink, record};
 use shellcal::live::{LiveModel, LiveSetup};
 use shellcal::recording::LiveForces;
+use shellcal::web::Server;
 use shellcal::workflow::live::{Feed, LiveRows, play};
 
 use super::frames::describe_forces;
@@ -104,6 +109,23 @@ pub(crate) struct LiveArgs {
     )]
     serve: Option<SocketAddr>,
 
+    /// Send every row to Foxglove, rather than to the terminal; at 127.0.0.1:8765 unless told otherwise
+    #[cfg(feature = "foxglove")]
+    #[arg(
+        long,
+        value_name = "IP:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = foxglove::LOOPBACK,
+        conflicts_with_all = ["serve", "ascii", "window"]
+    )]
+    foxglove: Option<SocketAddr>,
+
+    /// Frame of the wrenches for Foxglove
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "NAME", default_value = "shell", requires = "foxglove")]
+    frame_id: String,
+
     /// Draw with ASCII [default: where the locale is not UTF-8]
     #[arg(long, conflicts_with = "serve")]
     ascii: bool,
@@ -117,6 +139,15 @@ pub(crate) struct LiveArgs {
 
     #[command(flatten)]
     mapping: MappingArgs,
+}
+
+/// Where a view is shown.
+enum Place {
+    Terminal,
+    /// With the address to open.
+    Browser(Server, String),
+    #[cfg(feature = "foxglove")]
+    Foxglove(FoxgloveServer),
 }
 
 /// How a source has ended.
@@ -146,10 +177,7 @@ impl LiveArgs {
             (false, Some(_)) => anyhow::bail!("a log that is played is not recorded again"),
         };
         // What cannot work is said before the screen is taken.
-        let served = match self.serve {
-            Some(at) => Some(browser::start(at)?),
-            None => view::require_terminal().map(|()| None)?,
-        };
+        let place = self.place()?;
         let first = logs.as_mut().filter(|_| self.output.is_some()).map(Logs::next).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
         let (source, recorded) = match is_port {
@@ -164,13 +192,22 @@ impl LiveArgs {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
             is_over: &|| source.is_finished(),
         };
-        let is_served = served.is_some();
-        let shown = match served {
-            Some((server, address)) => announce(printer, server.address(), &address)
-                .and_then(|()| browser::run(&mut session, server, &until)),
-            None => {
+        let is_served = !matches!(place, Place::Terminal);
+        let shown = match place {
+            Place::Terminal => {
                 let is_ascii = self.ascii || !view::is_utf8();
                 view::run(&mut session, Look { is_ascii, color: printer.is_colored() }, &until)
+            }
+            Place::Browser(server, address) => {
+                let danger = "whoever has its address can look on and end a recording";
+                announce(printer, server.address(), &address, danger)
+                    .and_then(|()| browser::run(&mut session, server, &until))
+            }
+            #[cfg(feature = "foxglove")]
+            Place::Foxglove(server) => {
+                let address = format!("ws://{}", server.address());
+                announce(printer, server.address(), &address, "whoever reaches it can look on")
+                    .and_then(|()| foxglove::run(&mut session, server, axes, &until))
             }
         };
         done.store(true, Ordering::Relaxed);
@@ -185,6 +222,18 @@ impl LiveArgs {
         }
         ended?;
         Ok(Outcome::Done)
+    }
+
+    /// Opens what it is shown in.
+    fn place(&self) -> anyhow::Result<Place> {
+        #[cfg(feature = "foxglove")]
+        if let Some(at) = self.foxglove {
+            return Ok(Place::Foxglove(FoxgloveServer::start(at, "shellcal", &self.frame_id)?));
+        }
+        match self.serve {
+            Some(at) => browser::start(at).map(|(server, address)| Place::Browser(server, address)),
+            None => view::require_terminal().map(|()| Place::Terminal),
+        }
     }
 
     fn forces(&self) -> ForceOptions {
@@ -248,13 +297,17 @@ impl LiveArgs {
     }
 }
 
-/// Says where to look.
-fn announce(printer: &mut Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
+/// Says where to look, and what others who can may do.
+fn announce(
+    printer: &mut Printer,
+    at: SocketAddr,
+    address: &str,
+    danger: &str,
+) -> anyhow::Result<()> {
     if !at.ip().is_loopback() {
-        printer.warning(
-            "other machines reach this view, over HTTP, which is not encrypted: whoever has its address can \
-             look on and end a recording",
-        );
+        printer.warning(format!(
+            "other machines reach this view, and what is sent is not encrypted: {danger}"
+        ));
     }
     match printer.json() {
         true => printer.document(&json!({ "address": address })),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use shellcal::link::{Journal, Progress, Wish};
-use shellcal::live::LiveModel;
+use shellcal::live::{LiveModel, LiveRow};
 use shellcal::output::OutputError;
 use shellcal::recording::protocol_name;
 use shellcal::workflow::live::{Feed, LiveRows};
@@ -38,6 +38,8 @@ pub(super) struct Session {
     duration: Option<Duration>,
     started: Instant,
     elapsed: Duration,
+    /// What has come since the last picture.
+    pub(super) news: Vec<LiveRow>,
     /// Frames so far, and pictures of them.
     frames: u64,
     pub(super) pictures: u64,
@@ -124,6 +126,7 @@ impl Session {
             duration,
             started: Instant::now(),
             elapsed: Duration::ZERO,
+            news: Vec::new(),
             frames: 0,
             pictures: 0,
             is_over: false,
@@ -135,9 +138,8 @@ impl Session {
     pub(super) fn advance(&mut self, until: &Until<'_>) -> anyhow::Result<bool> {
         let mut frames = Vec::new();
         self.feed.fetch(&mut frames);
-        for row in self.rows.of(&frames)? {
-            self.model.push(row);
-        }
+        self.news = self.rows.of(&frames)?;
+        self.news.iter().for_each(|row| self.model.push(*row));
         self.frames += frames.len() as u64;
         self.elapsed = self.started.elapsed();
         self.is_over = (until.is_over)() && self.feed.waiting() == 0;

@@ -6,6 +6,7 @@ use shellcal::workflow::simulate::{GridAxis, Uncertain};
 use super::quantity::{
     angle, grid_axis, length, positive_length, pressure, share, speed, uncertain,
 };
+use crate::cmd::figure_size::FigureSize;
 use crate::files::{InputPath, OutputPath};
 
 const EXAMPLES: &str = "\
@@ -126,6 +127,9 @@ pub(super) struct SweepArgs {
     /// Draw drag over position and contact counts, to .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<OutputPath>,
+
+    #[command(flatten)]
+    pub(super) figure_size: FigureSize,
 
     /// Draw a measured trace too: CSV with columns `x_m` or, with `--speed`, `t_s`, and `drag_n` or
     /// `fx_n`, such as `shellcal convert` writes

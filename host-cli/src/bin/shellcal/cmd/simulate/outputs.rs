@@ -110,7 +110,7 @@ impl SweepFiles {
         }
         let friction = models.first().map_or(0.0, |model| model.setup().beam.friction);
         let title = format!("Simulated drag, friction {friction}");
-        let figure = channel_figure(&title, &curves);
+        let figure = channel_figure(args.figure_size.size(), &title, &curves);
         file.write_all(&figure.render(*format)?).context("cannot write the picture")?;
         Ok(())
     }
