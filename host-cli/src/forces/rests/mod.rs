@@ -17,6 +17,7 @@ mod watch;
 mod zeros;
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use shell_data::statistics::RunningVariance;
 
@@ -75,10 +76,10 @@ impl Rest {
 }
 
 /// A part of what may be a rest.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 struct Part {
-    times_s: Vec<f64>,
-    readings: Vec<Vec<f64>>,
+    frames: usize,
+    /// Of every channel.
     levels: Vec<RunningVariance>,
 }
 
@@ -99,8 +100,13 @@ struct Known {
 pub struct RestFinder {
     /// Of every channel, once there was a rest.
     known: Vec<Known>,
+    /// The newest parts that have ended, [`PARTS`] at most.
     parts: VecDeque<Part>,
-    current: Part,
+    /// Their frames.
+    ended: usize,
+    /// Those frames, and the ones since: times, and a column of readings for each channel.
+    times_s: Vec<f64>,
+    readings: Vec<Vec<f64>>,
     last_s: Option<f64>,
 }
 
@@ -113,46 +119,61 @@ impl RestFinder {
         readings: &[Vec<f64>],
         found: &mut dyn FnMut(&Rest),
     ) {
-        self.current.readings.resize_with(readings.len(), Vec::new);
+        self.readings.resize_with(readings.len(), Vec::new);
         let mut taken = 0;
         for (row, &time) in times_s.iter().enumerate() {
             // A clock that is set back, or is none, ends what was before.
             if self.last_s.is_some_and(|last| time < last) || !time.is_finite() {
-                self.forget(readings.len());
+                self.forget_first(self.times_s.len());
                 taken = row;
             }
             self.last_s = Some(time);
-            let frames = self.current.times_s.len() + row + 1 - taken;
-            let start = *self.current.times_s.first().unwrap_or(&times_s[taken]);
+            let frames = self.times_s.len() - self.ended + row + 1 - taken;
+            let start = *self.times_s.get(self.ended).unwrap_or(&times_s[taken]);
             // The first rest is as short as a tare.
             let is_long = self.known.is_empty() || time - start >= PART_S;
             if frames >= REST_FRAMES / PARTS && is_long {
-                self.current.extend(times_s, readings, taken..row + 1);
+                self.extend(times_s, readings, taken..row + 1);
                 taken = row + 1;
-                if let Some(rest) = self.end_part(readings.len()) {
+                if let Some(rest) = self.end_part() {
                     found(&rest);
                 }
             }
         }
-        self.current.extend(times_s, readings, taken..times_s.len());
+        self.extend(times_s, readings, taken..times_s.len());
     }
 
-    fn forget(&mut self, channels: usize) {
-        self.parts.clear();
-        self.current = Part::empty(channels);
+    fn extend(&mut self, times_s: &[f64], readings: &[Vec<f64>], rows: Range<usize>) {
+        self.times_s.extend_from_slice(&times_s[rows.clone()]);
+        for (column, new) in self.readings.iter_mut().zip(readings) {
+            column.extend_from_slice(&new[rows.clone()]);
+        }
+    }
+
+    /// Forgets so many of the oldest frames: those of whole parts, or all there are.
+    fn forget_first(&mut self, frames: usize) {
+        self.ended = self.ended.saturating_sub(frames);
+        if self.ended == 0 {
+            self.parts.clear();
+        }
+        self.times_s.drain(..frames);
+        self.readings.iter_mut().for_each(|column| drop(column.drain(..frames)));
     }
 
     /// Ends the current part, and with it a rest if it is the last of one.
-    fn end_part(&mut self, channels: usize) -> Option<Rest> {
-        let mut part = std::mem::replace(&mut self.current, Part::empty(channels));
-        part.levels = part.readings.iter().map(|column| RunningVariance::of(column)).collect();
+    fn end_part(&mut self) -> Option<Rest> {
+        let levels = self.readings.iter().map(|column| RunningVariance::of(&column[self.ended..]));
+        let part = Part { frames: self.times_s.len() - self.ended, levels: levels.collect() };
         for (known, level) in self.known.iter_mut().zip(&part.levels) {
             known.low = known.low.min(level.mean);
             known.high = known.high.max(level.mean);
         }
-        if self.parts.len() == PARTS {
-            self.parts.pop_front();
+        if self.parts.len() == PARTS
+            && let Some(oldest) = self.parts.pop_front()
+        {
+            self.forget_first(oldest.frames);
         }
+        self.ended += part.frames;
         self.parts.push_back(part);
         if self.parts.len() < PARTS {
             return None;
@@ -162,7 +183,7 @@ impl RestFinder {
             self.parts.iter().for_each(|part| whole.merge(&part.levels[channel]));
             whole
         };
-        let whole: Vec<RunningVariance> = (0..channels).map(whole).collect();
+        let whole: Vec<RunningVariance> = (0..self.readings.len()).map(whole).collect();
         // What is not a number is at rest nowhere.
         if !whole.iter().all(|level| level.mean.is_finite() && level.squares.is_finite()) {
             return None;
@@ -173,20 +194,17 @@ impl RestFinder {
                 Known { noise, zero: level.mean, low: level.mean, high: level.mean }
             };
             self.known = whole.iter().map(known).collect();
-        } else if (0..channels).all(|channel| self.is_at_rest(channel, &whole[channel])) {
+        } else if whole.iter().enumerate().all(|(channel, whole)| self.is_at_rest(channel, whole)) {
             self.known.iter_mut().zip(&whole).for_each(|(known, level)| known.zero = level.mean);
         } else {
             return None;
         }
-        let mut rest = Rest::default();
-        rest.readings.resize_with(channels, Vec::new);
-        for mut part in self.parts.drain(..) {
-            rest.parts.push(part.times_s.len());
-            rest.times_s.append(&mut part.times_s);
-            let columns = rest.readings.iter_mut().zip(&mut part.readings);
-            columns.for_each(|(column, part)| column.append(part));
-        }
-        Some(rest)
+        self.ended = 0;
+        Some(Rest {
+            times_s: std::mem::take(&mut self.times_s),
+            readings: self.readings.iter_mut().map(std::mem::take).collect(),
+            parts: self.parts.drain(..).map(|part| part.frames).collect(),
+        })
     }
 
     /// Whether a channel rests over the parts, whose readings together are `whole`.
@@ -198,19 +216,6 @@ impl RestFinder {
             means().fold(f64::NEG_INFINITY, f64::max) - means().fold(f64::INFINITY, f64::min);
         let near = quiet.max(SAME_ZERO * (known.high - known.low));
         whole.rms_about_mean() <= quiet && steps <= quiet && (whole.mean - known.zero).abs() <= near
-    }
-}
-
-impl Part {
-    fn empty(channels: usize) -> Self {
-        Self { readings: vec![Vec::new(); channels], ..Self::default() }
-    }
-
-    fn extend(&mut self, times_s: &[f64], readings: &[Vec<f64>], rows: std::ops::Range<usize>) {
-        self.times_s.extend_from_slice(&times_s[rows.clone()]);
-        for (column, new) in self.readings.iter_mut().zip(readings) {
-            column.extend_from_slice(&new[rows.clone()]);
-        }
     }
 }
 

@@ -109,41 +109,58 @@ impl ConvertedFrames {
     }
 }
 
+impl WatchedFrames {
+    fn columns(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
+        std::iter::once(&mut self.times_s).chain(&mut self.readings)
+    }
+
+    fn retain(&mut self, keep: &[bool]) {
+        for column in self.columns() {
+            let mut keep = keep.iter();
+            column.retain(|_| keep.next().is_some_and(|keep| *keep));
+        }
+    }
+
+    fn remove_first(&mut self) {
+        self.columns().for_each(|column| drop(column.drain(..1)));
+    }
+}
+
 impl Converter<'_> {
     pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
-        let watched = self.watched(block);
-        ConvertedRows { watched, ..self.convert_rows(block) }
+        match self.pipeline.low_pass() {
+            None => self.convert_used(block),
+            Some(_) => self.convert_all(block),
+        }
     }
 
-    /// The frames that the zero is watched in, if it is.
-    fn watched(&self, block: &Block) -> Option<WatchedFrames> {
-        let repeats_are_frames = self.watch?;
-        let (mut times_s, mut readings) = (block.time_s.clone(), block.readings.clone());
-        if !repeats_are_frames {
-            let fresh = block.fresh_rows();
-            for column in std::iter::once(&mut times_s).chain(&mut readings) {
-                let mut fresh = fresh.iter();
-                column.retain(|_| fresh.next().is_some_and(|fresh| *fresh));
+    /// Converts the rows that are used.
+    fn convert_used(&self, block: &mut Block) -> ConvertedRows {
+        // Of rows that are all used, those that repeat a frame may be none.
+        let is_fresh = (self.options.rows == RowFilter::All && self.watch == Some(false))
+            .then(|| block.fresh_rows());
+        self.options.rows.select(block);
+        let mut wrench = self.pipeline.wrench(self.calibration, &block.time_s, &block.readings);
+        let without_motion = self.take_off_load(&block.time_s, &mut wrench);
+        let frames = ConvertedFrames { wrench, ..self.frames(block) };
+        let watched = self.watch.map(|_| {
+            let readings = match self.keeps_readings {
+                true => frames.readings.clone(),
+                false => std::mem::take(&mut block.readings),
+            };
+            let mut watched = WatchedFrames { times_s: frames.time_s.clone(), readings };
+            if let Some(is_fresh) = is_fresh {
+                watched.retain(&is_fresh);
             }
-        }
-        Some(WatchedFrames { times_s, readings })
+            watched
+        });
+        ConvertedRows { frames, without_motion, watched, ..ConvertedRows::default() }
     }
 
-    fn convert_rows(&self, block: &mut Block) -> ConvertedRows {
-        if self.pipeline.low_pass().is_none() {
-            self.options.rows.select(block);
-            let mut wrench = self.pipeline.wrench(self.calibration, &block.time_s, &block.readings);
-            let without_motion = self.take_off_load(&block.time_s, &mut wrench);
-            let frames = ConvertedFrames { wrench, ..self.frames(block) };
-            return ConvertedRows { frames, without_motion, ..ConvertedRows::default() };
-        }
-        // The filter sees every row, and each frame is converted once.
+    /// Converts every row, which the filter has to see, but each frame once.
+    fn convert_all(&self, block: &mut Block) -> ConvertedRows {
         let fresh = block.fresh_rows();
         let time_s = block.time_s.clone();
-        let written = match self.options.rows {
-            RowFilter::Fresh => fresh.clone(),
-            RowFilter::All => vec![true; block.rows],
-        };
         let is_new = |row: usize| row == 0 || fresh[row];
         let new_rows: Vec<usize> = (0..block.rows).filter(|&row| is_new(row)).collect();
         let pick = |column: &Vec<f64>| new_rows.iter().map(|&row| column[row]).collect();
@@ -160,9 +177,24 @@ impl Converter<'_> {
         let mut wrench = by_frame.map(spread);
         self.pipeline.tare_off(&time_s, &mut wrench);
         let without_motion = self.take_off_load(&time_s, &mut wrench);
+        let watched = self.watch.map(|repeats_are_frames| match repeats_are_frames {
+            true => WatchedFrames { times_s: time_s.clone(), readings: block.readings.clone() },
+            false => {
+                let mut watched = WatchedFrames { times_s: pick(&time_s), readings };
+                // The first row is converted even if it repeats the block before.
+                if fresh.first() == Some(&false) {
+                    watched.remove_first();
+                }
+                watched
+            }
+        });
         self.options.rows.select(block);
         let frames = self.frames(block);
-        ConvertedRows { time_s, wrench, written, frames, without_motion, watched: None }
+        let written = match self.options.rows {
+            RowFilter::Fresh => fresh,
+            RowFilter::All => vec![true; time_s.len()],
+        };
+        ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
     }
 
     /// Takes off what the sensor carries; returns the number of rows where that is not known.

@@ -146,6 +146,9 @@ impl<'a> Reading<'a> {
     /// Shows the zero's watch the fresh frames of a block.
     fn watch_zero(&mut self, block: &Block, fresh: &[bool]) {
         let Some(watch) = &mut self.watch else { return };
+        if !fresh.contains(&false) {
+            return watch.look_at(&block.time_s, &block.readings);
+        }
         let pick = |column: &Vec<f64>| -> Vec<f64> {
             column.iter().zip(fresh).filter(|(_, fresh)| **fresh).map(|(value, _)| *value).collect()
         };
