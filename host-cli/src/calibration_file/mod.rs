@@ -26,6 +26,7 @@
 //! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`] |
 //! | `intervals` | standard errors of an interval by level and axis, see [`calibration::physics::intervals`] |
 
+pub mod code;
 mod document;
 mod layout;
 mod matlab;

@@ -136,6 +136,22 @@ fn an_exported_matrix_imports_to_the_same_wrench() {
 }
 
 #[test]
+fn a_calibration_is_exported_as_the_matrix_of_its_fit_and_as_code() {
+    let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
+    assert!(shellcal(&dir, "fit train.csv -o cal.json --export-matrix m.csv").status.success());
+    let export = |file: &str| {
+        assert!(shellcal(&dir, &format!("export cal.json {file}")).status.success());
+        std::fs::read_to_string(dir.path().join(file)).unwrap()
+    };
+    assert_eq!(export("again.csv"), export("m.csv"));
+    // What the code computes is tested with the Python package.
+    assert!(export("shell_wrench.m").starts_with("function w = shell_wrench(readings)\n"));
+    assert!(export("shell_wrench.py").contains("from shell_wrench import wrench"));
+    assert!(refused(&dir, "export cal.json 7.m").contains("`7` cannot be the name of a function"));
+    assert!(refused(&dir, "export cal.json c.txt").contains("in none of `.py`, `.m` and `.csv`"));
+}
+
+#[test]
 fn a_limit_that_is_exceeded_is_exit_code_1() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
     assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());

@@ -11,6 +11,7 @@ mod deferred;
 mod doctor;
 mod drift;
 mod eval;
+mod export;
 mod figure_size;
 mod fit;
 mod frames;
@@ -175,6 +176,9 @@ pub(crate) enum Command {
     /// intercept); or a MATLAB 5 file with such a matrix.
     Import(Deferred<import::ImportArgs>),
 
+    /// Write a calibration as a function in Python or MATLAB, or as a matrix
+    Export(Deferred<export::ExportArgs>),
+
     /// Compare solvers on your data: run time against error
     ///
     /// Rows are read into memory first; then every solver fits every model on one thread. Errors are
@@ -237,6 +241,7 @@ impl Command {
             Command::Stats(args) => args.run(printer),
             Command::Profile(args) => args.run(printer),
             Command::Import(args) => args.run(printer, outputs),
+            Command::Export(args) => args.run(printer, outputs),
             Command::Bench(args) => args.run(printer, outputs),
             Command::Synth(args) => args.run(printer, outputs),
             Command::Simulate(args) => args.run(printer, outputs),

@@ -1,0 +1,70 @@
+//! `shellcal export`: a calibration for programs without `shellcal`.
+
+use std::ffi::OsStr;
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::{Context, bail, ensure};
+use shellcal::calibration_file::code::{Language, to_code};
+use shellcal::calibration_file::{CalibrationFile, matrix};
+use shellcal::output::Outputs;
+
+use crate::files::{InputPath, OutputPath};
+use crate::outcome::Outcome;
+use crate::printer::Printer;
+
+const EXAMPLES: &str = "\
+Examples:
+  shellcal export calibration.json shell_wrench.py     from shell_wrench import wrench
+  shellcal export calibration.json shell_wrench.m      w = shell_wrench(readings)
+  shellcal export calibration.json matrix.csv";
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct ExportArgs {
+    /// The calibration
+    #[arg(value_name = "CAL")]
+    calibration: InputPath,
+
+    /// A module of Python or a function of MATLAB, which stand for themselves; or the coefficients for raw
+    /// readings, moments in mN·m, as `fit --export-matrix` writes them
+    #[arg(value_name = "FILE.py|m|csv")]
+    output: OutputPath,
+}
+
+impl ExportArgs {
+    pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
+        let file = CalibrationFile::read(&self.calibration)?;
+        let text = match self.output.extension().and_then(OsStr::to_str) {
+            Some("py") => to_code(&file, Language::Python, identifier(&self.output)?),
+            Some("m") => to_code(&file, Language::Matlab, identifier(&self.output)?),
+            Some("csv") => {
+                let polynomial = file.calibration.polynomial();
+                let polynomial = polynomial
+                    .context("a physics model has no matrix; `.py` and `.m` have all of it")?;
+                matrix::to_csv(polynomial, file.calibration.axes)
+            }
+            _ => bail!("`{}` ends in none of `.py`, `.m` and `.csv`", self.output.display()),
+        };
+        let mut output = outputs.create(&self.output)?;
+        output.write_all(text.as_bytes())?;
+        output.commit()?;
+        printer.note(
+            "readings go in as counts, untared; the mean wrench of a rest is to be taken off",
+        );
+        Ok(Outcome::Done)
+    }
+}
+
+/// The name of a file as that of a function.
+fn identifier(path: &Path) -> anyhow::Result<&str> {
+    let stem = path.file_stem().and_then(OsStr::to_str).unwrap_or_default();
+    let is_letter = |c: char| c.is_ascii_alphabetic();
+    let is_fit =
+        stem.starts_with(is_letter) && stem.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    ensure!(
+        is_fit,
+        "`{stem}` cannot be the name of a function: letters, digits and `_`, a letter first"
+    );
+    Ok(stem)
+}
