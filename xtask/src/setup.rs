@@ -33,11 +33,18 @@ pub(crate) const BROWSER: Need = Need {
     ways: &[Way::Packages(&["chromium"])],
 };
 
+/// For the tests of completions and of the manual.
+pub(crate) const SHELLS: Need = Need {
+    what: "zsh, fish and groff",
+    is_met: || ["zsh", "fish", "groff"].iter().all(|program| installed(program, &["--version"])),
+    ways: &[Way::Packages(&["zsh", "fish", "groff-base"])],
+};
+
 /// What every run needs.
 pub(crate) const TOOLS: [Need; 2] = [FORMATTER, LINTER];
 
 pub(crate) fn run(args: Args) -> Result<()> {
-    let others = [toolchain::NEED, emulator::NEED, BROWSER, fuzz::NEED];
+    let others = [toolchain::NEED, emulator::NEED, BROWSER, SHELLS, fuzz::NEED];
     let needs = [&TOOLS[..], &others, &cross::NEEDS].concat();
     let missing: Vec<Need> = needs
         .into_iter()

@@ -71,6 +71,9 @@ fn whole(args: &Args) -> Result<()> {
         Some(firmware::check()?)
     };
     set_up_browser(args.without_browser);
+    if let Err(error) = setup::SHELLS.meet() {
+        eprintln!("{error:#}: tests of completions or of the manual will be skipped");
+    }
     let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
     tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
     tests.envs(model::environment(!args.without_board));

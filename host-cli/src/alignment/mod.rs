@@ -210,7 +210,7 @@ fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), Align
         (0..count as usize).map(|i| (i as f64 * length_s, (i + 1) as f64 * length_s)).collect();
     let activity: Vec<f64> = stretches.iter().map(|&stretch| activity(board, stretch)).collect();
     let mut order: Vec<usize> = (0..stretches.len()).collect();
-    order.sort_by(|&a, &b| activity[b].total_cmp(&activity[a]).then(a.cmp(&b)));
+    order.sort_unstable_by(|&a, &b| activity[b].total_cmp(&activity[a]).then(a.cmp(&b)));
     let mut refused = None;
     for &i in order.iter().take(PROBES) {
         match coarse::find_match(reference, board, stretches[i], LEAST_OVERLAP_S) {

@@ -144,7 +144,9 @@ impl Sliver {
     /// The points in the order of time, each once.
     fn points(&self) -> Vec<(f64, f64)> {
         let mut points = vec![self.first, self.lowest, self.highest, self.last];
-        points[1..3].sort_by(|a, b| a.0.total_cmp(&b.0));
+        if self.highest.0 < self.lowest.0 {
+            points.swap(1, 2);
+        }
         points.dedup();
         points
     }

@@ -62,7 +62,7 @@ impl ClockSearch {
         let first_s = self.first_s?;
         let own = || {
             let mut periods = self.periods_s.clone();
-            periods.sort_by(f64::total_cmp);
+            periods.sort_unstable_by(f64::total_cmp);
             // The lower median is a period that occurs.
             let middle = periods.len().checked_sub(1)? / 2;
             Some(1.0 / periods[middle])

@@ -82,7 +82,7 @@ pub fn ports() -> Result<Vec<PortInfo>, serialport::Error> {
             PortInfo { port: info.port_name, kind, description, serial }
         })
         .collect();
-    ports.sort_by(|a, b| a.port.cmp(&b.port));
+    ports.sort_unstable_by(|a, b| a.port.cmp(&b.port));
     Ok(ports)
 }
 

@@ -62,7 +62,7 @@ pub fn find_lag(
     let tried: Vec<f64> = lags.iter().map(|lag| left(*lag)).collect();
     let best = (0..lags.len()).min_by(|a, b| tried[*a].total_cmp(&tried[*b]))?;
     let mut sorted = tried.clone();
-    sorted.sort_by(f64::total_cmp);
+    sorted.sort_unstable_by(f64::total_cmp);
     let is_clear = tried[best] < CLEAR * sorted[sorted.len() / 2];
     if !is_clear || best == 0 || best == lags.len() - 1 {
         return None;

@@ -102,7 +102,7 @@ pub(super) fn diagnose_legs(strides: Option<&Strides>, diagnostics: &mut Vec<Dia
         return;
     };
     let mut periods: Vec<f64> = strides.spans().map(|(start, end)| end - start).collect();
-    periods.sort_by(f64::total_cmp);
+    periods.sort_unstable_by(f64::total_cmp);
     match periods.get(periods.len() / 2) {
         None => diagnostics.push(Diagnostic::NoStride),
         Some(median) if strides.longest_still_s > STALL_STRIDES * median => {

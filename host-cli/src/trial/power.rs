@@ -96,7 +96,7 @@ impl Columns<'_> {
         }
         let volts = self.scaled(Telemetry::Battery, self.profile.telemetry.battery_v_per_count);
         let mut sorted = in_window.to_vec();
-        sorted.sort_by(f64::total_cmp);
+        sorted.sort_unstable_by(f64::total_cmp);
         if let Some(&reads) = sorted.get(sorted.len() / 2) {
             let unit = self.profile.unit(Telemetry::Battery);
             let battery_v = reads * unit.unwrap_or(self.profile.telemetry.battery_v_per_count);

@@ -120,7 +120,7 @@ impl Sample {
     pub fn statistics(&self, seed: u64) -> Option<Statistics> {
         let n = self.values.len();
         let mut sorted = self.values.clone();
-        sorted.sort_by(f64::total_cmp);
+        sorted.sort_unstable_by(f64::total_cmp);
         let (&first, &last) = (sorted.first()?, sorted.last()?);
         let mean = mean(&self.clusters);
         let squares: f64 = self.values.iter().map(|x| (x - mean) * (x - mean)).sum();
@@ -250,7 +250,7 @@ fn bootstrap(
     };
     let mut drawn: Vec<f64> =
         (0..RESAMPLES).map(|_| of(&samples.iter().map(&mut again).collect::<Vec<_>>())).collect();
-    drawn.sort_by(f64::total_cmp);
+    drawn.sort_unstable_by(f64::total_cmp);
 
     let normal = Normal::standard();
     // Ties, which few clusters bring, count half.

@@ -183,7 +183,7 @@ fn measure(
             break solved;
         }
     };
-    seconds.sort_by(f64::total_cmp);
+    seconds.sort_unstable_by(f64::total_cmp);
     let mut measurement = Measurement {
         solver: kind.name(),
         seconds: seconds[seconds.len() / 2],
@@ -317,7 +317,7 @@ pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
             .zip(flags)
             .filter_map(|(p, on_front)| p.filter(|_| on_front))
             .collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        points.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         Series { label: format!("front of {}", bench.model), points, mark: Mark::Line }
     };
     let series: Vec<Series> =

@@ -59,7 +59,7 @@ struct Kept {
 pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit, WorkflowError> {
     let axes = super::agree_on_axes(logs, &mut [])?;
     if options.groups.is_some() {
-        logs.sort_by(|a, b| a.path().cmp(b.path()));
+        logs.sort_unstable_by(|a, b| a.path().cmp(b.path()));
     }
     let group_by = options.groups.map(|groups| match groups {
         KeptGroups::By(by) => by,

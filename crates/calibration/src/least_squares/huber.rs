@@ -338,7 +338,7 @@ mod tests {
             let found = weighted.qr().solve_lstsq(&target);
             let residual = y - x * &found;
             let mut sizes: Vec<f64> = residual.col(0).iter().map(|r| r.abs()).collect();
-            sizes.sort_by(f64::total_cmp);
+            sizes.sort_unstable_by(f64::total_cmp);
             let sigma = 0.5 * (sizes[(n - 1) / 2] + sizes[n / 2]) / QUARTILE;
             if let Some(before) = before
                 && (x * (&found - before)).norm_l2() < 1e-11 * sigma
@@ -404,7 +404,7 @@ mod tests {
                 .unwrap_or_else(|error| panic!("{n} rows, {p} columns: {error}"));
             let residual = &y - &x * &solved.coefficients;
             let mut sizes: Vec<f64> = residual.col(0).iter().map(|r| r.abs()).collect();
-            sizes.sort_by(f64::total_cmp);
+            sizes.sort_unstable_by(f64::total_cmp);
             // Whatever σ it settled on among the sizes of these residuals: clipped there, they must
             // be orthogonal to the columns.
             let solves = |sigma: f64| {

@@ -67,7 +67,7 @@ impl Scores {
                 let mass = ((groups + 1) as f64 * of_group[axis].len() as f64).recip();
                 scores.extend(of_group[axis].iter().map(|&score| (score, mass)));
             }
-            scores.sort_by(|a, b| a.0.total_cmp(&b.0));
+            scores.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
             quantiles(&scores, &levels)
         });
         GroupIntervals { groups, levels, factors }

@@ -66,7 +66,7 @@ impl PhysicsValidation {
         std::array::from_fn(|axis| {
             let mut sizes: Vec<f64> =
                 self.groups().map(|group| group.errors[axis].bias().abs()).collect();
-            sizes.sort_by(f64::total_cmp);
+            sizes.sort_unstable_by(f64::total_cmp);
             let middle = sizes.len() / 2;
             match sizes.len() {
                 0 => f64::NAN,

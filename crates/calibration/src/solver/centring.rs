@@ -91,7 +91,7 @@ mod tests {
             centring.scaling(&all)
         };
         let mut sorted = column.clone();
-        sorted.sort_by(f64::total_cmp);
+        sorted.sort_unstable_by(f64::total_cmp);
         let (head, tail) = column.split_at(311);
         assert_eq!(scaling(&[&column]), scaling(&[&sorted]));
         assert_eq!(scaling(&[&column]), scaling(&[tail, head]));

@@ -161,7 +161,7 @@ pub fn deal_groups(rows: &[u64], folds: usize) -> Result<Vec<Vec<usize>>, Valida
         return Err(ValidationError::Folds { folds, groups });
     }
     let mut order: Vec<usize> = (0..groups).collect();
-    order.sort_by_key(|&group| std::cmp::Reverse(rows[group]));
+    order.sort_unstable_by_key(|&group| (std::cmp::Reverse(rows[group]), group));
     let mut dealt = vec![(0, Vec::new()); folds];
     for group in order {
         let (of_fold, fold) = (dealt.iter_mut())

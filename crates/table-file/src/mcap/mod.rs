@@ -100,7 +100,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
         TableError::Choice { kind: KIND, part: part_name, wanted, found }
     };
     if topics.is_empty() && part.is_none() {
-        others.sort();
+        others.sort_unstable();
         others.dedup();
         return Err(KIND.unsupported(format!(
             "no messages of type geometry_msgs/msg/WrenchStamped or in JSON; its topics are {others:?}"

@@ -71,7 +71,7 @@ impl Builder {
         let vtable_bytes = 4 + 2 * usize::from(count);
         // The longest fields come first, at multiples of eight after the offset of the vtable.
         let mut order: Vec<usize> = (0..fields.len()).collect();
-        order.sort_by_key(|&at| std::cmp::Reverse(fields[at].bytes().len()));
+        order.sort_unstable_by_key(|&at| (std::cmp::Reverse(fields[at].bytes().len()), at));
         let mut offsets = vec![0_u16; usize::from(count)];
         let mut content = Vec::new();
         let mut pointers = Vec::new();

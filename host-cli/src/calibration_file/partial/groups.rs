@@ -160,7 +160,7 @@ impl PartialFit {
             self.sources.push(source);
         }
         groups.groups.iter_mut().for_each(|group| group.source = now_at[group.source]);
-        groups.groups.sort_by_key(|group| (group.source, group.place));
+        groups.groups.sort_unstable_by_key(|group| (group.source, group.place));
         // Groups that turned out to begin in an earlier source have left gaps.
         let (mut last, mut next) = (None, 0);
         for group in &mut groups.groups {

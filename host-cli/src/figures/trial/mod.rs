@@ -94,7 +94,7 @@ pub(crate) fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64>
 pub(crate) fn stride_s(trace: &Trace) -> Option<f64> {
     let mut lengths: Vec<f64> =
         trace.stride_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    lengths.sort_by(f64::total_cmp);
+    lengths.sort_unstable_by(f64::total_cmp);
     lengths.get(lengths.len() / 2).copied()
 }
 

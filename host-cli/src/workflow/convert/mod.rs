@@ -65,7 +65,7 @@ fn channel_names(log: &Log) -> Vec<String> {
             channels.push((channel, column.name.clone()));
         }
     }
-    channels.sort();
+    channels.sort_unstable();
     channels.into_iter().map(|(_, name)| name).collect()
 }
 

@@ -179,7 +179,7 @@ fn unit_m_s2(
     gravity_m_s2: f64,
 ) -> Result<f64, PayloadLogError> {
     let mut sizes: Vec<f64> = accelerations.iter().map(|a| norm(*a)).collect();
-    sizes.sort_by(f64::total_cmp);
+    sizes.sort_unstable_by(f64::total_cmp);
     let size = sizes.get(sizes.len() / 2).copied().unwrap_or_default();
     // Offsets of an accelerometer are within a tenth of what it measures.
     match size {

@@ -28,7 +28,7 @@ pub fn curve(model: &Model, label: String, from_m: f64, to_m: f64) -> ChannelCur
         }
     }
     positions.retain(|x| (from_m..=to_m).contains(x));
-    positions.sort_by(f64::total_cmp);
+    positions.sort_unstable_by(f64::total_cmp);
     positions.dedup();
     let totals = positions.into_iter().map(|x| (x, model.total(x)));
     let (mut drag, mut contacts) = (Vec::new(), Vec::new());

@@ -109,7 +109,7 @@ fn drawn(setup: &Setup, uncertain: &[Uncertain], seed: u64, draw: usize) -> Setu
 impl DrawStatistics {
     /// `None` without values.
     fn of(mut values: Vec<f64>, level: f64) -> Option<Self> {
-        values.sort_by(f64::total_cmp);
+        values.sort_unstable_by(f64::total_cmp);
         let count = values.len() as f64;
         let mean = values.iter().sum::<f64>() / count;
         let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();

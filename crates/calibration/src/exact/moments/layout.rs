@@ -209,7 +209,7 @@ fn steps(monomials: &[Monomial], index: &Index, channel: usize) -> Vec<ShiftStep
         (exponent > 0).then(|| ShiftStep { of, from: index[&m.without(channel)], exponent })
     };
     let mut steps: Vec<ShiftStep> = monomials.iter().enumerate().filter_map(step).collect();
-    steps.sort_by_key(|step| std::cmp::Reverse(step.exponent));
+    steps.sort_unstable_by_key(|step| (std::cmp::Reverse(step.exponent), step.of));
     steps
 }
 

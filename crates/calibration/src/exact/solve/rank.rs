@@ -47,7 +47,7 @@ pub(crate) fn rank_loss(
     let size = model_terms.len();
     // The simplest first, so that what depends on what reads best.
     let mut order: Vec<usize> = (0..size).collect();
-    order.sort_by_key(|&i| model_terms[i].factors().len());
+    order.sort_unstable_by_key(|&i| (model_terms[i].factors().len(), i));
     let terms: Vec<Term> = order.iter().map(|&i| model_terms[i]).collect();
     let sum = |a: usize, b: usize| moments.readings[positions[order[a] * size + order[b]]];
     let mut gram = vec![0; size * size];
