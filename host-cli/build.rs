@@ -1,5 +1,6 @@
 //! How the program is linked, and which of its tests can run here.
 
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Names the directory of the real recordings, which are not part of the repository.
@@ -40,10 +41,20 @@ fn main() {
         // At a fixed address nothing has to be relocated before `main`: of the 2.3 ms that
         // `shellcal --version` takes otherwise 0.7 ms, as a median of 400 runs of either in turn.
         println!("cargo::rustc-link-arg-bins=-no-pie");
-        // A panic ends the release at once, so nobody looks up how to unwind it: 0.15 MB. The release alone is
-        // optimised for size.
+        // The release alone is optimised for size.
         if std::env::var("OPT_LEVEL").is_ok_and(|level| level == "s") {
-            println!("cargo::rustc-link-arg-bins=-Wl,--no-eh-frame-hdr");
+            leave_out_unwinding();
         }
     }
+}
+
+/// A panic ends the release at once, so nobody looks up how to unwind it: 1.1 MB of tables.
+fn leave_out_unwinding() {
+    let folder = std::env::var("OUT_DIR").expect("cargo names a folder");
+    let script = Path::new(&folder).join("no-unwinding.ld");
+    // It adds to the linker's own script.
+    let text = "SECTIONS { /DISCARD/ : { *(.eh_frame) } } INSERT AFTER .text;\n";
+    std::fs::write(&script, text).expect("cargo's folder can be written");
+    println!("cargo::rustc-link-arg-bins=-Wl,--no-eh-frame-hdr");
+    println!("cargo::rustc-link-arg-bins=-Wl,-T,{}", script.display());
 }

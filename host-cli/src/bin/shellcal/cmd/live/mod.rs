@@ -192,7 +192,6 @@ impl LiveArgs {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
             is_over: &|| source.is_finished(),
         };
-        let is_served = !matches!(place, Place::Terminal);
         let shown = match place {
             Place::Terminal => {
                 let is_ascii = self.ascii || !view::is_utf8();
@@ -215,7 +214,7 @@ impl LiveArgs {
             source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
         shown?;
         for line in session.report() {
-            match is_served && printer.json() {
+            match printer.json() {
                 true => printer.note(line),
                 false => printer.line(line)?,
             }
