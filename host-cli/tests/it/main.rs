@@ -68,6 +68,7 @@ mod support;
 mod synth_command;
 mod synth_physics;
 mod tcp_board;
+mod temperature;
 mod trial_figures_command;
 mod trial_intervals;
 mod trial_profiles;
