@@ -119,6 +119,14 @@ pub enum Command {
         /// The emitter, from 0.
         emitter: u8,
     },
+    /// Set the serial line to another rate once this is answered; back to the rate of before if nothing
+    /// valid is heard at the new one.
+    SetBaud {
+        /// What the rate is called, in baud.
+        baud: u32,
+    },
+    /// Start the chip's own bootloader once this is answered.
+    Bootloader,
     /// A command that this version does not know, or one with arguments that are not its own.
     Unknown {
         /// The code that names it.
@@ -160,6 +168,8 @@ impl Command {
             Self::Challenge => 0x0E,
             Self::SetKey(_) => 0x0F,
             Self::SelfTest { .. } => 0x10,
+            Self::SetBaud { .. } => 0x11,
+            Self::Bootloader => 0x12,
             Self::Unknown { code } => *code,
         }
     }
@@ -168,7 +178,8 @@ impl Command {
         out.push(self.code());
         match self {
             Self::Identify | Self::Status | Self::Start | Self::Stop => {}
-            Self::CommitCalibration | Self::Challenge | Self::Unknown { .. } => {}
+            Self::CommitCalibration | Self::Challenge => {}
+            Self::Bootloader | Self::Unknown { .. } => {}
             Self::SetPeriod { period_us } => {
                 out.extend(&period_us.to_le_bytes());
             }
@@ -201,6 +212,9 @@ impl Command {
             Self::SelfTest { emitter } => {
                 out.push(*emitter);
             }
+            Self::SetBaud { baud } => {
+                out.extend(&baud.to_le_bytes());
+            }
         }
     }
 
@@ -231,6 +245,8 @@ impl Command {
             0x0E => Self::Challenge,
             0x0F => Self::SetKey(Key::new(body.array()?)),
             0x10 => Self::SelfTest { emitter: body.u8()? },
+            0x11 => Self::SetBaud { baud: body.u32()? },
+            0x12 => Self::Bootloader,
             _ => return None,
         };
         body.end(command)
@@ -386,6 +402,8 @@ pub enum Refusal {
     Replayed,
     /// Not while it streams.
     Streaming,
+    /// This board has nothing that could do it.
+    NotOnThisBoard,
     /// A reason that this version does not know.
     Other(u8),
 }
@@ -410,6 +428,7 @@ impl Refusal {
             Self::BadSignature => 14,
             Self::Replayed => 15,
             Self::Streaming => 16,
+            Self::NotOnThisBoard => 17,
             Self::Other(code) => code,
         }
     }
@@ -439,6 +458,7 @@ impl Refusal {
             14 => Self::BadSignature,
             15 => Self::Replayed,
             16 => Self::Streaming,
+            17 => Self::NotOnThisBoard,
             code => Self::Other(code),
         })
     }

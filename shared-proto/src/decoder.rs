@@ -3,6 +3,7 @@
 use crate::authentication::Signature;
 use crate::bytes::Bytes;
 use crate::command::{Answer, BoardId, Command};
+use crate::edge::Edge;
 use crate::error::DecodeError;
 use crate::frame::MAX_FRAME;
 use crate::health::Health;
@@ -43,6 +44,8 @@ pub enum Event {
     },
     /// When the readings of the samples after it are taken, and how the board is.
     Health(Health),
+    /// An edge at the board's sync input; duplicates too.
+    Edge(Edge),
     /// A request of the host.
     Command {
         /// Number that the answer repeats.
@@ -279,6 +282,7 @@ impl Stream {
                 Event::Sample { sample, index, arrival, silence }
             }
             Packet::Health(health) => Event::Health(health),
+            Packet::Edge(edge) => Event::Edge(edge),
             Packet::Command { number, to, command } => {
                 Event::Command { number, to, command, signature: None }
             }

@@ -43,6 +43,7 @@ mod calibration;
 mod command;
 mod decoder;
 mod detect;
+mod edge;
 mod error;
 mod frame;
 mod health;
@@ -62,6 +63,7 @@ pub use command::{
 };
 pub use decoder::{Counters, Decoder, Event, Framing};
 pub use detect::{Protocol, detect};
+pub use edge::Edge;
 pub use error::DecodeError;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
 pub use health::{Health, Timing, Vitals};

@@ -3,6 +3,7 @@
 use crate::authentication::Signature;
 use crate::bytes::Reader;
 use crate::command::{Answer, Board, BoardId, Command, ResetCause};
+use crate::edge::Edge;
 use crate::error::DecodeError;
 use crate::frame::{self, Frame, Plain};
 use crate::health::Health;
@@ -34,6 +35,7 @@ type Tables = crc::Table<1>;
 const SAMPLE_READINGS: u8 = 0x4;
 const SAMPLE_WRENCH: u8 = 0x5;
 const HEALTH: u8 = 0x6;
+const EDGE: u8 = 0x7;
 pub(crate) const COMMAND: u8 = 0x8;
 const ANSWER: u8 = 0x9;
 const BOOT: u8 = 0xA;
@@ -46,6 +48,8 @@ pub enum Packet {
     Sample(Sample),
     /// When readings are taken, and how the board is.
     Health(Health),
+    /// An edge at the sync input.
+    Edge(Edge),
     /// From the host.
     Command {
         /// Number that the answer repeats.
@@ -128,6 +132,7 @@ impl Packet {
             }
             Self::Sample(Sample { sequence, .. }) => (SAMPLE_WRENCH, *sequence),
             Self::Health(health) => (HEALTH, health.sequence),
+            Self::Edge(edge) => (EDGE, edge.number),
             Self::Command { number, .. } => (COMMAND, *number),
             Self::Signed { number, .. } => (SIGNED, *number),
             Self::Answer { number, .. } => (ANSWER, *number),
@@ -140,6 +145,7 @@ impl Packet {
         match self {
             Self::Sample(sample) => sample.write(&mut packet),
             Self::Health(health) => health.write(&mut packet),
+            Self::Edge(edge) => edge.write(&mut packet),
             Self::Command { to, command, .. } => {
                 packet.extend(&BoardId::code(*to).to_le_bytes());
                 command.write(&mut packet);
@@ -179,6 +185,7 @@ impl Packet {
             SAMPLE_READINGS => Sample::read_readings(number, body).map(Self::Sample),
             SAMPLE_WRENCH => Sample::read_wrench(number, body).map(Self::Sample),
             HEALTH => Health::read(number, body).map(Self::Health),
+            EDGE => Edge::read(number, body).map(Self::Edge),
             COMMAND => Self::read_command(number, body),
             SIGNED => Self::read_signed(number, body),
             ANSWER => Answer::read(body).map(|answer| Self::Answer { number, answer }),
@@ -205,7 +212,14 @@ impl Packet {
             header >> 4 == VERSION
                 && matches!(
                     header & 0xF,
-                    SAMPLE_READINGS | SAMPLE_WRENCH | HEALTH | COMMAND | ANSWER | BOOT | SIGNED
+                    SAMPLE_READINGS
+                        | SAMPLE_WRENCH
+                        | HEALTH
+                        | EDGE
+                        | COMMAND
+                        | ANSWER
+                        | BOOT
+                        | SIGNED
                 )
         })
     }

@@ -24,10 +24,14 @@ fuzz_target!(|bytes: &[u8]| {
         let whole = decode(framing, bytes, bytes.len().max(1));
         assert_eq!(format!("{events:?}"), format!("{whole:?}"));
         for event in events {
-            let Event::Sample { sample, .. } = event else { continue };
-            let frame = Packet::Sample(sample).encode();
+            let packet = match event {
+                Event::Sample { sample, .. } => Packet::Sample(sample),
+                Event::Edge(edge) => Packet::Edge(edge),
+                _ => continue,
+            };
+            let frame = packet.encode();
             let again = Packet::decode(&frame[..frame.len() - 1]);
-            assert_eq!(format!("{again:?}"), format!("{:?}", Ok::<_, ()>(Packet::Sample(sample))));
+            assert_eq!(format!("{again:?}"), format!("{:?}", Ok::<_, ()>(packet)));
         }
     }
     let mut original = skinproc::Decoder::new();

@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{
-    Answer, Board, BoardId, Boot, Challenge, Command, Decoder, Event, Framing, Health, Identity,
-    Key, MAX_PIECE, MAX_SIGNED_PIECE, Packet, Piece, Refusal, ResetCause, Sample, Status, Stream,
-    Timing, Values, Vitals,
+    Answer, Board, BoardId, Boot, Challenge, Command, Decoder, Edge, Event, Framing, Health,
+    Identity, Key, MAX_PIECE, MAX_SIGNED_PIECE, Packet, Piece, Refusal, ResetCause, Sample, Status,
+    Stream, Timing, Values, Vitals,
 };
 
 /// The bytes of a packet as the host receives them.
@@ -65,7 +65,9 @@ fn any_command() -> impl Strategy<Value = Command> {
         Just(Command::Challenge),
         any::<[u8; 16]>().prop_map(|key| Command::SetKey(Key::new(key))),
         any::<u8>().prop_map(|emitter| Command::SelfTest { emitter }),
-        (0x11_u8..).prop_map(|code| Command::Unknown { code }),
+        any::<u32>().prop_map(|baud| Command::SetBaud { baud }),
+        Just(Command::Bootloader),
+        (0x13_u8..).prop_map(|code| Command::Unknown { code }),
     ]
 }
 
@@ -159,12 +161,13 @@ fn any_refusal() -> impl Strategy<Value = Refusal> {
         Refusal::BadSignature,
         Refusal::Replayed,
         Refusal::Streaming,
+        Refusal::NotOnThisBoard,
     ];
     prop_oneof![
         prop::sample::select(simple.to_vec()),
         any::<u32>().prop_map(|shortest_us| Refusal::PeriodTooShort { shortest_us }),
         any::<u32>().prop_map(|shortest_us| Refusal::LineTooSlow { shortest_us }),
-        (17_u8..).prop_map(Refusal::Other),
+        (18_u8..).prop_map(Refusal::Other),
     ]
 }
 
@@ -191,6 +194,8 @@ pub fn any_packet() -> impl Strategy<Value = Packet> {
     prop_oneof![
         4 => any_sample().prop_map(Packet::Sample),
         1 => any_health().prop_map(Packet::Health),
+        1 => any::<(u16, u32)>()
+            .prop_map(|(number, clock_us)| Packet::Edge(Edge { number, clock_us })),
         2 => (any::<u16>(), any_to(), any_command())
             .prop_map(|(number, to, command)| Packet::Command { number, to, command }),
         1 => any_signed(),

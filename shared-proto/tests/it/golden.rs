@@ -5,7 +5,7 @@
 
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{
-    Answer, Board, BoardId, Boot, Bytes, Challenge, Command, Decoder, Event, Framing, Health,
+    Answer, Board, BoardId, Boot, Bytes, Challenge, Command, Decoder, Edge, Event, Framing, Health,
     Identity, Key, Packet, Piece, Refusal, ResetCause, Sample, Status, Stream, Timing, Values,
     Vitals,
 };
@@ -139,6 +139,20 @@ fn vectors() -> Vec<(Packet, &'static str)> {
             "01 02 26 01 03 39 30 01 02 e2 03 f8 01 02 80 01 01 01 01 01 01 01 01 01 01 01 01 01 \
              01 01 01 01 01 01 03 32 59 00",
         ),
+        (
+            Packet::Edge(Edge { number: 3, clock_us: 1_500_000 }),
+            "01 03 27 03 04 60 e3 16 03 5b d7 00",
+        ),
+        (
+            Packet::Edge(Edge { number: 65_535, clock_us: 0x7E7D_1311 }),
+            "0b 04 23 fb fb 15 17 79 7a 78 75 00",
+        ),
+        (
+            addressed(Command::SetBaud { baud: 115_200 }),
+            "0c 01 29 06 01 54 c7 5e 93 10 01 c3 04 01 3b ae 00",
+        ),
+        (addressed(Command::Bootloader), "01 03 28 07 08 55 c6 5f 92 12 cd c7 00"),
+        (answer(Answer::Refused(Refusal::NotOnThisBoard)), "09 01 28 06 01 02 10 38 34 00"),
         (command(Command::Challenge), "01 03 28 07 01 01 01 01 04 0e a9 71 00"),
         (
             addressed(Command::SetKey(Some(key()))),

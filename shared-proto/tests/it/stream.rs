@@ -19,6 +19,7 @@ fn packet(event: &Event) -> Packet {
         Event::Answer { number, answer } => Packet::Answer { number, answer },
         Event::Boot(boot) => Packet::Boot(boot),
         Event::Health(health) => Packet::Health(health),
+        Event::Edge(edge) => Packet::Edge(edge),
         ref other => panic!("not a packet of this version: {other:?}"),
     }
 }
