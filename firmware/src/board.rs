@@ -1,5 +1,6 @@
 //! What a board has to provide.
 
+use crate::baud::Baud;
 use crate::upload::Record;
 use shared_proto::Vitals;
 
@@ -53,6 +54,52 @@ pub trait Storage {
 /// The memory did not take what was to be stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StorageError;
+
+/// An input for a signal that another recorder has, too: the two clocks are compared by its edges.
+pub trait SyncInput {
+    /// The next rising edge, once there is one.
+    async fn next_edge(&mut self) -> SeenEdge;
+}
+
+/// An edge at the sync input.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SeenEdge {
+    /// When it was, in µs since the reset.
+    pub at_us: u64,
+    /// Edges after the one before that came too fast to be kept, at least.
+    pub missed: u16,
+}
+
+/// A board without such an input.
+#[derive(Clone, Copy, Debug)]
+pub struct NoSyncInput;
+
+impl SyncInput for NoSyncInput {
+    async fn next_edge(&mut self) -> SeenEdge {
+        core::future::pending().await
+    }
+}
+
+/// What a chip has beside the rest. As it is here, for a board that has none of it.
+pub trait Chip {
+    /// Rates that the line to the host can be set to.
+    const RATES: &'static [Baud] = &[];
+
+    /// Whether it has a bootloader of its own that listens on that line.
+    const HAS_BOOTLOADER: bool = false;
+
+    /// Sets the line to one of [`Self::RATES`] once the last byte that was written has left.
+    async fn set_baud(&mut self, _rate: Baud) {}
+
+    /// Starts the bootloader once the last byte that was written has left, and does not come back.
+    async fn start_bootloader(&mut self) {}
+}
+
+/// A board that has none of it.
+#[derive(Clone, Copy, Debug)]
+pub struct NoChip;
+
+impl Chip for NoChip {}
 
 /// Resets the board unless fed at least once a second.
 pub trait Watchdog {

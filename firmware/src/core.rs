@@ -1,10 +1,12 @@
 //! The state of the board, apart from everything that waits.
 
 use crate::acquisition::Frame;
-use crate::board::{Storage, VITALS_US};
+use crate::baud::Baud;
+use crate::board::{SeenEdge, Storage, VITALS_US};
 use crate::guard::{Guard, Verdict};
 use crate::last_words::LastWords;
 use crate::limits::Limits;
+use crate::line::{Change, LineState};
 use crate::outbox::Outbox;
 use crate::session::Session;
 use crate::settings::Settings;
@@ -24,6 +26,7 @@ pub(crate) struct Core {
     session: Session,
     guard: Guard,
     self_test: Option<SelfTest>,
+    line: LineState,
     outbox: Outbox,
     frames: u32,
     late: u32,
@@ -46,6 +49,15 @@ pub(crate) struct SelfTest {
     signature: Option<Signature>,
 }
 
+/// What is done on the line.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum OnLine {
+    /// This is sent.
+    Frame(WireFrame),
+    /// The line itself is changed.
+    Change(Change),
+}
+
 /// How the board's health is to be told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum HealthDue {
@@ -62,6 +74,7 @@ impl Core {
         reset_cause: ResetCause,
         last_words: LastWords,
         limits: Limits,
+        rate: Option<Baud>,
         nonce: Option<[u8; 8]>,
         storage: &mut S,
     ) -> Self {
@@ -75,6 +88,7 @@ impl Core {
             guard: Guard::new(session.key(), nonce),
             session,
             self_test: None,
+            line: LineState::new(rate),
             outbox,
             frames: 0,
             late: 0,
@@ -192,6 +206,15 @@ impl Core {
                     self.self_test = Some(SelfTest { emitter, number, signature });
                     return; // the answer comes when it is done
                 }
+                Command::SetBaud { baud } => {
+                    let rate = self.session.rate_called(*baud);
+                    rate.into_iter().for_each(|rate| self.line.want(Change::Rate(rate)));
+                    Answer::Done
+                }
+                Command::Bootloader => {
+                    self.line.want(Change::Bootloader);
+                    Answer::Done
+                }
                 _ => Answer::Done,
             },
         };
@@ -230,9 +253,33 @@ impl Core {
         self.damaged = damaged as u16;
     }
 
-    /// What goes out next.
-    pub(crate) fn pop(&mut self) -> Option<WireFrame> {
-        self.outbox.pop()
+    /// An edge at the sync input.
+    pub(crate) fn take_edge(&mut self, edge: SeenEdge) {
+        self.outbox.push_edge(edge);
+    }
+
+    /// A packet has arrived that is one.
+    pub(crate) fn heard(&mut self) {
+        self.line.heard();
+    }
+
+    /// Whether the rate of before is to be set again, for nothing was heard at the new one.
+    pub(crate) fn gives_up_rate(&mut self, now_us: u64) -> bool {
+        let old = self.line.give_up(now_us);
+        old.into_iter().for_each(|old| self.session.use_rate(old));
+        old.is_some()
+    }
+
+    /// A change of the line is made.
+    pub(crate) fn line_changed(&mut self, now_us: u64) {
+        self.line.done(now_us);
+    }
+
+    /// What is to be done next on the line.
+    pub(crate) fn next_on_line(&mut self) -> Option<OnLine> {
+        let answer = self.outbox.pop_answer().map(OnLine::Frame);
+        let answer = answer.or_else(|| self.line.take().map(OnLine::Change));
+        answer.or_else(|| self.outbox.pop().map(OnLine::Frame))
     }
 
     fn status(&self, now_us: u64) -> Status {

@@ -19,12 +19,14 @@
 #![expect(async_fn_in_trait, reason = "one executor on one core: no future has to be Send")]
 
 pub mod acquisition;
+pub mod baud;
 pub mod board;
 mod core;
 mod factory;
 mod guard;
 mod last_words;
 mod limits;
+mod line;
 mod link;
 mod outbox;
 mod run;
@@ -35,7 +37,11 @@ mod slots;
 mod upload;
 mod wrench;
 
-pub use board::{Clock, FrontEnd, Storage, StorageError, VITALS_US, Watchdog};
+pub use baud::Baud;
+pub use board::{
+    Chip, Clock, FrontEnd, NoChip, NoSyncInput, SeenEdge, Storage, StorageError, SyncInput,
+    VITALS_US, Watchdog,
+};
 pub use factory::Factory;
 pub use last_words::LastWords;
 pub use link::Link;

@@ -1,6 +1,7 @@
 //! What settings a board can keep up with.
 
 use crate::acquisition::{self, MAX_CONVERSIONS};
+use crate::baud::Baud;
 use crate::link::Link;
 use crate::settings::Settings;
 use shared_proto::{READINGS_FRAME, Refusal, Stream, WRENCH_FRAME};
@@ -43,6 +44,10 @@ pub(crate) struct Limits {
     pub(crate) tolerance_us: u32,
     /// Where samples go.
     pub(crate) line: Line,
+    /// Rates that the line can be set to, see [`crate::Chip::RATES`].
+    pub(crate) rates: &'static [Baud],
+    /// See [`crate::Chip::HAS_BOOTLOADER`].
+    pub(crate) has_bootloader: bool,
 }
 
 impl Limits {
@@ -51,6 +56,12 @@ impl Limits {
 
     /// Longest settling in µs.
     pub(crate) const MAX_SETTLING_US: u16 = 10_000;
+
+    /// The same where the line has this rate.
+    pub(crate) fn with_rate(self, rate: Baud) -> Self {
+        let line = Line { bytes_per_s: Some(rate.bytes_per_s()), ..self.line };
+        Self { line, ..self }
+    }
 
     /// Whether frames can be taken with these settings.
     ///
@@ -84,7 +95,14 @@ mod tests {
     /// 57,600 baud with ten bits to a byte.
     fn limits(link: Link) -> Limits {
         let line = Line { bytes_per_s: Some(5_760), link };
-        Limits { min_period_us: 1_000, conversion_ns: 3_250, tolerance_us: 100, line }
+        Limits {
+            min_period_us: 1_000,
+            conversion_ns: 3_250,
+            tolerance_us: 100,
+            line,
+            rates: &[],
+            has_bootloader: false,
+        }
     }
 
     fn settings(stream: Stream, period_us: u32) -> Settings {

@@ -1,13 +1,19 @@
 //! What waits for the link.
 
+use crate::board::SeenEdge;
 use heapless::Deque;
-use shared_proto::{Answer, Boot, CHANNELS, Frame, Health, Packet, Sample, Timing, Values, Vitals};
+use shared_proto::{
+    Answer, Boot, CHANNELS, Edge, Frame, Health, Packet, Sample, Timing, Values, Vitals,
+};
 
 /// Samples that can wait: 160 ms at 100 Hz. Word of the board's health takes the place of one.
 pub(crate) const SAMPLES: usize = 16;
 
 /// Answers that can wait. The host asks one thing at a time.
 const ANSWERS: usize = 4;
+
+/// Edges that can wait.
+pub(crate) const EDGES: usize = 8;
 
 /// What waits behind the samples before it.
 #[derive(Clone, Copy, Debug)]
@@ -22,15 +28,20 @@ enum Waiting {
     Health(Health),
 }
 
-/// Frames on their way out, answers before samples.
+/// Frames on their way out, answers before samples and samples before edges.
 ///
 /// When samples do not fit, the oldest is dropped and counted: after a link was held up, what the
 /// host gets first is what has just been measured. A sample is given its sequence number when it
-/// goes out, so a gap in the sequence is a loss on the way, and a step of `dropped` one on the board.
+/// goes out, so a gap in the sequence is a loss on the way, and a step of `dropped` one on the board. Edges take
+/// the room that samples leave; those that do not fit are counted, so that the number of the next
+/// one tells.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Outbox {
     answers: Deque<Frame, ANSWERS>,
     stream: Deque<Waiting, SAMPLES>,
+    edges: Deque<Edge, EDGES>,
+    /// Edges so far.
+    seen_edges: u16,
     sequence: u16,
     overflowed: u32,
 }
@@ -38,7 +49,14 @@ pub(crate) struct Outbox {
 impl Outbox {
     /// Nothing waits.
     pub(crate) const fn new() -> Self {
-        Self { answers: Deque::new(), stream: Deque::new(), sequence: 0, overflowed: 0 }
+        Self {
+            answers: Deque::new(),
+            stream: Deque::new(),
+            edges: Deque::new(),
+            seen_edges: 0,
+            sequence: 0,
+            overflowed: 0,
+        }
     }
 
     /// Samples dropped so far; wraps.
@@ -63,6 +81,14 @@ impl Outbox {
         self.push(Waiting::Health(Health { sequence: 0, clock_us, timing, vitals, dark }));
     }
 
+    /// An edge at the sync input.
+    pub(crate) fn push_edge(&mut self, seen: SeenEdge) {
+        let number = self.seen_edges.wrapping_add(seen.missed);
+        self.seen_edges = number.wrapping_add(1);
+        // If there is no room, the gap in the numbers tells.
+        _ = self.edges.push_back(Edge { number, clock_us: seen.at_us as u32 });
+    }
+
     fn push(&mut self, waiting: Waiting) {
         if self.stream.is_full() {
             let dropped = self.stream.pop_front();
@@ -83,9 +109,15 @@ impl Outbox {
         _ = self.answers.push_back(Packet::Boot(boot).encode());
     }
 
-    /// What goes out next.
+    /// The answer that goes out next.
+    pub(crate) fn pop_answer(&mut self) -> Option<Frame> {
+        self.answers.pop_front()
+    }
+
+    /// What goes out next where there is no answer.
     pub(crate) fn pop(&mut self) -> Option<Frame> {
-        self.answers.pop_front().or_else(|| self.pop_stream())
+        let edge = |edge| Packet::Edge(edge).encode();
+        self.pop_stream().or_else(|| self.edges.pop_front().map(edge))
     }
 
     fn pop_stream(&mut self) -> Option<Frame> {
@@ -111,7 +143,7 @@ mod tests {
     use std::vec::Vec;
 
     fn sent(outbox: &mut Outbox) -> Vec<Packet> {
-        let frames = core::iter::from_fn(|| outbox.pop());
+        let frames = core::iter::from_fn(|| outbox.pop_answer().or_else(|| outbox.pop()));
         frames.map(|frame| Packet::decode(&frame[..frame.len() - 1]).unwrap()).collect()
     }
 
@@ -165,6 +197,28 @@ mod tests {
         outbox.push_health(8, timing, vitals, [9; 8]);
         push(&mut outbox, SAMPLES as u16, 0);
         assert_eq!(outbox.overflowed(), 0);
+    }
+
+    #[test]
+    fn edges_go_after_samples_and_those_without_room_leave_a_gap_in_the_numbers() {
+        let mut outbox = Outbox::new();
+        let edge = |at_us, missed| SeenEdge { at_us, missed };
+        outbox.push_edge(edge(1, 0));
+        push(&mut outbox, 2, 0);
+        let out = sent(&mut outbox);
+        assert_eq!(samples(&out[..2]).len(), 2);
+        assert_eq!(out[2], Packet::Edge(Edge { number: 0, clock_us: 1 }));
+        // Three that were missed, eight that fit, two that do not.
+        for i in 0..10 {
+            outbox.push_edge(edge(10 + i, if i == 0 { 3 } else { 0 }));
+        }
+        let numbers = sent(&mut outbox).into_iter().map(|packet| match packet {
+            Packet::Edge(edge) => edge.number,
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(numbers.collect::<Vec<_>>(), (4..12).collect::<Vec<_>>());
+        outbox.push_edge(edge(1 << 33 | 7, 0));
+        assert_eq!(sent(&mut outbox), [Packet::Edge(Edge { number: 14, clock_us: 7 })]);
     }
 
     #[test]

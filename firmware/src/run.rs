@@ -1,13 +1,15 @@
 //! The loops of the firmware: sample, send, receive.
 
 use crate::acquisition::{acquire, illuminate};
-use crate::board::{Clock, FrontEnd, Storage, Watchdog};
-use crate::core::{Core, HealthDue};
+use crate::baud::Baud;
+use crate::board::{Chip, Clock, FrontEnd, Storage, SyncInput, Watchdog};
+use crate::core::{Core, HealthDue, OnLine};
 use crate::last_words::LastWords;
 use crate::limits::{Limits, Line};
+use crate::line::Change;
 use crate::link::Link;
 use core::cell::RefCell;
-use embassy_futures::join::join3;
+use embassy_futures::join::join4;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
@@ -22,7 +24,7 @@ const RETRY_US: u64 = 10_000;
 
 /// Everything that [`run`] needs.
 #[derive(Debug)]
-pub struct Parts<F, C, R, W, S, D> {
+pub struct Parts<F, C, R, W, S, D, I, H> {
     /// Emitters and converter.
     pub front_end: F,
     /// Time.
@@ -35,6 +37,10 @@ pub struct Parts<F, C, R, W, S, D> {
     pub storage: S,
     /// Resets the board if frames stop being taken.
     pub watchdog: D,
+    /// For the edges of a signal that another recorder has, too.
+    pub sync_input: I,
+    /// What the chip has beside the rest.
+    pub chip: H,
     /// How the XBee is set.
     pub link: Link,
     /// What the board says it is.
@@ -46,8 +52,8 @@ pub struct Parts<F, C, R, W, S, D> {
     /// Random bytes, new at every start, that signatures are made with; without them a board that has a
     /// key takes no signed command.
     pub nonce: Option<[u8; 8]>,
-    /// What the serial line carries, in bytes per second; `None` if it is never the bottleneck.
-    pub line_bytes_per_s: Option<u32>,
+    /// The rate of the serial line; `None` if it has none and is never the bottleneck.
+    pub rate: Option<Baud>,
 }
 
 type Wake = Signal<NoopRawMutex, ()>;
@@ -55,7 +61,7 @@ type Wake = Signal<NoopRawMutex, ()>;
 /// Runs the board. Never comes back.
 ///
 /// The core is borrowed only between two waits, so the loops never meet in it.
-pub async fn run<F, C, R, W, S, D>(parts: Parts<F, C, R, W, S, D>)
+pub async fn run<F, C, R, W, S, D, I, H>(parts: Parts<F, C, R, W, S, D, I, H>)
 where
     F: FrontEnd,
     C: Clock,
@@ -63,22 +69,30 @@ where
     W: Write,
     S: Storage,
     D: Watchdog,
+    I: SyncInput,
+    H: Chip,
 {
-    let Parts { front_end, clock, receiver, sender, mut storage, watchdog, .. } = parts;
+    let Parts {
+        front_end, clock, receiver, sender, mut storage, watchdog, sync_input, chip, ..
+    } = parts;
     let limits = Limits {
         min_period_us: parts.identity.min_period_us,
         conversion_ns: F::CONVERSION_NS,
         tolerance_us: C::TOLERANCE_US,
-        line: Line { bytes_per_s: parts.line_bytes_per_s, link: parts.link },
+        line: Line { bytes_per_s: parts.rate.map(Baud::bytes_per_s), link: parts.link },
+        rates: H::RATES,
+        has_bootloader: H::HAS_BOOTLOADER,
     };
     let Parts { identity, reset_cause, last_words, nonce, .. } = parts;
-    let core = Core::new(identity, reset_cause, last_words, limits, nonce, &mut storage);
+    let core =
+        Core::new(identity, reset_cause, last_words, limits, parts.rate, nonce, &mut storage);
     let core = RefCell::new(core);
     let (changed, outgoing) = (Wake::new(), Wake::new());
-    join3(
+    join4(
         sample(front_end, watchdog, &clock, &core, &changed, &outgoing),
-        send(sender, parts.link, &core, &outgoing),
+        send(sender, chip, parts.link, &clock, &core, &outgoing),
         receive(receiver, storage, parts.link, &clock, &core, (&changed, &outgoing)),
+        listen(sync_input, &core, &outgoing),
     )
     .await;
 }
@@ -106,6 +120,9 @@ async fn sample<F: FrontEnd, C: Clock, D: Watchdog>(
             continue;
         }
         let now_us = clock.now_us();
+        if core.borrow_mut().gives_up_rate(now_us) {
+            outgoing.signal(());
+        }
         let slot_us = core.borrow_mut().next_slot(now_us);
         let until_us = slot_us.unwrap_or(u64::MAX).min(now_us + FEED_US);
         if until_us > now_us {
@@ -134,13 +151,37 @@ async fn sample<F: FrontEnd, C: Clock, D: Watchdog>(
 }
 
 /// Sends what is in the outbox. An error of the line costs the frame, and the host sees the gap.
-async fn send<W: Write>(mut sender: W, link: Link, core: &RefCell<Core>, outgoing: &Wake) {
+async fn send<W: Write, C: Clock, H: Chip>(
+    mut sender: W,
+    mut chip: H,
+    link: Link,
+    clock: &C,
+    core: &RefCell<Core>,
+    outgoing: &Wake,
+) {
     loop {
-        let frame = core.borrow_mut().pop();
-        match frame {
-            Some(frame) => _ = link.send(&frame, &mut sender).await,
+        let next = core.borrow_mut().next_on_line();
+        match next {
+            Some(OnLine::Frame(frame)) => _ = link.send(&frame, &mut sender).await,
+            Some(OnLine::Change(change)) => {
+                _ = sender.flush().await;
+                match change {
+                    Change::Rate(rate) => chip.set_baud(rate).await,
+                    Change::Bootloader => chip.start_bootloader().await,
+                }
+                core.borrow_mut().line_changed(clock.now_us());
+            }
             None => outgoing.wait().await,
         }
+    }
+}
+
+/// Hands on the edges at the sync input.
+async fn listen<I: SyncInput>(mut sync_input: I, core: &RefCell<Core>, outgoing: &Wake) {
+    loop {
+        let edge = sync_input.next_edge().await;
+        core.borrow_mut().take_edge(edge);
+        outgoing.signal(());
     }
 }
 
@@ -167,6 +208,7 @@ async fn receive<R: Read, C: Clock, S: Storage>(
             Event::Command { number, to, command, signature } => {
                 let (now_us, signature) = (clock.now_us(), signature.as_ref());
                 let mut core = core.borrow_mut();
+                core.heard();
                 core.command(number, to, &command, signature, now_us, &mut storage);
             }
             Event::OtherVersion { command: true, .. } => core.borrow_mut().refuse_other_version(),

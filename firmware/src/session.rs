@@ -1,5 +1,6 @@
 //! Commands to the board: (session, command) → (session, answer).
 
+use crate::baud::Baud;
 use crate::board::Storage;
 use crate::limits::Limits;
 use crate::schedule::Schedule;
@@ -96,6 +97,12 @@ impl Session {
             | Command::Status
             | Command::LastWords { .. }
             | Command::Challenge => Ok(()),
+            Command::SetBaud { baud } => self.set_baud(baud),
+            Command::Bootloader if !self.limits.has_bootloader => Err(Refusal::NotOnThisBoard),
+            Command::Bootloader => {
+                self.schedule = None;
+                Ok(())
+            }
             Command::SetKey(key) => self.set_key(key, storage),
             Command::SelfTest { emitter } if usize::from(emitter) >= CHANNELS => {
                 Err(Refusal::OutOfRange)
@@ -136,6 +143,28 @@ impl Session {
             }
             _ => Err(Refusal::UnknownCommand),
         }
+    }
+
+    /// The rate of the line that has this name.
+    pub(crate) fn rate_called(&self, name: u32) -> Option<Baud> {
+        self.limits.rates.iter().copied().find(|rate| rate.name == name)
+    }
+
+    /// The line has this rate.
+    pub(crate) fn use_rate(&mut self, rate: Baud) {
+        self.limits = self.limits.with_rate(rate);
+    }
+
+    /// Frames have to fit on the line as it will be.
+    fn set_baud(&mut self, name: u32) -> Result<(), Refusal> {
+        let rate = self.rate_called(name).ok_or(match self.limits.rates {
+            [] => Refusal::NotOnThisBoard,
+            _ => Refusal::OutOfRange,
+        })?;
+        let limits = self.limits.with_rate(rate);
+        limits.check(&self.settings)?;
+        self.limits = limits;
+        Ok(())
     }
 
     fn start(&mut self, now_us: u64) -> Result<(), Refusal> {
@@ -230,6 +259,8 @@ mod tests {
         conversion_ns: 1_500,
         tolerance_us: 100,
         line: Line { bytes_per_s: None, link: Link::Transparent },
+        rates: &[],
+        has_bootloader: false,
     };
 
     fn erased() -> Memory {

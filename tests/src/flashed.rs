@@ -5,6 +5,7 @@
 //! reports.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
+use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -76,9 +77,44 @@ pub struct Report {
     pub stack: u32,
     /// The board's time since it was made, in s.
     pub time_s: f64,
-    /// The pull on RX and on CTS.
-    pub pulls: [String; 2],
+    /// The pulls on RX, on CTS and on the sync input.
+    pub pulls: [String; 3],
+    /// The board's time at which its clock stood at 0, in s.
+    pub clock_zero_s: f64,
+    /// The rate of its line, baud.
+    pub rate: f64,
+    /// How the bootloader in ROM was entered, if it was.
+    pub rom: Option<Rom>,
 }
+
+/// What the bootloader in ROM was given.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Rom {
+    /// The stack pointer.
+    pub stack_pointer: u32,
+    /// Where the core has its vectors.
+    pub vectors: u32,
+    /// Interrupts that are on.
+    pub interrupts_on: u32,
+    /// Registers of peripherals that are not as a reset leaves them, by their addresses.
+    pub changed: BTreeMap<String, u32>,
+}
+
+impl Rom {
+    fn read(report: &Value) -> Self {
+        let number = |value: &Value| value.as_u64().unwrap() as u32;
+        let changed = report["changed"].as_object().unwrap().iter();
+        Self {
+            stack_pointer: number(&report["stack_pointer"]),
+            vectors: number(&report["vectors"]),
+            interrupts_on: number(&report["interrupts_on"]),
+            changed: changed.map(|(address, value)| (address.clone(), number(value))).collect(),
+        }
+    }
+}
+
+/// The stack pointer that the modelled ROM begins with.
+pub const ROM_STACK: u32 = 0x2000_2F40;
 
 /// A board that obeys.
 #[derive(Debug)]
@@ -115,7 +151,10 @@ impl FlashedBoard {
             instructions: report["instructions"].as_u64().unwrap(),
             stack: report["stack"].as_u64().unwrap() as u32,
             time_s: report["time_s"].as_f64().unwrap(),
-            pulls: ["PA10", "PA11"].map(|pin| text(&report["pulls"][pin])),
+            pulls: ["PA10", "PA11", "PA15"].map(|pin| text(&report["pulls"][pin])),
+            clock_zero_s: report["clock_zero_s"].as_f64().unwrap(),
+            rate: report["rate"].as_f64().unwrap(),
+            rom: report["rom"].as_object().map(|_| Rom::read(&report["rom"])),
         }
     }
 
@@ -133,6 +172,21 @@ impl FlashedBoard {
     /// Clear to send: `low` lets the board send, `high` holds it up, `open` is no wire.
     pub fn set_cts(&mut self, level: &str) {
         self.order(&json!({ "cts": level }));
+    }
+
+    /// The sync input rises after each of these times, in s.
+    pub fn drive_edges(&mut self, delays_s: &[f64]) -> Report {
+        self.order(&json!({ "edges": delays_s }))
+    }
+
+    /// The rate of the other end of the line, baud; where the board has another, neither understands the other.
+    pub fn set_rate(&mut self, baud: f64) {
+        self.order(&json!({ "rate": baud }));
+    }
+
+    /// The stack pointer is at an address, as after so many calls.
+    pub fn set_stack(&mut self, address: u32) {
+        self.order(&json!({ "stack": address }));
     }
 
     /// From now on conversions do not end.

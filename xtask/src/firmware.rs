@@ -13,14 +13,14 @@ use system_tests::emulation::{Memory, PlayedFrame};
 use system_tests::flashed::Model;
 
 use crate::emulator::{self, Run};
-use crate::image::{self, Footprint, Image, RAM_SIZE};
+use crate::image::{self, Footprint, Image, STACK_SIZE};
 use crate::model::{self, Measured};
 use crate::stack;
 use crate::steps;
 use crate::toolchain;
 
 /// What the image may take of the STM32L432KC's 256 KiB of flash and 64 KiB of RAM.
-const FLASH_LIMIT: u64 = 80 * 1024;
+const FLASH_LIMIT: u64 = 88 * 1024;
 const RAM_LIMIT: u64 = 16 * 1024;
 
 /// The board's core, and the rate at which frames are due.
@@ -111,11 +111,10 @@ impl Report {
 
     fn exceeded(&self) -> Vec<&'static str> {
         let Self { footprint, readings, wrenches, .. } = self;
-        let room = u64::from(RAM_SIZE) - footprint.ram;
         let checks = [
             (footprint.flash > FLASH_LIMIT, "flash"),
             (footprint.ram > RAM_LIMIT, "RAM"),
-            (u64::from(self.stack_bound) > room, "stack"),
+            (self.stack_bound > STACK_SIZE, "stack"),
             (readings.share() > SHARE_LIMIT, "instructions for readings"),
             (wrenches.share() > SHARE_LIMIT, "instructions for wrenches"),
         ];
@@ -127,14 +126,13 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kib = |bytes: u64| bytes as f64 / 1024.0;
         let Footprint { flash, ram, .. } = self.footprint;
-        let room = u64::from(RAM_SIZE) - ram;
         writeln!(f, "  flash        {:6.1} KiB of {:.0}", kib(flash), kib(FLASH_LIMIT))?;
         writeln!(f, "  static RAM   {:6.1} KiB of {:.0}", kib(ram), kib(RAM_LIMIT))?;
         let (bound, seen) = (kib(self.stack_bound.into()), kib(self.stack().into()));
         writeln!(
             f,
             "  stack        {bound:6.1} KiB of {:.0} at most, {seen:.1} seen, {}",
-            kib(room),
+            kib(STACK_SIZE.into()),
             self.where_measured
         )?;
         for (name, mode) in [("readings", &self.readings), ("wrenches", &self.wrenches)] {

@@ -12,6 +12,9 @@ use crate::toolchain::{TARGET, Toolchain};
 pub(crate) const RAM: u32 = 0x2000_0000;
 pub(crate) const RAM_SIZE: u32 = 64 * 1024;
 
+/// What the board's linker script gives to the stack.
+pub(crate) const STACK_SIZE: u32 = 48 * 1024;
+
 /// A binary of the firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Image {

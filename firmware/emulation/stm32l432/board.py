@@ -4,6 +4,7 @@ from .clocks import Rcc
 from .converter import Converter, Dma
 from .core import RAM, RAM_SIZE, Core
 from .elf import Elf
+from .exti import Exti
 from .flash import FlashInterface, Pages, PowerCut
 from .gpio import Port
 from .nvic import Nvic
@@ -14,9 +15,9 @@ from .timer import Timer
 from .usart import Usart
 from .watchdog import Watchdog
 
-#: Peripherals that hold what is written and no more: power control, system configuration, EXTI, the
-#: debug port, ports that nothing is on.
-PLAIN = [0x4000_7000, 0x4001_0000, 0x4001_0400, 0x4800_0800, 0x4800_1C00, 0xE004_2000]
+#: Peripherals that hold what is written and no more: power control, the debug port, ports that nothing
+#: is on.
+PLAIN = [0x4000_7000, 0x4800_0800, 0x4800_1C00, 0xE004_2000]
 
 
 class Board:
@@ -36,10 +37,13 @@ class Board:
         self.port_a, self.port_b = Port(self), Port(self)
         self.timer, self.watchdog = Timer(self), Watchdog(self)
         self.usart = Usart(self)
+        self.system, self.exti = Peripheral(self), Exti(self)
         self.dma, self.converter = Dma(self), Converter(self)
         self.places = {
             0x4000_0000: self.timer,
             0x4000_3000: self.watchdog,
+            0x4001_0000: self.system,
+            0x4001_0400: self.exti,
             0x4001_3800: self.usart,
             0x4002_0000: self.dma,
             0x4002_1000: self.rcc,
@@ -51,7 +55,7 @@ class Board:
             0xE000_E000: self.nvic,
         }
         self.places |= {base: Peripheral(self) for base in PLAIN}
-        self.timed = [self.timer, self.watchdog, self.usart, self.converter]
+        self.timed = [self.timer, self.watchdog, self.usart, self.converter, self.exti]
         self._map()
         #: Cause and cycle of each reset.
         self.resets = []
@@ -99,7 +103,7 @@ class Board:
             peripheral.advance(now)
 
     def raise_lines(self):
-        for peripheral in (self.timer, self.usart, self.dma):
+        for peripheral in (self.timer, self.usart, self.dma, self.exti):
             peripheral.lines()
 
     def request_reset(self, cause):
@@ -119,6 +123,9 @@ class Board:
         self.rcc.set_cause(cause)
         for peripheral in self.places.values():
             peripheral.reset()
+        self.after_reset = {
+            base: dict(peripheral.registers) for base, peripheral in self.places.items()
+        }
         self.scene.reset()
         self.core.reset()
 
@@ -133,6 +140,16 @@ class Board:
             except PowerCut:
                 return False
         return True
+
+    def changed_registers(self):
+        """Registers of peripherals that are not as the reset has left them, but for those of the core."""
+        return {
+            f"{base + offset:#010x}": value
+            for base, peripheral in self.places.items()
+            if peripheral is not self.nvic
+            for offset, value in peripheral.registers.items()
+            if value != self.after_reset[base].get(offset, 0)
+        }
 
     def take_sent(self):
         """Bytes that have left the board since the last time."""

@@ -24,13 +24,16 @@ from unicorn.arm_const import (
 )
 
 from .factory import FACTORY
-from .nvic import CFSR
+from .nvic import CFSR, VTOR
 
 RAM, RAM_SIZE = 0x2000_0000, 64 * 1024
 SYSTEM_MEMORY = 0x1FFF_0000
 #: Where handlers return to: in memory of the ROM that nothing else is in. Bit 2 is clear, as in the
 #: value that hardware gives to one who was on the main stack.
 TRAP = SYSTEM_MEMORY + 0x1000
+#: The bootloader in ROM: its stack pointer, and where it begins, which are its first two words. What it
+#: does there is not modelled: the core stays, and what it was given is told.
+ROM_STACK, ROM_START = 0x2000_2F40, SYSTEM_MEMORY + 0x100
 UNIQUE_ID = 0x1FFF_7590
 NMI, HARD_FAULT, FIRST_IRQ = 2, 3, 16
 #: Registers that hardware saves, with those of the floating-point unit.
@@ -44,7 +47,7 @@ SLICE = 20_000
 WFE, SEV, CPSIE, SPIN = b"\x20\xbf", b"\x40\xbf", b"\x62\xb6", b"\xfe\xe7"
 
 #: Bits of CFSR.
-IBUSERR, PRECISERR, UNDEFINSTR = 1 << 8, 1 << 9, 1 << 16
+IBUSERR, PRECISERR, STKERR, UNDEFINSTR = 1 << 8, 1 << 9, 1 << 12, 1 << 16
 
 
 class Core:
@@ -62,6 +65,8 @@ class Core:
         uc.mem_map(RAM, RAM_SIZE)
         uc.mem_map(SYSTEM_MEMORY, 0x1_0000, UC_PROT_READ | UC_PROT_EXEC)
         uc.mem_write(TRAP, b"\x00\xbf" * 8)
+        uc.mem_write(SYSTEM_MEMORY, struct.pack("<2I", ROM_STACK, ROM_START | 1))
+        uc.mem_write(ROM_START, SPIN)
         uc.mem_write(UNIQUE_ID, board.serial)
         for address, value in FACTORY.items():
             uc.mem_write(address, struct.pack("<H", value))
@@ -72,12 +77,15 @@ class Core:
             if bytes(code[at : at + 2]) in (WFE, SEV, CPSIE, SPIN):
                 where = flash + at
                 uc.hook_add(UC_HOOK_CODE, self._at_instruction, begin=where, end=where)
-        uc.hook_add(UC_HOOK_CODE, self._at_instruction, begin=TRAP, end=TRAP)
+        for where in (TRAP, ROM_START):
+            uc.hook_add(UC_HOOK_CODE, self._at_instruction, begin=where, end=where)
         uc.hook_add(UC_HOOK_INTR, self._at_exception)
         #: Instructions executed, and cycles beside them, since the board was made.
         self.instructions, self.other_cycles = 0, 0
         self.deepest = RAM + RAM_SIZE
-        self.wanted_pc = None
+        self.wanted_pc = self.wanted_sp = None
+        #: How the bootloader in ROM was entered.
+        self.in_rom = None
 
     # Time
 
@@ -92,6 +100,7 @@ class Core:
     def reset(self):
         self.contexts = []
         self.nmi = self.event = False
+        self.in_rom = None
         self.block, self.limit, self.stop, self.error = None, 0, None, None
         self.uc.reg_write(UC_ARM_REG_SP, self.vectors[0])
         self.uc.reg_write(UC_ARM_REG_PRIMASK, 0)
@@ -140,6 +149,8 @@ class Core:
                 self.limit = 0
                 return
             self.stop = "wfe" if instruction == WFE else "spin"
+            if address == ROM_START and self.in_rom is None:
+                self.in_rom = self._entered_rom()
         self._leave_block(address)
         uc.emu_stop()
 
@@ -169,6 +180,9 @@ class Core:
                 raise error
             if self.wanted_pc is not None:
                 self.pc, self.wanted_pc = self.wanted_pc, None
+            if self.wanted_sp is not None:
+                self.uc.reg_write(UC_ARM_REG_SP, self.wanted_sp)
+                self.wanted_sp = None
             self._take_exception()
             self._execute(until)
 
@@ -205,6 +219,15 @@ class Core:
             self.other_cycles += max(min(self.board.next_event(), until) - self.now, 1)
             self.board.advance()
 
+    def _entered_rom(self):
+        registers = self.board.nvic.registers
+        return {
+            "stack_pointer": self.uc.reg_read(UC_ARM_REG_SP),
+            "vectors": registers.get(VTOR, 0),
+            "interrupts_on": len(self.board.nvic.enabled),
+            "changed": self.board.changed_registers(),
+        }
+
     def _is_lost(self):
         """Whether the core is where there is no code."""
         pc = self.uc.reg_read(UC_ARM_REG_PC)
@@ -233,7 +256,13 @@ class Core:
         stacked = [uc.reg_read(register) for register in STACKED]
         stacked += [self.pc & ~1, uc.reg_read(UC_ARM_REG_XPSR)]
         sp = uc.reg_read(UC_ARM_REG_SP) - FRAME & ~7
-        uc.mem_write(sp, struct.pack("<8I", *stacked))
+        try:
+            uc.mem_write(sp, struct.pack("<8I", *stacked))
+        except UcError:
+            # There is no memory: the handler is that of the fault, and the frame is lost.
+            registers = self.board.nvic.registers
+            registers[CFSR] = registers.get(CFSR, 0) | STKERR
+            vector = HARD_FAULT
         uc.reg_write(UC_ARM_REG_SP, sp)
         uc.reg_write(UC_ARM_REG_LR, TRAP | 1)
         self.deepest = min(self.deepest, sp)

@@ -11,6 +11,9 @@
 | {"branch": true} | what follows is undone by the next "leave" |
 | {"leave": true} | back to the state at "branch" |
 | {"jump": address} | the core goes on there, as after a damaged return address |
+| {"stack": address} | the stack pointer is there, as after so many calls |
+| {"edges": [s, ...]} | the sync input rises after each of these times |
+| {"rate": baud} | the rate of the other end; what is off by more than 4 % is not understood |
 """
 
 import json
@@ -48,6 +51,12 @@ def obey(board, requests, answers):
         elif order == "power":
             board.power_on()
             on = True
+        elif order == "stack":
+            board.core.wanted_sp = value
+        elif order == "edges":
+            board.exti.drive(value)
+        elif order == "rate":
+            board.usart.other_end = value
         elif order == "jump":
             board.core.wanted_pc = value | 1
         else:
@@ -62,6 +71,9 @@ def obey(board, requests, answers):
             "instructions": board.core.instructions,
             "stack": board.stack(),
             "time_s": board.core.now / HZ,
-            "pulls": {f"PA{pin}": board.port_a.pull(pin) for pin in (10, 11)},
+            "clock_zero_s": (board.timer.start or 0) / HZ,
+            "rate": board.usart.rate(),
+            "rom": board.core.in_rom,
+            "pulls": {f"PA{pin}": board.port_a.pull(pin) for pin in (10, 11, 15)},
         }
         print(json.dumps(report), file=answers, flush=True)

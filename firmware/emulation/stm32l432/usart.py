@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from .peripheral import NEVER, Peripheral
+from .peripheral import HZ, NEVER, Peripheral
 
 IRQ = 37
 CR1, CR3, BRR, ISR, ICR, RDR, TDR = 0x00, 0x08, 0x0C, 0x1C, 0x20, 0x24, 0x28
@@ -14,20 +14,36 @@ CTSE = 1 << 9
 CLEARABLE = 0x0012_1B5F
 BITS_PER_BYTE = 10
 CTS_PIN = 11  # of port A
+#: Rates of the two ends may differ by so much.
+TOLERANCE = 0.04
 
 
 class Usart(Peripheral):
+    def __init__(self, board):
+        #: The rate of the other end, baud; `None` follows the board's.
+        self.other_end = None
+        self.sent = []  # cycle and byte: what has left has left, whatever happens to the board
+        super().__init__(board)
+
     def reset(self):
         super().reset()
         self.registers[ISR] = TXE | TC
         self.shifting = None  # the byte that goes out, and the cycle at which it has gone
         self.waiting = None
-        self.sent = []  # cycle and byte
         self.incoming = deque()  # earliest cycle and byte
         self.receiver_free = 0
 
     def byte_cycles(self):
         return BITS_PER_BYTE * max(self.load(BRR), 1)
+
+    def rate(self):
+        """The rate that is set, baud; 0 while there is none."""
+        return HZ / self.load(BRR) if self.load(BRR) else 0
+
+    def on_wire(self, byte):
+        """What arrives of a byte: another where the ends have different rates."""
+        is_same = self.other_end is None or abs(self.rate() / self.other_end - 1) < TOLERANCE
+        return byte if is_same else byte * 0x4D + 0x2B & 0xFF
 
     def receive(self, data, at):
         """Bytes that arrive one after the other, the first not before `at`."""
@@ -84,7 +100,7 @@ class Usart(Peripheral):
     def advance(self, now):
         while self.shifting and self.shifting[1] <= now:
             byte, end = self.shifting
-            self.sent.append((end, byte))
+            self.sent.append((end, self.on_wire(byte)))
             self.shifting = None
             self._shift(end)
             if self.shifting is None:
@@ -96,6 +112,6 @@ class Usart(Peripheral):
             if self.registers[ISR] & RXNE:
                 self.registers[ISR] |= ORE
             else:
-                self.registers[RDR] = byte
+                self.registers[RDR] = self.on_wire(byte)
                 self.registers[ISR] |= RXNE
         self.lines()

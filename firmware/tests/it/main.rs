@@ -1,6 +1,7 @@
 //! The whole firmware against a world of virtual time, through the bytes on its link.
 
 mod bench;
+mod line;
 
 use bench::{Bench, NONCE, SERIAL, readings, wrench};
 use firmware::{Converter, Link};

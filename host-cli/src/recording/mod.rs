@@ -16,6 +16,7 @@
 //! No files, ports or clocks here: see [`crate::link`].
 
 mod boards;
+mod edges;
 mod forces;
 mod reception;
 mod recognition;
@@ -23,6 +24,7 @@ mod rows;
 mod simultaneous;
 
 pub use boards::{Boards, HeardBoard, address_text};
+pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
 pub use recognition::{NoFrame, Recognised, Recognition};

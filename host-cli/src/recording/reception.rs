@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::edges::{BoardEdge, Edges};
 use serde::Serialize;
 use shared_proto::{
     AXES, Arrival, Boot, CHANNELS, COUNTS_PER_LSB, Clock, Counters, Decoder, Event, Health,
@@ -30,6 +31,8 @@ pub struct BoardFrame {
     pub timing: Option<Timing>,
     /// How the board is, where it has said so since the frame before.
     pub health: Option<Health>,
+    /// An edge at the sync input since the frame before, or one of several.
+    pub edge: Option<BoardEdge>,
     /// Its readings are known to be of different times.
     pub skewed: bool,
     /// Strength that the base station received it with, in dBm, where it says so.
@@ -80,6 +83,12 @@ pub struct Losses {
     pub dropped_on_board: u64,
     /// Times that the board restarted.
     pub restarts: u64,
+    /// Edges at the sync input that the board did not send, or that were lost.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub missing_edges: u64,
+    /// Edges that arrived after the last row.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub edges_left_out: u64,
     /// Silences in which more may have been lost than is counted as missing.
     #[serde(skip_serializing_if = "is_zero")]
     pub uncertain: u64,
@@ -98,6 +107,8 @@ impl std::ops::AddAssign for Losses {
             unknown,
             dropped_on_board,
             restarts,
+            missing_edges,
+            edges_left_out,
             uncertain,
         } = other;
         self.missing += missing;
@@ -110,6 +121,8 @@ impl std::ops::AddAssign for Losses {
         self.unknown += unknown;
         self.dropped_on_board += dropped_on_board;
         self.restarts += restarts;
+        self.missing_edges += missing_edges;
+        self.edges_left_out += edges_left_out;
         self.uncertain += uncertain;
     }
 }
@@ -130,6 +143,7 @@ pub struct Reception {
     timing: Option<Timing>,
     /// Not given to a frame yet.
     health: Option<Health>,
+    edges: Edges,
     rssi_dbm: Option<i16>,
 }
 
@@ -154,6 +168,7 @@ impl Reception {
             boot: None,
             timing: None,
             health: None,
+            edges: Edges::default(),
             rssi_dbm: None,
         }
     }
@@ -181,6 +196,7 @@ impl Reception {
             boot,
             timing,
             health,
+            edges,
             rssi_dbm,
         } = self;
         match decoder {
@@ -199,6 +215,7 @@ impl Reception {
                     let mut frame = BoardFrame::of_sample(&sample, index, time_us, restarted);
                     frame.timing = *timing;
                     frame.health = health.take();
+                    frame.edge = edges.give(sample.clock_us, time_us);
                     frame.rssi_dbm = *rssi_dbm;
                     frames.push(frame);
                 }
@@ -206,7 +223,9 @@ impl Reception {
                     *timing = Some(word.timing);
                     *health = Some(word);
                 }
+                Event::Edge(edge) => edges.take(edge),
                 Event::Boot(word) => {
+                    edges.restart();
                     *boot = Some(word);
                     *timing = None;
                     timeline.restart();
@@ -267,6 +286,8 @@ impl Reception {
                     unknown: unknown_version + unknown_kind,
                     dropped_on_board,
                     restarts,
+                    missing_edges: self.edges.missing(),
+                    edges_left_out: self.edges.left_out(),
                     uncertain,
                 }
             }
@@ -291,6 +312,7 @@ impl BoardFrame {
             restarted: false,
             timing: None,
             health: None,
+            edge: None,
             skewed: false,
             rssi_dbm: None,
         }

@@ -1,14 +1,17 @@
 //! Frames to the lines of a log.
 //!
 //! ```text
-//! t_s,s1,…,s8,[fx_n,…,mz_nm,]index,missing,dropped,HEALTH,flags  readings [and forces]
-//! t_s,fx_n,…,mz_nm,index,missing,dropped,HEALTH,flags            wrenches of the board
-//! t_s,s1,…,s8,[fx_n,…,mz_nm,]flags                               the original board
+//! t_s,s1,…,s8,[fx_n,…,mz_nm,]index,missing,dropped,HEALTH,sync,sync_s,flags  readings [and forces]
+//! t_s,fx_n,…,mz_nm,index,missing,dropped,HEALTH,sync,sync_s,flags            wrenches of the board
+//! t_s,s1,…,s8,[fx_n,…,mz_nm,]flags                                           the original board
 //! ```
 //!
 //! Behind a base station in API mode `rssi_dbm` stands before the flags: how strongly the packet arrived.
 //! HEALTH is `temperature_c,supply_v,vrefint,dark1,…,dark8`, in the first row after the board has said
 //! so, about once a second, and empty elsewhere; `vrefint` and `dark` are in steps of the converter.
+//!
+//! `sync` and `sync_s` are number and time of an edge at the board's sync input, in the row after it, and
+//! empty elsewhere; `sync_s` is on the clock of `t_s`.
 //!
 //! `missing` counts the frames that did not arrive between this row and the one before; `dropped`
 //! is the board's own count, which wraps at 256. `flags` is empty when all is well: `s3:saturated`
@@ -19,6 +22,7 @@
 
 use std::collections::VecDeque;
 
+use super::edges::BoardEdge;
 use super::forces::{Force, LiveForces, RunningForces};
 use super::reception::{BoardFrame, Content, Measured};
 use super::simultaneous::Simultaneous;
@@ -101,6 +105,7 @@ impl RowWriter {
             names.extend(["index", "missing", "dropped"].map(str::to_owned));
             names.extend(["temperature_c", "supply_v", "vrefint"].map(str::to_owned));
             names.extend((1..=CHANNELS).map(|channel| format!("dark{channel}")));
+            names.extend(["sync", "sync_s"].map(str::to_owned));
         }
         if self.has_rssi {
             names.push("rssi_dbm".to_owned());
@@ -177,6 +182,7 @@ impl RowWriter {
                     format!(",{},{missing},{}", frame.index, frame.dropped).as_bytes(),
                 );
                 write_health(frame.health.as_ref(), text);
+                write_edge(frame.edge.as_ref(), text);
             }
             if self.has_rssi {
                 let rssi = frame.rssi_dbm.map_or_else(String::new, |dbm| dbm.to_string());
@@ -247,6 +253,13 @@ fn write_health(health: Option<&Health>, text: &mut Vec<u8>) {
         }
     }
     write_numbers(&dark.map(steps), text);
+}
+
+/// An edge at the sync input, empty fields where there is none.
+fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
+    let Some(BoardEdge { number, time_us }) = edge else { return text.extend(b",,") };
+    text.extend_from_slice(format!(",{number},").as_bytes());
+    write_time(*time_us, text);
 }
 
 fn flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {

@@ -30,6 +30,7 @@ impl Board {
             unit_seed: 1,
             noise_scale: 1.0,
             faults: Faults::default(),
+            sync_s: Vec::new(),
         });
         let board = board.unwrap();
         // At a rate that a busy machine simulates without delay: a board that is late is not what is measured.

@@ -25,6 +25,7 @@ fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
         unit_seed,
         noise_scale: 0.0,
         faults: Faults::default(),
+        sync_s: Vec::new(),
     };
     let board = SimulatedBoard::start(settings).unwrap();
     let port = serialport::new(board.port(), 57_600).timeout(Duration::from_millis(5));

@@ -4,7 +4,7 @@
 use crate::{executor, front_end, time, uart};
 use cortex_m::peripheral::NVIC;
 use embassy_time::{Instant, Timer};
-use firmware::{Clock, LastWords, Link, Parts, VERSION, Watchdog};
+use firmware::{Clock, LastWords, Link, NoChip, NoSyncInput, Parts, VERSION, Watchdog};
 use semihosting::process::exit;
 use shared_proto::{Board, Identity, ResetCause};
 
@@ -82,6 +82,8 @@ async fn firmware(sender: uart::Sender, receiver: uart::Receiver) {
         sender,
         storage: front_end::Memory,
         watchdog: NoWatchdog,
+        sync_input: NoSyncInput,
+        chip: NoChip,
         link: Link::Transparent,
         identity: Identity {
             board: Board::Emulated,
@@ -93,7 +95,7 @@ async fn firmware(sender: uart::Sender, receiver: uart::Receiver) {
         last_words: LastWords::new(),
         // Every run is the same here.
         nonce: Some(*b"emulated"),
-        line_bytes_per_s: None,
+        rate: None,
     })
     .await;
 }

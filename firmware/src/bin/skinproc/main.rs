@@ -5,9 +5,14 @@
 //! | PA0 … PA7 | photointerrupters 1 to 8 (ADC1, IN5 to IN12) |
 //! | PB0, PB1, PB3 … PB7, PA8 | their emitters, high is lit |
 //! | PA9, PA10, PA11, PA12 | XBee: TX, RX (pulled up), CTS (pulled down), RTS (USART1) |
+//! | PA15 | sync input, rising edges (EXTI; pulled up, as it is after a reset as JTDI) |
 //! | PA13, PA14 | debugger (SWD), defmt over RTT |
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
+#[cfg(target_os = "none")]
+mod bootloader;
+#[cfg(target_os = "none")]
+mod chip;
 #[cfg(target_os = "none")]
 mod ecc;
 #[cfg(target_os = "none")]
@@ -28,6 +33,8 @@ mod randomness;
 mod start;
 #[cfg(target_os = "none")]
 mod storage;
+#[cfg(target_os = "none")]
+mod sync_input;
 
 #[cfg(not(target_os = "none"))]
 fn main() {}

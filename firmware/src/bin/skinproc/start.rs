@@ -1,11 +1,13 @@
 //! From the reset to the running firmware.
 
+use crate::chip::Stm32;
 use crate::factory;
 use crate::front_end::Photointerrupters;
 use crate::interrupts::Irqs;
 use crate::last_words::{self, End};
 use crate::randomness;
 use crate::storage::Area;
+use crate::sync_input::Edges;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_stm32::adc::{Adc, AdcChannel};
@@ -15,17 +17,9 @@ use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, peripherals, rcc, uid};
 use embassy_time::{Instant, Timer};
-use firmware::{Clock, Link, Parts, Slots, VERSION, Watchdog};
+use firmware::{Clock, Link, Parts, Slots, VERSION, Watchdog, baud};
 use shared_proto::{Board, Identity, ResetCause};
 use static_cell::ConstStaticCell;
-
-/// Between the two that may be at the other end: 57,600, and what an XBee makes of it with its clock
-/// of 16 MHz, 58,824. It is 1.1 % off either, where a receiver bears some 4 % of both clocks' errors.
-/// 100 Hz of readings take half of the line.
-const BAUD: u32 = 58_200;
-
-/// Start bit, eight of data, stop bit.
-const BITS_PER_BYTE: u32 = 10;
 
 const WATCHDOG_US: u32 = 1_000_000;
 
@@ -135,7 +129,7 @@ async fn main(_spawner: Spawner) {
     };
 
     let mut config = usart::Config::default();
-    config.baudrate = BAUD;
+    config.baudrate = baud::FIRST.actual;
     // Wakes the receiver for every byte: commands are shorter than half its buffer.
     config.eager_reads = Some(1);
     // An adapter of three wires leaves CTS open: then the line is clear to send. RX without a sender
@@ -164,6 +158,8 @@ async fn main(_spawner: Spawner) {
         sender,
         storage: Slots::new(Area::new(Flash::new_blocking(p.FLASH))),
         watchdog: Independent(watchdog),
+        sync_input: Edges::new(p.PA15, Irqs),
+        chip: Stm32,
         link: Link::Transparent,
         identity: Identity {
             board: Board::SkinProc,
@@ -174,7 +170,7 @@ async fn main(_spawner: Spawner) {
         reset_cause,
         last_words,
         nonce: randomness::nonce(),
-        line_bytes_per_s: Some(BAUD / BITS_PER_BYTE),
+        rate: Some(baud::FIRST),
     })
     .await;
 }

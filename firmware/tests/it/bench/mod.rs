@@ -3,7 +3,8 @@
 #![allow(unreachable_pub, reason = "a module of a test has no outside")]
 
 use firmware::{
-    Clock, FrontEnd, LastWords, Link, Parts, RECORD, Record, Storage, StorageError, Watchdog, run,
+    Baud, Chip, Clock, FrontEnd, LastWords, Link, Parts, RECORD, Record, SeenEdge, Storage,
+    StorageError, SyncInput, Watchdog, baud, run,
 };
 use shared_proto::xbee::ApiFrame;
 use shared_proto::{
@@ -30,6 +31,12 @@ pub struct World {
     pub stall_us: Cell<u64>,
     pub to_board: RefCell<VecDeque<u8>>,
     pub from_board: RefCell<Vec<u8>>,
+    /// Edges at the sync input that have not been taken.
+    pub edges: RefCell<VecDeque<SeenEdge>>,
+    /// Rates that the line was set to.
+    pub rates: RefCell<Vec<Baud>>,
+    /// Times at which the bootloader was started.
+    pub bootloader_at_us: RefCell<Vec<u64>>,
     /// Clear to send is off.
     pub held_up: Cell<bool>,
     pub record: RefCell<Option<Record>>,
@@ -145,6 +152,38 @@ impl embedded_io_async::Write for Shared {
     }
 }
 
+impl SyncInput for Shared {
+    async fn next_edge(&mut self) -> SeenEdge {
+        poll_fn(|_| {
+            let now_us = self.0.now_us.get();
+            let mut edges = self.0.edges.borrow_mut();
+            match edges.front() {
+                Some(edge) if edge.at_us <= now_us => Poll::Ready(edges.pop_front().unwrap()),
+                Some(edge) => {
+                    self.0.earliest_us.set(self.0.earliest_us.get().min(edge.at_us));
+                    Poll::Pending
+                }
+                None => Poll::Pending,
+            }
+        })
+        .await
+    }
+}
+
+impl Chip for Shared {
+    const RATES: &'static [Baud] = &baud::RATES;
+    const HAS_BOOTLOADER: bool = true;
+
+    async fn set_baud(&mut self, rate: Baud) {
+        self.0.rates.borrow_mut().push(rate);
+    }
+
+    async fn start_bootloader(&mut self) {
+        self.0.bootloader_at_us.borrow_mut().push(self.0.now_us.get());
+        std::future::pending().await
+    }
+}
+
 impl Storage for Shared {
     fn load(&mut self, record: &mut Record) {
         *record = self.0.record.borrow().unwrap_or([0xFF; RECORD]);
@@ -188,7 +227,21 @@ impl Bench {
         Self::with(Link::Transparent, ResetCause::Power, None)
     }
 
+    /// A board on a line that has a rate, which is that after a reset.
+    pub fn on_a_line() -> Self {
+        Self::build(Link::Transparent, ResetCause::Power, None, Some(baud::FIRST))
+    }
+
     pub fn with(link: Link, reset_cause: ResetCause, record: Option<Record>) -> Self {
+        Self::build(link, reset_cause, record, None)
+    }
+
+    fn build(
+        link: Link,
+        reset_cause: ResetCause,
+        record: Option<Record>,
+        rate: Option<Baud>,
+    ) -> Self {
         let world = Rc::new(World { record: RefCell::new(record), ..World::default() });
         world.settling_us.set(200);
         let shared = || Shared(Rc::clone(&world));
@@ -205,12 +258,14 @@ impl Bench {
             sender: shared(),
             storage: shared(),
             watchdog: shared(),
+            sync_input: shared(),
+            chip: shared(),
             link,
             identity,
             reset_cause,
             last_words: LastWords::from_bytes(LAST_WORDS),
             nonce: Some(NONCE),
-            line_bytes_per_s: None,
+            rate,
         }));
         // The base station is a wire, or an XBee that hands over what the other one was given.
         let decoder = Decoder::new(Framing::Cobs);

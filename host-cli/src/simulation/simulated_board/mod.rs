@@ -14,6 +14,7 @@ mod clock;
 mod instrument;
 mod line;
 mod socket;
+mod sync_script;
 
 pub use clock::PacedClock;
 pub use instrument::{Instrument, Load};
@@ -24,12 +25,15 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::thread;
 
-use firmware::{LastWords, Link, Parts, RECORD, Record, Storage, StorageError, VERSION, Watchdog};
+use firmware::{
+    LastWords, Link, NoChip, Parts, RECORD, Record, Storage, StorageError, VERSION, Watchdog,
+};
 use shared_proto::{Board, Identity, ResetCause};
 
 use crate::simulation::radio::{BadFault, Books, Faults, Radio};
 use crate::simulation::sensor_model::{ModelError, Parameters, SensorModel};
 use line::{Line, Receiver, Sender};
+use sync_script::SyncScript;
 
 /// A board to simulate.
 #[derive(Clone, Debug)]
@@ -44,6 +48,8 @@ pub struct Settings {
     pub noise_scale: f64,
     /// What the radio does to packets, either way.
     pub faults: Faults,
+    /// When the sync input rises, s after the board's start.
+    pub sync_s: Vec<f64>,
 }
 
 /// Why there is no board.
@@ -101,7 +107,7 @@ impl SimulatedBoard {
         settings: Settings,
         line: impl FnOnce(&[Arc<Mutex<Radio>>; 2]) -> Result<Line, SimulationError>,
     ) -> Result<Self, SimulationError> {
-        let Settings { load, seed, unit_seed, noise_scale, faults } = settings;
+        let Settings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
         if !(noise_scale.is_finite() && noise_scale >= 0.0) {
             return Err(ModelError::NoiseScale { factor: noise_scale }.into());
         }
@@ -115,7 +121,8 @@ impl SimulatedBoard {
         thread::spawn(move || {
             let clock = PacedClock::start();
             let front_end = Instrument::new(sensor, load, clock.clone());
-            pollster::block_on(board(unit_seed, front_end, clock, receiver, sender));
+            let sync_input = SyncScript::new(clock.clone(), &sync_s);
+            pollster::block_on(board(unit_seed, front_end, sync_input, clock, receiver, sender));
         });
         Ok(Self { port, radios })
     }
@@ -144,6 +151,7 @@ fn serial(unit_seed: u64) -> [u8; 12] {
 async fn board(
     unit_seed: u64,
     front_end: Instrument,
+    sync_input: SyncScript,
     clock: PacedClock,
     receiver: Receiver,
     sender: Sender,
@@ -155,6 +163,9 @@ async fn board(
         sender,
         storage: Memory(None),
         watchdog: NoWatchdog,
+        sync_input,
+        // Its line has no rate, and there is nothing below it that could be flashed.
+        chip: NoChip,
         link: Link::Transparent,
         identity: Identity {
             board: Board::Simulated,
@@ -165,7 +176,7 @@ async fn board(
         reset_cause: ResetCause::Power,
         last_words: LastWords::new(),
         nonce: Some(nonce()),
-        line_bytes_per_s: None,
+        rate: None,
     })
     .await;
 }

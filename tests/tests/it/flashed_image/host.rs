@@ -1,7 +1,7 @@
 //! The host's end of the flashed board's line: orders with answers, and the books of its samples.
 
 use shared_proto::{
-    Answer, BoardId, Boot, Calibration, Command, Decoder, Event, Framing, Health, MAX_PIECE,
+    Answer, BoardId, Boot, Calibration, Command, Decoder, Edge, Event, Framing, Health, MAX_PIECE,
     Packet, Piece, Sample, Status, crc32,
 };
 use system_tests::emulation::PlayedFrame;
@@ -18,6 +18,7 @@ pub struct Host {
     pub samples: Vec<Sample>,
     pub boots: Vec<Boot>,
     pub healths: Vec<Health>,
+    pub edges: Vec<Edge>,
     pub resets: Vec<String>,
     pub last: Report,
     number: u16,
@@ -36,6 +37,7 @@ impl Host {
             samples: Vec::new(),
             boots: Vec::new(),
             healths: Vec::new(),
+            edges: Vec::new(),
             resets: Vec::new(),
             last: last.clone(),
             number: 0,
@@ -58,12 +60,13 @@ impl Host {
     }
 
     fn take_bytes(&mut self, bytes: &[u8]) -> Vec<(u16, Answer)> {
-        let Self { decoder, samples, boots, healths, .. } = self;
+        let Self { decoder, samples, boots, healths, edges, .. } = self;
         let mut answers = Vec::new();
         decoder.feed(bytes, |event| match event {
             Event::Sample { sample, .. } => samples.push(sample),
             Event::Boot(boot) => boots.push(boot),
             Event::Health(health) => healths.push(health),
+            Event::Edge(edge) => edges.push(edge),
             Event::Answer { number, answer } => answers.push((number, answer)),
             other => panic!("{other:?}"),
         });

@@ -4,6 +4,7 @@
 //! tests.
 
 mod host;
+mod line;
 mod measures;
 mod power;
 mod program;

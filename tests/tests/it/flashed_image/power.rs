@@ -86,3 +86,23 @@ fn a_fault_of_the_core_is_reported_with_its_place() {
     // IBUSERR (Arm DDI0403, B3.2.15).
     assert!(words.ends_with("CFSR 0x00000100"), "{words}");
 }
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
+fn a_stack_that_is_too_deep_is_reported_and_harms_no_variable() {
+    let model = &Model::find();
+    // As deep as there is memory, and as deep as only an interrupt makes it too deep.
+    for left in [0, 40] {
+        let mut host = Host::new(model);
+        host.order(Command::Start);
+        host.board.set_stack(0x2000_0000 + left);
+        host.run(0.2);
+        assert_eq!(host.resets, ["power", "software"], "{left}");
+        assert_eq!(host.status().reset_cause, ResetCause::Fault, "{left}");
+        let words = host.last_words();
+        assert!(words.starts_with("stack overflow, down to 0x1fff"), "{words}");
+    }
+}

@@ -111,7 +111,7 @@ fn a_line_that_is_held_up_costs_the_oldest_samples() {
 fn three_wires_are_enough() {
     let model = &Model::find();
     let mut host = Host::new(model);
-    assert_eq!(host.last.pulls, ["up", "down"]);
+    assert_eq!(host.last.pulls, ["up", "down", "up"]);
     host.board.set_cts("open");
     host.order(Command::Start);
     host.run(0.5);

@@ -241,6 +241,7 @@ pub(super) fn list_losses(losses: &Losses) -> String {
         (losses.unknown, "unknown"),
         (losses.skipped_bytes, "bytes skipped"),
         (losses.restarts, "restarts"),
+        (losses.missing_edges, "sync edges missing"),
     ];
     let lost = counts.iter().filter(|(count, _)| *count > 0);
     let mut lost: Vec<String> = lost.map(|(count, what)| format!("{count} {what}")).collect();
@@ -255,6 +256,12 @@ pub(super) fn list_losses(losses: &Losses) -> String {
 }
 
 fn report(recorded: &Recorded, printer: &mut Printer) -> anyhow::Result<()> {
+    if recorded.losses.edges_left_out > 0 {
+        printer.warning(format!(
+            "{} sync edges are not in the log: a row has one, and there was none after them",
+            recorded.losses.edges_left_out
+        ));
+    }
     if recorded.other_content > 0 {
         printer.warning(format!(
             "{} frames are not in the log: the board changed between readings and wrenches",

@@ -40,6 +40,10 @@ pub(crate) struct SimulationArgs {
     #[arg(long, conflicts_with = "port", value_name = "FACTOR", default_value_t = 1.0)]
     noise_scale: f64,
 
+    /// Times after the start at which the sync input rises, s: 2,30.5
+    #[arg(long, conflicts_with = "port", value_name = "S,…", value_delimiter = ',', value_parser = parse_time)]
+    sync: Vec<f64>,
+
     /// Share of packets that the radio loses
     #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
     loss: f64,
@@ -94,6 +98,7 @@ impl SimulationArgs {
             unit_seed: self.unit_seed,
             noise_scale: self.noise_scale,
             faults: self.faults(),
+            sync_s: self.sync.clone(),
         };
         let board = match self.listen {
             Some(at) => SimulatedBoard::listen(settings, at)?,
@@ -213,6 +218,13 @@ fn parse_bursts(text: &str) -> Result<(f64, f64), String> {
     text.split_once(':')
         .and_then(|(share, packets)| Some((parse(share)?, parse(packets)?)))
         .ok_or_else(|| "a share and a number of packets, such as 0.002:10".to_owned())
+}
+
+fn parse_time(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(time_s) if (0.0..=1e9).contains(&time_s) => Ok(time_s),
+        _ => Err("a time in s after the board's start".to_owned()),
+    }
 }
 
 fn parse_delay(text: &str) -> Result<f64, String> {

@@ -1,0 +1,126 @@
+//! What is to become of the serial line: another rate, or the chip's bootloader on it.
+
+use crate::baud::Baud;
+
+/// How long a new rate has to prove itself: a host opens its port again within some tens of ms.
+const TRIAL_US: u64 = 3_000_000;
+
+/// What is to be done once the answers that wait have left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Change {
+    /// Set this rate.
+    Rate(Baud),
+    /// Start the chip's bootloader.
+    Bootloader,
+}
+
+/// The rate of the line. A new one on which nothing valid is heard is taken back, so that nobody loses a
+/// board to a rate that the other end, or the wire, does not have.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct LineState {
+    wanted: Option<Change>,
+    /// The rate now, `None` where the line has none of its own.
+    rate: Option<Baud>,
+    trial: Option<Trial>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Trial {
+    /// The rate of before.
+    back_to: Baud,
+    /// `None` while the line still has that.
+    end_us: Option<u64>,
+}
+
+impl LineState {
+    pub(crate) const fn new(rate: Option<Baud>) -> Self {
+        Self { wanted: None, rate, trial: None }
+    }
+
+    /// Asks for a change, to be made when the answers that wait have left.
+    pub(crate) fn want(&mut self, change: Change) {
+        self.wanted = Some(change);
+    }
+
+    /// What is to be done now.
+    pub(crate) fn take(&mut self) -> Option<Change> {
+        let change = self.wanted.take()?;
+        if let (Change::Rate(rate), Some(old)) = (change, self.rate) {
+            // The rate of before that is set again needs no trial.
+            let is_back = self.trial.take().is_some_and(|trial| trial.back_to == rate);
+            let is_new = rate != old && !is_back;
+            self.trial = is_new.then_some(Trial { back_to: old, end_us: None });
+            self.rate = Some(rate);
+        }
+        Some(change)
+    }
+
+    /// It is done: a rate that is on trial has from now on to prove itself.
+    pub(crate) fn done(&mut self, now_us: u64) {
+        if let Some(trial) = &mut self.trial {
+            trial.end_us = Some(now_us + TRIAL_US);
+        }
+    }
+
+    /// Something valid was heard: the rate is good, unless the line still had the one of before.
+    pub(crate) fn heard(&mut self) {
+        self.trial = self.trial.filter(|trial| trial.end_us.is_none());
+    }
+
+    /// The rate of before, if the new one has not proved itself in time: it is to be set again.
+    pub(crate) fn give_up(&mut self, now_us: u64) -> Option<Baud> {
+        let is_over = |trial: &Trial| trial.end_us.is_some_and(|end_us| now_us >= end_us);
+        let trial = self.trial.filter(is_over)?;
+        self.want(Change::Rate(trial.back_to));
+        Some(trial.back_to)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::baud::{FIRST, RATES};
+
+    const FAST: Baud = RATES[4];
+
+    /// A line whose rate has been changed to the fast one at 1 ms.
+    fn changed() -> LineState {
+        let mut line = LineState::new(Some(FIRST));
+        line.want(Change::Rate(FAST));
+        assert_eq!(line.take(), Some(Change::Rate(FAST)));
+        line.done(1_000);
+        line
+    }
+
+    #[test]
+    fn a_rate_on_which_nothing_is_heard_is_taken_back_and_stays_so() {
+        let mut line = changed();
+        assert_eq!(line.give_up(1_000 + TRIAL_US - 1), None);
+        assert_eq!(line.give_up(1_000 + TRIAL_US), Some(FIRST));
+        assert_eq!(line.take(), Some(Change::Rate(FIRST)));
+        line.done(2_000 + TRIAL_US);
+        assert_eq!((line.give_up(u64::MAX), line.take()), (None, None));
+    }
+
+    #[test]
+    fn a_rate_on_which_something_is_heard_stays() {
+        let mut line = changed();
+        line.heard();
+        assert_eq!(line.give_up(u64::MAX), None);
+        // What is the rate already needs no trial.
+        line.want(Change::Rate(FAST));
+        assert_eq!(line.take(), Some(Change::Rate(FAST)));
+        line.done(0);
+        assert_eq!(line.give_up(u64::MAX), None);
+    }
+
+    #[test]
+    fn what_is_heard_at_the_rate_of_before_proves_nothing() {
+        let mut line = LineState::new(Some(FIRST));
+        line.want(Change::Rate(FAST));
+        line.take();
+        line.heard();
+        line.done(1_000);
+        assert_eq!(line.give_up(1_000 + TRIAL_US), Some(FIRST));
+    }
+}
