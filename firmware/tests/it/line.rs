@@ -67,7 +67,7 @@ fn edges_without_end_cost_no_sample_and_are_counted() {
 }
 
 fn rate(name: u32) -> Baud {
-    baud::RATES.into_iter().find(|rate| rate.name == name).unwrap()
+    baud::RATES.into_iter().find(|rate| rate.name == name).expect("a rate of the table")
 }
 
 #[test]

@@ -91,6 +91,29 @@ pub enum AlignError {
         /// The last step of the offset, s.
         step_s: f64,
     },
+    /// More edges than a signal to line recordings up by has.
+    #[error(
+        "{side}: {edges} edges, where a sync signal has {most} at most; is it the right column?"
+    )]
+    TooManyEdges {
+        /// Which recording.
+        side: Side,
+        /// How many.
+        edges: usize,
+        /// The most that are taken.
+        most: usize,
+    },
+    /// Which edge is which follows neither from the gaps between them nor from the loads.
+    #[error(
+        "which edge is which is not clear: there are {ways} ways to pair them, the best of {matched} \
+         pairs, and the loads do not tell"
+    )]
+    EdgesUnclear {
+        /// Ways to pair them.
+        ways: usize,
+        /// Pairs of the best.
+        matched: usize,
+    },
     /// The clocks run apart faster than clocks do.
     #[error(
         "the clocks differ by {skew_ppm:.0} ppm, more than the {limit_ppm:.0} ppm of any crystal"
@@ -113,6 +136,7 @@ impl AlignError {
                 | Self::ShortOverlap { .. }
                 | Self::NotConverged { .. }
                 | Self::Skew { .. }
+                | Self::EdgesUnclear { .. }
         )
     }
 }

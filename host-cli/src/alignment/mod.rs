@@ -10,10 +10,13 @@
 //! map together, with the spring's memory as part of it, close to the bound of Cramér and Rao.
 //! [`Aligned::resample`] evaluates the low-passed reference at the board's own times.
 //!
+//! Where both have recorded the edges of one signal, the clocks follow from these ([`Edges`]).
+//!
 //! The derivations are in `docs/alignment.md`. Left out: clocks whose skew changes during a
 //! recording by more than the uncertainty, and loads faster than the board samples.
 
 mod coarse;
+mod edges;
 mod error;
 mod excerpt;
 mod frames;
@@ -29,6 +32,7 @@ mod trajectory;
 mod uncertainty;
 mod wide;
 
+pub use edges::{EdgeMatch, Edges, rising_edges};
 pub use error::{AlignError, LEAST_OVERLAP_S};
 pub use excerpt::Excerpt;
 pub use kernel::{Kernel, STOPBAND_DB};
@@ -132,8 +136,10 @@ pub struct Quality {
 pub struct Aligned {
     /// The clocks.
     pub clock: ClockMap,
-    /// The match.
-    pub quality: Quality,
+    /// The match of the loads; `None` if they do not match and the clocks are those of edges.
+    pub quality: Option<Quality>,
+    /// The edges, where the clocks are by these.
+    pub edges: Option<EdgeMatch>,
     /// Rows of the reference that took no part.
     pub reference_left_out: LeftOut,
     /// Rows of the board that took no part.
@@ -157,12 +163,45 @@ pub fn align(
     board: Recording,
     options: Options,
 ) -> Result<Aligned, AlignError> {
+    let (reference, board) = clean(reference, board, options)?;
+    let (clock, quality) = by_loads(&reference, &board)?;
+    Ok(Aligned::new(clock, Some(quality), None, (reference, board), options))
+}
+
+/// As [`align`], with clocks by the edges of a signal that both have recorded. The loads then tell which
+/// edge is which where the edges do not, and need not match otherwise.
+///
+/// # Errors
+/// [`AlignError`] if a recording is too short, or if it is not clear which edge is which.
+pub fn align_by_edges(
+    reference: Recording,
+    board: Recording,
+    edges: Edges,
+    options: Options,
+) -> Result<Aligned, AlignError> {
+    let (reference, board) = clean(reference, board, options)?;
+    let loads = by_loads(&reference, &board).ok();
+    let (clock, found) = edges.clocks(loads.as_ref().map(|(clock, _)| *clock))?;
+    let quality = loads.map(|(_, quality)| quality);
+    Ok(Aligned::new(clock, quality, Some(found), (reference, board), options))
+}
+
+fn clean(
+    reference: Recording,
+    board: Recording,
+    options: Options,
+) -> Result<(Clean, Clean), AlignError> {
     let reference = Clean::new(reference, Side::Reference, LEAST_OVERLAP_S, false)?;
     let board = Clean::new(board, Side::Board, LEAST_OVERLAP_S, options.repeats_are_stale)?;
-    let (found, probe) = search(&reference, &board)?;
+    Ok((reference, board))
+}
+
+/// The clocks by the loads that both have seen.
+fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), AlignError> {
+    let (found, probe) = search(reference, board)?;
     let rate_hz = HIGHEST_MATCHED_RATE_HZ.min(1.0 / board.period_s).min(1.0 / reference.period_s);
-    let trajectory = Trajectory::new(&reference, rate_hz);
-    let frames = Frames::new(&board, rate_hz);
+    let trajectory = Trajectory::new(reference, rate_hz);
+    let frames = Frames::new(board, rate_hz);
     let estimate = grow(&trajectory, &frames, &found, probe, board.span_s())?;
     let skew_ppm = 1e6 * estimate.warp.skew;
     if skew_ppm.abs() > LARGEST_SKEW_PPM {
@@ -190,15 +229,7 @@ pub fn align(
         spring_delay_s: estimate.delay_s,
         white_se: [white[0][0].sqrt(), white[1][1].sqrt()],
     };
-    Ok(Aligned {
-        clock,
-        quality,
-        reference_left_out: reference.left_out,
-        board_left_out: board.left_out,
-        reference,
-        board,
-        options,
-    })
+    Ok((clock, quality))
 }
 
 /// Searches with one stretch of the board log after another, the liveliest first, until one has a
@@ -260,6 +291,25 @@ fn grow(
 }
 
 impl Aligned {
+    fn new(
+        clock: ClockMap,
+        quality: Option<Quality>,
+        edges: Option<EdgeMatch>,
+        (reference, board): (Clean, Clean),
+        options: Options,
+    ) -> Self {
+        Self {
+            clock,
+            quality,
+            edges,
+            reference_left_out: reference.left_out,
+            board_left_out: board.left_out,
+            reference,
+            board,
+            options,
+        }
+    }
+
     /// Number of channels of the board.
     pub fn channels(&self) -> usize {
         self.board.columns.len()

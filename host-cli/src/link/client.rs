@@ -401,6 +401,11 @@ fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
         (Refusal::OutOfRange, Command::SetPeriod { .. }) => "; 0.1 to 1000 Hz would do",
         (Refusal::OutOfRange, Command::SetOversampling { .. }) => "; 1 to 64 conversions would do",
         (Refusal::OutOfRange, Command::SetSettling { .. }) => "; 0 to 10000 µs would do",
+        (Refusal::OutOfRange, Command::SetBaud { .. }) => {
+            "; 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600 and 1000000 baud would do"
+        }
+        (Refusal::NotOnThisBoard, Command::SetBaud { .. }) => "; its line has no rate",
+        (Refusal::NotOnThisBoard, Command::Bootloader) => "; it has no bootloader",
         _ => "",
     }
 }
@@ -424,6 +429,8 @@ fn name_of(command: &Command) -> String {
         Command::SetKey(Some(_)) => "set key".to_owned(),
         Command::SetKey(None) => "take away key".to_owned(),
         Command::SelfTest { emitter } => format!("self-test of emitter {}", emitter + 1),
+        Command::SetBaud { baud } => format!("baud {baud}"),
+        Command::Bootloader => "bootloader".to_owned(),
         other => format!("command 0x{:02x}", other.code()),
     }
 }

@@ -169,6 +169,7 @@ fn refusal_text(refusal: Refusal) -> String {
         Refusal::BadSignature => "the command is signed with another key than the board's",
         Refusal::Replayed => "another program has signed commands meanwhile",
         Refusal::Streaming => "not while it streams",
+        Refusal::NotOnThisBoard => "there is nothing on this board that could do it",
         Refusal::Other(code) => {
             return format!("for a reason that this program does not know, number {code}");
         }

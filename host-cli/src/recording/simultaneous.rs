@@ -201,6 +201,7 @@ mod tests {
             restarted: false,
             timing: Some(TIMING),
             health: None,
+            edge: None,
             skewed: false,
             rssi_dbm: None,
         }

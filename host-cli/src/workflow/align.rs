@@ -1,24 +1,31 @@
 //! From a reference's recording and a board log to one training log.
 //!
 //! The columns needed of both are held in memory: the offset may be anything, so that no row can be
-//! let go before the match is found. That is 8 bytes per value, 56 per row of the reference and 72
-//! per frame of eight readings.
+//! let go before the match is found. That is 8 bytes per value, 56 per row of the reference (64 with a sync
+//! signal) and 72 per frame of eight readings.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
 
 use super::selection::RowFilter;
-use crate::alignment::{AlignError, Aligned, Options, Recording, align};
-use log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
+use crate::alignment::{
+    AlignError, Aligned, Edges, Options, Recording, align, align_by_edges, rising_edges,
+};
+use log_file::{ColumnRef, Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::{Axes, Axis};
 
+/// The column of a board's log that has the times of edges, s.
+const EDGE_TIMES: &str = "sync_s";
+
 /// How two logs are aligned.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct AlignOptions {
     /// Time that the board averages a frame over, s; 0 for an instant.
     pub exposure_s: f64,
     /// Which rows of the board log are frames.
     pub rows: RowFilter,
+    /// The column of the reference that has a signal whose edges the board has recorded as well.
+    pub sync: Option<ColumnRef>,
 }
 
 /// Two logs lined up.
@@ -75,13 +82,30 @@ pub fn align_logs(
     reference.require(&wrench)?;
     reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
-    let (wrench, reference_summary) = columns(reference, &wrench, read)?;
-    let (readings, board_summary) = columns(board, &readings, read)?;
+    let signal = options.sync.as_ref().map(std::slice::from_ref);
+    let signal = signal.map(|column| reference.column_places(column));
+    let wrench = Wanted { others: signal.transpose()?.unwrap_or_default(), ..wrench };
+    let edge_times = options
+        .sync
+        .as_ref()
+        .map(|_| board.column_places(&[ColumnRef::Name(EDGE_TIMES.to_owned())]));
+    let readings = Wanted { texts: edge_times.transpose()?.unwrap_or_default(), ..readings };
+    let Read { recording: wrench, signal, summary: reference_summary, .. } =
+        columns(reference, &wrench, read)?;
+    let Read { recording: readings, edges_s, summary: board_summary, .. } =
+        columns(board, &readings, read)?;
+    let (reference_s, resolution_s) = rising_edges(&wrench.time_s, &signal);
+    let edges = Edges { reference_s, board_s: edges_s, resolution_s };
+    let has_edges = !edges.reference_s.is_empty() && !edges.board_s.is_empty();
     let options = Options {
         exposure_s: options.exposure_s,
         repeats_are_stale: options.rows == RowFilter::Fresh,
     };
-    let aligned = align(wrench, readings, options).map_err(|source| AlignLogsError::Align {
+    let aligned = match has_edges {
+        true => align_by_edges(wrench, readings, edges, options),
+        false => align(wrench, readings, options),
+    };
+    let aligned = aligned.map_err(|source| AlignLogsError::Align {
         reference: reference.path().to_owned(),
         board: board.path().to_owned(),
         source,
@@ -89,13 +113,23 @@ pub fn align_logs(
     Ok(AlignedLogs { aligned, reference: reference_summary, board: board_summary })
 }
 
-fn columns(
-    log: &Log,
-    wanted: &Wanted,
-    read: &ReadOptions<'_>,
-) -> Result<(Recording, ReadSummary), LogError> {
+/// What was read of a log.
+struct Read {
+    recording: Recording,
+    /// The signal with edges, a value for each row, where one was wanted.
+    signal: Vec<f64>,
+    /// The times of edges, s, where they were wanted.
+    edges_s: Vec<f64>,
+    summary: ReadSummary,
+}
+
+fn columns(log: &Log, wanted: &Wanted, read: &ReadOptions<'_>) -> Result<Read, LogError> {
     let mut recording = Recording::default();
+    let (mut signal, mut edges_s) = (Vec::new(), Vec::new());
     let summary = log.read(wanted, read, std::mem::take, |mut block| {
+        block.others.iter_mut().for_each(|values| signal.append(values));
+        let times = block.texts.iter().flatten();
+        edges_s.extend(times.filter_map(|(text, _)| text.trim().parse::<f64>().ok()));
         let columns = if wanted.wrench { &mut block.wrench } else { &mut block.readings };
         recording.columns.resize_with(columns.len(), Vec::new);
         recording.time_s.append(&mut block.time_s);
@@ -104,7 +138,7 @@ fn columns(
         }
         Ok::<(), LogError>(())
     })?;
-    Ok((recording, summary))
+    Ok(Read { recording, signal, edges_s, summary })
 }
 
 /// How many rows of a training log were written, and how many were not.

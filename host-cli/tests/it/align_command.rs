@@ -131,3 +131,91 @@ fn the_same_command_makes_the_same_pair() {
     done(at, "synth pair c.csv d.csv --duration 3 --seed 8");
     assert!(read("b.csv") != read("d.csv"));
 }
+
+/// Puts a sync signal into a pair: high for 50 ms from each of `edges_s` of the reference's clock on, and the
+/// times at which the board sees them in its log.
+fn add_edges(at: &Path, edges_s: &[f64], offset_s: f64, skew: f64) {
+    let text = std::fs::read_to_string(at.join("ref.csv")).unwrap();
+    let mut lines = text.lines();
+    let mut reference = format!("{},ttl_v\n", lines.next().unwrap());
+    for line in lines {
+        let time_s: f64 = line.split(',').next().unwrap().parse().unwrap();
+        let is_high = edges_s.iter().any(|edge| (*edge..edge + 0.05).contains(&time_s));
+        reference += &format!("{line},{}\n", if is_high { 4.9 } else { 0.1 });
+    }
+    std::fs::write(at.join("ref.csv"), reference).unwrap();
+    let text = std::fs::read_to_string(at.join("log.csv")).unwrap();
+    let mut lines = text.lines();
+    let mut log = format!("{},sync,sync_s\n", lines.next().unwrap());
+    // t_reference = t_log · (1 + skew) + offset; the board's clock counts µs.
+    let seen = edges_s.iter().map(|edge| (edge - offset_s) / (1.0 + skew)).enumerate();
+    let mut seen = seen.filter(|(number, _)| number % 5 != 3).peekable();
+    for line in lines {
+        let time_s: f64 = line.split(',').next().unwrap().parse().unwrap();
+        match seen.next_if(|(_, edge_s)| *edge_s <= time_s) {
+            Some((number, edge_s)) => log += &format!("{line},{number},{edge_s:.6}\n"),
+            None => log += &format!("{line},,\n"),
+        }
+    }
+    std::fs::write(at.join("log.csv"), log).unwrap();
+}
+
+fn json_of(at: &Path, arguments: &str) -> Value {
+    serde_json::from_str(&done(at, arguments)).unwrap()
+}
+
+#[test]
+fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    let (offset_s, skew) = (-75.5, 1.2e-4);
+    let edges_s: Vec<f64> =
+        [1.300_4, 4.101_1, 5.202_9, 9.703_3, 14.904_7, 17.005_2, 21.606_6, 27.507_8]
+            .map(|t: f64| t + offset_s)
+            .to_vec();
+    for (load, by_loads) in [("", true), ("--no-load", false)] {
+        done(at, &format!("{PAIR} --offset {offset_s} --skew 120 {load}"));
+        add_edges(at, &edges_s, offset_s, skew);
+        let report = json_of(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
+        let clock = |name: &str| report["clock"][name].as_f64().unwrap();
+        // One of the eight is missing on the board.
+        assert_eq!(report["edges"]["matched"], 7, "{report}");
+        assert_eq!(report["edges"]["by_loads"].is_object(), by_loads);
+        assert_eq!(report["explained"].is_number(), by_loads);
+        // Between a sample of the reference's over √12, if that is common to all, and that of seven edges.
+        let sample_s = 1e-3 / 12_f64.sqrt();
+        let range = sample_s / 8_f64.sqrt()..sample_s;
+        assert!(range.contains(&clock("offset_se_s")), "{report}");
+        let error_s = clock("offset_s") - (offset_s + skew * clock("pivot_s"));
+        assert!(error_s.abs() < 3.0 * clock("offset_se_s"), "{error_s} of {report}");
+        assert!((clock("skew") - skew).abs() < 3.0 * clock("skew_se"), "{report}");
+        assert!(report["rows"]["written"].as_u64().unwrap() > 2_900);
+    }
+    // The loads say the same to within their errors, and their clocks are those without the flag.
+    done(at, &format!("{PAIR} --offset {offset_s} --skew 120"));
+    let plain = json_of(at, "align ref.csv log.csv -o plain.csv --json");
+    assert!(plain["edges"].is_null());
+    add_edges(at, &edges_s, offset_s, skew);
+    let with = json_of(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
+    assert_eq!(with["edges"]["by_loads"], plain["clock"]);
+    let unasked = json_of(at, "align ref.csv log.csv -o again.csv --json");
+    assert_eq!(unasked["clock"], plain["clock"]);
+}
+
+#[test]
+fn a_signal_without_edges_leaves_all_as_it_was_and_one_that_is_not_there_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = directory.path();
+    done(at, PAIR);
+    let plain = json_of(at, "align ref.csv log.csv -o plain.csv --json");
+    add_edges(at, &[], 0.0, 0.0);
+    let output = program::output(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && said.contains("the clocks are by the loads"), "{said}");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["clock"], plain["clock"]);
+    let output = program::output(at, "align ref.csv log.csv -o train.csv --sync gate");
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said.contains("gate") && said.contains("ttl_v"), "{said}");
+}

@@ -16,6 +16,8 @@ mod align_disturbed;
 mod any_numbers;
 mod batch_command;
 mod bench_command;
+#[cfg(unix)]
+mod board_line;
 mod book;
 mod calibration_cli;
 mod certified;

@@ -158,7 +158,9 @@ impl SyncInput for Shared {
             let now_us = self.0.now_us.get();
             let mut edges = self.0.edges.borrow_mut();
             match edges.front() {
-                Some(edge) if edge.at_us <= now_us => Poll::Ready(edges.pop_front().unwrap()),
+                Some(edge) if edge.at_us <= now_us => {
+                    Poll::Ready(edges.pop_front().expect("there is one"))
+                }
                 Some(edge) => {
                     self.0.earliest_us.set(self.0.earliest_us.get().min(edge.at_us));
                     Poll::Pending

@@ -5,7 +5,7 @@ use std::io::Write;
 use anyhow::{Context, bail};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use serde::Serialize;
-use shellcal::alignment::{Aligned, ClockMap, LeftOut};
+use shellcal::alignment::{Aligned, ClockMap, EdgeMatch, LeftOut, Quality};
 use shellcal::figures::{Format, match_figure};
 use shellcal::output::Outputs;
 use shellcal::workflow::align::{
@@ -45,6 +45,11 @@ pub(crate) struct AlignArgs {
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_exposure)]
     averaging: f64,
 
+    /// Column of the reference with a signal whose edges the board has recorded as well, in `sync_s`: its name
+    /// or place; the clocks then follow from the edges
+    #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
+    sync: Option<ColumnRef>,
+
     #[command(flatten)]
     frames: FrameArgs,
 
@@ -82,6 +87,19 @@ struct Report<'a> {
     clock: ClockMap,
     skew_ppm: f64,
     rows: WrittenRows,
+    /// Edges of a sync signal, where the clock is by these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    edges: Option<&'a EdgeMatch>,
+    /// How well the loads match, unless they do not and the clock is by edges.
+    #[serde(flatten)]
+    loads: Option<LoadMatch<'a>>,
+    reference_left_out: LeftOut,
+    log_left_out: LeftOut,
+}
+
+/// How well the loads match.
+#[derive(Debug, Serialize)]
+struct LoadMatch<'a> {
     explained: f64,
     residual_counts: &'a [f64],
     spring_delay_s: f64,
@@ -89,9 +107,29 @@ struct Report<'a> {
     white_skew_se: f64,
     search_explained: f64,
     search_second_best: f64,
-    reference_left_out: LeftOut,
-    log_left_out: LeftOut,
 }
+
+impl<'a> LoadMatch<'a> {
+    fn of(quality: &'a Quality) -> Self {
+        let [white_offset_se_s, white_skew_se] = quality.white_se;
+        Self {
+            explained: quality.explained,
+            residual_counts: &quality.residual_counts,
+            spring_delay_s: quality.spring_delay_s,
+            white_offset_se_s,
+            white_skew_se,
+            search_explained: quality.search_explained,
+            search_second_best: quality.search_ratio,
+        }
+    }
+}
+
+/// Why there is nothing to draw.
+const NO_PICTURE: &str = "the clocks are by edges, and the loads do not match: leave out `--plot`";
+
+/// Clocks by edges and by loads that are further apart than this, s, are worth a warning: a board that averages
+/// or filters is late by its loads, and not by its edges.
+const APART_S: f64 = 2e-3;
 
 /// A match that explains less than this share of the readings is worth a warning.
 const POOR: f64 = 0.9;
@@ -109,7 +147,8 @@ impl AlignArgs {
         let plot = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?;
 
         let rows = self.frames.rows(&log);
-        let options = AlignOptions { exposure_s: self.averaging, rows };
+        let sync = self.sync.clone();
+        let options = AlignOptions { exposure_s: self.averaging, rows, sync };
         let bar = printer.progress("reading", reference.bytes().max(log.bytes()));
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
@@ -142,8 +181,8 @@ impl AlignArgs {
             }
         };
         if let (Some(mut file), Some(format)) = (plot, plot_format) {
-            let figure =
-                match_figure(self.figure_size.size(), &self.title(&aligned), &aligned.quality);
+            let quality = aligned.quality.as_ref().context(NO_PICTURE)?;
+            let figure = match_figure(self.figure_size.size(), &self.title(&aligned), quality);
             file.write_all(&figure.render(format)?).context("cannot write the picture")?;
             file.commit()?;
         }
@@ -189,21 +228,21 @@ impl AlignArgs {
         aligned: &Aligned,
         rows: WrittenRows,
     ) -> anyhow::Result<()> {
-        let (clock, quality) = (&aligned.clock, &aligned.quality);
+        let (clock, quality) = (&aligned.clock, aligned.quality.as_ref());
         if rows.uncovered > 0 {
             printer.note(format!(
                 "{} rows left out: the reference has no undisturbed value at their time",
                 rows.uncovered
             ));
         }
-        if quality.explained < POOR {
+        if let Some(quality) = quality.filter(|quality| quality.explained < POOR) {
             printer.warning(format!(
                 "the aligned reference explains only {:.0} % of the readings; is something else \
                  moving the shell?",
                 100.0 * quality.explained
             ));
         }
-        let [white_offset_se_s, white_skew_se] = quality.white_se;
+        self.report_edges(printer, aligned)?;
         if printer.json() {
             return printer.document(&Report {
                 reference: self.reference.display().to_string(),
@@ -212,13 +251,8 @@ impl AlignArgs {
                 clock: *clock,
                 skew_ppm: 1e6 * clock.skew,
                 rows,
-                explained: quality.explained,
-                residual_counts: &quality.residual_counts,
-                spring_delay_s: quality.spring_delay_s,
-                white_offset_se_s,
-                white_skew_se,
-                search_explained: quality.search_explained,
-                search_second_best: quality.search_ratio,
+                edges: aligned.edges.as_ref(),
+                loads: quality.map(LoadMatch::of),
                 reference_left_out: aligned.reference_left_out,
                 log_left_out: aligned.board_left_out,
             });
@@ -231,13 +265,16 @@ impl AlignArgs {
         let table = table.map(|(name, value, error, decimals)| {
             vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
         });
-        let explained = format!(
-            "{} rows; the aligned reference explains {:.2} % of the readings; the second-best \
-             offset scores {:.0} % of the best",
-            rows.written,
-            100.0 * quality.explained,
-            100.0 * quality.search_ratio
-        );
+        let explained = match quality {
+            Some(quality) => format!(
+                "{} rows; the aligned reference explains {:.2} % of the readings; the second-best \
+                 offset scores {:.0} % of the best",
+                rows.written,
+                100.0 * quality.explained,
+                100.0 * quality.search_ratio
+            ),
+            None => format!("{} rows; the loads do not match by themselves", rows.written),
+        };
         if self.output.is_none() {
             // Standard output has the rows.
             for row in table {
@@ -248,6 +285,43 @@ impl AlignArgs {
         }
         printer.table(&["reference minus log", "estimate", "standard error"], &table)?;
         printer.line(explained)
+    }
+}
+
+impl AlignArgs {
+    /// What the edges of a sync signal were, if one was named.
+    fn report_edges(&self, printer: &mut Printer, aligned: &Aligned) -> anyhow::Result<()> {
+        let Some(column) = &self.sync else { return Ok(()) };
+        let Some(edges) = &aligned.edges else {
+            printer.warning(format!(
+                "`{column}` and `sync_s` have no edges for both recordings: the clocks are by the loads"
+            ));
+            return Ok(());
+        };
+        let told = if edges.told_by_loads { "; the loads tell which is which" } else { "" };
+        printer.note(format!(
+            "the clocks are by {} edges, of {} of the reference and {} of the board, which are off by {:.1} µs (RMS){told}",
+            edges.matched,
+            edges.reference,
+            edges.board,
+            1e6 * edges.residual_s
+        ));
+        let Some(loads) = edges.by_loads else {
+            printer.note("the loads by themselves do not say how the clocks stand");
+            return Ok(());
+        };
+        let apart_s = loads.offset_at_s(aligned.clock.pivot_s) - aligned.clock.offset_s;
+        let error_s = loads.offset_se_at_s(aligned.clock.pivot_s);
+        let said = format!(
+            "by the loads alone the offset is {:+.3} ms from that (standard error {:.3} ms)",
+            1e3 * apart_s,
+            1e3 * error_s
+        );
+        match apart_s.abs() > APART_S.max(5.0 * error_s) {
+            true => printer.warning(said),
+            false => printer.note(said),
+        }
+        Ok(())
     }
 }
 

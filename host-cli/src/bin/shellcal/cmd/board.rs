@@ -8,9 +8,10 @@ use clap::{Subcommand, ValueEnum};
 use serde_json::json;
 use shared_proto::{Board, BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
 use shellcal::calibration_file::CalibrationFile;
-use shellcal::link::{Client, Connection, Uplink, for_board, judge, serial_text};
+use shellcal::link::{Client, Connection, PortOptions, Uplink, for_board, judge, serial_text};
 use shellcal::output::Outputs;
 
+use super::board_line::{set_baud, start_bootloader};
 use super::key_file;
 use super::serial::{FramingArg, SerialArgs};
 use crate::files::{InputPath, OutputPath};
@@ -94,6 +95,14 @@ enum Action {
         #[command(subcommand)]
         action: KeyAction,
     },
+    /// Set the line to another rate until the board's next reset; back to the old one if that is not heard
+    Baud {
+        /// Bits per second: 9600 to 1000000, as the board's documentation lists them
+        #[arg(value_name = "RATE", value_parser = clap::value_parser!(u32).range(50..))]
+        rate: u32,
+    },
+    /// Send the board into the bootloader of its chip, for `stm32flash` on the same wire
+    Bootloader,
     /// Upload a calibration, which the board keeps
     Upload {
         /// Calibration file, of model `cubic` or `linear`
@@ -139,7 +148,7 @@ impl BoardArgs {
             ),
             (Some(_), None) => anyhow::bail!(
                 "nothing to do: `shellcal board PORT identify`, `status`, `start`, `stop`, `rate`, \
-                 `sampling`, `mode`, `zero`, `upload`, `self-test` or `key`"
+                 `sampling`, `mode`, `zero`, `upload`, `self-test`, `key`, `baud` or `bootloader`"
             ),
         };
         let calibration = match action {
@@ -149,8 +158,16 @@ impl BoardArgs {
             }
             _ => None,
         };
-        let mut client = self.connect(port)?;
+        let mut client = self.connect(port, self.serial.baud, self.board)?;
         match action {
+            Action::Baud { rate } => {
+                if self.serial.port(port).is_tcp() {
+                    anyhow::bail!("`{port}` is a connection over TCP, which has no rate");
+                }
+                let connect = |baud, board| self.connect(port, baud, board);
+                set_baud(client, [self.serial.baud, *rate], connect, printer)?;
+            }
+            Action::Bootloader => start_bootloader(&mut client, port, printer)?,
             Action::SelfTest => return self_test(&mut client, printer),
             Action::Key { action } => set_key(&mut client, action, outputs)?,
             Action::Identify => return print_identity(&client.identify()?, printer),
@@ -188,16 +205,21 @@ impl BoardArgs {
         Ok(Outcome::Done)
     }
 
-    fn connect(&self, name: &str) -> anyhow::Result<Client<Box<dyn Connection>>> {
+    fn connect(
+        &self,
+        name: &str,
+        baud: u32,
+        board: Option<BoardId>,
+    ) -> anyhow::Result<Client<Box<dyn Connection>>> {
         let framing = self.framing.framing().context(
             "the original board has no commands that this program sends; `record` reads it",
         )?;
-        let port = self.serial.port(name).open()?;
+        let port = PortOptions { baud, ..self.serial.port(name) }.open()?;
         // Differs from run to run, so that a late answer to another run is not taken for one of ours.
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let number = (now.as_millis() / 10) as u16;
         let client = Client::new(port, name, Uplink { framing, to: self.serial.to }, number);
-        let client = match self.board {
+        let client = match board {
             Some(board) => client.with_board(board),
             None => client,
         };

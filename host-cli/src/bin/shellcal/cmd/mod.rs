@@ -3,6 +3,7 @@
 mod align;
 mod bench;
 mod board;
+mod board_line;
 mod choices;
 mod completions;
 mod convert;

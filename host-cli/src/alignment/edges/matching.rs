@@ -1,0 +1,202 @@
+//! Which edge of one recording is which of the other.
+//!
+//! Every pair of edges with a second pair next to it is a guess of offset and skew; the guess is followed
+//! through both recordings, each edge taking the nearest that is close enough, and corrected by the pairs that
+//! it finds. What is missing on a side, or is there on one side only, costs that pair and no other.
+
+/// The largest skew between two clocks one of which has no crystal.
+const MOST_SKEW: f64 = 2e-2;
+
+/// Beside what the reference's samples blur, an edge may be off by so much, s: clocks wander.
+const SLACK_S: f64 = 2e-4;
+
+/// Edges of the board that guesses begin with, and those after each that guesses go on to.
+const BEGINNINGS: usize = 8;
+const NEXT: usize = 3;
+
+/// Times that a guess is corrected by what it has found.
+const CORRECTIONS: usize = 3;
+
+/// Pairs of edges, and the clocks that they make.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Pairing {
+    /// Places of the reference's edge and of the board's, in order.
+    pub(super) pairs: Vec<(usize, usize)>,
+    line: Line,
+}
+
+impl Pairing {
+    /// Whether both pairs of a guess are of this way.
+    fn goes_through(&self, guess: &Line, blur_s: f64) -> bool {
+        let ends = [guess.pivot_s, guess.pivot_s + guess.base_s];
+        ends.iter().all(|&end| (self.line.at(end) - guess.at(end)).abs() <= blur_s + SLACK_S)
+    }
+
+    /// Whether most of the pairs that are looked at are another's as well.
+    fn is_like(&self, other: &Self) -> bool {
+        const LOOKED_AT: usize = 16;
+        let step = self.pairs.len().div_ceil(LOOKED_AT);
+        let looked_at = self.pairs.iter().step_by(step);
+        let shared = looked_at.clone().filter(|&pair| other.pairs.binary_search(pair).is_ok());
+        2 * shared.count() >= looked_at.count()
+    }
+
+    /// Reference time minus board time at a board time, s.
+    pub(super) fn offset_at(&self, board_s: f64) -> f64 {
+        self.line.at(board_s) - board_s
+    }
+}
+
+/// t_reference = at + (1 + skew) · (t_board − pivot).
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Line {
+    pivot_s: f64,
+    at_s: f64,
+    skew: f64,
+    /// Time that the skew was found over, s.
+    base_s: f64,
+}
+
+impl Line {
+    fn at(self, board_s: f64) -> f64 {
+        self.at_s + (1.0 + self.skew) * (board_s - self.pivot_s)
+    }
+
+    /// How far an edge of the reference may be from where the line says, s.
+    fn reach(self, board_s: f64, blur_s: f64) -> f64 {
+        let beyond = (board_s - self.pivot_s).abs() / self.base_s.max(1e-9);
+        // What a blur at either end of the base makes of the skew.
+        blur_s * (1.0 + 2.0 * beyond).min(4.0) + SLACK_S
+    }
+
+    /// By the first and last of the pairs as far as they go, with the mean of all in between.
+    fn through(pairs: &[(usize, usize)], reference: &[f64], board: &[f64]) -> Option<Self> {
+        let n = pairs.len() as f64;
+        let mean = |of: &dyn Fn(&(usize, usize)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+        let pivot_s = mean(&|&(_, i)| board[i]);
+        let at_s = mean(&|&(j, _)| reference[j]);
+        let (mut spread, mut together) = (0.0, 0.0);
+        for &(j, i) in pairs {
+            let (x, y) = (board[i] - pivot_s, reference[j] - at_s);
+            spread += x * x;
+            together += x * (y - x);
+        }
+        let base_s = board[pairs.last()?.1] - board[pairs.first()?.1];
+        (spread > 0.0).then(|| Self { pivot_s, at_s, skew: together / spread, base_s })
+    }
+}
+
+/// The ways to pair edges, that with the most pairs first; ways that share most of their pairs are one.
+pub(super) fn pairings(reference: &[f64], board: &[f64], blur_s: f64) -> Vec<Pairing> {
+    let mut ways: Vec<Pairing> = Vec::new();
+    let mut best = 1;
+    for line in guesses(reference, board) {
+        let is_known = |way: &Pairing| way.goes_through(&line, blur_s);
+        if overlap(line, reference, board) * 2 <= best || ways.iter().any(is_known) {
+            continue;
+        }
+        let Some(way) = follow(line, reference, board, blur_s) else { continue };
+        if way.pairs.len() * 2 <= best {
+            continue;
+        }
+        best = best.max(way.pairs.len());
+        add(&mut ways, way);
+    }
+    if ways.is_empty() {
+        // No two edges have a gap in common: any edge may be any other.
+        ways = singles(reference, board);
+    }
+    ways.sort_by(|a, b| b.pairs.len().cmp(&a.pairs.len()).then(a.pairs.cmp(&b.pairs)));
+    ways
+}
+
+/// Guesses of two pairs each.
+fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = Line> {
+    let step = board.len().div_ceil(BEGINNINGS).max(1);
+    let starts = (0..board.len()).step_by(step);
+    let seconds =
+        starts.flat_map(move |i| (i + 1..board.len().min(i + 1 + NEXT)).map(move |k| (i, k)));
+    seconds.flat_map(move |(i, k)| {
+        let gap = board[k] - board[i];
+        reference.iter().enumerate().flat_map(move |(j, &first)| {
+            let least = first + gap * (1.0 - MOST_SKEW);
+            let most = first + gap * (1.0 + MOST_SKEW) + SLACK_S;
+            let from = reference.partition_point(|&time| time < least).max(j + 1);
+            reference[from.min(reference.len())..]
+                .iter()
+                .take_while(move |&&time| time <= most)
+                .map(move |&second| {
+                    let skew = ((second - first) / gap - 1.0).clamp(-MOST_SKEW, MOST_SKEW);
+                    Line { pivot_s: board[i], at_s: first, skew, base_s: gap }
+                })
+        })
+    })
+}
+
+/// Edges of the board that are within the reference's by a guess, at most.
+fn overlap(line: Line, reference: &[f64], board: &[f64]) -> usize {
+    let [first, .., last] = reference else { return reference.len() };
+    let from = board.partition_point(|&time| line.at(time) < first - SLACK_S);
+    let to = board.partition_point(|&time| line.at(time) <= last + SLACK_S);
+    // A guess whose skew is off by its blur may leave some out.
+    (to - from + 2).min(board.len()).min(reference.len())
+}
+
+/// Follows a guess through both recordings and corrects it.
+fn follow(mut line: Line, reference: &[f64], board: &[f64], blur_s: f64) -> Option<Pairing> {
+    let mut pairs = walk(line, reference, board, blur_s);
+    for _ in 0..CORRECTIONS {
+        let corrected = Line::through(&pairs, reference, board)?;
+        if corrected.skew.abs() > MOST_SKEW {
+            return None;
+        }
+        line = corrected;
+        let again = walk(line, reference, board, blur_s);
+        if again == pairs {
+            break;
+        }
+        pairs = again;
+    }
+    (pairs.len() > 1).then_some(Pairing { pairs, line })
+}
+
+/// Every edge of the board with the nearest of the reference, if that is within reach and nearest to no other.
+fn walk(line: Line, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(usize, usize)> {
+    let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
+    for (i, &time) in board.iter().enumerate() {
+        let expected = line.at(time);
+        let after = reference.partition_point(|&edge| edge < expected);
+        let candidates = [after.checked_sub(1), Some(after)].into_iter().flatten();
+        let distance = |j: usize| Some((j, (reference.get(j)? - expected).abs()));
+        let nearest = candidates.filter_map(distance).min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((j, off)) = nearest.filter(|&(_, off)| off <= line.reach(time, blur_s)) else {
+            continue;
+        };
+        match pairs.last_mut() {
+            Some(last) if last.0 == j && last.2 <= off => {}
+            Some(last) if last.0 == j => *last = (j, i, off),
+            _ => pairs.push((j, i, off)),
+        }
+    }
+    pairs.into_iter().map(|(j, i, _)| (j, i)).collect()
+}
+
+/// Adds a way, unless it is there, or takes the place of a poorer one that is the same.
+fn add(ways: &mut Vec<Pairing>, way: Pairing) {
+    match ways.iter_mut().find(|other| way.is_like(other) || other.is_like(&way)) {
+        Some(other) if other.pairs.len() >= way.pairs.len() => {}
+        Some(other) => *other = way,
+        None => ways.push(way),
+    }
+}
+
+/// Every edge with every other.
+fn singles(reference: &[f64], board: &[f64]) -> Vec<Pairing> {
+    let pair = |j: usize, i: usize| Pairing {
+        pairs: vec![(j, i)],
+        line: Line { pivot_s: board[i], at_s: reference[j], skew: 0.0, base_s: f64::INFINITY },
+    };
+    let pairs = (0..reference.len()).flat_map(|j| (0..board.len()).map(move |i| (j, i)));
+    // Beyond some it does not matter how many there are.
+    pairs.take(1 << 12).map(|(j, i)| pair(j, i)).collect()
+}
