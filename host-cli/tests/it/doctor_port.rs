@@ -42,6 +42,8 @@ enum Sends {
     Answers,
     /// Samples all the time and no answers, framed by the radio.
     Samples(Framing),
+    /// Answers of this version of the protocol to whatever it is asked.
+    Version(u8),
     /// Bytes that mean nothing.
     Noise,
     /// Nothing.
@@ -123,6 +125,24 @@ impl Plan {
     }
 }
 
+/// What a board of another version of the protocol answers: refused, other version, under its own header
+/// (shared-proto/README.md).
+fn other_version(version: u8) -> Vec<u8> {
+    let content = [version << 4 | 9, 0, 0, 3, 2];
+    let crc = content.iter().fold(0xFFFF_u16, |crc, &byte| {
+        (0..8).fold(crc ^ u16::from(byte) << 8, |crc, _| {
+            if crc & 0x8000 != 0 { crc << 1 ^ 0x5935 } else { crc << 1 }
+        })
+    });
+    let plain = content.into_iter().chain(crc.to_le_bytes());
+    let plain: Vec<u8> = plain.collect();
+    // The mask is one that no byte equals, so that COBS is a length in front.
+    let mask = (1..=255).find(|mask| !plain.contains(mask)).unwrap();
+    let masked = plain.iter().map(|byte| byte ^ mask);
+    let length = plain.len() as u8 + 2;
+    [length, mask].into_iter().chain(masked).chain([0]).collect()
+}
+
 /// The board of a plan, on a pty, as long as this lives.
 struct Running {
     port: String,
@@ -180,6 +200,9 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
                 let _ = board.write_all(&reply.encode());
             }
         }
+        if let Sends::Version(version) = plan.sends {
+            replies.iter().for_each(|_| _ = board.write_all(&other_version(version)));
+        }
         let framing = match plan.sends {
             Sends::All if streams && is_heard => Framing::Cobs,
             Sends::Samples(framing) => framing,
@@ -217,6 +240,8 @@ fn planted_faults_of_boards_are_found() {
         ("sound", Plan::sound(), "", vec![]),
         ("silent", sends(Sends::Nothing), "", fault("silent")),
         ("noise", sends(Sends::Noise), "", fault("noise")),
+        ("an older protocol", sends(Sends::Version(1)), "", fault("protocol-version")),
+        ("a newer protocol", sends(Sends::Version(3)), "", fault("protocol-version")),
         ("baud", Plan { baud: Some(115_200), ..Plan::sound() }, "", fault("baud")),
         (
             "framing, and no way to the board",

@@ -213,6 +213,31 @@ fn a_thousand_frames_per_second_come_whole() {
 }
 
 #[test]
+fn edges_at_the_sync_input_are_in_the_log_after_they_were() {
+    let dir = tempfile::tempdir().unwrap();
+    // Late enough for the recording to be under way on any machine.
+    let edges_s = [12.0, 12.003_21, 12.345_678];
+    let board = Board::start(dir.path(), "--sync 12.345678,12,12.00321 --loss 0.02 --seed 5");
+    board.record("log.csv", 1_300, "");
+    let text = fs::read_to_string(dir.path().join("log.csv")).unwrap();
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().unwrap();
+    let at = |name| names.iter().position(|&column| column == name).unwrap();
+    let (t, sync, sync_s) = (at("t_s"), at("sync"), at("sync_s"));
+    let number = |text: &str| text.parse::<f64>().unwrap();
+    let rows = lines.filter(|row| !row[sync].is_empty());
+    let found: Vec<[f64; 3]> =
+        rows.map(|row| [t, sync, sync_s].map(|at| number(row[at]))).collect();
+    // A radio that loses packets may have lost one of them.
+    assert!(found.len() >= 2, "{found:?}");
+    for [row_s, sync, sync_s] in found {
+        assert_eq!(sync_s, edges_s[sync as usize]);
+        // Two edges in a frame, the frame that is under way, and frames that are lost.
+        assert!(row_s > sync_s - 0.01 && row_s < sync_s + 0.1, "{row_s} {sync_s}");
+    }
+}
+
+#[test]
 fn the_self_test_finds_every_emitter_on_its_own_channel() {
     let dir = tempfile::tempdir().unwrap();
     let board = Board::start(dir.path(), "");
