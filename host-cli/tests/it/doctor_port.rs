@@ -195,13 +195,13 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
                 _ => {}
             }
         });
+        if let Sends::Version(version) = plan.sends {
+            replies.iter().for_each(|_| _ = board.write_all(&other_version(version)));
+        }
         if matches!(plan.sends, Sends::All | Sends::Answers) && is_heard {
             for reply in replies {
                 let _ = board.write_all(&reply.encode());
             }
-        }
-        if let Sends::Version(version) = plan.sends {
-            replies.iter().for_each(|_| _ = board.write_all(&other_version(version)));
         }
         let framing = match plan.sends {
             Sends::All if streams && is_heard => Framing::Cobs,

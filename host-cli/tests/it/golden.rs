@@ -8,6 +8,7 @@ use calibration::uncertainty::CoefficientCovariance;
 use calibration::validation::grouped::GroupKind;
 use shellcal::calibration_file::{CalibrationFile, PartialFit};
 use shellcal::trial::manifest::{Entry, Manifest, Moment};
+use system_tests::program;
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/golden").join(name)
@@ -86,5 +87,48 @@ fn manifests_mean_what_they_meant() {
         assert_eq!((second.enter.value, second.exit.value), (Moment::Auto, Moment::Auto));
         assert_eq!(second.notes.as_deref(), Some("slow, at first"));
         assert!(second.exclude && second.mass_kg.is_none());
+    }
+}
+
+/// Columns of a CSV file by their names, as text.
+fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    let places: Vec<usize> =
+        names.iter().map(|name| header.iter().position(|column| column == name).unwrap()).collect();
+    lines.map(|row| places.iter().map(|&at| row[at].to_owned()).collect()).collect()
+}
+
+/// What the first program with this protocol recorded: its board did not say when its readings were taken, nor
+/// how it was, and its log has no columns for that.
+#[test]
+fn recordings_are_converted_and_replayed_as_they_were() {
+    let dir = tempfile::tempdir().unwrap();
+    let name = |name| golden(name).display().to_string();
+    let run = |arguments: &str| {
+        let output = program::output(dir.path(), arguments);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        output
+    };
+    let text = |path: &Path| fs::read_to_string(path).unwrap();
+    let log = text(&golden("recording-v2.csv"));
+    let names: Vec<&str> = log.lines().next().unwrap().split(',').collect();
+    assert_eq!(names[names.len() - 4..], ["index", "missing", "dropped", "flags"]);
+
+    let calibration = name("recording-v2-calibration.json");
+    let arguments = format!("convert {calibration} {} -o forces.csv", name("recording-v2.csv"));
+    run(&arguments);
+    let forces = text(&dir.path().join("forces.csv"));
+    let before = text(&golden("recording-v2-forces.csv"));
+    let axes: Vec<&str> = before.lines().next().unwrap().split(',').collect();
+    assert!(axes.contains(&"fx_n") && axes.contains(&"mz_nm"), "{axes:?}");
+    assert_eq!(columns(&forces, &axes), columns(&before, &axes));
+
+    run(&format!("record --replay {} -o log.csv", name("recording-v2.raw")));
+    let replayed = text(&dir.path().join("log.csv"));
+    assert_eq!(columns(&replayed, &names), columns(&log, &names));
+    // What nobody has said is empty.
+    for name in ["temperature_c", "vrefint", "dark8", "sync", "sync_s"] {
+        assert!(columns(&replayed, &[name]).iter().all(|row| row[0].is_empty()), "{name}");
     }
 }
