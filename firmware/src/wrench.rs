@@ -54,7 +54,8 @@ impl Converter {
             let z = (f32::from(reading) - centre) * scale;
             powers.copy_from_slice(&[z, z * z, z * z * z]);
         }
-        let wrench = self.coefficients * features + self.intercept;
+        // By reference: the matrix is 576 bytes long.
+        let wrench = &self.coefficients * features + self.intercept;
         self.tare(wrench);
         (wrench - self.zero.unwrap_or_default()).into()
     }

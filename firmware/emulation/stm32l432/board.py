@@ -1,7 +1,7 @@
 """The board: core, peripherals and wires."""
 
 from .clocks import Rcc
-from .converter import Converter, Dma
+from .converter import Converter
 from .core import RAM, RAM_SIZE, Core
 from .elf import Elf
 from .flash import FlashInterface, Pages, PowerCut
@@ -10,7 +10,7 @@ from .nvic import Nvic
 from .peripheral import HZ, NEVER, Peripheral
 from .randomness import Randomness
 from .scene import Scene
-from .timer import Timer
+from .timer import PulseTimer, Timer
 from .usart import Usart
 from .watchdog import Watchdog
 
@@ -36,12 +36,12 @@ class Board:
         self.port_a, self.port_b = Port(self), Port(self)
         self.timer, self.watchdog = Timer(self), Watchdog(self)
         self.usart = Usart(self)
-        self.dma, self.converter = Dma(self), Converter(self)
+        self.pulse_timer, self.converter = PulseTimer(self), Converter(self)
         self.places = {
             0x4000_0000: self.timer,
+            0x4000_1000: self.pulse_timer,
             0x4000_3000: self.watchdog,
             0x4001_3800: self.usart,
-            0x4002_0000: self.dma,
             0x4002_1000: self.rcc,
             0x4002_2000: self.flash,
             0x4800_0000: self.port_a,
@@ -51,7 +51,7 @@ class Board:
             0xE000_E000: self.nvic,
         }
         self.places |= {base: Peripheral(self) for base in PLAIN}
-        self.timed = [self.timer, self.watchdog, self.usart, self.converter]
+        self.timed = [self.timer, self.pulse_timer, self.watchdog, self.usart, self.converter]
         self._map()
         #: Cause and cycle of each reset.
         self.resets = []
@@ -99,7 +99,7 @@ class Board:
             peripheral.advance(now)
 
     def raise_lines(self):
-        for peripheral in (self.timer, self.usart, self.dma):
+        for peripheral in (self.timer, self.pulse_timer, self.usart, self.converter):
             peripheral.lines()
 
     def request_reset(self, cause):

@@ -1,8 +1,10 @@
 //! Which interrupt goes to which driver.
 
-use embassy_stm32::{bind_interrupts, dma, peripherals, usart};
+use crate::converter;
+use embassy_stm32::{bind_interrupts, peripherals, usart};
 
 bind_interrupts!(pub(crate) struct Irqs {
     USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
-    DMA1_CHANNEL1 => dma::InterruptHandler<peripherals::DMA1_CH1>;
+    ADC1 => converter::EndOfBurst;
+    TIM6_DAC => converter::Settled;
 });

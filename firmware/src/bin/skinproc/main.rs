@@ -9,6 +9,8 @@
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
+mod converter;
+#[cfg(target_os = "none")]
 mod ecc;
 #[cfg(target_os = "none")]
 mod factory;
