@@ -6,8 +6,8 @@ use bench::{Bench, NONCE, SERIAL, readings, wrench};
 use firmware::{Converter, Link};
 use shared_proto::xbee::{Address, Mode};
 use shared_proto::{
-    Answer, Board, BoardId, Boot, Calibration, Challenge, Command, Event, Identity, Key, Packet,
-    Refusal, ResetCause, Stream,
+    Answer, Board, BoardId, Boot, Calibration, Challenge, Command, Cubic, Event, Identity, Key,
+    Packet, Refusal, ResetCause, Stream,
 };
 
 fn calibration() -> Calibration {
@@ -16,7 +16,8 @@ fn calibration() -> Calibration {
         *value = ((i * 7 % 11) as f32 - 5.0) / 8.0;
     }
     let centre = [2e3, 4e3, 6e3, 8e3, 1e4, 1.2e4, 1.4e4, 1.6e4];
-    Calibration { centre, scale: [1e-3; 8], coefficients, intercept: [0.5; 6] }
+    let scale = [1e-3; 8];
+    Calibration::Cubic(Cubic { centre, scale, coefficients, intercept: [0.5; 6] })
 }
 
 #[test]
@@ -147,7 +148,7 @@ fn wrenches_are_those_of_the_calibration_uploaded_less_the_zero() {
     let mut converter = Converter::new(&calibration());
     let expected = |converter: &mut Converter, clock_us: u32| {
         let step = (clock_us / 10_000 % 50) as u16;
-        converter.convert(&std::array::from_fn(|c| 16 * (100 + 100 * c as u16 + step)))
+        converter.convert(&std::array::from_fn(|c| 16 * (100 + 100 * c as u16 + step)), 0)
     };
     let samples = bench.samples();
     assert!(samples.len() >= 99 && raw.len() >= 4);

@@ -16,6 +16,7 @@ mod align_disturbed;
 mod any_numbers;
 mod batch_command;
 mod bench_command;
+mod board_wrench;
 mod book;
 mod calibration_cli;
 mod certified;

@@ -1,7 +1,7 @@
 //! The host's end of the flashed board's line: orders with answers, and the books of its samples.
 
 use shared_proto::{
-    Answer, BoardId, Boot, Calibration, Command, Decoder, Event, Framing, Health, MAX_PIECE,
+    Answer, BoardId, Boot, Calibration, Command, Cubic, Decoder, Event, Framing, Health, MAX_PIECE,
     Packet, Piece, Sample, Status, crc32,
 };
 use system_tests::emulation::PlayedFrame;
@@ -155,12 +155,12 @@ impl Host {
 
 /// A calibration that differs from those with another number.
 pub fn calibration(number: u8) -> Calibration {
-    Calibration {
+    Calibration::Cubic(Cubic {
         centre: [30_000.0; 8],
         scale: [1e-4; 8],
         coefficients: [[f32::from(number); 6]; 24],
         intercept: [0.5; 6],
-    }
+    })
 }
 
 pub fn crc_of(calibration: &Calibration) -> u32 {
