@@ -12,8 +12,23 @@ pub trait FrontEnd {
     /// Lights the emitter of one channel and no other, or none.
     fn light(&mut self, channel: Option<usize>);
 
-    /// Fills `codes` with one conversion of a channel after another, 12 bits each.
-    async fn convert(&mut self, channel: usize, codes: &mut [u16]);
+    /// The sum of so many conversions of a channel, 12 bits each, one right after the other: exact, so that
+    /// converters that sum by themselves and those that do not give the same readings. At least one, at
+    /// most [`MAX_CONVERSIONS`](crate::acquisition::MAX_CONVERSIONS).
+    async fn sum(&mut self, channel: usize, conversions: u8) -> u32;
+
+    /// As [`sum`](Self::sum), the first conversion `settling_us` from now. As it is here, for a board without
+    /// a timer of its own for that.
+    async fn settle_and_sum<C: Clock>(
+        &mut self,
+        clock: &C,
+        settling_us: u16,
+        channel: usize,
+        conversions: u8,
+    ) -> u32 {
+        clock.wait_until_us(clock.now_us() + u64::from(settling_us)).await;
+        self.sum(channel, conversions).await
+    }
 
     /// Measures temperature and supply, within [`VITALS_US`]. As it is here, for a board that cannot.
     async fn vitals(&mut self) -> Vitals {

@@ -157,7 +157,7 @@ impl Core {
         let stream = self.session.settings().stream;
         let converter = self.session.converter();
         let converter = converter.filter(|it| stream == Stream::Wrench || it.is_taring());
-        let wrench = converter.map(|converter| converter.convert(&frame.readings));
+        let wrench = converter.map(|converter| converter.convert(&frame.readings, frame.saturated));
         let values = match (stream, wrench) {
             (Stream::Wrench, Some(wrench)) => Values::Wrench(wrench),
             _ => Values::Readings(frame.readings),

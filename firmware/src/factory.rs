@@ -22,13 +22,10 @@ pub struct Factory {
 }
 
 impl Factory {
-    /// What equally many codes of reference and thermometer say, one after the other.
-    pub fn vitals(&self, reference: &[u16], thermometer: &[u16]) -> Vitals {
-        let counts = |codes: &[u16]| {
-            let sum: u32 = codes.iter().map(|&code| u32::from(code)).sum();
-            let count = codes.len().max(1) as u32;
-            (sum * u32::from(COUNTS_PER_LSB) + count / 2) / count
-        };
+    /// What the sums of so many conversions of reference and thermometer say, one after the other.
+    pub fn vitals(&self, reference: u32, thermometer: u32, conversions: u8) -> Vitals {
+        let conversions = u32::from(conversions.max(1));
+        let counts = |sum: u32| (sum * u32::from(COUNTS_PER_LSB) + conversions / 2) / conversions;
         let (reference, thermometer) = (counts(reference), counts(thermometer));
         let factory = u32::from(self.reference) * u32::from(COUNTS_PER_LSB);
         // A reference of nothing is no supply.
@@ -60,20 +57,20 @@ mod tests {
 
     #[test]
     fn the_factorys_codes_give_the_factorys_conditions() {
-        let vitals = FACTORY.vitals(&[1_655; 4], &[1_035; 4]);
+        let vitals = FACTORY.vitals(4 * 1_655, 4 * 1_035, 4);
         let expected = Vitals {
             temperature_cdeg: Some(3_000),
             supply_mv: Some(3_000),
             reference: Some(16 * 1_655),
         };
         assert_eq!(vitals, expected);
-        assert_eq!(FACTORY.vitals(&[1_655], &[1_380]).temperature_cdeg, Some(13_000));
+        assert_eq!(FACTORY.vitals(1_655, 1_380, 1).temperature_cdeg, Some(13_000));
     }
 
     #[test]
     fn a_higher_supply_makes_both_codes_smaller() {
         // 3.3 V and 55 °C: 1655/1.1 and (1035 + 345/4)/1.1.
-        let vitals = FACTORY.vitals(&[1_504, 1_505], &[1_019, 1_019]);
+        let vitals = FACTORY.vitals(3_009, 2_038, 2);
         assert_eq!(vitals.supply_mv, Some(3_300));
         let off = vitals.temperature_cdeg.unwrap().abs_diff(5_500);
         // A step of the thermometer is 100 °C/345 · 1.1.
@@ -82,8 +79,8 @@ mod tests {
 
     #[test]
     fn codes_that_say_nothing_are_unknown() {
-        assert_eq!(FACTORY.vitals(&[0; 4], &[0; 4]), Vitals::default());
+        assert_eq!(FACTORY.vitals(0, 0, 4), Vitals::default());
         let blank = Factory { reference: 0xFFFF, cold: 0xFFFF, hot: 0xFFFF };
-        assert_eq!(blank.vitals(&[1_500], &[1_000]).temperature_cdeg, None);
+        assert_eq!(blank.vitals(1_500, 1_000, 1).temperature_cdeg, None);
     }
 }

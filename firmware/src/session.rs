@@ -230,7 +230,7 @@ mod tests {
     use crate::link::Link;
     use crate::slots::{FakeFlash, Outcome, Slots};
     use crate::upload::Record;
-    use shared_proto::{AXES, CHANNELS, FEATURES, MAX_PIECE, Piece};
+    use shared_proto::{AXES, CHANNELS, Cubic, FEATURES, MAX_PIECE, Physics, PhysicsSensor, Piece};
     use std::vec::Vec;
 
     struct Memory {
@@ -267,13 +267,29 @@ mod tests {
         Memory { record: [0xFF; RECORD], works: true, stored: 0 }
     }
 
-    fn calibration() -> Calibration {
-        Calibration {
+    fn with_intercept(intercept: f32) -> Calibration {
+        Calibration::Cubic(Cubic {
             centre: [3e4; CHANNELS],
             scale: [1e-4; CHANNELS],
             coefficients: [[0.125; AXES]; FEATURES],
-            intercept: [1.0; AXES],
-        }
+            intercept: [intercept; AXES],
+        })
+    }
+
+    fn calibration() -> Calibration {
+        with_intercept(1.0)
+    }
+
+    fn physics() -> Calibration {
+        Calibration::Physics(Physics {
+            wrench_scale: [1.0; AXES],
+            prior: core::array::from_fn(
+                |i| if [0, 2, 5, 9, 14, 20].contains(&i) { 1.0 } else { 0.0 },
+            ),
+            reading_variance: 1e-4,
+            displacement_variance: 0.0,
+            sensors: [PhysicsSensor::NONE; CHANNELS],
+        })
     }
 
     fn upload(bytes: &[u8], crc32: u32) -> Vec<Command> {
@@ -370,6 +386,18 @@ mod tests {
     }
 
     #[test]
+    fn a_calibration_replaces_one_of_the_other_kind() {
+        let mut bench = Bench::new();
+        for calibration in [calibration(), physics(), with_intercept(2.0), physics()] {
+            let bytes = calibration.to_bytes();
+            let crc = shared_proto::crc32(&bytes);
+            assert_eq!(bench.run_all(&upload(&bytes, crc)), Ok(()));
+            assert_eq!(bench.session.calibration_crc32(), crc);
+            assert_eq!(Session::new(LIMITS, &mut bench.memory).calibration_crc32(), crc);
+        }
+    }
+
+    #[test]
     fn key_and_calibration_are_kept_side_by_side() {
         let mut bench = Bench::new();
         let [first, second] = [1, 2].map(|byte| Key::new([byte; Key::LEN]));
@@ -418,9 +446,7 @@ mod tests {
         assert_eq!(bench.run(&good_upload()[1]), Err(Refusal::NoUpload));
         bench.run_all(&good_upload()).unwrap();
 
-        let mut other = calibration();
-        other.intercept = [9.0; AXES];
-        let other = other.to_bytes();
+        let other = with_intercept(9.0).to_bytes();
         let other_crc = shared_proto::crc32(&other);
         let begin = |size| Command::BeginCalibration { size, crc32: 1 };
         assert_eq!(bench.run(&begin(667)), Err(Refusal::WrongSize));
@@ -436,7 +462,7 @@ mod tests {
         assert_eq!(bench.run(&beyond), Err(Refusal::WrongSize));
 
         assert_eq!(bench.run_all(&upload(&other, other_crc ^ 1)), Err(Refusal::WrongCrc));
-        let mut foreign = other;
+        let mut foreign = other.to_vec();
         foreign[0] = 9;
         let foreign_crc = shared_proto::crc32(&foreign);
         assert_eq!(bench.run_all(&upload(&foreign, foreign_crc)), Err(Refusal::BadCalibration));
@@ -450,16 +476,16 @@ mod tests {
     #[test]
     fn a_memory_that_fails_after_erasing_has_the_old_calibration_after_a_reset() {
         let old = calibration();
-        let new = Calibration { intercept: [9.0; AXES], ..old };
-        let [old_crc, new_crc] = [old, new].map(|it| shared_proto::crc32(&it.to_bytes()));
+        let new = with_intercept(9.0);
+        let [old_crc, new_crc] = [&old, &new].map(|it| shared_proto::crc32(&it.to_bytes()));
         for outcome in Outcome::ALL {
             let mut slots = Slots::new(FakeFlash::new());
             let mut session = Session::new(LIMITS, &mut slots);
             for command in upload(&old.to_bytes(), old_crc) {
                 assert_eq!(session.execute(&command, 0, &mut slots), Ok(()));
             }
-            // The first operation erases, the second writes the first double word.
-            slots.flash_mut().cut_power(1, outcome);
+            // The first two operations erase, the third writes the first double word.
+            slots.flash_mut().cut_power(2, outcome);
             let [rest @ .., commit] = &upload(&new.to_bytes(), new_crc)[..] else { panic!() };
             for command in rest {
                 assert_eq!(session.execute(command, 0, &mut slots), Ok(()));

@@ -2,14 +2,17 @@
 
 use shared_proto::{Calibration, Key, Refusal, crc32};
 
-/// Where the key is in a record: behind the calibration and its CRC-32.
-const KEY: usize = Calibration::SIZE + 4;
+/// Where the bytes of the calibration are in a record, behind their number and their CRC-32.
+const CALIBRATION: usize = 8;
+
+/// Where the key is, behind the longest calibration.
+const KEY: usize = CALIBRATION + Calibration::MAX_SIZE;
 
 /// Length of a [`Record`], a multiple of the eight bytes that flash is written in.
-pub const RECORD: usize = KEY + Key::LEN + 8;
+pub const RECORD: usize = (KEY + Key::LEN + 4).next_multiple_of(8);
 
-/// What is kept in [`crate::Storage`]: a calibration and its CRC-32, the key that commands are signed
-/// with and its CRC-32, little-endian, and four bytes to fill up.
+/// What is kept in [`crate::Storage`], little-endian: number of bytes of a calibration, their CRC-32, the bytes and
+/// room for the longest; the key that commands are signed with and its CRC-32; bytes to fill up.
 pub type Record = [u8; RECORD];
 
 /// The key in a record, `None` if there is none.
@@ -32,8 +35,11 @@ pub(crate) fn keep_key(record: &mut Record, key: Option<Key>) {
 /// The calibration in a record and its CRC-32, `None` if the record was never written or is
 /// damaged.
 pub(crate) fn open(record: &Record) -> Option<(Calibration, u32)> {
-    let (bytes, crc) = record.split_first_chunk::<{ Calibration::SIZE }>()?;
-    let crc = u32::from_le_bytes(*crc.first_chunk()?);
+    let (size, rest) = record.split_first_chunk()?;
+    let (crc, rest) = rest.split_first_chunk()?;
+    let bytes = rest.get(..Calibration::MAX_SIZE)?;
+    let bytes = bytes.get(..usize::try_from(u32::from_le_bytes(*size)).ok()?)?;
+    let crc = u32::from_le_bytes(*crc);
     (crc32(bytes) == crc).then_some((Calibration::from_bytes(bytes)?, crc))
 }
 
@@ -41,6 +47,7 @@ pub(crate) fn open(record: &Record) -> Option<(Calibration, u32)> {
 #[derive(Clone, Debug)]
 pub(crate) struct Upload {
     record: Record,
+    size: usize,
     received: usize,
 }
 
@@ -50,12 +57,14 @@ impl Upload {
     /// # Errors
     /// [`Refusal::WrongSize`] if that is not the size of a calibration.
     pub(crate) fn begin(size: u32, crc: u32) -> Result<Self, Refusal> {
-        if usize::try_from(size) != Ok(Calibration::SIZE) {
-            return Err(Refusal::WrongSize);
-        }
         let mut record = [0xFF; RECORD];
-        record[Calibration::SIZE..KEY].copy_from_slice(&crc.to_le_bytes());
-        Ok(Self { record, received: 0 })
+        let (head, _) = record.split_at_mut(CALIBRATION);
+        head[..4].copy_from_slice(&size.to_le_bytes());
+        head[4..].copy_from_slice(&crc.to_le_bytes());
+        match usize::try_from(size) {
+            Ok(size) if Calibration::is_size(size) => Ok(Self { record, size, received: 0 }),
+            _ => Err(Refusal::WrongSize),
+        }
     }
 
     /// The next piece. One that has been received before is taken again, for its answer may have
@@ -70,8 +79,11 @@ impl Upload {
             return Err(Refusal::WrongOffset);
         }
         let end = start + data.len();
-        let calibration = &mut self.record[..Calibration::SIZE];
-        calibration.get_mut(start..end).ok_or(Refusal::WrongSize)?.copy_from_slice(data);
+        if end > self.size {
+            return Err(Refusal::WrongSize);
+        }
+        let place = self.record.get_mut(CALIBRATION + start..CALIBRATION + end);
+        place.ok_or(Refusal::WrongSize)?.copy_from_slice(data);
         self.received = self.received.max(end);
         Ok(())
     }
@@ -82,11 +94,11 @@ impl Upload {
     /// [`Refusal::WrongSize`] if pieces are missing, [`Refusal::WrongCrc`] if the CRC-32 is not the one
     /// announced, [`Refusal::BadCalibration`] if the bytes are not a calibration.
     pub(crate) fn finish(&self) -> Result<(&Record, Calibration, u32), Refusal> {
-        if self.received < Calibration::SIZE {
+        if self.received < self.size {
             return Err(Refusal::WrongSize);
         }
-        let bytes = &self.record[..Calibration::SIZE];
-        if crc32(bytes).to_le_bytes() != self.record[Calibration::SIZE..KEY] {
+        let bytes = self.record.get(CALIBRATION..CALIBRATION + self.size).unwrap_or_default();
+        if self.record[4..CALIBRATION] != crc32(bytes).to_le_bytes() {
             return Err(Refusal::WrongCrc);
         }
         let (calibration, crc) = open(&self.record).ok_or(Refusal::BadCalibration)?;

@@ -56,7 +56,9 @@ pub mod xbee;
 
 pub use authentication::{MAX_SIGNED_PIECE, Signature};
 pub use bytes::Bytes;
-pub use calibration::{Calibration, FEATURES, crc32};
+pub use calibration::{
+    Calibration, CalibrationBytes, Cubic, FACTOR, FEATURES, PRIOR, Physics, PhysicsSensor, crc32,
+};
 pub use command::{
     Answer, Board, BoardId, Command, Identity, MAX_PIECE, Piece, Refusal, ResetCause, Status,
     Stream,

@@ -79,7 +79,9 @@ impl Memory {
     #[must_use]
     pub fn keep(self, calibration: &Calibration) -> Self {
         let bytes = calibration.to_bytes();
-        self.bytes(STORAGE, [&bytes[..], &crc32(&bytes).to_le_bytes()].concat())
+        // The firmware's record: how many bytes, their CRC-32, the bytes.
+        let head = [bytes.len() as u32, crc32(&bytes)].map(u32::to_le_bytes).concat();
+        self.bytes(STORAGE, [&head[..], &bytes].concat())
     }
 
     /// Any bytes at any address.

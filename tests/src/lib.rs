@@ -7,6 +7,7 @@ pub mod emulation;
 pub mod flashed;
 pub mod program;
 pub mod random;
+pub mod workload;
 
 use std::path::PathBuf;
 

@@ -21,8 +21,8 @@ use crate::steps::{self, workspace};
 /// The Python that the environment is made with.
 const SYSTEM_PYTHON: &str = "python3";
 
-/// Time that an order takes at most: a page erased, and the answer.
-const ORDER_S: f64 = 0.06;
+/// Time that an order takes at most: two pages erased, a slot written, and the answer.
+const ORDER_S: f64 = 0.12;
 
 /// Time until a stream runs as it will, and the time that is counted, in s.
 const SETTLE_S: f64 = 0.2;

@@ -1,7 +1,7 @@
 """The board: core, peripherals and wires."""
 
 from .clocks import Rcc
-from .converter import Converter, Dma
+from .converter import Converter
 from .core import RAM, RAM_SIZE, Core
 from .elf import Elf
 from .exti import Exti
@@ -11,7 +11,7 @@ from .nvic import Nvic
 from .peripheral import HZ, NEVER, Peripheral
 from .randomness import Randomness
 from .scene import Scene
-from .timer import Timer
+from .timer import PulseTimer, Timer
 from .usart import Usart
 from .watchdog import Watchdog
 
@@ -38,14 +38,14 @@ class Board:
         self.timer, self.watchdog = Timer(self), Watchdog(self)
         self.usart = Usart(self)
         self.system, self.exti = Peripheral(self), Exti(self)
-        self.dma, self.converter = Dma(self), Converter(self)
+        self.pulse_timer, self.converter = PulseTimer(self), Converter(self)
         self.places = {
             0x4000_0000: self.timer,
+            0x4000_1000: self.pulse_timer,
             0x4000_3000: self.watchdog,
             0x4001_0000: self.system,
             0x4001_0400: self.exti,
             0x4001_3800: self.usart,
-            0x4002_0000: self.dma,
             0x4002_1000: self.rcc,
             0x4002_2000: self.flash,
             0x4800_0000: self.port_a,
@@ -55,7 +55,7 @@ class Board:
             0xE000_E000: self.nvic,
         }
         self.places |= {base: Peripheral(self) for base in PLAIN}
-        self.timed = [self.timer, self.watchdog, self.usart, self.converter, self.exti]
+        self.timed = [self.timer, self.pulse_timer, self.watchdog, self.usart, self.converter, self.exti]
         self._map()
         #: Cause and cycle of each reset.
         self.resets = []
@@ -103,7 +103,7 @@ class Board:
             peripheral.advance(now)
 
     def raise_lines(self):
-        for peripheral in (self.timer, self.usart, self.dma, self.exti):
+        for peripheral in (self.timer, self.pulse_timer, self.usart, self.converter, self.exti):
             peripheral.lines()
 
     def request_reset(self, cause):

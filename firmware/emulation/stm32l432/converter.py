@@ -1,6 +1,4 @@
-"""ADC1 with DMA1 channel 1 (RM0394, chapters 16 and 11), and the photointerrupters before it."""
-
-import struct
+"""ADC1 with its oversampler (RM0394, chapter 16), and the photointerrupters before it."""
 
 from .factory import (
     COLD_CODE,
@@ -13,17 +11,15 @@ from .factory import (
 )
 from .peripheral import NEVER, Peripheral
 
-IRQ = 11
-ISR, CR, CFGR, SMPR1, SQR1, DR = 0x00, 0x08, 0x0C, 0x14, 0x30, 0x40
-ADRDY, OVR = 1 << 0, 1 << 4
+IRQ = 18
+ISR, IER, CR, CFGR, CFGR2, SMPR1, SQR1, DR = 0x00, 0x04, 0x08, 0x0C, 0x10, 0x14, 0x30, 0x40
+ADRDY, EOC, EOS, OVR = 1 << 0, 1 << 2, 1 << 3, 1 << 4
 ADEN, ADSTART, ADSTP, ADCAL = 1 << 0, 1 << 2, 1 << 4, 1 << 31
-DMAEN, CONT = 1 << 0, 1 << 13
+#: In CFGR2; the ratio is in bits 2 to 4, the shift in bits 5 to 8.
+ROVSE = 1 << 0
 #: Cycles of sampling by SMPR, and of conversion with 12 bits.
 SAMPLING = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.5]
 CONVERSION = 12.5
-
-DMA_ISR, DMA_IFCR, CCR, CNDTR, CMAR = 0x00, 0x04, 0x08, 0x0C, 0x14
-TCIF, HTIF = 1 << 1, 1 << 2
 
 #: Inputs within the chip: the voltage reference and the thermometer (RM0394, 16.3).
 REFERENCE, THERMOMETER = 0, 17
@@ -33,34 +29,9 @@ FIRST_INPUT, CHANNELS = 5, 8
 EMITTERS = [("B", 0), ("B", 1), ("B", 3), ("B", 4), ("B", 5), ("B", 6), ("B", 7), ("A", 8)]
 
 
-class Dma(Peripheral):
-    """One channel, from the converter to memory."""
-
-    def store(self, offset, value):
-        if offset == DMA_IFCR:
-            flags = 0xF if value & 1 else value & 0xF
-            self.registers[DMA_ISR] = self.registers.get(DMA_ISR, 0) & ~flags
-        else:
-            self.registers[offset] = value
-        self.lines()
-
-    def room(self):
-        return self.load(CNDTR) & 0xFFFF if self.load(CCR) & 1 else 0
-
-    def take(self, codes):
-        """Moves codes to memory, all that it still waits for."""
-        memory = self.load(CMAR)
-        self.board.core.uc.mem_write(memory, struct.pack(f"<{len(codes)}H", *codes))
-        self.registers[CNDTR] = 0
-        self.registers[DMA_ISR] = self.registers.get(DMA_ISR, 0) | 1 | TCIF | HTIF
-        self.lines()
-
-    def lines(self):
-        if self.load(DMA_ISR) & self.load(CCR) & 0xE:
-            self.board.nvic.pend(IRQ)
-
-
 class Converter(Peripheral):
+    """Single conversions of one input, started by software, and bursts that the oversampler adds up."""
+
     def reset(self):
         super().reset()
         self.registers[CR] = 1 << 29
@@ -68,9 +39,12 @@ class Converter(Peripheral):
         self.last_end = None
 
     def load(self, offset):
+        if offset == DR:
+            self.registers[ISR] = self.registers.get(ISR, 0) & ~EOC
         return super().load(offset)
 
     def store(self, offset, value):
+        running = self.load(CR) & ADSTART
         if offset == ISR:
             value = self.load(ISR) & ~value
         elif offset == CR:
@@ -78,12 +52,20 @@ class Converter(Peripheral):
             value &= ~ADCAL  # calibrated at once
             if value & ADEN and not before & ADEN:
                 self.registers[ISR] = self.load(ISR) | ADRDY
-            if value & ADSTART and not before & ADSTART:
+            if value & ADSTART and not running:
                 self._start()
             if value & ADSTP:
                 value &= ~(ADSTP | ADSTART)
                 self.end = NEVER
+        elif offset in (CFGR, CFGR2, SQR1) or SMPR1 <= offset < SMPR1 + 8:
+            if running:
+                raise AssertionError("the converter is set up while it converts")
+            if offset == CFGR and value & ~(1 << 31):
+                raise AssertionError(f"CFGR {value:#010x} is not modelled")
+            if offset == SQR1 and value & 0xF:
+                raise AssertionError("sequences are not modelled")
         self.registers[offset] = value
+        self.lines()
 
     def _input(self):
         return self.load(SQR1) >> 6 & 0x1F
@@ -93,12 +75,23 @@ class Converter(Peripheral):
         code = self.load(SMPR1 + 4 * (channel // 10)) >> 3 * (channel % 10) & 7
         return SAMPLING[code] + CONVERSION
 
+    def _ratio(self):
+        """Conversions that are added up for one result."""
+        oversampling = self.load(CFGR2)
+        return 2 << (oversampling >> 2 & 7) if oversampling & ROVSE else 1
+
+    def _result(self, codes):
+        """The sum, shifted to the right and rounded by what is shifted out, and of that 16 bits."""
+        total = sum(codes)
+        if self.load(CFGR2) & ROVSE:
+            shift = self.load(CFGR2) >> 5 & 0xF
+            total = total + (1 << shift >> 1) >> shift
+        return total & 0xFFFF
+
     def _start(self):
-        """One burst: as many conversions as the DMA channel waits for."""
-        count = self.board.dma.room() if self.load(CFGR) & DMAEN else 1
         if self.board.converter_works:
             self.begin = self.board.core.now
-            self.end = self.begin + count * self._conversion_cycles()
+            self.end = self.begin + self._ratio() * self._conversion_cycles()
 
     def next_event(self):
         return self.end
@@ -107,23 +100,27 @@ class Converter(Peripheral):
         if now < self.end:
             return
         cycles = self._conversion_cycles()
-        count = round((self.end - self.begin) / cycles)
         lit = self.lit()
         start_us = self.begin / 80
         # After a pause the first conversion is not to be trusted, and is made to show (errata).
         paused = self.last_end is None or self.begin - self.last_end > 80_000
         codes = []
-        for i in range(count):
+        for i in range(self._ratio()):
             code = self._code(lit, start_us + i * cycles / 80)
             codes.append(0xFFF - code if paused and i == 0 else code)
         self.last_end, self.end = self.end, NEVER
-        self.registers[DR] = codes[-1]
-        if self.load(CFGR) & DMAEN:
-            self.board.dma.take(codes)
-            if self.load(CFGR) & CONT:
-                self.registers[ISR] = self.load(ISR) | OVR  # it goes on, and nobody listens
+        flags = self.load(ISR)
+        if flags & EOC:
+            flags |= OVR  # nobody has read what was there before, and it stays
         else:
-            self.registers[CR] &= ~ADSTART
+            self.registers[DR] = self._result(codes)
+        self.registers[ISR] = flags | EOC | EOS
+        self.registers[CR] &= ~ADSTART
+        self.lines()
+
+    def lines(self):
+        if self.registers.get(ISR, 0) & self.load(IER) & (EOC | EOS | OVR):
+            self.board.nvic.pend(IRQ)
 
     def _code(self, lit, time_us):
         source = self._input()

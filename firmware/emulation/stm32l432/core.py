@@ -70,7 +70,7 @@ class Core:
         uc.mem_write(UNIQUE_ID, board.serial)
         for address, value in FACTORY.items():
             uc.mem_write(address, struct.pack("<H", value))
-        self.vectors = struct.unpack_from("<64I", code)
+        self.vectors = struct.unpack_from("<98I", code)
         self.lengths = {}
         uc.hook_add(UC_HOOK_BLOCK, self._enter_block)
         for at in range(0, len(code), 2):
@@ -273,6 +273,8 @@ class Core:
         context, self.pc = self.contexts.pop()
         self.uc.context_restore(context)
         self.other_cycles += EXIT_CYCLES
+        if not self.contexts:
+            self.board.nvic.leave()
         self.board.raise_lines()  # an interrupt whose cause is left comes again
 
     def _fault(self, status):

@@ -15,9 +15,13 @@ class Nvic(Peripheral):
         self.registers[0xD00] = 0x410F_C241  # CPUID of a Cortex-M4
         self.pending = set()
         self.enabled = set()
+        self.active = None
 
     def pend(self, irq):
-        self.pending.add(irq)
+        """A peripheral raises its line. While its handler runs that is looked at once it has returned (DDI0403,
+        B3.4.1)."""
+        if irq != self.active:
+            self.pending.add(irq)
 
     def take(self):
         """The interrupt to serve next, no longer pending; `None` if there is none."""
@@ -26,7 +30,12 @@ class Nvic(Peripheral):
             return None
         irq = min(ready)
         self.pending.discard(irq)
+        self.active = irq
         return irq
+
+    def leave(self):
+        """The handler has returned."""
+        self.active = None
 
     def is_waiting(self):
         return bool(self.pending & self.enabled)

@@ -1,10 +1,11 @@
-"""TIM2: a counter of 32 bits with four compare channels (RM0394, chapter 27)."""
+"""TIM2, a counter of 32 bits with four compare channels, and TIM6, a basic one (RM0394, chapters 27, 29)."""
 
 from .peripheral import NEVER, Peripheral
 
-IRQ = 28
+TIM2_IRQ, TIM6_IRQ = 28, 54
 CR1, DIER, SR, EGR, CNT, PSC, ARR, CCR1 = 0x00, 0x0C, 0x10, 0x14, 0x24, 0x28, 0x2C, 0x34
-CEN, URS = 1, 4
+CEN, URS, OPM = 1, 4, 8
+UIF, UG = 1, 1
 
 
 class Timer(Peripheral):
@@ -45,7 +46,7 @@ class Timer(Peripheral):
 
     def _raise(self):
         if self.registers.get(SR, 0) & self.registers.get(DIER, 0) & 0x1F:
-            self.board.nvic.pend(IRQ)
+            self.board.nvic.pend(TIM2_IRQ)
 
     def _next_match(self, tick, compare):
         """The first tick after `tick` at which the counter stands at `compare`."""
@@ -77,3 +78,45 @@ class Timer(Peripheral):
         self._raise()
 
     lines = _raise
+
+
+class PulseTimer(Peripheral):
+    """Counts once from 0 to ARR and stops: TIM6 in one-pulse mode, the only one that is modelled."""
+
+    def reset(self):
+        super().reset()
+        self.registers[ARR] = 0xFFFF
+        self.prescaler = 0  # the one in use; PSC is what an update makes of it
+        self.end = NEVER
+
+    def store(self, offset, value):
+        if offset == SR:
+            value &= self.load(SR)
+        elif offset == EGR:
+            if value & UG:
+                self.prescaler = self.load(PSC)
+                if not self.load(CR1) & URS:
+                    self.registers[SR] = self.load(SR) | UIF
+            value = 0
+        elif offset == CR1 and value & CEN and not self.load(CR1) & CEN:
+            if not value & OPM:
+                raise AssertionError("TIM6 is modelled in one-pulse mode")
+            if self.load(ARR):  # a counter that goes to 0 stands still
+                ticks = self.load(ARR) + 1
+                self.end = self.board.core.now + ticks * (self.prescaler + 1)
+        self.registers[offset] = value
+        self.lines()
+
+    def next_event(self):
+        return self.end
+
+    def advance(self, now):
+        if now >= self.end:
+            self.end = NEVER
+            self.registers[CR1] &= ~CEN
+            self.registers[SR] = self.load(SR) | UIF
+            self.lines()
+
+    def lines(self):
+        if self.load(SR) & self.load(DIER) & UIF:
+            self.board.nvic.pend(TIM6_IRQ)

@@ -34,7 +34,7 @@ impl Outcome {
 
 const DOUBLE_WORD: usize = 8;
 
-/// Two sectors of flash.
+/// Four sectors of flash.
 #[derive(Clone, Debug)]
 pub(crate) struct FakeFlash {
     bytes: Vec<u8>,
@@ -62,7 +62,7 @@ impl FakeFlash {
     /// Erased.
     pub(crate) fn new() -> Self {
         Self {
-            bytes: vec![0xFF; 2 * Self::SECTOR],
+            bytes: vec![0xFF; 4 * Self::SECTOR],
             unreadable: BTreeSet::new(),
             operations: 0,
             cut: None,

@@ -2,9 +2,9 @@
 //!
 //! | offset in the slot | bytes | field |
 //! |---:|---:|---|
-//! | 0 | 696 | record |
-//! | 696 | 4 | generation, little-endian: one more than that of the other slot when it was written |
-//! | 700 | 4 | CRC-32 of all before it, little-endian |
+//! | 0 | 2,296 | record |
+//! | 2,296 | 4 | generation, little-endian: one more than that of the other slot when it was written |
+//! | 2,300 | 4 | CRC-32 of all before it, little-endian |
 //!
 //! A slot counts if its CRC is right, and of two that count the newer generation is in use. A new
 //! record goes into the other slot, so until its last byte is written the old one is in use. A slot
@@ -24,7 +24,8 @@ use shared_proto::crc32;
 /// Length of a slot in bytes: record, generation, CRC-32.
 const SLOT: usize = RECORD + 8;
 
-/// Calibrations in memory that is erased in sectors: the first two sectors are the slots.
+/// Calibrations in memory that is erased in sectors: at its start are the slots, of as many whole sectors as one
+/// takes.
 #[derive(Clone, Debug)]
 pub struct Slots<F> {
     flash: F,
@@ -38,9 +39,8 @@ struct Kept {
 }
 
 impl<F: NorFlash> Slots<F> {
-    /// Slots in a memory of at least two sectors.
+    /// Slots in a memory that is long enough for both.
     pub const fn new(flash: F) -> Self {
-        const { assert!(SLOT <= F::ERASE_SIZE, "a slot is erased without the other") };
         const { assert!(SLOT.is_multiple_of(F::WRITE_SIZE), "a slot is written in whole words") };
         Self { flash }
     }
@@ -52,7 +52,7 @@ impl<F: NorFlash> Slots<F> {
 
     /// The first byte of a slot.
     fn offset(slot: u32) -> u32 {
-        slot * F::ERASE_SIZE as u32
+        slot * SLOT.next_multiple_of(F::ERASE_SIZE) as u32
     }
 
     /// What is in a slot, `None` if it does not count.
@@ -144,8 +144,8 @@ mod tests {
         }
     }
 
-    /// One erasing, and 85 double words.
-    const OPERATIONS: usize = 1 + SLOT / 8;
+    /// Two sectors, and 288 double words.
+    const OPERATIONS: usize = 2 + SLOT / 8;
 
     #[test]
     fn storing_takes_as_many_operations_as_the_cuts_below() {
@@ -198,7 +198,7 @@ mod tests {
         let mut slots = Slots::new(FakeFlash::new());
         slots.store(&record(1)).unwrap();
         slots.store(&record(2)).unwrap();
-        slots.flash.damage(FakeFlash::SECTOR + 5);
+        slots.flash.damage(2 * FakeFlash::SECTOR + 5);
         assert_eq!(load(&mut slots), record(1));
         slots.flash.damage(RECORD);
         assert_eq!(load(&mut slots), NOTHING);

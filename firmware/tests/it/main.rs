@@ -7,8 +7,8 @@ use bench::{Bench, NONCE, SERIAL, readings, wrench};
 use firmware::{Converter, Link};
 use shared_proto::xbee::{Address, Mode};
 use shared_proto::{
-    Answer, Board, BoardId, Boot, Calibration, Challenge, Command, Event, Identity, Key, Packet,
-    Refusal, ResetCause, Stream,
+    Answer, Board, BoardId, Boot, Calibration, Challenge, Command, Cubic, Event, Identity, Key,
+    Packet, Refusal, ResetCause, Stream,
 };
 
 fn calibration() -> Calibration {
@@ -17,7 +17,8 @@ fn calibration() -> Calibration {
         *value = ((i * 7 % 11) as f32 - 5.0) / 8.0;
     }
     let centre = [2e3, 4e3, 6e3, 8e3, 1e4, 1.2e4, 1.4e4, 1.6e4];
-    Calibration { centre, scale: [1e-3; 8], coefficients, intercept: [0.5; 6] }
+    let scale = [1e-3; 8];
+    Calibration::Cubic(Cubic { centre, scale, coefficients, intercept: [0.5; 6] })
 }
 
 #[test]
@@ -148,7 +149,7 @@ fn wrenches_are_those_of_the_calibration_uploaded_less_the_zero() {
     let mut converter = Converter::new(&calibration());
     let expected = |converter: &mut Converter, clock_us: u32| {
         let step = (clock_us / 10_000 % 50) as u16;
-        converter.convert(&std::array::from_fn(|c| 16 * (100 + 100 * c as u16 + step)))
+        converter.convert(&std::array::from_fn(|c| 16 * (100 + 100 * c as u16 + step)), 0)
     };
     let samples = bench.samples();
     assert!(samples.len() >= 99 && raw.len() >= 4);
@@ -263,13 +264,13 @@ fn channels_at_the_end_of_the_range_are_flagged() {
         1 => (10, 4_095),
         4 => (0, 0),
         7 => (4_095, 4_095),
-        _ => (10, 4_094),
+        _ => (10, 4_092),
     });
     let samples = bench.done(Command::Start);
     bench.run_for(10_000);
     let sample = samples.first().copied().unwrap_or_else(|| bench.samples()[0]);
     assert_eq!(sample.saturated, 0b1001_0010);
-    assert_eq!(readings(&sample)[0], 16 * 4_084);
+    assert_eq!(readings(&sample)[0], 16 * 4_082);
 }
 
 #[test]

@@ -369,11 +369,18 @@ impl<P: Read + Write> Client<P> {
     /// Uploads a calibration and checks that the board has kept it. Returns its CRC-32.
     ///
     /// # Errors
-    /// As [`ask`](Self::ask); [`LinkError::NotKept`] if the board then has another.
+    /// As [`ask`](Self::ask); [`LinkError::UnknownKind`] if its firmware is older than this kind;
+    /// [`LinkError::NotKept`] if the board then has another.
     pub fn upload(&mut self, calibration: &Calibration) -> Result<u32, LinkError> {
         let bytes = calibration.to_bytes();
         let sent = crc32(&bytes);
-        self.order(Command::BeginCalibration { size: bytes.len() as u32, crc32: sent })?;
+        let begin = Command::BeginCalibration { size: bytes.len() as u32, crc32: sent };
+        self.order(begin).map_err(|error| match error {
+            LinkError::Refused { refusal: Refusal::WrongSize, .. } => {
+                LinkError::UnknownKind { kind: calibration.kind() }
+            }
+            error => error,
+        })?;
         let most = if self.key.is_some() { MAX_SIGNED_PIECE } else { MAX_PIECE };
         for (i, piece) in bytes.chunks(most).enumerate() {
             let data = Piece::copy_of(piece).expect("a piece is at most as long as one can be");

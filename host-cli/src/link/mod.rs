@@ -134,6 +134,12 @@ pub enum LinkError {
     /// After it was given a key the board does not take commands that are signed with it.
     #[error("the board has not taken the key")]
     KeyNotKept,
+    /// The board has firmware from before calibrations of this kind.
+    #[error("the board's firmware does not know calibrations of kind `{kind}`")]
+    UnknownKind {
+        /// The kind.
+        kind: &'static str,
+    },
     /// After an upload the board does not have the calibration that it was sent.
     #[error("after the upload the board has calibration {found:#010x}, sent was {sent:#010x}")]
     NotKept {

@@ -18,6 +18,7 @@ mod batch_command;
 mod bench_command;
 #[cfg(unix)]
 mod board_line;
+mod board_wrench;
 mod book;
 mod calibration_cli;
 mod certified;

@@ -425,6 +425,10 @@ fn answer(command: &Command, upload: &mut Vec<u8>, crc: &mut u32, keeps: bool) -
         Command::SetPeriod { period_us } if *period_us < 1000 => {
             Answer::Refused(Refusal::PeriodTooShort { shortest_us: 3_000 })
         }
+        // The size of powers: firmware from before the physics model knows no other.
+        Command::BeginCalibration { size, .. } if *size != 668 => {
+            Answer::Refused(Refusal::WrongSize)
+        }
         Command::CalibrationPiece { offset, data } => {
             upload.truncate(usize::from(*offset));
             upload.extend_from_slice(data);
@@ -506,7 +510,7 @@ fn an_upload_arrives_whole_and_is_checked() {
         _ => None,
     });
     let bytes: Vec<u8> = pieces.flatten().collect();
-    let uploaded = Calibration::from_bytes(bytes.as_slice().try_into().unwrap()).unwrap();
+    let Some(Calibration::Cubic(uploaded)) = Calibration::from_bytes(&bytes) else { panic!() };
     assert!(uploaded.centre.iter().all(|&centre| (1.0..65_536.0).contains(&centre)));
     let begin = Command::BeginCalibration { size: bytes.len() as u32, crc32: crc32(&bytes) };
     assert_eq!(heard[..2], [Command::Identify, begin]);
@@ -666,4 +670,18 @@ fn the_live_line_names_its_axes_and_fits_the_terminal() {
             assert!(!line.contains(text), "{columns}: `{text}` in `{line}`");
         }
     }
+}
+
+#[test]
+fn firmware_from_before_the_physics_model_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let data =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data/synthetic-train.csv");
+    succeed(dir.path(), &format!("fit {} --model physics -o cal.json", data.display()));
+    let (port, name) = pty();
+    let board = FakeBoard::start(port, false, true);
+    let error = refused(dir.path(), &format!("board {name} upload cal.json"));
+    assert!(error.contains("does not know calibrations of kind `physics`"), "{error}");
+    assert!(error.contains("flash the firmware"), "{error}");
+    board.stop();
 }

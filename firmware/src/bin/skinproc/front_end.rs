@@ -1,12 +1,9 @@
-//! Eight emitters and ADC1 by DMA.
+//! Eight emitters, and the inputs of the converter that look at them.
 
-use crate::interrupts::Irqs;
-use embassy_stm32::Peri;
-use embassy_stm32::adc::{Adc, AnyAdcChannel, SampleTime};
+use crate::converter::Converter;
+use embassy_stm32::adc::SampleTime;
 use embassy_stm32::gpio::Output;
-use embassy_stm32::peripherals::{ADC1, DMA1_CH1};
-use embassy_time::{Duration, Instant};
-use firmware::{Factory, FrontEnd};
+use firmware::{Clock, Factory, FrontEnd};
 use shared_proto::{CHANNELS, Vitals};
 
 /// Longer than the converter needs for a source of 10 kΩ (DS11451, table "Maximum ADC RAIN").
@@ -17,31 +14,44 @@ const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
 const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
 
 /// Conversions of each: 33 µs.
-const VITAL_CONVERSIONS: usize = 4;
+const VITAL_CONVERSIONS: u8 = 4;
 
-/// A conversion later than 1 ms after the one before may be wrong, and is to be thrown away
-/// (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after calibration or previous
-/// conversion"). The margin is for starting it.
-const LONGEST_PAUSE: Duration = Duration::from_micros(900);
+/// Inputs of the converter.
+pub(crate) struct Inputs {
+    pub(crate) channels: [u8; CHANNELS],
+    pub(crate) reference: u8,
+    pub(crate) thermometer: u8,
+}
 
 /// Photointerrupters on ADC1.
 pub(crate) struct Photointerrupters {
-    pub(crate) adc: Adc<'static, ADC1>,
-    /// When the last conversion ended, `None` before the first.
-    pub(crate) last_conversion: Option<Instant>,
-    pub(crate) dma: Peri<'static, DMA1_CH1>,
-    pub(crate) channels: [AnyAdcChannel<'static, ADC1>; CHANNELS],
-    pub(crate) emitters: [Output<'static>; CHANNELS],
-    pub(crate) reference: AnyAdcChannel<'static, ADC1>,
-    pub(crate) thermometer: AnyAdcChannel<'static, ADC1>,
-    pub(crate) factory: Factory,
+    converter: Converter,
+    inputs: Inputs,
+    emitters: [Output<'static>; CHANNELS],
+    lit: Option<usize>,
+    factory: Factory,
 }
 
 impl Photointerrupters {
-    async fn read(&mut self, channel: usize, codes: &mut [u16]) {
-        let Some(channel) = self.channels.get_mut(channel) else { return };
-        let sequence = [(channel, SAMPLE_TIME)].into_iter();
-        self.adc.read(self.dma.reborrow(), Irqs, sequence, codes).await;
+    /// With emitters that are off.
+    pub(crate) fn new(
+        mut converter: Converter,
+        inputs: Inputs,
+        emitters: [Output<'static>; CHANNELS],
+        factory: Factory,
+    ) -> Self {
+        inputs.channels.iter().for_each(|&input| converter.set_sample_time(input, SAMPLE_TIME));
+        for input in [inputs.reference, inputs.thermometer] {
+            converter.set_sample_time(input, SLOW_SAMPLE_TIME);
+        }
+        Self { converter, inputs, emitters, lit: None, factory }
+    }
+
+    async fn sum_after(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
+        match self.inputs.channels.get(channel) {
+            Some(&input) => self.converter.sum(input, conversions, settling_us).await,
+            None => 0,
+        }
     }
 }
 
@@ -50,30 +60,34 @@ impl FrontEnd for Photointerrupters {
     const CONVERSION_NS: u32 = 3_250;
 
     fn light(&mut self, channel: Option<usize>) {
-        for (i, emitter) in self.emitters.iter_mut().enumerate() {
-            emitter.set_level((Some(i) == channel).into());
+        if let Some(emitter) = self.lit.and_then(|lit| self.emitters.get_mut(lit)) {
+            emitter.set_low();
         }
+        if let Some(emitter) = channel.and_then(|channel| self.emitters.get_mut(channel)) {
+            emitter.set_high();
+        }
+        self.lit = channel;
     }
 
-    async fn convert(&mut self, channel: usize, codes: &mut [u16]) {
-        let is_fresh = self.last_conversion.is_some_and(|at| at.elapsed() < LONGEST_PAUSE);
-        if !is_fresh {
-            self.read(channel, &mut [0]).await;
-        }
-        self.read(channel, codes).await;
-        self.last_conversion = Some(Instant::now());
+    async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {
+        self.sum_after(0, channel, conversions).await
+    }
+
+    async fn settle_and_sum<C: Clock>(
+        &mut self,
+        _clock: &C,
+        settling_us: u16,
+        channel: usize,
+        conversions: u8,
+    ) -> u32 {
+        self.sum_after(settling_us, channel, conversions).await
     }
 
     /// The first conversion comes right after those of a frame, so that none is thrown away.
     async fn vitals(&mut self) -> Vitals {
-        let mut codes = [[0; VITAL_CONVERSIONS]; 2];
-        let channels = [&mut self.reference, &mut self.thermometer];
-        for (channel, codes) in channels.into_iter().zip(&mut codes) {
-            let sequence = [(channel, SLOW_SAMPLE_TIME)].into_iter();
-            self.adc.read(self.dma.reborrow(), Irqs, sequence, codes).await;
-        }
-        self.last_conversion = Some(Instant::now());
-        let [reference, thermometer] = &codes;
-        self.factory.vitals(reference, thermometer)
+        let Inputs { reference, thermometer, .. } = self.inputs;
+        let reference = self.converter.sum(reference, VITAL_CONVERSIONS, 0).await;
+        let thermometer = self.converter.sum(thermometer, VITAL_CONVERSIONS, 0).await;
+        self.factory.vitals(reference, thermometer, VITAL_CONVERSIONS)
     }
 }

@@ -14,6 +14,8 @@ mod bootloader;
 #[cfg(target_os = "none")]
 mod chip;
 #[cfg(target_os = "none")]
+mod converter;
+#[cfg(target_os = "none")]
 mod ecc;
 #[cfg(target_os = "none")]
 mod factory;

@@ -1,8 +1,9 @@
 //! From the reset to the running firmware.
 
 use crate::chip::Stm32;
+use crate::converter::Converter;
 use crate::factory;
-use crate::front_end::Photointerrupters;
+use crate::front_end::{Inputs, Photointerrupters};
 use crate::interrupts::Irqs;
 use crate::last_words::{self, End};
 use crate::randomness;
@@ -10,7 +11,7 @@ use crate::storage::Area;
 use crate::sync_input::Edges;
 use defmt_rtt as _;
 use embassy_executor::Spawner;
-use embassy_stm32::adc::{Adc, AdcChannel};
+use embassy_stm32::adc::{Adc, AdcChannel, AnyAdcChannel};
 use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{AnyPin, Level, Output, Pull, Speed};
 use embassy_stm32::usart::{self, BufferedUart};
@@ -97,15 +98,10 @@ async fn main(_spawner: Spawner) {
     let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
     watchdog.unleash();
 
+    let input = |channel: AnyAdcChannel<'static, peripherals::ADC1>| channel.get_hw_channel();
     let emitter = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
     let adc = Adc::new(p.ADC1);
-    let front_end = Photointerrupters {
-        reference: adc.enable_vrefint().degrade_adc(),
-        thermometer: adc.enable_temperature().degrade_adc(),
-        factory: factory::codes(),
-        adc,
-        last_conversion: None,
-        dma: p.DMA1_CH1,
+    let inputs = Inputs {
         channels: [
             p.PA0.degrade_adc(),
             p.PA1.degrade_adc(),
@@ -115,18 +111,23 @@ async fn main(_spawner: Spawner) {
             p.PA5.degrade_adc(),
             p.PA6.degrade_adc(),
             p.PA7.degrade_adc(),
-        ],
-        emitters: [
-            emitter(p.PB0.into()),
-            emitter(p.PB1.into()),
-            emitter(p.PB3.into()),
-            emitter(p.PB4.into()),
-            emitter(p.PB5.into()),
-            emitter(p.PB6.into()),
-            emitter(p.PB7.into()),
-            emitter(p.PA8.into()),
-        ],
+        ]
+        .map(input),
+        reference: input(adc.enable_vrefint().degrade_adc()),
+        thermometer: input(adc.enable_temperature().degrade_adc()),
     };
+    let emitters = [
+        emitter(p.PB0.into()),
+        emitter(p.PB1.into()),
+        emitter(p.PB3.into()),
+        emitter(p.PB4.into()),
+        emitter(p.PB5.into()),
+        emitter(p.PB6.into()),
+        emitter(p.PB7.into()),
+        emitter(p.PA8.into()),
+    ];
+    let converter = Converter::new(adc, p.TIM6, Irqs);
+    let front_end = Photointerrupters::new(converter, inputs, emitters, factory::codes());
 
     let mut config = usart::Config::default();
     config.baudrate = baud::FIRST.actual;

@@ -89,7 +89,7 @@ impl FrontEnd for Shared {
         self.0.lit.set((channel, self.0.now_us.get()));
     }
 
-    async fn convert(&mut self, channel: usize, codes: &mut [u16]) {
+    async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {
         let world = &self.0;
         let (lit, since_us) = world.lit.get();
         let now_us = world.now_us.get();
@@ -107,9 +107,9 @@ impl FrontEnd for Shared {
         // The emitters of channels 6 and 7 reach each other's channel where the bridges are closed.
         let is_bridged = world.is_bridged.get() && (lit, channel) == (Some(5), 6);
         let is_lit = lit == Some(channel) || is_bridged;
-        codes.fill(if is_lit { bright } else { dark });
-        let burst_us = (codes.len() as u64 * u64::from(Self::CONVERSION_NS)).div_ceil(1_000);
+        let burst_us = (u64::from(conversions) * u64::from(Self::CONVERSION_NS)).div_ceil(1_000);
         world.wait(now_us + burst_us + world.stall_us.take()).await;
+        u32::from(if is_lit { bright } else { dark }) * u32::from(conversions)
     }
 
     /// As many degrees as the board has been on for seconds.

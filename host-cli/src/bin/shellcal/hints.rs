@@ -323,6 +323,10 @@ fn after_link(error: &LinkError) -> Option<&'static str> {
         }
         LinkError::SeveralBoards { .. } => "name one of them with `--board SERIAL`",
         LinkError::NotKept { .. } => "upload it again",
+        LinkError::UnknownKind { .. } => {
+            "flash the firmware that belongs to this version of shellcal, or upload a calibration of \
+             `shellcal fit --model cubic`"
+        }
         _ => return None,
     })
 }
@@ -349,7 +353,9 @@ fn after_recording(error: &RecordError) -> Option<&'static str> {
 
 fn after_not_for_board(error: &NotForBoard) -> Option<&'static str> {
     Some(match error {
-        NotForBoard::Basis { .. } => "fit one for the board with `shellcal fit --model cubic`",
+        NotForBoard::Basis { .. } => {
+            "fit one for the board with `shellcal fit --model cubic` or `physics`"
+        }
         _ => return None,
     })
 }

@@ -318,7 +318,7 @@ fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
     columns
 }
 
-/// What the frames are like. Those of the converter's last step count as saturated, as the board does.
+/// What the frames are like. Those of the converter's last step count as saturated.
 fn summary(frames: &[BoardFrame]) -> LogSummary {
     let mut frames: Vec<&BoardFrame> = frames.iter().collect();
     frames.sort_by_key(|frame| frame.index);

@@ -1,8 +1,8 @@
 //! The host's end of the flashed board's line: orders with answers, and the books of its samples.
 
 use shared_proto::{
-    Answer, BoardId, Boot, Calibration, Command, Decoder, Edge, Event, Framing, Health, MAX_PIECE,
-    Packet, Piece, Sample, Status, crc32,
+    Answer, BoardId, Boot, Calibration, Command, Cubic, Decoder, Edge, Event, Framing, Health,
+    MAX_PIECE, Packet, Piece, Sample, Status, crc32,
 };
 use system_tests::emulation::PlayedFrame;
 use system_tests::flashed::{FlashedBoard, Model, Report, SERIAL};
@@ -158,12 +158,12 @@ impl Host {
 
 /// A calibration that differs from those with another number.
 pub fn calibration(number: u8) -> Calibration {
-    Calibration {
+    Calibration::Cubic(Cubic {
         centre: [30_000.0; 8],
         scale: [1e-4; 8],
         coefficients: [[f32::from(number); 6]; 24],
         intercept: [0.5; 6],
-    }
+    })
 }
 
 pub fn crc_of(calibration: &Calibration) -> u32 {

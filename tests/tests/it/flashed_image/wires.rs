@@ -76,6 +76,36 @@ fn a_stream_is_what_the_converter_gave() {
     not(flashed_image),
     ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
 )]
+fn readings_are_exact_after_any_number_of_conversions_and_any_settling() {
+    let model = &Model::find();
+    let mut host = Host::start(model, &played(53, code));
+    host.order(Command::SetPeriod { period_us: 50_000 });
+    // One conversion; bursts of the oversampler alone, all together, and several of the longest. In 2 ms of
+    // settling the converter rests for so long that its first conversion is wrong.
+    for (conversions, settling_us) in [(1, 0), (3, 1), (17, 30), (63, 30), (64, 30), (5, 2_000)] {
+        host.order(Command::SetOversampling { conversions });
+        host.order(Command::SetSettling { settling_us });
+        host.order(Command::Start);
+        host.run(0.5);
+        host.order(Command::Stop);
+        // As the settings are checked with: each number is above those before it.
+        let conversions_us = (u32::from(conversions) * 3_250).div_ceil(1_000);
+        let promised_us = 8 * (2 * (u32::from(settling_us) + conversions_us) + 30);
+        let longest_us = u32::from(host.status().longest_frame_us);
+        assert!(longest_us <= promised_us, "{conversions}: {longest_us} of {promised_us} µs");
+    }
+    assert!(host.samples.len() >= 60);
+    for (i, sample) in host.samples.iter().enumerate() {
+        assert_eq!(sample.values, Values::Readings(expected(i % 53)), "frame {i}");
+        assert_eq!(sample.saturated, 0, "frame {i}");
+    }
+}
+
+#[test]
+#[cfg_attr(
+    not(flashed_image),
+    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
+)]
 fn a_line_that_is_held_up_costs_the_oldest_samples() {
     let model = &Model::find();
     let mut host = Host::new(model);

@@ -1,8 +1,10 @@
 //! A calibration of the host as one for the board.
 
-use shared_proto::{AXES, CHANNELS, COUNTS_PER_LSB, FEATURES};
+mod physics;
 
-use calibration::{Basis, Calibration};
+use shared_proto::{AXES, CHANNELS, COUNTS_PER_LSB, Cubic, FEATURES};
+
+use calibration::{Basis, Calibration, Kind, Polynomial};
 use shell_data::wrench::Axes;
 
 /// Why a calibration cannot be used on the board.
@@ -10,7 +12,9 @@ use shell_data::wrench::Axes;
 #[non_exhaustive]
 pub enum NotForBoard {
     /// It is of a kind that the board does not compute.
-    #[error("the board computes models `linear` and `cubic`, this calibration is `{basis}`")]
+    #[error(
+        "the board computes models `linear`, `cubic` and `physics`, this calibration is `{basis}`"
+    )]
     Basis {
         /// Its basis.
         basis: &'static str,
@@ -30,31 +34,46 @@ pub enum NotForBoard {
         /// Its axes.
         axes: Axes,
     },
-    /// A number is too large for single precision.
-    #[error("a coefficient of the calibration is too large for single precision")]
+    /// A number is not one that the board can compute with.
+    #[error("a number of the calibration is too large for the board's single precision")]
     Overflow,
 }
 
 /// The same model in single precision, for readings in counts of which [`COUNTS_PER_LSB`] are a step
-/// of the converter: `z = (r/16 − c)/k = (r − 16c)·1/(16k)`.
+/// of the converter.
 ///
 /// # Errors
 /// [`NotForBoard`].
 pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration, NotForBoard> {
-    let polynomial = calibration.polynomial().ok_or(NotForBoard::Basis { basis: "physics" })?;
-    let model = polynomial.model();
-    if model.channels != CHANNELS {
-        return Err(NotForBoard::Channels { channels: model.channels });
-    }
-    if !matches!(model.basis, Basis::Linear | Basis::Cubic) {
-        return Err(NotForBoard::Basis { basis: model.basis.name() });
+    let channels = calibration.channels();
+    if channels != CHANNELS {
+        return Err(NotForBoard::Channels { channels });
     }
     if !calibration.axes.are_all() {
         return Err(NotForBoard::Axes { axes: calibration.axes });
     }
+    let board = match calibration.kind() {
+        Kind::Polynomial(polynomial) => shared_proto::Calibration::Cubic(cubic(polynomial)?),
+        Kind::Physics(model) => {
+            shared_proto::Calibration::Physics(physics::for_board(model.model()))
+        }
+    };
+    // The board says no to numbers that it could not compute with.
+    match shared_proto::Calibration::from_bytes(&board.to_bytes()) {
+        Some(_) => Ok(board),
+        None => Err(NotForBoard::Overflow),
+    }
+}
+
+/// `z = (r/16 − c)/k = (r − 16c)·1/(16k)`.
+fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
+    let model = polynomial.model();
+    if !matches!(model.basis, Basis::Linear | Basis::Cubic) {
+        return Err(NotForBoard::Basis { basis: model.basis.name() });
+    }
     let scaling = polynomial.scaling();
     let counts = f64::from(COUNTS_PER_LSB);
-    let mut board = shared_proto::Calibration {
+    let mut board = Cubic {
         centre: std::array::from_fn(|i| (scaling.centre[i] * counts) as f32),
         scale: std::array::from_fn(|i| (scaling.scale[i] * counts).recip() as f32),
         coefficients: [[0.0; AXES]; FEATURES],
@@ -70,10 +89,7 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
             }
         }
     }
-    match shared_proto::Calibration::from_bytes(&board.to_bytes()) {
-        Some(_) => Ok(board),
-        None => Err(NotForBoard::Overflow),
-    }
+    Ok(board)
 }
 
 #[cfg(test)]
@@ -95,7 +111,7 @@ mod tests {
     }
 
     /// By the definition of the upload's layout, in double precision.
-    fn on_the_board(calibration: &shared_proto::Calibration, counts: [u16; 8]) -> [f64; 6] {
+    fn on_the_board(calibration: &Cubic, counts: [u16; 8]) -> [f64; 6] {
         std::array::from_fn(|axis| {
             let features = (0..FEATURES).map(|j| {
                 let z = (f64::from(counts[j / 3]) - f64::from(calibration.centre[j / 3]))
@@ -112,7 +128,9 @@ mod tests {
             [(Basis::Linear, true), (Basis::Cubic, true), (Basis::Cubic, false)]
         {
             let host = calibration(basis, intercept);
-            let board = for_board(&host).unwrap();
+            let shared_proto::Calibration::Cubic(board) = for_board(&host).unwrap() else {
+                panic!()
+            };
             for row in 0..50_u32 {
                 let counts: [u16; 8] =
                     std::array::from_fn(|c| ((row * 7919 + c as u32 * 12_553) % 65_520) as u16);

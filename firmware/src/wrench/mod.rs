@@ -1,23 +1,27 @@
 //! From readings to a wrench, on the board.
 
-use nalgebra::{SMatrix, SVector};
-use shared_proto::{AXES, CHANNELS, Calibration, FEATURES};
+mod cubic;
+mod physics;
+
+use self::cubic::Powers;
+use nalgebra::SVector;
+use shared_proto::{AXES, CHANNELS, Calibration, Physics};
 
 type Wrench = SVector<f32, AXES>;
 
-/// Applies a calibration and a zero.
-///
-/// `w = C·φ(z) + c − w₀` in single precision, with `z = (r − centre) · scale` and the features
-/// φ = (z1, z1², z1³, z2, …). Readings are 16-bit integers, exact in an `f32`, and z is of order
-/// one, so what is lost is of the order of 25 roundings of the largest term: 3e-6 of it.
+/// Applies a calibration and a zero, in single precision.
 #[derive(Clone, Debug)]
 pub struct Converter {
-    centre: [f32; CHANNELS],
-    scale: [f32; CHANNELS],
-    coefficients: SMatrix<f32, AXES, FEATURES>,
-    intercept: Wrench,
+    model: Model,
     zero: Option<Wrench>,
     taring: Option<Taring>,
+}
+
+#[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to put one on")]
+enum Model {
+    Powers(Powers),
+    Physics(Physics),
 }
 
 /// A mean that is being taken.
@@ -31,30 +35,22 @@ struct Taring {
 impl Converter {
     /// A converter without a zero.
     pub fn new(calibration: &Calibration) -> Self {
-        let Calibration { centre, scale, coefficients, intercept } = calibration;
-        Self {
-            centre: *centre,
-            scale: *scale,
-            // Six numbers per feature, one feature after another: columns of a 6 × 24 matrix.
-            coefficients: SMatrix::from_column_slice(coefficients.as_flattened()),
-            intercept: Wrench::from_column_slice(intercept),
-            zero: None,
-            taring: None,
-        }
+        let model = match calibration {
+            Calibration::Cubic(cubic) => Model::Powers(Powers::new(cubic)),
+            Calibration::Physics(physics) => Model::Physics(physics.clone()),
+        };
+        Self { model, zero: None, taring: None }
     }
 
-    /// Fx, Fy, Fz in N and Mx, My, Mz in N·m of a frame of readings in counts.
+    /// Fx, Fy, Fz in N and Mx, My, Mz in N·m of a frame of readings in counts, of which the channels whose bit is
+    /// set in `saturated` are not to be trusted; powers have no way to do without them.
     ///
     /// While a zero is taken, the frame goes into it.
-    pub fn convert(&mut self, readings: &[u16; CHANNELS]) -> [f32; AXES] {
-        let mut features = SVector::<f32, FEATURES>::zeros();
-        let columns = features.as_mut_slice().chunks_exact_mut(3);
-        let channels = readings.iter().zip(&self.centre).zip(&self.scale);
-        for (powers, ((&reading, centre), scale)) in columns.zip(channels) {
-            let z = (f32::from(reading) - centre) * scale;
-            powers.copy_from_slice(&[z, z * z, z * z * z]);
-        }
-        let wrench = self.coefficients * features + self.intercept;
+    pub fn convert(&mut self, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
+        let wrench = match &self.model {
+            Model::Powers(powers) => powers.wrench(readings),
+            Model::Physics(model) => physics::invert(model, readings, saturated).into(),
+        };
         self.tare(wrench);
         (wrench - self.zero.unwrap_or_default()).into()
     }
@@ -94,8 +90,9 @@ mod tests {
 
     use super::*;
     use proptest::prelude::*;
+    use shared_proto::{Cubic, FEATURES};
 
-    fn calibration() -> Calibration {
+    fn cubic() -> Cubic {
         let mut coefficients = [[0.0; AXES]; FEATURES];
         for (feature, row) in coefficients.iter_mut().enumerate() {
             for (axis, value) in row.iter_mut().enumerate() {
@@ -104,11 +101,15 @@ mod tests {
         }
         let centre = [20_000.0, 30_000.0, 40_000.0, 33_333.0, 1.5, 9_999.0, 50_000.0, 25_000.0];
         let scale = [1e-4, 9e-5, 8e-5, 2e-4, 3e-5, 1e-4, 1e-4, 5e-5];
-        Calibration { centre, scale, coefficients, intercept: [0.5, -1.0, 0.25, 0.0, 1e-3, 2.0] }
+        Cubic { centre, scale, coefficients, intercept: [0.5, -1.0, 0.25, 0.0, 1e-3, 2.0] }
+    }
+
+    fn converter() -> Converter {
+        Converter::new(&Calibration::Cubic(cubic()))
     }
 
     /// The formula, term by term, in double precision.
-    fn wrench(calibration: &Calibration, readings: &[u16; CHANNELS]) -> ([f64; AXES], f64) {
+    fn wrench(calibration: &Cubic, readings: &[u16; CHANNELS]) -> ([f64; AXES], f64) {
         let (mut wrench, mut largest) = ([0.0; AXES], 0.0_f64);
         for (axis, value) in wrench.iter_mut().enumerate() {
             *value = f64::from(calibration.intercept[axis]);
@@ -129,8 +130,8 @@ mod tests {
     proptest! {
         #[test]
         fn wrenches_are_those_of_the_formula(readings: [u16; CHANNELS]) {
-            let (expected, largest) = wrench(&calibration(), &readings);
-            let actual = Converter::new(&calibration()).convert(&readings);
+            let (expected, largest) = wrench(&cubic(), &readings);
+            let actual = converter().convert(&readings, 0);
             for (actual, expected) in actual.into_iter().zip(expected) {
                 // 25 terms, each rounded, and sums of at most 25 times the largest term.
                 let tolerance = 25.0 * f64::from(f32::EPSILON) * largest.max(1.0);
@@ -141,30 +142,30 @@ mod tests {
 
     #[test]
     fn the_zero_is_the_mean_of_the_frames_asked_for() {
-        let mut converter = Converter::new(&calibration());
+        let mut converter = converter();
         let (a, b) = ([20_000; CHANNELS], [20_100; CHANNELS]);
-        let (before_a, before_b) = (converter.convert(&a), converter.convert(&b));
+        let (before_a, before_b) = (converter.convert(&a, 0), converter.convert(&b, 0));
         converter.start_zero(2);
         assert!(converter.is_taring() && !converter.is_zeroed());
-        assert_eq!(converter.convert(&a), before_a);
-        converter.convert(&b);
+        assert_eq!(converter.convert(&a, 0), before_a);
+        converter.convert(&b, 0);
         assert!(!converter.is_taring() && converter.is_zeroed());
         for axis in 0..AXES {
             let mean = (before_a[axis] + before_b[axis]) / 2.0;
-            assert!((converter.convert(&a)[axis] - (before_a[axis] - mean)).abs() < 1e-5);
+            assert!((converter.convert(&a, 0)[axis] - (before_a[axis] - mean)).abs() < 1e-5);
         }
         converter.start_zero(0);
-        assert_eq!(converter.convert(&a), before_a);
+        assert_eq!(converter.convert(&a, 0), before_a);
         assert!(!converter.is_zeroed());
     }
 
     #[test]
     fn a_second_zero_replaces_the_first() {
-        let mut converter = Converter::new(&calibration());
+        let mut converter = converter();
         let readings = [12_345; CHANNELS];
         for _ in 0..3 {
             converter.start_zero(1);
-            assert_eq!(converter.convert(&readings), [0.0; AXES]);
+            assert_eq!(converter.convert(&readings, 0), [0.0; AXES]);
         }
     }
 }

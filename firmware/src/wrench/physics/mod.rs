@@ -1,0 +1,355 @@
+//! From readings to a wrench by inverting the sensors' curves.
+//!
+//! ```text
+//! minimise  Σ (yᵢ − fᵢ(x))²/vᵢ + xᵀPx      vᵢ = σ² + τ²·(dfᵢ/dq)² + |Lᵢᵀgᵢ|²
+//! ```
+//!
+//! by Gauss's and Newton's steps with `v` from the step before, as the host does
+//! (`crates/calibration/src/physics/inversion`), in single precision and in at most [`STEPS`] steps. A sensor on a
+//! plateau of its curve drops out by itself, for its slope is nothing; one that the converter cut off is
+//! left out. Nothing is carried from frame to frame.
+//!
+//! Left to the host: standard errors, flags, and leaving out a sensor that no wrench explains.
+//!
+//! While the numbers of a calibration are in the ranges of [`Physics`], nothing here overflows: a step that is not a
+//! finite number, or leads beyond [`FARTHEST`], is not taken.
+
+mod curve;
+mod equations;
+
+use self::curve::{Answer, displacement};
+use self::equations::{Equations, X, product, row, unrolled};
+use shared_proto::{AXES, CHANNELS, FACTOR, Physics, PhysicsSensor};
+
+/// Most steps, halved ones among them; three or four are usual.
+const STEPS: usize = 4;
+
+/// Rest: a step that is shorter than a hundredth of a standard error, squared. It is taken, and what is left after
+/// it is a small part of it.
+const REST: f32 = 1e-4;
+
+/// A step shorter than this, in standard errors, squared, leaves the variances that come from the parameters as they
+/// are: they are half of the work, and the weights hardly change with them.
+const NEAR: f32 = 0.1;
+
+/// Halvings of a step that does not lower the sum.
+const HALVINGS: u32 = 4;
+
+/// By how much rounding may raise the sum where it is least.
+const ROUNDING: f32 = 1.0 + 1e-5;
+
+/// No wrench is so many times those that the model was trained with.
+const FARTHEST: f32 = 1e3;
+
+/// What noise of readings the start allows for, in shares of h.
+const START_NOISE: f32 = 0.02;
+
+/// The wrench of a frame of readings in counts, without the channels whose bit is set in `saturated`; N and N·m.
+/// Where no wrench is found, that nothing pulls at.
+pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
+    let frame = Frame::new(model, readings, saturated);
+    let x = frame.descend(frame.start().unwrap_or_default());
+    core::array::from_fn(|axis| x[axis] * model.wrench_scale[axis])
+}
+
+/// A frame in the scales of the curves.
+struct Frame<'a> {
+    model: &'a Physics,
+    /// `None` of a sensor that is left out.
+    y: [Option<f32>; CHANNELS],
+}
+
+/// The curves at one wrench.
+struct State {
+    x: X,
+    points: [Point; CHANNELS],
+    /// `P·x`.
+    held: X,
+    /// `xᵀPx`.
+    held_back: f32,
+}
+
+/// One curve at a wrench; all zeros of a sensor that is left out.
+#[derive(Clone, Copy, Default)]
+struct Point {
+    residual: f32,
+    slope: f32,
+    /// The inverse of the answer's variance.
+    weight: f32,
+    /// What of the variance comes from the parameters.
+    from_parameters: f32,
+}
+
+impl<'a> Frame<'a> {
+    fn new(model: &'a Physics, readings: &[u16; CHANNELS], saturated: u8) -> Self {
+        let scaled = |channel: usize| {
+            let PhysicsSensor { least, per_count, .. } = model.sensors[channel];
+            let is_used = per_count > 0.0 && saturated >> channel & 1 == 0;
+            is_used.then(|| (f32::from(readings[channel]) - least) * per_count)
+        };
+        Self { model, y: core::array::from_fn(scaled) }
+    }
+
+    /// The wrench of the displacements that the readings alone say.
+    fn start(&self) -> Option<X> {
+        let Physics { prior, reading_variance, displacement_variance, .. } = self.model;
+        let mut equations = Equations::new(prior, [0.0; AXES]);
+        for (sensor, y) in self.model.sensors.iter().zip(&self.y) {
+            let Some(y) = *y else { continue };
+            let (q, slope) = displacement(sensor, y);
+            let noise = START_NOISE * sensor.height;
+            let square = slope * slope;
+            let variance = reading_variance + displacement_variance * square + noise * noise;
+            let weight = square / variance;
+            equations.add(&sensor.gains, weight, weight * (q - sensor.offset));
+        }
+        equations.solve().filter(is_near)
+    }
+
+    /// Steps until they come to rest.
+    fn descend(&self, start: X) -> X {
+        let mut state = self.state(start, None);
+        let mut sum = state.sum(&state.points);
+        let mut halvings = 0;
+        let (mut step, mut length) = match self.step(&state) {
+            Some((step, length)) if length >= REST => (step, length),
+            other => return moved(&state.x, &other.unwrap_or_default().0),
+        };
+        for _ in 0..STEPS {
+            let known = (length < NEAR).then_some(&state.points);
+            let next = self.state(moved(&state.x, &step), known);
+            // With the variances of before; with those of now, it is what the next step is compared with.
+            if next.sum(&state.points) <= sum * ROUNDING {
+                state = next;
+                sum = state.sum(&state.points);
+                halvings = 0;
+                match self.step(&state) {
+                    Some(next) if next.1 >= REST => (step, length) = next,
+                    other => return moved(&state.x, &other.unwrap_or_default().0),
+                }
+            } else {
+                halvings += 1;
+                if halvings == HALVINGS {
+                    break;
+                }
+                (step, length) = (step.map(|value| value / 2.0), length / 4.0);
+            }
+        }
+        state.x
+    }
+
+    /// The curves at `x`, with the variances from the parameters as they are at `known` points, or there.
+    fn state(&self, x: X, known: Option<&[Point; CHANNELS]>) -> State {
+        let mut points = known.copied().unwrap_or_default();
+        for ((sensor, y), point) in self.model.sensors.iter().zip(&self.y).zip(&mut points) {
+            let Some(y) = *y else { continue };
+            let answer = Answer::at(sensor, inner(&sensor.gains, &x) + sensor.offset);
+            let noise = self.model.reading_variance
+                + self.model.displacement_variance * answer.slope * answer.slope;
+            if known.is_none() {
+                point.from_parameters = parameter_variance(&sensor.factor, &answer, &x);
+            }
+            point.residual = y - sensor.low - answer.height;
+            point.slope = answer.slope;
+            point.weight = 1.0 / (noise + point.from_parameters);
+        }
+        let held = product(&self.model.prior, &x);
+        State { x, points, held, held_back: inner(&held, &x) }
+    }
+
+    /// The step to take from a state, and its length in standard errors, squared; `None` if there is none that
+    /// leads anywhere.
+    fn step(&self, state: &State) -> Option<(X, f32)> {
+        let mut equations = Equations::new(&self.model.prior, state.held.map(|value| -value));
+        for (sensor, point) in self.model.sensors.iter().zip(&state.points) {
+            let weighted = point.weight * point.slope;
+            equations.add(&sensor.gains, weighted * point.slope, weighted * point.residual);
+        }
+        let step = equations.solve()?;
+        is_near(&moved(&state.x, &step)).then(|| (step, inner(&step, &equations.b)))
+    }
+}
+
+impl State {
+    /// The sum that is minimised, with the weights of these points.
+    fn sum(&self, weights: &[Point; CHANNELS]) -> f32 {
+        let squares = self.points.iter().zip(weights);
+        let squares = squares.map(|(point, at)| at.weight * point.residual * point.residual);
+        squares.sum::<f32>() + self.held_back
+    }
+}
+
+fn moved(x: &X, step: &X) -> X {
+    core::array::from_fn(|axis| x[axis] + step[axis])
+}
+
+fn is_near(x: &X) -> bool {
+    x.iter().all(|value| value.abs() < FARTHEST)
+}
+
+#[inline(always)]
+fn inner(a: &X, b: &X) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// `|Lᵀg|²`, the variance of an answer that comes from the parameters.
+#[inline(always)]
+fn parameter_variance(factor: &[f32; FACTOR], answer: &Answer, x: &X) -> f32 {
+    let Answer { height, slope, by_shape } = *answer;
+    let [fx, fy, fz, mx, my, mz] = x.map(|value| slope * value);
+    let gradient = [slope, fx, fy, fz, mx, my, mz, 1.0, height, by_shape];
+    let mut variance = 0.0;
+    unrolled!(J in 0 1 2 3 4 5 6 7 8 9 => {
+        let product: f32 = (J..10).map(|i| factor[row(i) + J] * gradient[i]).sum();
+        variance += product * product;
+    });
+    variance
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::*;
+    use proptest::prelude::*;
+    use shared_proto::{Calibration, PRIOR};
+    use std::vec::Vec;
+
+    /// Hardly any noise and prior, so that a wrench is found again.
+    fn model() -> Physics {
+        let mut prior = [0.0; PRIOR];
+        (0..AXES).for_each(|i| prior[row(i) + i] = 1e-4);
+        let sensor = |sensor: usize| PhysicsSensor {
+            least: 3_200.0,
+            per_count: 1.0 / 44_800.0,
+            offset: 0.2 * sensor as f32 - 0.8,
+            gains: core::array::from_fn(|axis| match (sensor + 3 * axis) % 7 {
+                0 => 1.5,
+                place => 0.4 * (place as f32 - 3.5),
+            }),
+            low: 0.05,
+            height: 0.9,
+            shape: 1.2,
+            factor: [0.0; FACTOR],
+        };
+        Physics {
+            wrench_scale: [2.0, 3.0, 4.0, 0.1, 0.2, 0.3],
+            prior,
+            reading_variance: 1e-6,
+            displacement_variance: 0.0,
+            sensors: core::array::from_fn(sensor),
+        }
+    }
+
+    /// What the sensors read at a wrench in units of the scales, by the formula in double precision.
+    fn readings(model: &Physics, x: &[f64; AXES]) -> [u16; CHANNELS] {
+        core::array::from_fn(|channel| {
+            let sensor = &model.sensors[channel];
+            let pull: f64 = sensor.gains.iter().zip(x).map(|(&gain, x)| f64::from(gain) * x).sum();
+            let sigma = 1.0 / (1.0 + (-f64::from(sensor.offset) - pull).exp());
+            let answer = f64::from(sensor.height) * sigma.powf(f64::from(sensor.shape));
+            let y = f64::from(sensor.low) + answer;
+            (f64::from(sensor.least) + y / f64::from(sensor.per_count)).round() as u16
+        })
+    }
+
+    fn poses() -> impl Iterator<Item = [f64; AXES]> {
+        let value = |row: usize, axis: usize| ((row * 31 + axis * 17) % 23) as f64 / 15.0 - 0.75;
+        (0..100).map(move |row| core::array::from_fn(|axis| value(row, axis)))
+    }
+
+    /// By how much the wrench of a frame is off in units of the scales, at most.
+    fn error(model: &Physics, readings: &[u16; CHANNELS], saturated: u8, x: &[f64; AXES]) -> f64 {
+        let wrench = invert(model, readings, saturated);
+        let errors = wrench.iter().zip(&model.wrench_scale).zip(x);
+        errors.map(|((&w, &scale), x)| (f64::from(w / scale) - x).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn readings_of_known_wrenches_give_them_back() {
+        let model = model();
+        for x in poses() {
+            let error = error(&model, &readings(&model, &x), 0, &x);
+            // Readings are rounded to half a count of 44,800, which slopes of 0.2 and more, and gains that
+            // are not at right angles, make some hundred times as much of; the prior pulls by as much.
+            assert!(error < 2e-3, "{x:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_channel_that_the_converter_has_cut_off_drops_out() {
+        let model = model();
+        for x in poses().take(20) {
+            let mut frame = readings(&model, &x);
+            frame[3] = 65_520;
+            assert!(error(&model, &frame, 0, &x) > 0.02);
+            let error = error(&model, &frame, 1 << 3, &x);
+            assert!(error < 5e-3, "{x:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_sensor_on_its_plateau_says_nothing() {
+        let mut model = model();
+        // Its curve ends where the others are in their middle: all loads are on the plateau.
+        model.sensors[2].offset = 40.0;
+        for x in poses().take(20) {
+            let frame = readings(&model, &x);
+            let mut without = model.clone();
+            without.sensors[2].per_count = 0.0;
+            let (with, without) = (invert(&model, &frame, 0), invert(&without, &frame, 0));
+            for (with, without) in with.into_iter().zip(without) {
+                // They start apart, and come to rest within rounding.
+                assert!((with - without).abs() < 1e-5, "{with} {without}");
+            }
+            assert!(error(&model, &frame, 0, &x) < 5e-3);
+        }
+    }
+
+    #[test]
+    fn without_a_sensor_there_is_no_load() {
+        let model = model();
+        assert_eq!(invert(&model, &[30_000; CHANNELS], 0xFF), [0.0; AXES]);
+    }
+
+    fn numbers() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            any::<u32>().prop_map(f32::from_bits),
+            (-38_i32..38, any::<bool>(), 1.0..10.0_f32).prop_map(|(power, negative, digits)| {
+                let value = digits * libm::powf(10.0, power as f32);
+                if negative { -value } else { value }
+            }),
+            Just(0.0),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4_096))]
+
+        /// Whatever a board takes for a calibration, it makes finite numbers of any frame.
+        #[test]
+        fn what_is_accepted_gives_finite_wrenches(
+            changes in prop::collection::vec((0..565_usize, numbers()), 1..40),
+            readings: [u16; CHANNELS],
+            saturated: u8,
+        ) {
+            let bytes = Calibration::Physics(model()).to_bytes();
+            let mut changed: Vec<u8> = bytes.to_vec();
+            for (place, number) in changes {
+                let at = 4 + 4 * place;
+                changed[at..at + 4].copy_from_slice(&number.to_le_bytes());
+                // One that is refused is left as it was.
+                if Calibration::from_bytes(&changed).is_none() {
+                    changed[at..at + 4].copy_from_slice(&bytes[at..at + 4]);
+                }
+            }
+            let Some(Calibration::Physics(model)) = Calibration::from_bytes(&changed) else {
+                panic!("refused")
+            };
+            for saturated in [0, saturated] {
+                let wrench = invert(&model, &readings, saturated);
+                prop_assert!(wrench.iter().all(|value| value.is_finite()), "{wrench:?}");
+            }
+        }
+    }
+}

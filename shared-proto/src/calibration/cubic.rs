@@ -1,0 +1,57 @@
+//! The `cubic` model in single precision.
+
+use crate::{AXES, CHANNELS};
+
+/// Features of the model: z, z², z³ of each channel, channel by channel.
+pub const FEATURES: usize = 3 * CHANNELS;
+
+/// Powers of the readings.
+///
+/// Every reading r is made `z = (r - centre) · scale`, and the wrench is the sum of z, z², z³ of each channel
+/// times their coefficients, plus the intercept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cubic {
+    /// Centre of each channel, in counts of a sample's readings.
+    pub centre: [f32; CHANNELS],
+    /// One over the spread of each channel, in 1/count.
+    pub scale: [f32; CHANNELS],
+    /// Per feature (z1, z1², z1³, z2, …), the coefficients of Fx, Fy, Fz in N, Mx, My, Mz in N·m.
+    pub coefficients: [[f32; AXES]; FEATURES],
+    /// What is added to each axis, in N and N·m.
+    pub intercept: [f32; AXES],
+}
+
+impl Cubic {
+    /// Its kind, the first byte.
+    pub(super) const KIND: u8 = 1;
+
+    /// Length in bytes.
+    pub(super) const SIZE: usize = 4 + 4 * (2 * CHANNELS + FEATURES * AXES + AXES);
+
+    /// Its numbers in their order.
+    pub(super) fn each(&self, mut number: impl FnMut(f32)) {
+        let parts: [&[f32]; 4] =
+            [&self.centre, &self.scale, self.coefficients.as_flattened(), &self.intercept];
+        parts.into_iter().flatten().for_each(|&value| number(value));
+    }
+
+    /// From its numbers in their order; `None` if one is missing.
+    pub(super) fn read(numbers: &mut impl FnMut() -> Option<f32>) -> Option<Self> {
+        let mut cubic = Self {
+            centre: [0.0; CHANNELS],
+            scale: [0.0; CHANNELS],
+            coefficients: [[0.0; AXES]; FEATURES],
+            intercept: [0.0; AXES],
+        };
+        let parts: [&mut [f32]; 4] = [
+            &mut cubic.centre,
+            &mut cubic.scale,
+            cubic.coefficients.as_flattened_mut(),
+            &mut cubic.intercept,
+        ];
+        for number in parts.into_iter().flatten() {
+            *number = numbers()?;
+        }
+        Some(cubic)
+    }
+}
