@@ -13,6 +13,7 @@
 mod align_accuracy;
 mod align_command;
 mod align_disturbed;
+mod align_foreign;
 mod any_numbers;
 mod batch_command;
 mod bench_command;
