@@ -66,6 +66,7 @@ mod settings;
 mod shell_integration;
 mod simulate_command;
 mod solver_identities;
+mod solver_intervals;
 mod some_axes;
 mod support;
 mod synth_command;
