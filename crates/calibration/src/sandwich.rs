@@ -130,9 +130,14 @@ impl ScatterSums {
     }
 
     /// The scatter, after all groups. `back` is `Fᵀ` in the units that the covariance is wanted in;
-    /// `ridge` is that of the fit.
-    pub(crate) fn finish(self, back: &Mat<f64>, ridge: f64) -> Result<GroupScatter, ScatterError> {
-        if ridge == 0.0 && self.defect.norm_max() > LARGEST_DEFECT {
+    /// `all_directions` says that the fit has no ridge and has left out no direction, so that the `K_g`
+    /// must add up to the identity.
+    pub(crate) fn finish(
+        self,
+        back: &Mat<f64>,
+        all_directions: bool,
+    ) -> Result<GroupScatter, ScatterError> {
+        if all_directions && self.defect.norm_max() > LARGEST_DEFECT {
             return Err(ScatterError::NearlyDependent);
         }
         if !self.alone.is_empty() {

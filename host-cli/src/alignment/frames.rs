@@ -1,5 +1,6 @@
 //! The board's rows, as they are matched.
 
+use super::optics::ReadingRange;
 use super::recording::Clean;
 
 /// The board's rows that are matched, at the rate of the band that is.
@@ -10,6 +11,7 @@ pub(super) struct Frames {
     /// Row by row.
     readings: Vec<f64>,
     pub(super) channels: usize,
+    pub(super) ranges: Vec<ReadingRange>,
 }
 
 impl Frames {
@@ -17,7 +19,8 @@ impl Frames {
     pub(super) fn new(board: &Clean, rate_hz: f64) -> Self {
         let moving: Vec<&Vec<f64>> =
             board.columns.iter().filter(|c| c.iter().any(|&x| x != c[0])).collect();
-        let mut frames = Self { time_s: vec![], readings: vec![], channels: moving.len() };
+        let mut frames =
+            Self { time_s: vec![], readings: vec![], channels: moving.len(), ranges: vec![] };
         // With a little margin, so that rows at the rate itself are not paired by rounding.
         let cell_s = if rate_hz * board.period_s > 0.75 { 0.0 } else { 1.0 / rate_hz };
         let rows: Vec<usize> = (0..board.time_s.len()).filter(|&row| board.in_range[row]).collect();
@@ -32,6 +35,9 @@ impl Frames {
             frames.time_s.push(mean(&board.time_s));
             frames.readings.extend(moving.iter().map(|column| mean(column)));
         }
+        let channel = |c: usize| frames.readings.iter().skip(c).step_by(frames.channels).copied();
+        frames.ranges =
+            (0..frames.channels).map(|c| ReadingRange::of(channel(c).collect())).collect();
         frames
     }
 

@@ -15,6 +15,7 @@
 //! The derivations are in `docs/alignment.md`. Left out: clocks whose skew changes during a
 //! recording by more than the uncertainty, and loads faster than the board samples.
 
+mod choice;
 mod coarse;
 mod edges;
 mod error;
@@ -23,6 +24,7 @@ mod frames;
 mod kernel;
 mod matched_row;
 mod normal;
+mod optics;
 mod recording;
 mod refine;
 mod resample;
@@ -113,7 +115,7 @@ pub struct Quality {
     /// Share of the readings' variance that the aligned reference explains, through the map with
     /// memory, mean over the channels.
     pub explained: f64,
-    /// RMS of what it does not explain, per channel that changes, counts.
+    /// RMS of what it does not explain, per channel that changes, counts where the channel is mostly.
     pub residual_counts: Vec<f64>,
     /// Rows of the board (averaged down to 250 Hz) that were compared.
     pub rows: usize,

@@ -1,34 +1,77 @@
 //! Normal equations from a Gram matrix, with directions that the data do not excite left out.
 
-use faer::Mat;
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::Solve;
+use faer::{Accum, Mat, MatRef, Par};
+
+use super::optics::{Bend, POWERS};
 
 /// A pivot below this fraction of its diagonal is a feature that the ones before explain: features
 /// of a load that never goes there, say.
 const TOLERANCE: f64 = 1e-9;
 
-/// Columns [X | D | tD | Y] after X is projected out.
+/// Beside the bends, this fraction of the powers' squares holds a bend at zero that the rows do not
+/// tell.
+const HELD: f64 = 1e-9;
+
+/// The Gram matrix of the columns [X | D | tD | Y | P], summed over the rows.
+///
+/// X are the features, D the slopes of the prediction with the offset, t the time from the pivot, Y
+/// the readings and P their [`POWERS`] powers, channel by channel.
+#[derive(Debug)]
+pub(super) struct Gram {
+    sums: Mat<f64>,
+    features: usize,
+    channels: usize,
+    total: f64,
+}
+
+impl Gram {
+    pub(super) fn new(features: usize, channels: usize) -> Self {
+        let width = features + (3 + POWERS) * channels;
+        Self { sums: Mat::zeros(width, width), features, channels, total: 0.0 }
+    }
+
+    pub(super) fn width(&self) -> usize {
+        self.sums.ncols()
+    }
+
+    /// Adds rows that follow one another in `rows`, each times the root of its weight; `weights` is
+    /// the sum of the weights.
+    pub(super) fn add(&mut self, rows: &[f64], weights: f64) {
+        let width = self.width();
+        let rows = MatRef::from_row_major_slice(rows, rows.len() / width, width);
+        matmul(self.sums.as_mut(), Accum::Add, rows.transpose(), rows, 1.0, Par::Seq);
+        self.total += weights;
+    }
+
+    /// The sum of the weights.
+    pub(super) fn total(&self) -> f64 {
+        self.total
+    }
+}
+
+/// Columns [D | tD | Z] after X is projected out, Z = Y + P β the readings made straight.
 #[derive(Debug)]
 pub(super) struct Projected {
-    /// Least-squares coefficients of Y on X.
+    /// Least-squares coefficients of Z on X.
     pub(super) map: Mat<f64>,
-    /// Those of [D | tD] on X.
+    /// β, channel by channel.
+    pub(super) bends: Vec<Bend>,
+    /// Coefficients of [D | tD] on X.
     pub(super) along: Mat<f64>,
-    /// Gram matrix of what is left of [D | tD | Y].
+    /// How many features are used.
+    pub(super) used: usize,
+    /// Gram matrix of what is left.
     left: Mat<f64>,
     channels: usize,
     total: f64,
 }
 
 impl Projected {
-    /// `gram` is that of the columns [X | D | tD | Y], X of `features` columns, the others of
-    /// `channels` each; `total` is the sum of the row weights. `None` if there are no more rows
-    /// than features.
-    pub(super) fn new(
-        gram: &Mat<f64>,
-        features: usize,
-        channels: usize,
-        total: f64,
-    ) -> Option<Self> {
+    /// With the features that `keep` says. `None` if there are no more rows than features.
+    pub(super) fn new(gram: &Gram, keep: impl Fn(usize) -> bool) -> Option<Self> {
+        let Gram { sums: ref gram, features, channels, total } = *gram;
         if total.is_nan() || total <= (features + channels) as f64 {
             return None;
         }
@@ -40,7 +83,7 @@ impl Projected {
         let mut used = vec![false; features];
         for k in 0..features {
             let pivot = work[(k, k)];
-            used[k] = pivot > TOLERANCE * gram[(k, k)];
+            used[k] = keep(k) && pivot > TOLERANCE * gram[(k, k)];
             if !used[k] {
                 continue;
             }
@@ -65,29 +108,55 @@ impl Projected {
                 solution[(k, column)] = sum / work[(k, k)];
             }
         }
-        let left =
-            Mat::from_fn(rest, rest, |i, j| work[(features + i.min(j), features + i.max(j))]);
+        let left = |i: usize, j: usize| work[(features + i.min(j), features + i.max(j))];
+        let square = |i: usize| gram[(features + i, features + i)];
+        let powers = |c: usize| (3 * channels + c * POWERS)..(3 * channels + (c + 1) * POWERS);
+        let bends: Vec<Bend> =
+            (0..channels).map(|c| bend(powers(c), 2 * channels + c, left, square)).collect();
+        // Each column of [D | tD | Z] as a sum of columns of [D | tD | Y | P].
+        let parts = |column: usize| {
+            let channel = column.checked_sub(2 * channels);
+            let bent = channel.map(|c| powers(c).zip(bends[c]));
+            std::iter::once((column, 1.0)).chain(bent.into_iter().flatten())
+        };
+        let product = |i: usize, j: usize| -> f64 {
+            parts(i).flat_map(|(a, x)| parts(j).map(move |(b, y)| x * y * left(a, b))).sum()
+        };
+        let map = |i: usize, c: usize| -> f64 {
+            parts(2 * channels + c).map(|(column, x)| x * solution[(i, column)]).sum()
+        };
         Some(Self {
-            map: solution.subcols(2 * channels, channels).to_owned(),
+            map: Mat::from_fn(features, channels, map),
             along: solution.subcols(0, 2 * channels).to_owned(),
-            left,
+            used: used.iter().filter(|&&used| used).count(),
+            left: Mat::from_fn(3 * channels, 3 * channels, product),
+            bends,
             channels,
             total,
         })
     }
 
+    /// log det of the residual covariance.
+    pub(super) fn log_volume(&self) -> f64 {
+        match self.residual_covariance(self.total).llt(faer::Side::Lower) {
+            Ok(factor) => (0..self.channels).map(|i| 2.0 * factor.L()[(i, i)].ln()).sum(),
+            Err(_) => f64::INFINITY,
+        }
+    }
+
+    fn residual_covariance(&self, count: f64) -> Mat<f64> {
+        let n = self.channels;
+        let entry = |i: usize, j: usize| self.left[(2 * n + i, 2 * n + j)] / count;
+        // A channel that is fitted to rounding would get all the weight.
+        let largest = (0..n).map(|i| entry(i, i)).fold(0.0, f64::max);
+        let floor = 1e-6 * largest + 1e-300;
+        Mat::from_fn(n, n, |i, j| entry(i, j) + if i == j { floor } else { 0.0 })
+    }
+
     /// The inverse of the residual covariance.
     pub(super) fn weights(&self) -> Option<Mat<f64>> {
-        let n = self.channels;
-        let features = self.map.nrows() as f64;
-        let scale = 1.0 / (self.total - features);
-        let covariance = Mat::from_fn(n, n, |i, j| scale * self.left[(2 * n + i, 2 * n + j)]);
-        // A channel that is fitted to rounding would get all the weight.
-        let largest = (0..n).map(|i| covariance[(i, i)]).fold(0.0, f64::max);
-        let floored = Mat::from_fn(n, n, |i, j| {
-            covariance[(i, j)] + if i == j { 1e-6 * largest + 1e-300 } else { 0.0 }
-        });
-        let factor = floored.llt(faer::Side::Lower).ok()?;
+        let covariance = self.residual_covariance(self.total - self.used as f64);
+        let factor = covariance.llt(faer::Side::Lower).ok()?;
         Some(faer::linalg::solvers::DenseSolveCore::inverse(&factor))
     }
 
@@ -105,6 +174,28 @@ impl Projected {
     }
 }
 
+/// β that minimises ‖y + P β‖² after X is projected out: the columns `powers` and `reading`.
+fn bend(
+    powers: std::ops::Range<usize>,
+    reading: usize,
+    left: impl Fn(usize, usize) -> f64,
+    square: impl Fn(usize) -> f64,
+) -> Bend {
+    let first = powers.start;
+    let normal = Mat::from_fn(POWERS, POWERS, |i, j| {
+        let held = if i == j { HELD * square(first + i) + 1e-300 } else { 0.0 };
+        left(first + i, first + j) + held
+    });
+    let right = Mat::from_fn(POWERS, 1, |i, _| -left(first + i, reading));
+    match normal.llt(faer::Side::Lower) {
+        Ok(factor) => {
+            let solution = factor.solve(&right);
+            std::array::from_fn(|k| solution[(k, 0)])
+        }
+        Err(_) => [0.0; POWERS],
+    }
+}
+
 /// The inverse of a symmetric positive definite 2 × 2 matrix.
 pub(super) fn inverse([[a, b], [_, c]]: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> {
     let determinant = a * c - b * b;
@@ -118,21 +209,25 @@ pub(super) fn inverse([[a, b], [_, c]]: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> 
 mod tests {
     use super::*;
 
-    /// The Gram matrix of rows [X | D | tD | Y].
-    fn gram(rows: &[Vec<f64>]) -> Mat<f64> {
-        let width = rows[0].len();
-        Mat::from_fn(width, width, |i, j| rows.iter().map(|row| row[i] * row[j]).sum())
+    fn gram(rows: &[Vec<f64>], features: usize) -> Gram {
+        let mut gram = Gram::new(features, 1);
+        rows.iter().for_each(|row| gram.add(row, 1.0));
+        gram
     }
 
-    /// Two features, one channel, and Y = 2 X₀ − X₁ + 0.5 D + 0.25 tD without error.
-    fn rows(repeat_a_feature: bool) -> Vec<Vec<f64>> {
+    /// Two features, one channel whose straight reading is 2 X₀ − X₁ + 0.5 D + 0.25 tD without error,
+    /// and that reading bent: `z = y + bend · p₂`.
+    fn rows(repeat_a_feature: bool, bend: f64) -> Vec<Vec<f64>> {
         let row = |i: i32| {
             let t = f64::from(i) / 20.0;
             let (a, b) = (1.0, t.sin());
             let (d, e) = ((3.0 * t).cos(), t * (3.0 * t).cos());
             let mut row = vec![a, b];
             row.extend(repeat_a_feature.then_some(2.0 * b - a));
-            row.extend([d, e, 2.0 * a - b + 0.5 * d + 0.25 * e]);
+            let straight = 2.0 * a - b + 0.5 * d + 0.25 * e;
+            let powers = [(5.0 * t).sin(), (7.0 * t).sin(), (11.0 * t).cos()];
+            row.extend([d, e, straight - bend * powers[0]]);
+            row.extend(powers);
             row
         };
         (0..100).map(row).collect()
@@ -141,7 +236,10 @@ mod tests {
     #[test]
     fn a_step_recovers_what_the_features_do_not_explain() {
         for (features, repeated) in [(2, false), (3, true)] {
-            let projected = Projected::new(&gram(&rows(repeated)), features, 1, 100.0).unwrap();
+            // Without powers that could explain the slopes.
+            let mut rows = rows(repeated, 0.0);
+            rows.iter_mut().for_each(|row| row[features + 3..].fill(0.0));
+            let projected = Projected::new(&gram(&rows, features), |_| true).unwrap();
             let (hessian, gradient) = projected.normal_equations();
             let inverse = inverse(hessian).unwrap();
             let step = inverse.map(|row| row[0] * gradient[0] + row[1] * gradient[1]);
@@ -151,15 +249,41 @@ mod tests {
     }
 
     #[test]
+    fn a_bend_is_found_beside_the_map() {
+        let mut rows = rows(false, 0.3);
+        // The slopes are taken off, so that nothing but the bend is left.
+        rows.iter_mut().for_each(|row| row[4] -= 0.5 * row[2] + 0.25 * row[3]);
+        let projected = Projected::new(&gram(&rows, 2), |_| true).unwrap();
+        let expected = [0.3, 0.0, 0.0];
+        // The powers are held at zero by 1e-9 of their squares.
+        let near = |(a, b): (f64, f64)| (a - b).abs() < 1e-8;
+        assert!(projected.bends[0].into_iter().zip(expected).all(near), "{:?}", projected.bends);
+        assert!(near((projected.map[(0, 0)], 2.0)) && near((projected.map[(1, 0)], -1.0)));
+    }
+
+    #[test]
     fn a_feature_that_others_explain_is_left_out() {
-        let projected = Projected::new(&gram(&rows(true)), 3, 1, 100.0).unwrap();
-        assert_eq!(projected.map[(2, 0)], 0.0);
+        let projected = Projected::new(&gram(&rows(true, 0.0), 3), |_| true).unwrap();
+        assert_eq!((projected.map[(2, 0)], projected.used), (0.0, 2));
         assert!((0..3).all(|i| projected.map[(i, 0)].is_finite()));
     }
 
     #[test]
+    fn a_feature_that_is_not_kept_is_not_used() {
+        let with = |features, rows: &[Vec<f64>], keep: fn(usize) -> bool| {
+            Projected::new(&gram(rows, features), keep).unwrap()
+        };
+        let all = with(3, &rows(true, 0.1), |i| i != 1);
+        // Without the second feature, the third does as well.
+        assert_eq!((all.used, all.map[(1, 0)]), (2, 0.0));
+        let two = with(2, &rows(false, 0.1), |_| true);
+        assert!((all.log_volume() - two.log_volume()).abs() < 1e-9);
+        assert!(with(2, &rows(false, 0.1), |i| i == 0).log_volume() > two.log_volume());
+    }
+
+    #[test]
     fn too_few_rows_determine_nothing() {
-        assert!(Projected::new(&gram(&rows(false)[..3]), 2, 1, 3.0).is_none());
+        assert!(Projected::new(&gram(&rows(false, 0.0)[..3], 2), |_| true).is_none());
         assert!(inverse([[1.0, 1.0], [1.0, 1.0]]).is_none());
         assert!(inverse([[0.0, 0.0], [0.0, 0.0]]).is_none());
     }

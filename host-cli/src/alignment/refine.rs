@@ -6,8 +6,8 @@
 //! y_i = Bᵀ x(τ_i) + e_i      τ_i = t_i + o + s (t_i − t̄)      e ~ (0, Σ)
 //! ```
 //!
-//! x are the [features](super::response) of the reference, a constant and a drift. For given o and
-//! s the map B is a linear least-squares problem; the steps in (o, s) are Gauss–Newton steps with B
+//! y are the [straightened](super::optics) readings, x the [features](super::response) of the
+//! reference, a constant and a drift. For given o and s the map B is a linear least-squares problem; the steps in (o, s) are Gauss–Newton steps with B
 //! eliminated (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, in Kaufman's form): with d_i =
 //! Bᵀ ẋ(τ_i), J = (d, (t − t̄) d) projected off the features, and W = Σ̂⁻¹,
 //!
@@ -18,17 +18,22 @@
 //! All that is needed from the rows is one Gram matrix per step, so that memory does not grow. H⁻¹
 //! would be the covariance of (o, s) if the residuals were white. They are not, where the model of
 //! the springs is not theirs; so the covariance is H⁻¹ S H⁻¹ with S the long-run covariance of the
-//! scores (Newey & West, Econometrica 55, 703, 1987).
+//! scores (Newey & West, Econometrica 55, 703, 1987), and more for what [`choice`](super::choice)
+//! and [`uncertainty`](super::uncertainty) say of the model.
+//!
+//! The model is refined in three turns: with memories on the axes, which finds what each channel
+//! sees; with all kinds of memory; and with those that the readings need.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Mat, MatRef};
 
+use super::choice::Candidates;
 use super::error::{AlignError, LEAST_OVERLAP_S};
 use super::excerpt::Excerpt;
 use super::frames::Frames;
 use super::matched_row::MatchedRow;
-use super::normal::{Projected, inverse};
-use super::response::Memory;
+use super::normal::{Gram, Projected, inverse};
+use super::optics::{Bend, POWERS, Straight};
+use super::response::{Family, Model};
 use super::trajectory::Trajectory;
 use super::uncertainty::ResidualSums;
 use super::wide::dots;
@@ -36,9 +41,21 @@ use super::wide::dots;
 /// Rows per Gram update.
 const BLOCK: usize = 256;
 const STEPS: usize = 40;
-/// In the first steps the memory of the springs is found as well; then it stays, so that the steps
-/// can settle.
+/// Features that are none of the load: a constant and a drift.
+const CONSTANTS: usize = 2;
+/// In the first steps the share of the memory in the products is found as well; then it stays, so
+/// that the steps can settle.
 const MEMORY_STEPS: usize = 4;
+/// Steps are small below this share of the standard error that white residuals would have.
+const SMALL: f64 = 0.01;
+/// Models are compared where steps are this small.
+const ROUGH: f64 = 0.1;
+/// After as many steps they are halved: bends and weights of outliers may take turns with them.
+const FULL_STEPS: usize = 8;
+/// All kinds of memory are tried where there are as many rows for each feature.
+const ROWS_PER_FEATURE: usize = 4;
+/// Readings are straightened by at least this slope where they are drawn.
+const LEAST_GAIN: f64 = 0.1;
 /// A row whose residual is farther out than this (squared, per channel) counts less (Huber).
 const OUTLIER: f64 = 4.0;
 /// A step as long as this has lost the match, s.
@@ -79,7 +96,7 @@ pub(super) struct Estimate {
     pub(super) delay_s: f64,
     /// The covariance if the residuals were white.
     pub(super) white: [[f64; 2]; 2],
-    /// RMS residual of each channel, counts.
+    /// RMS residual of each channel, counts of the straightened reading.
     pub(super) residual: Vec<f64>,
     /// Share of the readings' variance explained.
     pub(super) explained: f64,
@@ -88,17 +105,72 @@ pub(super) struct Estimate {
     pub(super) excerpt: Excerpt,
 }
 
-/// The map from features to readings and the weights of the channels, so far.
+/// What is known of the sensor so far.
 struct Current {
+    /// From features to straight readings.
     map: Mat<f64>,
+    /// The inverse of the residual covariance.
     weights: Option<Mat<f64>>,
-    memory: Memory,
+    bends: Vec<Bend>,
+    model: Model,
+    /// Which features take part.
+    keep: Vec<bool>,
+}
+
+impl Current {
+    fn new(axes: usize, channels: usize) -> Self {
+        let model = Model::on_axes(axes);
+        let features = CONSTANTS + model.features();
+        Self {
+            map: Mat::zeros(features, channels),
+            weights: None,
+            bends: vec![[0.0; POWERS]; channels],
+            model,
+            keep: vec![true; features],
+        }
+    }
+
+    /// With plays beside the axes, whose share is not known yet.
+    fn with_channels(mut self, trajectory: &Trajectory) -> Self {
+        let linear = self.map.subrows(CONSTANTS, self.map.nrows() - CONSTANTS);
+        self.model = self.model.with_channels(linear, |direction| trajectory.reach(direction));
+        let features = CONSTANTS + self.model.features();
+        self.map.resize_with(features, self.map.ncols(), |_, _| 0.0);
+        self.keep.resize(features, true);
+        self
+    }
+
+    /// The family of each feature that is a memory.
+    fn families(&self) -> Vec<Option<Family>> {
+        let mut families = vec![None; CONSTANTS];
+        families.extend(self.model.families());
+        families
+    }
+
+    fn learn(&mut self, projected: &Projected) {
+        self.weights = projected.weights();
+        self.map.copy_from(&projected.map);
+        self.bends.clone_from(&projected.bends);
+    }
+
+    /// The map without constant and drift.
+    fn linear(&self) -> MatRef<'_, f64> {
+        self.map.subrows(CONSTANTS, self.map.nrows() - CONSTANTS)
+    }
+}
+
+/// Where the steps came to rest.
+struct Settled {
+    gram: Gram,
+    projected: Projected,
+    /// H⁻¹.
+    white: [[f64; 2]; 2],
 }
 
 /// Fits the warp, from near it, to the rows with board times in `window`.
 ///
 /// `prior_skew` holds the skew near zero with that standard deviation, where the window is too
-/// short to tell it.
+/// short to tell it; only memories on the axes are then looked for.
 pub(super) fn refine(
     trajectory: &Trajectory,
     frames: &Frames,
@@ -111,57 +183,32 @@ pub(super) fn refine(
     if overlap_s < LEAST_OVERLAP_S {
         return Err(AlignError::ShortOverlap { overlap_s, needed_s: LEAST_OVERLAP_S });
     }
+    let mut current = Current::new(trajectory.axes(), frames.channels);
     let mut warp = start.about(problem.pivot_s);
-    let mut current = Current {
-        map: Mat::zeros(problem.features, frames.channels),
-        weights: None,
-        memory: Memory::none(trajectory.axes()),
-    };
-    let mut step_s = f64::INFINITY;
-    for iteration in 0..STEPS {
-        let Some(projected) = problem.project(&warp, &current) else {
-            return Err(AlignError::NotConverged { step_s });
-        };
-        let (mut hessian, mut gradient) = projected.normal_equations();
-        // Before the first map there are no slopes.
-        if iteration > 0 {
-            if let Some(sd) = prior_skew {
-                hessian[1][1] += 1.0 / (sd * sd);
-                gradient[1] -= warp.skew / (sd * sd);
-            }
-            let Some(white) = inverse(hessian) else {
-                return Err(AlignError::NotConverged { step_s });
-            };
-            let full = [0, 1].map(|i| white[i][0] * gradient[0] + white[i][1] * gradient[1]);
-            let damping = (LARGEST_STEP_S / full[0].abs().max(1e-300)).min(1.0);
-            warp.offset_s += damping * full[0];
-            warp.skew = (warp.skew + damping * full[1]).clamp(-2e-3, 2e-3);
-            step_s = full[0].abs();
-            let small = |i: usize| full[i] * full[i] < 1e-4 * white[i][i];
-            if step_s.is_nan() || step_s > LOST_S {
-                return Err(AlignError::NotConverged { step_s });
-            }
-            if iteration > MEMORY_STEPS && small(0) && small(1) {
-                current.weights = projected.weights();
-                current.map.copy_from(&projected.map);
-                return Ok(problem.finish(warp, white, &projected, &current));
-            }
+    let mut settled = problem.settle(&mut warp, &mut current, prior_skew, (MEMORY_STEPS, SMALL))?;
+    let mut spread = [0.0; 2];
+    if prior_skew.is_none() {
+        let all = Model::most_features(trajectory.axes(), frames.channels);
+        if problem.rows.len() >= ROWS_PER_FEATURE * all {
+            current = current.with_channels(trajectory);
+            settled = problem.settle(&mut warp, &mut current, None, (0, ROUGH))?;
         }
-        current.weights = projected.weights();
-        current.map = projected.map;
-        if iteration < MEMORY_STEPS {
-            let linear = current.map.subrows(2, problem.features - 2);
-            current.memory = Memory::of(linear, trajectory.axes());
+        let families = current.families();
+        if let Some(chosen) = Candidates::new(&settled.gram, &families, frames.channels).best() {
+            current.keep.clone_from(chosen);
+            settled = problem.settle(&mut warp, &mut current, None, (0, SMALL))?;
+            // Once more, with the slopes of the model that was chosen.
+            let candidates = Candidates::new(&settled.gram, &families, frames.channels);
+            spread = candidates.spread_about(&current.keep);
         }
     }
-    Err(AlignError::NotConverged { step_s })
+    Ok(problem.finish(warp, &settled, &current, spread))
 }
 
 struct WarpProblem<'a> {
     trajectory: &'a Trajectory,
     frames: &'a Frames,
     rows: std::ops::Range<usize>,
-    features: usize,
     pivot_s: f64,
     half_span_s: f64,
 }
@@ -190,23 +237,73 @@ impl<'a> WarpProblem<'a> {
             trajectory,
             frames,
             rows: begin..end,
-            features: trajectory.feature_count() + 2,
             pivot_s: 0.5 * (begin_s + end_s),
             half_span_s: (0.5 * (end_s - begin_s)).max(1e-9),
         }
     }
 
+    /// Gauss–Newton steps until they are `small`; map, weights and bends follow, and in the first
+    /// `memory_steps` the shares of the memory, too.
+    fn settle(
+        &self,
+        warp: &mut Warp,
+        current: &mut Current,
+        prior_skew: Option<f64>,
+        (memory_steps, small): (usize, f64),
+    ) -> Result<Settled, AlignError> {
+        let mut step_s = f64::INFINITY;
+        for iteration in 0..STEPS {
+            let gram = self.gram(warp, current);
+            let Some(projected) = Projected::new(&gram, |i| current.keep[i]) else {
+                return Err(AlignError::NotConverged { step_s });
+            };
+            let (mut hessian, mut gradient) = projected.normal_equations();
+            // Before the first map there are no slopes.
+            let has_slopes = current.weights.is_some();
+            current.learn(&projected);
+            if has_slopes {
+                if let Some(sd) = prior_skew {
+                    hessian[1][1] += 1.0 / (sd * sd);
+                    gradient[1] -= warp.skew / (sd * sd);
+                }
+                let Some(white) = inverse(hessian) else {
+                    return Err(AlignError::NotConverged { step_s });
+                };
+                let full = white.map(|row| row[0] * gradient[0] + row[1] * gradient[1]);
+                let most = if iteration < FULL_STEPS { 1.0 } else { 0.5 };
+                let damping = (LARGEST_STEP_S / full[0].abs().max(1e-300)).min(most);
+                warp.offset_s += damping * full[0];
+                warp.skew = (warp.skew + damping * full[1]).clamp(-2e-3, 2e-3);
+                step_s = full[0].abs();
+                let is_small = |i: usize| full[i] * full[i] < small * small * white[i][i];
+                if step_s.is_nan() || step_s > LOST_S {
+                    return Err(AlignError::NotConverged { step_s });
+                }
+                if iteration > memory_steps && is_small(0) && is_small(1) {
+                    return Ok(Settled { gram, projected, white });
+                }
+            }
+            if iteration < memory_steps {
+                let linear = current.map.subrows(CONSTANTS, current.map.nrows() - CONSTANTS);
+                current.model.learn_shares(linear);
+            }
+        }
+        Err(AlignError::NotConverged { step_s })
+    }
+
     /// Calls `each` with every row that the reference has a value for.
     fn for_each(&self, warp: &Warp, current: &Current, mut each: impl FnMut(&MatchedRow<'_>)) {
         let channels = self.frames.channels;
-        let mut window = self.trajectory.features(current.memory.clone());
-        let mut features = vec![0.0; self.features];
-        let mut slopes = vec![0.0; self.features];
+        let mut window = self.trajectory.features(current.model.clone());
+        let mut features = vec![0.0; current.map.nrows()];
+        let mut slopes = vec![0.0; current.map.nrows()];
         let (mut slope, mut residual) = (vec![0.0; channels], vec![0.0; channels]);
+        let mut straight: Vec<Straight> = Vec::with_capacity(channels);
         features[0] = 1.0;
         for i in self.rows.clone() {
             let (time_s, readings) = self.frames.row(i);
-            if !window.at(warp.apply(time_s), &mut features[2..], &mut slopes[2..]) {
+            let (of_load, slopes_of_load) = (&mut features[CONSTANTS..], &mut slopes[CONSTANTS..]);
+            if !window.at(warp.apply(time_s), of_load, slopes_of_load) {
                 continue;
             }
             let from_pivot_s = time_s - self.pivot_s;
@@ -214,7 +311,13 @@ impl<'a> WarpProblem<'a> {
             let map = || (0..channels).map(|c| current.map.col_as_slice(c));
             dots(&slopes, map(), &mut slope);
             dots(&features, map(), &mut residual);
-            residual.iter_mut().zip(readings).for_each(|(fitted, y)| *fitted = y - *fitted);
+            straight.clear();
+            let channel = readings.iter().zip(&self.frames.ranges).zip(&current.bends);
+            straight.extend(channel.map(|((y, range), bend)| range.straighten(*y, bend)));
+            residual
+                .iter_mut()
+                .zip(&straight)
+                .for_each(|(fitted, z)| *fitted = z.reading - *fitted);
             let distance = current.weights.as_ref().map_or(0.0, |weights| {
                 let weighted = |a: usize| -> f64 {
                     (0..channels).map(|b| weights[(a, b)] * residual[b]).sum::<f64>() * residual[a]
@@ -227,60 +330,57 @@ impl<'a> WarpProblem<'a> {
                 features: &features,
                 slope: &slope,
                 readings,
+                straight: &straight,
                 weight,
                 residual: &residual,
             });
         }
     }
 
-    /// The Gram matrix of features, slopes, slopes times time, and readings, projected off the
-    /// features.
-    fn project(&self, warp: &Warp, current: &Current) -> Option<Projected> {
-        let channels = self.frames.channels;
-        let width = self.features + 3 * channels;
-        let mut gram = Mat::<f64>::zeros(width, width);
+    /// What the rows say, at a warp.
+    fn gram(&self, warp: &Warp, current: &Current) -> Gram {
+        let mut gram = Gram::new(current.map.nrows(), self.frames.channels);
+        let width = gram.width();
         let mut block = Vec::with_capacity(BLOCK * width);
-        let mut total = 0.0;
-        let mut add = |block: &mut Vec<f64>| {
-            let rows = MatRef::from_row_major_slice(block, block.len() / width, width);
-            matmul(gram.as_mut(), Accum::Add, rows.transpose(), rows, 1.0, Par::Seq);
-            block.clear();
-        };
+        let mut weights = 0.0;
         self.for_each(warp, current, |row| {
             let root = row.weight.sqrt();
             block.extend(row.features.iter().map(|x| root * x));
             block.extend(row.slope.iter().map(|d| root * d));
             block.extend(row.slope.iter().map(|d| root * row.from_pivot_s * d));
             block.extend(row.readings.iter().map(|y| root * y));
-            total += row.weight;
+            block.extend(row.straight.iter().flat_map(|z| z.powers).map(|p| root * p));
+            weights += row.weight;
             if block.len() == BLOCK * width {
-                add(&mut block);
+                gram.add(&block, std::mem::take(&mut weights));
+                block.clear();
             }
         });
-        add(&mut block);
-        Projected::new(&gram, self.features, channels, total)
+        gram.add(&block, weights);
+        gram
     }
 
     /// Uncertainty and figures of merit at the solution.
     fn finish(
         &self,
         warp: Warp,
-        white: [[f64; 2]; 2],
-        projected: &Projected,
+        settled: &Settled,
         current: &Current,
+        spread: [f64; 2],
     ) -> Estimate {
+        let Settled { projected, white, .. } = settled;
         let channels = self.frames.channels;
         let weights = projected.weights().unwrap_or_else(|| Mat::identity(channels, channels));
-        let linear = current.map.subrows(2, self.features - 2);
-        let mut sums = ResidualSums::new(&projected.along, &weights, linear, -self.half_span_s);
-        self.for_each(&warp, current, |row| sums.add(row, self.trajectory.axes()));
-        let (covariance, delay_s) = sums.covariance(white);
+        let (map, model) = (current.linear(), &current.model);
+        let mut sums = ResidualSums::new(&projected.along, &weights, map, -self.half_span_s);
+        self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], model));
+        let covariance = sums.covariance(*white, spread);
         let (channel, centre_s) = sums.steepest();
         Estimate {
             warp,
             covariance,
-            white,
-            delay_s,
+            white: *white,
+            delay_s: sums.delay_s(),
             residual: sums.residual(),
             explained: sums.explained(),
             rows: sums.rows,
@@ -295,7 +395,9 @@ impl<'a> WarpProblem<'a> {
             if (row.from_pivot_s - centre_s).abs() <= EXCERPT_S {
                 let reading = row.readings[channel];
                 let time_s = row.from_pivot_s + self.pivot_s;
-                points.push([time_s, reading, reading - row.residual[channel]]);
+                let unexplained =
+                    row.residual[channel] / row.straight[channel].gain.max(LEAST_GAIN);
+                points.push([time_s, reading, reading - unexplained]);
             }
         });
         Excerpt { channel, points }

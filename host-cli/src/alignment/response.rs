@@ -1,131 +1,208 @@
-//! What a spring-borne optical sensor may do with a wrench, as features that its readings are a
-//! linear map of.
+//! What a spring-borne optical sensor may do with a wrench, as features that its straightened
+//! readings are a linear map of.
 //!
 //! Springs answer late: they creep, and their friction makes the answer depend on where the load
 //! came from. Both shift a reading against the load by milliseconds in one direction, whatever the
-//! clocks do, so that an alignment without a model of them is biased by as much. Beside the wrench
-//! itself the features are therefore
+//! clocks do, so that an alignment without a model of them is biased by as much. Which kind of
+//! memory a sensor has, and in which directions, is not known; so there are several, and
+//! [`choice`](super::choice) finds which of them the readings need:
 //!
-//! - *play* operators of several widths, `p ← clamp(p, w − r, w + r)`: any rate-independent
-//!   hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate & Sprekels,
-//!   Hysteresis and Phase Transitions, 1996);
-//! - *lags*, `τ ḷ = w − l`: creep;
-//! - products of two axes: the curvature of the optical response.
+//! - *plays* on each axis, `p ← clamp(p, w − r, w + r)`, of several half-widths: any
+//!   rate-independent hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate &
+//!   Sprekels, Hysteresis and Phase Transitions, 1996);
+//! - *lags* on each axis, `τ ḷ = w − l`: creep;
+//! - plays along what each *channel* sees, the direction of the wrench that the map so far gives it;
+//! - *joint* plays of all axes, `p ← w + min(1, r / ‖p − w‖) (p − w)`: friction that yields in the
+//!   direction of the load, whatever the axes are (the ball for the interval);
+//! - products of two axes: what one displacement does not describe.
 
-/// Half-widths of the play, as fractions of the largest load on the axis.
+use faer::MatRef;
+
+/// Half-widths of the plays, as fractions of the largest load in the direction.
 const PLAY: [f64; 6] = [0.04, 0.08, 0.14, 0.21, 0.3, 0.42];
 /// Time constants of the lags, s.
-const LAG_S: [f64; 2] = [0.5, 2.0];
-
-/// Turns samples of a wrench, one after another, into features.
-#[derive(Clone, Debug)]
-pub(super) struct Response {
-    axes: usize,
-    largest: Vec<f64>,
-    retained: [f64; LAG_S.len()],
-    /// Plays and lags, axis by axis.
-    state: Vec<f64>,
-    at_rest: bool,
-    memory: Memory,
-    effective: Vec<f64>,
-}
-
-/// How much of the answer to each axis goes through each play and lag: axis by axis.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Memory(Vec<f64>);
-
+const LAG_S: [f64; 4] = [0.15, 0.5, 2.0, 6.0];
+/// Radii of the joint plays; the largest load on each axis is 1.
+const JOINT: [f64; 5] = [0.05, 0.1, 0.2, 0.35, 0.6];
+/// Plays and lags of an axis.
 const MEMORIES: usize = PLAY.len() + LAG_S.len();
 
-/// The delay-like part of the readings: what the memory adds to an immediate answer, per channel,
-/// from the features of one row and the map (features × channels).
-pub(super) fn late_part(
-    features: &[f64],
-    map: faer::MatRef<'_, f64>,
-    axes: usize,
-    late: &mut [f64],
-) {
-    let memories = &features[axes..axes + axes * MEMORIES];
-    for (c, late) in late.iter_mut().enumerate() {
-        let share = |i: usize| map[(axes + i, c)] * (memories[i] - features[i / MEMORIES]);
-        *late = (0..memories.len()).map(share).sum();
-    }
+/// A kind of memory, which a sensor may have or not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Family {
+    AxisPlays,
+    Lags,
+    ChannelPlays,
+    JointPlays,
 }
 
-impl Memory {
-    /// All of the answer is immediate.
-    pub(super) fn none(axes: usize) -> Self {
-        Self(vec![0.0; axes * MEMORIES])
+impl Family {
+    pub(super) const ALL: [Self; 4] =
+        [Self::AxisPlays, Self::Lags, Self::ChannelPlays, Self::JointPlays];
+}
+
+/// What the features are made of.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Model {
+    axes: usize,
+    /// How much of the answer to each axis goes through each of its plays and lags.
+    shares: Vec<f64>,
+    /// A direction of the scaled wrench for each channel, row by row, in which the load reaches 1;
+    /// empty where neither plays along them nor joint plays are made.
+    directions: Vec<f64>,
+}
+
+impl Model {
+    /// Plays and lags on the axes; all of the answer is taken to be immediate.
+    pub(super) fn on_axes(axes: usize) -> Self {
+        Self { axes, shares: vec![0.0; axes * MEMORIES], directions: Vec::new() }
     }
 
-    /// From the map (features × channels) that the readings were found to follow.
+    /// Features of a model that has all kinds of memory.
+    pub(super) fn most_features(axes: usize, channels: usize) -> usize {
+        Self { directions: vec![0.0; channels * axes], ..Self::on_axes(axes) }.features()
+    }
+
+    /// Shares from the map (features × channels) that the readings were found to follow.
     ///
     /// Over the channels, the coefficients of one axis' play are a share of those of all that the
     /// axis does.
-    pub(super) fn of(map: faer::MatRef<'_, f64>, axes: usize) -> Self {
+    pub(super) fn learn_shares(&mut self, map: MatRef<'_, f64>) {
         let row = |i: usize| (0..map.ncols()).map(move |c| map[(i, c)]);
-        let mut shares = Vec::with_capacity(axes * MEMORIES);
-        for axis in 0..axes {
-            let parts = axes + axis * MEMORIES..axes + (axis + 1) * MEMORIES;
+        self.shares.clear();
+        for axis in 0..self.axes {
+            let parts = self.memories_of(axis);
             let mut whole: Vec<f64> = row(axis).collect();
             for part in parts.clone() {
                 whole.iter_mut().zip(row(part)).for_each(|(sum, x)| *sum += x);
             }
             let square = whole.iter().map(|x| x * x).sum::<f64>().max(1e-300);
-            shares.extend(parts.map(|part| {
+            self.shares.extend(parts.map(|part| {
                 let product: f64 = row(part).zip(&whole).map(|(x, whole)| x * whole).sum();
                 (product / square).clamp(-1.0, 1.0)
             }));
         }
-        Self(shares)
     }
+
+    /// With plays along what each channel sees by `map`, and joint ones; `reach` is how far the
+    /// load goes in a direction of the scaled wrench.
+    pub(super) fn with_channels(
+        mut self,
+        map: MatRef<'_, f64>,
+        reach: impl Fn(&[f64]) -> f64,
+    ) -> Self {
+        self.directions.clear();
+        for c in 0..map.ncols() {
+            let sees = |axis: usize| {
+                map[(axis, c)] + self.memories_of(axis).map(|i| map[(i, c)]).sum::<f64>()
+            };
+            let direction: Vec<f64> = (0..self.axes).map(sees).collect();
+            let scale = 1.0 / reach(&direction).max(1e-300);
+            self.directions.extend(direction.iter().map(|x| x * scale));
+        }
+        self
+    }
+
+    fn memories_of(&self, axis: usize) -> std::ops::Range<usize> {
+        self.axes + axis * MEMORIES..self.axes + (axis + 1) * MEMORIES
+    }
+
+    fn products(&self) -> usize {
+        self.axes * (self.axes + 1) / 2
+    }
+
+    /// Plays along the channels.
+    fn channel_plays(&self) -> usize {
+        self.directions.len() / self.axes * PLAY.len()
+    }
+
+    /// Joint plays, a feature for each axis.
+    fn joint_plays(&self) -> usize {
+        if self.directions.is_empty() { 0 } else { JOINT.len() * self.axes }
+    }
+
+    /// Number of features.
+    pub(super) fn features(&self) -> usize {
+        self.axes * (1 + MEMORIES) + self.products() + self.channel_plays() + self.joint_plays()
+    }
+
+    /// The family of each feature that is a memory.
+    pub(super) fn families(&self) -> Vec<Option<Family>> {
+        let mut families = vec![None; self.axes];
+        for _ in 0..self.axes {
+            families.extend([Some(Family::AxisPlays); PLAY.len()]);
+            families.extend([Some(Family::Lags); LAG_S.len()]);
+        }
+        families.resize(families.len() + self.products(), None);
+        families.resize(families.len() + self.channel_plays(), Some(Family::ChannelPlays));
+        families.resize(families.len() + self.joint_plays(), Some(Family::JointPlays));
+        families
+    }
+
+    /// What each feature of a row has through memory: itself less what it would be at once.
+    pub(super) fn late(&self, features: &[f64], late: &mut [f64]) {
+        let wrench = &features[..self.axes];
+        late.fill(0.0);
+        for i in 0..self.axes * MEMORIES {
+            late[self.axes + i] = features[self.axes + i] - wrench[i / MEMORIES];
+        }
+        let first = self.axes * (1 + MEMORIES) + self.products();
+        for i in 0..self.channel_plays() {
+            late[first + i] = features[first + i] - dot(self.direction(i / PLAY.len()), wrench);
+        }
+        let first = first + self.channel_plays();
+        for i in 0..self.joint_plays() {
+            late[first + i] = features[first + i] - wrench[i % self.axes];
+        }
+    }
+
+    fn direction(&self, channel: usize) -> &[f64] {
+        &self.directions[channel * self.axes..(channel + 1) * self.axes]
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Turns samples of a wrench, one after another, into features.
+#[derive(Clone, Debug)]
+pub(super) struct Response {
+    model: Model,
+    largest: Vec<f64>,
+    retained: [f64; LAG_S.len()],
+    /// Plays and lags, axis by axis.
+    on_axes: Vec<f64>,
+    /// Plays, channel by channel, then joint ones.
+    beside: Vec<f64>,
+    at_rest: bool,
+    effective: Vec<f64>,
 }
 
 impl Response {
     /// `largest` is the size of the load on each axis, `step_s` the time between samples.
-    pub(super) fn new(largest: &[f64], step_s: f64, memory: Memory) -> Self {
-        let axes = largest.len();
+    pub(super) fn new(largest: &[f64], step_s: f64, model: Model) -> Self {
         Self {
-            axes,
             largest: largest.to_vec(),
             retained: LAG_S.map(|lag_s| (-step_s / lag_s).exp()),
-            state: vec![0.0; axes * MEMORIES],
+            on_axes: vec![0.0; model.axes * MEMORIES],
+            beside: vec![0.0; model.channel_plays() + model.joint_plays()],
             at_rest: true,
-            memory,
-            effective: vec![0.0; axes],
+            effective: vec![0.0; model.axes],
+            model,
         }
     }
 
-    /// Number of features.
-    pub(super) fn features(axes: usize) -> usize {
-        axes * (1 + MEMORIES) + axes * (axes + 1) / 2
-    }
-
-    /// Writes the features of the next sample, all of order 1: the wrench, then its plays and lags
-    /// axis by axis, then the products of what the axes effectively do.
+    /// Writes the features of the next sample, all of order 1: the wrench, its plays and lags axis
+    /// by axis, the products of what the axes effectively do, plays channel by channel, joint plays.
     pub(super) fn next(&mut self, wrench: &[f64], features: &mut [f64]) {
-        let (immediate, rest) = features.split_at_mut(self.axes);
-        let (memories, products) = rest.split_at_mut(self.axes * MEMORIES);
-        for axis in 0..self.axes {
-            let w = wrench[axis] / self.largest[axis];
-            immediate[axis] = w;
-            let state = &mut self.state[axis * MEMORIES..][..MEMORIES];
-            if self.at_rest {
-                state.fill(w);
-            }
-            let (plays, lags) = state.split_at_mut(PLAY.len());
-            for (play, width) in plays.iter_mut().zip(PLAY) {
-                // Not `clamp`: it would check the order of its bounds.
-                *play = play.max(w - width).min(w + width);
-            }
-            for (lag, retained) in lags.iter_mut().zip(self.retained) {
-                *lag = w + retained * (*lag - w);
-            }
-            memories[axis * MEMORIES..][..MEMORIES].copy_from_slice(state);
-            let shares = &self.memory.0[axis * MEMORIES..][..MEMORIES];
-            let late: f64 = shares.iter().zip(state).map(|(share, m)| share * (*m - w)).sum();
-            self.effective[axis] = w + late;
-        }
-        self.at_rest = false;
+        let (immediate, rest) = features.split_at_mut(self.model.axes);
+        let (memories, rest) = rest.split_at_mut(self.on_axes.len());
+        let (products, beside) = rest.split_at_mut(self.model.products());
+        let scaled = wrench.iter().zip(&self.largest).map(|(w, largest)| w / largest);
+        immediate.iter_mut().zip(scaled).for_each(|(feature, w)| *feature = w);
+        self.follow_axes(immediate);
+        memories.copy_from_slice(&self.on_axes);
         let mut products = products.iter_mut();
         for (i, a) in self.effective.iter().enumerate() {
             // In this order: a product taken for no factor would be lost.
@@ -133,6 +210,54 @@ impl Response {
                 *product = a * b;
             }
         }
+        if !beside.is_empty() {
+            self.follow_beside(immediate);
+            beside.copy_from_slice(&self.beside);
+        }
+        self.at_rest = false;
+    }
+
+    fn follow_axes(&mut self, immediate: &[f64]) {
+        for (axis, &w) in immediate.iter().enumerate() {
+            let state = &mut self.on_axes[axis * MEMORIES..][..MEMORIES];
+            if self.at_rest {
+                state.fill(w);
+            }
+            let (plays, lags) = state.split_at_mut(PLAY.len());
+            follow(plays, w);
+            for (lag, retained) in lags.iter_mut().zip(self.retained) {
+                *lag = w + retained * (*lag - w);
+            }
+            let shares = &self.model.shares[axis * MEMORIES..][..MEMORIES];
+            let late: f64 = shares.iter().zip(state).map(|(share, m)| share * (*m - w)).sum();
+            self.effective[axis] = w + late;
+        }
+    }
+
+    fn follow_beside(&mut self, immediate: &[f64]) {
+        let (channels, joint) = self.beside.split_at_mut(self.model.channel_plays());
+        for (channel, plays) in channels.chunks_exact_mut(PLAY.len()).enumerate() {
+            let w = dot(self.model.direction(channel), immediate);
+            if self.at_rest {
+                plays.fill(w);
+            }
+            follow(plays, w);
+        }
+        for (play, radius) in joint.chunks_exact_mut(self.model.axes).zip(JOINT) {
+            if self.at_rest {
+                play.copy_from_slice(immediate);
+            }
+            let square: f64 = play.iter().zip(immediate).map(|(p, w)| (p - w) * (p - w)).sum();
+            let kept = radius / square.sqrt().max(radius);
+            play.iter_mut().zip(immediate).for_each(|(p, w)| *p = w + kept * (*p - w));
+        }
+    }
+}
+
+fn follow(plays: &mut [f64], w: f64) {
+    for (play, width) in plays.iter_mut().zip(PLAY) {
+        // Not `clamp`: it would check the order of its bounds.
+        *play = play.max(w - width).min(w + width);
     }
 }
 
@@ -140,9 +265,10 @@ impl Response {
 mod tests {
     use super::*;
 
-    fn run(wrench: &[[f64; 2]], memory: Memory) -> Vec<Vec<f64>> {
-        let mut response = Response::new(&[2.0, 4.0], 0.01, memory);
-        let mut features = vec![0.0; Response::features(2)];
+    /// Features of two axes, which reach 2 and 4.
+    fn run(wrench: &[[f64; 2]], model: &Model) -> Vec<Vec<f64>> {
+        let mut response = Response::new(&[2.0, 4.0], 0.01, model.clone());
+        let mut features = vec![0.0; model.features()];
         let mut next = |w: &[f64; 2]| {
             response.next(w, &mut features);
             features.clone()
@@ -150,19 +276,36 @@ mod tests {
         wrench.iter().map(&mut next).collect()
     }
 
+    /// Two axes and one channel, which sees 0.6 of the first and 0.8 of the second.
+    fn beside() -> Model {
+        let on_axes = Model::on_axes(2);
+        let mut map = faer::Mat::<f64>::zeros(on_axes.features(), 1);
+        (map[(0, 0)], map[(1, 0)]) = (1.2, 1.6);
+        on_axes.with_channels(map.as_ref(), |_| 2.0)
+    }
+
     #[test]
     fn features_of_a_load_that_never_changes_are_its_powers() {
-        for features in run(&[[1.0, -2.0]; 50], Memory::none(2)) {
+        let model = beside();
+        let mut late = vec![1.0; model.features()];
+        for features in run(&[[1.0, -2.0]; 50], &model) {
             assert_eq!(features[..2], [0.5, -0.5]);
             assert!(features[2..2 + MEMORIES].iter().all(|&x| x == 0.5));
-            assert_eq!(features[2 + 2 * MEMORIES..], [0.25, -0.25, 0.25]);
+            let products = 2 + 2 * MEMORIES;
+            assert_eq!(features[products..products + 3], [0.25, -0.25, 0.25]);
+            let channel = &features[products + 3..][..PLAY.len()];
+            assert!(channel.iter().all(|x| (x + 0.1).abs() < 1e-15), "{channel:?}");
+            let joint = &features[products + 3 + PLAY.len()..];
+            assert!(joint.chunks(2).all(|play| play == [0.5, -0.5]));
+            model.late(&features, &mut late);
+            assert!(late.iter().all(|x| x.abs() < 1e-15), "nothing is late at rest");
         }
     }
 
     #[test]
     fn a_play_follows_at_its_half_width_and_stays_on_the_way_back() {
         let wrench = [[0.0, 0.0], [2.0, 0.0], [1.9, 0.0], [0.0, 0.0]];
-        let features = run(&wrench, Memory::none(2));
+        let features = run(&wrench, &Model::on_axes(2));
         let widest = 2 + PLAY.len() - 1;
         let width = PLAY[PLAY.len() - 1];
         let play: Vec<f64> = features.iter().map(|features| features[widest]).collect();
@@ -170,10 +313,38 @@ mod tests {
     }
 
     #[test]
+    fn a_channel_has_the_play_of_what_it_sees() {
+        // 0.6 · 1 + 0.8 · 0.5 = 1 there and 0 back.
+        let features = run(&[[0.0, 0.0], [2.0, 2.0], [0.0, 0.0]], &beside());
+        let first = Model::on_axes(2).features();
+        for (k, width) in PLAY.into_iter().enumerate() {
+            assert!((features[1][first + k] - (1.0 - width)).abs() < 1e-15);
+            assert!((features[2][first + k] - width).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn a_joint_play_is_the_same_in_every_direction() {
+        let model = beside();
+        let first = model.features() - model.joint_plays();
+        // The same way on axes turned by 45°.
+        let straight = run(&[[0.0, 0.0], [2.0, 0.0], [0.6, 0.0]], &model);
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let turned = run(&[[0.0, 0.0], [2.0 * half, 4.0 * half], [0.6 * half, 1.2 * half]], &model);
+        for (straight, turned) in straight.iter().zip(&turned) {
+            let plays = straight[first..].chunks(2).zip(turned[first..].chunks(2));
+            for (straight, turned) in plays {
+                assert!((half * (turned[0] + turned[1]) - straight[0]).abs() < 1e-15);
+                assert!((turned[0] - turned[1]).abs() < 1e-15 && straight[1] == 0.0);
+            }
+        }
+    }
+
+    #[test]
     fn a_lag_relaxes_with_its_time_constant() {
         let mut wrench = vec![[0.0, 0.0]];
         wrench.extend([[2.0, 0.0]; 100]);
-        let features = run(&wrench, Memory::none(2));
+        let features = run(&wrench, &Model::on_axes(2));
         for (lag, lag_s) in LAG_S.into_iter().enumerate() {
             // A unit step, 100 steps of 0.01 s ago.
             let expected = 1.0 - (-1.0 / lag_s).exp();
@@ -182,16 +353,30 @@ mod tests {
     }
 
     #[test]
+    fn every_feature_has_its_family() {
+        let model = beside();
+        let families = model.families();
+        assert_eq!(families.len(), model.features());
+        let count = |family| families.iter().filter(|f| **f == family).count();
+        assert_eq!(count(None), 2 + 3);
+        assert_eq!(
+            Family::ALL.map(|family| count(Some(family))),
+            [2 * PLAY.len(), 2 * LAG_S.len(), PLAY.len(), 2 * JOINT.len()]
+        );
+    }
+
+    #[test]
     fn shares_of_the_memory_are_found_from_the_map() {
-        let mut map = faer::Mat::<f64>::zeros(Response::features(2), 3);
+        let mut model = Model::on_axes(2);
+        let mut map = faer::Mat::<f64>::zeros(model.features(), 3);
         for c in 0..3 {
             let whole = [3.0, -1.0, 2.0][c];
             map[(0, c)] = 0.7 * whole;
             map[(2, c)] = 0.3 * whole;
             map[(1, c)] = whole;
         }
-        let Memory(shares) = Memory::of(map.as_ref(), 2);
-        assert!((shares[0] - 0.3).abs() < 1e-15);
-        assert!(shares[1..].iter().all(|&share| share == 0.0));
+        model.learn_shares(map.as_ref());
+        assert!((model.shares[0] - 0.3).abs() < 1e-15);
+        assert!(model.shares[1..].iter().all(|&share| share == 0.0));
     }
 }

@@ -3,7 +3,7 @@
 use super::kernel::Kernel;
 use super::recording::Clean;
 use super::resample::Resampler;
-use super::response::{Memory, Response};
+use super::response::{Model, Response};
 use super::wide::combine;
 
 /// Grid points per sample of the output rate: cubic interpolation then errs by less than 0.4 % at
@@ -59,13 +59,15 @@ impl Trajectory {
         Self { step_s, axes: axes.len(), values, valid, largest }
     }
 
-    /// Number of features.
-    pub(super) fn feature_count(&self) -> usize {
-        Response::features(self.axes)
-    }
-
     pub(super) fn axes(&self) -> usize {
         self.axes
+    }
+
+    /// How far the load goes in a direction of the wrench, of which each axis is scaled to 1.
+    pub(super) fn reach(&self, direction: &[f64]) -> f64 {
+        let scaled: Vec<f64> = direction.iter().zip(&self.largest).map(|(d, w)| d / w).collect();
+        let along = |row: &[f64]| row.iter().zip(&scaled).map(|(w, d)| w * d).sum::<f64>().abs();
+        self.values.chunks_exact(self.axes).map(along).fold(0.0, f64::max)
     }
 
     pub(super) fn span_s(&self) -> f64 {
@@ -73,11 +75,11 @@ impl Trajectory {
     }
 
     /// Features in order of time, from the start.
-    pub(super) fn features(&self, memory: Memory) -> FeatureWindow<'_> {
+    pub(super) fn features(&self, model: Model) -> FeatureWindow<'_> {
         FeatureWindow {
             trajectory: self,
-            response: Response::new(&self.largest, self.step_s, memory),
-            width: Response::features(self.axes),
+            width: model.features(),
+            response: Response::new(&self.largest, self.step_s, model),
             first: 0,
             end: 0,
             rows: Vec::new(),

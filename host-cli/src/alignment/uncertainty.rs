@@ -3,15 +3,23 @@
 use faer::{Mat, MatRef};
 
 use super::matched_row::MatchedRow;
-use super::response::late_part;
+use super::response::Model;
+use super::wide::dots;
 
 /// Residuals correlated over longer than this are drift, which the model has, s.
 const CORRELATED_S: f64 = 0.5;
 /// Bins that scores are summed in before their correlations are, s.
 const SCORE_BIN_S: f64 = 0.01;
-/// The springs' delay is known to this share of itself: what is left of it in sessions of the
-/// sensor model, whose truth is known. No residual shows it, because all taps are late alike.
-const MODEL_SHARE: f64 = 0.008;
+/// Residuals that are alike from row to row are of the model. This share of them is taken to lie
+/// along the slopes, where the offset takes it up and no residual shows it: what was found of
+/// sensors of six kinds of hysteresis (`docs/alignment.md`).
+const HIDDEN_SHARE: f64 = 0.025;
+/// No model of the memory has just its widths, times and directions: this share of the delay that it makes is
+/// not known, however small the residuals are (found as the share above).
+const UNKNOWN_DELAY: f64 = 0.012;
+/// Products of successive residuals scatter about zero if there is only noise: as many standard
+/// deviations of that are taken off.
+const CHANCE: f64 = 2.0;
 
 /// Sums over the rows at the solution.
 #[derive(Debug)]
@@ -27,12 +35,17 @@ pub(super) struct ResidualSums<'a> {
     pub(super) rows: usize,
     /// Jᵀ W e, summed in bins of time.
     scores: Vec<[f64; 2]>,
-    /// Per channel: Σ e², Σ y, Σ y².
+    /// Per channel: Σ e², Σ y, Σ y² of straight readings y.
     squares: Vec<[f64; 3]>,
     /// dᵀ W m and dᵀ W d, of slopes d and remembered parts m.
     late: [f64; 2],
+    /// Σ eᵀ W e′ over successive rows: the squares of what is alike in them.
+    alike: f64,
+    /// The residual of the row before, times its weight.
+    before: Vec<f64>,
     /// Slope, channel and time from the pivot where a reading changes fastest.
     steepest: (f64, usize, f64),
+    late_features: Vec<f64>,
     late_part: Vec<f64>,
 }
 
@@ -53,20 +66,28 @@ impl<'a> ResidualSums<'a> {
             scores: Vec::new(),
             squares: vec![[0.0; 3]; channels],
             late: [0.0; 2],
+            alike: 0.0,
+            before: vec![0.0; channels],
             steepest: (0.0, 0, 0.0),
+            late_features: vec![0.0; map.nrows()],
             late_part: vec![0.0; channels],
         }
     }
 
-    pub(super) fn add(&mut self, row: &MatchedRow<'_>, axes: usize) {
+    /// `of_load` are the features of `model`, without those that are none of the load.
+    pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], model: &Model) {
         self.rows += 1;
-        late_part(&row.features[2..], self.map, axes, &mut self.late_part);
+        model.late(of_load, &mut self.late_features);
+        let map = (0..self.map.ncols()).map(|c| self.map.col(c).try_as_col_major());
+        let map = map.map(|column| column.expect("a column of a matrix").as_slice());
+        dots(&self.late_features, map, &mut self.late_part);
         let bin = ((row.from_pivot_s - self.start_s).max(0.0) / SCORE_BIN_S) as usize;
         if self.scores.len() <= bin {
             self.scores.resize(bin + 1, [0.0; 2]);
         }
         for channel in 0..self.squares.len() {
-            let (slope, e, y) = (row.slope[channel], row.residual[channel], row.readings[channel]);
+            let (slope, e) = (row.slope[channel], row.residual[channel]);
+            let y = row.straight[channel].reading;
             let sums = &mut self.squares[channel];
             *sums = [sums[0] + e * e, sums[1] + y, sums[2] + y * y];
             if slope.abs() > self.steepest.0 {
@@ -77,6 +98,8 @@ impl<'a> ResidualSums<'a> {
                 row.weight * column.iter().zip(x).map(|(w, x)| w * x).sum::<f64>()
             };
             let [weighted_residual, weighted_slope] = [row.residual, row.slope].map(weighted);
+            self.alike += weighted_residual * self.before[channel];
+            self.before[channel] = row.weight * e;
             self.late[0] += weighted_slope * self.late_part[channel];
             self.late[1] += weighted_slope * slope;
             for (parameter, time) in [1.0, row.from_pivot_s].into_iter().enumerate() {
@@ -87,20 +110,30 @@ impl<'a> ResidualSums<'a> {
         }
     }
 
-    /// The covariance of offset (s) and skew, and the delay of the springs, s. `white` is H⁻¹.
-    pub(super) fn covariance(&self, white: [[f64; 2]; 2]) -> ([[f64; 2]; 2], f64) {
+    /// The covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over models
+    /// that are not ruled out.
+    ///
+    /// What is alike in successive residuals, eᵀWe′ in all, has the squared error `HIDDEN_SHARE²
+    /// eᵀWe′ H⁻¹` if that share of it lies along the slopes.
+    pub(super) fn covariance(&self, white: [[f64; 2]; 2], spread: [f64; 2]) -> [[f64; 2]; 2] {
         let longest = (CORRELATED_S / SCORE_BIN_S) as usize;
         let mut covariance = sandwich(white, long_run_covariance(&self.scores, longest));
+        let chance = CHANCE * ((self.rows * self.squares.len()) as f64).sqrt();
+        let hidden = HIDDEN_SHARE * HIDDEN_SHARE * (self.alike - chance).max(0.0);
         // Long-run covariances are biased downward, more so the shorter the recording.
         for (i, row) in covariance.iter_mut().enumerate() {
-            row[i] = row[i].max(white[i][i]);
+            row[i] = row[i].max(white[i][i]) + spread[i];
         }
-        let delay_s = match self.late {
+        covariance[0][0] += hidden * white[0][0] + (UNKNOWN_DELAY * self.delay_s()).powi(2);
+        covariance
+    }
+
+    /// How late the memory makes the readings, s.
+    pub(super) fn delay_s(&self) -> f64 {
+        match self.late {
             [late, along] if along > 0.0 => -late / along,
             _ => 0.0,
-        };
-        covariance[0][0] += (MODEL_SHARE * delay_s) * (MODEL_SHARE * delay_s);
-        (covariance, delay_s)
+        }
     }
 
     /// RMS residual of each channel, counts.

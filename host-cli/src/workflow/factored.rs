@@ -57,6 +57,44 @@ pub fn factor(
     Ok(Factored { groups, first_in, summaries })
 }
 
+/// All rows of `logs`, with their groups.
+///
+/// # Errors
+/// [`WorkflowError`] if a log cannot be read, or the logs differ in their number of channels.
+pub(super) fn grouped_rows(
+    logs: &[Log],
+    group_by: &GroupBy,
+    used: UsedRows<'_>,
+    read: &ReadOptions<'_>,
+) -> Result<Block, WorkflowError> {
+    let wanted = group_by.wanted(logs);
+    check_logs(logs, &[], &wanted)?;
+    let map = |(): &mut (), log: usize, block: &mut Block| -> Result<Block, WorkflowError> {
+        group_by.label(logs, log, block)?;
+        used.select(log, block);
+        Ok(std::mem::take(block))
+    };
+    let mut all = Block::default();
+    let fold = |_, block: Result<Block, WorkflowError>| -> Result<(), WorkflowError> {
+        append(&mut all, block?);
+        Ok(())
+    };
+    let refs: Vec<&Log> = logs.iter().collect();
+    log_file::read_all(&refs, &wanted, read, || (), map, fold)?;
+    Ok(all)
+}
+
+/// Adds rows to others: readings, wrench and groups.
+pub(super) fn append(all: &mut Block, block: Block) {
+    let columns = [(&mut all.readings, block.readings), (&mut all.wrench, block.wrench)];
+    for (to, from) in columns {
+        to.resize_with(from.len(), Vec::new);
+        to.iter_mut().zip(from).for_each(|(to, mut from)| to.append(&mut from));
+    }
+    all.groups.extend(block.groups);
+    all.rows += block.rows;
+}
+
 /// A row that no fit can take is no fault of the groups.
 pub(super) fn of_rows(error: ValidationError) -> WorkflowError {
     match error {

@@ -176,7 +176,7 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let mut calibration = Calibration::of_solution(&solution, &ranges);
     calibration.axes = first.axes();
     let Uncertainty { mut covariance, not_grouped } =
-        Uncertainty::of(&solution, solver, options.ridge, options.covariance);
+        Uncertainty::of(&solution, (solver, options.truncate), options.ridge, options.covariance);
     let size_unit = covariance.as_ref().map(|_| root_mean_square(&solution));
     let wanted = rows.beyond_memory();
     let has_shape = size_unit.is_none() || rows.facts().spread().is_some();

@@ -76,7 +76,7 @@ pub fn fit(merged: &PartialFit, options: &MergedFitOptions) -> Result<MergedFit,
     calibration.axes = merged.axes;
     let from = choice.covariance_from(options.covariance);
     let Uncertainty { covariance, not_grouped } =
-        Uncertainty::of(&solution, solver, choice.ridge, from);
+        Uncertainty::of(&solution, (solver, None), choice.ridge, from);
     calibration.covariance = covariance;
     Ok(MergedFit { calibration, solution, solver, choice, not_grouped, train })
 }

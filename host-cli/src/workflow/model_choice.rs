@@ -1,15 +1,17 @@
 //! What is known before a fit: the model, its held-out errors, the sums by group. One pass over the
 //! logs, where any of it is asked for.
 
+use std::collections::HashSet;
+
 use super::WorkflowError;
-use super::factored::{Factored, factor};
+use super::factored::{Factored, factor, grouped_rows};
 pub use super::groups::HeldOut;
 use super::groups::{self, FoundGroups, FoundSummary, GroupBy};
 use super::log_facts::{Gathering, LogFacts};
 use super::log_rows::may_exceed;
 use super::moments::{self, SumOptions, Sums};
 use super::selection::UsedRows;
-use super::uncertainty::CovarianceFrom;
+use super::uncertainty::{CovarianceFrom, GroupsKept};
 use calibration::exact::Moments;
 use calibration::factored::FactoredGroups;
 use calibration::solver::SolverKind;
@@ -20,6 +22,7 @@ use calibration::validation::grouped::{Apart, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, Selection};
 use calibration::{Basis, FitError, Model};
 use log_file::{Log, ReadOptions};
+use shell_data::block::Block;
 
 /// Folds of the random split that held-out errors are compared with, where no number is given.
 pub const RANDOM_FOLDS: usize = 10;
@@ -89,8 +92,11 @@ pub struct ModelChoice {
     pub advice: Option<Advice>,
     /// The sums of the training rows, by group, where they were made.
     pub sums: Option<GroupedMoments>,
-    /// The training rows by group, where standard errors are to come from groups and there are no sums.
+    /// The training rows by group, where standard errors are to come from groups and there are no sums that
+    /// serve the solver.
     pub factored: Option<FactoredGroups>,
+    /// These rows as they are, where the solver clips them.
+    pub rows: Option<Block>,
     /// What was gathered of the rows when those were made.
     pub facts: Option<LogFacts>,
     /// What the groups of those are.
@@ -107,13 +113,15 @@ impl ModelChoice {
     /// What the covariance is found from, by `rule`.
     pub fn covariance_from(&self, rule: CovarianceRule) -> CovarianceFrom<'_> {
         match &self.sums {
+            // In this order: sums that a model was chosen by do not serve every solver.
             _ if rule == CovarianceRule::Nothing || self.few_groups.is_some() => {
                 CovarianceFrom::Nothing
             }
-            Some(sums) if self.by_group => CovarianceFrom::Groups(sums),
-            None if self.by_group => match &self.factored {
-                Some(rows) => CovarianceFrom::Factored(rows),
-                None => CovarianceFrom::Rows,
+            sums if self.by_group => match (&self.rows, &self.factored, sums) {
+                (Some(rows), ..) => CovarianceFrom::Rowwise(rows),
+                (None, Some(rows), _) => CovarianceFrom::Factored(rows),
+                (None, None, Some(sums)) => CovarianceFrom::Groups(sums),
+                (None, None, None) => CovarianceFrom::Rows,
             },
             _ => CovarianceFrom::Rows,
         }
@@ -165,10 +173,13 @@ pub fn choose(
         return Ok(choice);
     }
     let group_by = group_by.ok_or(WorkflowError::NoGroups)?;
+    let read = ReadOptions { checksum: false, ..options.read };
+    if !validates && options.kept() != GroupsKept::Sums {
+        return options.keep(choice, train, &group_by, &read);
+    }
     let sums = options.sum(train, choice.basis, group_by.clone());
     let sums = match sums {
         Err(WorkflowError::Fit(FitError::NotExact(_))) if !validates => {
-            let read = ReadOptions { checksum: false, ..options.read };
             let found = factor(train, choice.basis, &group_by, options.used, &read);
             return options.decide_factored(choice, found.map(|Factored { groups, .. }| groups));
         }
@@ -179,7 +190,11 @@ pub fn choose(
         sums => sums?,
     };
     let Sums { grouped, facts, .. } = sums;
-    Ok(ModelChoice { facts, ..options.decide(choice, grouped)? })
+    let choice = ModelChoice { facts, ..options.decide(choice, grouped)? };
+    match choice.by_group && options.kept() != GroupsKept::Sums {
+        true => options.keep(choice, train, &group_by, &read),
+        false => Ok(choice),
+    }
 }
 
 /// The same, from sums that have been made already: for `options.basis` or, where the family is to be
@@ -237,6 +252,7 @@ impl ModelChoiceOptions<'_> {
             advice: None,
             sums: None,
             factored: None,
+            rows: None,
             facts: None,
             by_group: self.wants_groups(group_by.as_ref()),
             group_by,
@@ -303,6 +319,41 @@ impl ModelChoiceOptions<'_> {
         Ok(choice)
     }
 
+    /// What the solver's standard errors by group are made of.
+    fn kept(&self) -> GroupsKept {
+        GroupsKept::of(self.solver)
+    }
+
+    /// Keeps the rows by group as the solver needs them.
+    fn keep(
+        &self,
+        choice: ModelChoice,
+        train: &[Log],
+        group_by: &GroupBy,
+        read: &ReadOptions<'_>,
+    ) -> Result<ModelChoice, WorkflowError> {
+        match self.kept() {
+            GroupsKept::Rows => {
+                let rows = grouped_rows(train, group_by, self.used, read)?;
+                Ok(self.decide_rows(choice, rows))
+            }
+            _ => {
+                let found = factor(train, choice.basis, group_by, self.used, read);
+                self.decide_factored(choice, found.map(|Factored { groups, .. }| groups))
+            }
+        }
+    }
+
+    /// As [`ModelChoiceOptions::decide`], for rows as they are.
+    pub(super) fn decide_rows(&self, mut choice: ModelChoice, rows: Block) -> ModelChoice {
+        let labels: HashSet<&str> = rows.groups.iter().map(|(label, _)| label.as_str()).collect();
+        let channels = rows.readings.len();
+        let model = Model { basis: choice.basis, intercept: self.intercept, channels };
+        self.judge_groups(&mut choice, &model, labels.len());
+        choice.rows = Some(rows);
+        choice
+    }
+
     /// Whether so many groups can tell how the coefficients of `model` scatter.
     fn judge_groups(&self, choice: &mut ModelChoice, model: &Model, groups: usize) {
         // A few groups say little about how groups scatter.
@@ -323,7 +374,7 @@ impl ModelChoiceOptions<'_> {
 
     /// Whether it may come from groups that nobody has asked for.
     fn takes_groups(&self) -> bool {
-        self.covariance == CovarianceRule::Auto && self.solver == SolverKind::Exact
+        self.covariance == CovarianceRule::Auto
     }
 
     fn sum(&self, train: &[Log], basis: Basis, group_by: GroupBy) -> Result<Sums, WorkflowError> {

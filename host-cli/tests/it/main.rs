@@ -13,6 +13,7 @@
 mod align_accuracy;
 mod align_command;
 mod align_disturbed;
+mod align_foreign;
 mod any_numbers;
 mod batch_command;
 mod bench_command;
@@ -66,6 +67,7 @@ mod settings;
 mod shell_integration;
 mod simulate_command;
 mod solver_identities;
+mod solver_intervals;
 mod some_axes;
 mod support;
 mod synth_command;

@@ -6,6 +6,7 @@ use super::change::change;
 use crate::FitError;
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
+use crate::least_squares::{Method, solve_triangle};
 use crate::model::{Basis, Model};
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
@@ -165,6 +166,19 @@ impl FactoredRows {
     /// [`FitError`] if the rows do not determine the coefficients, or the features of the model are not among
     /// these.
     pub fn solve(&self, model: &Model, ridge: f64) -> Result<Solution, FitError> {
+        self.solve_by(Method::Tsqr, model, ridge)
+    }
+
+    /// The same by a method that weighs rows alike; [`Method::RidgeGcv`] finds its λ for these rows.
+    ///
+    /// # Errors
+    /// As [`FactoredRows::solve`].
+    pub fn solve_by(
+        &self,
+        method: Method,
+        model: &Model,
+        ridge: f64,
+    ) -> Result<Solution, FitError> {
         if !(ridge >= 0.0 && ridge.is_finite()) {
             return Err(FitError::Ridge(ridge));
         }
@@ -175,11 +189,10 @@ impl FactoredRows {
         })?;
         let features = Features::new(*model, scaling);
         let free_column = model.intercept.then(|| features.len() - 1);
-        let solved = self
-            .triangle
-            .in_terms_of(change.as_ref())
-            .solve(Ridge { lambda: ridge, free_column })
-            .map_err(|error| FitError::of_least_squares(error, &features, &self.ranges))?;
+        let triangle = self.triangle.in_terms_of(change.as_ref());
+        let (solved, ridge) =
+            solve_triangle(&triangle, method, Ridge { lambda: ridge, free_column })
+                .map_err(|error| FitError::of_least_squares(error, &features, &self.ranges))?;
         Ok(Solution::new(&features, solved, ridge))
     }
 

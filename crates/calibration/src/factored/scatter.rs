@@ -12,7 +12,7 @@ use crate::solver::Solution;
 
 impl FactoredGroups {
     /// The scatter of the coefficients of a solution over these groups, or all but one of them, which are
-    /// all rows that it was fitted to. The bias that a ridge brings is left out.
+    /// all rows that it was fitted to. The bias that a ridge brings, or a truncation, is left out.
     ///
     /// # Errors
     /// [`ScatterError`] if some group alone determines a coefficient, or the features are too nearly dependent.
@@ -47,7 +47,8 @@ impl FactoredGroups {
             let errors = errors.map(|of| (of.rows, of.sum, of.squares));
             sums.add(place, ClusterShare { share, score, errors })?;
         }
-        sums.finish(&factor.transpose().to_owned(), solution.ridge)
+        let all_directions = solution.ridge == 0.0 && solution.rank == factor.nrows();
+        sums.finish(&factor.transpose().to_owned(), all_directions)
     }
 
     /// What the fit to all other groups, whose coefficients scatter by `scatter`, says of a group.
@@ -72,6 +73,7 @@ mod tests {
     use super::*;
     use crate::factored::GroupFactors;
     use crate::features::Features;
+    use crate::least_squares::Method;
     use crate::model::{Basis, Model};
     use crate::scaling::Scaling;
     use crate::solver::{self, FitProblem, SolverKind};
@@ -241,10 +243,10 @@ mod tests {
         }
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
         let (solution, mut groups) = fitted(&block, model);
-        let found = Covariance::of_factored(&groups, &solution).unwrap_err();
+        let found = Covariance::of_factored(&groups, &solution, Method::Tsqr, 0.0).unwrap_err();
         assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);
-        let found = Covariance::of_factored(&groups, &solution).unwrap_err();
+        let found = Covariance::of_factored(&groups, &solution, Method::Tsqr, 0.0).unwrap_err();
         assert_eq!(found, ValidationError::TooFewGroups { found: 1 });
     }
 

@@ -54,6 +54,19 @@ const ROUNDING: f64 = 64.0 * f64::EPSILON;
 /// count for nothing.
 const SMALLEST: f64 = 1e-12;
 
+/// Where residuals of these sizes are clipped.
+///
+/// # Panics
+/// If there is none.
+pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {
+    let middle = sizes.len() / 2;
+    let is_even = sizes.len().is_multiple_of(2);
+    let (below, &mut upper, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+    let lower = below.iter().copied().fold(0.0, f64::max);
+    let median = if is_even { 0.5 * (lower + upper) } else { upper };
+    CLIP * median / QUARTILE
+}
+
 /// Forms the gradient of clipped residuals.
 struct FormClipped {
     shape: Shape,

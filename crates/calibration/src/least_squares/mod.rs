@@ -36,8 +36,9 @@ mod wide_matrix;
 mod wide_qr;
 
 pub use self::dense::{Dense, solve_dense};
+pub(crate) use self::huber::clip_of_sizes;
 pub use self::method::Method;
 pub use self::rows::{Reduction, RowChunk, Rows, Shape};
 pub use self::solve::solve;
-pub(crate) use self::solve::{ridge_by_gcv, triangle};
+pub(crate) use self::solve::{ridge_by_gcv, solve_triangle, triangle};
 pub use super::triangle::{LeastSquares, LeastSquaresError, Ridge};

@@ -7,7 +7,7 @@ use super::rows::Rows;
 use super::wide_gram::FormWideGram;
 use super::wide_qr::FactorWide;
 use super::{gcv, huber, rank_revealing, refinement};
-use crate::triangle::{LeastSquares, Ridge, Triangle};
+use crate::triangle::{LeastSquares, LeastSquaresError, Ridge, Triangle};
 
 /// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`.
 ///
@@ -45,9 +45,29 @@ pub(crate) fn ridge_by_gcv<R: Rows>(
     rows: &mut R,
     free_column: Option<usize>,
 ) -> Result<(LeastSquares, f64), R::Error> {
-    let triangle = triangle(rows)?;
-    let lambda = gcv::lambda(&triangle, free_column)?;
-    Ok((triangle.solve(Ridge { lambda, free_column })?, lambda))
+    let ridge = Ridge { lambda: 0.0, free_column };
+    Ok(solve_triangle(&triangle(rows)?, Method::RidgeGcv, ridge)?)
+}
+
+/// Solves for rows of which the triangle is known, and says which λ it was. Singular values and a ridge by GCV
+/// are had from the triangle; every other method that weighs rows alike differs from QR by rounding.
+///
+/// # Errors
+/// [`LeastSquaresError`] as [`solve`].
+pub(crate) fn solve_triangle(
+    triangle: &Triangle,
+    method: Method,
+    ridge: Ridge,
+) -> Result<(LeastSquares, f64), LeastSquaresError> {
+    let Ridge { free_column, .. } = ridge;
+    Ok(match method {
+        Method::Svd { truncate } => (rank_revealing::svd(triangle, ridge, truncate)?, ridge.lambda),
+        Method::RidgeGcv => {
+            let lambda = gcv::lambda(triangle, free_column)?;
+            (triangle.solve(Ridge { lambda, free_column })?, lambda)
+        }
+        _ => (triangle.solve(ridge)?, ridge.lambda),
+    })
 }
 
 /// The triangle of all rows.

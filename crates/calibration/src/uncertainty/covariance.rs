@@ -6,6 +6,7 @@ use super::interval::{ErrorShape, normal_quantile, student_quantile};
 use super::new_groups::{held_out_intervals, held_out_intervals_factored};
 use crate::exact::{GroupScatterError, PartitionedMoments, SolveError};
 use crate::factored::FactoredGroups;
+use crate::least_squares::Method;
 use crate::model::Model;
 use crate::physics::{GroupIntervals, TooFewGroups};
 use crate::sandwich::{GroupScatter, ScatterError};
@@ -97,13 +98,27 @@ impl Covariance {
         Ok(Self::of_scatter(found, total.rows(), intervals))
     }
 
-    /// The same of a solution for rows that could not be summed exactly.
+    /// The same of a solution by `method`, from triangles of its rows: for rows that could not be summed
+    /// exactly, and methods that sums do not serve. `ridge` is what was asked for.
     ///
     /// # Errors
     /// As [`Covariance::of_groups`].
     pub fn of_factored(
         rows: &FactoredGroups,
         solution: &Solution,
+        method: Method,
+        ridge: f64,
+    ) -> Result<Self, ValidationError> {
+        Self::of_triangles(rows, solution, || {
+            held_out_intervals_factored(rows, &solution.model, (method, ridge))
+        })
+    }
+
+    /// The scatter of a solution over groups, with the intervals that are found if there is one.
+    pub(super) fn of_triangles(
+        rows: &FactoredGroups,
+        solution: &Solution,
+        intervals: impl FnOnce() -> Option<GroupIntervals>,
     ) -> Result<Self, ValidationError> {
         let groups = rows.groups.len();
         if groups < 2 {
@@ -111,8 +126,7 @@ impl Covariance {
         }
         let label = |place: usize| rows.groups[place].0.clone();
         let found = rows.scatter(solution, None).map_err(|error| why_no_scatter(error, label))?;
-        let intervals = held_out_intervals_factored(rows, &solution.model, solution.ridge);
-        Ok(Self::of_scatter(found, solution.rows, intervals))
+        Ok(Self::of_scatter(found, solution.rows, intervals()))
     }
 
     fn of_scatter(found: GroupScatter, rows: u64, intervals: Option<GroupIntervals>) -> Self {

@@ -6,6 +6,7 @@
 
 use crate::exact::{Moments, NewGroup, PartitionedMoments};
 use crate::factored::FactoredGroups;
+use crate::least_squares::Method;
 use crate::model::Model;
 use crate::physics::GroupIntervals;
 use crate::sandwich::GroupScatter;
@@ -28,22 +29,22 @@ pub(super) fn held_out_intervals(
     of_scores(groups, |group| score_without(sums, whole, model, ridge, group))
 }
 
-/// The same for rows that could not be summed exactly.
+/// The same from triangles of the rows; a ridge by GCV is found anew without each group.
 pub(super) fn held_out_intervals_factored(
     rows: &FactoredGroups,
     model: &Model,
-    ridge: f64,
+    (method, ridge): (Method, f64),
 ) -> Option<GroupIntervals> {
     of_scores(rows.groups.len(), |group| {
         let rest = rows.without(Some(group))?;
-        let solution = rest.solve(model, ridge).ok()?;
+        let solution = rest.solve_by(method, model, ridge).ok()?;
         let scatter = rows.scatter(&solution, Some(group)).ok()?;
         let new = rows.on_new_group(group, &solution, &scatter)?;
         Some(score_of(&new, &scatter, rest.rows()))
     })
 }
 
-fn of_scores(
+pub(super) fn of_scores(
     groups: usize,
     score: impl Fn(usize) -> Option<PerAxis<(f64, f64)>>,
 ) -> Option<GroupIntervals> {
@@ -75,7 +76,7 @@ fn score_without(
 }
 
 /// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows.
-fn score_of(new: &NewGroup, scatter: &GroupScatter, rows: u64) -> PerAxis<(f64, f64)> {
+pub(super) fn score_of(new: &NewGroup, scatter: &GroupScatter, rows: u64) -> PerAxis<(f64, f64)> {
     let residual = scatter.residual_covariance(rows);
     std::array::from_fn(|axis| {
         let errors = &new.errors[axis];

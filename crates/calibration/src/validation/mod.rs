@@ -61,8 +61,8 @@ pub enum ValidationError {
         /// Their labels.
         groups: Vec<String>,
     },
-    /// Not the solver that works on exact sums of groups.
-    #[error("how groups scatter is only known of the exact solver")]
+    /// What is kept of the groups does not tell how the coefficients of this solver scatter.
+    #[error("what is kept of the groups does not serve this solver")]
     OtherSolver,
     /// The sums do not suit the model.
     #[error(transparent)]

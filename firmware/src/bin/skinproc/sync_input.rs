@@ -5,7 +5,9 @@
 //! on the model holds it to 20 µs.
 #![expect(unsafe_code, reason = "an interrupt handler asks for it")]
 
-use core::sync::atomic::{AtomicU16, Ordering};
+use core::future::poll_fn;
+use core::sync::atomic::{AtomicBool, AtomicU16, Ordering};
+use core::task::Poll;
 
 use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::interrupt::InterruptExt;
@@ -13,6 +15,7 @@ use embassy_stm32::interrupt::typelevel::{Binding, EXTI15_10, Handler};
 use embassy_stm32::{Peri, interrupt, pac, peripherals};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
+use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Instant, Timer};
 use firmware::{SeenEdge, SyncInput};
 
@@ -30,6 +33,10 @@ const MOST_MISSED: u16 = 256;
 const REST: Duration = Duration::from_millis(10);
 
 static SEEN: Channel<CriticalSectionRawMutex, SeenEdge, WAITING> = Channel::new();
+/// Whether there may be some among them. The firmware is one task, so this is asked whenever it wakes, some
+/// seventeen times a frame, and a critical section each time would cost 4 % of what a frame does.
+static SOME: AtomicBool = AtomicBool::new(false);
+static LISTENER: AtomicWaker = AtomicWaker::new();
 static MISSED: AtomicU16 = AtomicU16::new(0);
 
 /// What is done at an edge.
@@ -44,6 +51,8 @@ impl Handler<EXTI15_10> for Stamp {
         let missed = MISSED.load(Ordering::Relaxed);
         if SEEN.try_send(SeenEdge { at_us, missed }).is_ok() {
             MISSED.store(0, Ordering::Relaxed);
+            SOME.store(true, Ordering::Release);
+            LISTENER.wake();
             return;
         }
         MISSED.store(missed + 1, Ordering::Relaxed);
@@ -95,6 +104,26 @@ impl SyncInput for Edges {
             forget_pending();
             listen(true);
         }
-        SEEN.receive().await
+        let mut is_registered = false;
+        poll_fn(|context| {
+            // All of the firmware is one task: its waker is the same for good.
+            if !is_registered {
+                LISTENER.register(context.waker());
+                is_registered = true;
+            }
+            if !SOME.load(Ordering::Acquire) {
+                return Poll::Pending;
+            }
+            // An edge between these two lines is received by the second.
+            SOME.store(false, Ordering::Relaxed);
+            match SEEN.try_receive() {
+                Ok(edge) => {
+                    SOME.store(true, Ordering::Relaxed);
+                    Poll::Ready(edge)
+                }
+                Err(_) => Poll::Pending,
+            }
+        })
+        .await
     }
 }

@@ -4,7 +4,7 @@ use super::rows::{InMemory, RowSource, rows_sample};
 use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, SolverRecord, Source};
 use crate::workflow::WorkflowError;
 use crate::workflow::eval::{BlockErrors, Evaluation};
-use crate::workflow::factored::of_rows;
+use crate::workflow::factored::{append, of_rows};
 use crate::workflow::fit::{check_sizes, root_mean_square, shape};
 use crate::workflow::groups::GroupBy;
 use crate::workflow::model_choice::{
@@ -12,7 +12,7 @@ use crate::workflow::model_choice::{
 };
 use crate::workflow::selection::UsedRows;
 use crate::workflow::solving::{Problem, Solved, solve};
-use crate::workflow::uncertainty::{CovarianceFrom, Uncertainty};
+use crate::workflow::uncertainty::{CovarianceFrom, GroupsKept, Uncertainty};
 use calibration::exact::ExactError;
 use calibration::factored::{FactoredGroups, GroupFactors};
 use calibration::reading_ranges::ReadingRanges;
@@ -156,7 +156,7 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
         None => CovarianceFrom::Rows,
     };
     let Uncertainty { mut covariance, not_grouped } =
-        Uncertainty::of(&solution, solver, ridge, from);
+        Uncertainty::of(&solution, (solver, options.truncate), ridge, from);
     let unit = covariance.as_ref().map(|_| root_mean_square(&solution));
     let (mut train, mut loads) = (Evaluation::default(), WrenchSums::default());
     let errors = |room: &mut PerAxis<Vec<f64>>, block: &mut Block| {
@@ -238,6 +238,20 @@ fn factor(
     groups.finish().map_err(of_rows)
 }
 
+/// All rows with their labels.
+fn grouped_rows(source: &dyn RowSource, threads: usize) -> Result<Block, WorkflowError> {
+    let mut all = Block::default();
+    InMemory { source, threads }.each_block(
+        || (),
+        |(), block| std::mem::take(block),
+        |block| {
+            append(&mut all, block);
+            Ok(())
+        },
+    )?;
+    Ok(all)
+}
+
 /// What can be had of rows that have weights, which no exact sum can take: a plain least-squares fit, and
 /// standard errors by row.
 fn check_weighted(options: &RowFitOptions) -> Result<(), WorkflowError> {
@@ -279,6 +293,17 @@ fn choose(
     }
     let basis = options.basis.unwrap_or(Basis::Poly3);
     let sum = |apart| sum(source, basis, (apart, asked.random_split()), options.threads);
+    let keep = |choice: ModelChoice| match GroupsKept::of(options.solver) {
+        GroupsKept::Rows => Ok(asked.decide_rows(choice, grouped_rows(source, options.threads)?)),
+        _ => {
+            let rows = factor(source, choice.basis, options.threads);
+            asked.decide_factored(choice, rows)
+        }
+    };
+    let sums_serve = GroupsKept::of(options.solver) == GroupsKept::Sums;
+    if !asked.validates() && !sums_serve {
+        return keep(asked.open(Some(GroupBy::Column))).map(Some);
+    }
     match asked.sum_apart(sum) {
         Err(WorkflowError::Fit(FitError::NotExact(_))) if !asked.validates() => {
             let choice = asked.open(Some(GroupBy::Column));
@@ -290,6 +315,9 @@ fn choose(
         {
             Ok(None)
         }
-        sums => choose_from(sums?, GroupBy::Column, &asked).map(Some),
+        sums => match choose_from(sums?, GroupBy::Column, &asked)? {
+            choice if choice.by_group && !sums_serve => keep(choice).map(Some),
+            choice => Ok(Some(choice)),
+        },
     }
 }

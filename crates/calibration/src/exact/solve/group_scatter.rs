@@ -59,7 +59,7 @@ impl PartitionedMoments<'_> {
             sums.add(place, ClusterShare { share, score, errors })?;
         }
         let back = Mat::from_fn(size, size, |i, j| factor[(j, i)] / stretch[j]);
-        Ok(sums.finish(&back, ridge)?)
+        Ok(sums.finish(&back, ridge == 0.0)?)
     }
 }
 

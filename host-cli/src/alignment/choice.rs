@@ -1,0 +1,149 @@
+//! Which kinds of memory a sensor has, and how much the offset depends on the answer.
+//!
+//! All sums of families of features ([`Family`]) are compared on one Gram matrix, at the solution of
+//! the largest: with n rows, C channels, p features used and Σ̂ the residual covariance,
+//!
+//! ```text
+//! BIC = n log det Σ̂ + p C log n
+//! ```
+//!
+//! (Schwarz, Ann. Statist. 6, 461, 1978) chooses; too many features cost variance, too few bias. The
+//! others are as good a guess at what the springs do as long as their residuals are not much larger,
+//! and each gives an offset of its own, one step of Gauss and Newton away. How far those scatter
+//! about the chosen one, beyond what the noise makes nested models differ by, `Var(ô₁ − ô₂) =
+//! |Var ô₁ − Var ô₂|` (Hausman, Econometrica 46, 1251, 1978), is an error that no residual shows.
+
+use super::normal::{Gram, Projected, inverse};
+use super::response::Family;
+
+/// Models whose residuals are larger by up to this factor, in the geometric mean of the channels,
+/// are not ruled out.
+const PLAUSIBLE: f64 = 1.3;
+
+/// Differences up to as many standard deviations of what noise makes are put down to it.
+const CHANCE: f64 = 2.0;
+
+struct Candidate {
+    keep: Vec<bool>,
+    step: [f64; 2],
+    white: [[f64; 2]; 2],
+    log_volume: f64,
+    criterion: f64,
+}
+
+/// All sums of the families that occur.
+pub(super) struct Candidates {
+    all: Vec<Candidate>,
+    channels: usize,
+}
+
+impl Candidates {
+    /// `families` has an entry for each feature of `gram`.
+    pub(super) fn new(gram: &Gram, families: &[Option<Family>], channels: usize) -> Self {
+        let present: Vec<Family> =
+            Family::ALL.into_iter().filter(|family| families.contains(&Some(*family))).collect();
+        let kept = |set: usize, family: &Option<Family>| {
+            let place = family.and_then(|family| present.iter().position(|p| *p == family));
+            place.is_none_or(|place| set & (1 << place) != 0)
+        };
+        let candidate = |set: usize| {
+            Candidate::new(gram, families.iter().map(|f| kept(set, f)).collect(), channels)
+        };
+        Self { all: (0..1 << present.len()).filter_map(candidate).collect(), channels }
+    }
+
+    /// Which features the best has.
+    pub(super) fn best(&self) -> Option<&Vec<bool>> {
+        let best = self.all.iter().min_by(|a, b| a.criterion.total_cmp(&b.criterion))?;
+        Some(&best.keep)
+    }
+
+    /// Variance of offset (s²) and skew over the models that are not ruled out, about the one with the features
+    /// `keep`.
+    pub(super) fn spread_about(&self, keep: &[bool]) -> [f64; 2] {
+        let Some(chosen) = self.all.iter().find(|c| c.keep == keep) else { return [0.0; 2] };
+        let ruled_out = chosen.log_volume + 2.0 * self.channels as f64 * PLAUSIBLE.ln();
+        // One with more features that the criterion does not want errs by what noise makes of them.
+        let has_more = |c: &Candidate| {
+            c.keep != keep && c.keep.iter().zip(keep).all(|(more, kept)| *more || !kept)
+        };
+        let plausible = || self.all.iter().filter(|c| c.log_volume <= ruled_out && !has_more(c));
+        [0, 1].map(|i| {
+            let excess = |other: &Candidate| {
+                let noise = (other.white[i][i] - chosen.white[i][i]).abs();
+                let difference = other.step[i] - chosen.step[i];
+                (difference * difference - CHANCE * CHANCE * noise).max(0.0)
+            };
+            plausible().map(excess).sum::<f64>() / plausible().count() as f64
+        })
+    }
+}
+
+impl Candidate {
+    fn new(gram: &Gram, keep: Vec<bool>, channels: usize) -> Option<Self> {
+        let projected = Projected::new(gram, |i| keep[i])?;
+        let (hessian, gradient) = projected.normal_equations();
+        let white = inverse(hessian)?;
+        let step = white.map(|row| row[0] * gradient[0] + row[1] * gradient[1]);
+        let (rows, log_volume) = (gram.total(), projected.log_volume());
+        let parameters = (projected.used * channels) as f64;
+        let criterion = rows * log_volume + parameters * rows.ln();
+        Some(Self { keep, step, white, log_volume, criterion })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::optics::POWERS;
+    use super::*;
+    use system_tests::random::Random;
+
+    const FAMILIES: [Option<Family>; 3] = [None, Some(Family::AxisPlays), Some(Family::Lags)];
+
+    /// One channel that follows the feature 0 late, by `delay_s`, which is a share of the memory 1; the memory 2
+    /// takes no part. The slope is that of the feature 0.
+    fn gram(share: f64, noise: f64) -> Gram {
+        let mut gram = Gram::new(3, 1);
+        let mut random = Random(3);
+        for i in 0..2000 {
+            let t = f64::from(i) / 20.0;
+            let (load, slope) = (t.sin(), t.cos());
+            let play = (t - 0.3).sin() + 0.2 * (3.0 * t - 0.9).sin();
+            let mut row = vec![load, play, (t / 7.0).sin(), slope, (t - 50.0) * slope];
+            row.push(load + share * (play - load) + noise * random.normal());
+            row.extend([0.0; POWERS]);
+            gram.add(&row, 1.0);
+        }
+        gram
+    }
+
+    #[test]
+    fn a_memory_is_chosen_where_there_is_one() {
+        for (share, expected) in [(0.0, [true, false, false]), (0.3, [true, true, false])] {
+            let candidates = Candidates::new(&gram(share, 0.01), &FAMILIES, 1);
+            assert_eq!(candidates.best().unwrap(), &expected);
+        }
+    }
+
+    #[test]
+    fn models_that_tell_other_offsets_spread_unless_their_residuals_rule_them_out() {
+        // Without the play, its delay is put down to the offset: 0.3 of a play that is 0.3 late is 0.09 or so.
+        let seen = gram(0.3, 0.02);
+        let candidates = Candidates::new(&seen, &FAMILIES, 1);
+        let keep = candidates.best().unwrap().clone();
+        assert_eq!(candidates.spread_about(&keep), [0.0; 2], "the residuals tell");
+        let hidden = Candidates::new(&gram(0.3, 0.5), &FAMILIES, 1);
+        let [offset, skew] = hidden.spread_about(&keep);
+        // Half of the models that are not ruled out are without it.
+        let expected = 0.5 * 0.09 * 0.09;
+        assert!((0.2..5.0).contains(&(offset / expected)), "{offset}");
+        assert!(skew < 1e-4 * offset, "the delay does not change with time: {skew}");
+    }
+
+    #[test]
+    fn without_memory_models_differ_by_noise_alone() {
+        let candidates = Candidates::new(&gram(0.0, 0.1), &FAMILIES, 1);
+        let [offset, _] = candidates.spread_about(candidates.best().unwrap());
+        assert!(offset < 0.1 * 0.1 / 1000.0, "{offset}");
+    }
+}

@@ -1,0 +1,240 @@
+//! Six kinds of springs with a memory, each from a force to a displacement of about the same number.
+//!
+//! Plain formulas of the literature; nothing of them is shared with the program.
+use system_tests::random::Random;
+
+/// The kinds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Bouc (1967) and Wen, J. Eng. Mech. Div. 102, 249 (1976).
+    BoucWen,
+    /// Weighted plays (Krasnosel'skii & Pokrovskii, 1989), in axes that are no axes of the wrench.
+    PrandtlIshlinskii,
+    /// Springs with sliding feet side by side (Iwan, J. Appl. Mech. 33, 893, 1966), one set per channel.
+    MaxwellSlip,
+    /// A triangle of relays (Mayergoyz, Phys. Rev. Lett. 56, 1518, 1986), one per channel.
+    Preisach,
+    /// Dahl (1968): friction that follows an exponential of the way since the last turn.
+    Dahl,
+    /// The standard linear solid: creep with two time constants, no friction.
+    LinearSolid,
+}
+
+impl Kind {
+    pub(crate) const ALL: [Self; 6] = [
+        Self::BoucWen,
+        Self::PrandtlIshlinskii,
+        Self::MaxwellSlip,
+        Self::Preisach,
+        Self::Dahl,
+        Self::LinearSolid,
+    ];
+
+    /// Whether each channel has a memory of its own, of its own displacement.
+    pub(crate) fn per_channel(self) -> bool {
+        matches!(self, Self::MaxwellSlip | Self::Preisach)
+    }
+
+    /// One spring of the kind, drawn at random; loads are of order 1.
+    pub(crate) fn draw(self, random: &mut Random) -> Box<dyn Spring> {
+        let mut between = |low: f64, high: f64| low + (high - low) * random.unit();
+        match self {
+            Self::BoucWen => {
+                let yielding = between(0.05, 0.4);
+                let exponent = between(1.0, 2.0);
+                let share = between(0.4, 0.9);
+                let limit = f64::powf(yielding, -exponent);
+                Box::new(BoucWen {
+                    elastic: between(0.75, 0.95),
+                    beta: share * limit,
+                    gamma: (1.0 - share) * limit,
+                    exponent,
+                    state: [0.0; 3],
+                })
+            }
+            Self::PrandtlIshlinskii => {
+                let (share, decay) = (between(0.05, 0.25), between(0.1, 0.5));
+                let weight = |k: u32| f64::exp(-0.05 * f64::from(k) / decay);
+                let sum: f64 = (1..=12).map(weight).sum();
+                let play = |k: u32| (0.05 * f64::from(k), share * weight(k) / sum, 0.0);
+                Box::new(Plays { immediate: 1.0 - share, plays: (1..=12).map(play).collect() })
+            }
+            Self::MaxwellSlip => {
+                let share = between(0.05, 0.3);
+                let foot = |k: u32| (share / 8.0, share / 8.0 * 0.08 * f64::from(k), 0.0);
+                let feet = (1..=8).map(foot).collect();
+                Box::new(MaxwellSlip { elastic: 1.0 - share, feet, at: [0.0; 2] })
+            }
+            Self::Preisach => {
+                Box::new(Preisach::new(between(0.05, 0.25), between(0.1, 0.5), between(1.5, 2.5)))
+            }
+            Self::Dahl => Box::new(Dahl {
+                stiffness: between(0.1, 0.6),
+                friction: between(0.02, 0.1),
+                state: [0.0; 3],
+            }),
+            Self::LinearSolid => {
+                let branch = |low: f64, high: f64, random: &mut Random| {
+                    let time_s = low * f64::powf(high / low, random.unit());
+                    (0.02 + 0.1 * random.unit(), time_s, 0.0)
+                };
+                let branches = vec![branch(0.15, 1.0, random), branch(1.0, 10.0, random)];
+                Box::new(LinearSolid { branches })
+            }
+        }
+    }
+}
+
+/// From a force to a displacement.
+pub(crate) trait Spring {
+    /// The displacement after `force` was reached in `step_s`.
+    fn displacement(&mut self, force: f64, step_s: f64) -> f64;
+}
+
+/// The force is followed in steps as small as this.
+const STEP: f64 = 0.004;
+
+/// Follows a force from `state` (force, displacement, inner force) by increments: `slope` is the
+/// change of the inner force with the displacement, given the way and the inner force; the force
+/// is `elastic` times the displacement plus the inner one.
+fn follow(state: &mut [f64; 3], force: f64, elastic: f64, slope: impl Fn(f64, f64) -> f64) -> f64 {
+    let steps = ((force - state[0]).abs() / STEP).ceil().max(1.0);
+    let part = (force - state[0]) / steps;
+    for _ in 0..steps as usize {
+        let inner = slope(part.signum(), state[2]);
+        let way = part / (elastic + inner);
+        state[1] += way;
+        state[2] += inner * way;
+    }
+    state[0] = force;
+    state[1]
+}
+
+/// F = α x + (1 − α) z, dz = (1 − (β sgn(z dx) + γ) |z|ⁿ) dx.
+struct BoucWen {
+    elastic: f64,
+    beta: f64,
+    gamma: f64,
+    exponent: f64,
+    state: [f64; 3],
+}
+
+impl Spring for BoucWen {
+    fn displacement(&mut self, force: f64, _step_s: f64) -> f64 {
+        let Self { elastic, beta, gamma, exponent, ref mut state } = *self;
+        let share = 1.0 - elastic;
+        follow(state, force, elastic, |way, inner| {
+            let z: f64 = inner / share;
+            let turned = beta * (z * way).signum() + gamma;
+            share * (1.0 - turned * z.abs().powf(exponent)).max(0.0)
+        })
+    }
+}
+
+/// F = x + f, df = σ (1 − f sgn(dx) / F_c) dx.
+struct Dahl {
+    stiffness: f64,
+    friction: f64,
+    state: [f64; 3],
+}
+
+impl Spring for Dahl {
+    fn displacement(&mut self, force: f64, _step_s: f64) -> f64 {
+        let Self { stiffness, friction, ref mut state } = *self;
+        follow(state, force, 1.0, |way, inner| stiffness * (1.0 - inner * way / friction).max(0.0))
+    }
+}
+
+/// x = h₀ F + Σ hₖ pₖ, pₖ the play of half-width rₖ: (rₖ, hₖ, pₖ).
+struct Plays {
+    immediate: f64,
+    plays: Vec<(f64, f64, f64)>,
+}
+
+impl Spring for Plays {
+    fn displacement(&mut self, force: f64, _step_s: f64) -> f64 {
+        let late = self.plays.iter_mut().map(|(width, share, play)| {
+            *play = play.clamp(force - *width, force + *width);
+            *share * *play
+        });
+        self.immediate * force + late.sum::<f64>()
+    }
+}
+
+/// F = k₀ x + Σ fₖ; a foot of stiffness kₖ slides at its limit: (kₖ, limit, fₖ).
+struct MaxwellSlip {
+    elastic: f64,
+    feet: Vec<(f64, f64, f64)>,
+    /// Force and displacement.
+    at: [f64; 2],
+}
+
+impl Spring for MaxwellSlip {
+    fn displacement(&mut self, force: f64, _step_s: f64) -> f64 {
+        let steps = ((force - self.at[0]).abs() / STEP).ceil().max(1.0);
+        let part = (force - self.at[0]) / steps;
+        for _ in 0..steps as usize {
+            let sticks = |foot: &(f64, f64, f64)| foot.2 * part.signum() < foot.1;
+            let stuck: f64 = self.feet.iter().filter(|f| sticks(f)).map(|foot| foot.0).sum();
+            let way = part / (self.elastic + stuck);
+            self.at[1] += way;
+            for (stiffness, limit, held) in &mut self.feet {
+                *held = (*held + *stiffness * way).clamp(-*limit, *limit);
+            }
+        }
+        self.at[0] = force;
+        self.at[1]
+    }
+}
+
+/// x = (1 − h) F + h Σ μ(α, β) R_αβ(F), relays up at α and down at β ≤ α.
+struct Preisach {
+    share: f64,
+    range: f64,
+    /// α, β, weight, and whether it is up.
+    relays: Vec<(f64, f64, f64, bool)>,
+}
+
+impl Preisach {
+    const LEVELS: u32 = 48;
+
+    fn new(share: f64, width: f64, range: f64) -> Self {
+        let level = |k: u32| range * (2.0 * (f64::from(k) + 0.5) / f64::from(Self::LEVELS) - 1.0);
+        let mut relays = Vec::new();
+        for a in 0..Self::LEVELS {
+            for b in 0..=a {
+                let apart = (level(a) - level(b)) / width;
+                relays.push((level(a), level(b), (-apart).exp(), level(a) + level(b) < 0.0));
+            }
+        }
+        let sum: f64 = relays.iter().map(|relay| relay.2).sum();
+        relays.iter_mut().for_each(|relay| relay.2 /= sum);
+        Self { share, range, relays }
+    }
+}
+
+impl Spring for Preisach {
+    fn displacement(&mut self, force: f64, _step_s: f64) -> f64 {
+        let relays = self.relays.iter_mut().map(|(up, down, weight, is_up)| {
+            *is_up = force >= *up || (*is_up && force > *down);
+            if *is_up { *weight } else { -*weight }
+        });
+        // All up or all down is a way of ± the range.
+        (1.0 - self.share) * force + self.share * self.range * relays.sum::<f64>()
+    }
+}
+
+/// x = F + Σ cₖ lₖ, τₖ dlₖ/dt = F − lₖ: (cₖ, τₖ, lₖ).
+struct LinearSolid {
+    branches: Vec<(f64, f64, f64)>,
+}
+
+impl Spring for LinearSolid {
+    fn displacement(&mut self, force: f64, step_s: f64) -> f64 {
+        let late = self.branches.iter_mut().map(|(share, time_s, state)| {
+            *state += -f64::exp_m1(-step_s / *time_s) * (force - *state);
+            *share * *state
+        });
+        force + late.sum::<f64>()
+    }
+}
