@@ -8,7 +8,8 @@
 //!
 //! Behind a base station in API mode `rssi_dbm` stands before the flags: how strongly the packet arrived.
 //! HEALTH is `temperature_c,supply_v,vrefint,dark1,…,dark8`, in the first row after the board has said
-//! so, about once a second, and empty elsewhere; `vrefint` and `dark` are in steps of the converter.
+//! so, about once a second, and empty elsewhere, but for the temperature, which holds until the next;
+//! `vrefint` and `dark` are in steps of the converter.
 //!
 //! `sync` and `sync_s` are number and time of an edge at the board's sync input, in the row after it, and
 //! empty elsewhere; `sync_s` is on the clock of `t_s`.
@@ -55,6 +56,8 @@ pub struct RowWriter {
     marks: VecDeque<(i64, u32)>,
     simultaneous: Simultaneous,
     has_rssi: bool,
+    /// What the board has said last, °C.
+    temperature_c: Option<f64>,
     /// Frames that hold something else than the columns.
     pub other_content: u64,
 }
@@ -90,6 +93,7 @@ impl RowWriter {
             simultaneous: Simultaneous::new(as_sampled),
             marks: VecDeque::new(),
             other_content: 0,
+            temperature_c: None,
         })
     }
 
@@ -181,7 +185,7 @@ impl RowWriter {
                 text.extend_from_slice(
                     format!(",{},{missing},{}", frame.index, frame.dropped).as_bytes(),
                 );
-                write_health(frame.health.as_ref(), text);
+                write_health(frame.health.as_ref(), &mut self.temperature_c, text);
                 write_edge(frame.edge.as_ref(), text);
             }
             if self.has_rssi {
@@ -235,23 +239,21 @@ fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
     }
 }
 
-/// How the board is, empty fields where it has not said so.
-fn write_health(health: Option<&Health>, text: &mut Vec<u8>) {
+/// How the board is, empty fields where it has not said so. The temperature is the one that it has said last.
+fn write_health(health: Option<&Health>, temperature_c: &mut Option<f64>, text: &mut Vec<u8>) {
+    let mut write = |value: Option<f64>| match value {
+        Some(value) => write_numbers(&[value], text),
+        None => text.push(b','),
+    };
+    let told = health.and_then(|health| health.vitals.temperature_cdeg);
+    *temperature_c = told.map(|hundredths| f64::from(hundredths) / 100.0).or(*temperature_c);
+    write(*temperature_c);
     let Some(Health { vitals, dark, .. }) = health else {
-        return text.extend([b','; 3 + CHANNELS]);
+        return text.extend([b','; 2 + CHANNELS]);
     };
     let steps = |counts: u16| f64::from(counts) / f64::from(COUNTS_PER_LSB);
-    let vitals = [
-        vitals.temperature_cdeg.map(|hundredths| f64::from(hundredths) / 100.0),
-        vitals.supply_mv.map(|mv| f64::from(mv) / 1000.0),
-        vitals.reference.map(steps),
-    ];
-    for value in vitals {
-        match value {
-            Some(value) => write_numbers(&[value], text),
-            None => text.push(b','),
-        }
-    }
+    write(vitals.supply_mv.map(|mv| f64::from(mv) / 1000.0));
+    write(vitals.reference.map(steps));
     write_numbers(&dark.map(steps), text);
 }
 

@@ -65,9 +65,10 @@ pub(crate) enum Command {
     ///
     /// Columns: t_s (the board's clock), s1 to s8 in steps of the 12-bit converter or, if the board
     /// streams wrenches, fx_n to mz_nm; index (sequence number), missing (frames lost before the row),
-    /// dropped (the board's own count, modulo 256), how the board is about once a second (temperature_c,
-    /// supply_v, and vrefint and dark1 to dark8 in steps), after an edge at the sync input its number and
-    /// time (sync, sync_s), and flags (s3:saturated, s3:range, late, restart, skewed, untared). The channels of a row are brought to one time, unless `--as-sampled`.
+    /// dropped (the board's own count, modulo 256), temperature_c, how the board is about once a second
+    /// (supply_v, and vrefint and dark1 to dark8 in steps), after an edge at the sync input its number and
+    /// time (sync, sync_s), and flags (s3:saturated, s3:range, late, restart, skewed, untared). The channels
+    /// of a row are brought to one time, unless `--as-sampled`.
     /// The file grows by whole lines twice a second and keeps what has arrived whatever happens.
     Record(Deferred<record::RecordArgs>),
 
