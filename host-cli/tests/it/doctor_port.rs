@@ -20,6 +20,9 @@ use system_tests::{on_the_wire, random::Random};
 use crate::doctor::{assert_found, examine};
 use crate::support::recording::{calibration, succeed};
 
+/// More boards than that and their programs, beside the other tests, may not keep to their own times.
+const BOARDS_AT_ONCE: usize = 8;
+
 /// A board that is as it should be, but for what a test changes.
 #[derive(Clone)]
 struct Plan {
@@ -335,19 +338,23 @@ fn planted_faults_of_boards_are_found() {
             fault("channels-identical"),
         ),
     ];
-    thread::scope(|scope| {
-        for (name, plan, options, expected) in cases {
-            scope.spawn(move || {
-                let board = Running::start(plan);
-                let arguments = format!("{} --listen 1 {options}", board.port);
-                // The calibration is one of random numbers, which no reading is within.
-                let (_, mut found, report) = examine(dir, &arguments);
-                found.retain(|(check, _)| check != "range" && check != "channels-swapped");
-                let found: Vec<_> = found.iter().map(|(c, s)| (c.as_str(), s.as_str())).collect();
-                assert_eq!(found, expected, "{name}: {report}");
-            });
-        }
-    });
+    let mut cases = cases.into_iter().peekable();
+    while cases.peek().is_some() {
+        thread::scope(|scope| {
+            for (name, plan, options, expected) in cases.by_ref().take(BOARDS_AT_ONCE) {
+                scope.spawn(move || {
+                    let board = Running::start(plan);
+                    let arguments = format!("{} --listen 1 {options}", board.port);
+                    // The calibration is one of random numbers, which no reading is within.
+                    let (_, mut found, report) = examine(dir, &arguments);
+                    found.retain(|(check, _)| check != "range" && check != "channels-swapped");
+                    let found: Vec<_> =
+                        found.iter().map(|(c, s)| (c.as_str(), s.as_str())).collect();
+                    assert_eq!(found, expected, "{name}: {report}");
+                });
+            }
+        });
+    }
 }
 
 #[test]
