@@ -14,7 +14,7 @@ use crate::triangle::{LeastSquares, LeastSquaresError, Ridge, Triangle};
 /// With [`Method::RidgeGcv`], `ridge` says only which column is free of it.
 ///
 /// # Errors
-/// [`LeastSquaresError`](crate::triangle::LeastSquaresError) if the rows do not determine the
+/// [`LeastSquaresError`] if the rows do not determine the
 /// coefficients, or not for this method; the errors of `rows`.
 pub fn solve<R: Rows>(
     rows: &mut R,
