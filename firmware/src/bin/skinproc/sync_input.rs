@@ -43,8 +43,8 @@ static MISSED: AtomicU16 = AtomicU16::new(0);
 pub(crate) struct Stamp;
 
 impl Handler<EXTI15_10> for Stamp {
-    // SAFETY: as the trait asks, it is called from the interrupt alone; it touches atomics, a channel
-    // that is made for it, and registers that nobody else writes while the line is unmasked.
+    // SAFETY: as the trait asks, it is called from the interrupt alone; it touches atomics, a channel and a waker
+    // that are made for it, and registers that nobody else writes while the line is unmasked.
     unsafe fn on_interrupt() {
         let at_us = Instant::now().as_micros();
         forget_pending();
