@@ -54,7 +54,7 @@ pub const RATES: [Baud; 9] = [
 /// The rate after a reset.
 pub const FIRST: Baud = Baud::near(CLOCK_HZ, 57_600, 58_200);
 
-/// What [`RATES`] are of.
+/// The clock that [`RATES`] divide, Hz.
 pub const CLOCK_HZ: u32 = 80_000_000;
 
 #[cfg(test)]

@@ -95,7 +95,8 @@ impl SyncInput for NoSyncInput {
     }
 }
 
-/// What a chip has beside the rest. As it is here, for a board that has none of it.
+/// The rate of the serial line, and a bootloader in ROM. The defaults are those of a board with a fixed rate and
+/// no bootloader.
 pub trait Chip {
     /// Rates that the line to the host can be set to.
     const RATES: &'static [Baud] = &[];
@@ -110,7 +111,7 @@ pub trait Chip {
     async fn start_bootloader(&mut self) {}
 }
 
-/// A board that has none of it.
+/// A board with a fixed rate and no bootloader.
 #[derive(Clone, Copy, Debug)]
 pub struct NoChip;
 

@@ -49,12 +49,12 @@ pub(crate) struct SelfTest {
     signature: Option<Signature>,
 }
 
-/// What is done on the line.
+/// The next action on the serial line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum OnLine {
-    /// This is sent.
+    /// Send this.
     Frame(WireFrame),
-    /// The line itself is changed.
+    /// Change the line itself.
     Change(Change),
 }
 
@@ -258,7 +258,7 @@ impl Core {
         self.outbox.push_edge(edge);
     }
 
-    /// A packet has arrived that is one.
+    /// A valid packet has arrived.
     pub(crate) fn heard(&mut self) {
         self.line.heard();
     }
@@ -270,12 +270,12 @@ impl Core {
         old.is_some()
     }
 
-    /// A change of the line is made.
+    /// The change of the line has been made.
     pub(crate) fn line_changed(&mut self, now_us: u64) {
         self.line.done(now_us);
     }
 
-    /// What is to be done next on the line.
+    /// The next action on the serial line, if there is one.
     pub(crate) fn next_on_line(&mut self) -> Option<OnLine> {
         let answer = self.outbox.pop_answer().map(OnLine::Frame);
         let answer = answer.or_else(|| self.line.take().map(OnLine::Change));

@@ -39,7 +39,7 @@ pub struct Parts<F, C, R, W, S, D, I, H> {
     pub watchdog: D,
     /// For the edges of a signal that another recorder has, too.
     pub sync_input: I,
-    /// What the chip has beside the rest.
+    /// The rate of the line, and the bootloader.
     pub chip: H,
     /// How the XBee is set.
     pub link: Link,

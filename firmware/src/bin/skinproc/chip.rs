@@ -5,7 +5,7 @@ use embassy_stm32::pac;
 use embassy_time::{Duration, Timer};
 use firmware::{Baud, Chip, baud};
 
-/// What the divider divides.
+/// The clock of USART1, Hz.
 const CLOCK_HZ: u64 = baud::CLOCK_HZ as u64;
 
 /// Between two looks at whether the last byte has left the buffer.
