@@ -3,13 +3,24 @@
 use std::path::Path;
 use std::{env, fs, io};
 
+/// Boards by their features, and their maps.
+const MAPS: [(&str, &str); 3] = [
+    ("CARGO_FEATURE_EMULATED", "emulated.x"),
+    ("CARGO_FEATURE_SKINPROC", "skinproc.x"),
+    ("CARGO_FEATURE_NUCLEO_G491RE", "nucleo-g491re.x"),
+];
+
+/// What the maps of boards with an STM32 include.
+const COMMON: &str = "stm32.x";
+
 fn main() -> io::Result<()> {
     println!("cargo:rerun-if-changed=memory");
-    let maps = [("CARGO_FEATURE_EMULATED", "emulated.x"), ("CARGO_FEATURE_SKINPROC", "skinproc.x")];
-    let map = maps.iter().find(|(feature, _)| env::var_os(feature).is_some());
+    let map = MAPS.iter().find(|(feature, _)| env::var_os(feature).is_some());
     if let (Some((_, map)), Some(out)) = (map, env::var_os("OUT_DIR")) {
-        fs::copy(Path::new("memory").join(map), Path::new(&out).join("memory.x"))?;
-        println!("cargo:rustc-link-search={}", Path::new(&out).display());
+        let (memory, out) = (Path::new("memory"), Path::new(&out));
+        fs::copy(memory.join(map), out.join("memory.x"))?;
+        fs::copy(memory.join(COMMON), out.join(COMMON))?;
+        println!("cargo:rustc-link-search={}", out.display());
     }
     Ok(())
 }

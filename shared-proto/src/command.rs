@@ -474,11 +474,13 @@ pub enum Board {
     Emulated,
     /// A process on the host.
     Simulated,
+    /// The Nucleo-G491RE: STM32G491RE.
+    NucleoG491re,
     /// One that this version does not know.
     Other(u8),
 }
 
-codes!(Board { SkinProc = 1, Emulated = 2, Simulated = 3 });
+codes!(Board { SkinProc = 1, Emulated = 2, Simulated = 3, NucleoG491re = 4 });
 
 /// Why the board last started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -27,6 +27,8 @@ pub const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 /// Where the model is and what it runs.
 #[derive(Clone, Debug)]
 pub struct Model {
+    /// Which board it is, as the model names it.
+    pub board: &'static str,
     /// The image, an ELF file.
     pub image: PathBuf,
     /// The Python that has what the model needs.
@@ -40,7 +42,17 @@ impl Model {
     /// If there is none.
     pub fn find() -> Self {
         let path = |name: &str| std::env::var_os(name).map(PathBuf::from).unwrap();
-        Self { image: path(IMAGE), python: path(PYTHON) }
+        Self { board: "skinproc", image: path(IMAGE), python: path(PYTHON) }
+    }
+
+    /// As [`Self::find`], of the Nucleo-G491RE, whose image is beside the other.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn find_nucleo() -> Self {
+        let Self { image, python, .. } = Self::find();
+        let board = "nucleo-g491re";
+        Self { board, image: image.with_file_name(board), python }
     }
 
     /// The command that runs the model, up to where its serial line goes. What the converter gives is
@@ -48,7 +60,8 @@ impl Model {
     pub fn command(&self, played: &[PlayedFrame], dir: &Path) -> Command {
         let mut command = Command::new(&self.python);
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/emulation");
-        command.current_dir(program).args(["-B", "-m", "stm32l432"]).arg(&self.image);
+        command.current_dir(program).args(["-B", "-m", "stm32", "--board", self.board]);
+        command.arg(&self.image);
         if !played.is_empty() {
             let codes = played.iter().flatten().flat_map(|(dark, lit)| [dark, lit]);
             let bytes: Vec<u8> = codes.flat_map(|code| code.to_le_bytes()).collect();

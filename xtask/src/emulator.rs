@@ -11,12 +11,15 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use system_tests::emulation::{COUNTED_TIME, Memory, QEMU};
 
-use crate::image::{RAM, RAM_SIZE};
+use crate::image::RAM;
 use crate::measure::installed;
 use crate::need::{Need, Way};
 
 /// How long QEMU may be silent: a run takes a second.
 const PATIENCE: Duration = Duration::from_secs(120);
+
+/// How much RAM the emulated board has.
+const RAM_SIZE: u32 = 64 * 1024;
 
 /// What RAM holds before the start, to see which of it was used. No address and no small number.
 const PAINT: u8 = 0xA5;

@@ -1,6 +1,6 @@
-//! `cargo xtask firmware`: builds the board's image and says what it takes of the board.
+//! `cargo xtask firmware`: builds the boards' images and says what they take of the boards.
 //!
-//! Flash, RAM and a bound on the stack are read off the image. Instructions and the deepest that the
+//! Flash, RAM and a bound on the stack are read off an image. Instructions and the deepest that the
 //! stack has been seen are those of the flashed image on the model of its microcontroller; where there
 //! is no model, those of the emulated board, whose drivers are its own. Either is the same every run.
 
@@ -14,17 +14,17 @@ use system_tests::flashed::Model;
 use system_tests::workload;
 
 use crate::emulator::{self, Run};
-use crate::image::{self, Footprint, Image, STACK_SIZE};
+use crate::image::{self, Board, Footprint, Image};
 use crate::model::{self, Measured};
 use crate::stack;
 use crate::steps;
 use crate::toolchain;
 
-/// What the image may take of the STM32L432KC's 256 KiB of flash and 64 KiB of RAM.
+/// What an image may take of the STM32L432KC's 256 KiB of flash and 64 KiB of RAM; other boards have more.
 const FLASH_LIMIT: u64 = 96 * 1024;
 const RAM_LIMIT: u64 = 16 * 1024;
 
-/// The board's core, and the rate at which frames are due.
+/// The boards' core, and the rate at which frames are due.
 const CORE_HZ: f64 = 80e6;
 const RATE_HZ: f64 = 100.0;
 
@@ -36,41 +36,31 @@ const PHYSICS_LIMIT: f64 = 40_000.0;
 /// Frames of two runs, whose difference is that of frames in the middle of a stream.
 const FRAMES: [u32; 2] = [500, 1500];
 
-/// Builds both images, measures, prints, and is an error above a limit. Returns the emulated one.
+/// Builds all images, measures, prints, and is an error above a limit. Returns the emulated one.
 pub(crate) fn check() -> Result<PathBuf> {
     let toolchain = toolchain::set_up()?;
     emulator::set_up()?;
-    let image = Image::SkinProc.build(&toolchain)?;
     let emulated = Image::Emulated.build(&toolchain)?;
-    let footprint = image::footprint(&image)?;
-    let mut report = Report {
-        footprint,
-        stack_bound: stack::bound(&image)?,
-        streams: Workload::ALL
-            .map(|workload| stream(&emulated, workload))
-            .into_iter()
-            .collect::<Result<_>>()?,
-        commands: run_once(&emulated, setting_up(), "commands")?,
-        where_measured: "of the emulated board",
-    };
+    let in_emulation = Measurements::of_emulated(&emulated)?;
     // The bound is by the machine code alone; here it is held against what was seen.
-    let bound = stack::bound(&emulated)?;
-    ensure!(report.stack() <= bound, "{} B of stack seen, {bound} B thought of", report.stack());
-    match model::find() {
-        Ok(model) => report.measure_flashed(&model)?,
-        Err(reason) => eprintln!("{reason:#}: the flashed image is not executed"),
+    let (seen, bound) = (in_emulation.stack(), stack::bound(&emulated)?);
+    ensure!(seen <= bound, "{seen} B of stack seen, {bound} B thought of");
+    let mut exceeded = Vec::new();
+    for board in Board::ALL {
+        let image = board.image().build(&toolchain)?;
+        let report = Report::new(board, &image, &in_emulation)?;
+        println!("{}: {}\n{report}", image.display(), toolchain.version);
+        exceeded.extend(report.exceeded().map(|what| format!("{what} of {}", board.name())));
     }
-    println!("{}: {}\n{report}", image.display(), toolchain.version);
-    let exceeded = report.exceeded();
     if !exceeded.is_empty() {
         bail!("the firmware is above its limits: {}", exceeded.join(", "));
     }
     Ok(emulated)
 }
 
-/// The image for the board, for who wants to flash it.
-pub(crate) fn build() -> Result<PathBuf> {
-    Image::SkinProc.build(&toolchain::set_up()?)
+/// The image for a board, for who wants to flash it.
+pub(crate) fn build(board: Board) -> Result<PathBuf> {
+    board.image().build(&toolchain::set_up()?)
 }
 
 /// What is streamed.
@@ -127,6 +117,7 @@ impl Workload {
 }
 
 /// A stream of frames.
+#[derive(Clone)]
 struct Streaming {
     workload: Workload,
     instructions_per_frame: f64,
@@ -143,46 +134,79 @@ impl Streaming {
     }
 }
 
-struct Report {
-    footprint: Footprint,
-    stack_bound: u32,
+/// What running an image has shown.
+#[derive(Clone)]
+struct Measurements {
     streams: Vec<Streaming>,
-    commands: Run,
-    where_measured: &'static str,
+    /// The stack that commands take.
+    commands_stack: u32,
+    whose: &'static str,
 }
 
-impl Report {
-    /// Takes the figures of the flashed image in place of the emulated one's.
-    fn measure_flashed(&mut self, model: &Model) -> Result<()> {
-        for stream in &mut self.streams {
-            let workload = stream.workload;
+impl Measurements {
+    fn of_emulated(image: &Path) -> Result<Self> {
+        let streams = Workload::ALL.into_iter().map(|workload| stream(image, workload));
+        let commands = run_once(image, setting_up(), "commands")?;
+        Ok(Self {
+            streams: streams.collect::<Result<_>>()?,
+            commands_stack: commands.stack,
+            whose: "of the emulated board",
+        })
+    }
+
+    fn of_flashed(model: &Model) -> Result<Self> {
+        let measure = |workload: Workload| -> Result<Streaming> {
             let (played, calibration) = (workload.played(), workload.calibration());
             let Measured { instructions_per_frame, stack } =
                 model::measure(model, workload.mode(), &played, &calibration, RATE_HZ)?;
-            ensure!(stack <= self.stack_bound, "{stack} B of stack seen, more than the bound");
-            *stream = Streaming { workload, instructions_per_frame, stack };
-        }
+            Ok(Streaming { workload, instructions_per_frame, stack })
+        };
+        let streams = Workload::ALL.into_iter().map(measure).collect::<Result<_>>()?;
         // Every stream has been set up by commands.
-        self.commands.stack = 0;
-        self.where_measured = "of the flashed image";
-        Ok(())
+        Ok(Self { streams, commands_stack: 0, whose: "of the flashed image" })
     }
 
-    /// The deepest in emulation.
+    /// The deepest that the stack has been.
     fn stack(&self) -> u32 {
         let streams = self.streams.iter().map(|stream| stream.stack);
-        streams.fold(self.commands.stack, u32::max)
+        streams.fold(self.commands_stack, u32::max)
+    }
+}
+
+struct Report {
+    board: Board,
+    footprint: Footprint,
+    stack_bound: u32,
+    measurements: Measurements,
+}
+
+impl Report {
+    fn new(board: Board, image: &Path, in_emulation: &Measurements) -> Result<Self> {
+        let stack_bound = stack::bound(image)?;
+        let measurements = match model::find(board) {
+            Ok(model) => {
+                let measurements = Measurements::of_flashed(&model)?;
+                let seen = measurements.stack();
+                ensure!(seen <= stack_bound, "{seen} B of stack seen, {stack_bound} B thought of");
+                measurements
+            }
+            Err(reason) => {
+                eprintln!("{reason:#}: the flashed image is not executed");
+                in_emulation.clone()
+            }
+        };
+        Ok(Self { board, footprint: image::footprint(image)?, stack_bound, measurements })
     }
 
-    fn exceeded(&self) -> Vec<&'static str> {
-        let Self { footprint, streams, .. } = self;
+    fn exceeded(&self) -> impl Iterator<Item = &'static str> {
+        let Self { footprint, measurements, .. } = self;
         let checks = [
             (footprint.flash > FLASH_LIMIT, "flash"),
             (footprint.ram > RAM_LIMIT, "RAM"),
-            (self.stack_bound > STACK_SIZE, "stack"),
-            (streams.iter().any(Streaming::is_too_much), "instructions"),
+            (self.stack_bound > self.board.stack_size(), "stack"),
+            (measurements.streams.iter().any(Streaming::is_too_much), "instructions"),
         ];
-        checks.into_iter().filter(|(exceeded, _)| *exceeded).map(|(_, what)| what).collect()
+        checks.into_iter().filter(|(exceeded, _)| *exceeded).map(|(_, what)| what)
     }
 }
 
@@ -192,15 +216,15 @@ impl fmt::Display for Report {
         let Footprint { flash, ram, .. } = self.footprint;
         writeln!(f, "  flash        {:6.1} KiB of {:.0}", kib(flash), kib(FLASH_LIMIT))?;
         writeln!(f, "  static RAM   {:6.1} KiB of {:.0}", kib(ram), kib(RAM_LIMIT))?;
-        let (bound, seen) = (kib(self.stack_bound.into()), kib(self.stack().into()));
+        let Measurements { streams, whose, .. } = &self.measurements;
+        let (bound, seen) = (kib(self.stack_bound.into()), kib(self.measurements.stack().into()));
         writeln!(
             f,
-            "  stack        {bound:6.1} KiB of {:.0} at most, {seen:.1} seen, {}",
-            kib(STACK_SIZE.into()),
-            self.where_measured
+            "  stack        {bound:6.1} KiB of {:.0} at most, {seen:.1} seen, {whose}",
+            kib(self.board.stack_size().into()),
         )?;
-        writeln!(f, "  instructions per frame, {}:", self.where_measured)?;
-        for stream in &self.streams {
+        writeln!(f, "  instructions per frame, {whose}:")?;
+        for stream in streams {
             let Streaming { workload, instructions_per_frame, .. } = stream;
             let limit = workload.limit().map_or(String::new(), |limit| format!(" of {limit}"));
             writeln!(

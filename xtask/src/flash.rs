@@ -1,18 +1,20 @@
-//! `cargo xtask flash`: builds the board's image and flashes it with probe-rs.
+//! `cargo xtask flash`: builds a board's image and flashes it with probe-rs.
 
 use std::process::Command;
 
 use anyhow::{Result, bail};
 
 use crate::firmware;
+use crate::image::Board;
 use crate::measure::installed;
 use crate::steps;
 
-/// The board's microcontroller by the name that probe-rs has for it.
-const CHIP: &str = "STM32L432KCUx";
-
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
+    /// Board that is at the probe
+    #[arg(long, value_enum, default_value = "skinproc")]
+    board: Board,
+
     /// Probe to use where there are several, as `probe-rs list` names it
     #[arg(long, value_name = "VID:PID[:SERIAL]")]
     probe: Option<String>,
@@ -30,8 +32,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
              `cargo install --locked probe-rs-tools`, or see https://probe.rs/docs/getting-started"
         );
     }
-    let image = firmware::build()?;
-    let mut probe = vec!["--chip", CHIP];
+    let image = firmware::build(args.board)?;
+    let mut probe = vec!["--chip", args.board.chip()];
     if let Some(selector) = &args.probe {
         probe.extend(["--probe", selector]);
     }

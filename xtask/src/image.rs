@@ -8,35 +8,74 @@ use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
 use crate::steps::{self, workspace};
 use crate::toolchain::{TARGET, Toolchain};
 
-/// Where the RAM of both boards begins, and how much there is.
+/// Where the RAM of all boards begins.
 pub(crate) const RAM: u32 = 0x2000_0000;
-pub(crate) const RAM_SIZE: u32 = 64 * 1024;
-
-/// What the board's linker script gives to the stack.
-pub(crate) const STACK_SIZE: u32 = 48 * 1024;
 
 /// A binary of the firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Image {
-    /// For the STM32L432KC.
-    SkinProc,
+    /// For a board that can be flashed.
+    Board(Board),
     /// For QEMU.
     Emulated,
+}
+
+/// A board that can be flashed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Board {
+    /// The SkinProc board, and the Nucleo-L432KC with the same chip
+    #[value(name = "skinproc")]
+    SkinProc,
+    /// The Nucleo-G491RE
+    #[value(name = "nucleo-g491re")]
+    NucleoG491re,
+}
+
+impl Board {
+    pub(crate) const ALL: [Self; 2] = [Self::SkinProc, Self::NucleoG491re];
+
+    /// That of the feature, the binary, and the linker's map.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::SkinProc => "skinproc",
+            Self::NucleoG491re => "nucleo-g491re",
+        }
+    }
+
+    /// Its microcontroller by the name that probe-rs has for it.
+    pub(crate) fn chip(self) -> &'static str {
+        match self {
+            Self::SkinProc => "STM32L432KCUx",
+            Self::NucleoG491re => "STM32G491RETx",
+        }
+    }
+
+    /// What its linker script gives to the stack: all of SRAM1.
+    pub(crate) fn stack_size(self) -> u32 {
+        match self {
+            Self::SkinProc => 48 * 1024,
+            Self::NucleoG491re => 80 * 1024,
+        }
+    }
+
+    pub(crate) fn image(self) -> Image {
+        Image::Board(self)
+    }
 }
 
 impl Image {
     fn name(self) -> &'static str {
         match self {
-            Image::SkinProc => "skinproc",
-            Image::Emulated => "skinproc-emulated",
+            Self::Board(board) => board.name(),
+            Self::Emulated => "skinproc-emulated",
         }
     }
 
     /// Builds it and returns where it is.
     pub(crate) fn build(self, toolchain: &Toolchain) -> Result<PathBuf> {
         let (feature, link): (_, &[&str]) = match self {
-            Image::SkinProc => ("skinproc", &["-Tlink.x", "--nmagic", "-Tdefmt.x"]),
-            Image::Emulated => ("emulated", &["-Tlink.x", "--nmagic"]),
+            Self::Board(board) => (board.name(), &["-Tlink.x", "--nmagic", "-Tdefmt.x"]),
+            Self::Emulated => ("emulated", &["-Tlink.x", "--nmagic"]),
         };
         let mut cargo = toolchain.build(link);
         cargo.args(["--features", feature, "--bin", self.name(), "--target-dir"]).arg(target_dir());

@@ -62,9 +62,9 @@ enum Task {
     Package(package::Args),
     /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
     Layers(layers::Args),
-    /// Build the board's image and say what it takes; exit code 1 above its limits
+    /// Build the boards' images and say what they take; exit code 1 above their limits
     Firmware,
-    /// Build the board's image and flash it, with probe-rs
+    /// Build a board's image and flash it, with probe-rs
     Flash(flash::Args),
     /// Run the emulated board on a pty until Ctrl-C
     Emulate(emulate::Args),

@@ -14,7 +14,7 @@ use shared_proto::{
 use system_tests::emulation::PlayedFrame;
 use system_tests::flashed::{FlashedBoard, IMAGE, Model, PYTHON, SERIAL};
 
-use crate::image::Image;
+use crate::image::Board;
 use crate::measure::installed;
 use crate::steps::{self, workspace};
 
@@ -48,23 +48,27 @@ fn set_up() -> Result<PathBuf> {
     Ok(python)
 }
 
-/// The model with the image that was built last.
+/// The model of a board with its image that was built last.
 ///
 /// # Errors
 /// Why the model cannot run.
-pub(crate) fn find() -> Result<Model> {
-    let image = Image::SkinProc.path();
+pub(crate) fn find(board: Board) -> Result<Model> {
+    let image = board.image().path();
     ensure!(image.exists(), "the board's image has not been built");
     let python = set_up().context("no Python with `unicorn`")?;
-    Ok(Model { image, python })
+    Ok(Model { board: board.name(), image, python })
 }
 
-/// What tests of the flashed image have to know: the image, and the Python that runs the model. Nothing
-/// where there is no model, and they are ignored.
+/// What tests of the flashed images have to know: the SkinProc board's, which has the others beside it, and the Python
+/// that runs the model. Nothing where there is no model, and they are ignored.
 pub(crate) fn environment(with_board: bool) -> Vec<(&'static str, OsString)> {
-    let model = if with_board { find() } else { Err(anyhow::anyhow!("run without the board")) };
+    let model = if with_board {
+        find(Board::SkinProc)
+    } else {
+        Err(anyhow::anyhow!("run without the board"))
+    };
     match model {
-        Ok(Model { image, python }) => vec![(IMAGE, image.into()), (PYTHON, python.into())],
+        Ok(Model { image, python, .. }) => vec![(IMAGE, image.into()), (PYTHON, python.into())],
         Err(reason) => {
             eprintln!("{reason:#}: the tests of the flashed image are ignored");
             Vec::new()

@@ -10,33 +10,10 @@
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]
-mod bootloader;
+mod board;
 #[cfg(target_os = "none")]
-mod chip;
-#[cfg(target_os = "none")]
-mod converter;
-#[cfg(target_os = "none")]
-mod ecc;
-#[cfg(target_os = "none")]
-mod factory;
-#[cfg(target_os = "none")]
-mod faults;
-#[cfg(target_os = "none")]
-mod front_end;
-#[cfg(target_os = "none")]
-mod interrupts;
-#[cfg(target_os = "none")]
-mod last_words;
-#[cfg(target_os = "none")]
-mod pages;
-#[cfg(target_os = "none")]
-mod randomness;
-#[cfg(target_os = "none")]
-mod start;
-#[cfg(target_os = "none")]
-mod storage;
-#[cfg(target_os = "none")]
-mod sync_input;
+#[path = "../stm32/mod.rs"]
+mod stm32;
 
 #[cfg(not(target_os = "none"))]
 fn main() {}

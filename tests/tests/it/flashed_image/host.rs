@@ -1,8 +1,8 @@
 //! The host's end of the flashed board's line: orders with answers, and the books of its samples.
 
 use shared_proto::{
-    Answer, BoardId, Boot, Calibration, Command, Cubic, Decoder, Edge, Event, Framing, Health,
-    MAX_PIECE, Packet, Piece, Sample, Status, crc32,
+    Answer, Board, BoardId, Boot, Calibration, Command, Cubic, Decoder, Edge, Event, Framing,
+    Health, MAX_PIECE, Packet, Piece, Sample, Status, crc32,
 };
 use system_tests::emulation::PlayedFrame;
 use system_tests::flashed::{FlashedBoard, Model, Report, SERIAL};
@@ -10,6 +10,24 @@ pub use system_tests::random::Random;
 
 /// How long an answer may take: two frames on the line, and samples that are on their way.
 const ANSWER_S: f64 = 0.03;
+
+/// A board that there is a model of.
+pub struct Modelled {
+    pub model: Model,
+    /// What it says it is.
+    pub board: Board,
+    /// How long a conversion takes.
+    pub conversion_ns: u32,
+}
+
+/// All of them.
+pub fn boards() -> [Modelled; 2] {
+    let (skinproc, nucleo) = (Model::find(), Model::find_nucleo());
+    [
+        Modelled { model: skinproc, board: Board::SkinProc, conversion_ns: 3_250 },
+        Modelled { model: nucleo, board: Board::NucleoG491re, conversion_ns: 6_500 },
+    ]
+}
 
 /// A board, and what it has sent.
 pub struct Host {

@@ -3,7 +3,7 @@
 use shared_proto::{Answer, Command};
 use system_tests::flashed::{Model, ROM_STACK};
 
-use super::host::{Host, Random};
+use super::host::{Host, Modelled, Random, boards};
 
 /// What is said of an edge's time in docs/alignment.md, µs.
 const LATEST_US: f64 = 20.0;
@@ -14,36 +14,37 @@ const LATEST_US: f64 = 20.0;
     ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
 )]
 fn the_times_of_edges_are_right_to_twenty_microseconds() {
-    let model = &Model::find();
-    let mut host = Host::new(model);
-    host.order(Command::Start);
-    let mut random = Random(5);
-    // From 2 ms to 18 ms apart, wherever in a frame they fall.
-    let mut at_s = 0.0;
-    let delays_s: Vec<f64> = (0..300)
-        .map(|_| {
-            at_s += 2e-3 + (random.next() % 16_000) as f64 * 1e-6;
-            at_s
-        })
-        .collect();
-    let zero = host.board.drive_edges(&delays_s);
-    host.run(at_s + 0.1);
-    assert_eq!(host.edges.len(), delays_s.len());
-    let late_us = host.edges.iter().zip(&delays_s).enumerate().map(|(i, (edge, delay_s))| {
-        assert_eq!(usize::from(edge.number), i);
-        let driven_us = (zero.time_s + delay_s - zero.clock_zero_s) * 1e6;
-        f64::from(edge.clock_us) - driven_us
-    });
-    let late_us: Vec<f64> = late_us.collect();
-    let (least, most) = late_us
-        .iter()
-        .fold((f64::MAX, f64::MIN), |(least, most), &late| (least.min(late), most.max(late)));
-    println!("edges are {least:.2} to {most:.2} µs late");
-    // The clock counts whole µs.
-    assert!(least > -1.0 && most < LATEST_US, "{least} to {most} µs");
-    // The samples did not suffer.
-    let status = host.status();
-    assert_eq!((status.late, status.overflowed), (0, 0));
+    for Modelled { model, .. } in &boards() {
+        let mut host = Host::new(model);
+        host.order(Command::Start);
+        let mut random = Random(5);
+        // From 2 ms to 18 ms apart, wherever in a frame they fall.
+        let mut at_s = 0.0;
+        let delays_s: Vec<f64> = (0..300)
+            .map(|_| {
+                at_s += 2e-3 + (random.next() % 16_000) as f64 * 1e-6;
+                at_s
+            })
+            .collect();
+        let zero = host.board.drive_edges(&delays_s);
+        host.run(at_s + 0.1);
+        assert_eq!(host.edges.len(), delays_s.len());
+        let late_us = host.edges.iter().zip(&delays_s).enumerate().map(|(i, (edge, delay_s))| {
+            assert_eq!(usize::from(edge.number), i);
+            let driven_us = (zero.time_s + delay_s - zero.clock_zero_s) * 1e6;
+            f64::from(edge.clock_us) - driven_us
+        });
+        let late_us: Vec<f64> = late_us.collect();
+        let (least, most) = late_us
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(least, most), &late| (least.min(late), most.max(late)));
+        println!("edges are {least:.2} to {most:.2} µs late");
+        // The clock counts whole µs.
+        assert!(least > -1.0 && most < LATEST_US, "{least} to {most} µs");
+        // The samples did not suffer.
+        let status = host.status();
+        assert_eq!((status.late, status.overflowed), (0, 0));
+    }
 }
 
 #[test]
@@ -108,21 +109,25 @@ fn the_rate_of_the_line_is_set_and_taken_back() {
     ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
 )]
 fn the_bootloader_in_rom_finds_the_chip_as_after_a_reset() {
-    let model = &Model::find();
-    let mut host = Host::new(model);
-    host.order(Command::Start);
-    host.run(0.1);
-    assert_eq!(host.ask(Command::Bootloader), Some(Answer::Done));
-    // The watchdog that the firmware had started would be heard of by now.
-    host.run(2.0);
-    assert_eq!(host.resets, ["power", "software"]);
-    let rom = host.last.rom.clone().expect("the ROM is entered");
-    assert_eq!((rom.stack_pointer, rom.vectors, rom.interrupts_on), (ROM_STACK, 0x1FFF_0000, 0));
-    // System memory at 0, as BOOT0 makes it; all else as the reset has left it.
-    assert_eq!(rom.changed.into_iter().collect::<Vec<_>>(), [("0x40010000".to_owned(), 1)]);
-    // Whatever resets the chip next starts the firmware.
-    host.board.restore_power();
-    host.run(0.1);
-    assert_eq!(host.boots.len(), 2);
-    host.status();
+    for Modelled { model, .. } in &boards() {
+        let mut host = Host::new(model);
+        host.order(Command::Start);
+        host.run(0.1);
+        assert_eq!(host.ask(Command::Bootloader), Some(Answer::Done));
+        // The watchdog that the firmware had started would be heard of by now.
+        host.run(2.0);
+        assert_eq!(host.resets, ["power", "software"]);
+        let rom = host.last.rom.clone().expect("the ROM is entered");
+        assert_eq!(
+            (rom.stack_pointer, rom.vectors, rom.interrupts_on),
+            (ROM_STACK, 0x1FFF_0000, 0)
+        );
+        // System memory at 0, as BOOT0 makes it; all else as the reset has left it.
+        assert_eq!(rom.changed.into_iter().collect::<Vec<_>>(), [("0x40010000".to_owned(), 1)]);
+        // Whatever resets the chip next starts the firmware.
+        host.board.restore_power();
+        host.run(0.1);
+        assert_eq!(host.boots.len(), 2);
+        host.status();
+    }
 }

@@ -3,16 +3,17 @@
 use shared_proto::{Answer, Command, ResetCause};
 use system_tests::flashed::Model;
 
-use super::host::{Host, calibration, crc_of};
+use super::host::{Host, Modelled, boards, calibration, crc_of};
 
 /// Two pages erased, and a slot of 2,304 bytes in double words.
 const OPERATIONS: u64 = 2 + 2_304 / 8;
 
-/// Operations that the power is cut during: the first ones, the last ones, and every seventh between. All of them,
+/// Operations that the power is cut during: the first ones, the last ones, and one in so many between. All of them,
 /// in the slots' own tests, leave a calibration.
-fn cuts() -> impl Iterator<Item = u64> {
-    (0..OPERATIONS)
-        .filter(|operation| *operation < 4 || operation % 7 == 0 || *operation > OPERATIONS - 4)
+fn cuts(one_in: u64) -> impl Iterator<Item = u64> {
+    (0..OPERATIONS).filter(move |operation| {
+        *operation < 4 || operation.is_multiple_of(one_in) || *operation > OPERATIONS - 4
+    })
 }
 
 /// What an operation has done that the power was cut during.
@@ -24,34 +25,40 @@ const OUTCOMES: [&str; 4] = ["nothing", "some bits", "unreadable", "complete"];
     ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
 )]
 fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
-    let model = &Model::find();
-    let [old, new, third] = [1, 2, 3].map(calibration);
-    let mut host = Host::new(model);
-    assert_eq!(host.upload(&old), Some(Answer::Done));
-    assert_eq!(host.last.operations, OPERATIONS);
-    host.begin_upload(&new);
-    for operation in cuts() {
-        for outcome in OUTCOMES {
-            let complete = operation == OPERATIONS - 1 && outcome == "complete";
-            let expected = crc_of(if complete { &new } else { &old });
-            host.branch(|host| {
-                let boots = host.boots.len();
-                host.board.cut_power(operation, outcome);
-                assert_eq!(host.ask(Command::CommitCalibration), None, "{operation} {outcome}");
-                host.board.restore_power();
-                host.run(0.03);
-                assert_eq!(host.boots.len(), boots + 1, "{operation} {outcome}: bricked");
-                let found = host.status().calibration_crc32;
-                assert_eq!(found, expected, "{operation} {outcome}");
-                // What was left half done is no hindrance to the next upload.
-                if [0, 1, 42, OPERATIONS - 1].contains(&operation) {
-                    assert_eq!(host.upload(&third), Some(Answer::Done), "{operation} {outcome}");
-                    assert_eq!(host.status().calibration_crc32, crc_of(&third));
-                }
-                // No reset but those by power.
-                let by_power = host.resets.iter().all(|cause| cause == "power");
-                assert!(by_power, "{operation} {outcome}: {:?}", host.resets);
-            });
+    // The same code writes the flash of both.
+    for (Modelled { model, .. }, one_in) in boards().iter().zip([7, 42]) {
+        let [old, new, third] = [1, 2, 3].map(calibration);
+        let mut host = Host::new(model);
+        assert_eq!(host.upload(&old), Some(Answer::Done));
+        assert_eq!(host.last.operations, OPERATIONS);
+        host.begin_upload(&new);
+        for operation in cuts(one_in) {
+            for outcome in OUTCOMES {
+                let complete = operation == OPERATIONS - 1 && outcome == "complete";
+                let expected = crc_of(if complete { &new } else { &old });
+                host.branch(|host| {
+                    let boots = host.boots.len();
+                    host.board.cut_power(operation, outcome);
+                    assert_eq!(host.ask(Command::CommitCalibration), None, "{operation} {outcome}");
+                    host.board.restore_power();
+                    host.run(0.03);
+                    assert_eq!(host.boots.len(), boots + 1, "{operation} {outcome}: bricked");
+                    let found = host.status().calibration_crc32;
+                    assert_eq!(found, expected, "{operation} {outcome}");
+                    // What was left half done is no hindrance to the next upload.
+                    if [0, 1, 42, OPERATIONS - 1].contains(&operation) {
+                        assert_eq!(
+                            host.upload(&third),
+                            Some(Answer::Done),
+                            "{operation} {outcome}"
+                        );
+                        assert_eq!(host.status().calibration_crc32, crc_of(&third));
+                    }
+                    // No reset but those by power.
+                    let by_power = host.resets.iter().all(|cause| cause == "power");
+                    assert!(by_power, "{operation} {outcome}: {:?}", host.resets);
+                });
+            }
         }
     }
 }
@@ -79,19 +86,20 @@ fn a_dead_converter_is_reset_by_the_watchdog() {
     ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
 )]
 fn a_fault_of_the_core_is_reported_with_its_place() {
-    let model = &Model::find();
-    let mut host = Host::new(model);
-    assert_eq!(host.last_words(), "");
-    // There is nothing at this address.
-    host.board.jump(0x3000_0000);
-    host.run(0.1);
-    assert_eq!(host.resets, ["power", "software"]);
-    assert_eq!(host.status().reset_cause, ResetCause::Fault);
-    let words = host.last_words();
-    // Whatever the link register held when the core went astray.
-    assert!(words.starts_with("fault at 0x30000000, called from 0x"), "{words}");
-    // IBUSERR (Arm DDI0403, B3.2.15).
-    assert!(words.ends_with("CFSR 0x00000100"), "{words}");
+    for Modelled { model, .. } in &boards() {
+        let mut host = Host::new(model);
+        assert_eq!(host.last_words(), "");
+        // There is nothing at this address.
+        host.board.jump(0x3000_0000);
+        host.run(0.1);
+        assert_eq!(host.resets, ["power", "software"]);
+        assert_eq!(host.status().reset_cause, ResetCause::Fault);
+        let words = host.last_words();
+        // Whatever the link register held when the core went astray.
+        assert!(words.starts_with("fault at 0x30000000, called from 0x"), "{words}");
+        // IBUSERR (Arm DDI0403, B3.2.15).
+        assert!(words.ends_with("CFSR 0x00000100"), "{words}");
+    }
 }
 
 #[test]
@@ -100,16 +108,17 @@ fn a_fault_of_the_core_is_reported_with_its_place() {
     ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
 )]
 fn a_stack_that_is_too_deep_is_reported_and_harms_no_variable() {
-    let model = &Model::find();
-    // As deep as there is memory, and as deep as only an interrupt makes it too deep.
-    for left in [0, 40] {
-        let mut host = Host::new(model);
-        host.order(Command::Start);
-        host.board.set_stack(0x2000_0000 + left);
-        host.run(0.2);
-        assert_eq!(host.resets, ["power", "software"], "{left}");
-        assert_eq!(host.status().reset_cause, ResetCause::Fault, "{left}");
-        let words = host.last_words();
-        assert!(words.starts_with("stack overflow, down to 0x1fff"), "{words}");
+    for Modelled { model, .. } in &boards() {
+        // As deep as there is memory, and as deep as only an interrupt makes it too deep.
+        for left in [0, 40] {
+            let mut host = Host::new(model);
+            host.order(Command::Start);
+            host.board.set_stack(0x2000_0000 + left);
+            host.run(0.2);
+            assert_eq!(host.resets, ["power", "software"], "{left}");
+            assert_eq!(host.status().reset_cause, ResetCause::Fault, "{left}");
+            let words = host.last_words();
+            assert!(words.starts_with("stack overflow, down to 0x1fff"), "{words}");
+        }
     }
 }

@@ -285,6 +285,7 @@ fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<
     let serial = serial_text(&identity.serial);
     let board = match identity.board {
         Board::Other(code) => format!("number {code}, which this program does not know"),
+        Board::NucleoG491re => "nucleo-g491re".to_owned(),
         board => format!("{board:?}").to_lowercase(),
     };
     let max_rate_hz = 1e6 / f64::from(identity.min_period_us);

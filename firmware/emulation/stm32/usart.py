@@ -75,7 +75,7 @@ class Usart(Peripheral):
         level = self.board.cts
         if level == "open":
             # A line that nothing holds is taken at its worst.
-            level = "low" if self.board.port_a.pull(CTS_PIN) == "down" else "high"
+            level = "low" if self.board.ports["A"].pull(CTS_PIN) == "down" else "high"
         return level == "low"
 
     def _shift(self, now):

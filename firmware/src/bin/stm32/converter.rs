@@ -12,11 +12,10 @@ use core::sync::atomic::{AtomicU8, AtomicU32, Ordering, compiler_fence};
 use core::task::Poll;
 
 use embassy_stm32::Peri;
-use embassy_stm32::adc::{Adc, SampleTime};
+use embassy_stm32::adc::Adc;
 use embassy_stm32::interrupt::typelevel::{self, Binding, Handler, Interrupt};
 use embassy_stm32::pac;
 use embassy_stm32::pac::adc::regs::{Cfgr2, Sqr1};
-use embassy_stm32::pac::adc::vals::OversamplingRatio;
 use embassy_stm32::pac::timer::regs::SrCore;
 use embassy_stm32::pac::timer::vals::Urs;
 use embassy_stm32::peripherals::{ADC1, TIM6};
@@ -27,7 +26,7 @@ use embassy_time::Instant;
 
 /// A conversion later than 1 ms after the one before may be wrong, and is to be thrown away
 /// (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after calibration or previous
-/// conversion"). The margin is for starting it.
+/// conversion"), which costs others little. The margin is for starting it.
 const LONGEST_PAUSE_US: u64 = 900;
 
 /// The longest burst, as a power of two: 16 · 4095 is below 2¹⁶.
@@ -92,12 +91,9 @@ fn longest_burst(conversions: u8) -> (u32, u8) {
 
 /// Conversions of a burst, as a power of two. The converter has to be at rest.
 fn set_oversampling(exponent: u32) {
-    let mut oversampling = Cfgr2::default();
-    if let Some(code) = exponent.checked_sub(1) {
-        oversampling.set_rovse(true);
-        oversampling.set_ovsr(OversamplingRatio::from_bits(code as u8));
-    }
-    pac::ADC1.cfgr2().write_value(oversampling);
+    // ROVSE and, from bit 2, OVSR; the library has another type for the latter in each family.
+    let oversampling = exponent.checked_sub(1).map_or(0, |code| 1 | code << 2);
+    pac::ADC1.cfgr2().write_value(Cfgr2(oversampling));
 }
 
 fn start_burst() {
@@ -108,11 +104,11 @@ fn start_burst() {
 /// At the end of a burst.
 pub(crate) struct EndOfBurst;
 
-impl Handler<typelevel::ADC1> for EndOfBurst {
+impl<I: Interrupt> Handler<I> for EndOfBurst {
     unsafe fn on_interrupt() {
         if pac::ADC1.isr().read().eoc() {
-            // Reading the data takes the interrupt's cause away.
-            STATE.end_burst(pac::ADC1.dr().read().regular_data());
+            // Reading the data takes the interrupt's cause away. They are the lower half of the register.
+            STATE.end_burst(pac::ADC1.dr().read().0 as u16);
         }
     }
 }
@@ -138,11 +134,11 @@ pub(crate) struct Converter {
 }
 
 impl Converter {
-    /// Switches both on.
-    pub(crate) fn new(
+    /// Switches both on; `I` is the converter's interrupt. Inputs have their sample times.
+    pub(crate) fn new<I: Interrupt>(
         adc: Adc<'static, ADC1>,
         timer: Peri<'static, TIM6>,
-        _irqs: impl Binding<typelevel::ADC1, EndOfBurst> + Binding<typelevel::TIM6_DAC, Settled>,
+        _irqs: impl Binding<I, EndOfBurst> + Binding<typelevel::TIM6_DAC, Settled>,
     ) -> Self {
         pac::ADC1.cr().modify(|control| control.set_aden(true));
         while !pac::ADC1.isr().read().adrdy() {}
@@ -160,16 +156,10 @@ impl Converter {
 
         // SAFETY: the handlers above are bound, and all that they touch is there.
         unsafe {
-            typelevel::ADC1::enable();
+            I::enable();
             typelevel::TIM6_DAC::enable();
         }
         Self { _adc: adc, settling, last_us: None }
-    }
-
-    /// How long an input is sampled for each conversion.
-    pub(crate) fn set_sample_time(&mut self, input: u8, time: SampleTime) {
-        let place = usize::from(input);
-        pac::ADC1.smpr(place / 10).modify(|times| times.set_smp(place % 10, time));
     }
 
     /// The sum of at least one conversion of an input, the first after so many µs.

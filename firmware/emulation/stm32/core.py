@@ -26,7 +26,7 @@ from unicorn.arm_const import (
 from .factory import FACTORY
 from .nvic import CFSR, VTOR
 
-RAM, RAM_SIZE = 0x2000_0000, 64 * 1024
+RAM = 0x2000_0000
 SYSTEM_MEMORY = 0x1FFF_0000
 #: Where handlers return to: in memory of the ROM that nothing else is in. Bit 2 is clear, as in the
 #: value that hardware gives to one who was on the main stack.
@@ -45,9 +45,15 @@ STACKED = [UC_ARM_REG_R0, UC_ARM_REG_R1, UC_ARM_REG_R2, UC_ARM_REG_R3, UC_ARM_RE
 SLICE = 20_000
 
 WFE, SEV, CPSIE, SPIN = b"\x20\xbf", b"\x40\xbf", b"\x62\xb6", b"\xfe\xe7"
+#: The second byte of a write to a special register, of whose four the last two say that it is PRIMASK.
+MSR, PRIMASK = 0xF3, b"\x10\x88"
 
 #: Bits of CFSR.
 IBUSERR, PRECISERR, STKERR, UNDEFINSTR = 1 << 8, 1 << 9, 1 << 12, 1 << 16
+
+
+def is_msr_primask(code, at):
+    return code[at + 1] == MSR and code[at] >> 4 == 8 and bytes(code[at + 2 : at + 4]) == PRIMASK
 
 
 class Core:
@@ -62,7 +68,7 @@ class Core:
                 code[address - flash : address - flash + len(content)] = content
         uc.mem_map(flash, len(code), UC_PROT_READ | UC_PROT_EXEC)
         uc.mem_write(flash, bytes(code))
-        uc.mem_map(RAM, RAM_SIZE)
+        uc.mem_map(RAM, board.wiring.ram_size)
         uc.mem_map(SYSTEM_MEMORY, 0x1_0000, UC_PROT_READ | UC_PROT_EXEC)
         uc.mem_write(TRAP, b"\x00\xbf" * 8)
         uc.mem_write(SYSTEM_MEMORY, struct.pack("<2I", ROM_STACK, ROM_START | 1))
@@ -74,7 +80,7 @@ class Core:
         self.lengths = {}
         uc.hook_add(UC_HOOK_BLOCK, self._enter_block)
         for at in range(0, len(code), 2):
-            if bytes(code[at : at + 2]) in (WFE, SEV, CPSIE, SPIN):
+            if bytes(code[at : at + 2]) in (WFE, SEV, CPSIE, SPIN) or is_msr_primask(code, at):
                 where = flash + at
                 uc.hook_add(UC_HOOK_CODE, self._at_instruction, begin=where, end=where)
         for where in (TRAP, ROM_START):
@@ -82,7 +88,7 @@ class Core:
         uc.hook_add(UC_HOOK_INTR, self._at_exception)
         #: Instructions executed, and cycles beside them, since the board was made.
         self.instructions, self.other_cycles = 0, 0
-        self.deepest = RAM + RAM_SIZE
+        self.deepest = RAM + board.wiring.ram_size
         self.wanted_pc = self.wanted_sp = None
         #: How the bootloader in ROM was entered.
         self.in_rom = None
@@ -145,7 +151,7 @@ class Core:
             if instruction == SEV:
                 self.event = True
                 return
-            if instruction == CPSIE:
+            if instruction == CPSIE or instruction[1] == MSR:
                 self.limit = 0
                 return
             self.stop = "wfe" if instruction == WFE else "spin"
@@ -183,12 +189,12 @@ class Core:
             if self.wanted_sp is not None:
                 self.uc.reg_write(UC_ARM_REG_SP, self.wanted_sp)
                 self.wanted_sp = None
-            self._take_exception()
-            self._execute(until)
+            self._execute(until, most=self._take_exception())
 
-    def _execute(self, until):
+    def _execute(self, until, most):
+        """Runs to the next event, or so many instructions."""
         ahead = min(self.board.next_event(), until) - self.now
-        self.limit = self.instructions + max(1, min(int(ahead) + 1, SLICE))
+        self.limit = self.instructions + max(1, min(int(ahead) + 1, most))
         self.stop = None
         try:
             self.uc.emu_start(self.pc, 0xFFFF_FFFE)
@@ -236,11 +242,12 @@ class Core:
     # Exceptions
 
     def _take_exception(self):
+        """Enters the handler of what is pending; how many instructions may pass until that is looked at again."""
         self.deepest = min(self.deepest, self.uc.reg_read(UC_ARM_REG_SP))
-        in_it_block = self.uc.reg_read(UC_ARM_REG_XPSR) & 0x0600_FC00
-        if in_it_block:
-            self.limit = self.instructions + 1
-        elif self.nmi:
+        # Unicorn does not keep how far in an IT block it is.
+        if self.uc.reg_read(UC_ARM_REG_XPSR) & 0x0600_FC00:
+            return 1
+        if self.nmi:
             self.nmi = False
             self._enter(NMI)
         elif not self.contexts and not self.uc.reg_read(UC_ARM_REG_PRIMASK):
@@ -248,6 +255,7 @@ class Core:
             if irq is not None:
                 self.event = True
                 self._enter(FIRST_IRQ + irq)
+        return SLICE
 
     def _enter(self, vector):
         """Saves the core's state, and pushes what a handler may look at."""

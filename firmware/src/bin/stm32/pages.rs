@@ -6,7 +6,7 @@ use core::ops::Range;
 /// The first byte of the flash in the core's memory (RM0394, table "Flash module organization").
 const FLASH: usize = 0x0800_0000;
 
-// SAFETY: both are defined by memory/skinproc.x. They have addresses only, which are taken below.
+// SAFETY: both are defined by memory/stm32.x. They have addresses only, which are taken below.
 unsafe extern "C" {
     safe static __calibration_start: u8;
     safe static __calibration_end: u8;

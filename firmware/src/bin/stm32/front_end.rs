@@ -1,19 +1,12 @@
 //! Eight emitters, and the inputs of the converter that look at them.
 
-use crate::converter::Converter;
-use embassy_stm32::adc::SampleTime;
+use super::converter::Converter;
+use super::factory;
 use embassy_stm32::gpio::Output;
 use firmware::{Clock, Factory, FrontEnd};
 use shared_proto::{CHANNELS, Vitals};
 
-/// Longer than the converter needs for a source of 10 kΩ (DS11451, table "Maximum ADC RAIN").
-const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
-
-/// The reference takes 4 µs to sample, the thermometer 5 (DS11451, tables "Embedded internal voltage
-/// reference" and "TS characteristics"); this is 8 µs.
-const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
-
-/// Conversions of each: 33 µs.
+/// Conversions of reference and of thermometer, which together take less than [`firmware::VITALS_US`].
 const VITAL_CONVERSIONS: u8 = 4;
 
 /// Inputs of the converter.
@@ -23,8 +16,8 @@ pub(crate) struct Inputs {
     pub(crate) thermometer: u8,
 }
 
-/// Photointerrupters on ADC1.
-pub(crate) struct Photointerrupters {
+/// Photointerrupters on ADC1, of which a conversion takes so many ns.
+pub(crate) struct Photointerrupters<const CONVERSION_NS: u32> {
     converter: Converter,
     inputs: Inputs,
     emitters: [Output<'static>; CHANNELS],
@@ -32,19 +25,14 @@ pub(crate) struct Photointerrupters {
     factory: Factory,
 }
 
-impl Photointerrupters {
+impl<const CONVERSION_NS: u32> Photointerrupters<CONVERSION_NS> {
     /// With emitters that are off.
     pub(crate) fn new(
-        mut converter: Converter,
+        converter: Converter,
         inputs: Inputs,
         emitters: [Output<'static>; CHANNELS],
-        factory: Factory,
     ) -> Self {
-        inputs.channels.iter().for_each(|&input| converter.set_sample_time(input, SAMPLE_TIME));
-        for input in [inputs.reference, inputs.thermometer] {
-            converter.set_sample_time(input, SLOW_SAMPLE_TIME);
-        }
-        Self { converter, inputs, emitters, lit: None, factory }
+        Self { converter, inputs, emitters, lit: None, factory: factory::codes() }
     }
 
     async fn sum_after(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
@@ -55,9 +43,8 @@ impl Photointerrupters {
     }
 }
 
-impl FrontEnd for Photointerrupters {
-    /// 247.5 cycles of sampling and 12.5 of conversion at 80 MHz.
-    const CONVERSION_NS: u32 = 3_250;
+impl<const CONVERSION_NS: u32> FrontEnd for Photointerrupters<CONVERSION_NS> {
+    const CONVERSION_NS: u32 = CONVERSION_NS;
 
     fn light(&mut self, channel: Option<usize>) {
         if let Some(emitter) = self.lit.and_then(|lit| self.emitters.get_mut(lit)) {

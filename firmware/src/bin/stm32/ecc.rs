@@ -8,7 +8,7 @@
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use crate::pages;
+use super::pages;
 use embassy_stm32::pac;
 use embassy_stm32::pac::flash::regs::Eccr;
 

@@ -1,18 +1,18 @@
 //! What the core says of an instruction that it cannot execute, or of a stack that is too deep.
 //!
-//! There is no memory below the stack (memory/skinproc.x). One that grows out of it is a fault, and what
+//! There is no memory below the stack (memory/stm32.x). One that grows out of it is a fault, and what
 //! the core would keep of it on the stack is lost with it: the handler begins with a stack of its own.
 #![expect(unsafe_code, reason = "an exception handler begins in assembly")]
 
 use core::arch::global_asm;
 
-use crate::last_words::{self, End};
+use super::last_words::{self, End};
 use cortex_m_rt::ExceptionFrame;
 
 /// Configurable fault status register: what was wrong (Arm DDI0403, B3.2.15).
 const CFSR: *const u32 = 0xE000_ED28 as *const u32;
 
-// SAFETY: defined by memory/skinproc.x. It has an address only, which is taken below.
+// SAFETY: defined by memory/stm32.x. It has an address only, which is taken below.
 unsafe extern "C" {
     safe static _stack_end: u8;
 }

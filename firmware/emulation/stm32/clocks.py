@@ -19,7 +19,7 @@ class Rcc(Peripheral):
 
     def reset(self):
         super().reset()
-        self.registers[CR] = 0x63
+        self.registers[CR] = self.board.wiring.oscillators
         self.registers[CSR] = self.cause
 
     def set_cause(self, cause):

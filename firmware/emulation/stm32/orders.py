@@ -74,6 +74,6 @@ def obey(board, requests, answers):
             "clock_zero_s": (board.timer.start or 0) / HZ,
             "rate": board.usart.rate(),
             "rom": board.core.in_rom,
-            "pulls": {f"PA{pin}": board.port_a.pull(pin) for pin in (10, 11, 15)},
+            "pulls": {f"PA{pin}": board.ports["A"].pull(pin) for pin in (10, 11, 15)},
         }
         print(json.dumps(report), file=answers, flush=True)

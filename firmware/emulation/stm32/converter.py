@@ -21,12 +21,11 @@ ROVSE = 1 << 0
 SAMPLING = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.5]
 CONVERSION = 12.5
 
-#: Inputs within the chip: the voltage reference and the thermometer (RM0394, 16.3).
-REFERENCE, THERMOMETER = 0, 17
+#: By what the clock is divided, by PRESC of the common control register.
+CCR = 0x308
+DIVISIONS = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256]
 
-#: The converter's input of the first photointerrupter, and the pins of all emitters.
-FIRST_INPUT, CHANNELS = 5, 8
-EMITTERS = [("B", 0), ("B", 1), ("B", 3), ("B", 4), ("B", 5), ("B", 6), ("B", 7), ("A", 8)]
+CHANNELS = 8
 
 
 class Converter(Peripheral):
@@ -73,7 +72,7 @@ class Converter(Peripheral):
     def _conversion_cycles(self):
         channel = self._input()
         code = self.load(SMPR1 + 4 * (channel // 10)) >> 3 * (channel % 10) & 7
-        return SAMPLING[code] + CONVERSION
+        return (SAMPLING[code] + CONVERSION) * DIVISIONS[self.load(CCR) >> 18 & 0xF]
 
     def _ratio(self):
         """Conversions that are added up for one result."""
@@ -123,19 +122,19 @@ class Converter(Peripheral):
             self.board.nvic.pend(IRQ)
 
     def _code(self, lit, time_us):
-        source = self._input()
-        if source == REFERENCE:
+        source, wiring = self._input(), self.board.wiring
+        if source == wiring.reference:
             return round(FACTORY[REFERENCE_CODE] * FACTORY_V / SUPPLY_V)
-        if source == THERMOMETER:
+        if source == wiring.thermometer:
             cold, hot = FACTORY[COLD_CODE], FACTORY[HOT_CODE]
             at_factory = cold + (hot - cold) * (TEMPERATURE_C - 30) / 100
             return round(at_factory * FACTORY_V / SUPPLY_V)
-        return self.board.scene.code(source - FIRST_INPUT, lit, time_us)
+        return self.board.scene.code(wiring.inputs.index(source), lit, time_us)
 
     def lit(self):
         """The emitter that is on, `None` if none is; two at a time are a fault of the firmware."""
-        ports = {"A": self.board.port_a, "B": self.board.port_b}
-        on = [i for i, (port, pin) in enumerate(EMITTERS) if ports[port].is_high(pin)]
+        ports, emitters = self.board.ports, self.board.wiring.emitters
+        on = [i for i, (port, pin) in enumerate(emitters) if ports[port].is_high(pin)]
         if len(on) > 1:
             raise AssertionError(f"emitters {on} are lit together")
         return on[0] if on else None

@@ -9,7 +9,7 @@ import struct
 
 from .peripheral import HZ, Peripheral
 
-FLASH, SIZE = 0x0800_0000, 256 * 1024
+FLASH = 0x0800_0000
 PAGE, DOUBLE_WORD = 2048, 8
 ERASED = b"\xff" * DOUBLE_WORD
 

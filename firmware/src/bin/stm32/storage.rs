@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use crate::{ecc, pages};
+use super::{ecc, pages};
 use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::pac;
 use embedded_storage::nor_flash::{

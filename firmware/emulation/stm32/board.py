@@ -2,7 +2,7 @@
 
 from .clocks import Rcc
 from .converter import Converter
-from .core import RAM, RAM_SIZE, Core
+from .core import RAM, Core
 from .elf import Elf
 from .exti import Exti
 from .flash import FlashInterface, Pages, PowerCut
@@ -15,14 +15,18 @@ from .timer import PulseTimer, Timer
 from .usart import Usart
 from .watchdog import Watchdog
 
-#: Peripherals that hold what is written and no more: power control, the debug port, ports that nothing
-#: is on.
-PLAIN = [0x4000_7000, 0x4800_0800, 0x4800_1C00, 0xE004_2000]
+#: Peripherals that hold what is written and no more: power control, and the debug port.
+PLAIN = [0x4000_7000, 0xE004_2000]
+
+
+def port_address(name):
+    return 0x4800_0000 + 0x400 * (ord(name) - ord("A"))
 
 
 class Board:
-    def __init__(self, path, script=b""):
+    def __init__(self, path, wiring, script=b""):
         image = Elf(path)
+        self.wiring = wiring
         self.serial = bytes(range(1, 13))
         start, end = (image.symbols[f"__calibration_{name}"] for name in ("start", "end"))
         self.code_size = start - 0x0800_0000
@@ -34,7 +38,7 @@ class Board:
         self.pages = Pages(self, start, end)
         self.nvic = Nvic(self)
         self.rcc, self.flash = Rcc(self), FlashInterface(self)
-        self.port_a, self.port_b = Port(self), Port(self)
+        self.ports = {name: Port(self) for name in wiring.ports}
         self.timer, self.watchdog = Timer(self), Watchdog(self)
         self.usart = Usart(self)
         self.system, self.exti = Peripheral(self), Exti(self)
@@ -48,13 +52,13 @@ class Board:
             0x4001_3800: self.usart,
             0x4002_1000: self.rcc,
             0x4002_2000: self.flash,
-            0x4800_0000: self.port_a,
-            0x4800_0400: self.port_b,
-            0x5004_0000: self.converter,
+            wiring.converter: self.converter,
             0x5006_0800: Randomness(self),
             0xE000_E000: self.nvic,
         }
-        self.places |= {base: Peripheral(self) for base in PLAIN}
+        self.places |= {port_address(name): port for name, port in self.ports.items()}
+        plain = PLAIN + [port_address(name) for name in wiring.other_ports]
+        self.places |= {base: Peripheral(self) for base in plain}
         self.timed = [self.timer, self.pulse_timer, self.watchdog, self.usart, self.converter, self.exti]
         self._map()
         #: Cause and cycle of each reset.
@@ -114,7 +118,7 @@ class Board:
 
     def power_on(self):
         """Memory comes up with what is in it by chance, which is made the same every time."""
-        self.core.uc.mem_write(RAM, b"\xa5" * RAM_SIZE)
+        self.core.uc.mem_write(RAM, b"\xa5" * self.wiring.ram_size)
         self.pages.power_off()
         self.reset("power")
 

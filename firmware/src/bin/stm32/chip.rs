@@ -1,6 +1,6 @@
 //! The rate of USART1, and the way into the ROM's bootloader.
 
-use crate::bootloader;
+use super::bootloader;
 use embassy_stm32::pac;
 use embassy_time::{Duration, Timer};
 use firmware::{Baud, Chip, baud};
@@ -14,7 +14,7 @@ const LOOK: Duration = Duration::from_micros(100);
 /// Bits of two bytes, one in the data register and one in the shift register, and one more.
 const LAST_BITS: u64 = 21;
 
-/// The STM32L432KC.
+/// The chip.
 pub(crate) struct Stm32;
 
 impl Chip for Stm32 {

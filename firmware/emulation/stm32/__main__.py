@@ -1,16 +1,18 @@
-"""Runs an image: `python -m stm32l432 IMAGE`, with orders on standard input, or a serial line."""
+"""Runs an image: `python -m stm32 IMAGE`, with orders on standard input, or a serial line."""
 
 import argparse
 import sys
 
 from .board import Board
+from .boards import BOARDS
 from .live import serve
 from .orders import obey
 
 
 def main():
-    parser = argparse.ArgumentParser(prog="stm32l432", description=__doc__)
+    parser = argparse.ArgumentParser(prog="stm32", description=__doc__)
     parser.add_argument("image", help="ELF file, as it is flashed")
+    parser.add_argument("--board", choices=BOARDS, default="skinproc", help="which the image is for")
     parser.add_argument("--script", help="codes that the converter gives, u16 little-endian: dark"
                         " and lit code of eight channels for each frame")
     parser.add_argument("--connect", metavar="HOST:PORT", help="serial line over TCP, in place of"
@@ -20,7 +22,7 @@ def main():
     if args.script:
         with open(args.script, "rb") as file:
             script = file.read()
-    board = Board(args.image, script)
+    board = Board(args.image, BOARDS[args.board], script)
     try:
         if args.connect:
             host, port = args.connect.rsplit(":", 1)

@@ -1,0 +1,59 @@
+"""The boards: what the models of the two microcontrollers differ in, and what is wired to them.
+
+Everything else is at the same addresses, with the same interrupts, in RM0394 (STM32L4) and RM0440
+(STM32G4).
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """A microcontroller and its board."""
+
+    flash_size: int
+    ram_size: int
+    #: Ports whose pins are looked at, and all others.
+    ports: str
+    other_ports: str
+    #: The control register of clocks after a reset: which oscillators run.
+    oscillators: int
+    #: The first converter, its inputs within the chip, and those of the photointerrupters.
+    converter: int
+    reference: int
+    thermometer: int
+    inputs: list
+    #: Port and pin of each emitter.
+    emitters: list
+
+
+def pins(names):
+    return [(name[0], int(name[1:])) for name in names.split()]
+
+
+BOARDS = {
+    "skinproc": Wiring(
+        flash_size=256 * 1024,
+        ram_size=64 * 1024,
+        ports="AB",
+        other_ports="CH",
+        oscillators=0x63,
+        converter=0x5004_0000,
+        reference=0,
+        thermometer=17,
+        inputs=[5, 6, 7, 8, 9, 10, 11, 12],
+        emitters=pins("B0 B1 B3 B4 B5 B6 B7 A8"),
+    ),
+    "nucleo-g491re": Wiring(
+        flash_size=512 * 1024,
+        ram_size=96 * 1024,  # and 16 KiB of CCM SRAM, which nobody uses
+        ports="ABC",
+        other_ports="DEFG",
+        oscillators=0x500,
+        converter=0x5000_0000,
+        reference=18,
+        thermometer=16,
+        inputs=[1, 2, 15, 7, 6, 8, 9, 12],
+        emitters=pins("B5 B10 A8 C7 B6 A7 A6 A5"),
+    ),
+}

@@ -1,0 +1,113 @@
+//! Pins, clocks and interrupts of the Nucleo-G491RE.
+
+use crate::stm32::converter::{Converter, EndOfBurst, Settled};
+use crate::stm32::front_end::{Inputs, Photointerrupters};
+use crate::stm32::start::{self, Independent, Lines, Past};
+use crate::stm32::sync_input::Stamp;
+use embassy_executor::Spawner;
+use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, AnyAdcChannel, SampleTime};
+use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::interrupt::typelevel;
+use embassy_stm32::{Config, Peri, bind_interrupts, pac, peripherals, rcc, usart};
+use shared_proto::Board;
+
+bind_interrupts!(struct Irqs {
+    USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
+    EXTI15_10 => Stamp;
+    ADC1_2 => EndOfBurst;
+    TIM6_DAC => Settled;
+});
+
+/// As on the SkinProc board, at half its clock: 6.2 µs.
+const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
+
+/// 247.5 cycles of sampling and 12.5 of conversion at 40 MHz.
+const CONVERSION_NS: u32 = 6_500;
+
+/// The reference takes 4 µs to sample, the thermometer 5 (DS13122, tables "Embedded internal voltage
+/// reference" and "TS characteristics"); this is 16 µs.
+const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
+
+/// 80 MHz from the internal 16 MHz oscillator, as on the SkinProc board, so that the rates of the line are the
+/// same. The chip could do 170 MHz, of which a frame has no need.
+fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSI,
+        prediv: rcc::PllPreDiv::DIV1,
+        mul: rcc::PllMul::MUL10,
+        divp: None,
+        // For random numbers.
+        divq: Some(rcc::PllQDiv::DIV4),
+        divr: Some(rcc::PllRDiv::DIV2),
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_R;
+    config.rcc.hsi48 = None;
+    config.rcc.ls = rcc::LsConfig::off();
+    // Divided by two for the converter, which bears 60 MHz.
+    config.rcc.mux.adc12sel = rcc::mux::Adcsel::SYS;
+    config.rcc.mux.clk48sel = rcc::mux::Clk48sel::PLL1_Q;
+    config
+}
+
+fn set_sample_time(input: u8, time: SampleTime) {
+    let place = usize::from(input);
+    match place.checked_sub(10) {
+        None => pac::ADC1.smpr().modify(|times| times.set_smp(place, time)),
+        Some(place) => pac::ADC1.smpr2().modify(|times| times.set_smp(place, time)),
+    }
+}
+
+#[embassy_executor::main]
+async fn main(_spawner: Spawner) {
+    let past = Past::take();
+    let p = embassy_stm32::init(clocks());
+    past.log();
+    let watchdog = Independent::start(p.IWDG);
+
+    let input = |channel: AnyAdcChannel<'static, peripherals::ADC1>| channel.get_hw_channel();
+    let emitter = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
+    let adc = Adc::new(p.ADC1, AdcConfig::default());
+    let inputs = Inputs {
+        channels: [
+            p.PA0.degrade_adc(),
+            p.PA1.degrade_adc(),
+            p.PB0.degrade_adc(),
+            p.PC1.degrade_adc(),
+            p.PC0.degrade_adc(),
+            p.PC2.degrade_adc(),
+            p.PC3.degrade_adc(),
+            p.PB1.degrade_adc(),
+        ]
+        .map(input),
+        reference: input(adc.enable_vrefint().degrade_adc()),
+        thermometer: input(adc.enable_temperature().degrade_adc()),
+    };
+    inputs.channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
+    set_sample_time(inputs.reference, SLOW_SAMPLE_TIME);
+    set_sample_time(inputs.thermometer, SLOW_SAMPLE_TIME);
+    let emitters = [
+        emitter(p.PB5.into()),
+        emitter(p.PB10.into()),
+        emitter(p.PA8.into()),
+        emitter(p.PC7.into()),
+        emitter(p.PB6.into()),
+        emitter(p.PA7.into()),
+        emitter(p.PA6.into()),
+        emitter(p.PA5.into()),
+    ];
+    let converter = Converter::new::<typelevel::ADC1_2>(adc, p.TIM6, Irqs);
+    let front_end = Photointerrupters::<CONVERSION_NS>::new(converter, inputs, emitters);
+    let lines =
+        Lines { usart: p.USART1, tx: p.PA9, rx: p.PA10, cts: p.PA11, rts: p.PA12, sync: p.PA15 };
+    firmware::run(start::parts(
+        Board::NucleoG491re,
+        past,
+        watchdog,
+        front_end,
+        lines,
+        p.FLASH,
+        Irqs,
+    ))
+    .await;
+}

@@ -1,0 +1,101 @@
+//! Pins, clocks and interrupts of the SkinProc board.
+
+use crate::stm32::converter::{Converter, EndOfBurst, Settled};
+use crate::stm32::front_end::{Inputs, Photointerrupters};
+use crate::stm32::start::{self, Independent, Lines, Past};
+use crate::stm32::sync_input::Stamp;
+use embassy_executor::Spawner;
+use embassy_stm32::adc::{Adc, AdcChannel, AnyAdcChannel, SampleTime};
+use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::interrupt::typelevel;
+use embassy_stm32::{Config, Peri, bind_interrupts, pac, peripherals, rcc, usart};
+use shared_proto::Board;
+
+bind_interrupts!(struct Irqs {
+    USART1 => usart::BufferedInterruptHandler<peripherals::USART1>;
+    EXTI15_10 => Stamp;
+    ADC1 => EndOfBurst;
+    TIM6_DAC => Settled;
+});
+
+/// Longer than the converter needs for a source of 10 kΩ (DS11451, table "Maximum ADC RAIN").
+const SAMPLE_TIME: SampleTime = SampleTime::CYCLES247_5;
+
+/// 247.5 cycles of sampling and 12.5 of conversion at 80 MHz.
+const CONVERSION_NS: u32 = 3_250;
+
+/// The reference takes 4 µs to sample, the thermometer 5 (DS11451, tables "Embedded internal voltage
+/// reference" and "TS characteristics"); this is 8 µs.
+const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
+
+/// 80 MHz from the internal 16 MHz oscillator: the board has no crystal.
+fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.hsi = true;
+    config.rcc.pll = Some(rcc::Pll {
+        source: rcc::PllSource::HSI,
+        prediv: rcc::PllPreDiv::DIV1,
+        mul: rcc::PllMul::MUL10,
+        divp: None,
+        // For random numbers.
+        divq: Some(rcc::PllQDiv::DIV4),
+        divr: Some(rcc::PllRDiv::DIV2),
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_R;
+    config.rcc.ls = rcc::LsConfig::off();
+    // Off by default, and then the converter never gets ready.
+    config.rcc.mux.adcsel = rcc::mux::Adcsel::SYS;
+    config.rcc.mux.clk48sel = rcc::mux::Clk48sel::PLL1_Q;
+    config
+}
+
+fn set_sample_time(input: u8, time: SampleTime) {
+    let place = usize::from(input);
+    pac::ADC1.smpr(place / 10).modify(|times| times.set_smp(place % 10, time));
+}
+
+#[embassy_executor::main]
+async fn main(_spawner: Spawner) {
+    let past = Past::take();
+    let p = embassy_stm32::init(clocks());
+    past.log();
+    let watchdog = Independent::start(p.IWDG);
+
+    let input = |channel: AnyAdcChannel<'static, peripherals::ADC1>| channel.get_hw_channel();
+    let emitter = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
+    let adc = Adc::new(p.ADC1);
+    let inputs = Inputs {
+        channels: [
+            p.PA0.degrade_adc(),
+            p.PA1.degrade_adc(),
+            p.PA2.degrade_adc(),
+            p.PA3.degrade_adc(),
+            p.PA4.degrade_adc(),
+            p.PA5.degrade_adc(),
+            p.PA6.degrade_adc(),
+            p.PA7.degrade_adc(),
+        ]
+        .map(input),
+        reference: input(adc.enable_vrefint().degrade_adc()),
+        thermometer: input(adc.enable_temperature().degrade_adc()),
+    };
+    inputs.channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
+    set_sample_time(inputs.reference, SLOW_SAMPLE_TIME);
+    set_sample_time(inputs.thermometer, SLOW_SAMPLE_TIME);
+    let emitters = [
+        emitter(p.PB0.into()),
+        emitter(p.PB1.into()),
+        emitter(p.PB3.into()),
+        emitter(p.PB4.into()),
+        emitter(p.PB5.into()),
+        emitter(p.PB6.into()),
+        emitter(p.PB7.into()),
+        emitter(p.PA8.into()),
+    ];
+    let converter = Converter::new::<typelevel::ADC1>(adc, p.TIM6, Irqs);
+    let front_end = Photointerrupters::<CONVERSION_NS>::new(converter, inputs, emitters);
+    let lines =
+        Lines { usart: p.USART1, tx: p.PA9, rx: p.PA10, cts: p.PA11, rts: p.PA12, sync: p.PA15 };
+    firmware::run(start::parts(Board::SkinProc, past, watchdog, front_end, lines, p.FLASH, Irqs))
+        .await;
+}

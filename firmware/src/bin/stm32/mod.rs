@@ -1,0 +1,19 @@
+//! What boards with an STM32L4 or STM32G4 have in common: drivers, faults, and the way from the reset to the
+//! running firmware. Pins, clocks and interrupts are each board's own.
+//!
+//! The two families have the same flash, USART, EXTI, RNG, watchdog and basic timer at the same addresses. Their
+//! converters differ in their clocks, in inputs, in the name of an interrupt, and in how two registers are called.
+
+mod bootloader;
+mod chip;
+pub(crate) mod converter;
+mod ecc;
+mod factory;
+mod faults;
+pub(crate) mod front_end;
+mod last_words;
+mod pages;
+mod randomness;
+pub(crate) mod start;
+mod storage;
+pub(crate) mod sync_input;
