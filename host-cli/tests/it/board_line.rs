@@ -8,12 +8,10 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
-use shared_proto::{
-    Answer, Board, Command, Decoder, Event, Framing, Identity, Packet, Refusal, ResetCause, Status,
-    Stream,
-};
+use shared_proto::{Answer, Board, Command, Decoder, Event, Framing, Identity, Packet, Refusal};
 use system_tests::program;
 
+use crate::support::board::sound_status;
 use crate::support::recording::{refused, succeed};
 
 /// A board whose line has a rate; up to `fastest` the wire carries it.
@@ -97,24 +95,7 @@ fn answer(command: &Command) -> Answer {
             serial: *b"serialnumber",
             min_period_us: 1000,
         }),
-        Command::Status => Answer::Status(Status {
-            streaming: false,
-            calibrated: false,
-            zeroed: false,
-            stream: Stream::Raw,
-            reset_cause: ResetCause::Power,
-            period_us: 10_000,
-            conversions: 16,
-            settling_us: 200,
-            uptime_s: 12,
-            frames: 0,
-            late: 0,
-            overflowed: 0,
-            damaged: 0,
-            longest_frame_us: 0,
-            calibration_crc32: 0,
-            foreign: 0,
-        }),
+        Command::Status => Answer::Status(sound_status()),
         Command::SetBaud { baud: 12_345 } => Answer::Refused(Refusal::OutOfRange),
         _ => Answer::Done,
     }

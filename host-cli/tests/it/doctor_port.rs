@@ -18,6 +18,7 @@ use system_tests::program;
 use system_tests::{on_the_wire, random::Random};
 
 use crate::doctor::{assert_found, examine};
+use crate::support::board::sound_status;
 use crate::support::recording::{calibration, succeed};
 
 /// More boards than that and their programs, beside the other tests, may not keep to their own times.
@@ -78,24 +79,7 @@ impl Plan {
         Self {
             serials: vec![SERIAL],
             firmware: version.try_into().unwrap(),
-            status: Status {
-                streaming: false,
-                calibrated: false,
-                zeroed: false,
-                stream: Stream::Raw,
-                reset_cause: ResetCause::Power,
-                period_us: 10_000,
-                conversions: 16,
-                settling_us: 200,
-                uptime_s: 12,
-                frames: 1234,
-                late: 0,
-                overflowed: 0,
-                damaged: 0,
-                longest_frame_us: 4567,
-                calibration_crc32: 0,
-                foreign: 0,
-            },
+            status: sound_status(),
             baud: None,
             sends: Sends::All,
             sample,

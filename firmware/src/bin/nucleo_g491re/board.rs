@@ -5,10 +5,9 @@ use crate::stm32::front_end::{Inputs, Photointerrupters};
 use crate::stm32::start::{self, Independent, Lines, Past};
 use crate::stm32::sync_input::Stamp;
 use embassy_executor::Spawner;
-use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, AnyAdcChannel, SampleTime};
-use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, SampleTime};
 use embassy_stm32::interrupt::typelevel;
-use embassy_stm32::{Config, Peri, bind_interrupts, pac, peripherals, rcc, usart};
+use embassy_stm32::{Config, bind_interrupts, pac, peripherals, rcc, usart};
 use shared_proto::Board;
 
 bind_interrupts!(struct Irqs {
@@ -65,11 +64,9 @@ async fn main(_spawner: Spawner) {
     past.log();
     let watchdog = Independent::start(p.IWDG);
 
-    let input = |channel: AnyAdcChannel<'static, peripherals::ADC1>| channel.get_hw_channel();
-    let emitter = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
     let adc = Adc::new(p.ADC1, AdcConfig::default());
-    let inputs = Inputs {
-        channels: [
+    let inputs = Inputs::new(
+        [
             p.PA0.degrade_adc(),
             p.PA1.degrade_adc(),
             p.PB0.degrade_adc(),
@@ -78,23 +75,22 @@ async fn main(_spawner: Spawner) {
             p.PC2.degrade_adc(),
             p.PC3.degrade_adc(),
             p.PB1.degrade_adc(),
-        ]
-        .map(input),
-        reference: input(adc.enable_vrefint().degrade_adc()),
-        thermometer: input(adc.enable_temperature().degrade_adc()),
-    };
+        ],
+        adc.enable_vrefint().degrade_adc(),
+        adc.enable_temperature().degrade_adc(),
+    );
     inputs.channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
     set_sample_time(inputs.reference, SLOW_SAMPLE_TIME);
     set_sample_time(inputs.thermometer, SLOW_SAMPLE_TIME);
     let emitters = [
-        emitter(p.PB5.into()),
-        emitter(p.PB10.into()),
-        emitter(p.PA8.into()),
-        emitter(p.PC7.into()),
-        emitter(p.PB6.into()),
-        emitter(p.PA7.into()),
-        emitter(p.PA6.into()),
-        emitter(p.PA5.into()),
+        p.PB5.into(),
+        p.PB10.into(),
+        p.PA8.into(),
+        p.PC7.into(),
+        p.PB6.into(),
+        p.PA7.into(),
+        p.PA6.into(),
+        p.PA5.into(),
     ];
     let converter = Converter::new::<typelevel::ADC1_2>(adc, p.TIM6, Irqs);
     let front_end = Photointerrupters::<CONVERSION_NS>::new(converter, inputs, emitters);

@@ -2,18 +2,36 @@
 
 use super::converter::Converter;
 use super::factory;
-use embassy_stm32::gpio::Output;
+use embassy_stm32::Peri;
+use embassy_stm32::adc::AnyAdcChannel;
+use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::peripherals::ADC1;
 use firmware::{Clock, Factory, FrontEnd};
 use shared_proto::{CHANNELS, Vitals};
 
 /// Conversions of reference and of thermometer, which together take less than [`firmware::VITALS_US`].
 const VITAL_CONVERSIONS: u8 = 4;
 
-/// Inputs of the converter.
+/// Inputs of the converter, by their numbers.
 pub(crate) struct Inputs {
     pub(crate) channels: [u8; CHANNELS],
     pub(crate) reference: u8,
     pub(crate) thermometer: u8,
+}
+
+impl Inputs {
+    pub(crate) fn new(
+        channels: [AnyAdcChannel<'static, ADC1>; CHANNELS],
+        reference: AnyAdcChannel<'static, ADC1>,
+        thermometer: AnyAdcChannel<'static, ADC1>,
+    ) -> Self {
+        let number = |input: AnyAdcChannel<'static, ADC1>| input.get_hw_channel();
+        Self {
+            channels: channels.map(number),
+            reference: number(reference),
+            thermometer: number(thermometer),
+        }
+    }
 }
 
 /// Photointerrupters on ADC1, of which a conversion takes so many ns.
@@ -30,8 +48,9 @@ impl<const CONVERSION_NS: u32> Photointerrupters<CONVERSION_NS> {
     pub(crate) fn new(
         converter: Converter,
         inputs: Inputs,
-        emitters: [Output<'static>; CHANNELS],
+        emitters: [Peri<'static, AnyPin>; CHANNELS],
     ) -> Self {
+        let emitters = emitters.map(|pin| Output::new(pin, Level::Low, Speed::Low));
         Self { converter, inputs, emitters, lit: None, factory: factory::codes() }
     }
 
