@@ -43,13 +43,40 @@ fn axes() -> Value {
     COLUMNS.into_iter().collect()
 }
 
+/// Triangular factors, unlike exact sums, are rounded one way or another by how many columns stand beside
+/// a column and by the width of the processor's vectors: this much of the largest number, at most.
+const ROUNDING: f64 = 1e-11;
+
+/// The numbers of a document, in order.
+fn numbers(values: &Value) -> Vec<f64> {
+    match values {
+        Value::Array(values) => values.iter().flat_map(numbers).collect(),
+        Value::Object(values) => values.values().flat_map(numbers).collect(),
+        value => value.as_f64().into_iter().collect(),
+    }
+}
+
+/// The same numbers, bit for bit or within [`ROUNDING`].
+fn assert_same(found: &Value, expected: &Value, is_exact: bool, what: &str) {
+    if is_exact {
+        return assert_eq!(found, expected, "{what}");
+    }
+    let (found, expected) = (numbers(found), numbers(expected));
+    assert_eq!(found.len(), expected.len(), "{what}");
+    let largest = expected.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    for (found, expected) in found.iter().zip(&expected) {
+        let error = (found - expected).abs() / largest;
+        assert!(error <= ROUNDING, "{what}: {found} and {expected}");
+    }
+}
+
 /// What there is of a document of six axes for those that are measured.
 fn picked(values: &Value) -> Value {
     PLACES.iter().map(|&place| values[place].clone()).collect()
 }
 
 #[test]
-fn a_fit_of_some_axes_is_that_of_six_bit_for_bit() {
+fn a_fit_of_some_axes_is_that_of_six() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let [six, two] = logs(dir, 3);
@@ -70,26 +97,28 @@ fn a_fit_of_some_axes_is_that_of_six_bit_for_bit() {
         for name in ["named.json", "part.json"] {
             let part = document(dir, name);
             assert_eq!((&part["schema_version"], &part["axes"]), (&3.into(), &axes()));
-            // A file of fewer columns is cut into other blocks, on which only exact sums do not depend.
+            // A file of fewer columns is cut into other blocks, on which only exact sums do not depend:
+            // of others already the centres and scales of the features are of the first block.
             if name == "named.json" || is_exact {
-                assert_eq!(part["coefficients"], coefficients, "{name} {flags}");
-                assert_eq!(part["covariance"]["residual"], residual, "{name} {flags}");
+                let what = format!("{name} {flags}");
+                assert_same(&part["coefficients"], &coefficients, is_exact, &what);
+                assert_same(&part["covariance"]["residual"], &residual, is_exact, &what);
                 let factors = |of: &Value| of["covariance"]["coefficients"].clone();
                 let (of_part, of_whole) = (factors(&part), factors(&whole));
                 match of_whole.get("groups") {
                     Some(of) => assert_eq!(of_part["groups"]["factors"], picked(&of["factors"])),
-                    None => assert_eq!(of_part, of_whole),
+                    None => assert_same(&of_part, &of_whole, is_exact, &what),
                 }
             }
             // Read back it is the same document.
             let read = CalibrationFile::read(&dir.join(name)).unwrap();
             assert_eq!(read.to_json(), fs::read_to_string(dir.join(name)).unwrap());
         }
-        // What was named is remembered; of the same rows in the same blocks all figures are the same.
+        // What was named is remembered; of the same rows all figures are the same.
         let named = document(dir, "named.json");
         assert_eq!(named["columns"]["wrench"], axes());
         let train = |of: &Value| of["diagnostics"]["train"].clone();
-        assert_eq!(train(&named), picked(&train(&whole)), "{flags}");
+        assert_same(&train(&named), &picked(&train(&whole)), is_exact, flags);
     }
     // A partial fit and what it merges to.
     program::run(dir, &format!("fit {two} --model linear --partial part-sums.json --groups"), 0);
