@@ -1,9 +1,11 @@
 //! Parsing a training file of the paper's size on one thread, beside the csv crate with
-//! `str::parse` and beside the floor: reading the file and finding its line ends.
+//! `str::parse`, beside csv-core with fast-float2, and beside the floor: reading the file and finding its
+//! line ends. The wrench has the digits of the lab's files, or all digits of a double.
 //!
-//! `cargo bench -p shellcal --bench parse` prints what divan measures, then a table of ratios taken
-//! in alternating rounds, so that what else the machine does hits all of them alike. The best times
-//! are compared: they are those that the rest of the machine disturbed least.
+//! `cargo bench -p shellcal --bench parse` prints what divan measures, then a table of ratios for each
+//! kind of file, taken in alternating rounds, so that what else the machine does hits all of them alike. The
+//! best times are compared: they are those that the rest of the machine disturbed least. The environment
+//! variable `SHELLCAL_INSTRUCTIONS` (`avx512`, `avx2`, `neon`, `none`) chooses what shellcal uses.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
@@ -28,12 +30,15 @@ const COLUMNS: usize = 15;
 /// Rounds of the table of ratios.
 const ROUNDS: usize = 31;
 
-static TRAINING: LazyLock<tempfile::NamedTempFile> = LazyLock::new(training_file);
+static TWELVE_DIGITS: LazyLock<tempfile::NamedTempFile> =
+    LazyLock::new(|| training_file(twelve_digits));
+static ALL_DIGITS: LazyLock<tempfile::NamedTempFile> = LazyLock::new(|| training_file(all_digits));
 
 type Way = (&'static str, fn(&Path) -> f64);
 
-const WAYS: [Way; 5] = [
+const WAYS: [Way; 6] = [
     ("shellcal", shellcal_reader),
+    ("csv-core + fast-float2", csv_core_fast_float),
     ("csv ByteRecord + str::parse", csv_byte_record),
     ("csv StringRecord + str::parse", csv_string_record),
     ("shellcal with checksum", shellcal_with_checksum),
@@ -44,21 +49,29 @@ fn main() {
     divan::main();
     // `cargo test --benches` runs this too, and wants no figures.
     if std::env::args().any(|arg| arg == "--bench") {
-        print_ratios();
+        print_ratios("twelve digits", TWELVE_DIGITS.path());
+        print_ratios("all digits", ALL_DIGITS.path());
     }
 }
 
 #[divan::bench(args = WAYS.map(|(name, _)| name), sample_count = 20, sample_size = 1)]
-fn parse(bencher: Bencher<'_, '_>, name: &str) {
+fn twelve(bencher: Bencher<'_, '_>, name: &str) {
+    measure(bencher, name, TWELVE_DIGITS.path());
+}
+
+#[divan::bench(args = WAYS.map(|(name, _)| name), sample_count = 20, sample_size = 1)]
+fn all(bencher: Bencher<'_, '_>, name: &str) {
+    measure(bencher, name, ALL_DIGITS.path());
+}
+
+fn measure(bencher: Bencher<'_, '_>, name: &str, path: &Path) {
     let (_, way) =
         WAYS[WAYS.iter().position(|(n, _)| *n == name).expect("an argument given above")];
-    let path = TRAINING.path();
     let bytes = std::fs::metadata(path).expect("the file was just written").len();
     bencher.counter(BytesCount::new(bytes)).bench_local(|| black_box(way(path)));
 }
 
-fn print_ratios() {
-    let path = TRAINING.path();
+fn print_ratios(digits: &str, path: &Path) {
     let bytes = std::fs::metadata(path).expect("the file was just written").len();
     let mut times = vec![Vec::with_capacity(ROUNDS); WAYS.len()];
     for _ in 0..ROUNDS {
@@ -70,7 +83,9 @@ fn print_ratios() {
     }
     times.iter_mut().for_each(|times| times.sort_unstable());
     let best: Vec<f64> = times.iter().map(|times| times[0].as_secs_f64()).collect();
-    println!("\n{ROWS} rows × {COLUMNS} columns, {bytes} bytes, one thread, {ROUNDS} rounds");
+    println!(
+        "\n{ROWS} rows × {COLUMNS} columns, {digits}, {bytes} bytes, one thread, {ROUNDS} rounds"
+    );
     println!(
         "{:<32}{:>10}{:>10}{:>10}{:>20}",
         "", "best ms", "median ms", "MB/s", "best / shellcal's"
@@ -108,6 +123,39 @@ fn read_with(path: &Path, options: ReadOptions<'_>) -> f64 {
     );
     assert_eq!(summary.expect("rows that are right").rows, ROWS as u64);
     last
+}
+
+/// The fastest way from crates that we know of, put together by hand.
+fn csv_core_fast_float(path: &Path) -> f64 {
+    use csv_core::ReadRecordResult::{End, InputEmpty, OutputEndsFull, OutputFull, Record};
+
+    let mut file = File::open(path).expect("a file");
+    let mut columns = vec![Vec::<f64>::new(); COLUMNS];
+    let mut reader = csv_core::Reader::new();
+    let (mut text, mut fields, mut ends) = (vec![0; 1 << 16], vec![0; 1 << 10], [0; COLUMNS + 1]);
+    let (mut written, mut count) = (0, 0);
+    loop {
+        let read = file.read(&mut text).expect("a file");
+        let mut rest = &text[..read];
+        loop {
+            let (found, taken, bytes, new) =
+                reader.read_record(rest, &mut fields[written..], &mut ends[count..]);
+            (rest, written, count) = (&rest[taken..], written + bytes, count + new);
+            match found {
+                InputEmpty => break,
+                End => return black_box(&columns)[COLUMNS - 1].last().copied().unwrap_or_default(),
+                OutputFull | OutputEndsFull => panic!("a long row"),
+                Record => {
+                    let mut start = 0;
+                    for (column, &end) in columns.iter_mut().zip(&ends[..count]) {
+                        column.push(fast_float2::parse(&fields[start..end]).expect("a number"));
+                        start = end;
+                    }
+                    (written, count) = (0, 0);
+                }
+            }
+        }
+    }
 }
 
 fn csv_byte_record(path: &Path) -> f64 {
@@ -148,8 +196,19 @@ fn floor(path: &Path) -> f64 {
     }
 }
 
-/// Rows as the lab's training files have them: `1425168310.852012,1482,…,-0.0630686291217`.
-fn training_file() -> tempfile::NamedTempFile {
+/// Twelve significant digits, as in the lab's files.
+fn twelve_digits(text: &mut String, value: f64) {
+    let decimals = 11 - value.abs().log10().floor() as i32;
+    write!(text, "{value:.*}", decimals as usize).expect("a string");
+}
+
+/// The shortest text that is this number, as most programs write doubles: 15 to 17 digits.
+fn all_digits(text: &mut String, value: f64) {
+    write!(text, "{value}").expect("a string");
+}
+
+/// Rows like those of the lab's training files: `1425168310.852012,1482,…,-0.0630686291217`.
+fn training_file(write_number: fn(&mut String, f64)) -> tempfile::NamedTempFile {
     let mut random = Random(1);
     let mut text = String::new();
     for row in 0..ROWS {
@@ -158,10 +217,8 @@ fn training_file() -> tempfile::NamedTempFile {
             write!(text, ",{}", 900 + (random.unit() * 1200.0) as u32).expect("a string");
         }
         for scale in [0.5, 0.5, 4.0, 0.3, 0.3, 0.3] {
-            let value = (random.unit() - 0.5) * scale;
-            // Twelve significant digits, as in the lab's files.
-            let decimals = 11 - value.abs().log10().floor() as i32;
-            write!(text, ",{value:.*}", decimals as usize).expect("a string");
+            text.push(',');
+            write_number(&mut text, (random.unit() - 0.5) * scale);
         }
         text.push('\n');
     }
