@@ -59,7 +59,6 @@ pub use format::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit, name
 pub use log::Log;
 pub use read::all::{read_all, threads_for};
 pub use read::request::{ReadOptions, ReadSummary, Wanted};
-pub use read::sample::SAMPLES;
 pub use read::selection::Selection;
 pub use stream::pipeline;
 pub use table_file::{FileKind, TableError};

@@ -28,9 +28,8 @@ const SHARE_OF_TEXT: u64 = 3;
 /// Text is about so many times as long as its file where that is compressed.
 const COMPRESSION: u64 = 4;
 
-/// Pieces of a sample of short logs, of less text than [`SHORT`]: of as many as of long ones the greater part
-/// would be read twice.
-const PIECES_OF_SHORT: u64 = 4;
+/// Logs of less text than this, in bytes, are not sampled before they are read: the greater part would be read
+/// twice.
 const SHORT: u64 = 256 << 10;
 
 /// How long the text of logs is, about.
@@ -334,8 +333,7 @@ impl Blocks for LogRows<'_> {
     fn sample(&self) -> Option<Block> {
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
         let is_short = text_bytes(self.logs.iter().copied()) < SHORT;
-        let pieces = if is_short { PIECES_OF_SHORT } else { log_file::SAMPLES };
-        self.logs.first()?.sample_of(&wanted, pieces).ok()
+        self.logs.first().filter(|_| !is_short)?.sample(&wanted).ok()
     }
 
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {

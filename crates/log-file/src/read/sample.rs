@@ -12,10 +12,10 @@ use crate::stream::chunk::Chunk;
 use crate::stream::decimal_comma;
 use shell_data::block::Block;
 
-/// How many pieces of a file [`Log::sample`] reads.
-pub const SAMPLES: u64 = 16;
-/// How long they are.
-const SAMPLE_BYTES: u64 = 1 << 12;
+/// How many pieces of a file are read.
+const PIECES: u64 = 16;
+/// How long they are, in bytes.
+const PIECE_BYTES: u64 = 1 << 12;
 
 impl Log {
     /// Some rows from all over the file, or from its start when it is no plain text: enough to choose
@@ -24,20 +24,11 @@ impl Log {
     /// # Errors
     /// [`LogError`] if wanted columns are missing or the file cannot be read.
     pub fn sample(&self, wanted: &Wanted) -> Result<Block, LogError> {
-        self.sample_of(wanted, SAMPLES)
-    }
-
-    /// The same, of so many pieces, two at least.
-    ///
-    /// # Errors
-    /// As [`Log::sample`].
-    pub fn sample_of(&self, wanted: &Wanted, pieces: u64) -> Result<Block, LogError> {
         self.require(wanted)?;
         let plan = ReadPlan::new(&self.layout, wanted);
-        let pieces = pieces.max(2);
-        let lines = match !self.source.is_plain() || self.bytes_of_rows() <= pieces * SAMPLE_BYTES {
-            true => self.first_lines(pieces)?,
-            false => self.spread_lines(pieces)?,
+        let lines = match !self.source.is_plain() || self.bytes_of_rows() <= PIECES * PIECE_BYTES {
+            true => self.first_lines()?,
+            false => self.spread_lines()?,
         };
         let BlockBuffer { mut parsed, mut block } = BlockBuffer::default();
         plan.parse(&lines, true, &mut parsed).map_err(|error| self.row_error(0, error))?;
@@ -66,8 +57,8 @@ impl Log {
     }
 
     /// As many lines from the start as a sample has.
-    fn first_lines(&self, pieces: u64) -> Result<Vec<u8>, LogError> {
-        let bytes = (pieces * SAMPLE_BYTES) as usize;
+    fn first_lines(&self) -> Result<Vec<u8>, LogError> {
+        let bytes = (PIECES * PIECE_BYTES) as usize;
         let mut chunks = self.chunks(self.source.open()?, self.layout.rows_start, bytes);
         let mut chunk = Chunk::default();
         let mut lines = Vec::new();
@@ -78,18 +69,18 @@ impl Log {
     }
 
     /// Lines from evenly spaced parts of the file.
-    fn spread_lines(&self, pieces: u64) -> Result<Vec<u8>, LogError> {
+    fn spread_lines(&self) -> Result<Vec<u8>, LogError> {
         let io = |error| self.source.error(error);
-        let mut lines = Vec::with_capacity((pieces * SAMPLE_BYTES) as usize);
+        let mut lines = Vec::with_capacity((PIECES * PIECE_BYTES) as usize);
         let mut file = self.source.file()?;
-        let distance = (self.bytes_of_rows() - SAMPLE_BYTES) / (pieces - 1);
-        for sample in 0..pieces {
-            let offset = self.layout.rows_start + distance * sample;
+        let distance = (self.bytes_of_rows() - PIECE_BYTES) / (PIECES - 1);
+        for piece in 0..PIECES {
+            let offset = self.layout.rows_start + distance * piece;
             file.seek(SeekFrom::Start(offset)).map_err(io)?;
             let start = lines.len();
-            Read::take(&mut file, SAMPLE_BYTES).read_to_end(&mut lines).map_err(io)?;
+            Read::take(&mut file, PIECE_BYTES).read_to_end(&mut lines).map_err(io)?;
             // The first part starts with a row; the others start somewhere within one.
-            let whole = whole_lines(&lines[start..], sample > 0);
+            let whole = whole_lines(&lines[start..], piece > 0);
             let (from, to) = (start + whole.start, start + whole.end);
             lines.copy_within(from..to, start);
             lines.truncate(start + to - from);
