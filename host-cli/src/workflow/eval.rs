@@ -11,15 +11,13 @@ use log_file::{Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// Which rows are used, and what is kept of them.
+/// Which rows are used, and how they are read.
 #[derive(Clone, Copy, Default)]
 pub struct EvalOptions<'a> {
     /// Which rows are used.
     pub used: UsedRows<'a>,
     /// The place of the log among those that this is said of.
     pub place: usize,
-    /// Counts errors by their size, in these units per axis.
-    pub size_unit: Option<PerAxis<f64>>,
     /// How logs are read.
     pub read: ReadOptions<'a>,
 }
@@ -37,8 +35,6 @@ pub struct Evaluation {
     pub out_of_range_rows: u64,
     /// Predicted less measured, per axis.
     pub errors: PerAxis<AxisErrors>,
-    /// Sizes of the errors, if asked for.
-    pub sizes: Option<PerAxis<Magnitudes>>,
     /// The checksum of the log, if asked for; of the last, after a merge.
     pub checksum: Option<String>,
 }
@@ -51,7 +47,6 @@ impl Evaluation {
         self.repeated_rows += other.repeated_rows;
         self.out_of_range_rows += other.out_of_range_rows;
         quality::merge(&mut self.errors, &other.errors);
-        merge_sizes(&mut self.sizes, other.sizes.as_ref());
         self.checksum.clone_from(&other.checksum);
     }
 
@@ -74,7 +69,6 @@ pub(super) struct BlockErrors {
     rows: u64,
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
-    sizes: Option<PerAxis<Magnitudes>>,
     drawn: Option<Drawn>,
     /// Whether a row may not belong and matter, as far as a judge was asked.
     pub(super) stands_out: bool,
@@ -85,44 +79,65 @@ struct Drawn {
     measured: Vec<Vec<f64>>,
 }
 
-impl BlockErrors {
-    /// The errors alone, with room for predictions that is used again.
-    pub(super) fn in_room(
-        predicted: &mut PerAxis<Vec<f64>>,
+impl Drawn {
+    fn new(predicted: &PerAxis<Vec<f64>>, block: &Block) -> Self {
+        Self { predicted: predicted.clone(), measured: block.wrench.clone() }
+    }
+}
+
+/// What is looked at beside the errors.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Look<'a> {
+    /// Errors are counted by their size, in these units, if there are any.
+    pub(super) size_unit: Option<&'a PerAxis<f64>>,
+    /// Whether predictions and measurements are drawn.
+    pub(super) plot: bool,
+    /// Says which rows may not belong.
+    pub(super) judge: Option<(&'a Judge, &'a Spread)>,
+}
+
+/// Finds the errors of blocks on one thread.
+#[derive(Default)]
+pub(super) struct BlockEvaluator {
+    /// Room for predictions, which is used again.
+    predicted: PerAxis<Vec<f64>>,
+    /// How large the errors of all blocks were, as far as that was asked for.
+    sizes: Option<PerAxis<Magnitudes>>,
+}
+
+impl BlockEvaluator {
+    /// Compares the wrench that `calibration` predicts for the rows of `block` with the measured one.
+    pub(super) fn evaluate(
+        &mut self,
         calibration: &Calibration,
         block: &Block,
-        size_unit: Option<&PerAxis<f64>>,
-    ) -> Self {
+        look: &Look<'_>,
+    ) -> BlockErrors {
+        let Self { predicted, sizes } = self;
         calibration.wrench(&block.readings, predicted);
-        Self {
+        if let Some(units) = look.size_unit {
+            for (axis, sizes) in sizes.get_or_insert_default().iter_mut().enumerate() {
+                sizes.add_differences(&predicted[axis], &block.wrench[axis], units[axis]);
+            }
+        }
+        BlockErrors {
             rows: block.rows as u64,
             out_of_range: calibration.rows_out_of_range(&block.readings),
             errors: quality::errors(predicted, &block.wrench),
-            sizes: size_unit.map(|unit| sizes(predicted, &block.wrench, unit)),
-            stands_out: false,
-            drawn: None,
+            stands_out: look.judge.is_some_and(|(judge, spread)| {
+                let judged = judge.judge_predicted(block, predicted, spread);
+                judged.iter().any(Judged::may_matter)
+            }),
+            drawn: look.plot.then(|| Drawn::new(predicted, block)),
         }
     }
 
-    /// Compares the wrench that `calibration` predicts for the rows of `block` with the measured
-    /// one. Errors are counted by size in units of `size_unit`, if there is one.
-    pub(super) fn of(
-        calibration: &Calibration,
-        block: &Block,
-        size_unit: Option<&PerAxis<f64>>,
-        is_drawn: bool,
-        judge: Option<(&Judge, &Spread)>,
-    ) -> Self {
-        let mut predicted = PerAxis::default();
-        let errors = Self::in_room(&mut predicted, calibration, block, size_unit);
-        Self {
-            stands_out: judge.is_some_and(|(judge, spread)| {
-                let judged = judge.judge_predicted(block, &predicted, spread);
-                judged.iter().any(Judged::may_matter)
-            }),
-            drawn: is_drawn.then(|| Drawn { predicted, measured: block.wrench.clone() }),
-            ..errors
-        }
+    /// How large the errors were that several threads have found.
+    pub(super) fn sizes(threads: impl IntoIterator<Item = Self>) -> Option<PerAxis<Magnitudes>> {
+        threads.into_iter().filter_map(|thread| thread.sizes).reduce(|mut all, part| {
+            all.iter_mut().zip(&part).for_each(|(all, part)| all.merge(part));
+            all
+        })
     }
 }
 
@@ -132,7 +147,6 @@ impl Evaluation {
         self.rows += block.rows;
         self.out_of_range_rows += block.out_of_range;
         quality::merge(&mut self.errors, &block.errors);
-        merge_sizes(&mut self.sizes, block.sizes.as_ref());
         if let (Some(plot), Some(drawn)) = (plot, &block.drawn) {
             plot.add(&drawn.predicted, &drawn.measured);
         }
@@ -160,11 +174,11 @@ pub fn eval(
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
     log.require(&wanted)?;
     super::check_channels(log, calibration.channels())?;
-    let is_drawn = plot.is_some();
+    let look = Look { plot: plot.is_some(), ..Look::default() };
     let mut all = Evaluation::default();
     let map = |block: &mut Block| {
         options.used.select(options.place, block);
-        BlockErrors::of(calibration, block, options.size_unit.as_ref(), is_drawn, None)
+        BlockEvaluator::default().evaluate(calibration, block, &look)
     };
     let summary = log.read(&wanted, &options.read, map, |block| -> Result<(), WorkflowError> {
         all.add(&block, plot.as_deref_mut());
@@ -172,22 +186,4 @@ pub fn eval(
     })?;
     all.note(&summary);
     Ok(all)
-}
-
-fn sizes(
-    predicted: &PerAxis<Vec<f64>>,
-    measured: &[Vec<f64>],
-    unit: &PerAxis<f64>,
-) -> PerAxis<Magnitudes> {
-    let of_axis =
-        |axis: usize| Magnitudes::of_differences(&predicted[axis], &measured[axis], unit[axis]);
-    std::array::from_fn(of_axis)
-}
-
-fn merge_sizes(all: &mut Option<PerAxis<Magnitudes>>, part: Option<&PerAxis<Magnitudes>>) {
-    match (all, part) {
-        (Some(all), Some(part)) => all.iter_mut().zip(part).for_each(|(all, part)| all.merge(part)),
-        (all @ None, Some(part)) => *all = Some(part.clone()),
-        (_, None) => {}
-    }
 }

@@ -5,7 +5,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::eval::{BlockErrors, Evaluation};
+use super::eval::{BlockEvaluator, Evaluation, Look};
 use super::log_facts::{Gathering, LogFacts};
 pub use super::log_rows::MEMORY;
 use super::log_rows::{LogRows, may_exceed, store};
@@ -17,6 +17,7 @@ use super::{WorkflowError, agree_on_axes, check_logs};
 use crate::calibration_file::LARGEST;
 use crate::figures::FitPlot;
 use calibration::exact::{ExactError, Moments, PartitionedMoments};
+use calibration::magnitudes::Magnitudes;
 use calibration::quality::AxisQuality;
 use calibration::reading_ranges::ReadingRanges;
 use calibration::solver::{Solution, SolverKind};
@@ -193,7 +194,8 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     }
     let look = Look { size_unit: size_unit.as_ref(), plot: options.plot, judge };
     let first = if sums.is_some() { rows.train() } else { 0 };
-    let Errors { train, test, stands_out, plots } = errors(&calibration, &mut rows, first, &look)?;
+    let Errors { train, test, sizes, stands_out, plots } =
+        errors(&calibration, &mut rows, first, &look)?;
     let train_quality = match sums {
         Some(sums) => in_sample(sums, &solution)?,
         None => total(&train).quality().ok_or(WorkflowError::NoRows)?,
@@ -201,17 +203,16 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     let tested = total(&test).quality();
     check_sizes(&calibration, [Some(&train_quality), tested.as_ref()].into_iter().flatten())?;
     if let (Some(covariance), Some(unit)) = (&mut covariance, size_unit) {
-        let rms = train_quality.map(|axis| axis.rms);
-        covariance.shape = match rows.facts().spread().filter(|_| sums.is_some()) {
+        let sizes = match rows.facts().spread().filter(|_| sums.is_some()) {
             Some(spread) => {
-                let errors =
-                    BlockErrors::of(&calibration, spread.block(), Some(&unit), false, None);
-                let mut of_spread = Evaluation::default();
-                of_spread.add(&errors, None);
-                of_spread.sizes.map(|sizes| ErrorShape::of_errors(&sizes, &unit, &rms))
+                let mut evaluator = BlockEvaluator::default();
+                let look = Look { size_unit: Some(&unit), ..Look::default() };
+                evaluator.evaluate(&calibration, spread.block(), &look);
+                BlockEvaluator::sizes([evaluator])
             }
-            None => shape(&train, &unit),
+            None => sizes,
         };
+        covariance.shape = shape(sizes.as_ref(), &unit, &train_quality);
     }
     calibration.covariance = covariance;
     let facts = rows.facts();
@@ -289,16 +290,10 @@ fn check<'a>(train: &'a [Log], test: &[Log]) -> Result<&'a Log, WorkflowError> {
 struct Errors {
     train: Vec<Evaluation>,
     test: Vec<Evaluation>,
+    /// How large the errors of the training rows are, if that was asked for.
+    sizes: Option<PerAxis<Magnitudes>>,
     stands_out: bool,
     plots: Option<(FitPlot, FitPlot)>,
-}
-
-/// What is looked at beside the errors.
-struct Look<'a> {
-    /// Sizes of training errors are counted in these units, if there are any.
-    size_unit: Option<&'a PerAxis<f64>>,
-    plot: bool,
-    judge: Option<(&'a Judge, &'a Spread)>,
 }
 
 /// Passes over the rows once more, of the logs from the one at `first` on. Of those before there is no more
@@ -316,13 +311,14 @@ fn errors(
     // Training rows are within the range that they define: there is nothing to look for.
     let mut without_range = calibration.clone();
     without_range.valid_range = None;
-    let map = |log: usize, block: &Block| {
+    let look_at_tests = Look { plot: look.plot, ..Look::default() };
+    let map = |evaluator: &mut BlockEvaluator, log: usize, block: &Block| {
         Ok(match log < train {
-            true => BlockErrors::of(&without_range, block, look.size_unit, look.plot, look.judge),
-            false => BlockErrors::of(calibration, block, None, look.plot, None),
+            true => evaluator.evaluate(&without_range, block, look),
+            false => evaluator.evaluate(calibration, block, &look_at_tests),
         })
     };
-    rows.each_block(first, map, |log, block| {
+    let threads = rows.each_block(first, BlockEvaluator::default, map, |log, block| {
         let plot = plots.as_mut().map(|(of_train, of_test)| match log < train {
             true => of_train,
             false => of_test,
@@ -338,7 +334,8 @@ fn errors(
         evaluation.note(summary);
     }
     let test = evaluations.split_off(train);
-    Ok(Errors { train: evaluations, test, stands_out, plots })
+    let sizes = BlockEvaluator::sizes(threads);
+    Ok(Errors { train: evaluations, test, sizes, stands_out, plots })
 }
 
 /// Of all logs.
@@ -371,9 +368,11 @@ pub(super) fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
     })
 }
 
-/// How the training errors are distributed.
-pub(super) fn shape(train: &[Evaluation], unit: &PerAxis<f64>) -> Option<ErrorShape> {
-    let total = total(train);
-    let rms = total.quality()?.map(|axis| axis.rms);
-    Some(ErrorShape::of_errors(total.sizes.as_ref()?, unit, &rms))
+/// How the training errors are distributed whose sizes were counted in such units.
+pub(super) fn shape(
+    sizes: Option<&PerAxis<Magnitudes>>,
+    unit: &PerAxis<f64>,
+    quality: &PerAxis<AxisQuality>,
+) -> Option<ErrorShape> {
+    Some(ErrorShape::of_errors(sizes?, unit, &quality.map(|axis| axis.rms)))
 }

@@ -144,17 +144,17 @@ impl<'a> LogRows<'a> {
         self.train
     }
 
-    /// Passes over the rows of logs from the one at `first` on: `map` gets blocks and the log that they are
-    /// from on any thread, `fold` gets the results of `map`, in order.
-    pub(super) fn each_block<T: Send>(
+    /// Passes over the rows of logs from the one at `first` on: `map` gets the state of its thread, made by
+    /// `init`, and blocks and the log that they are from on any thread, `fold` gets the results of `map`, in
+    /// order. Returns the states.
+    pub(super) fn each_block<S: Send, T: Send>(
         &mut self,
         first: usize,
-        map: impl Fn(usize, &Block) -> Result<T, FitError> + Sync,
+        init: impl Fn() -> S + Sync,
+        map: impl Fn(&mut S, usize, &Block) -> Result<T, FitError> + Sync,
         fold: impl FnMut(usize, T),
-    ) -> Result<(), WorkflowError> {
-        let logs = first..self.logs.len();
-        self.pass_over(logs, || (), |(), log, block| map(log, block), fold)?;
-        Ok(())
+    ) -> Result<Vec<S>, WorkflowError> {
+        self.pass_over(first..self.logs.len(), init, map, fold)
     }
 
     /// Passes over the rows of some logs. Returns the states of the workers, made by `init`.

@@ -3,7 +3,7 @@
 use super::rows::{InMemory, RowSource, rows_sample};
 use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, SolverRecord, Source};
 use crate::workflow::WorkflowError;
-use crate::workflow::eval::{BlockErrors, Evaluation};
+use crate::workflow::eval::{BlockEvaluator, Evaluation, Look};
 use crate::workflow::factored::{append, of_rows};
 use crate::workflow::fit::{check_sizes, root_mean_square, shape};
 use crate::workflow::groups::GroupBy;
@@ -26,7 +26,6 @@ use calibration::validation::grouped::{
 use calibration::{Basis, Calibration, FitError, Model};
 use log_file::ReadOptions;
 use shell_data::block::Block;
-use shell_data::wrench::PerAxis;
 
 /// What is to be fitted, and how.
 #[derive(Clone, Copy, Debug)]
@@ -159,18 +158,19 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
         Uncertainty::of(&solution, (solver, options.truncate), ridge, from);
     let unit = covariance.as_ref().map(|_| root_mean_square(&solution));
     let (mut train, mut loads) = (Evaluation::default(), WrenchSums::default());
-    let errors = |room: &mut PerAxis<Vec<f64>>, block: &mut Block| {
-        let errors = BlockErrors::in_room(room, &calibration, block, unit.as_ref());
-        (errors, WrenchSums::of(&block.wrench))
+    let look = Look { size_unit: unit.as_ref(), ..Look::default() };
+    let errors = |evaluator: &mut BlockEvaluator, block: &mut Block| {
+        (evaluator.evaluate(&calibration, block, &look), WrenchSums::of(&block.wrench))
     };
-    rows.each_block(PerAxis::default, errors, |(errors, of_block)| {
+    let threads = rows.each_block(BlockEvaluator::default, errors, |(errors, of_block)| {
         train.add(&errors, None);
         loads.merge(&of_block);
         Ok(())
     })?;
-    check_sizes(&calibration, &train.quality())?;
-    if let (Some(covariance), Some(unit)) = (&mut covariance, unit) {
-        covariance.shape = shape(std::slice::from_ref(&train), &unit);
+    let quality = train.quality();
+    check_sizes(&calibration, &quality)?;
+    if let (Some(covariance), Some(unit), Some(quality)) = (&mut covariance, unit, quality) {
+        covariance.shape = shape(BlockEvaluator::sizes(threads).as_ref(), &unit, &quality);
     }
     calibration.covariance = covariance;
     Ok(RowFit {

@@ -3,13 +3,12 @@
 use super::rows::{BLOCK_ROWS, InMemory, RowSource};
 use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, Source};
 use crate::workflow::WorkflowError;
-use crate::workflow::eval::{BlockErrors, Evaluation};
+use crate::workflow::eval::{BlockEvaluator, Evaluation, Look};
 use crate::workflow::model_choice::HeldOut;
 use crate::workflow::physics::{FittedRows, GroupedRows, GroupsAre, Labels, fit_rows};
 use calibration::physics::TrainingRows;
 use calibration::validation::excitation::WrenchSums;
 use shell_data::block::Block;
-use shell_data::wrench::PerAxis;
 
 /// A calibration by the physics model, and how well it does.
 #[derive(Debug)]
@@ -88,10 +87,10 @@ pub fn fit_physics(
     let is_stopped = || source.is_stopped();
     let fitted = fit_rows(&rows, cross_validation.map(HeldOut::from), &is_stopped)?;
     let (mut train, loads) = (Evaluation::default(), WrenchSums::of(&rows.wrench));
-    let errors = |room: &mut PerAxis<Vec<f64>>, block: &mut Block| {
-        BlockErrors::in_room(room, &fitted.calibration, block, None)
+    let errors = |evaluator: &mut BlockEvaluator, block: &mut Block| {
+        evaluator.evaluate(&fitted.calibration, block, &Look::default())
     };
-    InMemory { source, threads }.each_block(PerAxis::default, errors, |errors| {
+    InMemory { source, threads }.each_block(BlockEvaluator::default, errors, |errors| {
         train.add(&errors, None);
         Ok(())
     })?;
