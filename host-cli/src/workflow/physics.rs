@@ -242,8 +242,7 @@ pub fn fit(
             true => options.used,
             false => UsedRows { excluded: None, ..options.used },
         };
-        let eval_options =
-            EvalOptions { used, place, read: options.read, ..EvalOptions::default() };
+        let eval_options = EvalOptions { used, place, read: options.read };
         evaluations.push(eval(&fitted.calibration, log, &eval_options, plot)?);
     }
     let test_errors = evaluations.split_off(train.len());
