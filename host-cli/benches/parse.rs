@@ -5,7 +5,8 @@
 //! `cargo bench -p shellcal --bench parse` prints what divan measures, then a table of ratios for each
 //! kind of file, taken in alternating rounds, so that what else the machine does hits all of them alike. The
 //! best times are compared: they are those that the rest of the machine disturbed least. The environment
-//! variable `SHELLCAL_INSTRUCTIONS` (`avx512`, `avx2`, `neon`, `none`) chooses what shellcal uses.
+//! variable `SHELLCAL_INSTRUCTIONS` (`avx512`, `avx2`, `neon`, `none`) chooses the vector instructions
+//! of shellcal.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
@@ -55,12 +56,12 @@ fn main() {
 }
 
 #[divan::bench(args = WAYS.map(|(name, _)| name), sample_count = 20, sample_size = 1)]
-fn twelve(bencher: Bencher<'_, '_>, name: &str) {
+fn parse_twelve_digits(bencher: Bencher<'_, '_>, name: &str) {
     measure(bencher, name, TWELVE_DIGITS.path());
 }
 
 #[divan::bench(args = WAYS.map(|(name, _)| name), sample_count = 20, sample_size = 1)]
-fn all(bencher: Bencher<'_, '_>, name: &str) {
+fn parse_all_digits(bencher: Bencher<'_, '_>, name: &str) {
     measure(bencher, name, ALL_DIGITS.path());
 }
 

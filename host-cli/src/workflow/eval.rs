@@ -101,7 +101,7 @@ pub(super) struct Look<'a> {
 pub(super) struct BlockEvaluator {
     /// Room for predictions, which is used again.
     predicted: PerAxis<Vec<f64>>,
-    /// How large the errors of all blocks were, as far as that was asked for.
+    /// The sizes of the errors of all blocks so far, if they are counted.
     sizes: Option<PerAxis<Magnitudes>>,
 }
 
@@ -132,9 +132,9 @@ impl BlockEvaluator {
         }
     }
 
-    /// How large the errors were that several threads have found.
-    pub(super) fn sizes(threads: impl IntoIterator<Item = Self>) -> Option<PerAxis<Magnitudes>> {
-        threads.into_iter().filter_map(|thread| thread.sizes).reduce(|mut all, part| {
+    /// The sizes of errors that the evaluators of all threads have counted, added up.
+    pub(super) fn sizes(all: impl IntoIterator<Item = Self>) -> Option<PerAxis<Magnitudes>> {
+        all.into_iter().filter_map(|evaluator| evaluator.sizes).reduce(|mut all, part| {
             all.iter_mut().zip(&part).for_each(|(all, part)| all.merge(part));
             all
         })

@@ -212,7 +212,8 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
             }
             None => sizes,
         };
-        covariance.shape = shape(sizes.as_ref(), &unit, &train_quality);
+        let rms = train_quality.map(|axis| axis.rms);
+        covariance.shape = sizes.map(|sizes| ErrorShape::of_errors(&sizes, &unit, &rms));
     }
     calibration.covariance = covariance;
     let facts = rows.facts();
@@ -296,8 +297,8 @@ struct Errors {
     plots: Option<(FitPlot, FitPlot)>,
 }
 
-/// Passes over the rows once more, of the logs from the one at `first` on. Of those before there is no more
-/// than what they were.
+/// Passes over the rows of the logs from number `first` on once more. Evaluations of the logs before have the
+/// number of rows and the summary, but no errors.
 fn errors(
     calibration: &Calibration,
     rows: &mut LogRows<'_>,
@@ -311,14 +312,15 @@ fn errors(
     // Training rows are within the range that they define: there is nothing to look for.
     let mut without_range = calibration.clone();
     without_range.valid_range = None;
-    let look_at_tests = Look { plot: look.plot, ..Look::default() };
+    let test_look = Look { plot: look.plot, ..Look::default() };
     let map = |evaluator: &mut BlockEvaluator, log: usize, block: &Block| {
         Ok(match log < train {
             true => evaluator.evaluate(&without_range, block, look),
-            false => evaluator.evaluate(calibration, block, &look_at_tests),
+            false => evaluator.evaluate(calibration, block, &test_look),
         })
     };
-    let threads = rows.each_block(first, BlockEvaluator::default, map, |log, block| {
+    let passed = first..logs.len();
+    let evaluators = rows.pass_over(passed, BlockEvaluator::default, map, |log, block| {
         let plot = plots.as_mut().map(|(of_train, of_test)| match log < train {
             true => of_train,
             false => of_test,
@@ -334,7 +336,7 @@ fn errors(
         evaluation.note(summary);
     }
     let test = evaluations.split_off(train);
-    let sizes = BlockEvaluator::sizes(threads);
+    let sizes = BlockEvaluator::sizes(evaluators);
     Ok(Errors { train: evaluations, test, sizes, stands_out, plots })
 }
 
@@ -366,13 +368,4 @@ pub(super) fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
         let square = solution.residual_products[(axis, axis)] / solution.rows as f64;
         if square > 0.0 { square.sqrt() } else { 1.0 }
     })
-}
-
-/// How the training errors are distributed whose sizes were counted in such units.
-pub(super) fn shape(
-    sizes: Option<&PerAxis<Magnitudes>>,
-    unit: &PerAxis<f64>,
-    quality: &PerAxis<AxisQuality>,
-) -> Option<ErrorShape> {
-    Some(ErrorShape::of_errors(sizes?, unit, &quality.map(|axis| axis.rms)))
 }

@@ -28,7 +28,7 @@ const SHARE_OF_TEXT: u64 = 3;
 /// Text is about so many times as long as its file where that is compressed.
 const COMPRESSION: u64 = 4;
 
-/// Logs of less text than this, in bytes, are not sampled before they are read: the greater part would be read
+/// Logs of less text than this, in bytes, are read without a sample first: most of their text would be read
 /// twice.
 const SHORT: u64 = 256 << 10;
 
@@ -144,21 +144,10 @@ impl<'a> LogRows<'a> {
         self.train
     }
 
-    /// Passes over the rows of logs from the one at `first` on: `map` gets the state of its thread, made by
-    /// `init`, and blocks and the log that they are from on any thread, `fold` gets the results of `map`, in
-    /// order. Returns the states.
-    pub(super) fn each_block<S: Send, T: Send>(
-        &mut self,
-        first: usize,
-        init: impl Fn() -> S + Sync,
-        map: impl Fn(&mut S, usize, &Block) -> Result<T, FitError> + Sync,
-        fold: impl FnMut(usize, T),
-    ) -> Result<Vec<S>, WorkflowError> {
-        self.pass_over(first..self.logs.len(), init, map, fold)
-    }
-
-    /// Passes over the rows of some logs. Returns the states of the workers, made by `init`.
-    fn pass_over<S: Send, T: Send>(
+    /// Passes over the rows of some logs, block by block. `map` runs on any thread: it gets the state of that
+    /// thread, made by `init`, the number of the log, and the block. `fold` gets the results of `map` in the
+    /// order of the rows. Returns the states.
+    pub(super) fn pass_over<S: Send, T: Send>(
         &mut self,
         logs: Range<usize>,
         init: impl Fn() -> S + Sync,
@@ -332,8 +321,10 @@ impl Blocks for LogRows<'_> {
 
     fn sample(&self) -> Option<Block> {
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-        let is_short = text_bytes(self.logs.iter().copied()) < SHORT;
-        self.logs.first().filter(|_| !is_short)?.sample(&wanted).ok()
+        if text_bytes(self.logs.iter().copied()) < SHORT {
+            return None;
+        }
+        self.logs.first()?.sample(&wanted).ok()
     }
 
     fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, WorkflowError> {

@@ -43,8 +43,8 @@ fn axes() -> Value {
     COLUMNS.into_iter().collect()
 }
 
-/// Triangular factors, unlike exact sums, are rounded one way or another by how many columns stand beside
-/// a column and by the width of the processor's vectors: this much of the largest number, at most.
+/// The largest difference between results of triangular factors, relative to the largest number: their rounding
+/// depends on the number of columns and on the width of the processor's vectors, that of exact sums does not.
 const ROUNDING: f64 = 1e-11;
 
 /// The numbers of a document, in order.
@@ -70,7 +70,7 @@ fn assert_same(found: &Value, expected: &Value, is_exact: bool, what: &str) {
     }
 }
 
-/// What there is of a document of six axes for those that are measured.
+/// The entries of the measured axes, from a list with one entry for each of six axes.
 fn picked(values: &Value) -> Value {
     PLACES.iter().map(|&place| values[place].clone()).collect()
 }
@@ -97,8 +97,8 @@ fn a_fit_of_some_axes_is_that_of_six() {
         for name in ["named.json", "part.json"] {
             let part = document(dir, name);
             assert_eq!((&part["schema_version"], &part["axes"]), (&3.into(), &axes()));
-            // A file of fewer columns is cut into other blocks, on which only exact sums do not depend:
-            // of others already the centres and scales of the features are of the first block.
+            // A file of fewer columns is cut into other blocks. Exact sums do not depend on that; other
+            // solvers centre and scale the features by a sample, which is of other rows then.
             if name == "named.json" || is_exact {
                 let what = format!("{name} {flags}");
                 assert_same(&part["coefficients"], &coefficients, is_exact, &what);

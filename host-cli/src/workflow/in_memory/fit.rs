@@ -5,7 +5,7 @@ use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, SolverRecord
 use crate::workflow::WorkflowError;
 use crate::workflow::eval::{BlockEvaluator, Evaluation, Look};
 use crate::workflow::factored::{append, of_rows};
-use crate::workflow::fit::{check_sizes, root_mean_square, shape};
+use crate::workflow::fit::{check_sizes, root_mean_square};
 use crate::workflow::groups::GroupBy;
 use crate::workflow::model_choice::{
     CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, choose_from,
@@ -18,6 +18,7 @@ use calibration::factored::{FactoredGroups, GroupFactors};
 use calibration::reading_ranges::ReadingRanges;
 use calibration::scaling::Scaling;
 use calibration::solver::{Solution, SolverKind};
+use calibration::uncertainty::ErrorShape;
 use calibration::validation::ValidationError;
 use calibration::validation::excitation::WrenchSums;
 use calibration::validation::grouped::{
@@ -162,7 +163,7 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
     let errors = |evaluator: &mut BlockEvaluator, block: &mut Block| {
         (evaluator.evaluate(&calibration, block, &look), WrenchSums::of(&block.wrench))
     };
-    let threads = rows.each_block(BlockEvaluator::default, errors, |(errors, of_block)| {
+    let evaluators = rows.each_block(BlockEvaluator::default, errors, |(errors, of_block)| {
         train.add(&errors, None);
         loads.merge(&of_block);
         Ok(())
@@ -170,7 +171,9 @@ pub fn fit(source: &dyn RowSource, options: &RowFitOptions) -> Result<RowFit, Wo
     let quality = train.quality();
     check_sizes(&calibration, &quality)?;
     if let (Some(covariance), Some(unit), Some(quality)) = (&mut covariance, unit, quality) {
-        covariance.shape = shape(BlockEvaluator::sizes(threads).as_ref(), &unit, &quality);
+        let rms = quality.map(|axis| axis.rms);
+        let sizes = BlockEvaluator::sizes(evaluators);
+        covariance.shape = sizes.map(|sizes| ErrorShape::of_errors(&sizes, &unit, &rms));
     }
     calibration.covariance = covariance;
     Ok(RowFit {
