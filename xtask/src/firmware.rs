@@ -106,12 +106,11 @@ impl Workload {
         }
     }
 
-    /// Instructions that a frame may take; those of readings that are none are only told.
-    fn limit(self) -> Option<f64> {
+    /// Instructions that a frame may take.
+    fn limit(self) -> f64 {
         match self {
-            Self::Readings | Self::Cubic => Some(INSTRUCTIONS_LIMIT),
-            Self::Physics => Some(PHYSICS_LIMIT),
-            Self::Misfits => None,
+            Self::Readings | Self::Cubic => INSTRUCTIONS_LIMIT,
+            Self::Physics | Self::Misfits => PHYSICS_LIMIT,
         }
     }
 }
@@ -130,7 +129,7 @@ impl Streaming {
     }
 
     fn is_too_much(&self) -> bool {
-        self.workload.limit().is_some_and(|limit| self.instructions_per_frame > limit)
+        self.instructions_per_frame > self.workload.limit()
     }
 }
 
@@ -226,10 +225,10 @@ impl fmt::Display for Report {
         writeln!(f, "  instructions per frame, {whose}:")?;
         for stream in streams {
             let Streaming { workload, instructions_per_frame, .. } = stream;
-            let limit = workload.limit().map_or(String::new(), |limit| format!(" of {limit}"));
+            let limit = workload.limit();
             writeln!(
                 f,
-                "    {:<24} {instructions_per_frame:8.1}{limit}: {:.2} % of {:.0} MHz at {RATE_HZ} Hz",
+                "    {:<24} {instructions_per_frame:8.1} of {limit}: {:.2} % of {:.0} MHz at {RATE_HZ} Hz",
                 workload.name(),
                 stream.share() * 100.0,
                 CORE_HZ / 1e6,

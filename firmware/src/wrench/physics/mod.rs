@@ -115,12 +115,17 @@ impl<'a> Frame<'a> {
             Some((step, length)) if length >= REST => (step, length),
             other => return moved(&state.x, &other.unwrap_or_default().0),
         };
-        for _ in 0..STEPS {
-            let known = (length < NEAR).then_some(&state.points);
+        for left in (0..STEPS).rev() {
+            // From so far the last step does not lead to rest, and the weights after it serve no other.
+            let is_far = length >= NEAR;
+            let known = (!is_far || left == 0).then_some(&state.points);
             let next = self.state(moved(&state.x, &step), known);
             // With the variances of before; with those of now, it is what the next step is compared with.
             if next.sum(&state.points) <= sum * ROUNDING {
                 state = next;
+                if is_far && left == 0 {
+                    break;
+                }
                 sum = state.sum(&state.points);
                 halvings = 0;
                 match self.step(&state) {
