@@ -12,8 +12,9 @@
 //! that was recorded is of no use later, neither on this run of the board nor on the next. What is
 //! sent is not hidden: the radio's own encryption does that.
 
+use crate::board::BoardId;
 use crate::bytes::{Bytes, Reader};
-use crate::command::{BoardId, Command, MAX_PIECE};
+use crate::command::{Command, MAX_PIECE};
 use crate::key::Key;
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::Sha256;

@@ -1,8 +1,9 @@
 //! Bytes to packets, whatever the bytes.
 
 use crate::authentication::Signature;
+use crate::board::BoardId;
 use crate::bytes::Bytes;
-use crate::command::{Answer, BoardId, Command};
+use crate::command::{Answer, Command};
 use crate::edge::Edge;
 use crate::error::DecodeError;
 use crate::frame::MAX_FRAME;

@@ -38,6 +38,7 @@
 #![forbid(unsafe_code)]
 
 mod authentication;
+mod board;
 mod bytes;
 mod calibration;
 mod command;
@@ -55,14 +56,12 @@ pub mod skinproc;
 pub mod xbee;
 
 pub use authentication::{MAX_SIGNED_PIECE, Signature};
+pub use board::{Board, BoardId, Identity, ResetCause, Status, Stream};
 pub use bytes::Bytes;
 pub use calibration::{
     Calibration, CalibrationBytes, Cubic, FACTOR, FEATURES, PRIOR, Physics, PhysicsSensor, crc32,
 };
-pub use command::{
-    Answer, Board, BoardId, Command, Identity, MAX_PIECE, Piece, Refusal, ResetCause, Status,
-    Stream,
-};
+pub use command::{Answer, Command, MAX_PIECE, Piece, Refusal};
 pub use decoder::{Counters, Decoder, Event, Framing};
 pub use detect::{Protocol, detect};
 pub use edge::Edge;

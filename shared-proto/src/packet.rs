@@ -1,8 +1,9 @@
 //! The packets: what each kind holds and where.
 
 use crate::authentication::Signature;
+use crate::board::{Board, BoardId, ResetCause};
 use crate::bytes::Reader;
-use crate::command::{Answer, Board, BoardId, Command, ResetCause};
+use crate::command::{Answer, Command};
 use crate::edge::Edge;
 use crate::error::DecodeError;
 use crate::frame::{self, Frame, Plain};

@@ -8,7 +8,8 @@ use memchr::{memchr, memchr_iter};
 use shared_proto::skinproc::{SCAN_LEN, decode_scan};
 
 use super::number::parse_field;
-use super::rows::{ParsedRows, RowError};
+use super::parsed_rows::ParsedRows;
+use super::rows::RowError;
 use crate::error::RowProblem;
 
 /// The letter `E`, which scans begin with.

@@ -13,5 +13,6 @@ mod nearest;
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 mod neon;
 pub(crate) mod number;
+pub(crate) mod parsed_rows;
 pub(crate) mod plan;
 pub(crate) mod rows;

@@ -3,7 +3,8 @@
 use memchr::{memchr, memrchr};
 
 use super::console;
-use super::rows::{ColumnUse, ParsedRows, RowError, RowPlan};
+use super::parsed_rows::ParsedRows;
+use super::rows::{ColumnUse, RowError, RowPlan};
 use crate::format::layout::FileLayout;
 use crate::format::mapping::Format;
 use crate::read::request::Wanted;

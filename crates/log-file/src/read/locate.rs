@@ -4,8 +4,9 @@ use std::io::{BufRead, BufReader, Read};
 
 use crate::error::{LogError, RowProblem};
 use crate::log::Log;
+use crate::parse::parsed_rows::ParsedRows;
 use crate::parse::plan::ReadPlan;
-use crate::parse::rows::{ParsedRows, RowError};
+use crate::parse::rows::RowError;
 use crate::read::request::Wanted;
 use crate::stream::chunk::{Chunk, ChunkError, LINE_LIMIT};
 use crate::stream::decimal_comma;

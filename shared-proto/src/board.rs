@@ -1,0 +1,224 @@
+//! A board: what it is, what it streams, and how it does.
+
+use crate::bytes::{Bytes, Reader};
+use crate::calibration::crc32;
+
+/// Gives an enum its one-byte codes both ways. A code without a variant is `Other`, so that what a
+/// newer board says can be read by an older host as far as it goes.
+macro_rules! codes {
+    ($name:ident { $($variant:ident = $code:literal),+ $(,)? }) => {
+        impl $name {
+            /// All variants that have a name, in the order of their codes.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
+
+            /// The code on the wire.
+            pub const fn code(self) -> u8 {
+                match self {
+                    $(Self::$variant => $code,)+
+                    Self::Other(code) => code,
+                }
+            }
+
+            /// The variant of a code.
+            pub const fn from_code(code: u8) -> Self {
+                match code {
+                    $($code => Self::$variant,)+
+                    _ => Self::Other(code),
+                }
+            }
+        }
+    };
+}
+
+/// Where the firmware runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Board {
+    /// STM32L432KC.
+    SkinProc,
+    /// A Cortex-M4F in emulation.
+    Emulated,
+    /// A process on the host.
+    Simulated,
+    /// The Nucleo-G491RE: STM32G491RE.
+    NucleoG491re,
+    /// One that this version does not know.
+    Other(u8),
+}
+
+codes!(Board { SkinProc = 1, Emulated = 2, Simulated = 3, NucleoG491re = 4 });
+
+/// What the samples of the stream hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stream {
+    /// Readings.
+    #[default]
+    Raw,
+    /// Wrenches, converted on the board.
+    Wrench,
+    /// One that this version does not know.
+    Other(u8),
+}
+
+codes!(Stream { Raw = 0, Wrench = 1 });
+
+/// Why the board last started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ResetCause {
+    /// Power was switched on, or fell too low.
+    Power,
+    /// The reset line, or a debugger.
+    Pin,
+    /// The firmware panicked.
+    Panic,
+    /// The watchdog was not fed.
+    Watchdog,
+    /// The board cannot tell.
+    Unspecified,
+    /// The core met something that it cannot execute.
+    Fault,
+    /// One that this version does not know.
+    Other(u8),
+}
+
+codes!(ResetCause { Power = 1, Pin = 2, Panic = 3, Watchdog = 4, Unspecified = 5, Fault = 6 });
+
+/// What commands name a board by: the CRC-32 of its serial number.
+///
+/// On one radio channel some boards are in range, and two that are named alike have a chance of one
+/// in four thousand million.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct BoardId(u32);
+
+impl BoardId {
+    /// The name of the board with a serial number.
+    pub fn of_serial(serial: &[u8; 12]) -> Self {
+        Self(crc32(serial).max(1)) // 0 stands for every board
+    }
+
+    pub(crate) fn code(id: Option<Self>) -> u32 {
+        id.map_or(0, |id| id.0)
+    }
+
+    pub(crate) fn from_code(code: u32) -> Option<Self> {
+        (code != 0).then_some(Self(code))
+    }
+}
+
+/// What a board is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// Where the firmware runs.
+    pub board: Board,
+    /// Version of the firmware: major, minor, patch.
+    pub firmware: [u8; 3],
+    /// Serial number of the chip.
+    pub serial: [u8; 12],
+    /// Shortest period that the board accepts, in µs.
+    pub min_period_us: u32,
+}
+
+impl Identity {
+    /// What commands name the board by.
+    pub fn id(&self) -> BoardId {
+        BoardId::of_serial(&self.serial)
+    }
+
+    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        out.push(self.board.code());
+        out.extend(&self.firmware);
+        out.extend(&self.serial);
+        out.extend(&self.min_period_us.to_le_bytes());
+    }
+
+    pub(crate) fn read(body: &mut Reader<'_>) -> Option<Self> {
+        Some(Self {
+            board: Board::from_code(body.u8()?),
+            firmware: body.array()?,
+            serial: body.array()?,
+            min_period_us: body.u32()?,
+        })
+    }
+}
+
+/// How a board does. All counts are since the last reset and wrap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// Whether it streams.
+    pub streaming: bool,
+    /// Whether it has a calibration.
+    pub calibrated: bool,
+    /// Whether the wrench has a zero.
+    pub zeroed: bool,
+    /// What it streams.
+    pub stream: Stream,
+    /// Why it last started.
+    pub reset_cause: ResetCause,
+    /// Time from frame to frame in µs.
+    pub period_us: u32,
+    /// Conversions averaged for each lit and each dark value.
+    pub conversions: u8,
+    /// Time from switching an emitter to converting, in µs.
+    pub settling_us: u16,
+    /// Time since the reset in s.
+    pub uptime_s: u32,
+    /// Frames taken.
+    pub frames: u32,
+    /// Frames not taken because their time had passed.
+    pub late: u32,
+    /// Frames taken but dropped because the link was not drained.
+    pub overflowed: u32,
+    /// Frames that arrived damaged at the board.
+    pub damaged: u16,
+    /// Longest time that a frame has taken, in µs; it stays at the largest value that fits.
+    pub longest_frame_us: u16,
+    /// CRC-32 of the calibration in use, zero without one.
+    pub calibration_crc32: u32,
+    /// Commands that named another board.
+    pub foreign: u16,
+}
+
+impl Status {
+    pub(crate) fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        let flags = u8::from(self.streaming)
+            | u8::from(self.calibrated) << 1
+            | u8::from(self.zeroed) << 2
+            | self.stream.code() << 3;
+        out.push(flags);
+        out.push(self.reset_cause.code());
+        out.extend(&self.period_us.to_le_bytes());
+        out.push(self.conversions);
+        out.extend(&self.settling_us.to_le_bytes());
+        out.extend(&self.uptime_s.to_le_bytes());
+        out.extend(&self.frames.to_le_bytes());
+        out.extend(&self.late.to_le_bytes());
+        out.extend(&self.overflowed.to_le_bytes());
+        out.extend(&self.damaged.to_le_bytes());
+        out.extend(&self.longest_frame_us.to_le_bytes());
+        out.extend(&self.calibration_crc32.to_le_bytes());
+        out.extend(&self.foreign.to_le_bytes());
+    }
+
+    pub(crate) fn read(body: &mut Reader<'_>) -> Option<Self> {
+        let flags = body.u8()?;
+        Some(Self {
+            streaming: flags & 1 != 0,
+            calibrated: flags & 2 != 0,
+            zeroed: flags & 4 != 0,
+            stream: Stream::from_code(flags >> 3),
+            reset_cause: ResetCause::from_code(body.u8()?),
+            period_us: body.u32()?,
+            conversions: body.u8()?,
+            settling_us: body.u16()?,
+            uptime_s: body.u32()?,
+            frames: body.u32()?,
+            late: body.u32()?,
+            overflowed: body.u32()?,
+            damaged: body.u16()?,
+            longest_frame_us: body.u16()?,
+            calibration_crc32: body.u32()?,
+            foreign: body.u16()?,
+        })
+    }
+}
