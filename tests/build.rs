@@ -1,5 +1,7 @@
 //! Which tests can run here: those that cannot are built as ignored, with the reason.
 
+use std::path::Path;
+
 #[allow(unreachable_pub, reason = "shared with the library")]
 #[path = "src/chromium.rs"]
 mod chromium;
@@ -10,6 +12,9 @@ const NEEDS: [(&str, &[&str]); 3] = [
     ("flashed_image", &["SHELLCAL_FLASHED_IMAGE", "SHELLCAL_MODEL_PYTHON"]),
     ("real_data", &["SHELLCAL_REAL_DATA"]),
 ];
+
+/// The reference solution of the beam channel, from the recordings.
+const ORACLE: &str = "../oracles/beam.json";
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
@@ -22,6 +27,12 @@ fn main() {
         if variables.iter().all(|variable| std::env::var_os(variable).is_some()) {
             println!("cargo::rustc-cfg={name}");
         }
+    }
+    // They are not among the recordings, but may lie beside them.
+    println!("cargo::rustc-check-cfg=cfg(reference_values)");
+    let values = std::env::var_os("SHELLCAL_REAL_DATA").map(|data| Path::new(&data).join(ORACLE));
+    if values.is_some_and(|values| values.exists()) {
+        println!("cargo::rustc-cfg=reference_values");
     }
     println!("cargo::rustc-check-cfg=cfg(browser)");
     println!("cargo::rerun-if-env-changed={}", chromium::CHROMIUM);

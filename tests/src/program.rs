@@ -3,11 +3,14 @@
 //! For tests: what goes wrong is a panic that says what it was.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
+
+use serde_json::Value;
 
 /// How often a command is given to a board that does not answer.
 const ATTEMPTS: u32 = 20;
@@ -21,14 +24,14 @@ fn shellcal() -> PathBuf {
 }
 
 /// The program in a directory, without arguments. Calibrations that it makes are of a day in 2017.
-pub fn command(dir: &Path) -> Command {
+pub fn command(dir: &(impl AsRef<Path> + ?Sized)) -> Command {
     let mut command = Command::new(shellcal());
     command.current_dir(dir).env("SOURCE_DATE_EPOCH", "1500000000");
     command
 }
 
 /// Starts a command in a directory; spaces separate its arguments.
-pub fn start(dir: &Path, arguments: &str) -> Child {
+pub fn start(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> Child {
     command(dir)
         .args(arguments.split_whitespace())
         .stdout(Stdio::piped())
@@ -38,12 +41,43 @@ pub fn start(dir: &Path, arguments: &str) -> Child {
 }
 
 /// Runs a command to its end.
-pub fn output(dir: &Path, arguments: &str) -> Output {
+pub fn output(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> Output {
     start(dir, arguments).wait_with_output().unwrap()
 }
 
+/// Runs a command that must end with this exit code; what it prints, and what it says.
+pub fn ended(dir: &(impl AsRef<Path> + ?Sized), arguments: &str, code: i32) -> (String, String) {
+    check(output(dir, arguments), arguments, code)
+}
+
+/// Runs a command that must succeed; what it prints.
+pub fn succeed(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> String {
+    ended(dir, arguments, 0).0
+}
+
+/// Runs a command that must succeed; the document that it prints.
+pub fn json(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> Value {
+    serde_json::from_str(&succeed(dir, arguments)).unwrap()
+}
+
+/// Runs a command that must not be able to run, nor print or leave anything; what it says.
+pub fn refused(dir: &(impl AsRef<Path> + ?Sized), arguments: &str) -> String {
+    let before = names(dir.as_ref());
+    let (printed, said) = ended(dir, arguments, 2);
+    assert_eq!(printed, "", "{arguments}: {said}");
+    assert_eq!(names(dir.as_ref()), before, "{arguments}: {said}");
+    said
+}
+
+fn names(dir: &Path) -> Vec<OsString> {
+    let mut names: Vec<_> =
+        fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    names
+}
+
 /// Runs a command that must end with this exit code; what it prints and says.
-pub fn run(dir: &Path, arguments: &str, code: i32) -> String {
+pub fn run(dir: &(impl AsRef<Path> + ?Sized), arguments: &str, code: i32) -> String {
     finish(start(dir, arguments), arguments, code)
 }
 
@@ -53,7 +87,7 @@ pub fn run_patiently(dir: &Path, arguments: &str, code: i32) -> String {
     for _ in 0..ATTEMPTS {
         let output = output(dir, arguments);
         if !String::from_utf8_lossy(&output.stderr).contains("no answer to") {
-            return check(&output, arguments, code);
+            return both(check(output, arguments, code));
         }
     }
     panic!("{arguments}: no answer in {ATTEMPTS} attempts");
@@ -61,13 +95,22 @@ pub fn run_patiently(dir: &Path, arguments: &str, code: i32) -> String {
 
 /// Waits for the end of a command, which must have this exit code; what it prints and says.
 pub fn finish(child: Child, arguments: &str, code: i32) -> String {
-    check(&child.wait_with_output().unwrap(), arguments, code)
+    both(check(child.wait_with_output().unwrap(), arguments, code))
 }
 
-fn check(output: &Output, arguments: &str, code: i32) -> String {
-    let said = String::from_utf8_lossy(&output.stderr);
+fn both((printed, said): (String, String)) -> String {
+    printed + &said
+}
+
+fn check(output: Output, arguments: &str, code: i32) -> (String, String) {
+    let said = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
-    String::from_utf8_lossy(&output.stdout).into_owned() + &said
+    (String::from_utf8(output.stdout).unwrap(), said)
+}
+
+/// A document that a command has written into a directory.
+pub fn document(dir: &(impl AsRef<Path> + ?Sized), name: &str) -> Value {
+    serde_json::from_slice(&fs::read(dir.as_ref().join(name)).unwrap()).unwrap()
 }
 
 /// Ctrl-C.
@@ -90,7 +133,7 @@ pub fn wait_for_rows(log: &Path, rows: usize) {
 
 /// A number in what `--json` prints.
 pub fn number(json: &str, name: &str) -> u64 {
-    let document: serde_json::Value = serde_json::from_str(json).unwrap();
+    let document: Value = serde_json::from_str(json).unwrap();
     document[name].as_u64().unwrap_or_else(|| panic!("no number `{name}` in {json}"))
 }
 

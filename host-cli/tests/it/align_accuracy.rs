@@ -1,7 +1,8 @@
 //! How exact an alignment is, on sessions whose truth is known, beside the bound of Cramér and Rao.
-use crate::support::alignment::{SESSION, errors, linear_session, recordings, worst_offset_error};
 use shellcal::alignment::{Options, align};
 use shellcal::simulation::sensor_model::PairSettings;
+
+use crate::support::alignment::{SESSION, errors, linear_session, recordings, worst_offset_error};
 
 #[test]
 fn a_minute_with_taps_gives_the_offset_to_200_us_and_the_skew_to_3_ppm() {

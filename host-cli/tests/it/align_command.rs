@@ -2,13 +2,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use system_tests::program;
-
-fn done(directory: &Path, arguments: &str) -> String {
-    let output = program::output(directory, arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
+use system_tests::program::{self, json, succeed};
 
 const PAIR: &str = "synth pair ref.csv log.csv --duration 30 --rate 100 --reference-rate 1000";
 
@@ -16,10 +10,10 @@ const PAIR: &str = "synth pair ref.csv log.csv --duration 30 --rate 100 --refere
 fn a_pair_becomes_a_training_log_that_can_be_fitted() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
-    done(at, &format!("{PAIR} --offset -75.5 --skew 120 --loss 0.02 --truth truth.json"));
+    succeed(at, &format!("{PAIR} --offset -75.5 --skew 120 --loss 0.02 --truth truth.json"));
     let truth: Value =
         serde_json::from_slice(&std::fs::read(at.join("truth.json")).unwrap()).unwrap();
-    let report = done(at, "align ref.csv log.csv -o train.csv --plot match.svg --json");
+    let report = succeed(at, "align ref.csv log.csv -o train.csv --plot match.svg --json");
     let report: Value = serde_json::from_str(&report).unwrap();
     let clock = |name: &str| report["clock"][name].as_f64().unwrap();
     let offset_s = truth["offset_s"].as_f64().unwrap() + 120e-6 * clock("pivot_s");
@@ -42,15 +36,15 @@ fn a_pair_becomes_a_training_log_that_can_be_fitted() {
         assert_eq!(row[..9], frame);
     }
     assert!(std::fs::read_to_string(at.join("match.svg")).unwrap().ends_with("</svg>\n"));
-    done(at, "fit train.csv --output cal.json");
+    succeed(at, "fit train.csv --output cal.json");
 }
 
 #[test]
 fn units_and_names_of_either_file_can_be_told() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
-    done(at, PAIR);
-    let plain = done(at, "align ref.csv log.csv --quiet");
+    succeed(at, PAIR);
+    let plain = succeed(at, "align ref.csv log.csv --quiet");
     // Times in ms and moments in mN·m under other names; the log in µs.
     let rewrite = |from: &str, to: &str, header: &str, scale: &[f64]| {
         let text = std::fs::read_to_string(at.join(from)).unwrap();
@@ -68,7 +62,7 @@ fn units_and_names_of_either_file_can_be_told() {
     let milli = [1e3, 1.0, 1.0, 1.0, 1e3, 1e3, 1e3];
     rewrite("ref.csv", "ref2.csv", "clock,a,b,c,d,e,f", &milli);
     rewrite("log.csv", "log2.csv", "tick,p,q,r,s,t,u,v,w", &[1e6, 1., 1., 1., 1., 1., 1., 1., 1.]);
-    let told = done(
+    let told = succeed(
         at,
         "align ref2.csv log2.csv --quiet --reference-time clock --reference-time-unit ms \
          --wrench a,b,c,d,e,f --moment-unit mN·m --time tick --time-unit us --sensors 2-9",
@@ -88,7 +82,7 @@ fn units_and_names_of_either_file_can_be_told() {
 fn a_match_that_is_not_clear_writes_nothing_and_exits_with_1() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
-    done(at, &format!("{PAIR} --no-load"));
+    succeed(at, &format!("{PAIR} --no-load"));
     let output = program::output(at, "align ref.csv log.csv -o train.csv");
     assert_eq!(output.status.code(), Some(1));
     let message = String::from_utf8(output.stderr).unwrap();
@@ -101,7 +95,7 @@ fn a_match_that_is_not_clear_writes_nothing_and_exits_with_1() {
 fn what_cannot_be_read_exits_with_2() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
-    done(at, PAIR);
+    succeed(at, PAIR);
     for (arguments, expected) in [
         ("align log.csv ref.csv -o train.csv", "no columns"),
         ("align ref.csv missing.csv -o train.csv", "cannot read `missing.csv`"),
@@ -112,9 +106,7 @@ fn what_cannot_be_read_exits_with_2() {
         ("synth pair a.csv b.csv --loss 1", "share of 1"),
         ("synth pair a.csv b.csv --rate 0", "rate 0 Hz"),
     ] {
-        let output = program::output(at, arguments);
-        assert_eq!(output.status.code(), Some(2), "{arguments}");
-        let message = String::from_utf8(output.stderr).unwrap();
+        let message = program::refused(at, arguments);
         assert!(message.contains(expected), "{arguments}: {message}");
     }
     assert!(!at.join("train.csv").exists() && !at.join("a.csv").exists());
@@ -124,11 +116,11 @@ fn what_cannot_be_read_exits_with_2() {
 fn the_same_command_makes_the_same_pair() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
-    done(at, "synth pair a.csv b.csv --duration 3 --seed 7");
-    done(at, "synth pair c.csv d.csv --duration 3 --seed 7");
+    succeed(at, "synth pair a.csv b.csv --duration 3 --seed 7");
+    succeed(at, "synth pair c.csv d.csv --duration 3 --seed 7");
     let read = |name: &str| std::fs::read(at.join(name)).unwrap();
     assert!(read("a.csv") == read("c.csv") && read("b.csv") == read("d.csv"));
-    done(at, "synth pair c.csv d.csv --duration 3 --seed 8");
+    succeed(at, "synth pair c.csv d.csv --duration 3 --seed 8");
     assert!(read("b.csv") != read("d.csv"));
 }
 
@@ -160,10 +152,6 @@ fn add_edges(at: &Path, edges_s: &[f64], offset_s: f64, skew: f64) {
     std::fs::write(at.join("log.csv"), log).unwrap();
 }
 
-fn json_of(at: &Path, arguments: &str) -> Value {
-    serde_json::from_str(&done(at, arguments)).unwrap()
-}
-
 #[test]
 fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
     let directory = tempfile::tempdir().unwrap();
@@ -174,9 +162,9 @@ fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
             .map(|t: f64| t + offset_s)
             .to_vec();
     for (load, by_loads) in [("", true), ("--no-load", false)] {
-        done(at, &format!("{PAIR} --offset {offset_s} --skew 120 {load}"));
+        succeed(at, &format!("{PAIR} --offset {offset_s} --skew 120 {load}"));
         add_edges(at, &edges_s, offset_s, skew);
-        let report = json_of(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
+        let report = json(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
         let clock = |name: &str| report["clock"][name].as_f64().unwrap();
         // One of the eight is missing on the board.
         assert_eq!(report["edges"]["matched"], 7, "{report}");
@@ -192,13 +180,13 @@ fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
         assert!(report["rows"]["written"].as_u64().unwrap() > 2_900);
     }
     // The loads say the same to within their errors, and their clocks are those without the flag.
-    done(at, &format!("{PAIR} --offset {offset_s} --skew 120"));
-    let plain = json_of(at, "align ref.csv log.csv -o plain.csv --json");
+    succeed(at, &format!("{PAIR} --offset {offset_s} --skew 120"));
+    let plain = json(at, "align ref.csv log.csv -o plain.csv --json");
     assert!(plain["edges"].is_null());
     add_edges(at, &edges_s, offset_s, skew);
-    let with = json_of(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
+    let with = json(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
     assert_eq!(with["edges"]["by_loads"], plain["clock"]);
-    let unasked = json_of(at, "align ref.csv log.csv -o again.csv --json");
+    let unasked = json(at, "align ref.csv log.csv -o again.csv --json");
     assert_eq!(unasked["clock"], plain["clock"]);
 }
 
@@ -206,16 +194,14 @@ fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
 fn a_signal_without_edges_leaves_all_as_it_was_and_one_that_is_not_there_is_named() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
-    done(at, PAIR);
-    let plain = json_of(at, "align ref.csv log.csv -o plain.csv --json");
+    succeed(at, PAIR);
+    let plain = json(at, "align ref.csv log.csv -o plain.csv --json");
     add_edges(at, &[], 0.0, 0.0);
     let output = program::output(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success() && said.contains("the clocks are by the loads"), "{said}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(report["clock"], plain["clock"]);
-    let output = program::output(at, "align ref.csv log.csv -o train.csv --sync gate");
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2));
+    let said = program::refused(at, "align ref.csv log.csv -o train.csv --sync gate");
     assert!(said.contains("gate") && said.contains("ttl_v"), "{said}");
 }

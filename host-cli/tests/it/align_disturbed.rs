@@ -1,9 +1,10 @@
 //! Recordings as they are: with losses, gaps, repeats, uneven clocks, ends of the range, and some
 //! that do not belong together.
-use crate::support::alignment::{SESSION, errors, linear_session, recordings};
 use shellcal::alignment::{AlignError, Options, Recording, Side, align};
 use shellcal::simulation::sensor_model::PairSettings;
 use system_tests::random::Random;
+
+use crate::support::alignment::{SESSION, errors, linear_session, recordings};
 
 /// Aligns a disturbed session and checks it against the truth; returns how often the error of the
 /// offset is the one stated.

@@ -4,7 +4,8 @@
 use std::fs;
 use std::path::Path;
 
-use system_tests::program;
+use system_tests::program::{document, ended, json, refused, succeed};
+use system_tests::real_recording;
 use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
@@ -38,28 +39,9 @@ fn folder() -> TempDir {
     dir
 }
 
-/// What the command says, and what it prints.
-fn done(dir: &Path, arguments: &str) -> (String, String) {
-    let output = program::output(dir, arguments);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{arguments}: {said}");
-    (said, String::from_utf8(output.stdout).unwrap())
-}
-
-fn refused(dir: &Path, arguments: &str) -> String {
-    let output = program::output(dir, arguments);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
-    said
-}
-
-fn json(dir: &Path, name: &str) -> serde_json::Value {
-    serde_json::from_slice(&fs::read(dir.join(name)).unwrap()).unwrap()
-}
-
 /// Columns of the wrench and of its standard errors, and of ends of intervals if any, for the rows of a log.
 fn converted(dir: &Path, calibration: &str, log: &str) -> Vec<Vec<f64>> {
-    done(dir, &format!("convert {calibration} {log} --no-tare --no-lowpass -o out.csv"));
+    succeed(dir, &format!("convert {calibration} {log} --no-tare --no-lowpass -o out.csv"));
     let text = fs::read_to_string(dir.join("out.csv")).unwrap();
     let rows = text.lines().skip(1);
     rows.map(|row| row.split(',').skip(1).take(12).map(|x| x.parse().unwrap()).collect()).collect()
@@ -83,12 +65,12 @@ fn standard_errors_by_group_are_those_of_exact_sums() {
     let dir = folder();
     let dir = dir.path();
     for model in ["linear", "cubic --no-intercept", "quadratic"] {
-        done(dir, &format!("fit train.csv --model {model} -o exact.json"));
-        let (said, _) = done(dir, &format!("fit volts.csv --model {model} -o volts.json"));
+        succeed(dir, &format!("fit train.csv --model {model} -o exact.json"));
+        let (_, said) = ended(dir, &format!("fit volts.csv --model {model} -o volts.json"), 0);
         // Once, and no word of rows that are taken as independent.
         assert_eq!(said.matches("exact").count(), 1, "{said}");
         assert!(!said.contains("independent"), "{said}");
-        let (exact, volts) = (json(dir, "exact.json"), json(dir, "volts.json"));
+        let (exact, volts) = (document(dir, "exact.json"), document(dir, "volts.json"));
         for field in ["degrees_of_freedom", "residual", "shared"] {
             let (exact, volts) = (&exact["covariance"][field], &volts["covariance"][field]);
             assert_eq!(exact.is_null(), volts.is_null(), "{field}");
@@ -114,8 +96,7 @@ fn intervals_of_few_groups_are_those_of_exact_sums() {
         fs::write(dir.join(format!("{name}.csv")), rows.join("\n") + "\n").unwrap();
     }
     let intervals = |name: &str| -> Vec<f64> {
-        let (_, printed) =
-            done(dir, &format!("fit {name}.csv --model linear --json -o {name}.json"));
+        let printed = succeed(dir, &format!("fit {name}.csv --model linear --json -o {name}.json"));
         let report: serde_json::Value = serde_json::from_str(&printed).unwrap();
         assert_eq!(report["covariance"]["groups"], 45);
         let of = report["covariance"]["interval_95"].as_array().unwrap();
@@ -135,23 +116,23 @@ fn merged_triangles_are_the_fit_over_all_files() {
     {
         let (features, ridge) = model.split_once(" --ridge").unwrap_or((model, ""));
         let ridge = if ridge.is_empty() { String::new() } else { format!("--ridge{ridge}") };
-        done(dir, &format!("fit a.csv b.csv c.csv {model} --group group -o whole.json"));
+        succeed(dir, &format!("fit a.csv b.csv c.csv {model} --group group -o whole.json"));
         for file in ["a", "b", "c"] {
-            let (said, _) =
-                done(dir, &format!("fit {file}.csv {features} --groups --partial {file}.json"));
+            let (_, said) =
+                ended(dir, &format!("fit {file}.csv {features} --groups --partial {file}.json"), 0);
             assert!(!said.contains("warning"), "{said}");
-            assert_eq!(json(dir, &format!("{file}.json"))["partial_schema_version"], 3);
+            assert_eq!(document(dir, &format!("{file}.json"))["partial_schema_version"], 3);
         }
-        done(dir, &format!("merge a.json b.json c.json {ridge} -o merged.json"));
-        done(dir, "merge c.json a.json --partial late.json");
-        done(dir, &format!("merge late.json b.json {ridge} -o other.json"));
+        succeed(dir, &format!("merge a.json b.json c.json {ridge} -o merged.json"));
+        succeed(dir, "merge c.json a.json --partial late.json");
+        succeed(dir, &format!("merge late.json b.json {ridge} -o other.json"));
         let whole = converted(dir, "whole.json", "volts.csv");
         // Conditions of some hundred, or 1e4 without a constant, in double precision; features and their scale
         // are rounded once more for each file.
         let relative = if model.contains("no-intercept") { 1e-9 } else { 1e-12 };
         for name in ["merged.json", "other.json"] {
             assert_close(&converted(dir, name, "volts.csv"), &whole, relative);
-            let (found, expected) = (json(dir, name), json(dir, "whole.json"));
+            let (found, expected) = (document(dir, name), document(dir, "whole.json"));
             assert_eq!(found["diagnostics"]["rows"], expected["diagnostics"]["rows"]);
             assert_eq!(found["solver"]["name"], "tsqr");
             for axis in 0..6 {
@@ -164,10 +145,10 @@ fn merged_triangles_are_the_fit_over_all_files() {
             }
         }
         // One order, the same bytes, but for the date.
-        done(dir, &format!("merge a.json b.json c.json {ridge} -o again.json"));
+        succeed(dir, &format!("merge a.json b.json c.json {ridge} -o again.json"));
         assert_eq!(
-            json(dir, "again.json")["coefficients"],
-            json(dir, "merged.json")["coefficients"]
+            document(dir, "again.json")["coefficients"],
+            document(dir, "merged.json")["coefficients"]
         );
     }
 }
@@ -177,11 +158,10 @@ fn merged_triangles_validate_and_choose_as_a_fit_does() {
     let dir = folder();
     let dir = dir.path();
     for file in ["a", "b", "c"] {
-        done(dir, &format!("fit {file}.csv --model auto --groups --partial {file}.json"));
+        succeed(dir, &format!("fit {file}.csv --model auto --groups --partial {file}.json"));
     }
-    let report = |arguments: &str| -> serde_json::Value {
-        serde_json::from_str(&done(dir, &format!("{arguments} --json")).1).unwrap()
-    };
+    let report =
+        |arguments: &str| -> serde_json::Value { json(dir, &format!("{arguments} --json")) };
     let merged = report("merge a.json b.json c.json --model cubic --cv=9");
     let whole = report("fit a.csv b.csv c.csv --model cubic --cv=9 --group group");
     for axis in 0..6 {
@@ -208,15 +188,15 @@ fn merged_triangles_validate_and_choose_as_a_fit_does() {
 fn exact_sums_and_triangles_are_not_merged_and_damaged_triangles_are_refused() {
     let dir = folder();
     let dir = dir.path();
-    done(dir, "fit train.csv --model linear --partial exact.json");
-    done(dir, "fit a.csv --model linear --groups --partial a.json");
-    done(dir, "fit b.csv --model linear --partial b.json");
-    done(dir, "fit train.csv --model linear --solver tsqr --partial triangle.json");
+    succeed(dir, "fit train.csv --model linear --partial exact.json");
+    succeed(dir, "fit a.csv --model linear --groups --partial a.json");
+    succeed(dir, "fit b.csv --model linear --partial b.json");
+    succeed(dir, "fit train.csv --model linear --solver tsqr --partial triangle.json");
     let said = refused(dir, "merge exact.json b.json -o cal.json");
     assert!(said.contains("`b.json`: it has triangles, expected exact sums"), "{said}");
     assert!(said.contains("--solver tsqr"), "{said}");
     assert!(!dir.join("cal.json").exists());
-    done(dir, "merge triangle.json b.json -o cal.json");
+    succeed(dir, "merge triangle.json b.json -o cal.json");
     let said = refused(dir, "fit b.csv --model linear --solver huber --partial c.json");
     assert!(said.contains("leave out `--solver`"), "{said}");
     assert!(refused(dir, "merge b.json --cv").contains("keep no sums of groups"));
@@ -272,13 +252,13 @@ fn a_fit_to_means_takes_each_group_once() {
     });
     let lines: Vec<String> = lines.collect();
     fs::write(dir.join("means.csv"), format!("{header}\n{}\n", lines.join("\n"))).unwrap();
-    done(dir, "fit means.csv --model linear --cv -o expected.json");
-    let (said, _) = done(dir, "fit train.csv --means --model linear --cv -o found.json");
+    succeed(dir, "fit means.csv --model linear --cv -o expected.json");
+    let (_, said) = ended(dir, "fit train.csv --means --model linear --cv -o found.json", 0);
     assert!(said.contains("a row is the mean of a group: 125 of 2500 rows"), "{said}");
     let expected = converted(dir, "expected.json", "train.csv");
     // Sums of twenty numbers in double precision there.
     assert_close(&converted(dir, "found.json", "train.csv"), &expected, 1e-10);
-    let (found, expected) = (json(dir, "found.json"), json(dir, "expected.json"));
+    let (found, expected) = (document(dir, "found.json"), document(dir, "expected.json"));
     assert_eq!(found["diagnostics"]["rows"], 125);
     assert_eq!(found["covariance"]["degrees_of_freedom"], 124);
     for axis in 0..6 {
@@ -288,8 +268,8 @@ fn a_fit_to_means_takes_each_group_once() {
         assert!((of(&found) / of(&expected) - 1.0).abs() < 1e-9);
     }
     // The file that was recorded is the source.
-    done(dir, "fit train.csv --model linear -o rows.json");
-    assert_eq!(found["sources"], json(dir, "rows.json")["sources"]);
+    succeed(dir, "fit train.csv --model linear -o rows.json");
+    assert_eq!(found["sources"], document(dir, "rows.json")["sources"]);
     let said = refused(dir, "fit train.csv --means --model physics");
     assert!(said.contains("leave out `--means`"), "{said}");
     assert!(refused(dir, "fit train.csv --means --partial x.json").contains("--partial"));
@@ -302,21 +282,17 @@ fn a_fit_to_means_takes_each_group_once() {
 
 /// The reference figures of other people's sensors that are of means.
 #[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn figures_of_pose_means_are_reached() {
-    let Some(data) = std::env::var_os("SHELLCAL_REAL_DATA") else {
-        eprintln!("skipped: SHELLCAL_REAL_DATA is not set");
-        return;
-    };
-    let log = Path::new(&data).join("others/photointerrupters/poses.csv");
+    let log = real_recording("others/photointerrupters/poses.csv");
     let dir = tempfile::tempdir().unwrap();
     // Each computed with numpy, plain least squares on the means of the poses.
     for (model, expected) in [
         ("linear", [2.3784, 1.7835, 2.6591, 0.0621, 0.1165, 0.0724]),
         ("cubic", [10.68, 4.716, 1.013, 0.0663, 0.2280, 0.2799]),
     ] {
-        let arguments = ["fit", "--means", "--group", "pose", "--cv", "--json", "--model", model];
-        let output = program::command(dir.path()).args(arguments).arg(&log).output().unwrap();
-        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let means = format!("--means --group pose --cv --json --model {model}");
+        let report = json(&dir, &format!("fit {means} {}", log.display()));
         for (axis, expected) in expected.into_iter().enumerate() {
             let found = &report["cross_validation"]["grouped"][axis]["rms"];
             let found = found.as_f64().unwrap();

@@ -32,8 +32,7 @@ fn folder(logs: u64) -> (tempfile::TempDir, Vec<[f64; 2]>) {
     let dir = tempfile::tempdir().unwrap();
     let train = fs::canonicalize(CALIBRATION).unwrap();
     fs::copy(train, dir.path().join("train.csv")).unwrap();
-    let output = program::output(dir.path(), "fit train.csv --output cal.json");
-    assert!(output.status.success(), "{}", said(&output));
+    program::succeed(dir.path(), "fit train.csv --output cal.json");
     let windows = (1..=logs)
         .map(|seed| {
             let path = dir.path().join(format!("{seed}.txt"));
@@ -381,9 +380,7 @@ fn a_manifest_in_toml_with_auto_and_exclude_is_taken() {
          t_enter_s = \"auto\"\nt_exit_s = \"auto\"\nexclude = true\n"
     );
     fs::write(dir.path().join("m.toml"), text).unwrap();
-    let output = program::output(dir.path(), "batch m.toml -c cal.json --json");
-    assert!(output.status.success(), "{}", said(&output));
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document = program::json(dir.path(), "batch m.toml -c cal.json --json");
     assert_eq!(
         (&document["excluded"], document["trials"].as_array().unwrap().len()),
         (&1.into(), 1)
@@ -493,8 +490,7 @@ fn the_report_names_the_rows_whose_readings_cannot_be_trusted() {
         .unwrap_or_else(|| panic!("{section}"));
     assert!(row.contains("free-1.txt") && row.contains(&(at + 1).to_string()), "{row}");
     // As many as the remarks of the same trials count: what is at the end of the converter is out of range, too.
-    let json = program::output(dir, "batch trials/manifest.csv --calibration cal.json --json");
-    let document: Value = serde_json::from_slice(&json.stdout).unwrap();
+    let document = program::json(dir, "batch trials/manifest.csv --calibration cal.json --json");
     assert_eq!(remarked(&document, "saturated"), 1);
     let counted = format!("{} frames in the windows", remarked(&document, "out_of_range"));
     assert!(section.contains(&counted), "{counted}: {section}");

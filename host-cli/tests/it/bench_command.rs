@@ -1,15 +1,12 @@
 //! `shellcal bench` as a user meets it.
 
-use serde_json::Value;
 use system_tests::program;
 
 #[test]
 fn solvers_are_compared_on_rows_of_the_sensor_model_and_drawn() {
     let dir = tempfile::tempdir().unwrap();
     let arguments = "bench --rows 2000 --model linear,cubic --json --plot bench.svg";
-    let output = program::output(dir.path(), arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let benches: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let benches = program::json(dir.path(), arguments);
     assert_eq!(
         (&benches[0]["model"], &benches[1]["model"]),
         (&"linear+1".into(), &"cubic+1".into())
@@ -43,6 +40,5 @@ fn a_model_that_the_rows_do_not_determine_is_left_out_with_the_reason() {
     assert!(output.status.success());
     assert!(stderr.contains("warning: poly3+1: `100` rows are too few for the `165` coefficients"));
     assert!(stdout.contains("linear+1: 9 features, 100 rows") && !stdout.contains("poly3"));
-    let output = program::output(dir.path(), "bench --rows 100 --model poly3");
-    assert_eq!(output.status.code(), Some(2));
+    program::refused(dir.path(), "bench --rows 100 --model poly3");
 }

@@ -7,12 +7,11 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use serialport::{SerialPort, TTYPort};
+use serialport::SerialPort;
 use shared_proto::{Answer, Board, Command, Decoder, Event, Framing, Identity, Packet, Refusal};
-use system_tests::program;
+use system_tests::program::{self, refused, succeed};
 
-use crate::support::board::sound_status;
-use crate::support::recording::{refused, succeed};
+use crate::support::board::{pty, sound_status};
 
 /// A board whose line has a rate; up to `fastest` the wire carries it.
 struct RatedBoard {
@@ -25,9 +24,7 @@ struct RatedBoard {
 
 impl RatedBoard {
     fn start(fastest: u32) -> Self {
-        let (mut board, host) = TTYPort::pair().unwrap();
-        board.set_timeout(Duration::from_millis(5)).unwrap();
-        let port = host.name().unwrap();
+        let (mut board, port) = pty();
         let (rate, in_bootloader, stop) =
             <(Arc<AtomicU32>, Arc<AtomicBool>, Arc<AtomicBool>)>::default();
         rate.store(57_600, Ordering::Relaxed);
@@ -59,16 +56,16 @@ impl RatedBoard {
                 });
                 for (number, command) in answers {
                     let answer = answer(&command);
-                    let _ = board.write_all(&Packet::Answer { number, answer }.encode());
+                    // Before the answer, since a test looks as soon as the host has that.
                     match (command, answer) {
                         (Command::SetBaud { baud }, Answer::Done) => {
-                            // The host has the answer before it opens the port anew.
                             trial = Some((rate, Instant::now() + Duration::from_secs(3)));
                             its_rate.store(baud, Ordering::Relaxed);
                         }
                         (Command::Bootloader, _) => booted.store(true, Ordering::Relaxed),
                         _ => {}
                     }
+                    let _ = board.write_all(&Packet::Answer { number, answer }.encode());
                 }
             }
         });

@@ -15,8 +15,7 @@ const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data");
 fn fit(arguments: &str) -> Calibration {
     let dir = tempfile::tempdir().unwrap();
     let arguments = format!("fit {arguments} --model physics -o cal.json");
-    let output = program::output(dir.path(), &arguments);
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    program::succeed(dir.path(), &arguments);
     CalibrationFile::read(&dir.path().join("cal.json")).unwrap().calibration
 }
 

@@ -5,8 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::process::Output;
 
+use system_tests::program::{self, refused};
 use system_tests::random::Random;
-use system_tests::{program, real_recording};
+use system_tests::real_recording;
 use tempfile::TempDir;
 
 const HEADER: &str = "s1,s2,s3,s4,s5,s6,s7,s8,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm";
@@ -49,25 +50,6 @@ fn with_files(files: &[(&str, &str)]) -> TempDir {
         fs::write(dir.path().join(name), text).unwrap();
     }
     dir
-}
-
-/// Runs a command that must not be able to run, and returns what it says.
-fn refused(dir: &TempDir, arguments: &str) -> String {
-    let before = names(dir.path());
-    let output = shellcal(dir, arguments);
-    let error = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{arguments}: {error}");
-    assert!(output.stdout.is_empty());
-    assert_eq!(names(dir.path()), before, "nothing half-written");
-    error
-}
-
-fn names(dir: &Path) -> Vec<String> {
-    let name = |entry: std::io::Result<fs::DirEntry>| entry.unwrap().file_name();
-    let mut names: Vec<String> =
-        fs::read_dir(dir).unwrap().map(|e| name(e).into_string().unwrap()).collect();
-    names.sort();
-    names
 }
 
 fn json(output: &Output) -> serde_json::Value {

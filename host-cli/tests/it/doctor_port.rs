@@ -14,12 +14,12 @@ use shared_proto::{
     Answer, Board, BoardId, Command, Decoder, Event, Framing, Identity, MAX_PIECE, Packet, Piece,
     ResetCause, Sample, Status, Stream, Values, xbee::Mode,
 };
-use system_tests::program;
+use system_tests::program::{self, succeed};
 use system_tests::{on_the_wire, random::Random};
 
 use crate::doctor::{assert_found, examine};
-use crate::support::board::sound_status;
-use crate::support::recording::{calibration, succeed};
+use crate::support::board::{pty, sound_status};
+use crate::support::recording::calibration;
 
 /// More boards than that and their programs, beside the other tests, may not keep to their own times.
 const BOARDS_AT_ONCE: usize = 8;
@@ -139,9 +139,7 @@ struct Running {
 
 impl Running {
     fn start(plan: Plan) -> Self {
-        let (mut board, host) = TTYPort::pair().unwrap();
-        board.set_timeout(Duration::from_millis(5)).unwrap();
-        let (port, stop) = (host.name().unwrap(), Arc::new(AtomicBool::new(false)));
+        let ((mut board, port), stop) = (pty(), Arc::new(AtomicBool::new(false)));
         let stopped = Arc::clone(&stop);
         let thread = thread::spawn(move || run(&plan, &mut board, &stopped));
         Self { port, stop, thread: Some(thread) }
@@ -354,9 +352,7 @@ fn what_a_board_said_before_it_crashed_is_told() {
 #[test]
 fn a_port_that_another_has_is_in_use_by_that() {
     let dir = tempfile::tempdir().unwrap();
-    let (_board, host) = TTYPort::pair().unwrap();
-    let port = host.name().unwrap();
-    drop(host);
+    let (_board, port) = pty();
     let mut other = program::start(dir.path(), &format!("record {port} -o log.csv"));
     let deadline = Instant::now() + Duration::from_secs(20);
     while !dir.path().join("log.csv").exists() {

@@ -10,7 +10,7 @@ use serde_json::Value;
 use shellcal::calibration_file::CalibrationFile;
 use shellcal::forces::rests::{FALSE_ALARMS, ZeroWatch};
 use shellcal::simulation::sensor_model::{Parameters, SensorModel};
-use system_tests::program;
+use system_tests::program::{self, ended, json, refused, succeed};
 
 use crate::support::recording::column;
 
@@ -69,24 +69,6 @@ fn log(
         writeln!(text, "{}", extra(row)).unwrap();
     }
     text
-}
-
-fn json(folder: &Path, arguments: &str) -> Value {
-    let output = program::output(folder, arguments);
-    assert_eq!(
-        output.status.code(),
-        Some(0),
-        "{arguments}: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
-fn said(folder: &Path, arguments: &str, code: i32) -> String {
-    let output = program::output(folder, arguments);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
-    said
 }
 
 #[test]
@@ -216,27 +198,27 @@ fn logs_that_tell_no_drift_are_refused() {
     let folder = folder.path();
     let short = recorded(sensor(0.0, 1.0, 3), 0.8, |_| false);
     fs::write(folder.join("short.csv"), log(&short, "", |_| String::new())).unwrap();
-    let text = said(folder, "drift short.csv", 2);
+    let text = refused(folder, "drift short.csv");
     assert!(text.contains("`1` stretches at rest") && text.contains("hint: begin with"), "{text}");
     let long = recorded(sensor(0.0, 1.0, 3), 4.0, |_| false);
     let cell = |row: usize| if row == 7 { ",warm".to_owned() } else { ",20".to_owned() };
     fs::write(folder.join("long.csv"), log(&long, ",temperature_c", cell)).unwrap();
-    let text = said(folder, "drift long.csv", 2);
+    let text = refused(folder, "drift long.csv");
     assert!(text.contains("`warm` in column `temperature_c`"), "{text}");
-    let text = said(folder, "drift long.csv --temperature heat", 2);
+    let text = refused(folder, "drift long.csv --temperature heat");
     assert!(text.contains("heat"), "{text}");
-    let text = said(folder, "drift long.csv short.csv --plot x.svg", 2);
+    let text = refused(folder, "drift long.csv short.csv --plot x.svg");
     assert!(text.contains("`--plot` draws one log"), "{text}");
     let no_time = log(&long, "", |_| String::new());
     let no_time: String =
         no_time.lines().map(|line| format!("{}\n", line.split_once(',').unwrap().1)).collect();
     fs::write(folder.join("rows.csv"), no_time).unwrap();
-    assert!(said(folder, "drift rows.csv", 2).contains("time"));
+    assert!(refused(folder, "drift rows.csv").contains("time"));
     calibration(folder);
-    let text = said(folder, "convert cal.json rows.csv --tare rests -o x.csv", 2);
+    let text = refused(folder, "convert cal.json rows.csv --tare rests -o x.csv");
     assert!(text.contains("no time column") && text.contains("--time"), "{text}");
     assert!(!folder.join("x.csv").exists());
-    let text = said(folder, "convert cal.json long.csv --tare rest", 2);
+    let text = refused(folder, "convert cal.json long.csv --tare rest");
     assert!(text.contains("or `rests`"), "{text}");
 }
 
@@ -267,15 +249,15 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     let held = |t: f64| t % 6.0 >= 2.3 && t % 6.0 < 3.7;
     let drifting = recorded(sensor(10.0, 20.0, 9), 60.0, is_loaded);
     fs::write(folder.join("log.csv"), log(&drifting, "", |_| String::new())).unwrap();
-    let first = said(folder, "convert cal.json log.csv -o first.csv", 0);
+    let first = ended(folder, "convert cal.json log.csv -o first.csv", 0).1;
     assert!(first.contains("warning: `log.csv`: the zero of"), "{first}");
-    let rests = said(folder, "convert cal.json log.csv --tare rests -o rests.csv", 0);
+    let rests = ended(folder, "convert cal.json log.csv --tare rests -o rests.csv", 0).1;
     assert!(
         rests.contains("stretches at rest, the first, 0 s to 0.49 s")
             && !rests.contains("the zero of"),
         "{rests}"
     );
-    said(folder, "convert cal.json log.csv --tare rests --causal -o causal.csv", 0);
+    succeed(folder, "convert cal.json log.csv --tare rests --causal -o causal.csv");
     let error = |name: &str| errors(&folder.join(name), held);
     let (first, rests, causal) = (error("first.csv"), error("rests.csv"), error("causal.csv"));
     println!(
@@ -283,7 +265,7 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     );
     // The model's own error at this load and temperature is left.
     assert!(rests < 0.4 * first && causal < 0.5 * first, "{first} {rests} {causal}");
-    assert!(said(folder, "noise cal.json log.csv", 0).contains("the zero of"));
+    assert!(ended(folder, "noise cal.json log.csv", 0).1.contains("the zero of"));
 
     let trial = |options: &str| {
         json(folder, &format!("trial log.csv --calibration cal.json --json {options}"))
@@ -298,12 +280,12 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     fs::write(folder.join("manifest.csv"), "file,condition,t_enter_s,t_exit_s\nlog.csv,a,12,30\n")
         .unwrap();
     let batch = "batch manifest.csv --calibration cal.json";
-    assert!(said(folder, batch, 0).contains("the zero of"));
-    assert!(!said(folder, &format!("{batch} --tare rests"), 0).contains("the zero of"));
+    assert!(ended(folder, batch, 0).1.contains("the zero of"));
+    assert!(!ended(folder, &format!("{batch} --tare rests"), 0).1.contains("the zero of"));
 
     // A still zero is not warned of.
     let still = recorded(sensor(0.0, 1.0, 9), 30.0, is_loaded);
     fs::write(folder.join("log.csv"), log(&still, "", |_| String::new())).unwrap();
-    assert!(!said(folder, "convert cal.json log.csv -o x.csv", 0).contains("the zero of"));
+    assert!(!ended(folder, "convert cal.json log.csv -o x.csv", 0).1.contains("the zero of"));
     assert!(!codes(&trial("--enter 6 --exit 18")).contains(&"moved_zero".to_owned()));
 }

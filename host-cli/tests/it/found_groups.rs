@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::fs;
 
 use serde_json::Value;
-use system_tests::program;
+use system_tests::program::{self, ended};
 use system_tests::random::Random;
 use system_tests::real_recording;
 use tempfile::TempDir;
@@ -47,10 +47,8 @@ fn text(rows: &[Row], last: &str) -> String {
 }
 
 fn fit(dir: &TempDir, arguments: &str) -> (Value, String) {
-    let output = program::output(dir.path(), &format!("fit --json {arguments}"));
-    let talk = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(0), "{arguments}: {talk}");
-    (serde_json::from_slice(&output.stdout).unwrap(), talk)
+    let (printed, said) = ended(dir, &format!("fit --json {arguments}"), 0);
+    (serde_json::from_str(&printed).unwrap(), said)
 }
 
 /// A reference that is constant to the last digit, and one with noise.
@@ -115,9 +113,8 @@ fn groups_can_be_the_values_of_any_column() {
     assert_eq!(named["cross_validation"], by_load["cross_validation"]);
     assert_eq!(by_load["rows"], rows.len());
     // Nobody has asked for more than 2000 poses.
-    let output = program::output(dir.path(), "fit plain.csv --cv --group t_s");
-    assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("more than `2000` groups"));
+    let said = program::refused(dir.path(), "fit plain.csv --cv --group t_s");
+    assert!(said.contains("more than `2000` groups"), "{said}");
 }
 
 #[test]
@@ -146,9 +143,8 @@ fn recordings_between_jumps_of_the_clock_are_held_out_where_there_are_no_plateau
     assert_eq!(plain["cross_validation"], fit(&dir, "named.csv --cv").0["cross_validation"]);
     // Motion in one go has no groups.
     fs::write(dir.path().join("one.csv"), text(&rows[..500], "")).unwrap();
-    let output = program::output(dir.path(), "fit one.csv --cv");
-    assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("no plateaus of constant load"));
+    let said = program::refused(dir.path(), "fit one.csv --cv");
+    assert!(said.contains("no plateaus of constant load"), "{said}");
 }
 
 #[test]

@@ -106,8 +106,7 @@ fn all_rows_gives_a_row_for_each_and_leaves_the_forces_as_they_were() {
     for flags in ["--no-lowpass", "--lowpass 2", "--lowpass 2 --causal"] {
         let convert = |rows: &str, out: &str| {
             let command = format!("convert cal.json log.csv -o {out} {rows} --no-tare {flags}");
-            let said = program::output(dir, &command);
-            assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+            program::succeed(dir, &command);
             let text = fs::read_to_string(dir.join(out)).unwrap();
             text.lines().skip(1).map(str::to_owned).collect::<Vec<String>>()
         };

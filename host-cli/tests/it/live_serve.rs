@@ -5,13 +5,12 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use system_tests::program::{self, Recording};
+use system_tests::program::{self, Recording, succeed};
 use system_tests::random::Random;
-
-use crate::support::recording::succeed;
 
 /// When to give up, which is no statement on how long it should take.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -213,11 +212,15 @@ fn events_are_the_forces_of_the_log_and_orders_are_obeyed() {
     for _ in 0..20 {
         assert_eq!(events.next().unwrap()["picture"], paused["picture"]);
     }
+    // The end is told to those who listen.
+    let rest = thread::spawn(move || {
+        let mut rest = String::new();
+        events.0.read_to_string(&mut rest).unwrap();
+        rest
+    });
     let said = view.end();
     assert!(said.contains("mark 1 at") && said.contains("0 frames not shown"), "{said}");
-    // The end is told.
-    let mut rest = String::new();
-    events.0.read_to_string(&mut rest).unwrap();
+    let rest = rest.join().unwrap();
     assert!(rest.ends_with("event: end\ndata:\n\n"), "{rest}");
 }
 
@@ -377,9 +380,7 @@ fn what_cannot_be_served_is_told() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let at = taken.local_addr().unwrap();
     let refused = |arguments: &str, why: &str| {
-        let output = program::output(dir.path(), &format!("live {arguments}"));
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(2), "{said}");
+        let said = program::refused(dir.path(), &format!("live {arguments}"));
         assert!(said.contains(why), "{said}");
     };
     refused(&format!("{log} --serve={at}"), &format!("cannot listen at {at}"));

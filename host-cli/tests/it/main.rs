@@ -19,6 +19,8 @@ mod batch_command;
 mod bench_command;
 #[cfg(unix)]
 mod board_line;
+#[cfg(unix)]
+mod board_port;
 mod board_wrench;
 mod book;
 mod calibration_cli;

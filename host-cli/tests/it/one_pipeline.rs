@@ -16,8 +16,9 @@ use shellcal::workflow::batch::{self, BatchOptions};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
+use system_tests::program::succeed;
 
-use crate::support::recording::{calibration, column, stream, succeed};
+use crate::support::recording::{calibration, column, stream};
 
 /// The bits of the wrench at each time, by the bits of the time.
 type Forces = HashMap<u64, [u64; 6]>;

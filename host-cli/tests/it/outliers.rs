@@ -3,7 +3,7 @@
 use std::fs;
 
 use serde_json::Value;
-use system_tests::program;
+use system_tests::program::{self, json, succeed};
 use system_tests::random::Random;
 use system_tests::real_recording;
 use tempfile::TempDir;
@@ -12,15 +12,8 @@ use tempfile::TempDir;
 const READINGS: std::ops::Range<usize> = 1..9;
 const LOADS: std::ops::Range<usize> = 9..15;
 
-fn run(dir: &TempDir, arguments: &str) -> String {
-    let output = program::output(dir.path(), arguments);
-    let talk = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{arguments}: {talk}");
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
 fn report(dir: &TempDir, arguments: &str) -> Value {
-    serde_json::from_str(&run(dir, &format!("{arguments} --json"))).unwrap()
+    json(dir, &format!("{arguments} --json"))
 }
 
 /// The lines that a report names.
@@ -76,10 +69,13 @@ fn write(dir: &TempDir, name: &str, lines: &[String]) {
 fn every_corrupt_row_that_moves_a_held_out_error_is_named_and_no_other() {
     let dir = tempfile::tempdir().unwrap();
     let mut random = Random(16);
-    run(&dir, "synth test --rows 800 --rate 10 --output test.csv");
+    succeed(&dir, "synth test --rows 800 --rate 10 --output test.csv");
     let (mut corrupted, mut that_matter, mut missed, mut wrong) = (0, 0, Vec::new(), Vec::new());
     for log in 0..50 {
-        run(&dir, &format!("synth train --rows 2500 --rate 10 --seed {log} --output clean.csv"));
+        succeed(
+            &dir,
+            &format!("synth train --rows 2500 --rate 10 --seed {log} --output clean.csv"),
+        );
         let text = fs::read_to_string(dir.path().join("clean.csv")).unwrap();
         let clean: Vec<String> = text.lines().map(str::to_owned).collect();
         let mut dirty = clean.clone();
@@ -124,7 +120,7 @@ fn rows_that_belong_are_not_named_and_a_slip_deep_in_a_long_log_has_its_line() {
     let dir = tempfile::tempdir().unwrap();
     let mut wrong = 0;
     for seed in 1..4 {
-        run(&dir, &format!("synth train --seed {seed} --output clean.csv"));
+        succeed(&dir, &format!("synth train --seed {seed} --output clean.csv"));
         for model in ["linear", "cubic", "quadratic"] {
             wrong +=
                 lines(&report(&dir, &format!("fit clean.csv --model {model}")), "outliers").len();
@@ -158,7 +154,7 @@ fn rows_that_belong_are_not_named_and_a_slip_deep_in_a_long_log_has_its_line() {
 #[test]
 fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     let dir = tempfile::tempdir().unwrap();
-    run(&dir, "synth train --rows 2500 --rate 10 --output clean.csv");
+    succeed(&dir, "synth train --rows 2500 --rate 10 --output clean.csv");
     let text = fs::read_to_string(dir.path().join("clean.csv")).unwrap();
     let clean: Vec<String> = text.lines().map(str::to_owned).collect();
     let mut dirty = clean.clone();
@@ -195,21 +191,18 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     assert!(list.contains("dirty.csv,701,error,"), "{list}");
     // Nothing is left out without a list, and nothing but what the range says.
     for arguments in ["--outliers drop", "--valid-range 0:4095", "--dropped d.csv"] {
-        let output = program::output(dir.path(), &format!("fit dirty.csv {arguments}"));
-        assert_eq!(output.status.code(), Some(2), "{arguments}");
-        assert!(String::from_utf8_lossy(&output.stderr).contains("--dropped"), "{arguments}");
+        let said = program::refused(dir.path(), &format!("fit dirty.csv {arguments}"));
+        assert!(said.contains("--dropped"), "{said}");
     }
     let ranged = report(&dir, "fit dirty.csv --valid-range 0:4095 --dropped d.csv");
     assert_eq!(lines(&ranged, "dropped"), [701, 2001]);
     assert_eq!(ranged["dropped"][0]["reason"], "out_of_range");
     assert_eq!(lines(&ranged, "outliers"), [1501]);
     for arguments in ["--valid-range 5:1", "--valid-range x", "--outliers perhaps"] {
-        let output =
-            program::output(dir.path(), &format!("fit dirty.csv --dropped d.csv {arguments}"));
-        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        program::refused(dir.path(), &format!("fit dirty.csv --dropped d.csv {arguments}"));
     }
     // `info` names them, too.
-    let info: Value = serde_json::from_str(&run(&dir, "info dirty.csv --json")).unwrap();
+    let info: Value = serde_json::from_str(&succeed(&dir, "info dirty.csv --json")).unwrap();
     assert_eq!(lines(&info[0], "outliers"), [701, 1501, 2001]);
     // Half of the rows are no slips.
     let mut mixed = clean.clone();
@@ -222,7 +215,7 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
 #[test]
 fn a_row_is_named_by_its_line_with_decimal_commas_too() {
     let dir = tempfile::tempdir().unwrap();
-    run(&dir, "synth train --rows 2500 --output train.csv");
+    succeed(&dir, "synth train --rows 2500 --output train.csv");
     let text = fs::read_to_string(dir.path().join("train.csv")).unwrap();
     let mut rows: Vec<String> = text.lines().map(str::to_owned).collect();
     let mut fields: Vec<&str> = rows[701].split(',').collect();

@@ -3,36 +3,14 @@
 use std::fs;
 use std::process::Output;
 
-use system_tests::program;
+use system_tests::program::{self, document, ended, refused, succeed};
 use tempfile::TempDir;
-
-fn shellcal(dir: &TempDir, arguments: &str) -> Output {
-    program::output(dir.path(), arguments)
-}
-
-fn done(dir: &TempDir, arguments: &str) -> Output {
-    let output = shellcal(dir, arguments);
-    let error = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{arguments}: {error}");
-    output
-}
-
-fn refused(dir: &TempDir, arguments: &str) -> String {
-    let output = shellcal(dir, arguments);
-    let error = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{arguments}: {error}");
-    error
-}
-
-fn json(dir: &TempDir, name: &str) -> serde_json::Value {
-    serde_json::from_str(&fs::read_to_string(dir.path().join(name)).unwrap()).unwrap()
-}
 
 /// Three recordings of different lengths.
 fn recordings() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     for (seed, rows) in [(1, 900), (2, 1700), (3, 400)] {
-        done(&dir, &format!("synth train --rows {rows} --rate 10 --seed {seed} -o {seed}.csv"));
+        succeed(&dir, &format!("synth train --rows {rows} --rate 10 --seed {seed} -o {seed}.csv"));
     }
     dir
 }
@@ -43,18 +21,18 @@ fn merged_parts_are_the_fit_over_all_files_bit_for_bit_in_any_grouping() {
     for model in ["--model cubic", "--model poly3", "--model quadratic --no-intercept"] {
         // Sums know nothing of groups.
         let by_rows = "--covariance rows -o whole.json";
-        done(&dir, &format!("fit 1.csv 2.csv 3.csv {model} {by_rows}"));
+        succeed(&dir, &format!("fit 1.csv 2.csv 3.csv {model} {by_rows}"));
         for file in 1..=3 {
-            done(&dir, &format!("fit {file}.csv {model} --partial {file}.json"));
+            succeed(&dir, &format!("fit {file}.csv {model} --partial {file}.json"));
         }
-        done(&dir, "merge 1.json 2.json 3.json -o all.json");
-        done(&dir, "merge 3.json 2.json --partial late.json");
-        done(&dir, "merge late.json 1.json -o other.json");
-        done(&dir, &format!("fit 3.csv 1.csv {model} --threads 1 --partial two.json"));
-        done(&dir, "merge 2.json two.json -o third.json");
-        let whole = json(&dir, "whole.json");
+        succeed(&dir, "merge 1.json 2.json 3.json -o all.json");
+        succeed(&dir, "merge 3.json 2.json --partial late.json");
+        succeed(&dir, "merge late.json 1.json -o other.json");
+        succeed(&dir, &format!("fit 3.csv 1.csv {model} --threads 1 --partial two.json"));
+        succeed(&dir, "merge 2.json two.json -o third.json");
+        let whole = document(&dir, "whole.json");
         for name in ["all.json", "other.json", "third.json"] {
-            let merged = json(&dir, name);
+            let merged = document(&dir, name);
             for field in ["model", "terms", "scaling", "coefficients", "valid_range"] {
                 assert!(whole[field] == merged[field], "{model}: {field} of {name}");
             }
@@ -81,29 +59,29 @@ fn merged_parts_are_the_fit_over_all_files_bit_for_bit_in_any_grouping() {
                 assert!(merged["diagnostics"]["train"][axis]["max"].is_null());
             }
         }
-        assert_eq!(json(&dir, "all.json")["sources"], whole["sources"]);
+        assert_eq!(document(&dir, "all.json")["sources"], whole["sources"]);
     }
 }
 
 #[test]
 fn a_part_that_could_not_be_fitted_alone_can_be_merged() {
     let dir = recordings();
-    done(&dir, "synth train --rows 20 --seed 4 -o 4.csv");
+    succeed(&dir, "synth train --rows 20 --seed 4 -o 4.csv");
     assert!(refused(&dir, "fit 4.csv").contains("too few"));
-    done(&dir, "fit 4.csv --partial 4.json");
-    done(&dir, "fit 1.csv --partial 1.json");
+    succeed(&dir, "fit 4.csv --partial 4.json");
+    succeed(&dir, "fit 1.csv --partial 1.json");
     assert!(refused(&dir, "merge 4.json -o cal.json").contains("too few"));
-    done(&dir, "merge 4.json 1.json -o cal.json");
-    done(&dir, "eval cal.json 3.csv");
+    succeed(&dir, "merge 4.json 1.json -o cal.json");
+    succeed(&dir, "eval cal.json 3.csv");
 }
 
 #[test]
 fn parts_of_different_fits_are_refused() {
     let dir = recordings();
-    done(&dir, "fit 1.csv --partial 1.json");
-    done(&dir, "fit 2.csv --model linear --partial linear.json");
-    done(&dir, "fit 2.csv --no-intercept --partial bare.json");
-    done(&dir, "fit 2.csv --sensors 2-8 --partial seven.json");
+    succeed(&dir, "fit 1.csv --partial 1.json");
+    succeed(&dir, "fit 2.csv --model linear --partial linear.json");
+    succeed(&dir, "fit 2.csv --no-intercept --partial bare.json");
+    succeed(&dir, "fit 2.csv --sensors 2-8 --partial seven.json");
     let cases = [
         ("linear.json", "`linear.json`: it is for `linear+1`, expected `cubic+1`"),
         ("bare.json", "it is for `cubic`, expected `cubic+1`"),
@@ -122,7 +100,7 @@ fn parts_of_different_fits_are_refused() {
 #[test]
 fn a_damaged_or_foreign_part_is_refused() {
     let dir = recordings();
-    done(&dir, "fit 1.csv --model linear --partial 1.json");
+    succeed(&dir, "fit 1.csv --model linear --partial 1.json");
     let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
     let cases = [
         ("\"partial_schema_version\": 1", "\"partial_schema_version\": 4", "schema version is `4`"),
@@ -164,25 +142,25 @@ fn merged_parts_with_groups_validate_as_one_fit_does_bit_for_bit_in_any_order() 
     ];
     for (keep, model, fit, merge) in cases {
         let model = format!("--model {model}");
-        done(&dir, &format!("fit 1.csv 2.csv 3.csv {model} {fit} -o whole.json"));
+        succeed(&dir, &format!("fit 1.csv 2.csv 3.csv {model} {fit} -o whole.json"));
         for file in 1..=3 {
-            done(&dir, &format!("fit {file}.csv {model} {keep} --partial {file}.json"));
+            succeed(&dir, &format!("fit {file}.csv {model} {keep} --partial {file}.json"));
         }
-        done(&dir, &format!("fit 3.csv 1.csv {model} {keep} --threads 1 --partial two.json"));
-        done(&dir, "merge 3.json 2.json --partial late.json");
+        succeed(&dir, &format!("fit 3.csv 1.csv {model} {keep} --threads 1 --partial two.json"));
+        succeed(&dir, "merge 3.json 2.json --partial late.json");
         let fitted = model.clone();
         let model = if model.ends_with("auto") { "--model auto" } else { "" };
-        let whole = json(&dir, "whole.json");
-        done(&dir, &format!("fit 2.csv 1.csv 3.csv {fitted} {keep} --partial sums.json"));
-        done(&dir, "merge late.json 1.json --partial merged.json");
+        let whole = document(&dir, "whole.json");
+        succeed(&dir, &format!("fit 2.csv 1.csv 3.csv {fitted} {keep} --partial sums.json"));
+        succeed(&dir, "merge late.json 1.json --partial merged.json");
         let read = |name| fs::read(dir.path().join(name)).unwrap();
         assert!(read("merged.json") == read("sums.json"), "{keep}");
         let mut bytes = Vec::new();
         for parts in
             ["1.json 2.json 3.json", "3.json 1.json 2.json", "late.json 1.json", "2.json two.json"]
         {
-            done(&dir, &format!("merge {parts} {model} {merge} -o merged.json"));
-            let merged = json(&dir, "merged.json");
+            succeed(&dir, &format!("merge {parts} {model} {merge} -o merged.json"));
+            let merged = document(&dir, "merged.json");
             assert!(merged["diagnostics"]["cross_validation"]["grouped"].is_array());
             assert_eq!(without_rows(&merged), without_rows(&whole), "{keep} {parts}");
             bytes.push(fs::read(dir.path().join("merged.json")).unwrap());
@@ -194,12 +172,12 @@ fn merged_parts_with_groups_validate_as_one_fit_does_bit_for_bit_in_any_order() 
 #[test]
 fn a_smaller_model_is_fitted_to_the_sums_of_a_larger_one() {
     let dir = recordings();
-    done(&dir, "fit 1.csv 2.csv --cv -o whole.json");
-    done(&dir, "fit 1.csv 2.csv --model poly3 --groups --partial all.json");
-    done(&dir, "merge all.json --model cubic --cv -o merged.json");
-    let (whole, merged) = (json(&dir, "whole.json"), json(&dir, "merged.json"));
+    succeed(&dir, "fit 1.csv 2.csv --cv -o whole.json");
+    succeed(&dir, "fit 1.csv 2.csv --model poly3 --groups --partial all.json");
+    succeed(&dir, "merge all.json --model cubic --cv -o merged.json");
+    let (whole, merged) = (document(&dir, "whole.json"), document(&dir, "merged.json"));
     assert_eq!(without_rows(&merged), without_rows(&whole));
-    done(&dir, "fit 1.csv --model linear --partial linear.json");
+    succeed(&dir, "fit 1.csv --model linear --partial linear.json");
     let error = refused(&dir, "merge linear.json --model cubic");
     assert!(error.contains("the sums are for `linear+1` features, not for `cubic+1`"), "{error}");
 }
@@ -207,16 +185,14 @@ fn a_smaller_model_is_fitted_to_the_sums_of_a_larger_one() {
 #[test]
 fn what_groups_would_have_to_say_is_refused_without_them() {
     let dir = recordings();
-    done(&dir, "fit 1.csv --partial bare.json");
-    done(&dir, "fit 2.csv --groups --partial two.json");
-    done(&dir, "fit 3.csv --groups=file --partial three.json");
-    done(&dir, "fit 3.csv --groups --cv-seed 2 --partial dealt.json");
+    succeed(&dir, "fit 1.csv --partial bare.json");
+    succeed(&dir, "fit 2.csv --groups --partial two.json");
+    succeed(&dir, "fit 3.csv --groups=file --partial three.json");
+    succeed(&dir, "fit 3.csv --groups --cv-seed 2 --partial dealt.json");
     fs::create_dir(dir.path().join("b")).unwrap();
     fs::copy(dir.path().join("1.csv"), dir.path().join("b/3.csv")).unwrap();
     // Another file of the same name, as another machine may have.
-    let elsewhere =
-        program::output(&dir.path().join("b"), "fit 3.csv --groups=file --partial 3.json");
-    assert_eq!(elsewhere.status.code(), Some(0));
+    succeed(&dir.path().join("b"), "fit 3.csv --groups=file --partial 3.json");
     let cases = [
         ("merge bare.json --cv", "keep no sums of groups"),
         ("merge bare.json --model auto", "--partial --groups"),
@@ -248,7 +224,7 @@ fn sealed(text: &str) -> String {
 #[test]
 fn groups_that_were_tampered_with_are_refused() {
     let dir = recordings();
-    done(&dir, "fit 1.csv --model linear --groups --partial 1.json");
+    succeed(&dir, "fit 1.csv --model linear --groups --partial 1.json");
     let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
     assert_eq!(sealed(&text), text);
     let groups = text.find("\"sums\"").unwrap();
@@ -314,13 +290,13 @@ fn partial_fits_pass_through_pipes() {
     let dir = recordings();
     let mut stream = Vec::new();
     for file in [2, 3, 1] {
-        let output = done(&dir, &format!("fit {file}.csv --groups --partial -"));
-        assert!(String::from_utf8_lossy(&output.stderr).contains("cubic+1: sums over"));
-        stream.extend(output.stdout);
-        done(&dir, &format!("fit {file}.csv --groups --partial {file}.json"));
+        let (printed, said) = ended(&dir, &format!("fit {file}.csv --groups --partial -"), 0);
+        assert!(said.contains("cubic+1: sums over"), "{said}");
+        stream.extend(printed.into_bytes());
+        succeed(&dir, &format!("fit {file}.csv --groups --partial {file}.json"));
     }
-    let expected = done(&dir, "merge 1.json 2.json 3.json --partial all.json -q");
-    assert!(!expected.stdout.is_empty());
+    let expected = succeed(&dir, "merge 1.json 2.json 3.json --partial all.json -q");
+    assert!(!expected.is_empty());
     let output = piped(&dir, "merge - --partial -", &stream);
     assert_eq!(output.status.code(), Some(0));
     assert!(output.stdout == fs::read(dir.path().join("all.json")).unwrap());
@@ -355,8 +331,8 @@ fn partial_fits_pass_through_pipes() {
 fn ten_thousand_partial_fits_are_merged_in_flat_memory() {
     use std::io::Write;
     let dir = tempfile::tempdir().unwrap();
-    done(&dir, "synth train --rows 60 --rate 10 -o 1.csv");
-    done(&dir, "fit 1.csv --model linear --partial 1.json");
+    succeed(&dir, "synth train --rows 60 --rate 10 -o 1.csv");
+    succeed(&dir, "fit 1.csv --model linear --partial 1.json");
     let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
     let source = text.find("xxh128:").unwrap() + "xxh128:".len();
     let mut child = program::command(dir.path())

@@ -3,29 +3,10 @@
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::fs;
-use std::path::Path;
 
-use system_tests::program;
+use system_tests::program::{ended, json, refused, succeed};
 use system_tests::random::Random;
 use system_tests::real_recording;
-
-fn succeed(dir: &Path, arguments: &str) -> (String, String) {
-    let output = program::output(dir, arguments);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{arguments}: {said}");
-    (String::from_utf8(output.stdout).unwrap(), said)
-}
-
-fn refused(dir: &Path, arguments: &str) -> String {
-    let output = program::output(dir, arguments);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
-    said
-}
-
-fn json(dir: &Path, arguments: &str) -> serde_json::Value {
-    serde_json::from_str(&succeed(dir, arguments).0).unwrap()
-}
 
 fn numbers(value: &serde_json::Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect()
@@ -216,7 +197,7 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     }
     write("run.csv", run);
     let left = |options: &str| {
-        let (_, said) = succeed(dir, &format!("convert cal.json run.csv {options} -o out.csv"));
+        let (_, said) = ended(dir, &format!("convert cal.json run.csv {options} -o out.csv"), 0);
         let text = fs::read_to_string(dir.join("out.csv")).unwrap();
         let rows: Vec<Vec<f64>> = text
             .lines()
@@ -313,7 +294,7 @@ fn what_does_not_tell_a_payload_is_refused_by_name() {
     assert!(refused(dir, "payload fit none.csv missing.csv").contains("`missing.csv`"));
     // A payload that knows no accelerometer.
     write("all.csv", ",gx,gy,gz", &all);
-    let (_, said) = succeed(dir, "payload fit all.csv -o payload.json");
+    let (_, said) = ended(dir, "payload fit all.csv -o payload.json", 0);
     assert!(said.contains("no accelerometer"), "{said}");
     let timed: Vec<Vec<f64>> =
         counts.iter().enumerate().map(|(i, row)| [&row[..], &[i as f64]].concat()).collect();

@@ -2,31 +2,15 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Output;
 
 use calibration::physics::PhysicsValidation;
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::physics::read_rows;
 use shellcal::workflow::selection::UsedRows;
-use system_tests::program;
+use system_tests::program::{ended, json, refused, succeed};
 use system_tests::real_recording;
-use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data");
-
-fn shellcal(dir: &TempDir, arguments: &str) -> Output {
-    program::output(dir.path(), &arguments.replace("DATA", DATA))
-}
-
-fn succeed(dir: &TempDir, arguments: &str) -> Output {
-    let output = shellcal(dir, arguments);
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    output
-}
-
-fn json(dir: &TempDir, arguments: &str) -> serde_json::Value {
-    serde_json::from_slice(&succeed(dir, arguments).stdout).unwrap()
-}
 
 fn rms(errors: &serde_json::Value) -> [f64; 6] {
     std::array::from_fn(|axis| errors[axis]["rms"].as_f64().unwrap())
@@ -35,7 +19,9 @@ fn rms(errors: &serde_json::Value) -> [f64; 6] {
 #[test]
 fn a_fit_is_the_same_for_any_number_of_threads_and_its_file_says_what_the_fit_said() {
     let dir = tempfile::tempdir().unwrap();
-    let fit = "fit DATA/synthetic-train.csv --test DATA/synthetic-test.csv --model physics --json";
+    let fit = format!(
+        "fit {DATA}/synthetic-train.csv --test {DATA}/synthetic-test.csv --model physics --json"
+    );
     let fitted = json(&dir, &format!("{fit} --threads 1 -o one.json"));
     json(&dir, &format!("{fit} --threads 3 -o three.json"));
     let file = |name: &str| fs::read(dir.path().join(name)).unwrap();
@@ -44,7 +30,7 @@ fn a_fit_is_the_same_for_any_number_of_threads_and_its_file_says_what_the_fit_sa
         text.lines().filter(|line| !line.contains("\"date\"")).collect::<Vec<_>>().join("\n")
     };
     assert_eq!(without_date(file("one.json")), without_date(file("three.json")));
-    let evaluated = json(&dir, "eval one.json DATA/synthetic-test.csv --json");
+    let evaluated = json(&dir, &format!("eval one.json {DATA}/synthetic-test.csv --json"));
     assert_eq!(evaluated["all"]["errors"], fitted["test"]);
     assert_eq!(fitted["parameters"], 80);
     // The model that made the set: a fit that goes astray errs by newtons.
@@ -56,7 +42,7 @@ fn a_fit_is_the_same_for_any_number_of_threads_and_its_file_says_what_the_fit_sa
 #[test]
 fn convert_gives_standard_errors_intervals_and_flags() {
     let dir = tempfile::tempdir().unwrap();
-    succeed(&dir, "fit DATA/synthetic-train.csv --model physics -o cal.json");
+    succeed(&dir, &format!("fit {DATA}/synthetic-train.csv --model physics -o cal.json"));
     let test = fs::read_to_string(Path::new(DATA).join("synthetic-test.csv")).unwrap();
     let mut lines: Vec<String> = test.lines().map(str::to_owned).collect();
     // Once more the last row, its fourth sensor dead.
@@ -95,21 +81,20 @@ fn an_interval_that_the_groups_cannot_tell_is_refused_with_both_numbers() {
     let few: Vec<&str> =
         train.lines().filter(|line| group(line).map_or(true, |g| g < 15)).collect();
     fs::write(dir.path().join("few.csv"), few.join("\n") + "\n").unwrap();
-    let output = succeed(&dir, "fit few.csv --model physics -o cal.json");
+    let (_, said) = ended(&dir, "fit few.csv --model physics -o cal.json", 0);
     let warning = "an interval of 95 % takes `19` groups that were held out, there were `15`";
-    assert!(String::from_utf8_lossy(&output.stderr).contains(warning));
-    let refused = shellcal(&dir, "convert cal.json few.csv --interval=95 -o out.csv");
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&refused.stderr).contains(warning));
+    assert!(said.contains(warning), "{said}");
+    let said = refused(&dir, "convert cal.json few.csv --interval=95 -o out.csv");
+    assert!(said.contains(warning), "{said}");
     succeed(&dir, "convert cal.json few.csv --interval=90 -o out.csv");
 }
 
 #[test]
 fn auto_weighs_physics_on_the_same_folds_and_says_what_it_takes() {
     let dir = tempfile::tempdir().unwrap();
-    let fit = "fit DATA/synthetic-train.csv --model auto --json -o cal.json";
-    let output = succeed(&dir, fit);
-    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let fit = &format!("fit {DATA}/synthetic-train.csv --model auto --json -o cal.json");
+    let (printed, words) = ended(&dir, fit, 0);
+    let report: serde_json::Value = serde_json::from_str(&printed).unwrap();
     let (weighing, selection) = (&report["weighing"], &report["selection"]);
     let chosen = &selection["candidates"][selection["chosen"].as_u64().unwrap() as usize];
     // The errors of the polynomial are those by which it was chosen.
@@ -120,16 +105,14 @@ fn auto_weighs_physics_on_the_same_folds_and_says_what_it_takes() {
     }
     let takes_physics = weighing["physics_is_better"].as_bool().unwrap();
     assert_eq!(report["model"] == "physics", takes_physics);
-    let words = String::from_utf8(output.stderr).unwrap();
     let verdict = if takes_physics { "so physics is taken" } else { "is kept" };
     assert!(words.contains(verdict), "{words}");
     // What is for polynomials only is said to be.
-    let matrix =
-        shellcal(&dir, "fit DATA/synthetic-train.csv --model physics --export-matrix m.csv");
-    assert_eq!(matrix.status.code(), Some(2));
-    assert!(
-        String::from_utf8_lossy(&matrix.stderr).contains("`--export-matrix` is for polynomials")
+    let said = refused(
+        &dir,
+        &format!("fit {DATA}/synthetic-train.csv --model physics --export-matrix m.csv"),
     );
+    assert!(said.contains("`--export-matrix` is for polynomials"), "{said}");
 }
 
 /// Limits for poses that were left out, of a prototype of this model: λ, widths and the form of the

@@ -3,14 +3,15 @@
 use std::fs;
 use std::path::Path;
 
-use crate::support::recording::{
-    assert_rows_are, calibration, column, read_log, readings, refused, sample, stream, succeed,
-};
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
 use shell_data::wrench::PerAxis;
 use shellcal::calibration_file::CalibrationFile;
 use system_tests::on_the_wire;
-use system_tests::program;
+use system_tests::program::{self, refused, succeed};
+
+use crate::support::recording::{
+    assert_rows_are, calibration, column, read_log, readings, sample, stream,
+};
 
 fn replay(dir: &Path, bytes: &[u8], arguments: &str) -> String {
     fs::write(dir.join("raw"), bytes).unwrap();

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use system_tests::program;
+use system_tests::program::{self, ended};
 use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
@@ -32,10 +32,8 @@ fn folder(factor: f64) -> TempDir {
 }
 
 fn fit(dir: &Path, arguments: &str) -> (serde_json::Value, String) {
-    let output = program::output(dir, &format!("fit train.csv --json {arguments}"));
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{arguments}: {said}");
-    (serde_json::from_slice(&output.stdout).unwrap(), said)
+    let (printed, said) = ended(dir, &format!("fit train.csv --json {arguments}"), 0);
+    (serde_json::from_str(&printed).unwrap(), said)
 }
 
 /// Root mean squares on groups and on random rows, axis by axis.

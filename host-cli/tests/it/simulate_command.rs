@@ -1,13 +1,13 @@
 //! `shellcal simulate` as a user meets it.
 //!
 //! Figures are those of the reference solution in 40-digit arithmetic that
-//! `beam-channel/tests/reference.rs` has.
+//! `beam-channel/tests/it/reference.rs` has.
 
 use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use system_tests::program::output;
+use system_tests::program::{self, ended, refused};
 
 const MEANS: [f64; 3] = [0.108734173433852, 0.21708288510962, 0.305874279216731];
 
@@ -16,22 +16,12 @@ const RELATIVE: f64 = 1e-12;
 
 /// What it prints, and what it says.
 fn simulate(dir: &Path, arguments: &str) -> (String, String) {
-    let output = output(dir, &format!("simulate {arguments}"));
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{arguments}: {stderr}");
-    (String::from_utf8(output.stdout).unwrap(), stderr)
+    ended(dir, &format!("simulate {arguments}"), 0)
 }
 
 fn json(arguments: &str) -> Value {
     let dir = tempfile::tempdir().unwrap();
-    serde_json::from_str(&simulate(dir.path(), &format!("--json {arguments}")).0).unwrap()
-}
-
-fn fails(dir: &Path, arguments: &str) -> String {
-    let output = output(dir, &format!("simulate {arguments}"));
-    assert_eq!(output.status.code(), Some(2), "{arguments}");
-    assert!(output.stdout.is_empty());
-    String::from_utf8(output.stderr).unwrap()
+    program::json(&dir, &format!("simulate --json {arguments}"))
 }
 
 #[track_caller]
@@ -107,7 +97,7 @@ fn the_figure_is_drawn_with_a_measured_trace() {
     fs::write(dir.path().join("run8.csv"), "t_s,fx_n\n3,-0.01\n4,-0.15\n").unwrap();
     simulate(dir.path(), "--plot drag.svg --overlay run8.csv --speed 0.2 --entry 3");
     assert!(fs::read_to_string(dir.path().join("drag.svg")).unwrap().contains("run8"));
-    let error = fails(dir.path(), "--plot drag.svg --overlay run8.csv");
+    let error = refused(&dir, "simulate --plot drag.svg --overlay run8.csv");
     assert!(error.contains("`run8.csv`, line 1: no column `x_m`; found `t_s`, `fx_n`"), "{error}");
     simulate(dir.path(), "--plot drag.png");
     assert!(fs::read(dir.path().join("drag.png")).unwrap().starts_with(b"\x89PNG"));
@@ -119,16 +109,16 @@ fn what_is_outside_the_models_validity_is_said_and_what_jams_is_refused() {
     let warning = "warning: channel of 4 cm: the body reaches farther past the tips than a beam is";
     assert!(simulate(dir.path(), "").1.contains(warning));
     assert_eq!(simulate(dir.path(), "--deflection 1cm,2cm").1, "");
-    let error = fails(dir.path(), "--ry 9cm --width 7cm --output x.csv");
+    let error = refused(&dir, "simulate --ry 9cm --width 7cm --output x.csv");
     assert!(
         error.starts_with("error: a channel 7 cm wide: the body jams: it reaches 55.00 mm"),
         "{error}"
     );
     assert!(error.contains("hint: give a wider channel"), "{error}");
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
-    let error = fails(dir.path(), "--friction -1");
+    let error = refused(&dir, "simulate --friction -1");
     assert!(error.contains("the friction coefficient is -1: expected 0 to 100"), "{error}");
-    let error = fails(dir.path(), "--width 8furlongs");
+    let error = refused(&dir, "simulate --width 8furlongs");
     assert!(error.contains("expected a length such as `8cm`"), "{error}");
 }
 
@@ -168,7 +158,7 @@ fn measured_trials_stand_beside_the_model() {
                  4,tight,0.13\n5,free,0.001\n";
     fs::write(dir.path().join("trials.csv"), table).unwrap();
     let arguments = "--json --compare trials.csv --condition tight=4cm";
-    let document: Value = serde_json::from_str(&simulate(dir.path(), arguments).0).unwrap();
+    let document = program::json(&dir, &format!("simulate {arguments}"));
     let rows = document["comparison"].as_array().unwrap();
     // From the first contact to the last, as a trial is: work over way.
     let channels = document["channels"].as_array().unwrap();
@@ -189,9 +179,9 @@ fn measured_trials_stand_beside_the_model() {
     }
     assert_eq!((&rows[0]["trials"], &rows[0]["condition"]), (&2.into(), &"1 cm".into()));
     assert_eq!((&rows[3]["simulated_drag_n"], &rows[3]["width_m"]), (&0.0.into(), &Value::Null));
-    let error = fails(dir.path(), "--compare trials.csv");
+    let error = refused(&dir, "simulate --compare trials.csv");
     assert!(error.contains("condition `tight` is neither `free` nor a deflection"), "{error}");
-    let error = fails(dir.path(), "--compare trials.csv --condition loose=9cm");
+    let error = refused(&dir, "simulate --compare trials.csv --condition loose=9cm");
     assert!(error.contains("has no condition `loose`"), "{error}");
 }
 

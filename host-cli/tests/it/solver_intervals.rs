@@ -18,8 +18,7 @@ fn covariance(directory: &Path, solver: &str) -> (Value, f64) {
     let file = std::fs::read(directory.join("cal.json")).unwrap();
     let document: Value = serde_json::from_slice(&file).unwrap();
     let convert = "convert cal.json train.csv --columns fx,se --no-tare --no-lowpass -o out.csv";
-    let output = program::output(directory, convert);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    program::succeed(directory, convert);
     let text = std::fs::read_to_string(directory.join("out.csv")).unwrap();
     let place = text.lines().next().unwrap().split(',').position(|name| name == "fx_se_n").unwrap();
     let errors: Vec<f64> = (text.lines().skip(1))

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use shellcal::calibration_file::CalibrationFile;
-use system_tests::program;
+use system_tests::program::{self, document, json};
 
 /// The axes that are measured, by their places.
 const PLACES: [usize; 2] = [0, 2];
@@ -26,17 +26,6 @@ fn logs(dir: &Path, seed: u32) -> [String; 2] {
     };
     fs::write(dir.join(&two), text.lines().map(line).collect::<String>()).unwrap();
     [six, two]
-}
-
-fn json(dir: &Path, command: &str) -> Value {
-    let output = program::output(dir, command);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{command}: {said}");
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
-fn document(dir: &Path, name: &str) -> Value {
-    serde_json::from_slice(&fs::read(dir.join(name)).unwrap()).unwrap()
 }
 
 fn axes() -> Value {

@@ -77,8 +77,7 @@ fn a_temperature_among_the_channels_takes_its_effect_out_of_the_forces() {
             "fit train.csv --test test.csv --model {model} --sensors s1,s2,s3,s4,s5,s6{temperature} \
              -o {model}{temperature}.json --json"
         );
-        let output = program::output(dir.path(), &arguments);
-        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let report = program::json(dir.path(), &arguments);
         (0..3).map(|axis| report["test"][axis]["rms"].as_f64().unwrap()).collect()
     };
     let (without, linear) = (errors("linear", ""), errors("linear", ",temperature_c"));

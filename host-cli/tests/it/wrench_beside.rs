@@ -66,9 +66,7 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
         assert_eq!([part(0, "checksum"), part(1, "checksum")], checksums);
     }
     let rms = |command: &str| -> [f64; 6] {
-        let output = program::output(dir, command);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let document = program::json(dir, command);
         std::array::from_fn(|axis| document["all"]["errors"][axis]["rms"].as_f64().unwrap())
     };
     let two = rms("eval whole.json readings.csv --wrench-from wrench.csv --json");

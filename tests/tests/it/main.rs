@@ -9,6 +9,7 @@
     reason = "a test may panic and say why; modules of a test have no outside"
 )]
 
+mod beam_reference;
 #[cfg(unix)]
 mod bridge;
 #[cfg(unix)]

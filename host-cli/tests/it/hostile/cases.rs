@@ -15,9 +15,7 @@ use tempfile::TempDir;
 
 /// What a command says that must end with this exit code.
 fn says(dir: &TempDir, arguments: &str, code: i32) -> String {
-    let output = program::output(dir.path(), arguments);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(code), "{arguments}: {said}");
+    let (_, said) = program::ended(dir, arguments, code);
     assert!(!said.contains("panicked"), "{arguments}: {said}");
     said
 }
@@ -161,8 +159,7 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
         let rms = |file: &str| {
             let command =
                 format!("fit {file} --test test.csv --solver {solver} --ridge 1e-2 --json");
-            let output = program::output(dir.path(), &command);
-            let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+            let report = program::json(dir.path(), &command);
             (0..6).map(|axis| report["test"][axis]["rms"].as_f64().unwrap()).collect::<Vec<_>>()
         };
         // But for rounding, which depends on how rows are put together.
@@ -378,10 +375,7 @@ fn a_clock_of_32_bits_comes_round_in_telemetry() {
     let lines = text.lines().map(|line| turned(line).unwrap_or_else(|| format!("{line}\n")));
     write(&dir, "turned.txt", lines.collect::<String>());
     let number = |command: &str, path: &str| {
-        let output = program::output(dir.path(), command);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{command}: {said}");
-        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let report = program::json(dir.path(), command);
         report.pointer(path).and_then(serde_json::Value::as_f64).unwrap()
     };
     let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-6 * a, "{a} {b}");
@@ -454,8 +448,7 @@ fn folds_may_be_of_any_number_of_groups() {
     write(&dir, "poses.csv", labelled);
     let said = says(&dir, "fit poses.csv --group pose --cv", 2);
     assert!(said.contains("more than `2000` groups") && said.contains("--cv=K"), "{said}");
-    let output = program::output(dir.path(), "fit poses.csv --group pose --cv=10 --json");
-    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let document = program::json(dir.path(), "fit poses.csv --group pose --cv=10 --json");
     let found = &document["cross_validation"];
     assert_eq!((&found["groups"], &found["folds"]), (&2600.into(), &10.into()), "{document}");
     assert_eq!(found["rows"], 5200, "{document}");

@@ -1,7 +1,16 @@
-//! A board that is as it should be.
+//! Boards that are made of the protocol alone: their end of the line, and how they do.
 
+use std::time::Duration;
+
+use serialport::{SerialPort, TTYPort};
 use shared_proto::{ResetCause, Status, Stream};
 
+/// The board's end of a pty, and the name of the other.
+pub(crate) fn pty() -> (TTYPort, String) {
+    let (mut board, host) = TTYPort::pair().unwrap();
+    board.set_timeout(Duration::from_millis(10)).unwrap();
+    (board, host.name().unwrap())
+}
 /// Its status after some frames at the settings after a reset.
 pub(crate) fn sound_status() -> Status {
     Status {

@@ -7,7 +7,7 @@ use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use shared_proto::{Framing, Packet, Sample, Values};
 use shell_data::block::Block;
 use system_tests::on_the_wire;
-use system_tests::program;
+use system_tests::program::succeed;
 use system_tests::random::Random;
 
 /// Frame `index` of a board at 100 Hz: its readings tell which it is.
@@ -36,21 +36,6 @@ pub fn frame(index: u64) -> Vec<u8> {
 
 pub fn stream(indices: impl IntoIterator<Item = u64>) -> Vec<u8> {
     indices.into_iter().flat_map(frame).collect()
-}
-
-/// Runs a command that must succeed, and returns what it prints.
-pub fn succeed(dir: &Path, arguments: &str) -> String {
-    let output = program::output(dir, arguments);
-    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-/// Runs a command that must not be able to, and returns what it says.
-pub fn refused(dir: &Path, arguments: &str) -> String {
-    let output = program::output(dir, arguments);
-    let error = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{arguments}: {error}");
-    error
 }
 
 /// The log by the program's own reader: time, readings and wrench if there is one.
