@@ -216,7 +216,8 @@ impl<P: Read + Write> Client<P> {
     fn wait(&mut self, time: Duration, silent: &mut bool) -> Result<Option<Answer>, LinkError> {
         let deadline = Instant::now() + time;
         let mut buffer = [0; 1024];
-        while Instant::now() < deadline {
+        // What has come while this machine did something else is looked at after the time, too.
+        loop {
             let count =
                 read_port(&mut self.port, &mut buffer).map_err(|error| self.lost(&error))?;
             *silent &= count == 0;
@@ -242,8 +243,10 @@ impl<P: Read + Write> Client<P> {
             if let Some(version) = other {
                 return Err(LinkError::OtherVersion { version });
             }
+            if Instant::now() >= deadline {
+                return Ok(None);
+            }
         }
-        Ok(None)
     }
 
     /// Does a command that has nothing to tell.

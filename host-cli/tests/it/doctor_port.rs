@@ -197,8 +197,9 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
             }
             _ => continue,
         };
-        // 100 Hz, however long the machine takes.
-        while u128::from(sent) < started.elapsed().as_millis() / 10 {
+        // At the rate that was set, however long the machine takes.
+        let due = started.elapsed().as_micros() / u128::from(plan.status.period_us);
+        while u128::from(sent) < due {
             if let Some(sample) = (plan.sample)(sent) {
                 let _ = board.write_all(&on_the_wire(&Packet::Sample(sample), framing));
             }
@@ -298,6 +299,18 @@ fn planted_faults_of_boards_are_found() {
             }),
             "",
             fault("channel-saturated"),
+        ),
+        (
+            "slow",
+            Plan {
+                sample: |index| {
+                    let clock_us = (1_000_000 + index * 100_000) as u32;
+                    Some(Sample { clock_us, ..sample(index)? })
+                },
+                ..Plan::with_status(|status| status.period_us = 100_000)
+            },
+            "",
+            warning("short"),
         ),
         (
             "dead",

@@ -5,7 +5,9 @@ use shared_proto::{Identity, Protocol, ResetCause, Status, Stream, crc32};
 use shell_data::block::Block;
 
 use super::Finding;
-use super::channels::{check_channels, identical_columns, outside, without_consequences};
+use super::channels::{
+    ENOUGH_FRAMES, check_channels, identical_columns, outside, without_consequences,
+};
 use super::finding::percent;
 use crate::link::{Heard, Interview, LinkError, Stretch, for_board, serial_text};
 use crate::recording::{BoardFrame, Measured, protocol_name};
@@ -262,6 +264,13 @@ fn check_stream(stretch: &Stretch, facts: &BoardFacts<'_>) -> Vec<Finding> {
                 stretch.recorded.losses.restarts
             ),
             "look at its supply: `shellcal board PORT status` says why it started",
+        ));
+    }
+    if !summary.readings.is_empty() && summary.rows < ENOUGH_FRAMES {
+        findings.push(Finding::warning(
+            "short",
+            format!("{} frames", summary.rows),
+            format!("listen longer, with `--listen`: it takes {ENOUGH_FRAMES} to judge a channel"),
         ));
     }
     let calibration = facts.calibration.map(|(calibration, _)| calibration);

@@ -8,7 +8,7 @@ use super::finding::percent;
 use crate::workflow::log_summary::LogSummary;
 
 /// Fewer frames say nothing about a channel.
-const ENOUGH_FRAMES: u64 = 20;
+pub(super) const ENOUGH_FRAMES: u64 = 20;
 
 /// How many times as certain forces must be after an exchange of two channels. Noise and creep make some
 /// exchange or other a little better.
