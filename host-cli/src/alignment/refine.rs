@@ -6,10 +6,10 @@
 //! y_i = Bᵀ x(τ_i) + e_i      τ_i = t_i + o + s (t_i − t̄)      e ~ (0, Σ)
 //! ```
 //!
-//! y are the [straightened](super::optics) readings, x the [features](super::response) of the
-//! reference, a constant and a drift. For given o and s the map B is a linear least-squares problem; the steps in (o, s) are Gauss–Newton steps with B
-//! eliminated (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, in Kaufman's form): with d_i =
-//! Bᵀ ẋ(τ_i), J = (d, (t − t̄) d) projected off the features, and W = Σ̂⁻¹,
+//! y are the [straightened](super::optics) readings, x the [features](super::response) of the reference, a
+//! constant and a drift. For given o and s the map B is a linear least-squares problem; the steps in (o, s)
+//! are Gauss–Newton steps with B eliminated (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, in
+//! Kaufman's form): with d_i = Bᵀ ẋ(τ_i), J = (d, (t − t̄) d) projected off the features, and W = Σ̂⁻¹,
 //!
 //! ```text
 //! H = Jᵀ W J      g = Jᵀ W y      (o, s) ← (o, s) + H⁻¹ g

@@ -1,8 +1,8 @@
 //! Calibrations as functions in Python and MATLAB, for programs without `shellcal`.
 //!
 //! A file is a head of constants and a fixed body (`assets/export`), which computes what
-//! [`Calibration::wrench`](calibration::Calibration::wrench) does: of polynomials on standardised readings, in the order
-//! of [`Model::terms`](calibration::Model::terms); of the physics model by the same steps.
+//! [`Calibration::wrench`](calibration::Calibration::wrench) does: of polynomials on standardised readings,
+//! in the order of [`Model::terms`](calibration::Model::terms); of the physics model by the same steps.
 
 use calibration::physics::PhysicsModel;
 use calibration::{Kind, Polynomial};
@@ -32,7 +32,8 @@ impl Constant {
     }
 }
 
-/// The function `name` of a calibration. `name` has to be an identifier, which MATLAB wants to be the name of the file.
+/// The function `name` of a calibration. `name` has to be an identifier, which MATLAB wants to be the name
+/// of the file.
 pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
     let axes = file.calibration.axes;
     let (constants, body) = match (file.calibration.kind(), language) {

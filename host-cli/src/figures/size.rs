@@ -1,8 +1,8 @@
 //! How wide a figure is: on a screen, or in a column of a paper.
 //!
-//! Widths and sizes of letters for print are those of Nature (research-figure-guide.nature.com, "Building and exporting
-//! figure panels": 89 and 183 mm, text from 5 to 7 pt), which suit most journals. A figure for print is laid out
-//! anew for its width: made smaller as a whole, its letters would be too small to read.
+//! Widths and sizes of letters for print are those of Nature (research-figure-guide.nature.com, "Building
+//! and exporting figure panels": 89 and 183 mm, text from 5 to 7 pt), which suit most journals. A figure for
+//! print is laid out anew for its width: made smaller as a whole, its letters would be too small to read.
 
 /// Points, and CSS pixels, to the inch, and mm.
 const POINTS: f64 = 72.0;

@@ -1,4 +1,4 @@
-//! RunningForces beside the readings, by the [force pipeline](crate::forces), as frames come.
+//! Forces beside the readings, by the [force pipeline](crate::forces), as frames come.
 
 use super::reception::{BoardFrame, Measured};
 use crate::forces::rests::RestFinder;
@@ -18,7 +18,7 @@ pub struct LiveForces {
     pub options: ForceOptions,
 }
 
-/// RunningForces of frames as they come.
+/// Forces of frames as they come.
 #[derive(Clone, Debug)]
 pub struct RunningForces {
     calibration: Calibration,
@@ -67,7 +67,7 @@ impl RunningForces {
         Self { calibration: live.calibration, options, stage, rests, newest: None }
     }
 
-    /// RunningForces of frames that hold readings.
+    /// Forces of frames that hold readings.
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.

@@ -17,9 +17,10 @@
 //! `missing` counts the frames that did not arrive between this row and the one before; `dropped`
 //! is the board's own count, which wraps at 256. `flags` is empty when all is well: `s3:saturated`
 //! and `s3:range` as in the output of `convert`, `late` where a frame came after a later one had
-//! been written, `skewed` where the channels could not be brought to one time, `restart` where the board has restarted, `untared` and `unfiltered` where tare and
-//! clock of the forces were still being found: such a row is not held back, so its forces are those of
-//! the calibration alone. `mark1`, `mark2`, … are moments that somebody has marked. From then on forces are those of `convert` with a causal low-pass.
+//! been written, `skewed` where the channels could not be brought to one time, `restart` where the board
+//! has restarted, `untared` and `unfiltered` where tare and clock of the forces were still being found:
+//! such a row is not held back, so its forces are those of the calibration alone. From then on they are
+//! those of `convert` with a causal low-pass. `mark1`, `mark2`, … are moments that somebody has marked.
 
 use std::collections::VecDeque;
 
@@ -63,8 +64,8 @@ pub struct RowWriter {
 }
 
 impl RowWriter {
-    /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration; with `as_sampled` channels
-    /// are not brought to one time.
+    /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration;
+    /// with `as_sampled` channels are not brought to one time.
     ///
     /// # Errors
     /// [`UnsuitableCalibration`].

@@ -67,9 +67,9 @@ fn group(rows: &[csv::StringRecord], by: usize, trial: Option<usize>) -> Vec<(&s
 }
 
 impl ValueTable {
-    /// Reads a table with a header. Conditions are in the column `by`, or in the first; values in
-    /// the columns `of`, or in all others that hold numbers alone. Rows with the same entry in the column `trial`, if there
-    /// is one, are strides of one trial, and resemble each other.
+    /// Reads a table with a header. Conditions are in the column `by`, or in the first; values in the
+    /// columns `of`, or in all others that hold numbers alone. Rows with the same entry in the column
+    /// `trial`, if there is one, are strides of one trial, and resemble each other.
     ///
     /// # Errors
     /// [`ManifestProblem`] if there is no such column, no column of numbers or no row, or a field is missing.

@@ -9,10 +9,10 @@
 //! that takes none is dropped. Memory is bounded by the number of connections, of orders that wait, and of bytes
 //! of a request.
 //!
-//! Plain HTTP 1.1, one request for each connection, and nothing of it that this does not need: no bodies, no files,
-//! no cookies. Every request has to carry the token of the server, and a `Host` that no other site can have
-//! (`access`). It knows nothing of what is shown; docs/adr/0009-live-in-a-browser.md says why it is own code, and why it
-//! is no WebSocket.
+//! Plain HTTP 1.1, one request for each connection, and nothing of it that this does not need: no bodies, no
+//! files, no cookies. Every request has to carry the token of the server, and a `Host` that no other site
+//! can have (`access`). It knows nothing of what is shown; docs/adr/0009-live-in-a-browser.md says why it is
+//! own code, and why it is no WebSocket.
 
 mod access;
 mod request;

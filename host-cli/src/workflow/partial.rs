@@ -51,8 +51,8 @@ struct Kept {
     summaries: Vec<ReadSummary>,
 }
 
-/// Sums the rows of `logs`, exactly where that can be, which are put into the order of their names where groups are kept. Program
-/// and date are left to the caller.
+/// Sums the rows of `logs`, exactly where that can be, which are put into the order of their names where
+/// groups are kept. Program and date are left to the caller.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, or there are too many groups.

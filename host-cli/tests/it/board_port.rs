@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serialport::TTYPort;
 use shared_proto::{
@@ -173,8 +173,11 @@ fn a_board_is_told_to_start_until_it_does_and_to_stop_at_the_end() {
     // It hears every second command: the second start and the second stop.
     let board = FakeBoard::start(port, false, true);
     succeed(dir.path(), &format!("record {name} -o log.csv --duration 1.5 --start"));
-    // It looks for commands every few ms.
-    thread::sleep(Duration::from_secs(1));
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !board.heard.lock().unwrap().contains(&Command::Stop) {
+        assert!(Instant::now() < deadline, "it is not told to stop");
+        thread::sleep(Duration::from_millis(5));
+    }
     let mut heard = board.stop();
     // On a busy machine answers may come late, and commands be repeated.
     heard.dedup();

@@ -3,9 +3,8 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
-use std::process::Output;
 
-use system_tests::program::{self, refused};
+use system_tests::program::{self, ended, json, refused, succeed};
 use system_tests::random::Random;
 use system_tests::real_recording;
 use tempfile::TempDir;
@@ -40,10 +39,6 @@ fn log(rows: usize, noise: f64, change: impl Fn(&mut [f64; 8])) -> String {
     text
 }
 
-fn shellcal(dir: &TempDir, arguments: &str) -> Output {
-    program::output(dir.path(), arguments)
-}
-
 fn with_files(files: &[(&str, &str)]) -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     for (name, text) in files {
@@ -52,16 +47,11 @@ fn with_files(files: &[(&str, &str)]) -> TempDir {
     dir
 }
 
-fn json(output: &Output) -> serde_json::Value {
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
 #[test]
 fn a_model_that_holds_exactly_is_found_exactly() {
     let dir =
         with_files(&[("train.csv", &log(400, 0.0, |_| ())), ("test.csv", &log(50, 0.0, |_| ()))]);
-    let report = json(&shellcal(&dir, "fit train.csv --test test.csv -o cal.json --json"));
+    let report = json(&dir, "fit train.csv --test test.csv -o cal.json --json");
     assert_eq!(report["rank"], 25);
     assert_eq!(report["rows"], 400);
     for set in ["train", "test"] {
@@ -71,7 +61,7 @@ fn a_model_that_holds_exactly_is_found_exactly() {
             assert!(report[set][axis]["r_squared"].as_f64().unwrap() > 1.0 - 1e-14);
         }
     }
-    let evaluated = json(&shellcal(&dir, "eval cal.json test.csv --json --max-rms 1e-12"));
+    let evaluated = json(&dir, "eval cal.json test.csv --json --max-rms 1e-12");
     assert_eq!(evaluated["all"]["errors"], report["test"]);
 }
 
@@ -80,8 +70,7 @@ fn the_table_names_axes_figures_and_rows() {
     let rows = log(400, 0.01, |_| ());
     let test: String = rows.lines().take(300).map(|line| format!("{line}\n")).collect();
     let dir = with_files(&[("train.csv", &rows), ("test.csv", &test)]);
-    let output = shellcal(&dir, "fit train.csv --test test.csv");
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = succeed(&dir, "fit train.csv --test test.csv");
     for word in ["RMS train", "RMS test", "max train", "R² test", "Fx", "Mz", "N·m"] {
         assert!(text.contains(word), "{word} in {text}");
     }
@@ -95,7 +84,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let dir = with_files(&[("train.csv", &text)]);
     let bytes = |threads: usize| {
         let arguments = format!("fit train.csv --threads {threads} -o {threads}.json");
-        assert!(shellcal(&dir, &arguments).status.success());
+        succeed(&dir, &arguments);
         fs::read(dir.path().join(format!("{threads}.json"))).unwrap()
     };
     let one = bytes(1);
@@ -106,9 +95,9 @@ fn results_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn an_exported_matrix_imports_to_the_same_wrench() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    let fitted = json(&shellcal(&dir, "fit train.csv -o cal.json --export-matrix m.csv --json"));
-    assert!(shellcal(&dir, "import m.csv -o imported.json").status.success());
-    let evaluated = json(&shellcal(&dir, "eval imported.json train.csv --json"));
+    let fitted = json(&dir, "fit train.csv -o cal.json --export-matrix m.csv --json");
+    succeed(&dir, "import m.csv -o imported.json");
+    let evaluated = json(&dir, "eval imported.json train.csv --json");
     for axis in 0..6 {
         let rms = |report: &serde_json::Value| report[axis]["rms"].as_f64().unwrap();
         let (a, b) = (rms(&fitted["train"]), rms(&evaluated["all"]["errors"]));
@@ -120,9 +109,9 @@ fn an_exported_matrix_imports_to_the_same_wrench() {
 #[test]
 fn a_calibration_is_exported_as_the_matrix_of_its_fit_and_as_code() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    assert!(shellcal(&dir, "fit train.csv -o cal.json --export-matrix m.csv").status.success());
+    succeed(&dir, "fit train.csv -o cal.json --export-matrix m.csv");
     let export = |file: &str| {
-        assert!(shellcal(&dir, &format!("export cal.json {file}")).status.success());
+        succeed(&dir, &format!("export cal.json {file}"));
         std::fs::read_to_string(dir.path().join(file)).unwrap()
     };
     assert_eq!(export("again.csv"), export("m.csv"));
@@ -136,13 +125,10 @@ fn a_calibration_is_exported_as_the_matrix_of_its_fit_and_as_code() {
 #[test]
 fn a_limit_that_is_exceeded_is_exit_code_1() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());
-    let code = |arguments: &str| shellcal(&dir, arguments).status.code();
-    assert_eq!(code("eval cal.json train.csv --max-rms 0.02 --max-rms-moment 0.02"), Some(0));
-    assert_eq!(code("eval cal.json train.csv --max-rms 0.001"), Some(1));
-    assert_eq!(code("eval cal.json train.csv --max-rms-moment 0.001"), Some(1));
-    let output = shellcal(&dir, "eval cal.json train.csv --max-rms 0.001");
-    let error = String::from_utf8(output.stderr).unwrap();
+    succeed(&dir, "fit train.csv -o cal.json");
+    succeed(&dir, "eval cal.json train.csv --max-rms 0.02 --max-rms-moment 0.02");
+    ended(&dir, "eval cal.json train.csv --max-rms-moment 0.001", 1);
+    let (_, error) = ended(&dir, "eval cal.json train.csv --max-rms 0.001", 1);
     assert!(error.contains("the RMS error of `Fx`"), "{error}");
 }
 
@@ -170,7 +156,7 @@ fn a_rank_loss_names_the_channels_and_what_to_do() {
         assert!(error.contains(expected), "{arguments}: {error}");
         assert!(error.contains("hint: ") && error.contains(hint), "{arguments}: {error}");
     }
-    let damped = json(&shellcal(&dir, "fit twice.csv --ridge 1e-9 --json"));
+    let damped = json(&dir, "fit twice.csv --ridge 1e-9 --json");
     assert_eq!(damped["rank"], 22);
     // What was noise of 0.01 N stays noise of 0.01 N.
     assert!((damped["train"][4]["rms"].as_f64().unwrap() - 0.01).abs() < 1e-3);
@@ -194,7 +180,7 @@ fn outputs_that_cannot_be_written_are_found_before_the_work() {
 #[test]
 fn calibrations_that_do_not_fit_are_refused() {
     let dir = with_files(&[("train.csv", &log(400, 0.01, |_| ()))]);
-    assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());
+    succeed(&dir, "fit train.csv -o cal.json");
     let calibration = fs::read_to_string(dir.path().join("cal.json")).unwrap();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
     write("later.json", &calibration.replace("\"schema_version\": 1", "\"schema_version\": 9"));
@@ -229,9 +215,9 @@ fn repeated_rows_are_counted_and_left_out_on_request() {
     let (header, rows) = text.split_once('\n').unwrap();
     let twice: String = rows.lines().map(|row| format!("{row}\n{row}\n")).collect();
     let dir = with_files(&[("train.csv", &format!("{header}\n{twice}"))]);
-    let all = json(&shellcal(&dir, "fit train.csv --json"));
+    let all = json(&dir, "fit train.csv --json");
     assert_eq!((&all["rows"], &all["repeated_rows"]), (&600.into(), &300.into()));
-    let fresh = json(&shellcal(&dir, "fit train.csv --fresh --json"));
+    let fresh = json(&dir, "fit train.csv --fresh --json");
     assert_eq!((&fresh["rows"], &fresh["repeated_rows"]), (&300.into(), &300.into()));
 }
 
@@ -262,10 +248,10 @@ fn truncation_answers_where_rank_is_lost_and_says_so() {
     let dir = with_files(&[("log.csv", &log(400, 1e-3, |s| s[1] = s[0]))]);
     let error = refused(&dir, "fit log.csv --model linear --solver svd");
     assert!(error.contains("only `8` of `9` features"), "{error}");
-    let output = shellcal(&dir, "fit log.csv --model linear --solver svd --truncate 1e-8 --json");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success() && said.contains("1 direction"), "{said}");
-    let fitted: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let truncate = "fit log.csv --model linear --solver svd --truncate 1e-8 --json";
+    let (printed, said) = ended(&dir, truncate, 0);
+    assert!(said.contains("1 direction"), "{said}");
+    let fitted: serde_json::Value = serde_json::from_str(&printed).unwrap();
     assert_eq!(fitted["rank"], 8);
     let error = refused(&dir, "fit log.csv --truncate 1e-8");
     assert!(error.contains("`--truncate` is for `--solver svd`"), "{error}");
@@ -280,9 +266,8 @@ fn an_error_that_is_not_a_number_fails_the_limit() {
     let (rows, last) = train.trim_end().rsplit_once(',').unwrap();
     let corrupt = format!("{rows},{last}e300\n");
     let dir = with_files(&[("train.csv", &train), ("corrupt.csv", &corrupt)]);
-    assert!(shellcal(&dir, "fit train.csv -o cal.json").status.success());
-    let output = shellcal(&dir, "eval cal.json corrupt.csv --max-rms-moment 1e9");
-    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stdout));
+    succeed(&dir, "fit train.csv -o cal.json");
+    ended(&dir, "eval cal.json corrupt.csv --max-rms-moment 1e9", 1);
 }
 
 /// Options whose value can be left out take it with an equals sign; without it, it is taken for a file.

@@ -2,7 +2,6 @@
 //! warning.
 
 use std::fs;
-use std::process::Output;
 
 use calibration::Calibration;
 use calibration::exact::{Accumulator, Moments, PartitionedMoments, SolveError};
@@ -15,9 +14,8 @@ use calibration::validation::grouped::{Apart, GroupSums, GroupedMoments, RandomS
 use calibration::validation::selection::{self, select};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
-use system_tests::program;
+use system_tests::program::{ended, json, refused, succeed};
 use system_tests::random::Random;
-use tempfile::TempDir;
 
 /// Rows in `groups` poses: the readings of each stay within `spread` counts of its own centre.
 /// Wrenches are `truth` of the readings over 1000, plus noise.
@@ -275,10 +273,6 @@ fn too_few_groups_and_impossible_folds_are_refused() {
     ));
 }
 
-fn shellcal(dir: &TempDir, arguments: &str) -> Output {
-    program::output(dir.path(), arguments)
-}
-
 /// A log with a group column.
 fn log(block: &Block) -> String {
     let mut text = "s1,s2,s3,s4,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm,group\n".to_owned();
@@ -301,17 +295,11 @@ fn the_warning_compares_models_on_new_poses() {
     fs::write(dir.path().join("many.csv"), log(&many)).unwrap();
     // Twelve poses determine twelve features of each fold's eleven only by chance: the linear model is
     // better on new ones, and named.
-    let output = shellcal(&dir, "fit few.csv --model cubic --cv");
-    let (text, talk) =
-        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(0), "{talk}");
+    let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv", 0);
     assert!(talk.contains("linear predicts new groups better than cubic"), "{talk}");
     assert!(text.contains("12 groups held out each alone"), "{text}");
     assert!(text.contains("best on new groups: linear, squared error"), "{text}");
-    let output = shellcal(&dir, "fit many.csv --model cubic --cv=10");
-    let (text, talk) =
-        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(0), "{talk}");
+    let (text, talk) = ended(&dir, "fit many.csv --model cubic --cv=10", 0);
     assert!(!talk.contains("new groups"), "{talk}");
     assert!(text.contains("1440 groups held out in 10 folds"), "{text}");
     assert!(text.contains("best on new groups: cubic, squared error"), "{text}");
@@ -324,14 +312,12 @@ fn a_model_that_is_better_on_new_poses_is_not_warned_of_whatever_its_ratio() {
     let block =
         poses(14, 24, 100, 60.0, 0.002, |z, axis| curved(z, axis) + 0.05 * (9.0 * z[0]).sin());
     fs::write(dir.path().join("poses.csv"), log(&block)).unwrap();
-    let output = shellcal(&dir, "fit poses.csv --model quadratic --cv --json");
-    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = json(&dir, "fit poses.csv --model quadratic --cv --json");
     let rms = |of: &str| report["cross_validation"][of][0]["rms"].as_f64().unwrap();
     assert!(rms("grouped") > 2.0 * rms("random"), "{} {}", rms("grouped"), rms("random"));
     assert_eq!(report["advice"]["best"]["basis"], "quadratic");
     assert_eq!(report["advice"]["another_is_better"], false);
-    let output = shellcal(&dir, "fit poses.csv --model quadratic --cv");
-    let talk = String::from_utf8_lossy(&output.stderr);
+    let (_, talk) = ended(&dir, "fit poses.csv --model quadratic --cv", 0);
     assert!(!talk.contains("better than"), "{talk}");
     assert!(talk.contains("rows of a group resemble each other"), "{talk}");
 }
@@ -348,16 +334,13 @@ fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
     assert!(linear.len() > selection::RIDGES.len(), "{linear:?}");
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("noise.csv"), log(&block)).unwrap();
-    let output = shellcal(&dir, "fit noise.csv --model auto --cv");
-    let text = String::from_utf8_lossy(&output.stdout);
+    let text = succeed(&dir, "fit noise.csv --model auto --cv");
     let at_limit = text.contains("its ridge is the largest that was tried");
     assert_eq!(at_limit, text.contains("with ridge 1e4, squared"), "{text}");
     // The summary says what is penalised.
-    let output = shellcal(&dir, "fit noise.csv --ridge 0.5");
-    let text = String::from_utf8_lossy(&output.stdout);
+    let text = succeed(&dir, "fit noise.csv --ridge 0.5");
     assert!(text.contains("cubic+1, ridge 5e-1 on powers of centred readings"), "{text}");
-    let output = shellcal(&dir, "fit noise.csv --ridge 0.5 --no-intercept");
-    let text = String::from_utf8_lossy(&output.stdout);
+    let text = succeed(&dir, "fit noise.csv --ridge 0.5 --no-intercept");
     assert!(text.contains("ridge 5e-1 on powers of raw readings"), "{text}");
 }
 
@@ -369,9 +352,7 @@ fn files_can_be_the_groups_and_results_do_not_depend_on_threads() {
         fs::write(dir.path().join(format!("{seed}.csv")), log(&block)).unwrap();
     }
     let report = |arguments: &str| -> serde_json::Value {
-        let output = shellcal(&dir, &format!("fit 0.csv 1.csv 2.csv 3.csv --json {arguments}"));
-        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).unwrap()
+        json(&dir, &format!("fit 0.csv 1.csv 2.csv 3.csv --json {arguments}"))
     };
     let files = report("--cv=file --threads 1");
     assert_eq!(files["cross_validation"]["groups"], 4);
@@ -385,7 +366,7 @@ fn files_can_be_the_groups_and_results_do_not_depend_on_threads() {
     assert_eq!(auto["model"], format!("{}+1", chosen["basis"].as_str().unwrap()));
     assert_eq!(auto["solver"]["ridge"], chosen["ridge"]);
     // The calibration with these diagnostics reads back.
-    assert_eq!(shellcal(&dir, "eval cal.json 0.csv").status.code(), Some(0));
+    succeed(&dir, "eval cal.json 0.csv");
 }
 
 #[test]
@@ -393,11 +374,7 @@ fn without_groups_there_is_nothing_to_hold_out() {
     let dir = tempfile::tempdir().unwrap();
     let text = log(&poses(30, 5, 50, 400.0, 0.01, curved)).replace(",group", ",remark");
     fs::write(dir.path().join("one.csv"), text).unwrap();
-    let output = shellcal(&dir, "fit one.csv --cv");
-    assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("nothing to hold out"));
-    let output = shellcal(&dir, "fit one.csv --cv=column");
-    assert_eq!(output.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("group"));
-    assert_eq!(shellcal(&dir, "fit one.csv --cv=0").status.code(), Some(2));
+    assert!(refused(&dir, "fit one.csv --cv").contains("nothing to hold out"));
+    assert!(refused(&dir, "fit one.csv --cv=column").contains("group"));
+    refused(&dir, "fit one.csv --cv=0");
 }

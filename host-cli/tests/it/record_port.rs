@@ -333,8 +333,8 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let terminal = program_end.name().unwrap();
     let open = || fs::OpenOptions::new().read(true).write(true).open(&terminal).unwrap();
     let (board, port) = pty();
-    // A low-pass would wait for the rate of the frames, which come when this machine has time for them.
-    let plain = "--no-tare --no-lowpass";
+    // How a board's channels follow each other is waited for, by frames, which come when this machine has time.
+    let plain = "--no-tare --as-sampled";
     // In a session of its own, so that this terminal is the program's.
     let mut child = std::process::Command::new("setsid")
         .args(["--ctty", "sh", "-c"])

@@ -1,5 +1,5 @@
-//! The temperature as a channel of a calibration, on recordings of an instrument that is not the sensor model: each channel
-//! is linear in the wrench, and its zero and gain in the temperature.
+//! The temperature as a channel of a calibration, on recordings of an instrument that is not the sensor
+//! model: each channel is linear in the wrench, and its zero and gain in the temperature.
 
 use std::fmt::Write as _;
 use std::fs;

@@ -1,7 +1,7 @@
 //! The firmware on an emulated Cortex-M4F, read and set up by the real `shellcal` over a pty.
 //!
-//! `SHELLCAL_EMULATED_IMAGE` names the image, which `cargo xtask test` builds. No test asserts how long anything takes: the emulated board has
-//! a clock of its own.
+//! `SHELLCAL_EMULATED_IMAGE` names the image, which `cargo xtask test` builds. No test asserts how long
+//! anything takes: the emulated board has a clock of its own.
 
 use std::fs;
 use std::path::Path;

@@ -22,9 +22,9 @@
 //! ```
 //!
 //! with ρ the share of the squared errors that the rows of a group have in common: the error of the tare's
-//! pose is not noise, and does not fall with more frames. There are G − 1 degrees of freedom for G groups (Bester, Conley & Hansen, J. Econometrics 165, 2011;
-//! Cameron & Miller, J. Human Resources 50, 2015, §VI). With a ridge, `F` and `T` include it, which
-//! leaves out the bias that the ridge brings.
+//! pose is not noise, and does not fall with more frames. There are G − 1 degrees of freedom for G groups
+//! (Bester, Conley & Hansen, J. Econometrics 165, 2011; Cameron & Miller, J. Human Resources 50, 2015, §VI).
+//! With a ridge, `F` and `T` include it, which leaves out the bias that the ridge brings.
 
 mod clipped_groups;
 mod covariance;

@@ -11,10 +11,10 @@
 //! and a row does not belong if that is above [`LIMIT`] on any axis (Cook and Weisberg, Residuals and
 //! Influence in Regression, 1982, §2.2), unless the rows beside it err alike: what a model cannot follow
 //! comes and goes, a slip is there and gone; or the error is no larger than what both the prediction and the
-//! load change by from one row to the next: sensor and reference are not sampled at one time. Nor does a row belong with a reading further than eight
-//! standard deviations from the mean and half that from both rows beside it, nor one with a size of 3 that
-//! jumps by two of them from both in one direction and has more than half the leverage there is, and
-//! twenty times the average: a fit follows such rows whatever they say.
+//! load change by from one row to the next: sensor and reference are not sampled at one time. Nor does a row
+//! belong with a reading further than eight standard deviations from the mean and half that from both rows
+//! beside it, nor one with a size of 3 that jumps by two of them from both in one direction and has more
+//! than half the leverage there is, and twenty times the average: a fit follows such rows whatever they say.
 //!
 //! Corrupt rows bend a fit towards themselves and hide each other. So the search begins with a fit without
 //! all rows that exceed a limit; what is found to belong goes back, and the fit is done again, until
@@ -296,9 +296,9 @@ impl Judge {
     }
 }
 
-/// By how much each row between two others exceeds what is not looked at: the largest of its errors, distances of readings
-/// from their mean and jumps, each in units of its limit. Inlined whole into code for the widest vectors of
-/// the processor.
+/// By how much each row between two others exceeds what is not looked at: the largest of its errors,
+/// distances of readings from their mean and jumps, each in units of its limit. Inlined whole into code for
+/// the widest vectors of the processor.
 struct Excess<'a> {
     noise: &'a PerAxis<f64>,
     block: &'a Block,

@@ -5,8 +5,8 @@
 //! e: uniform over a sample of the reference's, for its edge lies anywhere between two samples
 //! ```
 //!
-//! Errors may be common to all edges, where the reference's samples keep step with the signal; the standard error of the
-//! offset then does not fall with their number.
+//! Errors may be common to all edges, where the reference's samples keep step with the signal; the standard
+//! error of the offset then does not fall with their number.
 //!
 //! Which edge is which follows from the gaps between them (`matching`), and where these leave it open from
 //! the loads. Offset and skew are least squares over the pairs, with what oscillators differ by as the prior of
