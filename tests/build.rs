@@ -28,7 +28,7 @@ fn main() {
             println!("cargo::rustc-cfg={name}");
         }
     }
-    // They are not among the recordings, but may lie beside them.
+    // The reference values are not part of the recordings, but may lie beside them.
     println!("cargo::rustc-check-cfg=cfg(reference_values)");
     let values = std::env::var_os("SHELLCAL_REAL_DATA").map(|data| Path::new(&data).join(ORACLE));
     if values.is_some_and(|values| values.exists()) {

@@ -1,4 +1,4 @@
-//! A board: what it is, what it streams, and how it does.
+//! A board: its identity, stream and status.
 
 use crate::bytes::{Bytes, Reader};
 use crate::calibration::crc32;

@@ -216,7 +216,7 @@ impl<P: Read + Write> Client<P> {
     fn wait(&mut self, time: Duration, silent: &mut bool) -> Result<Option<Answer>, LinkError> {
         let deadline = Instant::now() + time;
         let mut buffer = [0; 1024];
-        // What has come while this machine did something else is looked at after the time, too.
+        // It reads at least once: an answer may have arrived while this process was not running.
         loop {
             let count =
                 read_port(&mut self.port, &mut buffer).map_err(|error| self.lost(&error))?;

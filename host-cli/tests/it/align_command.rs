@@ -2,7 +2,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use system_tests::program::{self, json, succeed};
+use system_tests::program::{ended, json, refused, succeed};
 
 const PAIR: &str = "synth pair ref.csv log.csv --duration 30 --rate 100 --reference-rate 1000";
 
@@ -83,9 +83,7 @@ fn a_match_that_is_not_clear_writes_nothing_and_exits_with_1() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     succeed(at, &format!("{PAIR} --no-load"));
-    let output = program::output(at, "align ref.csv log.csv -o train.csv");
-    assert_eq!(output.status.code(), Some(1));
-    let message = String::from_utf8(output.stderr).unwrap();
+    let (_, message) = ended(at, "align ref.csv log.csv -o train.csv", 1);
     assert!(message.starts_with("error: cannot align `log.csv` with `ref.csv`: "), "{message}");
     assert!(message.contains("\nhint: "), "{message}");
     assert!(!at.join("train.csv").exists());
@@ -106,7 +104,7 @@ fn what_cannot_be_read_exits_with_2() {
         ("synth pair a.csv b.csv --loss 1", "share of 1"),
         ("synth pair a.csv b.csv --rate 0", "rate 0 Hz"),
     ] {
-        let message = program::refused(at, arguments);
+        let message = refused(at, arguments);
         assert!(message.contains(expected), "{arguments}: {message}");
     }
     assert!(!at.join("train.csv").exists() && !at.join("a.csv").exists());
@@ -197,11 +195,11 @@ fn a_signal_without_edges_leaves_all_as_it_was_and_one_that_is_not_there_is_name
     succeed(at, PAIR);
     let plain = json(at, "align ref.csv log.csv -o plain.csv --json");
     add_edges(at, &[], 0.0, 0.0);
-    let output = program::output(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && said.contains("the clocks are by the loads"), "{said}");
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let align = "align ref.csv log.csv -o train.csv --sync ttl_v --json";
+    let (printed, said) = ended(at, align, 0);
+    assert!(said.contains("the clocks are by the loads"), "{said}");
+    let report: Value = serde_json::from_str(&printed).unwrap();
     assert_eq!(report["clock"], plain["clock"]);
-    let said = program::refused(at, "align ref.csv log.csv -o train.csv --sync gate");
+    let said = refused(at, "align ref.csv log.csv -o train.csv --sync gate");
     assert!(said.contains("gate") && said.contains("ttl_v"), "{said}");
 }

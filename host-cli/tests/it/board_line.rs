@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use serialport::SerialPort;
 use shared_proto::{Answer, Board, Command, Decoder, Event, Framing, Identity, Packet, Refusal};
-use system_tests::program::{self, refused, succeed};
+use system_tests::program::{self, ended, refused, succeed};
 
 use crate::support::board::{pty, sound_status};
 
@@ -102,9 +102,8 @@ fn answer(command: &Command) -> Answer {
 fn a_rate_is_set_at_both_ends_and_used_from_then_on() {
     let dir = tempfile::tempdir().unwrap();
     let board = RatedBoard::start(1_000_000);
-    let output = program::output(dir.path(), &format!("board {} baud 115200", board.port));
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && said.contains("`--baud 115200`"), "{said}");
+    let (_, said) = ended(&dir, &format!("board {} baud 115200", board.port), 0);
+    assert!(said.contains("`--baud 115200`"), "{said}");
     assert_eq!(board.rate(), 115_200);
     succeed(dir.path(), &format!("board {} --baud 115200 identify", board.port));
     let error = refused(dir.path(), &format!("board {} --baud 115200 baud 12345", board.port));
@@ -125,9 +124,7 @@ fn a_rate_that_the_wire_does_not_carry_leaves_the_board_where_it_was() {
 fn the_bootloader_is_entered_and_what_to_do_then_is_said() {
     let dir = tempfile::tempdir().unwrap();
     let board = RatedBoard::start(1_000_000);
-    let output = program::output(dir.path(), &format!("board {} bootloader", board.port));
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{said}");
+    let (_, said) = ended(&dir, &format!("board {} bootloader", board.port), 0);
     assert!(said.contains(&format!("-g 0x08000000 {}`", board.port)), "{said}");
     assert!(board.in_bootloader.load(Ordering::Relaxed));
 }

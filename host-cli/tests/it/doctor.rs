@@ -9,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use system_tests::program::{self, succeed};
+use system_tests::program::{self, refused, succeed};
 
 /// What the doctor found: exit code, and checks with their severity, those that are fine left out.
 pub(crate) fn examine(dir: &Path, arguments: &str) -> (i32, Vec<(String, String)>, String) {
@@ -283,7 +283,7 @@ fn planted_faults_of_calibrations_are_found() {
 #[test]
 fn what_is_not_there_cannot_be_looked_at() {
     let dir = tempfile::tempdir().unwrap();
-    let said = program::refused(dir.path(), "doctor none.csv");
+    let said = refused(dir.path(), "doctor none.csv");
     assert!(said.contains("cannot read `none.csv`"), "{said}");
     let output = program::output(dir.path(), "doctor /dev/no-such-port");
     assert_eq!(output.status.code(), Some(1));

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::fs;
 
 use serde_json::Value;
-use system_tests::program::{self, ended};
+use system_tests::program::{ended, refused};
 use system_tests::random::Random;
 use system_tests::real_recording;
 use tempfile::TempDir;
@@ -113,7 +113,7 @@ fn groups_can_be_the_values_of_any_column() {
     assert_eq!(named["cross_validation"], by_load["cross_validation"]);
     assert_eq!(by_load["rows"], rows.len());
     // Nobody has asked for more than 2000 poses.
-    let said = program::refused(dir.path(), "fit plain.csv --cv --group t_s");
+    let said = refused(dir.path(), "fit plain.csv --cv --group t_s");
     assert!(said.contains("more than `2000` groups"), "{said}");
 }
 
@@ -143,7 +143,7 @@ fn recordings_between_jumps_of_the_clock_are_held_out_where_there_are_no_plateau
     assert_eq!(plain["cross_validation"], fit(&dir, "named.csv --cv").0["cross_validation"]);
     // Motion in one go has no groups.
     fs::write(dir.path().join("one.csv"), text(&rows[..500], "")).unwrap();
-    let said = program::refused(dir.path(), "fit one.csv --cv");
+    let said = refused(dir.path(), "fit one.csv --cv");
     assert!(said.contains("no plateaus of constant load"), "{said}");
 }
 

@@ -255,7 +255,7 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
     view.wait_for("PAUSED");
     // The body of the screen without its header, which tells how many frames there are.
     let still = |screen: &str| screen.lines().skip(1).take(20).collect::<Vec<_>>().join("\n");
-    // The word is in the first line of a picture that is still coming, as more frames are in that of the next.
+    // The header is drawn first: once it has changed again, the picture below it is complete.
     for _ in 0..3 {
         let first = |screen: &str| screen.lines().next().map(str::to_owned);
         let header = first(&view.look());

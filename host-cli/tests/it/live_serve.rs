@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use system_tests::program::{self, Recording, succeed};
+use system_tests::program::{self, Recording, ended, succeed};
 use system_tests::random::Random;
 
 /// When to give up, which is no statement on how long it should take.
@@ -388,11 +388,10 @@ fn what_cannot_be_served_is_told() {
     refused(&format!("{log} --serve --ascii"), "cannot be used with");
     refused("none.csv --serve", "cannot read `none.csv`");
     // Which machines it is reached from is said.
-    let output =
-        program::output(dir.path(), &format!("live {log} --serve=0.0.0.0:0 --duration 0.2 --json"));
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && said.contains("not encrypted"), "{said}");
-    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let serve = format!("live {log} --serve=0.0.0.0:0 --duration 0.2 --json");
+    let (printed, said) = ended(&dir, &serve, 0);
+    assert!(said.contains("not encrypted"), "{said}");
+    let document: Value = serde_json::from_str(&printed).unwrap();
     let address = document["address"].as_str().unwrap();
     assert!(address.starts_with("http://") && !address.contains("0.0.0.0"), "{address}");
     assert!(fs::read_dir(dir.path()).unwrap().next().is_none());

@@ -3,7 +3,7 @@
 use std::fs;
 
 use serde_json::Value;
-use system_tests::program::{self, json, succeed};
+use system_tests::program::{self, json, refused, succeed};
 use system_tests::random::Random;
 use system_tests::real_recording;
 use tempfile::TempDir;
@@ -191,7 +191,7 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     assert!(list.contains("dirty.csv,701,error,"), "{list}");
     // Nothing is left out without a list, and nothing but what the range says.
     for arguments in ["--outliers drop", "--valid-range 0:4095", "--dropped d.csv"] {
-        let said = program::refused(dir.path(), &format!("fit dirty.csv {arguments}"));
+        let said = refused(dir.path(), &format!("fit dirty.csv {arguments}"));
         assert!(said.contains("--dropped"), "{said}");
     }
     let ranged = report(&dir, "fit dirty.csv --valid-range 0:4095 --dropped d.csv");
@@ -199,7 +199,7 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     assert_eq!(ranged["dropped"][0]["reason"], "out_of_range");
     assert_eq!(lines(&ranged, "outliers"), [1501]);
     for arguments in ["--valid-range 5:1", "--valid-range x", "--outliers perhaps"] {
-        program::refused(dir.path(), &format!("fit dirty.csv --dropped d.csv {arguments}"));
+        refused(dir.path(), &format!("fit dirty.csv --dropped d.csv {arguments}"));
     }
     // `info` names them, too.
     let info: Value = serde_json::from_str(&succeed(&dir, "info dirty.csv --json")).unwrap();

@@ -333,7 +333,8 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let terminal = program_end.name().unwrap();
     let open = || fs::OpenOptions::new().read(true).write(true).open(&terminal).unwrap();
     let (board, port) = pty();
-    // How a board's channels follow each other is waited for, by frames, which come when this machine has time.
+    // Otherwise the program waits for the timing of the channels, at most for 120 frames, which take a busy
+    // machine longer than the recording lasts.
     let plain = "--no-tare --as-sampled";
     // In a session of its own, so that this terminal is the program's.
     let mut child = std::process::Command::new("setsid")

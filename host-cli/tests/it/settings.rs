@@ -43,13 +43,6 @@ fn folder() -> tempfile::TempDir {
     dir
 }
 
-fn document(dir: &Path, command: &str) -> Value {
-    let output = program::output(dir, command);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{command}: {said}");
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
 #[test]
 fn settings_beside_the_data_are_options_of_every_command() {
     let dir = folder();
@@ -129,10 +122,10 @@ fn a_calibration_remembers_the_columns_that_it_was_fitted_with() {
     let dir = dir.path();
     program::run(dir, "fit data/train.csv --model linear --covariance rows -o cal.json", 0);
     fs::remove_file(dir.join("data/shellcal.toml")).unwrap();
-    let errors = document(dir, "eval cal.json data/test.csv --json");
+    let errors = program::json(dir, "eval cal.json data/test.csv --json");
     let expected = {
         fs::write(dir.join("s.toml"), SETTINGS).unwrap();
-        document(dir, "eval cal.json data/test.csv --json --config s.toml")
+        program::json(dir, "eval cal.json data/test.csv --json --config s.toml")
     };
     assert_eq!(errors, expected);
     let said = program::run(dir, "eval cal.json data/test.csv --verbose", 0);
@@ -144,7 +137,7 @@ fn a_calibration_remembers_the_columns_that_it_was_fitted_with() {
     assert!(errors["all"]["errors"][3]["rms"].as_f64().unwrap() < 0.1, "{errors}");
     // Logs with the usual names are read as they always were.
     program::run(dir, "synth train --rows 400 --seed 6 -o usual.csv", 0);
-    let usual = document(dir, "eval cal.json usual.csv --json");
+    let usual = program::json(dir, "eval cal.json usual.csv --json");
     let rms = |document: &Value| document["all"]["errors"][0]["rms"].as_f64().unwrap();
     assert!((rms(&usual) / rms(&errors) - 1.0).abs() < 1e-9, "the same recording: {usual}");
     // Names stay the user's own.

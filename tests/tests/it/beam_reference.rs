@@ -5,17 +5,10 @@ use beam_channel::{Angle, Channel, Model, Normal, Plateau, Setup, Turn, Wall};
 use serde_json::Value;
 use system_tests::{program, real_recording};
 
-/// The reference is printed to 15 digits; ten more roundings lie within this.
-const RELATIVE: f64 = 1e-12;
-/// In SI: a decimal position rounds by up to 5e-17 m, and near a release a force changes by 1 N/m and
-/// more. It shows where the forces of the reference all but cancel.
-const ABSOLUTE: f64 = 2e-16;
+#[path = "../../../beam-channel/tests/it/closeness.rs"]
+mod closeness;
 
-#[track_caller]
-fn assert_close(what: &str, found: f64, expected: f64) {
-    let tolerance = RELATIVE * expected.abs() + ABSOLUTE;
-    assert!((found - expected).abs() <= tolerance, "{what}: {found:e}, expected {expected:e}");
-}
+use closeness::assert_close;
 
 #[test]
 #[cfg_attr(not(reference_values), ignore = "no reference values lie beside SHELLCAL_REAL_DATA")]

@@ -1,4 +1,4 @@
-//! What becomes of rows that are parsed: columns of numbers and runs of labels.
+//! The result of parsing rows: columns of numbers, and labels in run-length encoding.
 
 /// Rows, column by column.
 #[derive(Debug, Default, PartialEq)]

@@ -116,7 +116,7 @@ impl<'a> Frame<'a> {
             other => return moved(&state.x, &other.unwrap_or_default().0),
         };
         for left in (0..STEPS).rev() {
-            // From so far the last step does not lead to rest, and the weights after it serve no other.
+            // After a last step as long as this there is no convergence, and the new variances would not be used.
             let is_far = length >= NEAR;
             let known = (!is_far || left == 0).then_some(&state.points);
             let next = self.state(moved(&state.x, &step), known);

@@ -270,7 +270,9 @@ fn check_stream(stretch: &Stretch, facts: &BoardFacts<'_>) -> Vec<Finding> {
         findings.push(Finding::warning(
             "short",
             format!("{} frames", summary.rows),
-            format!("listen longer, with `--listen`: it takes {ENOUGH_FRAMES} to judge a channel"),
+            format!(
+                "listen longer with `--listen`: channels are judged from {ENOUGH_FRAMES} frames on"
+            ),
         ));
     }
     let calibration = facts.calibration.map(|(calibration, _)| calibration);

@@ -1,4 +1,4 @@
-//! Boards that are made of the protocol alone: their end of the line, and how they do.
+//! What planted boards share: a pty, and the status of a sound board.
 
 use std::time::Duration;
 
