@@ -2,12 +2,16 @@
 //!
 //! Flash, RAM and a bound on the stack are read off an image. Instructions and the deepest that the
 //! stack has been seen are those of the flashed image on the model of its microcontroller; where there
-//! is no model, those of the emulated board, whose drivers are its own. Either is the same every run.
+//! is no model, those of the emulated board, whose drivers are its own. Either is the same every run
+//! with the same compiler. Another compiler executes a few more or a few less, so they are printed
+//! beside those of `firmware/measured.toml`, and only a frame that costs far more is an error.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use serde::{Deserialize, Serialize};
 use shared_proto::{Calibration, Command, MAX_PIECE, Piece, Stream, crc32};
 use system_tests::emulation::{Memory, PlayedFrame};
 use system_tests::flashed::Model;
@@ -17,8 +21,15 @@ use crate::emulator::{self, Run};
 use crate::image::{self, Board, Footprint, Image};
 use crate::model::{self, Measured};
 use crate::stack;
-use crate::steps;
+use crate::steps::{self, workspace};
 use crate::toolchain;
+
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct Args {
+    /// Keep what was measured in firmware/measured.toml, for later runs to compare with
+    #[arg(long)]
+    record: bool,
+}
 
 /// What an image may take of the STM32L432KC's 256 KiB of flash and 64 KiB of RAM; other boards have more.
 const FLASH_LIMIT: u64 = 96 * 1024;
@@ -28,16 +39,36 @@ const RAM_LIMIT: u64 = 16 * 1024;
 const CORE_HZ: f64 = 80e6;
 const RATE_HZ: f64 = 100.0;
 
-/// What a frame may take, of readings and of the wrenches of a polynomial, a fortieth of the core; and of those of
-/// the physics model.
-const INSTRUCTIONS_LIMIT: f64 = 20_000.0;
-const PHYSICS_LIMIT: f64 = 40_000.0;
+/// How many times the recorded instructions a frame may take: more than two compilers differ by.
+const INSTRUCTIONS_FACTOR: f64 = 1.25;
+
+/// Where measurements are recorded.
+const RECORD: &str = "firmware/measured.toml";
+const RECORD_HEAD: &str = "\
+# Instructions from one frame to the next, as `cargo xtask firmware --record` measured them: of each
+# board's image on the model of its microcontroller, and of the emulated board's in QEMU.
+
+";
 
 /// Frames of two runs, whose difference is that of frames in the middle of a stream.
 const FRAMES: [u32; 2] = [500, 1500];
 
-/// Builds all images, measures, prints, and is an error above a limit. Returns the emulated one.
+/// Builds all images, measures, prints, and is an error above a limit.
+pub(crate) fn run(args: Args) -> Result<()> {
+    let (_, record) = measure()?;
+    if args.record {
+        record.write()?;
+    }
+    Ok(())
+}
+
+/// The same among the tests. Returns the emulated image.
 pub(crate) fn check() -> Result<PathBuf> {
+    measure().map(|(emulated, _)| emulated)
+}
+
+fn measure() -> Result<(PathBuf, Record)> {
+    let recorded = Record::read()?;
     let toolchain = toolchain::set_up()?;
     emulator::set_up()?;
     let emulated = Image::Emulated.build(&toolchain)?;
@@ -45,17 +76,52 @@ pub(crate) fn check() -> Result<PathBuf> {
     // The bound is by the machine code alone; here it is held against what was seen.
     let (seen, bound) = (in_emulation.stack(), stack::bound(&emulated)?);
     ensure!(seen <= bound, "{seen} B of stack seen, {bound} B thought of");
+    let mut measured = Record { compiler: toolchain.version.clone(), ..Record::default() };
+    measured.add(&in_emulation);
     let mut exceeded = Vec::new();
     for board in Board::ALL {
         let image = board.image().build(&toolchain)?;
-        let report = Report::new(board, &image, &in_emulation)?;
+        let report = Report::new(board, &image, &in_emulation, &recorded)?;
         println!("{}: {}\n{report}", image.display(), toolchain.version);
+        measured.add(&report.measurements);
         exceeded.extend(report.exceeded().map(|what| format!("{what} of {}", board.name())));
     }
     if !exceeded.is_empty() {
         bail!("the firmware is above its limits: {}", exceeded.join(", "));
     }
-    Ok(emulated)
+    Ok((emulated, measured))
+}
+
+/// Instructions of each workload, by whose they are.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Record {
+    compiler: String,
+    #[serde(flatten)]
+    instructions: BTreeMap<String, BTreeMap<String, f64>>,
+}
+
+impl Record {
+    /// Reads what was recorded last.
+    fn read() -> Result<Self> {
+        let text = std::fs::read_to_string(workspace().join(RECORD)).context(RECORD)?;
+        toml::from_str(&text).context(RECORD)
+    }
+
+    fn write(&self) -> Result<()> {
+        let text = toml::to_string(self).context(RECORD)?;
+        std::fs::write(workspace().join(RECORD), format!("{RECORD_HEAD}{text}")).context(RECORD)
+    }
+
+    fn add(&mut self, measurements: &Measurements) {
+        let rounded = |stream: &Streaming| (stream.instructions_per_frame * 10.0).round() / 10.0;
+        let streams = measurements.streams.iter();
+        let table = streams.map(|stream| (stream.workload.name().to_owned(), rounded(stream)));
+        self.instructions.insert(measurements.whose.to_owned(), table.collect());
+    }
+
+    fn of(&self, whose: &str, workload: Workload) -> Option<f64> {
+        self.instructions.get(whose)?.get(workload.name()).copied()
+    }
 }
 
 /// The image for a board, for who wants to flash it.
@@ -105,14 +171,6 @@ impl Workload {
             _ => workload::everywhere(),
         }
     }
-
-    /// Instructions that a frame may take.
-    fn limit(self) -> f64 {
-        match self {
-            Self::Readings | Self::Cubic => INSTRUCTIONS_LIMIT,
-            Self::Physics | Self::Misfits => PHYSICS_LIMIT,
-        }
-    }
 }
 
 /// A stream of frames.
@@ -128,8 +186,9 @@ impl Streaming {
         self.instructions_per_frame * RATE_HZ / CORE_HZ
     }
 
-    fn is_too_much(&self) -> bool {
-        self.instructions_per_frame > self.workload.limit()
+    fn is_too_much(&self, recorded: Option<f64>) -> bool {
+        recorded
+            .is_some_and(|recorded| self.instructions_per_frame > INSTRUCTIONS_FACTOR * recorded)
     }
 }
 
@@ -139,8 +198,11 @@ struct Measurements {
     streams: Vec<Streaming>,
     /// The stack that commands take.
     commands_stack: u32,
+    /// The name of the board, `EMULATED` in QEMU.
     whose: &'static str,
 }
+
+const EMULATED: &str = "emulated";
 
 impl Measurements {
     fn of_emulated(image: &Path) -> Result<Self> {
@@ -149,7 +211,7 @@ impl Measurements {
         Ok(Self {
             streams: streams.collect::<Result<_>>()?,
             commands_stack: commands.stack,
-            whose: "of the emulated board",
+            whose: EMULATED,
         })
     }
 
@@ -162,7 +224,7 @@ impl Measurements {
         };
         let streams = Workload::ALL.into_iter().map(measure).collect::<Result<_>>()?;
         // Every stream has been set up by commands.
-        Ok(Self { streams, commands_stack: 0, whose: "of the flashed image" })
+        Ok(Self { streams, commands_stack: 0, whose: model.board })
     }
 
     /// The deepest that the stack has been.
@@ -172,15 +234,21 @@ impl Measurements {
     }
 }
 
-struct Report {
+struct Report<'a> {
+    recorded: &'a Record,
     board: Board,
     footprint: Footprint,
     stack_bound: u32,
     measurements: Measurements,
 }
 
-impl Report {
-    fn new(board: Board, image: &Path, in_emulation: &Measurements) -> Result<Self> {
+impl<'a> Report<'a> {
+    fn new(
+        board: Board,
+        image: &Path,
+        in_emulation: &Measurements,
+        recorded: &'a Record,
+    ) -> Result<Self> {
         let stack_bound = stack::bound(image)?;
         let measurements = match model::find(board) {
             Ok(model) => {
@@ -194,22 +262,26 @@ impl Report {
                 in_emulation.clone()
             }
         };
-        Ok(Self { board, footprint: image::footprint(image)?, stack_bound, measurements })
+        let footprint = image::footprint(image)?;
+        Ok(Self { recorded, board, footprint, stack_bound, measurements })
     }
 
     fn exceeded(&self) -> impl Iterator<Item = &'static str> {
         let Self { footprint, measurements, .. } = self;
+        let is_too_much = |stream: &Streaming| {
+            stream.is_too_much(self.recorded.of(measurements.whose, stream.workload))
+        };
         let checks = [
             (footprint.flash > FLASH_LIMIT, "flash"),
             (footprint.ram > RAM_LIMIT, "RAM"),
             (self.stack_bound > self.board.stack_size(), "stack"),
-            (measurements.streams.iter().any(Streaming::is_too_much), "instructions"),
+            (measurements.streams.iter().any(is_too_much), "instructions"),
         ];
         checks.into_iter().filter(|(exceeded, _)| *exceeded).map(|(_, what)| what)
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kib = |bytes: u64| bytes as f64 / 1024.0;
         let Footprint { flash, ram, .. } = self.footprint;
@@ -219,16 +291,22 @@ impl fmt::Display for Report {
         let (bound, seen) = (kib(self.stack_bound.into()), kib(self.measurements.stack().into()));
         writeln!(
             f,
-            "  stack        {bound:6.1} KiB of {:.0} at most, {seen:.1} seen, {whose}",
+            "  stack        {bound:6.1} KiB of {:.0} at most, {seen:.1} seen ({whose})",
             kib(self.board.stack_size().into()),
         )?;
-        writeln!(f, "  instructions per frame, {whose}:")?;
+        writeln!(f, "  instructions per frame ({whose}):")?;
         for stream in streams {
             let Streaming { workload, instructions_per_frame, .. } = stream;
-            let limit = workload.limit();
+            let recorded = match self.recorded.of(whose, *workload) {
+                Some(recorded) => {
+                    let change = (instructions_per_frame / recorded - 1.0) * 100.0;
+                    format!("{change:+.1} % since {}", self.recorded.compiler)
+                }
+                None => "never recorded".to_owned(),
+            };
             writeln!(
                 f,
-                "    {:<24} {instructions_per_frame:8.1} of {limit}: {:.2} % of {:.0} MHz at {RATE_HZ} Hz",
+                "    {:<24} {instructions_per_frame:8.1}, {:.2} % of {:.0} MHz at {RATE_HZ} Hz; {recorded}",
                 workload.name(),
                 stream.share() * 100.0,
                 CORE_HZ / 1e6,

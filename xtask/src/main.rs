@@ -63,7 +63,7 @@ enum Task {
     /// Look for circles of files and for imports against `layers.toml`; exit code 1 if there are any
     Layers(layers::Args),
     /// Build the boards' images and say what they take; exit code 1 above their limits
-    Firmware,
+    Firmware(firmware::Args),
     /// Build a board's image and flash it, with probe-rs
     Flash(flash::Args),
     /// Run the emulated board on a pty until Ctrl-C
@@ -94,7 +94,7 @@ fn main() -> ExitCode {
         Task::Licences(args) => licences::run(args),
         Task::Package(args) => package::run(&args),
         Task::Layers(args) => layers::run(&args),
-        Task::Firmware => firmware::check().map(drop),
+        Task::Firmware(args) => firmware::run(args),
         Task::Flash(args) => flash::run(&args),
         Task::Emulate(args) => emulate::run(&args),
         Task::BenchPeers(args) => peers::run(&args),
