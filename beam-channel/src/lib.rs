@@ -35,6 +35,7 @@
 //! of `libm`, so results are the same bits on every machine.
 #![no_std]
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 mod arc;
 mod bracket;

@@ -5,8 +5,8 @@
 
 use calibration::Basis;
 use calibration::solver::SolverKind;
-use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ModelBench};
+use simulation::synthetic_block;
 
 /// The paper's size among them.
 const SIZES: [usize; 4] = [1_000, 10_000, 77_522, 1_000_000];

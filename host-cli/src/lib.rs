@@ -32,23 +32,4 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-pub mod alignment;
-pub mod calibration_file;
-mod compressed;
-pub mod drift;
-pub mod figures;
-pub mod forces;
-pub mod input;
-pub mod link;
-pub mod live;
-pub mod output;
-pub mod payload;
-pub mod payload_file;
-mod random;
-pub mod recording;
-pub mod report;
-pub mod simulation;
-pub mod table;
-pub mod trial;
-pub mod web;
 pub mod workflow;

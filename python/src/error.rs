@@ -7,9 +7,9 @@ use std::path::Path;
 use calibration::FitError;
 use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
+use calibration_file::{CalibrationFileError, MergeError, Problem};
 use log_file::{LogError, RowProblem};
 use pyo3::prelude::*;
-use shellcal::calibration_file::{CalibrationFileError, MergeError, Problem};
 use shellcal::workflow::WorkflowError;
 
 /// What went wrong.

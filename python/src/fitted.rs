@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use calibration::Kind;
+use calibration_file::{CalibrationFile, CalibrationFileError, Role, Source};
+use figures::{FitPlot, Size, fit_figure};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
 use shell_data::wrench::{Axis, PerAxis};
-use shellcal::calibration_file::{CalibrationFile, CalibrationFileError, Role, Source};
-use shellcal::figures::{FitPlot, Size, fit_figure};
 use shellcal::workflow::in_memory::{self, BLOCK_ROWS, RowFitOptions, RowSource};
 use shellcal::workflow::physics::GroupsAre;
 

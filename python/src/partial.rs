@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
 use calibration::{Basis, Model};
+use calibration_file::{PartialFit, PartialGroups, PartialStream, Role, Source, Sums};
 use log_file::{Log, ReadOptions};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use shellcal::calibration_file::{PartialFit, PartialGroups, PartialStream, Role, Source, Sums};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::in_memory;
 use shellcal::workflow::merge::{self, MergedFitOptions, MergedModel};

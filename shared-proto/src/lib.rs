@@ -36,6 +36,7 @@
 //! original SkinProc board is in [`skinproc`].
 #![no_std]
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 mod authentication;
 mod board;

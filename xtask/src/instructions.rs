@@ -36,7 +36,7 @@ const UNASKED: [&str; 6] = [
     "calibration::validation::selection",
     "calibration::uncertainty",
     "calibration::magnitudes",
-    "shellcal::figures",
+    "figures",
 ];
 
 pub(crate) fn run(args: &Args) -> Result<()> {

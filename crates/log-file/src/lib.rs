@@ -44,6 +44,7 @@
 //! [`Block`]: shell_data::Block
 
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 pub mod checksum;
 mod error;

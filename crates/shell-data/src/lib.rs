@@ -23,11 +23,13 @@
 //! ```
 
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 pub mod block;
 pub mod columns;
 pub mod fingerprint;
 pub mod instructions;
+pub mod random;
 pub mod statistics;
 pub mod telemetry;
 pub mod wrench;

@@ -9,6 +9,7 @@
 //! memory is taken, and damage is an error that names the place. No unsafe code.
 
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 mod arrow;
 mod budget;
@@ -21,6 +22,7 @@ mod flatbuffer;
 mod kind;
 mod mat5;
 mod mcap;
+pub mod named_table;
 mod npy;
 mod parquet;
 mod python_literal;

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use shellcal::calibration_file::{CalibrationFile, PartialFit};
+use calibration_file::{CalibrationFile, PartialFit};
 use shellcal_fuzz::file;
 
 fuzz_target!(|bytes: &[u8]| {

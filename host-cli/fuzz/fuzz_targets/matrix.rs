@@ -3,8 +3,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::calibration_file::matrix::ImportOptions;
+use calibration_file::CalibrationFile;
+use calibration_file::matrix::ImportOptions;
 use shellcal_fuzz::file;
 
 fuzz_target!(|bytes: &[u8]| {

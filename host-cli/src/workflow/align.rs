@@ -8,7 +8,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use super::selection::RowFilter;
-use crate::alignment::{
+use alignment::{
     AlignError, Aligned, Edges, Options, Recording, align, align_by_edges, rising_edges,
 };
 use log_file::{ColumnRef, Log, LogError, ReadOptions, ReadSummary, Wanted};

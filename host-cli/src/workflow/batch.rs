@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use super::trial::{Evaluated, TrialJob, TrialLogError, WindowTimes, evaluate_in_window};
-use crate::output::OutputError;
-use crate::trial::manifest::{Entry, Manifest, ManifestProblem, Moment, Place, Shard};
-use crate::trial::{
+use log_file::pipeline::{self, Pieces};
+use log_file::{Log, LogError, Mapping, ReadOptions};
+use output_file::OutputError;
+use trial::manifest::{Entry, Manifest, ManifestProblem, Moment, Place, Shard};
+use trial::{
     ConditionRow, Instrument, Per, PhaseProfile, Quantity, Sample, Trial, TrialError, TrialOptions,
     TrialResult,
 };
-use log_file::pipeline::{self, Pieces};
-use log_file::{Log, LogError, Mapping, ReadOptions};
 
 /// How a batch is run.
 #[derive(Clone, Copy)]

@@ -15,11 +15,11 @@ use std::time::Instant;
 use faer::Mat;
 use serde::Serialize;
 
-use crate::figures::{Axis, Chart, Figure, Mark, Series, Size, Spacing};
 use calibration::features::Features;
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, Solution, SolverKind};
 use calibration::{Basis, FitError, Model};
+use figures::{Axis, Chart, Figure, Mark, Series, Size, Spacing};
 use shell_data::block::Block;
 
 /// What an `f64` cannot show: errors below this count as this.

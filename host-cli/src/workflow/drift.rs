@@ -1,11 +1,11 @@
 //! How the zero of a log moves, from its first row to its last.
 
-use crate::drift::{Drift, FEWEST_RESTS};
-use crate::figures::WrenchTrace;
-use crate::forces::rests::{Level, Rest, RestFinder};
 use crate::workflow::selection::{RowFilter, by_column};
 use crate::workflow::{ChannelMismatch, check_channels};
 use calibration::Calibration;
+use figures::WrenchTrace;
+use forces::drift::{Drift, FEWEST_RESTS};
+use forces::rests::{Level, Rest, RestFinder};
 use log_file::{ColumnRef, Log, LogError, ReadOptions, Wanted};
 use shell_data::wrench::{AxisValues, PerAxis};
 

@@ -2,11 +2,11 @@
 
 use super::WorkflowError;
 use super::selection::UsedRows;
-use crate::figures::FitPlot;
 use calibration::Calibration;
 use calibration::magnitudes::Magnitudes;
 use calibration::quality::{self, AxisErrors, AxisQuality};
 use calibration::validation::outliers::{self, Judge, Judged, Spread};
+use figures::FitPlot;
 use log_file::{Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;

@@ -3,10 +3,10 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::figures::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
-use crate::figures::{Figure, Format, Size};
-use crate::output::{OutputError, Outputs};
-use crate::trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialResult, TrialRow};
+use figures::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
+use figures::{Figure, Format, Size};
+use output_file::{OutputError, Outputs};
+use trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialResult, TrialRow};
 
 /// Strides that a telemetry figure shows where the window has many.
 const STRIDES: usize = 10;

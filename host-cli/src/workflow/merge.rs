@@ -7,9 +7,6 @@ use super::model_choice::choose_from;
 use super::model_choice::{CovarianceRule, HeldOut, ModelChoice, ModelChoiceOptions, RANDOM_FOLDS};
 use super::selection::UsedRows;
 use super::uncertainty::Uncertainty;
-use crate::calibration_file::{
-    CalibrationFile, Diagnostics, MergeError, Origin, PartialFit, SolverRecord, Sums,
-};
 use calibration::exact::{Moments, PartitionedMoments, SolveError};
 use calibration::factored::FactoredRows;
 use calibration::quality::AxisQuality;
@@ -17,6 +14,9 @@ use calibration::reading_ranges::ReadingRanges;
 use calibration::solver::{Solution, SolverKind, solve_moments};
 use calibration::validation::{ValidationError, factored, selection};
 use calibration::{Basis, Calibration, FitError, Model};
+use calibration_file::{
+    CalibrationFile, Diagnostics, MergeError, Origin, PartialFit, SolverRecord, Sums,
+};
 use log_file::ReadOptions;
 use shell_data::wrench::PerAxis;
 

@@ -41,10 +41,10 @@ pub mod weighing;
 
 use std::path::PathBuf;
 
-use crate::calibration_file::MergeError;
 use calibration::FitError;
 use calibration::physics::PhysicsError;
 use calibration::validation::ValidationError;
+use calibration_file::MergeError;
 use log_file::{Log, LogError, Wanted};
 use shell_data::wrench::Axes;
 

@@ -1,13 +1,13 @@
 //! How much the readings and the wrench of an unloaded sensor scatter.
 //!
 //! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
-//! forces are those of the [pipeline](crate::forces) without a low-pass, which would hide the noise.
+//! forces are those of the [pipeline](forces) without a low-pass, which would hide the noise.
 
 use super::selection::{RowFilter, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
-use crate::forces::ForcePipeline;
-use crate::forces::rests::{ZeroMove, ZeroWatch};
 use calibration::Calibration;
+use forces::ForcePipeline;
+use forces::rests::{ZeroMove, ZeroWatch};
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};

@@ -6,11 +6,11 @@ use super::groups::{self, GroupBy};
 use super::model_choice::{RANDOM_FOLDS, random_split};
 use super::moments::{self, SumOptions};
 use super::selection::UsedRows;
-use crate::calibration_file::{PartialFit, PartialGroups, Role, Source, Sums};
 use calibration::exact::Moments;
 use calibration::factored::FactoredGroups;
 use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
 use calibration::{Basis, FitError, Model};
+use calibration_file::{PartialFit, PartialGroups, Role, Source, Sums};
 use log_file::{Log, ReadOptions, ReadSummary};
 
 /// What is summed, and how.

@@ -6,13 +6,11 @@ use std::path::Path;
 use super::batch::Batch;
 use super::group_errors::GroupErrors;
 use super::trial::{Doubt, DoubtfulRow, TrialJob, doubtful_rows};
-use crate::calibration_file::{CalibrationFile, Role};
-use crate::forces::RowRule;
-use crate::report::{
-    CalibrationFacts, CalibrationSource, GroupRow, Input, OutlierRow, Outliers, figure,
-};
-use crate::trial::{Diagnostic, Instrument, Profile, TrialOptions};
+use calibration_file::{CalibrationFile, Role};
+use forces::RowRule;
 use log_file::{Log, LogError, Mapping, ReadOptions, checksum};
+use report::{CalibrationFacts, CalibrationSource, GroupRow, Input, OutlierRow, Outliers, figure};
+use trial::{Diagnostic, Instrument, Profile, TrialOptions};
 
 /// A file with its checksum.
 ///

@@ -3,13 +3,11 @@
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::output::{OutputError, Outputs};
-use crate::simulation::sensor_model::ModelError;
-use crate::simulation::synthetic_log::{write_frame, write_frame_header};
-use crate::simulation::synthetic_trial::{
-    TrialLayout, write_telemetry_header, write_telemetry_row,
-};
-use crate::simulation::virtual_robot::{
+use output_file::{OutputError, Outputs};
+use simulation::sensor_model::ModelError;
+use simulation::synthetic_log::{write_frame, write_frame_header};
+use simulation::synthetic_trial::{TrialLayout, write_telemetry_header, write_telemetry_row};
+use simulation::virtual_robot::{
     ChannelForces, TrialSettings, TrialSettingsError, Truth, VirtualTrial,
 };
 

@@ -1,6 +1,6 @@
 //! How exact an alignment is, on sessions whose truth is known, beside the bound of Cramér and Rao.
-use shellcal::alignment::{Options, align};
-use shellcal::simulation::sensor_model::PairSettings;
+use alignment::{Options, align};
+use simulation::sensor_model::PairSettings;
 
 use crate::support::alignment::{SESSION, errors, linear_session, recordings, worst_offset_error};
 

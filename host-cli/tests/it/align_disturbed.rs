@@ -1,7 +1,7 @@
 //! Recordings as they are: with losses, gaps, repeats, uneven clocks, ends of the range, and some
 //! that do not belong together.
-use shellcal::alignment::{AlignError, Options, Recording, Side, align};
-use shellcal::simulation::sensor_model::PairSettings;
+use alignment::{AlignError, Options, Recording, Side, align};
+use simulation::sensor_model::PairSettings;
 use system_tests::random::Random;
 
 use crate::support::alignment::{SESSION, errors, linear_session, recordings};

@@ -1,6 +1,6 @@
 //! How exact an alignment is, and how exact it says it is, on sensors that are not the sensor model:
 //! six kinds of hysteresis, four of load, three of optics, none of which the program knows.
-use shellcal::alignment::{Options, align};
+use alignment::{Options, align};
 
 use crate::support::foreign::{Kind, Load, Session};
 

@@ -6,9 +6,9 @@ use std::process::{Output, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
-use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::write_log;
+use simulation::synthetic_trial::TrialLayout;
+use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use system_tests::program;
 
 const HEADER: &str = "file,condition,t_enter_s,t_exit_s";

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
+use board_link::for_board;
 use calibration::{Calibration, Kind};
+use calibration_file::CalibrationFile;
 use firmware::Converter;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB};
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::link::for_board;
 use system_tests::{program, real_recording};
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data");

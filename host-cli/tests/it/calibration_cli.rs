@@ -232,7 +232,7 @@ fn the_lab_s_matrices_in_both_formats_make_the_same_calibration() {
         let arguments = [Path::new("import"), matrix, Path::new("-o"), &output];
         let status = program::command(dir.path()).args(arguments).output().unwrap();
         assert!(status.status.success());
-        shellcal::calibration_file::CalibrationFile::read(&output).unwrap().calibration
+        calibration_file::CalibrationFile::read(&output).unwrap().calibration
     };
     let calibration = import(&csv);
     assert_eq!(import(&mat), calibration);

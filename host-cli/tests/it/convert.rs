@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use calibration::scaling::Scaling;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::{Basis, Calibration, Model};
+use figures::WrenchTrace;
+use forces::filter::{Butterworth, Filter, FilterError};
+use forces::{ForceOptions, LowPass, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
-use shellcal::figures::WrenchTrace;
-use shellcal::forces::filter::{Butterworth, Filter, FilterError};
-use shellcal::forces::{ForceOptions, LowPass, TareRule};
 use shellcal::workflow::ChannelMismatch;
 use shellcal::workflow::convert::{
     Columns, Conversion, ConvertError, ConvertOptions, ConvertSummary, convert,
@@ -278,7 +278,7 @@ fn the_trace_sees_every_frame() {
     let (log, calibration, read) = (open(&path), linear(3), ReadOptions::default());
     let conversion = Conversion { log: &log, calibration: &calibration, options: &options, read };
     convert(&conversion, &mut Vec::new(), Some(&mut trace)).unwrap();
-    let figure = shellcal::figures::trace_figure(shellcal::figures::Size::Screen, "log", &trace);
+    let figure = figures::trace_figure(figures::Size::Screen, "log", &trace);
     assert!(figure.svg().contains(">Fz (N)<"));
 }
 

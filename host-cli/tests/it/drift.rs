@@ -6,10 +6,10 @@ use std::fs;
 use std::path::Path;
 
 use calibration::Calibration;
+use calibration_file::CalibrationFile;
+use forces::rests::{FALSE_ALARMS, ZeroWatch};
 use serde_json::Value;
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::forces::rests::{FALSE_ALARMS, ZeroWatch};
-use shellcal::simulation::sensor_model::{Parameters, SensorModel};
+use simulation::sensor_model::{Parameters, SensorModel};
 use system_tests::program::{self, ended, json, refused, succeed};
 
 use crate::support::recording::column;

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use calibration::Basis;
 use calibration::uncertainty::CoefficientCovariance;
 use calibration::validation::grouped::GroupKind;
-use shellcal::calibration_file::{CalibrationFile, PartialFit};
-use shellcal::trial::manifest::{Entry, Manifest, Moment};
+use calibration_file::{CalibrationFile, PartialFit};
 use system_tests::program;
+use trial::manifest::{Entry, Manifest, Moment};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/golden").join(name)

@@ -5,18 +5,18 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
 
+use calibration_file::CalibrationFile;
+use forces::{ForceOptions, LowPass, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::forces::{ForceOptions, LowPass, TareRule};
-use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
-use shellcal::trial::manifest::Manifest;
-use shellcal::trial::{Instrument, Profile, Trace, TraceExtent, Trial, TrialOptions};
 use shellcal::workflow::batch::{self, BatchOptions};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
+use simulation::synthetic_trial::TrialLayout;
+use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use system_tests::program::succeed;
+use trial::manifest::Manifest;
+use trial::{Instrument, Profile, Trace, TraceExtent, Trial, TrialOptions};
 
 use crate::support::recording::{calibration, column, stream};
 

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
+use board_link::recording::{BoardFrame, Losses, Reception};
 use proptest::prelude::*;
 use shared_proto::{Boot, CHANNELS, Framing, Packet, Protocol, Sample, Values};
-use shellcal::recording::{BoardFrame, Losses, Reception};
 
 /// A board that sends frames at a steady rate, and a link that is silent for a while.
 #[derive(Clone, Copy, Debug)]

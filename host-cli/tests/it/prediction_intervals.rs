@@ -12,13 +12,13 @@ use calibration::{Basis, Calibration, Model};
 use log_file::{ColumnRef, Log, LogError, Mapping, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
-use shellcal::simulation::sensor_model::{Kind, Recording, Sample, Settings};
-use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
 use shellcal::workflow::groups::GroupBy;
 use shellcal::workflow::model_choice::FewGroups;
 use shellcal::workflow::moments::{SumOptions, sum};
 use shellcal::workflow::selection::UsedRows;
+use simulation::sensor_model::{Kind, Recording, Sample, Settings};
+use simulation::synthetic_log::SyntheticLayout;
 use system_tests::random::Random;
 use system_tests::real_recording;
 

@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::Path;
 
+use calibration_file::CalibrationFile;
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause, Sample, Values, skinproc};
 use shell_data::wrench::PerAxis;
-use shellcal::calibration_file::CalibrationFile;
 use system_tests::on_the_wire;
 use system_tests::program::{self, refused, succeed};
 

@@ -4,8 +4,8 @@
 use std::fs;
 use std::path::Path;
 
+use calibration_file::CalibrationFile;
 use serde_json::Value;
-use shellcal::calibration_file::CalibrationFile;
 use system_tests::program::{self, document, json};
 
 /// The axes that are measured, by their places.

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
-use shellcal::simulation::sensor_model::{
+use simulation::sensor_model::{
     Channel, Kind, ModelError, Parameters, Recording, Sample, SensorModel, Settings, SimulatedFrame,
 };
 

@@ -5,13 +5,11 @@ use calibration::solver::solve_moments;
 use calibration::uncertainty::Covariance;
 use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
+use forces::{FirstRows, PipelineSetup};
 use shell_data::block::Block;
-use shellcal::forces::{FirstRows, PipelineSetup};
-use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
-use shellcal::simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
-use shellcal::trial::{
-    Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialRows, evaluate,
-};
+use simulation::sensor_model::{Kind, Recording, Settings};
+use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
+use trial::{Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialRows, evaluate};
 
 /// A cubic calibration of unit `seed` on a recording of `rows` rows, and the share of the loads'
 /// variance that it leaves unexplained.

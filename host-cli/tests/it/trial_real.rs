@@ -5,15 +5,15 @@ use std::f64::consts::{PI, TAU};
 use std::fs;
 use std::path::Path;
 
+use calibration_file::CalibrationFile;
+use calibration_file::matrix::ImportOptions;
+use forces::{ForceOptions, LowPass, RowRule, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::calibration_file::matrix::ImportOptions;
-use shellcal::forces::{ForceOptions, LowPass, RowRule, TareRule};
-use shellcal::trial::{
-    Diagnostic, Instrument, Profile, TraceExtent, Trial, TrialOptions, TrialResult, ValueTable,
-};
 use shellcal::workflow::trial::{TrialJob, evaluate_log};
 use system_tests::real_recording;
+use trial::{
+    Diagnostic, Instrument, Profile, TraceExtent, Trial, TrialOptions, TrialResult, ValueTable,
+};
 
 const TRIAL: &str =
     "skinproc/velociroach_s=10cm_w=5.5cm_h=27cm_layer=3_ply=6_f=13Hz_beetleshell_run3.txt";

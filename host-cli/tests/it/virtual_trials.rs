@@ -4,22 +4,20 @@ use std::fs;
 use std::io::Write;
 
 use calibration::{Basis, Calibration};
+use forces::{ForceOptions, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
 use shell_data::telemetry::Telemetry;
-use shellcal::forces::{ForceOptions, TareRule};
-use shellcal::simulation::sensor_model::{Parameters, SensorModel};
-use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{
-    ChannelForces, Counter, Side, TrialSettings, VirtualTrial,
-};
-use shellcal::trial::{
-    Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialResult, TrialRows,
-    evaluate,
-};
 use shellcal::workflow::fit::{FitOptions, fit};
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, evaluate_log, search_window};
+use simulation::sensor_model::{Parameters, SensorModel};
+use simulation::synthetic_trial::TrialLayout;
+use simulation::virtual_robot::{ChannelForces, Counter, Side, TrialSettings, VirtualTrial};
 use system_tests::random::Random;
+use trial::{
+    Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialResult, TrialRows,
+    evaluate,
+};
 
 /// Which trial is made.
 struct Draws(Random);

@@ -7,9 +7,9 @@ use std::fs;
 use std::path::Path;
 
 use calibration::Calibration;
+use calibration_file::CalibrationFile;
 use shared_proto::xbee::Mode;
 use shell_data::wrench::PerAxis;
-use shellcal::calibration_file::CalibrationFile;
 use system_tests::emulation::{Memory, PlayedFrame, image};
 use system_tests::program::{
     Recording, finish, interrupt, number, run, run_patiently, start, wait_for_rows,

@@ -6,8 +6,8 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
-use shellcal::simulation::radio::Faults;
-use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
+use simulation::radio::Faults;
+use simulation::simulated_board::{Load, Settings, SimulatedBoard};
 use system_tests::browser::Browser;
 use system_tests::chromium;
 use system_tests::program::{Recording, command, interrupt, run, run_patiently};

@@ -2,7 +2,7 @@
 
 use shared_proto::xbee::Mode;
 use shared_proto::{Arrival, Counters, Decoder, Event, Framing, Packet, Sample, Values};
-use shellcal::simulation::radio::{self, Books, Delivery, Radio};
+use simulation::radio::{self, Books, Delivery, Radio};
 use std::collections::{HashMap, HashSet};
 use system_tests::on_the_wire;
 

@@ -6,11 +6,11 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use log_file::{Log, Mapping, ReadOptions};
-use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
-use shellcal::simulation::synthetic_log::SyntheticLayout;
 use shellcal::workflow::fit::{FitOptions, fit};
 use shellcal::workflow::noise::{NoiseOptions, noise};
 use shellcal::workflow::selection::RowFilter;
+use simulation::sensor_model::{Kind, Recording, Settings};
+use simulation::synthetic_log::SyntheticLayout;
 
 /// A recording of the simulated instrument, written as a log and opened as one.
 fn log(directory: &Path, kind: Kind, seed: u64, rows: usize) -> Log {

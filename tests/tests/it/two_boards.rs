@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use serialport::{SerialPort, TTYPort};
 use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
-use shellcal::simulation::radio::Faults;
-use shellcal::simulation::sensor_model::LoadTable;
-use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
+use simulation::radio::Faults;
+use simulation::sensor_model::LoadTable;
+use simulation::simulated_board::{Load, Settings, SimulatedBoard};
 use system_tests::program::{Recording, finish, interrupt, run, start, wait_for_rows};
 
 const ADDRESSES: [u16; 2] = [0x2052, 0x2053];

@@ -8,9 +8,9 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use calibration_file::input;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
-use shellcal::input;
 use toml::{Spanned, Value};
 
 use crate::files::InputPath;

@@ -8,8 +8,8 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use clap::ArgMatches;
+use output_file::{OutputError, Outputs};
 use serde::{Serialize, Serializer};
-use shellcal::output::{OutputError, Outputs};
 
 /// A file that is read.
 #[derive(Clone, Debug)]

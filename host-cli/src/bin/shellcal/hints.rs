@@ -3,22 +3,20 @@
 use std::error::Error;
 use std::io;
 
+use alignment::AlignError;
 use beam_channel::SetupError;
+use board_link::recording::NoFrame;
+use board_link::{LinkError, NotForBoard, RecordError};
 use calibration::FitError;
 use calibration::validation::ValidationError;
+use calibration_file::matrix::MatrixError;
+use calibration_file::{CalibrationFileError, MergeError, Problem, SCHEMA_VERSION};
+use forces::ForceError;
+use forces::filter::FilterError;
+use forces::payload::PayloadError;
 use log_file::{LogError, TableError};
+use output_file::OutputError;
 use shared_proto::Refusal;
-use shellcal::alignment::AlignError;
-use shellcal::calibration_file::matrix::MatrixError;
-use shellcal::calibration_file::{CalibrationFileError, MergeError, Problem, SCHEMA_VERSION};
-use shellcal::forces::ForceError;
-use shellcal::forces::filter::FilterError;
-use shellcal::link::{LinkError, NotForBoard, RecordError};
-use shellcal::output::OutputError;
-use shellcal::payload::PayloadError;
-use shellcal::recording::NoFrame;
-use shellcal::trial::TrialError;
-use shellcal::trial::manifest::suggest;
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
@@ -26,6 +24,8 @@ use shellcal::workflow::drift::DriftError;
 use shellcal::workflow::noise::NoiseError;
 use shellcal::workflow::payload::PayloadLogError;
 use shellcal::workflow::trial::TrialLogError;
+use trial::TrialError;
+use trial::manifest::suggest;
 
 /// The next step after `error`, where one is known.
 pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
@@ -366,7 +366,6 @@ fn after_output(error: &OutputError) -> Option<&'static str> {
         OutputError::IsInput { .. } | OutputError::Twice { .. } => {
             return Some("choose another name for it");
         }
-        _ => return None,
     };
     Some(match source.kind() {
         io::ErrorKind::AlreadyExists => "choose another name, or `--overwrite` it",

@@ -15,7 +15,6 @@ use std::process::ExitCode;
 
 use clap::{ArgMatches, CommandFactory, FromArgMatches};
 use shell_data::instructions;
-use shellcal::output;
 
 fn main() -> ExitCode {
     if std::env::args_os().len() < 2 {
@@ -25,7 +24,7 @@ fn main() -> ExitCode {
     let mut command = args::Args::command().color(args::color_of(std::env::args_os()));
     let matches = command.get_matches_mut();
     let said = parsed(&mut command, &matches);
-    output::before_unfinished(signals::listen);
+    output_file::before_unfinished(signals::listen);
     let mut printer = printer::Printer::new(said.output);
     match run(&mut command, &said.config, matches, &mut printer) {
         Ok(outcome) => outcome.into(),

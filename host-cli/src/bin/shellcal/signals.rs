@@ -36,7 +36,7 @@ fn is_heard() -> bool {
             true
         }
         None => {
-            shellcal::output::remove_unfinished();
+            output_file::remove_unfinished();
             false
         }
     }

@@ -3,11 +3,11 @@
 use std::io;
 use std::path::Path;
 
-use crate::forces::ForceError;
-use crate::forces::filter::FilterError;
 use crate::workflow::ChannelMismatch;
 use crate::workflow::selection::TimeWindow;
 use calibration::physics::TooFewGroups;
+use forces::ForceError;
+use forces::filter::FilterError;
 use log_file::LogError;
 use shell_data::wrench::Axes;
 

@@ -1,9 +1,9 @@
 //! Some frames of a log, converted.
 
 use super::job::ConvertOptions;
-use crate::forces::ForcePipeline;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
+use forces::ForcePipeline;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 

@@ -1,10 +1,10 @@
 //! What is converted, and how.
 
 use super::columns::Columns;
-use crate::forces::ForceOptions;
 use crate::workflow::payload::CarriedLoad;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
+use forces::ForceOptions;
 use log_file::{Log, ReadOptions};
 
 /// What is done to the readings of a log.

@@ -1,11 +1,11 @@
 //! What a conversion has done.
 
 use super::frames::ConvertedFrames;
-use crate::forces::rests::ZeroMove;
-use crate::forces::{AppliedLowPass, TareResult};
 use crate::workflow::payload::LoadSummary;
 use crate::workflow::sampling::Rate;
 use crate::workflow::selection::{RowFilter, by_column};
+use forces::rests::ZeroMove;
+use forces::{AppliedLowPass, TareResult};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 

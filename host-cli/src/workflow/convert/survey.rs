@@ -3,8 +3,8 @@
 
 use super::error::ConvertError;
 use super::job::Conversion;
-use crate::forces::{FirstRows, ForcePipeline, PipelineSetup, TareRule};
 use crate::workflow::selection::{Stop, fresh_rows};
+use forces::{FirstRows, ForcePipeline, PipelineSetup, TareRule};
 use log_file::Wanted;
 use shell_data::wrench::PerAxis;
 

@@ -95,7 +95,7 @@ impl Table {
             if place > 0 {
                 text.push(b',');
             }
-            crate::table::write_text(name, text);
+            table_file::named_table::write_text(name, text);
         }
         text.push(b'\n');
     }
@@ -173,7 +173,7 @@ impl Table {
                 if place > 0 || !columns.is_empty() {
                     text.push(b',');
                 }
-                crate::table::write_text(&column[row], text);
+                table_file::named_table::write_text(&column[row], text);
             }
             if flags {
                 if !columns.is_empty() || !frames.texts.is_empty() {

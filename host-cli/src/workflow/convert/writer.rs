@@ -6,9 +6,9 @@ use super::encode::{Encoded, Encoder, Output};
 use super::error::ConvertError;
 use super::frames::{ConvertedFrames, ConvertedRows};
 use super::summary::Totals;
-use crate::figures::WrenchTrace;
-use crate::forces::{ForcePipeline, ForceStream};
 use crate::workflow::sampling::{Rate, Sampling};
+use figures::WrenchTrace;
+use forces::{ForcePipeline, ForceStream};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// A clock that goes back by more than this has been set back; by less, a frame is late, s.

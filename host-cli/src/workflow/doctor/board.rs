@@ -9,9 +9,9 @@ use super::channels::{
     ENOUGH_FRAMES, check_channels, identical_columns, outside, without_consequences,
 };
 use super::finding::percent;
-use crate::link::{Heard, Interview, LinkError, Stretch, for_board, serial_text};
-use crate::recording::{BoardFrame, Measured, protocol_name};
 use crate::workflow::log_summary::LogSummary;
+use board_link::recording::{BoardFrame, Measured, protocol_name};
+use board_link::{Heard, Interview, LinkError, Stretch, for_board, serial_text};
 
 /// What a board is checked against.
 #[derive(Clone, Copy, Debug)]

@@ -12,7 +12,7 @@ use shell_data::wrench::{Axes, Axis};
 
 use super::Finding;
 use super::finding::percent;
-use crate::calibration_file::{CalibrationFile, Diagnostics, Origin};
+use calibration_file::{CalibrationFile, Diagnostics, Origin};
 
 /// Singular values that are so far apart leave some ten digits of a coefficient in doubt.
 const CONDITION: f64 = 1e6;

@@ -12,8 +12,8 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 use super::Finding;
 use super::channels::{check_channels, identical_in, outside, without_consequences};
 use super::finding::percent;
-use crate::calibration_file::CalibrationFile;
 use crate::workflow::log_summary::LogSummary;
+use calibration_file::CalibrationFile;
 
 /// Jitter, as a share of the interval, from which forces between frames are not where they seem.
 const JITTER: f64 = 0.25;

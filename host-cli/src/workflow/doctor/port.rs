@@ -1,7 +1,7 @@
 //! Checks of a port before anything is sent.
 
 use super::Finding;
-use crate::link::{LinkError, PortState};
+use board_link::{LinkError, PortState};
 
 /// A longer wait holds up every frame of a slow stream: an adapter that passes bytes on every 16 ms gives
 /// them in bursts, 62 times a second.

@@ -1,7 +1,6 @@
 //! Polynomials in the readings, fitted to rows in memory.
 
 use super::rows::{InMemory, RowSource, rows_sample};
-use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, SolverRecord, Source};
 use crate::workflow::WorkflowError;
 use crate::workflow::eval::{BlockEvaluator, Evaluation, Look};
 use crate::workflow::factored::{append, of_rows};
@@ -25,6 +24,7 @@ use calibration::validation::grouped::{
     Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
 };
 use calibration::{Basis, Calibration, FitError, Model};
+use calibration_file::{CalibrationFile, Diagnostics, Origin, SolverRecord, Source};
 use log_file::ReadOptions;
 use shell_data::block::Block;
 

@@ -1,13 +1,13 @@
 //! The physics model, fitted to rows in memory.
 
 use super::rows::{BLOCK_ROWS, InMemory, RowSource};
-use crate::calibration_file::{CalibrationFile, Diagnostics, Origin, Source};
 use crate::workflow::WorkflowError;
 use crate::workflow::eval::{BlockEvaluator, Evaluation, Look};
 use crate::workflow::model_choice::HeldOut;
 use crate::workflow::physics::{FittedRows, GroupedRows, GroupsAre, Labels, fit_rows};
 use calibration::physics::TrainingRows;
 use calibration::validation::excitation::WrenchSums;
+use calibration_file::{CalibrationFile, Diagnostics, Origin, Source};
 use shell_data::block::Block;
 
 /// A calibration by the physics model, and how well it does.

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::link::{Progress, Watcher, Wish};
-use crate::recording::BoardFrame;
+use board_link::recording::BoardFrame;
+use board_link::{Progress, Watcher, Wish};
 
 /// Frames that wait to be shown, at most: half a minute at 1 kHz.
 const WAITING: usize = 32_768;
@@ -31,7 +31,7 @@ struct State {
 }
 
 impl Feed {
-    /// The end that [`crate::link::record`] takes.
+    /// The end that [`board_link::record`] takes.
     pub fn watcher(&self) -> Box<dyn Watcher> {
         Box::new(FeedWatcher(self.clone()))
     }
@@ -110,7 +110,7 @@ impl Watcher for FeedWatcher {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::Measured;
+    use board_link::recording::Measured;
 
     #[test]
     fn who_does_not_fetch_misses_the_oldest_and_is_told_how_many() {

@@ -8,7 +8,7 @@ use shared_proto::CHANNELS;
 use shell_data::block::Block;
 
 use super::Feed;
-use crate::recording::{BoardFrame, Measured};
+use board_link::recording::{BoardFrame, Measured};
 
 /// How often the clock is looked at.
 const TICK: Duration = Duration::from_millis(10);

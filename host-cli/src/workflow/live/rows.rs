@@ -1,11 +1,13 @@
 //! Frames as rows to show, with forces where there is a calibration.
 
-use crate::forces::ForceError;
-use crate::live::LiveRow;
-use crate::recording::{BoardFrame, LiveForces, Measured, RunningForces, UnsuitableCalibration};
+use board_link::recording::{
+    BoardFrame, LiveForces, Measured, RunningForces, UnsuitableCalibration,
+};
+use forces::ForceError;
+use live_view::LiveRow;
 use shared_proto::CHANNELS;
 
-/// Turns frames into rows, by the [pipeline](crate::forces) of all commands that show forces.
+/// Turns frames into rows, by the [pipeline](forces) of all commands that show forces.
 #[derive(Clone, Debug)]
 pub struct LiveRows {
     forces: Option<RunningForces>,

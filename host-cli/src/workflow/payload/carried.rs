@@ -1,7 +1,7 @@
 //! The load that a sensor carries, taken off its wrench.
 
-use crate::payload::{Lag, Motion, Payload};
 use crate::workflow::selection::by_column;
+use forces::payload::{Lag, Motion, Payload};
 use shell_data::wrench::{AxisValues, PerAxis};
 
 /// What a sensor carries in a run.

@@ -1,6 +1,6 @@
 //! The columns of a log that say how a sensor lies and moves.
 
-use crate::payload::{STANDARD_GRAVITY_M_S2, Vector, norm};
+use forces::payload::{STANDARD_GRAVITY_M_S2, Vector, norm};
 use log_file::{ColumnRef, Log, LogError};
 
 use super::PayloadLogError;

@@ -12,7 +12,7 @@ pub use columns::MotionColumns;
 pub use motion::{find_motion_lag, read_motion};
 pub use poses::{FittedPayload, GravityFrom, fit_payload};
 
-use crate::payload::{MotionError, PayloadError};
+use forces::payload::{MotionError, PayloadError};
 use log_file::LogError;
 
 /// Logs that do not tell what a sensor carries, or how it moved.

@@ -2,9 +2,9 @@
 
 use super::PayloadLogError;
 use super::columns::{MotionColumns, require};
-use crate::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
 use crate::workflow::selection::Stop;
 use calibration::Calibration;
+use forces::payload::{Accelerometer, Lag, Motion, Payload, Vector, find_lag};
 use log_file::{Log, LogError, ReadOptions, Wanted};
 
 /// The most rows that the lag of two clocks is looked for in: minutes of a fast sensor.

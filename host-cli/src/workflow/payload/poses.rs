@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::PayloadLogError;
 use super::columns::{MotionColumns, require};
-use crate::payload::{
+use forces::payload::{
     Accelerometer, PayloadFit, Pose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces, norm,
 };
 use log_file::{Log, LogError, ReadOptions, Wanted};

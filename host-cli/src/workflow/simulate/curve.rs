@@ -5,7 +5,7 @@ use std::path::Path;
 use beam_channel::{Model, Wall};
 
 use super::csv_columns::{Table, TableError};
-use crate::figures::ChannelCurve;
+use figures::ChannelCurve;
 
 /// Positions of a curve, beside those of its jumps.
 const POINTS: u32 = 1000;

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::parameter::Parameter;
 use super::summary::{Summary, summarise};
-use crate::random::{Purpose, Stream};
+use shell_data::random::{Purpose, Stream};
 
 /// A parameter that is not known exactly: normal about its value.
 #[derive(Clone, Copy, Debug, PartialEq)]

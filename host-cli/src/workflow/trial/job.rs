@@ -1,7 +1,7 @@
 //! A log on which trials are evaluated.
 
-use crate::trial::{Instrument, NoWindow, TrialError, TrialOptions};
 use log_file::{Log, LogError, ReadOptions};
+use trial::{Instrument, NoWindow, TrialError, TrialOptions};
 
 /// A log, and how trials on it are evaluated.
 #[derive(Clone, Copy)]

@@ -4,12 +4,12 @@ mod doubtful;
 mod job;
 mod reading;
 
-use crate::trial::{
+use log_file::ReadOptions;
+use reading::Recorded;
+use trial::{
     Diagnostic, LogTimes, NoWindow, Proposal, Trace, TraceExtent, Trial, TrialError, TrialOptions,
     TrialResult, check_window, propose_window,
 };
-use log_file::ReadOptions;
-use reading::Recorded;
 
 pub use doubtful::{Doubt, DoubtfulRow, doubtful_rows};
 pub use job::{TrialJob, TrialLogError};

@@ -1,17 +1,17 @@
 //! A trial's rows from its log: one pass, in which, without forces, of most rows the time alone is parsed.
 
 use super::job::{TrialJob, TrialLogError};
-use crate::forces::rests::{ZeroMove, ZeroWatch};
-use crate::forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
-use crate::trial::{
-    LogTimes, MEASURED_POWER, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows,
-    evaluate,
-};
 use crate::workflow::sampling::Sampling;
 use calibration::Calibration;
+use forces::rests::{ZeroMove, ZeroWatch};
+use forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
 use log_file::{ColumnRef, LogError, ReadSummary, Selection, Wanted};
 use shell_data::block::Block;
 use shell_data::telemetry::Telemetry;
+use trial::{
+    LogTimes, MEASURED_POWER, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows,
+    evaluate,
+};
 
 /// Rows are looked for this far around the window at least, s.
 const MARGIN_S: f64 = 1.0;

@@ -1,6 +1,6 @@
 //! Sessions on two clocks whose truth is known.
-use shellcal::alignment::{Aligned, ClockMap, Recording};
-use shellcal::simulation::sensor_model::{Pair, PairSettings};
+use alignment::{Aligned, ClockMap, Recording};
+use simulation::sensor_model::{Pair, PairSettings};
 use system_tests::random::Random;
 
 /// A minute of taps and pushes at the paper's noise, reference at 1 kHz, board at 100 Hz.

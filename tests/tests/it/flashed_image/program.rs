@@ -1,8 +1,8 @@
 //! The real `shellcal` at the other end of the flashed board's line.
 
+use board_link::for_board;
+use calibration_file::CalibrationFile;
 use shared_proto::xbee::Mode;
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::link::for_board;
 use std::path::Path;
 use system_tests::flashed::Model;
 use system_tests::program::{

@@ -2,12 +2,12 @@
 
 use std::io::Write;
 
+use alignment::{Aligned, ClockMap, EdgeMatch, LeftOut, Quality};
 use anyhow::{Context, bail};
+use figures::{Format, match_figure};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::alignment::{Aligned, ClockMap, EdgeMatch, LeftOut, Quality};
-use shellcal::figures::{Format, match_figure};
-use shellcal::output::Outputs;
 use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
 };

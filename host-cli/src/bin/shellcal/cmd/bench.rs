@@ -5,12 +5,12 @@ use std::path::Path;
 
 use calibration::Basis;
 use calibration::solver::SolverKind;
+use figures::Format;
 use log_file::{Log, LogError, Wanted};
+use output_file::{AtomicFile, Outputs};
 use shell_data::block::Block;
-use shellcal::figures::Format;
-use shellcal::output::{AtomicFile, Outputs};
-use shellcal::simulation::synthetic_block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
+use simulation::synthetic_block;
 
 use super::choices::{BasisArg, SolverArg};
 use super::figure_size::FigureSize;

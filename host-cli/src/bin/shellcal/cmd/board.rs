@@ -4,12 +4,12 @@ use std::io::{Read, Write};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
+use board_link::{Client, Connection, PortOptions, Uplink, for_board, judge, serial_text};
+use calibration_file::CalibrationFile;
 use clap::{Subcommand, ValueEnum};
+use output_file::Outputs;
 use serde_json::json;
 use shared_proto::{Board, BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::link::{Client, Connection, PortOptions, Uplink, for_board, judge, serial_text};
-use shellcal::output::Outputs;
 
 use super::board_line::{set_baud, start_bootloader};
 use super::key_file;

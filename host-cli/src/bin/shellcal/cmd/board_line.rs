@@ -4,8 +4,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use board_link::{Client, Connection, LinkError};
 use shared_proto::{BoardId, Command};
-use shellcal::link::{Client, Connection, LinkError};
 
 use crate::printer::Printer;
 

@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use calibration::Calibration;
 use calibration::uncertainty::HIGHEST_LEVEL;
+use calibration_file::CalibrationFile;
+use calibration_file::payload_file::PayloadFile;
+use figures::{Format, WrenchTrace, trace_figure};
+use forces::{AppliedLowPass, RowRule};
 use log_file::{Log, Meaning, ReadOptions};
+use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::Axis;
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::figures::{Format, WrenchTrace, trace_figure};
-use shellcal::forces::{AppliedLowPass, RowRule};
-use shellcal::output::Outputs;
-use shellcal::payload_file::PayloadFile;
 use shellcal::workflow::convert::{
     AxisSummary, Columns, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID,
     OutputFormat, OutputPlan, convert_to,

@@ -6,12 +6,10 @@ use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
+use board_link::{InterviewOptions, PortOptions, PortState, SystemFiles, Uplink, interview, ports};
+use calibration_file::CalibrationFile;
 use serde::Serialize;
 use shared_proto::{Framing, Protocol};
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::link::{
-    InterviewOptions, PortOptions, PortState, SystemFiles, Uplink, interview, ports,
-};
 use shellcal::workflow::doctor::{
     BoardFacts, Finding, Severity, check_board, check_port, examine_calibration, examine_log,
 };

@@ -1,12 +1,12 @@
 //! `shellcal drift`: how the zero of an unloaded sensor moves.
 
+use calibration_file::CalibrationFile;
+use figures::{Axis, Chart, Figure, Format, Mark, Series, Size, Spacing, trace_figure};
+use forces::drift::{Drift, Trend};
+use forces::rests::{FALSE_ALARMS, ZeroChange, largest_change};
 use log_file::{ColumnRef, Log, ReadOptions};
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::drift::{Drift, Trend};
-use shellcal::figures::{Axis, Chart, Figure, Format, Mark, Series, Size, Spacing, trace_figure};
-use shellcal::forces::rests::{FALSE_ALARMS, ZeroChange, largest_change};
-use shellcal::output::Outputs;
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
 
 use super::figure_size::FigureSize;

@@ -4,13 +4,13 @@ use std::cmp::Ordering;
 use std::io::Write;
 
 use calibration::quality::AxisQuality;
+use calibration_file::CalibrationFile;
+use calibration_file::stored::{OfAxes, Stored, StoredQuality};
+use figures::{FitPlot, Format, fit_figure};
 use log_file::{Log, ReadOptions};
+use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::calibration_file::stored::{OfAxes, Stored, StoredQuality};
-use shellcal::figures::{FitPlot, Format, fit_figure};
-use shellcal::output::Outputs;
 use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
 use shellcal::workflow::selection::UsedRows;
 

@@ -5,9 +5,9 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
-use shellcal::calibration_file::code::{Language, to_code};
-use shellcal::calibration_file::{CalibrationFile, matrix};
-use shellcal::output::Outputs;
+use calibration_file::code::{Language, to_code};
+use calibration_file::{CalibrationFile, matrix};
+use output_file::Outputs;
 
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;

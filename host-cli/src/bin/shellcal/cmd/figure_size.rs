@@ -1,6 +1,6 @@
 //! How wide figures are: an option of every command that draws for papers.
 
-use shellcal::figures::Size;
+use figures::Size;
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct FigureSize {

@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
+use forces::rests::ZeroMove;
+use forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 use log_file::Log;
-use shellcal::forces::rests::ZeroMove;
-use shellcal::forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 use shellcal::workflow::selection::{RowFilter, TimeWindow};
 
 use crate::printer::Printer;

@@ -2,9 +2,9 @@
 
 use std::io::Write;
 
+use calibration_file::{CalibrationFile, matrix::ImportOptions};
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::calibration_file::{CalibrationFile, matrix::ImportOptions};
-use shellcal::output::Outputs;
 
 use super::mapping::MomentUnitArg;
 use super::origin;

@@ -5,8 +5,8 @@ use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, bail};
+use output_file::Outputs;
 use shared_proto::Key;
-use shellcal::output::Outputs;
 
 /// Makes a key of random bytes and writes it, for nobody but the user to read.
 pub(super) fn make(path: &Path, outputs: &Outputs) -> anyhow::Result<Key> {

@@ -3,7 +3,7 @@
 use anyhow::Context;
 use clap::Command;
 use clap_mangen::Man;
-use shellcal::output::Outputs;
+use output_file::Outputs;
 
 use crate::files::OutputPlace;
 use crate::outcome::Outcome;

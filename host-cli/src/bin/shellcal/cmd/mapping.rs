@@ -1,10 +1,10 @@
 //! The flags of every command that reads logs: what their columns are, and how they are read.
 
+use calibration_file::CalibrationFile;
 use clap::ValueEnum;
 use log_file::{ColumnRef, Format, Log, Mapping, MomentUnit, ReadOptions, TimeUnit, named_axis};
 use shell_data::ColumnNames;
 use shell_data::wrench::{Axis, PerAxis};
-use shellcal::calibration_file::CalibrationFile;
 
 use crate::files::InputPath;
 use crate::printer::Printer;

@@ -3,12 +3,12 @@
 use std::io::{self, Write};
 
 use anyhow::Context;
-use serde::Serialize;
-use shellcal::calibration_file::stored::{
+use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
-use shellcal::calibration_file::{CalibrationFile, PartialFit, PartialStream};
-use shellcal::output::Outputs;
+use calibration_file::{CalibrationFile, PartialFit, PartialStream};
+use output_file::Outputs;
+use serde::Serialize;
 use shellcal::workflow::merge::{self, MergedFit, MergedFitOptions, MergedModel};
 use shellcal::workflow::model_choice::{CovarianceRule, RANDOM_FOLDS};
 

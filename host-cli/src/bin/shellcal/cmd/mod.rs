@@ -44,7 +44,7 @@ mod trials;
 mod validation;
 
 use clap::Subcommand;
-use shellcal::output::Outputs;
+use output_file::Outputs;
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;

@@ -1,8 +1,8 @@
 //! `shellcal noise`: how much an unloaded sensor scatters.
 
+use calibration_file::CalibrationFile;
 use log_file::{Log, ReadOptions};
 use serde::Serialize;
-use shellcal::calibration_file::CalibrationFile;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
 

@@ -1,10 +1,9 @@
 //! How rows that do not belong are named, by `fit` and `info` alike.
 
 use log_file::Log;
+use output_file::AtomicFile;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::output::AtomicFile;
-use shellcal::report;
 use shellcal::workflow::outliers::{Outlier, OutlierColumn, Outliers, Reason};
 
 use super::quality::significant;

@@ -2,8 +2,8 @@
 
 use std::io::Write;
 
-use shellcal::calibration_file::PartialFit;
-use shellcal::output::{AtomicFile, Outputs};
+use calibration_file::PartialFit;
+use output_file::{AtomicFile, Outputs};
 
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use shellcal::link::TCP;
+use board_link::TCP;
 
 /// Whether a name is that of a port, there or not.
 pub(super) fn is_port(path: &Path) -> bool {

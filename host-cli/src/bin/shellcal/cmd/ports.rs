@@ -1,6 +1,6 @@
 //! `shellcal ports`: the serial ports of this computer.
 
-use shellcal::link::ports;
+use board_link::ports;
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;

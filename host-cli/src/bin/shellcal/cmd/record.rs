@@ -3,15 +3,15 @@
 use std::time::Duration;
 
 use anyhow::Context;
-use calibration::Calibration;
-use shared_proto::Framing;
-use shell_data::wrench::Axis;
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::forces::{ForceOptions, LowPass, TareRule};
-use shellcal::link::{
+use board_link::recording::{LiveForces, Losses, protocol_name};
+use board_link::{
     Journal, Progress, RecordOptions, Recorded, RecordedBoard, Sinks, Source, Uplink, record,
 };
-use shellcal::recording::{LiveForces, Losses, protocol_name};
+use calibration::Calibration;
+use calibration_file::CalibrationFile;
+use forces::{ForceOptions, LowPass, TareRule};
+use shared_proto::Framing;
+use shell_data::wrench::Axis;
 
 use super::frames::{describe_forces, parse_tare};
 use super::serial::{FramingArg, SerialArgs};

@@ -1,9 +1,9 @@
 //! Arguments for a serial port, shared by the commands that talk to a board.
 
+use board_link::{FlowControl, PortOptions};
 use clap::ValueEnum;
 use shared_proto::xbee::Mode;
 use shared_proto::{Framing, Protocol};
-use shellcal::link::{FlowControl, PortOptions};
 
 /// How to open a port
 #[derive(Debug, clap::Args)]

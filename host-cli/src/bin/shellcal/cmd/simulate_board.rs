@@ -10,9 +10,9 @@ use anyhow::Context;
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use serde_json::json;
 use shell_data::wrench::{Axes, PerAxis};
-use shellcal::simulation::radio::{Books, Faults};
-use shellcal::simulation::sensor_model::LoadTable;
-use shellcal::simulation::simulated_board::{Load, Settings, SimulatedBoard};
+use simulation::radio::{Books, Faults};
+use simulation::sensor_model::LoadTable;
+use simulation::simulated_board::{Load, Settings, SimulatedBoard};
 
 use crate::files::{InputPath, OutputPlace};
 use crate::outcome::Outcome;

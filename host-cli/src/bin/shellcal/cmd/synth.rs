@@ -3,10 +3,10 @@
 use std::io::{self, BufWriter, Write};
 
 use clap::{Subcommand, ValueEnum};
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::output::Outputs;
-use shellcal::simulation::sensor_model::{Kind, Recording, Settings};
-use shellcal::simulation::synthetic_log;
+use simulation::sensor_model::{Kind, Recording, Settings};
+use simulation::synthetic_log;
 
 use super::synth_pair::PairArgs;
 use super::synth_trial::{TrialArgs, TrialsArgs};

@@ -2,10 +2,10 @@
 
 use std::io::Write;
 
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::output::Outputs;
-use shellcal::simulation::sensor_model::{Pair, PairSettings};
-use shellcal::simulation::synthetic_log::{
+use simulation::sensor_model::{Pair, PairSettings};
+use simulation::synthetic_log::{
     write_frame, write_frame_header, write_wrench_header, write_wrench_row,
 };
 

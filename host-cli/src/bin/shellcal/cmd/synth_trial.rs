@@ -4,11 +4,11 @@ use std::io::{self, Write};
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::output::Outputs;
-use shellcal::simulation::synthetic_trial::TrialLayout;
-use shellcal::simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write_log, write_set};
+use simulation::synthetic_trial::TrialLayout;
+use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
 use crate::files::{OutputPath, OutputPlace};
 use crate::outcome::Outcome;
@@ -171,7 +171,7 @@ impl From<CounterArg> for Counter {
 struct Made<'a> {
     file: &'a OutputPath,
     rows: u64,
-    truth: shellcal::simulation::virtual_robot::Truth,
+    truth: simulation::virtual_robot::Truth,
 }
 
 /// The set that was made, for `--json`.

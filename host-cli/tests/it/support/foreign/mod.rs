@@ -9,7 +9,7 @@ mod memory;
 pub(crate) use load::Load;
 pub(crate) use memory::Kind;
 
-use shellcal::alignment::Recording;
+use alignment::Recording;
 use system_tests::random::Random;
 
 /// How a channel answers its displacement z (of order 1), about ±1.

@@ -1,10 +1,10 @@
 //! `shellcal fit --report`: a calibration as one HTML file.
 
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
+use calibration_file::CalibrationFile;
+use figures::{FitPlot, Size, coverage_figure, fit_figure};
 use log_file::Log;
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::figures::{FitPlot, Size, coverage_figure, fit_figure};
-use shellcal::report::{CalibrationReport, FewGroups, Heading, Intervals, Outliers};
+use report::{CalibrationReport, FewGroups, Heading, Intervals, Outliers};
 use shellcal::workflow;
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::group_errors::{GroupedErrors, group_errors};

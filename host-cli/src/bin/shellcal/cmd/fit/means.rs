@@ -1,7 +1,7 @@
 //! `shellcal fit --means`: the means of groups in place of their rows.
 
+use calibration_file::{Role, Source};
 use log_file::{Log, ReadOptions};
-use shellcal::calibration_file::{Role, Source};
 use shellcal::workflow::groups::{FoundGroups, HeldOut};
 use shellcal::workflow::means::{self, Means};
 use shellcal::workflow::selection::UsedRows;

@@ -14,14 +14,12 @@ use std::time::Instant;
 
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::{GroupKind, GroupedMoments};
+use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix};
 use clap::ValueEnum;
+use figures::{FitPlot, Format, fit_figure};
 use log_file::{Log, ReadOptions};
+use output_file::{AtomicFile, Outputs};
 use shell_data::wrench::Axes;
-use shellcal::calibration_file::{
-    CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source, matrix,
-};
-use shellcal::figures::{FitPlot, Format, fit_figure};
-use shellcal::output::{AtomicFile, Outputs};
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::{self, BeyondMemory, Fit, FitOptions};
 use shellcal::workflow::model_choice::{CovarianceRule, HeldOut, ModelChoice};

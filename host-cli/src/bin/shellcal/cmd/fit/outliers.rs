@@ -4,7 +4,7 @@ use anyhow::Context;
 use calibration::Basis;
 use clap::ValueEnum;
 use log_file::Log;
-use shellcal::output::Outputs;
+use output_file::Outputs;
 use shellcal::workflow::outliers::{OutlierOptions, Outliers, Reason, find};
 
 use super::super::choices::ModelArg;

@@ -2,9 +2,9 @@
 
 use calibration::Basis;
 use calibration::solver::SolverKind;
+use calibration_file::Sums;
 use log_file::Log;
-use shellcal::calibration_file::Sums;
-use shellcal::output::Outputs;
+use output_file::Outputs;
 use shellcal::workflow::partial::{self, PartialOptions};
 
 use super::super::choices::ModelArg;

@@ -6,15 +6,15 @@ use anyhow::Context;
 use calibration::physics::{COVERAGE_LEVEL, PhysicsCalibration, PhysicsValidation};
 use calibration::solver::SolverKind;
 use calibration::validation::selection::Selection;
-use log_file::{Log, ReadOptions};
-use serde::Serialize;
-use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::calibration_file::stored::{
+use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredExcitation, StoredGroupIntervals, StoredQuality,
     StoredSelection,
 };
-use shellcal::calibration_file::{CalibrationFile, Diagnostics, Origin};
-use shellcal::report::Intervals;
+use calibration_file::{CalibrationFile, Diagnostics, Origin};
+use log_file::{Log, ReadOptions};
+use report::Intervals;
+use serde::Serialize;
+use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::groups::FoundSummary;
 use shellcal::workflow::model_choice::ModelChoice;
 use shellcal::workflow::outliers::Outliers;

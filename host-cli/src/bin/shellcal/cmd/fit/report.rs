@@ -3,13 +3,13 @@
 use calibration::quality::AxisQuality;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
-use serde::Serialize;
-use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::calibration_file::stored::{
+use calibration_file::stored::{
     OfAxes, Stored, StoredCandidate, StoredCrossValidation, StoredExcitation, StoredQuality,
     StoredSelection, StoredSolverRecord,
 };
-use shellcal::calibration_file::{CalibrationFile, Diagnostics};
+use calibration_file::{CalibrationFile, Diagnostics};
+use serde::Serialize;
+use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::eval::Evaluation;
 use shellcal::workflow::fit::Fit;
 use shellcal::workflow::groups::FoundSummary;

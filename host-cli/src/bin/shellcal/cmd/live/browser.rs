@@ -5,9 +5,9 @@ use std::thread;
 use std::time::Instant;
 
 use anyhow::Context;
+use live_view::Picture;
+use live_view::web::{Server, Site};
 use serde::Serialize;
-use shellcal::live::Picture;
-use shellcal::web::{Server, Site};
 
 use super::session::{Action, PERIOD, Session, Until};
 

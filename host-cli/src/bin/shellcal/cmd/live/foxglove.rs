@@ -4,8 +4,8 @@ use std::thread;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use foxglove_view::FoxgloveServer;
+use live_view::LiveRow;
 use shell_data::wrench::Axes;
-use shellcal::live::LiveRow;
 
 use super::session::{PERIOD, Session, Until};
 

@@ -15,18 +15,18 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::Context;
+use board_link::recording::LiveForces;
+use board_link::{Journal, PortOptions, RecordOptions, Sinks, Source, Uplink, record};
+use calibration_file::CalibrationFile;
+use forces::{ForceOptions, LowPass, TareRule};
 #[cfg(feature = "foxglove")]
 use foxglove_view::FoxgloveServer;
+use live_view::web::Server;
+use live_view::{LiveModel, LiveSetup};
 use log_file::Log;
 use serde_json::json;
 use shared_proto::Framing;
 use shell_data::wrench::Axes;
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::forces::{ForceOptions, LowPass, TareRule};
-use shellcal::link::{Journal, PortOptions, RecordOptions, Sinks, Source, Uplink, record};
-use shellcal::live::{LiveModel, LiveSetup};
-use shellcal::recording::LiveForces;
-use shellcal::web::Server;
 use shellcal::workflow::live::{Feed, LiveRows, play};
 
 use super::frames::describe_forces;

@@ -1,9 +1,9 @@
 //! The screen of `shellcal live`: traces on the left, channels and arrows on the right.
 
+use live_view::{ChannelState, ChannelView, LiveModel, TraceView};
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
-use shellcal::live::{ChannelState, ChannelView, LiveModel, TraceView};
 
 use super::canvas::{ACROSS, Canvas, DOWN};
 
@@ -351,9 +351,9 @@ fn short(value: f64) -> String {
 mod tests {
     use super::*;
     use calibration::reading_ranges::ReadingRange;
+    use live_view::{LiveRow, LiveSetup};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
-    use shellcal::live::{LiveRow, LiveSetup};
 
     /// A push to the right and a stroke upwards, with a channel out of its range, one saturated, and a mark.
     fn model(forces: bool) -> LiveModel {

@@ -4,10 +4,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use shellcal::link::{Journal, Progress, Wish};
-use shellcal::live::{LiveModel, LiveRow};
-use shellcal::output::OutputError;
-use shellcal::recording::protocol_name;
+use board_link::recording::protocol_name;
+use board_link::{Journal, Progress, Wish};
+use live_view::{LiveModel, LiveRow};
+use output_file::OutputError;
 use shellcal::workflow::live::{Feed, LiveRows};
 
 use super::super::record::{clock, list_losses};

@@ -2,10 +2,10 @@
 
 use std::io::Write;
 
+use calibration_file::payload_file::PayloadFile;
+use forces::payload::{LEAST_SPREAD, Payload, PayloadFit};
 use log_file::Log;
-use shellcal::output::Outputs;
-use shellcal::payload::{LEAST_SPREAD, Payload, PayloadFit};
-use shellcal::payload_file::PayloadFile;
+use output_file::Outputs;
 use shellcal::workflow::payload::{FittedPayload, GravityFrom, fit_payload};
 
 use super::load::MotionColumnArgs;

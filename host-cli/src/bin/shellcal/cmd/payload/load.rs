@@ -2,9 +2,9 @@
 
 use anyhow::bail;
 use calibration::Calibration;
+use calibration_file::payload_file::PayloadFile;
+use forces::payload::STANDARD_GRAVITY_M_S2;
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
-use shellcal::payload::STANDARD_GRAVITY_M_S2;
-use shellcal::payload_file::PayloadFile;
 use shellcal::workflow::convert::ConvertSummary;
 use shellcal::workflow::payload::{CarriedLoad, MotionColumns, find_motion_lag, read_motion};
 

@@ -5,7 +5,7 @@ pub(in crate::cmd) mod load;
 mod subtract;
 
 use clap::Subcommand;
-use shellcal::output::Outputs;
+use output_file::Outputs;
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;

@@ -6,11 +6,11 @@ use std::io::Write;
 
 use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
+use calibration_file::payload_file::PayloadFile;
+use forces::RowRule;
 use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, ReadOptions, Wanted};
+use output_file::Outputs;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::forces::RowRule;
-use shellcal::output::Outputs;
-use shellcal::payload_file::PayloadFile;
 use shellcal::workflow::convert::{
     Columns, Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, convert_to,
 };

@@ -3,8 +3,8 @@
 use std::io::Write;
 
 use anyhow::ensure;
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::output::Outputs;
 use shellcal::workflow::simulate::{Cell, GridAxis, Parameter, Summary, grid};
 
 use super::args::SimulateArgs;

@@ -11,8 +11,8 @@ mod report;
 
 use anyhow::Context;
 use beam_channel::{Model, Setup};
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::output::Outputs;
 use shellcal::workflow::simulate::{Course, monte_carlo};
 
 pub(crate) use args::SimulateArgs;

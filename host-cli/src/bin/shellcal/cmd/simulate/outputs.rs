@@ -4,8 +4,8 @@ use std::io::Write;
 
 use anyhow::Context;
 use beam_channel::Model;
-use shellcal::figures::{Format, channel_figure};
-use shellcal::output::{AtomicFile, Outputs};
+use figures::{Format, channel_figure};
+use output_file::{AtomicFile, Outputs};
 use shellcal::workflow::simulate::{Course, Passage, beam_rows, curve, read_trace};
 
 use super::args::SweepArgs;

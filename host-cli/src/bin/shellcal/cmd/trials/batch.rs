@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::output::Outputs;
-use shellcal::trial::manifest::{Manifest, Shard};
-use shellcal::trial::{ConditionRow, TrialOptions, TrialResult};
 use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
+use trial::manifest::{Manifest, Shard};
+use trial::{ConditionRow, TrialOptions, TrialResult};
 
 use super::evaluation::{Equipment, EvaluationArgs};
 use super::outputs::OutputArgs;
@@ -67,7 +67,7 @@ pub(crate) struct BatchArgs {
 struct Document<'a> {
     manifest: &'a InputPath,
     calibration: Option<&'a InputPath>,
-    profile: &'a shellcal::trial::Profile,
+    profile: &'a trial::Profile,
     options: TrialOptions,
     trials: Vec<TrialDocument<'a>>,
     failures: Vec<FailureDocument<'a>>,

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use anyhow::Context;
+use calibration_file::CalibrationFile;
+use calibration_file::input;
+use forces::RowRule;
 use log_file::{Mapping, ReadOptions};
-use shellcal::calibration_file::CalibrationFile;
-use shellcal::forces::RowRule;
-use shellcal::input;
-use shellcal::trial::{Instrument, Profile, TraceExtent, TrialOptions};
+use trial::{Instrument, Profile, TraceExtent, TrialOptions};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::MappingArgs;

@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use shellcal::input;
-use shellcal::output::{OutputError, Outputs};
-use shellcal::trial::manifest::{Manifest, Place, suggest};
-use shellcal::trial::{TraceExtent, TrialOptions, TrialResult};
+use calibration_file::input;
+use output_file::{OutputError, Outputs};
 use shellcal::workflow::batch::{self, Batch, BatchOptions};
+use trial::manifest::{Manifest, Place, suggest};
+use trial::{TraceExtent, TrialOptions, TrialResult};
 
 use super::evaluation::{Equipment, EvaluationArgs};
 use crate::printer::Printer;

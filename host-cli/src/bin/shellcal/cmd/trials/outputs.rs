@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use shellcal::figures::Format;
-use shellcal::output::{OutputError, Outputs};
-use shellcal::table::Table;
-use shellcal::trial::manifest::{Place, Shard};
-use shellcal::trial::tables::{conditions_table, strides_table, trace_table, trials_table};
-use shellcal::trial::{ConditionRow, Profile, TraceExtent, TrialResult};
+use figures::Format;
+use output_file::{OutputError, Outputs};
 use shellcal::workflow::batch::Batch;
 use shellcal::workflow::figures::{FigureFolder, reduce_trace};
+use table_file::named_table::Table;
+use trial::manifest::{Place, Shard};
+use trial::tables::{conditions_table, strides_table, trace_table, trials_table};
+use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 
 use super::manifest;
 use crate::cmd::figure_size::FigureSize;

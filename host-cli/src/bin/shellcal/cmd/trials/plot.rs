@@ -4,14 +4,14 @@ use std::path::Path;
 
 use anyhow::bail;
 use clap::Subcommand;
+use figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
+use figures::{Figure, Format};
 use log_file::Log;
-use shellcal::figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
-use shellcal::figures::{Figure, Format};
-use shellcal::output::Outputs;
-use shellcal::trial::{TraceExtent, Trial, TrialRow};
+use output_file::Outputs;
 use shellcal::workflow::figures::{passage, reduce_trace, some_strides, title};
 use shellcal::workflow::selection::TimeWindow;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
+use trial::{TraceExtent, Trial, TrialRow};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;

@@ -1,6 +1,6 @@
 //! `shellcal profile`: the built-in robot profile, to start another from.
 
-use shellcal::trial::{Profile, VELOCIROACH};
+use trial::{Profile, VELOCIROACH};
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;

@@ -3,12 +3,12 @@
 use std::io::Write;
 use std::path::Path;
 
+use ::report::{Heading, Input, Report};
 use anyhow::Context;
-use shellcal::output::Outputs;
-use shellcal::report::{Heading, Input, Report};
-use shellcal::trial::{TraceExtent, TrialResult};
+use output_file::Outputs;
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
+use trial::{TraceExtent, TrialResult};
 
 use super::evaluation::EvaluationArgs;
 use super::manifest;

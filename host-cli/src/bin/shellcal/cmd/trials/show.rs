@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use shellcal::trial::{
+use trial::{
     ConditionRow, Diagnostic, Difference, Interval, Per, Quantity, Severity, Statistics, StrideRow,
     TrialResult, TrialRow,
 };

@@ -1,9 +1,9 @@
 //! `shellcal stats`: statistics of a table of values by condition.
 
 use anyhow::{Context, bail};
-use shellcal::input;
-use shellcal::trial::ValueTable;
-use shellcal::trial::manifest::suggest;
+use calibration_file::input;
+use trial::ValueTable;
+use trial::manifest::suggest;
 
 use super::show;
 use crate::files::InputPath;

@@ -1,11 +1,11 @@
 //! `shellcal trial`: the results of one trial.
 
 use log_file::{Log, ReadOptions};
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::output::Outputs;
-use shellcal::trial::tables::{strides_table, trace_table};
-use shellcal::trial::{TraceExtent, Trial, TrialOptions, TrialResult};
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
+use trial::tables::{strides_table, trace_table};
+use trial::{TraceExtent, Trial, TrialOptions, TrialResult};
 
 use super::evaluation::EvaluationArgs;
 use super::show;
@@ -69,7 +69,7 @@ struct Document<'a> {
     result: &'a TrialResult,
     checksum: Option<&'a str>,
     options: TrialOptions,
-    profile: &'a shellcal::trial::Profile,
+    profile: &'a trial::Profile,
 }
 
 impl TrialArgs {

@@ -1,12 +1,12 @@
 //! `shellcal window`: when the robot was in the channel.
 
+use figures::Format;
+use figures::trial::window_figure;
 use log_file::Log;
+use output_file::Outputs;
 use serde::Serialize;
-use shellcal::figures::Format;
-use shellcal::figures::trial::window_figure;
-use shellcal::output::Outputs;
-use shellcal::trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
 use shellcal::workflow::trial::{TrialJob, WindowSearch, search_window};
+use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, TrialOptions};
 
 use super::evaluation::EvaluationArgs;
 use crate::cmd::figure_size::FigureSize;

@@ -1,0 +1,141 @@
+//! Why two recordings could not be lined up.
+
+use super::side::Side;
+
+/// The least time that both recordings must cover, s.
+pub const LEAST_OVERLAP_S: f64 = 5.0;
+
+/// Two recordings that cannot be lined up, or not with certainty.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum AlignError {
+    /// Columns of unequal length, or none.
+    #[error("{side}: columns of {found} rows beside {expected} times")]
+    Shape {
+        /// Which recording.
+        side: Side,
+        /// The number of times.
+        expected: usize,
+        /// The first other length; 0 if there are no columns.
+        found: usize,
+    },
+    /// The clock of a recording goes backward more than now and then.
+    #[error("{side}: time does not go forward in {rows} of {of} rows")]
+    TimeGoesBack {
+        /// Which recording.
+        side: Side,
+        /// Rows that are not later than all before them.
+        rows: usize,
+        /// All rows.
+        of: usize,
+    },
+    /// Too little was recorded.
+    #[error(
+        "{side}: {rows} usable rows over {span_s:.3} s, where {needed_s} s and 100 rows are needed"
+    )]
+    TooShort {
+        /// Which recording.
+        side: Side,
+        /// Rows that can be used.
+        rows: usize,
+        /// Time from the first to the last, s.
+        span_s: f64,
+        /// The least time, s.
+        needed_s: f64,
+    },
+    /// Nothing moves in a recording.
+    #[error("{side}: no column changes")]
+    Constant {
+        /// Which recording.
+        side: Side,
+    },
+    /// No offset makes the two recordings agree.
+    #[error(
+        "no common load found: at the best offset the reference explains {:.0} % of what the \
+         readings do, and {:.0} % are needed",
+        100.0 * explained, 100.0 * needed
+    )]
+    NoMatch {
+        /// Share of the readings' changes that the reference explains at the best offset.
+        explained: f64,
+        /// The least share.
+        needed: f64,
+    },
+    /// Two offsets fit about equally well.
+    #[error(
+        "the match is ambiguous: an offset of {second_s:.3} s is {:.0} % as good as the best, \
+         {best_s:.3} s (up to {:.0} % is accepted)",
+        100.0 * ratio, 100.0 * accepted
+    )]
+    Ambiguous {
+        /// The best offset, s, reference minus board.
+        best_s: f64,
+        /// The best of the others, s.
+        second_s: f64,
+        /// Its score over that of the best.
+        ratio: f64,
+        /// The highest ratio that counts as clear.
+        accepted: f64,
+    },
+    /// What both have in common is too short for offset and skew.
+    #[error("the recordings overlap for {overlap_s:.3} s, where {needed_s} s are needed")]
+    ShortOverlap {
+        /// Time that both cover, s.
+        overlap_s: f64,
+        /// The least time, s.
+        needed_s: f64,
+    },
+    /// The refinement left the neighbourhood of the match.
+    #[error("the refinement of the match does not settle (last step {step_s:.6} s)")]
+    NotConverged {
+        /// The last step of the offset, s.
+        step_s: f64,
+    },
+    /// More edges than a signal to line recordings up by has.
+    #[error(
+        "{side}: {edges} edges, where a sync signal has {most} at most; is it the right column?"
+    )]
+    TooManyEdges {
+        /// Which recording.
+        side: Side,
+        /// How many.
+        edges: usize,
+        /// The most that are taken.
+        most: usize,
+    },
+    /// Which edge is which follows neither from the gaps between them nor from the loads.
+    #[error(
+        "which edge is which is not clear: there are {ways} ways to pair them, the best of {matched} \
+         pairs, and the loads do not tell"
+    )]
+    EdgesUnclear {
+        /// Ways to pair them.
+        ways: usize,
+        /// Pairs of the best.
+        matched: usize,
+    },
+    /// The clocks run apart faster than clocks do.
+    #[error(
+        "the clocks differ by {skew_ppm:.0} ppm, more than the {limit_ppm:.0} ppm of any crystal"
+    )]
+    Skew {
+        /// The estimate, ppm.
+        skew_ppm: f64,
+        /// The largest that is believed, ppm.
+        limit_ppm: f64,
+    },
+}
+
+impl AlignError {
+    /// Whether the recordings could be compared, but the match is not to be trusted.
+    pub fn is_refusal(&self) -> bool {
+        matches!(
+            self,
+            Self::NoMatch { .. }
+                | Self::Ambiguous { .. }
+                | Self::ShortOverlap { .. }
+                | Self::NotConverged { .. }
+                | Self::Skew { .. }
+                | Self::EdgesUnclear { .. }
+        )
+    }
+}

@@ -1,0 +1,171 @@
+//! A file that grows while a recording runs.
+//!
+//! All other results appear whole or not at all ([`output_file`]). A recording is the exception:
+//! it cannot be made again, so what has arrived goes to the file within half a second, and stays
+//! there whatever happens to the program. Pieces are written whole: when the disk is full, the file
+//! is cut back to the end of the last piece that fits. Only a kill in the middle of a write may leave a
+//! part of a line, which a reader of logs leaves out.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::recording::address_text;
+use output_file::OutputError;
+use shared_proto::xbee::Address;
+
+/// A growing file.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    length: u64,
+    pending: Vec<u8>,
+    regular: bool,
+    /// After an error nothing more is written: a hole would be taken for a loss on the way.
+    failed: bool,
+}
+
+impl Journal {
+    /// Makes the file. One that exists is left alone unless `overwrite`; devices and pipes are
+    /// written to.
+    ///
+    /// # Errors
+    /// [`OutputError`] if it cannot be made; its source has kind `AlreadyExists` if it is there.
+    pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
+        let is_device = path.exists() && !path.is_file() && !path.is_dir();
+        let mut options = OpenOptions::new();
+        match (is_device, overwrite) {
+            (true, _) => options.write(true),
+            (false, true) => options.write(true).create(true).truncate(true),
+            (false, false) => options.write(true).create_new(true),
+        };
+        let path = path.to_path_buf();
+        match options.open(&path) {
+            Ok(file) => Ok(Self {
+                path,
+                file,
+                length: 0,
+                pending: Vec::new(),
+                regular: !is_device,
+                failed: false,
+            }),
+            Err(source) => Err(OutputError::failed(path, source)),
+        }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where logs of other boards are made.
+    pub(super) fn place(&self) -> Place {
+        Place { path: self.path.clone() }
+    }
+
+    /// Where a piece is put together that the next [`flush`](Self::flush) writes.
+    pub(super) fn pending(&mut self) -> &mut Vec<u8> {
+        &mut self.pending
+    }
+
+    /// Bytes in the file.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Writes what is pending, whole or not at all.
+    pub(super) fn flush(&mut self) -> Result<(), OutputError> {
+        if self.failed {
+            self.pending.clear();
+        }
+        if self.pending.is_empty() {
+            return Ok(());
+        }
+        let result = self.file.write_all(&self.pending);
+        let written = self.pending.len() as u64;
+        self.pending.clear();
+        match result {
+            Ok(()) => {
+                self.length += written;
+                Ok(())
+            }
+            Err(source) => {
+                self.failed = true;
+                // If even that fails, a part of a line stays at the end; nothing else can be done.
+                let _ = self.cut();
+                Err(OutputError::failed(&self.path, source))
+            }
+        }
+    }
+
+    /// Ends the file: on the disk if it holds anything, gone if it does not.
+    pub(super) fn close(mut self) -> Result<(), OutputError> {
+        let flushed = self.flush();
+        if !self.regular {
+            return flushed;
+        }
+        let closed = match self.length {
+            0 => fs::remove_file(&self.path),
+            _ => self.file.sync_all().and_then(|()| self.check_there()),
+        };
+        flushed.and(closed.map_err(|source| OutputError::failed(self.path, source)))
+    }
+
+    /// Whether the file still has a name: where it was removed while it grew, all in it is lost.
+    fn check_there(&self) -> io::Result<()> {
+        match is_removed(&self.file)? {
+            true => Err(io::Error::new(io::ErrorKind::NotFound, "it was removed meanwhile")),
+            false => Ok(()),
+        }
+    }
+
+    fn cut(&mut self) -> io::Result<()> {
+        use std::io::{Seek, SeekFrom};
+        if self.regular {
+            self.file.set_len(self.length)?;
+            self.file.seek(SeekFrom::Start(self.length))?;
+        }
+        Ok(())
+    }
+}
+
+/// Where the logs of further boards are made.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    path: PathBuf,
+}
+
+impl Place {
+    /// A log whose name has the board's address in it: `log-2052.csv` beside `log.csv`; where there is
+    /// one already, `log-2052-2.csv` and so on, for a recording that runs cannot ask.
+    pub(super) fn beside(&self, address: Address) -> Result<Journal, OutputError> {
+        let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
+        let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
+        let (address, dot) = (address_text(address), dot.unwrap_or_default());
+        let mut number = 1;
+        loop {
+            let number_text = if number == 1 { String::new() } else { format!("-{number}") };
+            let path = self.path.with_file_name(format!("{stem}-{address}{number_text}{dot}"));
+            if number == MOST_NAMES || !path.exists() {
+                return Journal::create(&path, false);
+            }
+            number += 1;
+        }
+    }
+}
+
+/// Names that are tried for the log of a further board.
+const MOST_NAMES: u32 = 1000;
+
+#[cfg(unix)]
+fn is_removed(file: &File) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    Ok(file.metadata()?.nlink() == 0)
+}
+
+/// Elsewhere a file that is open cannot be removed.
+#[cfg(not(unix))]
+fn is_removed(_: &File) -> io::Result<bool> {
+    Ok(false)
+}

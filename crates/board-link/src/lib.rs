@@ -1,0 +1,199 @@
+//! The link to a board: serial ports, recording from them, and commands.
+//!
+//! [`record()`] takes bytes from a [`Source`] (a port, or raw bytes that were recorded before) into a
+//! log by way of [`crate::recording`]; [`Client`] asks the board for things and waits for its
+//! answers. Only one of them has a port at a time: ports are opened for exclusive use.
+
+mod board_log;
+mod client;
+mod interview;
+mod journal;
+mod port;
+mod port_state;
+mod record;
+mod record_error;
+pub mod recording;
+mod self_test;
+mod source;
+mod upload;
+
+pub use board_log::RecordedBoard;
+pub use client::{Client, Uplink};
+pub use interview::{Heard, Interview, InterviewOptions, Stretch, interview};
+pub use journal::Journal;
+pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
+pub use port_state::{PortState, SystemFiles};
+pub use record::{Progress, RecordOptions, Recorded, Sinks, Watcher, Wish, record};
+pub use record_error::RecordError;
+pub use self_test::{EmitterFault, LEAST_RISE, judge};
+pub use source::Source;
+pub use upload::{NotForBoard, for_board};
+
+use std::time::Duration;
+
+use shared_proto::Refusal;
+
+/// What can go wrong between a board and the host.
+///
+/// What the system said is kept as text: to lose the board is never to be mistaken for the reader
+/// of our output having gone, which is an ordinary end.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LinkError {
+    /// There is no such port.
+    #[error("there is no port `{port}`")]
+    Missing {
+        /// The port.
+        port: String,
+    },
+    /// Another program has the port.
+    #[error("port `{port}` is in use by another program")]
+    Busy {
+        /// The port.
+        port: String,
+    },
+    /// The user may not open the port.
+    #[error("no permission to open port `{port}`")]
+    Denied {
+        /// The port.
+        port: String,
+    },
+    /// The port cannot be opened for another reason.
+    #[error("cannot open port `{port}`: {reason}")]
+    Open {
+        /// The port.
+        port: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The port is gone: unplugged, as a rule.
+    #[error("port `{port}` is gone: {reason}")]
+    Lost {
+        /// The port.
+        port: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The recording to replay cannot be read.
+    #[error("cannot read `{path}`: {reason}")]
+    Replay {
+        /// The file.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// No answer to a command, however often it was sent.
+    #[error(
+        "no answer to `{command}` on `{port}` ({attempts} attempts, {} ms each{})",
+        wait.as_millis(), if *silent { ", not a byte" } else { "" }
+    )]
+    NoAnswer {
+        /// The port.
+        port: String,
+        /// What was asked.
+        command: String,
+        /// How often it was sent.
+        attempts: u32,
+        /// How long each answer was waited for.
+        wait: Duration,
+        /// Whether nothing at all arrived.
+        silent: bool,
+    },
+    /// The board does not do what it was asked.
+    #[error("the board refuses `{command}`: {}{fits}", refusal_text(*refusal))]
+    Refused {
+        /// What was asked.
+        command: String,
+        /// Why not.
+        refusal: Refusal,
+        /// What it would do, in words, where that is known.
+        fits: &'static str,
+    },
+    /// The board speaks another version of the protocol.
+    #[error(
+        "the board speaks version `{version}` of the protocol, this program version `{}`",
+        shared_proto::VERSION
+    )]
+    OtherVersion {
+        /// The board's version.
+        version: u8,
+    },
+    /// A command that only one board is to do reaches several.
+    #[error("{} boards answer on `{port}`: {}", serials.len(), serial_texts(serials))]
+    SeveralBoards {
+        /// The port.
+        port: String,
+        /// Their serial numbers.
+        serials: Vec<[u8; 12]>,
+    },
+    /// An answer of the wrong kind.
+    #[error("the board's answer to `{command}` is not one to it")]
+    WrongAnswer {
+        /// What was asked.
+        command: String,
+    },
+    /// After it was given a key the board does not take commands that are signed with it.
+    #[error("the board has not taken the key")]
+    KeyNotKept,
+    /// The board has firmware from before calibrations of this kind.
+    #[error("the board's firmware does not know calibrations of kind `{kind}`")]
+    UnknownKind {
+        /// The kind.
+        kind: &'static str,
+    },
+    /// After an upload the board does not have the calibration that it was sent.
+    #[error("after the upload the board has calibration {found:#010x}, sent was {sent:#010x}")]
+    NotKept {
+        /// CRC-32 of what was sent.
+        sent: u32,
+        /// CRC-32 of what the board has.
+        found: u32,
+    },
+}
+
+/// A refusal in words.
+fn refusal_text(refusal: Refusal) -> String {
+    let reason = match refusal {
+        Refusal::UnknownCommand => "its firmware does not know the command",
+        Refusal::OtherVersion => "it speaks another version of the protocol",
+        Refusal::OutOfRange => "a value is outside its range",
+        Refusal::PeriodTooShort { shortest_us } => {
+            let rate = fastest(shortest_us);
+            return format!("conversions and settling take longer than the period; {rate}");
+        }
+        Refusal::LineTooSlow { shortest_us } => {
+            let rate = fastest(shortest_us);
+            return format!("its serial line does not carry so many samples; {rate}");
+        }
+        Refusal::NoCalibration => "it has no calibration",
+        Refusal::NoUpload => "no upload was begun",
+        Refusal::WrongOffset => "a piece is missing",
+        Refusal::WrongSize => "that is not the size of a calibration",
+        Refusal::WrongCrc => "the CRC does not match",
+        Refusal::BadCalibration => "that is not a calibration it can use",
+        Refusal::StorageFailed => "its flash did not keep the calibration",
+        Refusal::Unsigned => "it has a key, and the command is not signed",
+        Refusal::BadSignature => "the command is signed with another key than the board's",
+        Refusal::Replayed => "another program has signed commands meanwhile",
+        Refusal::Streaming => "not while it streams",
+        Refusal::NotOnThisBoard => "there is nothing on this board that could do it",
+        Refusal::Other(code) => {
+            return format!("for a reason that this program does not know, number {code}");
+        }
+        _ => "for a reason that this program does not know",
+    };
+    reason.to_owned()
+}
+
+/// What would fit, in words.
+fn fastest(shortest_us: u32) -> String {
+    format!("{:.1} Hz would do", (1e7 / f64::from(shortest_us.max(1))).floor() / 10.0)
+}
+
+/// A serial number as `shellcal board identify` prints it.
+pub fn serial_text(serial: &[u8; 12]) -> String {
+    serial.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn serial_texts(serials: &[[u8; 12]]) -> String {
+    serials.iter().map(serial_text).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,42 @@
+//! Why a recording ends before its time.
+
+use super::LinkError;
+use crate::recording::{NoFrame, UnsuitableCalibration};
+use output_file::OutputError;
+
+/// A recording that has ended before its time. What arrived until then is in the files.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The source.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A file.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// The bytes.
+    #[error("`{source_name}`: {problem}")]
+    NoFrame {
+        /// The port or file.
+        source_name: String,
+        /// What is wrong.
+        problem: NoFrame,
+    },
+    /// Not a single byte has come.
+    #[error("nothing arrived from `{source_name}`")]
+    Silence {
+        /// The port or file.
+        source_name: String,
+    },
+    /// Packets, but none with readings or forces.
+    #[error("`{source_name}`: the board is there, but sends no frames")]
+    NotStreaming {
+        /// The port or file.
+        source_name: String,
+    },
+    /// The calibration.
+    #[error(transparent)]
+    Calibration(#[from] UnsuitableCalibration),
+    /// The low-pass of the forces.
+    #[error(transparent)]
+    Forces(#[from] forces::ForceError),
+}

@@ -1,0 +1,168 @@
+//! Forces beside the readings, by the [force pipeline](forces), as frames come.
+
+use super::reception::{BoardFrame, Measured};
+use calibration::Calibration;
+use forces::rests::RestFinder;
+use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup};
+use shared_proto::CHANNELS;
+use shell_data::wrench::{Axes, Axis, AxisValues, PerAxis};
+
+/// From readings to forces while they are recorded.
+#[derive(Clone, Debug)]
+pub struct LiveForces {
+    /// The model.
+    pub calibration: Calibration,
+    /// How readings become forces; the low-pass is applied forward only, whatever this says.
+    pub options: ForceOptions,
+}
+
+/// Forces of frames as they come.
+#[derive(Clone, Debug)]
+pub struct RunningForces {
+    calibration: Calibration,
+    options: ForceOptions,
+    stage: Stage,
+    /// The rests, where the tare follows them.
+    rests: Option<RestFinder>,
+    newest: Option<PerAxis<f64>>,
+}
+
+#[derive(Clone, Debug)]
+enum Stage {
+    /// Tare and clock are being found in the first frames, which are kept for the filter.
+    Setup {
+        setup: Box<PipelineSetup>,
+        times_s: Vec<f64>,
+        readings: Vec<Vec<f64>>,
+    },
+    Running {
+        pipeline: Box<ForcePipeline>,
+        stream: Box<ForceStream>,
+    },
+}
+
+/// What a frame gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Force {
+    /// Wrench in N and N·m.
+    pub wrench: PerAxis<f64>,
+    /// Bit i is set if channel i was outside the calibrated range.
+    pub out_of_range: u64,
+    /// There is to be a tare, and it was not known yet.
+    pub untared: bool,
+    /// There is to be a low-pass, and its clock was not known yet.
+    pub unfiltered: bool,
+}
+
+impl RunningForces {
+    /// Nothing has come yet.
+    pub fn new(live: LiveForces) -> Self {
+        let options = live.options.causal();
+        let rests = options.tare.follows_rests().then(RestFinder::default);
+        let setup = Box::new(PipelineSetup::while_recording(options));
+        let stage =
+            Stage::Setup { setup, times_s: Vec::new(), readings: vec![Vec::new(); CHANNELS] };
+        Self { calibration: live.calibration, options, stage, rests, newest: None }
+    }
+
+    /// Forces of frames that hold readings.
+    ///
+    /// # Errors
+    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    pub fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
+        let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
+        let readings = columns(frames);
+        let out_of_range = self.calibration.out_of_range(&readings);
+        let first = self.set_up(&times_s, &readings)?;
+        let mut wrench = PerAxis::default();
+        self.calibration.wrench(&cut(&readings, 0..first), &mut wrench);
+        if let (Stage::Running { pipeline, stream }, true) = (&mut self.stage, first < frames.len())
+        {
+            follow(&mut self.rests, pipeline, &self.calibration, &times_s[first..], || {
+                cut(&readings, first..frames.len())
+            });
+            let tared = pipeline.wrench(
+                &self.calibration,
+                &times_s[first..],
+                &cut(&readings, first..frames.len()),
+            );
+            let filtered = stream.push(&times_s[first..], tared)?;
+            wrench.iter_mut().zip(filtered).for_each(|(wrench, rest)| wrench.extend(rest));
+        }
+        let needs_tare = self.options.tare != forces::TareRule::Untared;
+        let forces = out_of_range.into_iter().enumerate().map(|(row, out_of_range)| Force {
+            wrench: wrench.each_ref().map(|axis| axis[row]),
+            out_of_range,
+            untared: row < first && needs_tare,
+            unfiltered: row < first && self.options.low_pass.is_some(),
+        });
+        let forces: Vec<Force> = forces.collect();
+        self.newest = forces.last().map(|force| force.wrench).or(self.newest);
+        Ok(forces)
+    }
+
+    /// The axes that there are forces of.
+    pub fn axes(&self) -> Axes {
+        self.calibration.axes
+    }
+
+    /// The wrench of the newest frame.
+    pub fn newest(&self) -> Option<AxisValues<f64>> {
+        self.newest.map(|wrench| self.axes().values(&wrench))
+    }
+
+    /// Finds tare and clock, as far as that is not done; how many of the frames that took. The filter
+    /// is then where it would be had they been known from the start.
+    fn set_up(&mut self, times_s: &[f64], readings: &[Vec<f64>]) -> Result<usize, ForceError> {
+        let Stage::Setup { setup, times_s: kept_s, readings: kept } = &mut self.stage else {
+            return Ok(0);
+        };
+        let mut row = 0;
+        while row < times_s.len() && !setup.is_done() {
+            let (times_s, readings) = (&times_s[row..=row], cut(readings, row..row + 1));
+            let rows = FirstRows { times_s, readings: &readings, fresh: &[true], leg: None };
+            setup.look_at(&self.calibration, rows);
+            kept_s.extend_from_slice(times_s);
+            kept.iter_mut().zip(readings).for_each(|(kept, reading)| kept.extend(reading));
+            row += 1;
+        }
+        if setup.is_done() {
+            let mut pipeline = setup.as_ref().clone().finish(&self.calibration)?.0;
+            follow(&mut self.rests, &mut pipeline, &self.calibration, kept_s, || kept.clone());
+            let mut stream = pipeline.stream(&Axis::ALL);
+            stream.push(kept_s, pipeline.wrench(&self.calibration, kept_s, kept))?;
+            let (pipeline, stream) = (Box::new(pipeline), Box::new(stream));
+            self.stage = Stage::Running { pipeline, stream };
+        }
+        Ok(row)
+    }
+}
+
+/// Lets a pipeline follow the rests that end among some frames, where its tare does that.
+fn follow(
+    rests: &mut Option<RestFinder>,
+    pipeline: &mut ForcePipeline,
+    calibration: &Calibration,
+    times_s: &[f64],
+    readings: impl FnOnce() -> Vec<Vec<f64>>,
+) {
+    if let Some(finder) = rests {
+        finder.look_at(times_s, &readings(), &mut |rest| pipeline.follow(calibration, rest));
+    }
+}
+
+/// The readings of frames, column by column.
+fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
+    let column = |channel: usize| {
+        let reading = |frame: &BoardFrame| match &frame.measured {
+            Measured::Readings(readings) => readings[channel],
+            Measured::Wrench(_) => f64::NAN,
+        };
+        frames.iter().map(reading).collect()
+    };
+    (0..CHANNELS).map(column).collect()
+}
+
+fn cut(columns: &[Vec<f64>], rows: std::ops::Range<usize>) -> Vec<Vec<f64>> {
+    columns.iter().map(|column| column[rows.clone()].to_vec()).collect()
+}

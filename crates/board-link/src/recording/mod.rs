@@ -1,0 +1,43 @@
+//! What a board sends, as rows of a log: bytes in, CSV lines out.
+//!
+//! ```text
+//! bytes ─ recognition ─▶ protocol ─ Boards ─ Reception ─▶ BoardFrame ─ RowWriter ─▶ CSV lines
+//! ```
+//!
+//! [`Boards`] has a [`Reception`] for every board that a base station hears.
+//! [`Reception`] unwraps sequence and clock and finds restarts of the board; [`RowWriter`] puts the
+//! frames of a batch in order, marks gaps and adds forces where there is a calibration. The channels of
+//! a frame are brought to one time; nothing else is interpolated: a frame that did
+//! not arrive has no row, and the row after it says how many are missing.
+//!
+//! Readings are in steps of the 12-bit converter, those of the original board as they are, those of
+//! the packets over [`shared_proto::COUNTS_PER_LSB`], so a calibration holds for both.
+//!
+//! No files, ports or clocks here: see [`crate`].
+
+mod boards;
+mod edges;
+mod forces;
+mod reception;
+mod recognition;
+mod rows;
+mod simultaneous;
+
+pub use boards::{Boards, HeardBoard, address_text};
+pub use edges::BoardEdge;
+pub use forces::{Force, LiveForces, RunningForces};
+pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
+pub use recognition::{NoFrame, Recognised, Recognition};
+pub use rows::{RowWriter, UnsuitableCalibration};
+
+/// What the bytes of a stream are, [`shared_proto::Protocol`] with names for people.
+pub fn protocol_name(protocol: shared_proto::Protocol) -> &'static str {
+    use shared_proto::xbee::Mode;
+    use shared_proto::{Framing, Protocol};
+    match protocol {
+        Protocol::Packets(Framing::Cobs) => "cobs",
+        Protocol::Packets(Framing::Xbee(Mode::Plain)) => "xbee-ap1",
+        Protocol::Packets(Framing::Xbee(Mode::Escaped)) => "xbee-ap2",
+        Protocol::Original => "original",
+    }
+}

@@ -1,0 +1,164 @@
+//! Which protocol a stream speaks, and telling when it speaks none.
+
+use std::time::Duration;
+
+use shared_proto::{Decoder, Event, Protocol, detect, skinproc};
+
+/// Bytes that are enough to tell the protocol by: half a second of 100 Hz takes 1,500.
+const ENOUGH: usize = 2048;
+
+/// Time from the first byte after which fewer have to do. It adds to what a kill can lose, so it
+/// is short; 100 Hz sends a dozen frames in it.
+const PATIENCE: Duration = Duration::from_millis(250);
+
+/// Bytes and time without a frame after which there will be none.
+const HOPELESS: (usize, Duration) = (1 << 16, Duration::from_secs(3));
+
+/// Fewest bytes for that verdict: a frame of the longest kind and the start of a next.
+const SOME: usize = 100;
+
+/// Finds out which protocol a stream speaks.
+#[derive(Clone, Debug)]
+pub struct Recognition {
+    asked_for: Option<Protocol>,
+    bytes: Vec<u8>,
+    first_at: Option<Duration>,
+}
+
+/// A protocol, and the bytes that it was recognised by, which are still to be decoded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recognised {
+    /// The protocol.
+    pub protocol: Protocol,
+    /// All bytes since the start of the stream.
+    pub bytes: Vec<u8>,
+}
+
+/// Bytes in which there is no frame of the protocol wanted.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoFrame {
+    /// No protocol has frames in these bytes.
+    #[error("bytes arrive ({bytes} so far) but no valid frame")]
+    Any {
+        /// How many bytes were looked at.
+        bytes: usize,
+    },
+    /// Frames of another protocol than the one asked for.
+    #[error(
+        "no valid frame of framing `{}` in {bytes} bytes; they are framed `{}`",
+        super::protocol_name(*asked_for), super::protocol_name(*found)
+    )]
+    OtherProtocol {
+        /// How many bytes were looked at.
+        bytes: usize,
+        /// What was asked for.
+        asked_for: Protocol,
+        /// What the bytes are.
+        found: Protocol,
+    },
+    /// Good packets, but of a version that this program does not know.
+    #[error(
+        "the board speaks version `{version}` of the protocol, this program version `{}`",
+        shared_proto::VERSION
+    )]
+    OtherVersion {
+        /// The board's version.
+        version: u8,
+    },
+}
+
+impl Recognition {
+    /// Nothing has arrived. With a protocol `asked_for`, no other is accepted.
+    pub fn new(asked_for: Option<Protocol>) -> Self {
+        Self { asked_for, bytes: Vec::new(), first_at: None }
+    }
+
+    /// How many bytes are held until the protocol is known.
+    pub fn held(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// Takes bytes that arrived at time `now`; `None` as long as more are needed.
+    ///
+    /// # Errors
+    /// [`NoFrame`] once there is little hope.
+    pub fn feed(&mut self, bytes: &[u8], now: Duration) -> Result<Option<Recognised>, NoFrame> {
+        self.bytes.extend_from_slice(bytes);
+        if self.bytes.is_empty() {
+            return Ok(None);
+        }
+        let elapsed = now.saturating_sub(*self.first_at.get_or_insert(now));
+        if self.bytes.len() < ENOUGH && elapsed < PATIENCE {
+            return Ok(None);
+        }
+        if let Some(recognised) = self.recognise()? {
+            return Ok(Some(recognised));
+        }
+        let length = self.bytes.len();
+        match length >= HOPELESS.0 || length >= SOME && elapsed >= HOPELESS.1 {
+            true => Err(self.no_frame()),
+            false => Ok(None),
+        }
+    }
+
+    /// The stream is over: what it was, `None` if nothing arrived.
+    ///
+    /// # Errors
+    /// [`NoFrame`].
+    pub fn finish(&mut self) -> Result<Option<Recognised>, NoFrame> {
+        match self.bytes.is_empty() {
+            true => Ok(None),
+            false => self.recognise()?.ok_or_else(|| self.no_frame()).map(Some),
+        }
+    }
+
+    fn recognise(&mut self) -> Result<Option<Recognised>, NoFrame> {
+        let found = match self.asked_for {
+            Some(protocol) => Some(protocol).filter(|&protocol| speaks(protocol, &self.bytes)),
+            None => detect(&self.bytes),
+        };
+        let Some(protocol) = found else { return Ok(None) };
+        if let Some(version) = other_version(protocol, &self.bytes) {
+            return Err(NoFrame::OtherVersion { version });
+        }
+        Ok(Some(Recognised { protocol, bytes: std::mem::take(&mut self.bytes) }))
+    }
+
+    fn no_frame(&self) -> NoFrame {
+        let bytes = self.bytes.len();
+        match (self.asked_for, detect(&self.bytes)) {
+            (Some(asked_for), Some(found)) => NoFrame::OtherProtocol { bytes, asked_for, found },
+            _ => NoFrame::Any { bytes },
+        }
+    }
+}
+
+/// Whether there is a frame of `protocol` in `bytes`.
+fn speaks(protocol: Protocol, bytes: &[u8]) -> bool {
+    match protocol {
+        Protocol::Packets(framing) => {
+            let mut decoder = Decoder::new(framing);
+            decoder.feed(bytes, |_| {});
+            let counters = decoder.counters();
+            counters.packets + counters.unknown_version > 0
+        }
+        Protocol::Original => {
+            let mut decoder = skinproc::Decoder::new();
+            decoder.feed(bytes, |_| {});
+            decoder.scans > 0
+        }
+    }
+}
+
+/// The version of the packets, if none of them is of ours.
+fn other_version(protocol: Protocol, bytes: &[u8]) -> Option<u8> {
+    let Protocol::Packets(framing) = protocol else { return None };
+    let mut decoder = Decoder::new(framing);
+    let mut other = None;
+    decoder.feed(bytes, |event| {
+        if let Event::OtherVersion { version, .. } = event {
+            other = Some(version);
+        }
+    });
+    other.filter(|_| decoder.counters().packets == 0)
+}

@@ -1,0 +1,294 @@
+//! Frames to the lines of a log.
+//!
+//! ```text
+//! t_s,s1,…,s8,[fx_n,…,mz_nm,]index,missing,dropped,HEALTH,sync,sync_s,flags  readings [and forces]
+//! t_s,fx_n,…,mz_nm,index,missing,dropped,HEALTH,sync,sync_s,flags            wrenches of the board
+//! t_s,s1,…,s8,[fx_n,…,mz_nm,]flags                                           the original board
+//! ```
+//!
+//! Behind a base station in API mode `rssi_dbm` stands before the flags: how strongly the packet arrived.
+//! HEALTH is `temperature_c,supply_v,vrefint,dark1,…,dark8`, in the first row after the board has said
+//! so, about once a second, and empty elsewhere, but for the temperature, which holds until the next;
+//! `vrefint` and `dark` are in steps of the converter.
+//!
+//! `sync` and `sync_s` are number and time of an edge at the board's sync input, in the row after it, and
+//! empty elsewhere; `sync_s` is on the clock of `t_s`.
+//!
+//! `missing` counts the frames that did not arrive between this row and the one before; `dropped`
+//! is the board's own count, which wraps at 256. `flags` is empty when all is well: `s3:saturated`
+//! and `s3:range` as in the output of `convert`, `late` where a frame came after a later one had
+//! been written, `skewed` where the channels could not be brought to one time, `restart` where the board
+//! has restarted, `untared` and `unfiltered` where tare and clock of the forces were still being found:
+//! such a row is not held back, so its forces are those of the calibration alone. From then on they are
+//! those of `convert` with a causal low-pass. `mark1`, `mark2`, … are moments that somebody has marked.
+
+use std::collections::VecDeque;
+
+use super::edges::BoardEdge;
+use super::forces::{Force, LiveForces, RunningForces};
+use super::reception::{BoardFrame, Content, Measured};
+use super::simultaneous::Simultaneous;
+use forces::ForceError;
+use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
+use shell_data::wrench::{Axes, AxisValues};
+
+/// A calibration that cannot be applied to what the board sends.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum UnsuitableCalibration {
+    /// It is for another number of channels.
+    #[error("the calibration is for {found} channels, a board has {CHANNELS}")]
+    Channels {
+        /// The calibration's channels.
+        found: usize,
+    },
+    /// The board converts itself.
+    #[error("the board streams wrenches, so there are no readings to apply a calibration to")]
+    Wrenches,
+}
+
+/// Writes frames as CSV lines.
+#[derive(Clone, Debug)]
+pub struct RowWriter {
+    content: Content,
+    forces: Option<RunningForces>,
+    last_index: Option<i64>,
+    /// Marks that are to be set, with the frames from which on.
+    marks: VecDeque<(i64, u32)>,
+    simultaneous: Simultaneous,
+    has_rssi: bool,
+    /// What the board has said last, °C.
+    temperature_c: Option<f64>,
+    /// Frames that hold something else than the columns.
+    pub other_content: u64,
+}
+
+impl RowWriter {
+    /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration;
+    /// with `as_sampled` channels are not brought to one time.
+    ///
+    /// # Errors
+    /// [`UnsuitableCalibration`].
+    pub fn new(
+        first: &BoardFrame,
+        numbered: bool,
+        forces: Option<LiveForces>,
+        as_sampled: bool,
+    ) -> Result<Self, UnsuitableCalibration> {
+        let content = first.content(numbered);
+        if let Some(forces) = &forces {
+            let found = forces.calibration.channels();
+            if found != CHANNELS {
+                return Err(UnsuitableCalibration::Channels { found });
+            }
+            if content == Content::Wrench {
+                return Err(UnsuitableCalibration::Wrenches);
+            }
+        }
+        let forces = forces.map(RunningForces::new);
+        Ok(Self {
+            content,
+            forces,
+            last_index: None,
+            has_rssi: first.rssi_dbm.is_some(),
+            simultaneous: Simultaneous::new(as_sampled),
+            marks: VecDeque::new(),
+            other_content: 0,
+            temperature_c: None,
+        })
+    }
+
+    /// The line that names the columns.
+    pub fn header(&self) -> String {
+        let mut names = vec!["t_s".to_owned()];
+        let readings = matches!(self.content, Content::Readings { .. });
+        if readings {
+            names.extend((1..=CHANNELS).map(|channel| format!("s{channel}")));
+        }
+        names.extend(self.axes().columns().into_iter().map(str::to_owned));
+        if self.is_numbered() {
+            names.extend(["index", "missing", "dropped"].map(str::to_owned));
+            names.extend(["temperature_c", "supply_v", "vrefint"].map(str::to_owned));
+            names.extend((1..=CHANNELS).map(|channel| format!("dark{channel}")));
+            names.extend(["sync", "sync_s"].map(str::to_owned));
+        }
+        if self.has_rssi {
+            names.push("rssi_dbm".to_owned());
+        }
+        names.push("flags".to_owned());
+        names.join(",") + "\n"
+    }
+
+    /// The axes of the wrench that are written.
+    fn axes(&self) -> Axes {
+        match (&self.content, &self.forces) {
+            (Content::Wrench, _) => Axes::ALL,
+            (Content::Readings { .. }, Some(forces)) => forces.axes(),
+            (Content::Readings { .. }, None) => Axes::NONE,
+        }
+    }
+
+    /// Appends the rows of a batch of frames, in the order of their indices, and empties it. The last
+    /// frames may wait for those after them.
+    ///
+    /// # Errors
+    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    pub fn write(
+        &mut self,
+        frames: &mut Vec<BoardFrame>,
+        text: &mut Vec<u8>,
+    ) -> Result<(), ForceError> {
+        self.take(frames, false, text)
+    }
+
+    /// Appends the rows of the frames that wait.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub fn finish(&mut self, text: &mut Vec<u8>) -> Result<(), ForceError> {
+        self.take(&mut Vec::new(), true, text)
+    }
+
+    fn take(
+        &mut self,
+        frames: &mut Vec<BoardFrame>,
+        ended: bool,
+        text: &mut Vec<u8>,
+    ) -> Result<(), ForceError> {
+        frames.sort_by_key(|frame| frame.index);
+        let numbered = self.is_numbered();
+        let before = frames.len();
+        frames.retain(|frame| frame.content(numbered) == self.content);
+        self.other_content += (before - frames.len()) as u64;
+        let frames = match numbered {
+            true => self.simultaneous.take(frames.drain(..), ended),
+            false => std::mem::take(frames),
+        };
+        let forces = self.forces.as_mut().map(|forces| forces.of(&frames)).transpose()?;
+        let forces = forces.unwrap_or_default();
+        for (row, frame) in frames.into_iter().enumerate() {
+            let step = self.last_index.map(|last| frame.index - last);
+            let is_late = step.is_some_and(|step| step < 0);
+            if !is_late {
+                self.last_index = Some(frame.index);
+            }
+            write_time(frame.time_us, text);
+            match frame.measured {
+                Measured::Readings(values) => write_numbers(&values, text),
+                Measured::Wrench(values) => write_numbers(&values, text),
+            }
+            let force = forces.get(row);
+            if let Some(force) = force {
+                write_numbers(&self.axes().of(&force.wrench), text);
+            }
+            if numbered {
+                let missing = step.map_or(0, |step| (step - 1).max(0));
+                text.extend_from_slice(
+                    format!(",{},{missing},{}", frame.index, frame.dropped).as_bytes(),
+                );
+                write_health(frame.health.as_ref(), &mut self.temperature_c, text);
+                write_edge(frame.edge.as_ref(), text);
+            }
+            if self.has_rssi {
+                let rssi = frame.rssi_dbm.map_or_else(String::new, |dbm| dbm.to_string());
+                text.extend_from_slice(format!(",{rssi}").as_bytes());
+            }
+            text.push(b',');
+            let mut flags = flags(&frame, force, is_late);
+            while let Some(&(index, number)) = self.marks.front()
+                && frame.index >= index
+            {
+                self.marks.pop_front();
+                let space = if flags.is_empty() { "" } else { " " };
+                flags += &format!("{space}mark{number}");
+            }
+            text.extend_from_slice(flags.as_bytes());
+            text.push(b'\n');
+        }
+        Ok(())
+    }
+
+    /// Flags the first row from the frame `index` on, that has not been written, with a mark.
+    pub fn mark(&mut self, index: i64, number: u32) {
+        self.marks.push_back((index, number));
+    }
+
+    /// The newest wrench, where there are forces.
+    pub fn newest_wrench(&self) -> Option<AxisValues<f64>> {
+        self.forces.as_ref().and_then(RunningForces::newest)
+    }
+
+    fn is_numbered(&self) -> bool {
+        self.content != Content::Readings { numbered: false }
+    }
+}
+
+/// Time in s with all digits of the µs.
+fn write_time(time_us: i64, text: &mut Vec<u8>) {
+    let sign = if time_us < 0 { "-" } else { "" };
+    let (whole, part) = (time_us.unsigned_abs() / 1_000_000, time_us.unsigned_abs() % 1_000_000);
+    text.extend_from_slice(format!("{sign}{whole}.{part:06}").as_bytes());
+}
+
+/// Numbers with the fewest digits that read back as the same.
+fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
+    let mut digits = zmij::Buffer::new();
+    for &value in values {
+        text.push(b',');
+        let digits = digits.format(value);
+        text.extend_from_slice(digits.strip_suffix(".0").unwrap_or(digits).as_bytes());
+    }
+}
+
+/// How the board is, empty fields where it has not said so. The temperature is the one that it has said last.
+fn write_health(health: Option<&Health>, temperature_c: &mut Option<f64>, text: &mut Vec<u8>) {
+    let mut write = |value: Option<f64>| match value {
+        Some(value) => write_numbers(&[value], text),
+        None => text.push(b','),
+    };
+    let told = health.and_then(|health| health.vitals.temperature_cdeg);
+    *temperature_c = told.map(|hundredths| f64::from(hundredths) / 100.0).or(*temperature_c);
+    write(*temperature_c);
+    let Some(Health { vitals, dark, .. }) = health else {
+        return text.extend([b','; 2 + CHANNELS]);
+    };
+    let steps = |counts: u16| f64::from(counts) / f64::from(COUNTS_PER_LSB);
+    write(vitals.supply_mv.map(|mv| f64::from(mv) / 1000.0));
+    write(vitals.reference.map(steps));
+    write_numbers(&dark.map(steps), text);
+}
+
+/// An edge at the sync input, empty fields where there is none.
+fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
+    let Some(BoardEdge { number, time_us }) = edge else { return text.extend(b",,") };
+    text.extend_from_slice(format!(",{number},").as_bytes());
+    write_time(*time_us, text);
+}
+
+fn flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> String {
+    let mut flags = Vec::new();
+    let out_of_range = force.map_or(0, |force| force.out_of_range);
+    if force.is_some_and(|force| force.untared) {
+        flags.push("untared".to_owned());
+    }
+    if force.is_some_and(|force| force.unfiltered) {
+        flags.push("unfiltered".to_owned());
+    }
+    if frame.skewed {
+        flags.push("skewed".to_owned());
+    }
+    if frame.restarted {
+        flags.push("restart".to_owned());
+    }
+    if is_late {
+        flags.push("late".to_owned());
+    }
+    for channel in 0..CHANNELS {
+        if out_of_range >> channel & 1 == 1 {
+            flags.push(format!("s{}:range", channel + 1));
+        }
+        if frame.saturated >> channel & 1 == 1 {
+            flags.push(format!("s{}:saturated", channel + 1));
+        }
+    }
+    flags.join(" ")
+}

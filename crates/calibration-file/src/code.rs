@@ -1,0 +1,172 @@
+//! Calibrations as functions in Python and MATLAB, for programs without `shellcal`.
+//!
+//! A file is a head of constants and a fixed body (`assets/export`), which computes what
+//! [`Calibration::wrench`](calibration::Calibration::wrench) does: of polynomials on standardised readings,
+//! in the order of [`Model::terms`](calibration::Model::terms); of the physics model by the same steps.
+
+use calibration::physics::PhysicsModel;
+use calibration::{Kind, Polynomial};
+use shell_data::wrench::Axes;
+
+use super::CalibrationFile;
+
+/// A language.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Language {
+    /// With numpy.
+    Python,
+    /// With MATLAB or Octave.
+    Matlab,
+}
+
+/// A matrix by the name that the body has for it, row by row.
+struct Constant {
+    name: &'static str,
+    comment: &'static str,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Constant {
+    fn row(name: &'static str, comment: &'static str, row: Vec<f64>) -> Self {
+        Self { name, comment, rows: vec![row] }
+    }
+}
+
+/// The function `name` of a calibration. `name` has to be an identifier, which MATLAB wants to be the name
+/// of the file.
+pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
+    let axes = file.calibration.axes;
+    let (constants, body) = match (file.calibration.kind(), language) {
+        (Kind::Polynomial(polynomial), language) => (
+            of_polynomial(polynomial, axes),
+            match language {
+                Language::Python => include_str!("../assets/export/polynomial.py"),
+                Language::Matlab => include_str!("../assets/export/polynomial.m"),
+            },
+        ),
+        (Kind::Physics(physics), language) => (
+            of_physics(physics.model()),
+            match language {
+                Language::Python => include_str!("../assets/export/physics.py"),
+                Language::Matlab => include_str!("../assets/export/physics.m"),
+            },
+        ),
+    };
+    let columns = axes.columns();
+    match language {
+        Language::Python => python(&constants, &head(file), &columns, name) + body,
+        Language::Matlab => matlab(&constants, &head(file), &columns, name) + body,
+    }
+}
+
+/// What the function is, in a line.
+fn head(file: &CalibrationFile) -> String {
+    let model = file.calibration.name();
+    let serial = file.origin.sensor_serial.as_ref();
+    let of = serial.map_or(String::new(), |serial| format!(" of the sensor {serial:?}"));
+    format!(
+        "{model} calibration{of}, exported by {}, fitted on {}",
+        file.origin.made_by, file.origin.date
+    )
+}
+
+fn of_polynomial(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
+    let model = polynomial.model();
+    let none = model.channels as f64;
+    let places = |term: &calibration::model::Term| {
+        let mut places: Vec<f64> =
+            term.factors().iter().map(|&channel| f64::from(channel)).collect();
+        places.resize(model.basis.degree(), none);
+        places
+    };
+    let scaling = polynomial.scaling();
+    vec![
+        Constant::row("CENTRE", "counts", scaling.centre.clone()),
+        Constant::row("SCALE", "counts", scaling.scale.clone()),
+        Constant {
+            name: "FACTORS",
+            comment: "a row for each feature: the channels it is a product of, from 0",
+            rows: model.terms().iter().map(places).collect(),
+        },
+        Constant {
+            name: "COEFFICIENTS",
+            comment: "a row for each feature: N and N*m",
+            rows: polynomial.coefficients().iter().map(|row| axes.of(row)).collect(),
+        },
+    ]
+}
+
+fn of_physics(model: &PhysicsModel) -> Vec<Constant> {
+    let of =
+        |value: fn(&calibration::physics::Sensor) -> f64| model.sensors.iter().map(value).collect();
+    let precision = model.load_precision.iter();
+    let covariances = model.sensors.iter().flat_map(|sensor| &sensor.covariance);
+    vec![
+        Constant::row("CHANNELS", "of a frame", vec![model.channels as f64]),
+        Constant::row("CHANNEL", "of each sensor, from 0", of(|sensor| sensor.channel as f64)),
+        Constant::row("LEAST", "counts", of(|sensor| sensor.least)),
+        Constant::row("RANGE", "counts", of(|sensor| sensor.range)),
+        Constant::row("WRENCH_SCALE", "N and N*m", model.wrench_scale.to_vec()),
+        Constant {
+            name: "PRIOR",
+            comment: "P",
+            rows: precision.map(|row| row.iter().map(|x| model.lambda * x).collect()).collect(),
+        },
+        Constant::row(
+            "NOISE",
+            "sigma**2, tau**2",
+            vec![model.noise.reading, model.noise.displacement],
+        ),
+        Constant {
+            name: "PARAMETERS",
+            comment: "a row for each sensor: b, a (six), lo, ln h, ln nu",
+            rows: model.sensors.iter().map(|sensor| sensor.parameters.to_vec()).collect(),
+        },
+        Constant {
+            name: "COVARIANCE",
+            comment: "of the parameters, ten rows for each sensor",
+            rows: covariances.map(|row| row.to_vec()).collect(),
+        },
+    ]
+}
+
+fn python(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> String {
+    let mut text = format!(
+        "\"\"\"{head}.\n\n    from {name} import wrench\n    forces = wrench(readings)\n\nNeeds numpy.\n\"\"\"\n\n\
+         import numpy as np\n\nAXES = {columns:?}\n"
+    );
+    for Constant { name, comment, rows } in constants {
+        text += &format!("# {comment}\n");
+        match &rows[..] {
+            [row] if row.len() == 1 => text += &format!("{name} = {:?}\n", row[0]),
+            [row] => text += &format!("{name} = np.array({row:?})\n"),
+            rows => {
+                text += &format!("{name} = np.array([\n");
+                rows.iter().for_each(|row| text += &format!("    {row:?},\n"));
+                text += "])\n";
+            }
+        }
+    }
+    text + "\n\n"
+}
+
+fn matlab(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> String {
+    let columns = columns.join(", ");
+    let mut text = format!(
+        "function w = {name}(readings)\n%{}  {head}.\n%\n%   w = {name}(readings): a row for each frame; {columns}, N and \
+         N*m. readings\n%   has a column for each channel, in counts.\n\n",
+        name.to_uppercase()
+    );
+    for Constant { name, comment, rows } in constants {
+        text += &format!("    % {comment}\n    {name} = [");
+        for (place, row) in rows.iter().enumerate() {
+            if place > 0 {
+                text += "\n        ";
+            }
+            let values: Vec<String> = row.iter().map(|value| format!("{value:?}")).collect();
+            text += &values.join(" ");
+        }
+        text += "];\n";
+    }
+    text + "\n"
+}

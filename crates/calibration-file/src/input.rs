@@ -1,0 +1,130 @@
+//! Reading a document whole: within a budget, and only if it begins as what it should be.
+//!
+//! Logs are streamed and may be of any length. Calibrations, tables, manifests and profiles are read
+//! whole, so that a wrong file, a device or an endless pipe must not fill the memory first.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+/// What a document is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Document {
+    /// JSON: calibrations and partial fits.
+    Json,
+    /// Lines of text: tables, manifests, profiles.
+    Text,
+    /// A matrix, as text or in a format of its own.
+    Matrix,
+}
+
+impl Document {
+    /// The most bytes that are read.
+    pub const fn budget(self) -> u64 {
+        match self {
+            // A calibration of the largest model with a covariance by groups.
+            Document::Json => 512 << 20,
+            // A table of some million rows.
+            Document::Text => 256 << 20,
+            // The largest model takes 200 kB.
+            Document::Matrix => 16 << 20,
+        }
+    }
+
+    /// What is wrong with how it begins.
+    fn check(self, first: &[u8]) -> Result<(), &'static str> {
+        match self {
+            Document::Json | Document::Text if first.contains(&0) => Err("it is not text"),
+            Document::Matrix if first.starts_with(&[0; 16]) => Err("it is empty but for zeros"),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The bytes of a document.
+///
+/// # Errors
+/// What the system says; `InvalidData` if it is too long or begins as no such document does.
+pub fn read(path: &Path, document: Document) -> io::Result<Vec<u8>> {
+    let refuse = |why: String| Err(io::Error::new(io::ErrorKind::InvalidData, why));
+    let file = File::open(path)?;
+    let (length, budget) = (file.metadata()?.len(), document.budget());
+    let too_long = format!("it is longer than the {} MB that are read", budget >> 20);
+    if length > budget {
+        return refuse(too_long);
+    }
+    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
+    let mut file = file.take(budget + 1);
+    file.by_ref().take(1 << 12).read_to_end(&mut bytes)?;
+    if let Err(why) = document.check(&bytes) {
+        return refuse(why.to_owned());
+    }
+    let first = bytes.trim_ascii_start().first();
+    if document == Document::Json && first != Some(&b'{') {
+        // The beginning is enough to say what is wrong with it.
+        return Ok(bytes);
+    }
+    file.read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > budget {
+        return refuse(too_long);
+    }
+    Ok(bytes)
+}
+
+/// The text of a document.
+///
+/// # Errors
+/// As for [`read`]; `InvalidData` if it is not UTF-8.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    let bytes = read(path, Document::Text)?;
+    String::from_utf8(bytes).map_err(|error| {
+        let line =
+            1 + memchr::memchr_iter(b'\n', &error.as_bytes()[..error.utf8_error().valid_up_to()])
+                .count();
+        io::Error::new(io::ErrorKind::InvalidData, format!("line {line} is not UTF-8"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_begin_right_is_refused_before_it_is_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("file");
+        for (bytes, document, is_right) in [
+            (&b"{}"[..], Document::Json, true),
+            (b"\n {", Document::Json, true),
+            (b"", Document::Json, true),
+            (b"{\0", Document::Json, false),
+            (b"a,b\n", Document::Text, true),
+            (b"a\0", Document::Text, false),
+            (b"MATLAB\0", Document::Matrix, true),
+        ] {
+            std::fs::write(&path, bytes).unwrap();
+            let read = read(&path, document);
+            assert_eq!(read.is_ok(), is_right, "{bytes:?}");
+            assert!(read.is_err() || read.unwrap() == bytes);
+        }
+    }
+
+    #[test]
+    fn a_file_beyond_the_budget_is_refused_by_its_length() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("file");
+        File::create(&path).unwrap().set_len(10 << 30).unwrap();
+        for document in [Document::Json, Document::Text, Document::Matrix] {
+            let error = read(&path, document).unwrap_err().to_string();
+            assert!(error.contains("longer than the"), "{error}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_endless_device_is_refused_at_once() {
+        for document in [Document::Json, Document::Text, Document::Matrix] {
+            assert!(read(Path::new("/dev/zero"), document).is_err());
+        }
+    }
+}

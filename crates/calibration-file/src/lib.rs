@@ -1,0 +1,212 @@
+//! Calibrations as files: one JSON document, and the matrices that labs exchange.
+//!
+//! The document holds all that is needed to apply a calibration, to trust it and to make it again.
+//! Numbers are written with the fewest digits that read back as the same `f64`.
+//!
+//! | field | content |
+//! |---|---|
+//! | `schema_version` | [`SCHEMA_VERSION`] |
+//! | `made_by`, `date`, `sensor_serial` | program and version, UTC, the label of the sensor |
+//! | `model`, `terms` | features and intercept; the name of each term |
+//! | `scaling` | `z = (s − centre) / scale` for each channel, counts |
+//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m; documents of fewer than six axes have [`FEWER_AXES_SCHEMA_VERSION`], and whatever is given by axis has these alone |
+//! | `solver` | its name and the ridge parameter; absent for an imported matrix |
+//! | `diagnostics` | rows, condition number, rank, errors on training and test data; optional: held-out errors, model selection, excitation |
+//! | `covariance` | see [`calibration::uncertainty`] |
+//! | `valid_range` | the smallest and largest reading of each channel in the training data |
+//! | `sources` | files, their checksums and rows |
+//! | `columns` | optional: the columns of the training logs that were specified, by name, and their units; taken of other logs that have them |
+//!
+//! That of a physics model has [`PHYSICS_SCHEMA_VERSION`] and instead of terms, scaling, coefficients and
+//! covariance:
+//!
+//! | field | content |
+//! |---|---|
+//! | `model` | `physics` |
+//! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`] |
+//! | `intervals` | standard errors of an interval by level and axis, see [`calibration::physics::intervals`] |
+
+pub mod code;
+mod document;
+pub mod input;
+mod layout;
+mod matlab;
+pub mod matrix;
+mod moments;
+mod origin;
+mod partial;
+pub mod payload_file;
+mod physics_document;
+mod problem;
+pub mod stored;
+mod triangle;
+mod version;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use self::matrix::MatrixError;
+pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
+pub use self::partial::{
+    FACTORED_PARTIAL_SCHEMA_VERSION, GROUPED_PARTIAL_SCHEMA_VERSION, MergeError,
+    PARTIAL_SCHEMA_VERSION, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums,
+};
+use calibration::{Calibration, Kind};
+use input::Document;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// The largest number that a document may have: squares and products of such are still numbers.
+pub const LARGEST: f64 = 1e100;
+
+/// The version of the documents of polynomials that this program writes and reads.
+pub const SCHEMA_VERSION: u64 = 1;
+
+/// The version of the documents of physics models.
+pub const PHYSICS_SCHEMA_VERSION: u64 = 2;
+
+/// The version of the documents of polynomials of fewer than six axes.
+pub const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
+
+/// A calibration with its origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CalibrationFile {
+    /// What converts readings.
+    pub calibration: Calibration,
+    /// Where it comes from.
+    pub origin: Origin,
+}
+
+/// A calibration file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("`{}`", path.display())]
+pub struct CalibrationFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    #[source]
+    pub problem: Problem,
+}
+
+/// What is wrong with a calibration file.
+#[derive(Debug, thiserror::Error)]
+pub enum Problem {
+    /// It cannot be read.
+    #[error("cannot read it: {0}")]
+    Io(io::Error),
+    /// It is not JSON, or a number does not fit into an `f64`.
+    #[error("line {line}, column {column}: not valid JSON: {message}")]
+    NotJson {
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// What the parser says.
+        message: String,
+    },
+    /// A field is missing or of another type.
+    #[error("line {line}, column {column}: not a calibration: {message}")]
+    Field {
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// Which field, and what was expected.
+        message: String,
+    },
+    /// Written by a program of another time.
+    #[error(
+        "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`, \
+         `{PHYSICS_SCHEMA_VERSION}` and `{FEWER_AXES_SCHEMA_VERSION}`"
+    )]
+    SchemaVersion {
+        /// The version of the file.
+        found: u64,
+    },
+    /// Parts that do not fit together.
+    #[error("{0}")]
+    Inconsistent(String),
+    /// A coefficient matrix that cannot be read as one.
+    #[error("{0}")]
+    Matrix(matrix::MatrixError),
+}
+
+impl Problem {
+    /// The same where so many lines stand before the document.
+    fn after_lines(self, before: usize) -> Self {
+        match self {
+            Self::NotJson { line, column, message } => {
+                Self::NotJson { line: line + before, column, message }
+            }
+            Self::Field { line, column, message } => {
+                Self::Field { line: line + before, column, message }
+            }
+            other => other,
+        }
+    }
+}
+
+impl CalibrationFile {
+    /// The share of the training loads' variance that the calibration leaves unexplained, 1 − R² of
+    /// each axis, if that is known.
+    pub fn unexplained(&self) -> Option<PerAxis<f64>> {
+        let train = self.origin.diagnostics.as_ref()?.train;
+        let has = |axis: Axis| train[axis.index()].r_squared.is_some();
+        let known = self.calibration.axes.iter().all(has);
+        known.then(|| train.map(|axis| (1.0 - axis.r_squared.unwrap_or(0.0)).max(0.0)))
+    }
+
+    /// Reads the JSON document at `path`.
+    ///
+    /// # Errors
+    /// [`CalibrationFileError`] if it cannot be read or is no calibration of this version.
+    pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
+        let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
+        let text =
+            input::read(path, Document::Json).map_err(|error| problem(Problem::Io(error)))?;
+        version::parse(&text).map_err(problem)
+    }
+
+    /// Reads a JSON document.
+    ///
+    /// # Errors
+    /// [`Problem`] if it is no calibration of this version.
+    pub fn parse(text: &[u8]) -> Result<Self, Problem> {
+        version::parse(text)
+    }
+
+    /// The JSON document.
+    pub fn to_json(&self) -> String {
+        match self.calibration.kind() {
+            Kind::Polynomial(polynomial) => document::format(self, polynomial),
+            Kind::Physics(physics) => physics_document::format(self, physics),
+        }
+    }
+
+    /// Makes a calibration from the coefficient matrix at `path`: CSV, or MATLAB 5 if the file
+    /// begins like one. `options` says what the file does not. The origin names the file and is
+    /// otherwise empty.
+    ///
+    /// # Errors
+    /// [`CalibrationFileError`] if the file cannot be read or is no such matrix.
+    pub fn import(
+        path: &Path,
+        options: &matrix::ImportOptions,
+    ) -> Result<Self, CalibrationFileError> {
+        let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
+        let bytes =
+            input::read(path, Document::Matrix).map_err(|error| problem(Problem::Io(error)))?;
+        let calibration = if matlab::is_matlab(&bytes) {
+            matlab::parse(&bytes, options)
+        } else if bytes.contains(&0) {
+            let message = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
+            Err(MatrixError::Matlab(message.to_owned()))
+        } else {
+            matrix::parse_csv(&bytes, options)
+        };
+        let calibration = calibration.map_err(|error| problem(Problem::Matrix(error)))?;
+        let rows = calibration.polynomial().map_or(0, |p| p.coefficients().len()) as u64;
+        let source = Source { role: Role::Matrix, path: path.into(), checksum: None, rows };
+        let origin = Origin { sources: vec![source], ..Origin::default() };
+        Ok(Self { calibration, origin })
+    }
+}

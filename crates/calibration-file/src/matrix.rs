@@ -1,0 +1,404 @@
+//! Coefficient matrices as labs exchange them: one row per feature of raw readings, six axes.
+//!
+//! The CSV has a header `feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm`, of fewer axes where there are
+//! fewer, and rows that begin with
+//! `s1^1`, `s1^2`, …; products are `s1^1*s2^2`, the intercept is `1`. Moments are in mN·m. Reading
+//! also takes bare numbers, features by axes or the other way round, in the order of
+//! [`Model::terms`].
+
+use std::collections::HashMap;
+
+use calibration::model::{Basis, MAX_CHANNELS, Model, Term};
+use calibration::scaling::Scaling;
+use calibration::{Calibration, Polynomial, raw_units};
+use shell_data::wrench::MomentUnit;
+use shell_data::wrench::{Axes, Axis, PerAxis};
+
+use super::LARGEST;
+
+/// What a matrix file does not say itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ImportOptions {
+    /// The unit of moments; by default the one in the header, and mN·m where there is none.
+    pub moment_unit: Option<MomentUnit>,
+    /// The variable of a MATLAB file; by default `N`, `C`, or the only one.
+    pub variable: Option<String>,
+}
+
+/// Why a file is no coefficient matrix.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MatrixError {
+    /// A line that cannot be split into fields.
+    #[error("not a CSV file: {0}")]
+    Csv(String),
+    /// Not a number.
+    #[error("line {line}, column {column}: expected a finite number, found `{found}`")]
+    Number {
+        /// Line, from 1.
+        line: u64,
+        /// Column, from 1.
+        column: usize,
+        /// What is there.
+        found: String,
+    },
+    /// A header that does not name the six axes.
+    #[error("the header has `{found}` where `{expected}` is expected")]
+    Header {
+        /// What is there.
+        found: String,
+        /// What should be.
+        expected: String,
+    },
+    /// The name of a row is no product of readings.
+    #[error("line {line}: `{found}` is not a feature such as `s1^2`")]
+    Feature {
+        /// Line, from 1.
+        line: u64,
+        /// What is there.
+        found: String,
+    },
+    /// A row that is there twice.
+    #[error("line {line}: the feature `{name}` comes twice")]
+    Twice {
+        /// Line, from 1.
+        line: u64,
+        /// The feature.
+        name: String,
+    },
+    /// Features of no model.
+    #[error("its `{0}` features are not those of a model (linear, cubic, quadratic, poly3)")]
+    NoModel(usize),
+    /// Not features by six axes.
+    #[error(
+        "it is `{rows}` by `{columns}`, expected 6 axes by 8, 24, 44 or 164 features, one more with an intercept"
+    )]
+    Shape {
+        /// Rows.
+        rows: usize,
+        /// Columns.
+        columns: usize,
+    },
+    /// A coefficient that no sensor has.
+    #[error("a coefficient is `{0}`, beyond what calibrations can have")]
+    TooLarge(String),
+    /// A MATLAB file that cannot be read.
+    #[error("cannot be read as a MATLAB 5 file: {0}")]
+    Matlab(String),
+    /// A MATLAB file without the variable.
+    #[error("no matrix `{wanted}`; found `{}`", found.join("`, `"))]
+    Variable {
+        /// The variable that was looked for.
+        wanted: String,
+        /// Those that there are.
+        found: Vec<String>,
+    },
+}
+
+/// The names of the columns of an exported matrix.
+const HEADER: [&str; 7] = ["feature", "Fx_N", "Fy_N", "Fz_N", "Mx_mNm", "My_mNm", "Mz_mNm"];
+
+/// Channels of a matrix without names.
+const BARE_CHANNELS: usize = 8;
+
+const MILLI: f64 = 1e3;
+
+/// The coefficients of some axes for raw readings as CSV in the lab's format, moments in mN·m.
+pub fn to_csv(polynomial: &Polynomial, axes: Axes) -> String {
+    let names = axes.iter().map(|axis| HEADER[axis.index() + 1]);
+    let mut csv = HEADER[..1].iter().copied().chain(names).collect::<Vec<_>>().join(",") + "\n";
+    let rows = raw_units::coefficients(polynomial);
+    for (term, row) in polynomial.model().terms().iter().zip(rows) {
+        csv += &feature_name(term);
+        for (axis, coefficient) in axes.values(&row) {
+            let unit = if axis.is_moment() { MILLI } else { 1.0 };
+            // Debug is the shortest text that reads back as the same number, with an exponent
+            // where that is shorter.
+            csv += &format!(",{:?}", coefficient * unit);
+        }
+        csv.push('\n');
+    }
+    csv
+}
+
+/// `s1^1*s2^2`; the intercept is `1`.
+fn feature_name(term: &Term) -> String {
+    if term.factors().is_empty() {
+        return term.name();
+    }
+    let powers = term.factors().chunk_by(|a, b| a == b);
+    powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
+}
+
+pub(super) fn parse_csv(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(csv::Trim::All)
+        .from_reader(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes));
+    let records: Vec<csv::StringRecord> =
+        reader.records().collect::<Result<_, _>>().map_err(|e| MatrixError::Csv(e.to_string()))?;
+    match records.split_first() {
+        Some((header, rows)) if number(header.get(1).unwrap_or_default()).is_none() => {
+            named(header, rows, options)
+        }
+        _ => bare(&records, options),
+    }
+}
+
+fn named(
+    header: &csv::StringRecord,
+    rows: &[csv::StringRecord],
+    options: &ImportOptions,
+) -> Result<Calibration, MatrixError> {
+    let axis_of = |found: &str| Axis::ALL.into_iter().find(|axis| found.starts_with(axis.name()));
+    let axes: Axes = header.iter().skip(1).filter_map(axis_of).collect();
+    let axes = if axes.is_empty() { Axes::ALL } else { axes };
+    let mut units: PerAxis<f64> = PerAxis::default();
+    for (place, axis) in axes.iter().enumerate() {
+        let expected = HEADER[axis.index() + 1];
+        let found = header.get(place + 1).unwrap_or_default();
+        let unit = match found.split_once('_') {
+            Some((name, unit)) if name == axis.name() => unit,
+            _ => "",
+        };
+        units[axis.index()] = match (axis.is_moment(), unit, options.moment_unit) {
+            (false, "N", _) => 1.0,
+            (true, "Nm" | "mNm", Some(unit)) => divisor(unit),
+            (true, "Nm", None) => 1.0,
+            (true, "mNm", None) => MILLI,
+            _ => {
+                let expected = expected.to_owned();
+                return Err(MatrixError::Header { found: found.to_owned(), expected });
+            }
+        };
+    }
+    let mut coefficients = HashMap::new();
+    for row in rows {
+        let line = row.position().map_or(0, csv::Position::line);
+        let name = row.get(0).unwrap_or_default();
+        let term = parse_feature(name)
+            .ok_or_else(|| MatrixError::Feature { line, found: name.to_owned() })?;
+        let mut values = PerAxis::default();
+        for (place, axis) in axes.iter().map(Axis::index).enumerate() {
+            values[axis] = field(row, place + 1)? / units[axis];
+        }
+        if coefficients.insert(term, values).is_some() {
+            return Err(MatrixError::Twice { line, name: name.to_owned() });
+        }
+    }
+    let no_model = MatrixError::NoModel(coefficients.len());
+    let model = model_of(&coefficients).ok_or(no_model)?;
+    let ordered = model.terms().iter().map(|term| coefficients[term]).collect();
+    let mut calibration = of_raw_readings(model, ordered)?;
+    calibration.axes = axes;
+    Ok(calibration)
+}
+
+fn bare(
+    records: &[csv::StringRecord],
+    options: &ImportOptions,
+) -> Result<Calibration, MatrixError> {
+    let columns = records.first().map_or(0, csv::StringRecord::len);
+    let mut values = Vec::with_capacity(records.len() * columns);
+    for record in records {
+        for column in 0..columns.max(record.len()) {
+            values.push(field(record, column)?);
+        }
+    }
+    from_values(records.len(), columns, |row, column| values[row * columns + column], options)
+}
+
+/// A calibration from a matrix without names, features by axes or axes by features.
+pub(super) fn from_values(
+    rows: usize,
+    columns: usize,
+    value: impl Fn(usize, usize) -> f64,
+    options: &ImportOptions,
+) -> Result<Calibration, MatrixError> {
+    let models = Basis::ALL.into_iter().flat_map(|basis| {
+        [false, true].map(|intercept| Model { basis, intercept, channels: BARE_CHANNELS })
+    });
+    let (features, transposed) = match (rows, columns) {
+        (features, 6) => (features, false),
+        (6, features) => (features, true),
+        _ => return Err(MatrixError::Shape { rows, columns }),
+    };
+    let model = models
+        .into_iter()
+        .find(|model| model.terms().len() == features)
+        .ok_or(MatrixError::Shape { rows, columns })?;
+    let unit = options.moment_unit.map_or(MILLI, divisor);
+    let coefficient = |feature, axis: Axis| {
+        let index = axis.index();
+        let value = if transposed { value(index, feature) } else { value(feature, index) };
+        if axis.is_moment() { value / unit } else { value }
+    };
+    let coefficients = (0..features).map(|j| Axis::ALL.map(|axis| coefficient(j, axis))).collect();
+    of_raw_readings(model, coefficients)
+}
+
+/// The calibration of raw readings with these coefficients.
+fn of_raw_readings(
+    model: Model,
+    coefficients: Vec<PerAxis<f64>>,
+) -> Result<Calibration, MatrixError> {
+    match coefficients.iter().flatten().find(|value| value.abs() > LARGEST) {
+        Some(value) => Err(MatrixError::TooLarge(value.to_string())),
+        None => Ok(Calibration::new(model, Scaling::identity(model.channels), coefficients)),
+    }
+}
+
+/// The model that has exactly these terms.
+fn model_of(coefficients: &HashMap<Term, PerAxis<f64>>) -> Option<Model> {
+    let intercept = coefficients.contains_key(&Term::INTERCEPT);
+    let last = coefficients.keys().flat_map(|term| term.factors()).max()?;
+    let channels = usize::from(*last) + 1;
+    let models = Basis::ALL.into_iter().map(|basis| Model { basis, intercept, channels });
+    models.into_iter().find(|model| {
+        // Counted first: a file that names one channel 200 must not make a million terms.
+        model.term_count() == coefficients.len()
+            && model.terms().iter().all(|term| coefficients.contains_key(term))
+    })
+}
+
+/// `s1`, `s1^2`, `s1*s2^2`, `1`.
+fn parse_feature(name: &str) -> Option<Term> {
+    if name == "1" {
+        return Some(Term::INTERCEPT);
+    }
+    let mut factors = Vec::new();
+    for part in name.split('*') {
+        let (channel, power) = part.trim().split_once('^').unwrap_or((part.trim(), "1"));
+        let channel: usize = channel.strip_prefix(['s', 'S'])?.parse().ok()?;
+        let power: usize = power.parse().ok().filter(|power| (1..=3).contains(power))?;
+        let channel = channel.checked_sub(1).filter(|&c| c < MAX_CHANNELS)?;
+        factors.extend(std::iter::repeat_n(u8::try_from(channel).ok()?, power));
+    }
+    (factors.len() <= 3).then(|| Term::product(&factors))
+}
+
+fn field(record: &csv::StringRecord, column: usize) -> Result<f64, MatrixError> {
+    let found = record.get(column).unwrap_or_default();
+    number(found).ok_or_else(|| MatrixError::Number {
+        line: record.position().map_or(0, csv::Position::line),
+        column: column + 1,
+        found: found.to_owned(),
+    })
+}
+
+fn number(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|value: &f64| value.is_finite())
+}
+
+/// By what moments are divided to be in N·m.
+fn divisor(unit: MomentUnit) -> f64 {
+    match unit {
+        MomentUnit::NewtonMetre => 1.0,
+        MomentUnit::MillinewtonMetre => MILLI,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibration(basis: Basis, intercept: bool, channels: usize) -> Calibration {
+        let model = Model { basis, intercept, channels };
+        let value = |j: usize, axis: usize| (1 + j * 6 + axis) as f64 / 8.0;
+        let rows = (0..model.terms().len()).map(|j| std::array::from_fn(|axis| value(j, axis)));
+        Calibration::new(model, Scaling::identity(channels), rows.collect())
+    }
+
+    fn import(text: &str) -> Result<Calibration, MatrixError> {
+        parse_csv(text.as_bytes(), &ImportOptions::default())
+    }
+
+    #[test]
+    fn an_export_imports_to_the_same_calibration() {
+        for basis in Basis::ALL {
+            for intercept in [false, true] {
+                let calibration = calibration(basis, intercept, 3);
+                assert_eq!(
+                    import(&to_csv(calibration.polynomial().unwrap(), Axes::ALL)),
+                    Ok(calibration)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn some_axes_are_written_and_read_alone() {
+        let mut some = calibration(Basis::Linear, true, 2);
+        some.axes = [Axis::Fz, Axis::Mx].into_iter().collect();
+        let text = to_csv(some.polynomial().unwrap(), some.axes);
+        assert!(text.starts_with("feature,Fz_N,Mx_mNm\ns1^1,0.375,500.0\n"), "{text}");
+        let read = import(&text).unwrap();
+        assert_eq!(read.axes, some.axes);
+        let coefficients = read.polynomial().unwrap().coefficients();
+        assert_eq!(coefficients[0], [0.0, 0.0, 0.375, 0.5, 0.0, 0.0]);
+        assert!(import("feature,Fz_N,Fx_N\ns1,1,2\n").is_err());
+    }
+
+    #[test]
+    fn the_export_is_in_the_lab_s_format() {
+        let csv = to_csv(calibration(Basis::Cubic, true, 1).polynomial().unwrap(), Axes::ALL);
+        let lines: Vec<&str> = csv.lines().collect();
+        assert_eq!(lines[0], "feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm");
+        assert_eq!(lines[1], "s1^1,0.125,0.25,0.375,500.0,625.0,750.0");
+        assert!(lines[2].starts_with("s1^2,") && lines[4].starts_with("1,"));
+        assert!(
+            to_csv(calibration(Basis::Poly3, false, 2).polynomial().unwrap(), Axes::ALL)
+                .contains("\ns1^2*s2^1,")
+        );
+    }
+
+    #[test]
+    fn rows_may_come_in_any_order_and_moments_in_either_unit() {
+        let csv = "feature,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm\ns2,7,8,9,10,11,12\ns1,1,2,3,4,5,6\n";
+        let calibration = import(csv).unwrap();
+        assert_eq!(
+            calibration.polynomial().unwrap().coefficients()[0],
+            [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+        );
+    }
+
+    #[test]
+    fn bare_numbers_are_taken_either_way_round() {
+        let value = |j: usize, axis: usize| (j * 6 + axis).to_string();
+        let line = |row: Vec<String>| row.join(",") + "\n";
+        let tall: String = (0..25).map(|j| line((0..6).map(|a| value(j, a)).collect())).collect();
+        let wide: String = (0..6).map(|a| line((0..25).map(|j| value(j, a)).collect())).collect();
+        let calibration = import(&tall).unwrap();
+        assert_eq!(calibration.name(), "cubic+1");
+        assert_eq!(
+            calibration.polynomial().unwrap().coefficients()[1],
+            [6.0, 7.0, 8.0, 0.009, 0.01, 0.011]
+        );
+        assert_eq!(import(&wide), Ok(calibration));
+    }
+
+    #[test]
+    fn what_is_no_such_matrix_is_refused_with_its_place() {
+        let header = "feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm\n";
+        let cases = [
+            ("", "it is `0` by `0`"),
+            ("1,2\n3,4\n", "it is `2` by `2`"),
+            ("1,2,3,4,5,6\n", "it is `1` by `6`"),
+            ("feature,Fx_N,Fz_N,Fy_N,Mx_mNm,My_mNm,Mz_mNm\n", "`Fz_N` where `Fy_N`"),
+            ("feature,Fx_lbf,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm\n", "`Fx_lbf` where `Fx_N`"),
+            (&format!("{header}s1,1,2,3,4,5,x\n"), "line 2, column 7"),
+            (&format!("{header}s1,1,2,3,4,5\n"), "line 2, column 7"),
+            (&format!("{header}s1,1,2,3,4,5,inf\n"), "found `inf`"),
+            (&format!("{header}q1,1,2,3,4,5,6\n"), "line 2: `q1`"),
+            (&format!("{header}s0,1,2,3,4,5,6\n"), "line 2: `s0`"),
+            (&format!("{header}s1^4,1,2,3,4,5,6\n"), "line 2: `s1^4`"),
+            (&format!("{header}s1,1,2,3,4,5,6\ns1^1,1,2,3,4,5,6\n"), "comes twice"),
+            (&format!("{header}s255,1,2,3,4,5,6\n"), "its `1` features"),
+            (header, "its `0` features"),
+        ];
+        for (text, expected) in cases {
+            let message = import(text).unwrap_err().to_string();
+            assert!(message.contains(expected), "{text}: {message}");
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! Partial fits as files: the sums over some rows, to be merged with those over others.
+//!
+//! One JSON document. Merging exact sums is exact, so in whatever order and grouping partial fits are merged,
+//! the result is the one fit over all their rows, bit for bit. Rows that cannot be summed exactly leave a triangle
+//! instead: merged, it gives the fit over all rows but for the last digits, always the same for one order.
+//!
+//! The documents are described in [`document`], a stream of several in [`stream`].
+
+mod document;
+mod groups;
+mod stream;
+mod sums;
+
+pub use self::document::{
+    FACTORED_PARTIAL_SCHEMA_VERSION, GROUPED_PARTIAL_SCHEMA_VERSION, PARTIAL_SCHEMA_VERSION,
+};
+pub use self::groups::{PartialGroup, PartialGroups};
+pub use self::stream::PartialStream;
+pub use self::sums::Sums;
+use super::{Role, Source};
+use calibration::exact::ExactError;
+use calibration::model::Model;
+use shell_data::ColumnNames;
+use shell_data::wrench::Axes;
+
+/// The sums over some rows, with their origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartialFit {
+    /// Program and version.
+    pub made_by: String,
+    /// When, in UTC, RFC 3339.
+    pub date: String,
+    /// What is to be fitted.
+    pub model: Model,
+    /// Wrong rows that were left out.
+    pub skipped_rows: u64,
+    /// Rows whose readings repeat those of the row before.
+    pub repeated_rows: u64,
+    /// The files it was made from.
+    pub sources: Vec<Source>,
+    /// Which of their columns are what, where that was specified of all of them alike.
+    pub columns: Option<ColumnNames>,
+    /// The axes of the wrench that were summed.
+    pub axes: Axes,
+    /// The sums.
+    pub sums: Sums,
+    /// The same apart by group, where that was asked for.
+    pub groups: Option<PartialGroups>,
+}
+
+/// Why two partial fits cannot be merged.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MergeError {
+    /// They are parts of different fits.
+    #[error("it is for `{found}`, expected `{expected}`")]
+    Model {
+        /// The model of the first.
+        expected: String,
+        /// The model of the other.
+        found: String,
+    },
+    /// They are for different sensors.
+    #[error("it has `{found}` channels, expected `{expected}`")]
+    Channels {
+        /// Channels of the first.
+        expected: usize,
+        /// Channels of the other.
+        found: usize,
+    },
+    /// Their logs have different axes of the wrench.
+    #[error("it has the axes {found}, expected {expected}")]
+    Axes {
+        /// Axes of the first.
+        expected: Axes,
+        /// Axes of the other.
+        found: Axes,
+    },
+    /// A file would be counted twice.
+    #[error("its rows of `{0}` have been counted already")]
+    Twice(String),
+    /// One has exact sums, the other triangles.
+    #[error("it has {found}, expected {expected}: readings or loads of one are no exact sums")]
+    Kind {
+        /// What the first has.
+        expected: &'static str,
+        /// What the other has.
+        found: &'static str,
+    },
+    /// One keeps its groups, the other does not.
+    #[error("it keeps {} sums of groups, expected {}", which(*.found), which(!*.found))]
+    Groups {
+        /// Whether the other keeps them.
+        found: bool,
+    },
+    /// Their groups are of different kinds.
+    #[error("its groups are those of `{found}`, expected `{expected}`")]
+    GroupsAre {
+        /// What those of the first are.
+        expected: &'static str,
+        /// What those of the other are.
+        found: &'static str,
+    },
+    /// Rows were dealt into random folds in different ways.
+    #[error("its rows were dealt at random by the seed `{found}`, expected `{expected}`")]
+    Split {
+        /// The seed of the first.
+        expected: u64,
+        /// The seed of the other.
+        found: u64,
+    },
+    /// Files are groups, and two of them have one name.
+    #[error("another file with other rows is called `{0}` as well")]
+    SameName(String),
+    /// More than are fitted.
+    #[error("both have more than `{limit}` groups together")]
+    TooManyGroups {
+        /// The largest number.
+        limit: usize,
+    },
+    /// The sums of both together cannot be exact.
+    #[error(transparent)]
+    NotExact(#[from] ExactError),
+}
+
+impl PartialFit {
+    /// A partial fit of `model` with these sums of all six axes, of unknown origin.
+    pub fn new(model: Model, sums: Sums) -> Self {
+        Self {
+            made_by: String::new(),
+            date: String::new(),
+            model,
+            skipped_rows: 0,
+            repeated_rows: 0,
+            sources: Vec::new(),
+            columns: None,
+            axes: Axes::ALL,
+            sums,
+            groups: None,
+        }
+    }
+
+    /// Adds the rows of `other`.
+    ///
+    /// # Errors
+    /// [`MergeError`] if both are not parts of one fit; `self` is then as it was.
+    pub fn merge(&mut self, other: &PartialFit) -> Result<(), MergeError> {
+        if self.model.channels != other.model.channels {
+            let (expected, found) = (self.model.channels, other.model.channels);
+            return Err(MergeError::Channels { expected, found });
+        }
+        if self.model != other.model {
+            let (expected, found) = (self.model.name(), other.model.name());
+            return Err(MergeError::Model { expected, found });
+        }
+        if self.axes != other.axes {
+            return Err(MergeError::Axes { expected: self.axes, found: other.axes });
+        }
+        // Two logs may well have one wrench.
+        let mut logs = other.sources.iter().filter(|source| source.role != Role::Wrench);
+        if let Some(source) = logs.find(|source| self.has_counted(source)) {
+            return Err(MergeError::Twice(source.path.display().to_string()));
+        }
+        if self.sums.kind() != other.sums.kind() {
+            let (expected, found) = (self.sums.kind(), other.sums.kind());
+            return Err(MergeError::Kind { expected, found });
+        }
+        match (&self.groups, &other.groups) {
+            (Some(groups), Some(others)) => groups.check(others)?,
+            (None, None) => {}
+            (_, others) => return Err(MergeError::Groups { found: others.is_some() }),
+        }
+        // Parts fit wherever the whole does, so nothing fails from here on.
+        self.sums.merge(&other.sums)?;
+        let own = self.sources.len();
+        self.sources.extend(other.sources.iter().cloned());
+        if let (Some(groups), Some(others)) = (&mut self.groups, &other.groups) {
+            groups.add(others, &self.sources, own)?;
+        }
+        if self.columns != other.columns {
+            self.columns = None;
+        }
+        self.skipped_rows += other.skipped_rows;
+        self.repeated_rows += other.repeated_rows;
+        Ok(())
+    }
+
+    /// Whether the rows of all files of `other` are among these.
+    pub fn has_counted_all_of(&self, other: &PartialFit) -> bool {
+        !other.sources.is_empty() && other.sources.iter().all(|source| self.has_counted(source))
+    }
+
+    fn has_counted(&self, source: &Source) -> bool {
+        let is_same = |known: &Source| known.checksum == source.checksum;
+        source.checksum.is_some() && self.sources.iter().any(is_same)
+    }
+}
+
+fn which(keeps: bool) -> &'static str {
+    if keeps { "the" } else { "no" }
+}

@@ -1,0 +1,130 @@
+//! Partial fits one after the other, as `cat` joins them: one in memory at a time.
+
+use std::io::{self, BufRead, Read};
+use std::path::PathBuf;
+
+use super::super::{CalibrationFileError, Problem};
+use super::PartialFit;
+use super::document::END;
+use crate::input::Document;
+
+/// The partial fits of a stream.
+#[derive(Debug)]
+pub struct PartialStream<R> {
+    reader: R,
+    /// What errors call the stream.
+    name: PathBuf,
+    /// Lines before the next document.
+    lines: usize,
+    document: Vec<u8>,
+    has_failed: bool,
+}
+
+impl<R: BufRead> PartialStream<R> {
+    /// Those that are read from `reader`, which errors call `name`.
+    pub fn new(reader: R, name: impl Into<PathBuf>) -> Self {
+        Self { reader, name: name.into(), lines: 0, document: Vec::new(), has_failed: false }
+    }
+
+    fn error(&mut self, problem: Problem) -> CalibrationFileError {
+        self.has_failed = true;
+        CalibrationFileError { path: self.name.clone(), problem }
+    }
+
+    /// Reads the next document whole; false at the end of the stream.
+    fn read_document(&mut self) -> io::Result<bool> {
+        self.document.clear();
+        let mut rest = (&mut self.reader).take(Document::Json.budget() + 1);
+        while rest.read_until(b'\n', &mut self.document)? > 0 {
+            // Blank lines between documents are part of none.
+            if self.document.trim_ascii().is_empty() {
+                self.document.clear();
+                self.lines += 1;
+                continue;
+            }
+            // What is no document at all is not collected to its end.
+            if self.document.trim_ascii_start().first().is_some_and(|&byte| byte != b'{') {
+                return Ok(true);
+            }
+            if self.document.ends_with(END.as_bytes()) {
+                return Ok(true);
+            }
+        }
+        if self.document.len() as u64 > Document::Json.budget() {
+            let message =
+                format!("it is longer than the {} MB that are read", Document::Json.budget() >> 20);
+            return Err(io::Error::new(io::ErrorKind::InvalidData, message));
+        }
+        Ok(!self.document.trim_ascii().is_empty())
+    }
+}
+
+impl<R: BufRead> Iterator for PartialStream<R> {
+    type Item = Result<PartialFit, CalibrationFileError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.has_failed {
+            return None;
+        }
+        match self.read_document() {
+            Ok(false) => return None,
+            Ok(true) => {}
+            Err(error) => return Some(Err(self.error(Problem::Io(error)))),
+        }
+        let lines = self.lines;
+        self.lines += memchr::memchr_iter(b'\n', &self.document).count();
+        let partial = PartialFit::parse(&self.document);
+        Some(partial.map_err(|problem| self.error(problem.after_lines(lines))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Role, Source, Sums};
+    use calibration::exact::Accumulator;
+    use calibration::model::{Basis, Model};
+
+    fn partial(rows: usize) -> PartialFit {
+        let mut sums = Accumulator::new(Basis::Linear, 1);
+        let readings = vec![(0..rows).map(|row| row as f64).collect()];
+        sums.absorb(&readings, &vec![vec![0.25; rows]; 6]).unwrap();
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
+        let mut partial = PartialFit::new(model, Sums::Exact(sums.finish().unwrap()));
+        let path = "log.csv".into();
+        partial.sources =
+            vec![Source { role: Role::Train, path, checksum: None, rows: rows as u64 }];
+        partial
+    }
+
+    #[test]
+    fn partial_fits_are_read_one_by_one() {
+        let parts = [partial(3), partial(5)];
+        let text = parts.iter().map(PartialFit::to_json).collect::<Vec<_>>().join("\n");
+        let read: Vec<_> =
+            PartialStream::new(text.as_bytes(), "-").collect::<Result<_, _>>().unwrap();
+        assert_eq!(read, parts);
+        assert!(PartialStream::new(&b"\n \n"[..], "-").next().is_none());
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_by_its_line_in_the_stream_and_ends_it() {
+        let good = partial(3).to_json();
+        let lines = good.lines().count();
+        let bad = good.replacen("\"model\"", "\"muddle\"", 1);
+        let cut = &good[..good.len() - 4];
+        for (second, line) in [(bad.as_str(), None), (cut, None), ("nonsense\n", Some(1))] {
+            let text = format!("{good}{second}{good}");
+            let mut stream = PartialStream::new(text.as_bytes(), "-");
+            assert!(stream.next().unwrap().is_ok());
+            let error = stream.next().unwrap().unwrap_err();
+            match error.problem {
+                Problem::Field { line: found, .. } | Problem::NotJson { line: found, .. } => {
+                    assert!(found > lines && line.is_none_or(|line| found == lines + line));
+                }
+                problem => panic!("{problem}"),
+            }
+            assert!(stream.next().is_none());
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! What a sensor carries, as a JSON document.
+//!
+//! | field | content |
+//! |---|---|
+//! | `kind`, `schema_version` | `payload`, [`SCHEMA_VERSION`] |
+//! | `made_by`, `date`, `sources` | program and version, UTC, the logs and their rows |
+//! | `mass_kg`, `centre_m`, `force_bias_n`, `moment_bias_nm` | see [`Payload`] |
+//! | `standard_errors` | of each of these |
+//! | `residual_rms_n`, `residual_rms_nm`, `poses`, `spread_rad` | see [`PayloadFit`] |
+//! | `accelerometer` | see [`Accelerometer`]; `null` where there was none |
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::LARGEST;
+use crate::input::{self, Document as Kind};
+use forces::payload::{Accelerometer, Matrix, Payload, PayloadFit, Vector};
+
+/// The version of the documents that this program writes and reads.
+pub const SCHEMA_VERSION: u64 = 1;
+
+/// What `kind` says.
+const KIND: &str = "payload";
+
+/// What a sensor carries, with its origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PayloadFile {
+    /// What it carries.
+    pub fit: PayloadFit,
+    /// How its accelerometer sits.
+    pub accelerometer: Option<Accelerometer>,
+    /// Program and version.
+    pub made_by: String,
+    /// When, in UTC, RFC 3339.
+    pub date: String,
+    /// The logs and the number of their rows.
+    pub sources: Vec<(PathBuf, u64)>,
+}
+
+/// A payload file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("`{}`: {problem}", path.display())]
+pub struct PayloadFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub problem: String,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Version {
+    kind: String,
+    schema_version: u64,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Document {
+    #[serde(flatten)]
+    version: Version,
+    made_by: String,
+    date: String,
+    sources: Vec<StoredSource>,
+    #[serde(flatten)]
+    payload: StoredPayload,
+    standard_errors: StoredPayload,
+    residual_rms_n: f64,
+    residual_rms_nm: f64,
+    poses: usize,
+    spread_rad: [f64; 2],
+    accelerometer: Option<StoredAccelerometer>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct StoredSource {
+    path: String,
+    rows: u64,
+}
+
+#[derive(Serialize, Deserialize)]
+struct StoredPayload {
+    mass_kg: f64,
+    centre_m: Vector,
+    force_bias_n: Vector,
+    moment_bias_nm: Vector,
+}
+
+#[derive(Serialize, Deserialize)]
+struct StoredAccelerometer {
+    matrix: Matrix,
+    offset_m_s2: Vector,
+    residual_rms_m_s2: Vector,
+}
+
+impl PayloadFile {
+    /// Reads the document at `path`.
+    ///
+    /// # Errors
+    /// [`PayloadFileError`] with line and column.
+    pub fn read(path: &Path) -> Result<Self, PayloadFileError> {
+        let problem = |problem| PayloadFileError { path: path.to_path_buf(), problem };
+        let text = input::read(path, Kind::Json)
+            .map_err(|error| problem(format!("cannot read it: {error}")))?;
+        Self::parse(&text).map_err(problem)
+    }
+
+    /// Reads a document; what is wrong with it otherwise.
+    ///
+    /// # Errors
+    /// What is wrong, and where.
+    pub fn parse(text: &[u8]) -> Result<Self, String> {
+        let said = |error: serde_json::Error| {
+            let text = error.to_string();
+            let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
+            format!("line {}, column {}: {message}", error.line(), error.column())
+        };
+        // A document of another kind or version may differ in any other field.
+        let version: serde_json::Value = serde_json::from_slice(text).map_err(said)?;
+        if version.get("kind").and_then(|kind| kind.as_str()) != Some(KIND) {
+            return Err(format!("it is no payload: `kind` is not `{KIND}`"));
+        }
+        match version.get("schema_version").and_then(serde_json::Value::as_u64) {
+            Some(SCHEMA_VERSION) => {}
+            Some(found) => {
+                return Err(format!(
+                    "its schema version is `{found}`, this program reads `{SCHEMA_VERSION}`"
+                ));
+            }
+            None => return Err("`schema_version` is missing".to_owned()),
+        }
+        let document: Document = serde_json::from_slice(text).map_err(said)?;
+        document.check()?;
+        Ok(Self {
+            fit: PayloadFit {
+                payload: document.payload.into(),
+                standard_errors: document.standard_errors.into(),
+                residual_rms_n: document.residual_rms_n,
+                residual_rms_nm: document.residual_rms_nm,
+                poses: document.poses,
+                spread_rad: document.spread_rad,
+            },
+            accelerometer: document.accelerometer.map(|it| Accelerometer {
+                matrix: it.matrix,
+                offset_m_s2: it.offset_m_s2,
+                residual_rms_m_s2: it.residual_rms_m_s2,
+            }),
+            made_by: document.made_by,
+            date: document.date,
+            sources: document.sources.into_iter().map(|it| (it.path.into(), it.rows)).collect(),
+        })
+    }
+
+    /// The JSON document.
+    pub fn to_json(&self) -> String {
+        let source = |(path, rows): &(PathBuf, u64)| StoredSource {
+            path: path.to_string_lossy().into_owned(),
+            rows: *rows,
+        };
+        let document = Document {
+            version: Version { kind: KIND.to_owned(), schema_version: SCHEMA_VERSION },
+            made_by: self.made_by.clone(),
+            date: self.date.clone(),
+            sources: self.sources.iter().map(source).collect(),
+            payload: self.fit.payload.into(),
+            standard_errors: self.fit.standard_errors.into(),
+            residual_rms_n: self.fit.residual_rms_n,
+            residual_rms_nm: self.fit.residual_rms_nm,
+            poses: self.fit.poses,
+            spread_rad: self.fit.spread_rad,
+            accelerometer: self.accelerometer.map(|it| StoredAccelerometer {
+                matrix: it.matrix,
+                offset_m_s2: it.offset_m_s2,
+                residual_rms_m_s2: it.residual_rms_m_s2,
+            }),
+        };
+        serde_json::to_string_pretty(&document).expect("plain numbers are always JSON") + "\n"
+    }
+}
+
+impl Document {
+    /// Whether its numbers are such as the rest of the program takes for granted.
+    fn check(&self) -> Result<(), String> {
+        let StoredPayload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.payload;
+        if !(*mass_kg > 0.0 && *mass_kg <= LARGEST) {
+            return Err(format!("`mass_kg` is `{mass_kg}`, expected a positive number"));
+        }
+        let mut numbers: Vec<(&str, f64)> = Vec::new();
+        for (name, vector) in [
+            ("centre_m", centre_m),
+            ("force_bias_n", force_bias_n),
+            ("moment_bias_nm", moment_bias_nm),
+        ] {
+            numbers.extend(vector.iter().map(|value| (name, *value)));
+        }
+        if let Some(it) = &self.accelerometer {
+            numbers
+                .extend(it.matrix.iter().flatten().map(|value| ("accelerometer.matrix", *value)));
+            numbers.extend(it.offset_m_s2.map(|value| ("accelerometer.offset_m_s2", value)));
+        }
+        match numbers.into_iter().find(|(_, value)| value.abs() > LARGEST) {
+            Some((name, value)) => Err(format!("`{name}` holds `{value}`, which is too large")),
+            None => Ok(()),
+        }
+    }
+}
+
+impl From<Payload> for StoredPayload {
+    fn from(payload: Payload) -> Self {
+        let Payload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = payload;
+        Self { mass_kg, centre_m, force_bias_n, moment_bias_nm }
+    }
+}
+
+impl From<StoredPayload> for Payload {
+    fn from(stored: StoredPayload) -> Self {
+        let StoredPayload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = stored;
+        Self { mass_kg, centre_m, force_bias_n, moment_bias_nm }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file() -> PayloadFile {
+        let payload = |k: f64| Payload {
+            mass_kg: 0.1 * k,
+            centre_m: [k, 0.0, -k],
+            force_bias_n: [1.0 / 3.0, k, 0.0],
+            moment_bias_nm: [0.0, 0.0, 1e-300],
+        };
+        PayloadFile {
+            fit: PayloadFit {
+                payload: payload(1.0),
+                standard_errors: payload(0.01),
+                residual_rms_n: 0.1,
+                residual_rms_nm: 0.01,
+                poses: 7,
+                spread_rad: [0.5, 0.25],
+            },
+            accelerometer: Some(Accelerometer {
+                matrix: [[1.0, 2.0, 3.0], [0.1, 0.2, 0.3], [0.0, 0.0, -1.0]],
+                offset_m_s2: [0.1, 0.2, 0.7],
+                residual_rms_m_s2: [0.0; 3],
+            }),
+            made_by: "test".to_owned(),
+            date: "2017-07-14T02:40:00Z".to_owned(),
+            sources: vec![("poses.csv".into(), 24)],
+        }
+    }
+
+    #[test]
+    fn a_document_reads_back_as_what_was_written() {
+        let text = file().to_json();
+        assert_eq!(PayloadFile::parse(text.as_bytes()), Ok(file()));
+        let none = PayloadFile { accelerometer: None, ..file() };
+        assert_eq!(PayloadFile::parse(none.to_json().as_bytes()), Ok(none));
+    }
+
+    #[test]
+    fn what_is_no_payload_is_told() {
+        let said = |from: &str, to: &str| {
+            let text = file().to_json().replacen(from, to, 1);
+            PayloadFile::parse(text.as_bytes()).unwrap_err()
+        };
+        assert!(said("\"payload\"", "\"tool\"").contains("no payload"));
+        assert!(said("\"schema_version\": 1", "\"schema_version\": 9").contains("version is `9`"));
+        assert!(said("\"mass_kg\": 0.1", "\"mass_kg\": -0.1").contains("`mass_kg` is `-0.1`"));
+        assert!(said("\"mass_kg\": 0.1", "\"mass_kg\": 1e999").contains("line "));
+        assert!(said("\"mass_kg\": 0.1,", "").contains("missing field `mass_kg`"));
+        assert!(said("0.333", "1e200, 0.333").contains("line "));
+        assert!(PayloadFile::parse(b"{").unwrap_err().contains("line 1, column 1"));
+    }
+}

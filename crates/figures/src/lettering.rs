@@ -1,0 +1,80 @@
+//! Text as outlines, in the font of the program: the same picture on every machine.
+
+use std::sync::LazyLock;
+
+use tiny_skia::{Path, PathBuilder, Transform};
+use ttf_parser::{Face, OutlineBuilder};
+
+use super::svg::{Anchor, Style};
+use crate::compressed;
+
+static REGULAR: LazyLock<Option<Face<'static>>> =
+    LazyLock::new(|| font(include_bytes!("../assets/DejaVuSans-subset.ttf.zst")));
+static BOLD: LazyLock<Option<Face<'static>>> =
+    LazyLock::new(|| font(include_bytes!("../assets/DejaVuSans-Bold-subset.ttf.zst")));
+
+fn font(asset: &[u8]) -> Option<Face<'static>> {
+    Face::parse(compressed::content(asset).leak(), 0).ok()
+}
+
+/// A font of the program.
+pub(super) fn face(bold: bool) -> Option<&'static Face<'static>> {
+    if bold { &BOLD } else { &REGULAR }.as_ref()
+}
+
+/// The outline of a text, and where it belongs; `None` for one without ink.
+///
+/// Letters stand side by side by their widths: the fonts of the program have no kerning. A character
+/// that they lack is drawn as their sign for that.
+pub(super) fn outline(text: &str, at: (f64, f64), style: Style) -> Option<(Path, Transform)> {
+    let face = face(style.bold)?;
+    let mut outline = Outline { path: PathBuilder::new(), left: 0.0 };
+    for character in text.chars() {
+        let glyph = face.glyph_index(character).unwrap_or_default();
+        if let Some(glyphs) = face.tables().glyf {
+            glyphs.outline(glyph, &mut outline);
+        }
+        outline.left += f32::from(face.glyph_hor_advance(glyph).unwrap_or(0));
+    }
+    let start = match style.anchor {
+        Anchor::Start => 0.0,
+        Anchor::Middle => -0.5 * outline.left,
+        Anchor::End => -outline.left,
+    };
+    let scale = style.size as f32 / f32::from(face.units_per_em());
+    let turn = if style.upright { -90.0 } else { 0.0 };
+    // In the font y is up.
+    let place = Transform::from_translate(at.0 as f32, at.1 as f32)
+        .pre_concat(Transform::from_rotate(turn))
+        .pre_concat(Transform::from_scale(scale, -scale))
+        .pre_concat(Transform::from_translate(start, 0.0));
+    Some((outline.path.finish()?, place))
+}
+
+/// Glyphs one after the other, in units of the font.
+struct Outline {
+    path: PathBuilder,
+    left: f32,
+}
+
+impl OutlineBuilder for Outline {
+    fn move_to(&mut self, x: f32, y: f32) {
+        self.path.move_to(self.left + x, y);
+    }
+
+    fn line_to(&mut self, x: f32, y: f32) {
+        self.path.line_to(self.left + x, y);
+    }
+
+    fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
+        self.path.quad_to(self.left + x1, y1, self.left + x, y);
+    }
+
+    fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
+        self.path.cubic_to(self.left + x1, y1, self.left + x2, y2, self.left + x, y);
+    }
+
+    fn close(&mut self) {
+        self.path.close();
+    }
+}

@@ -1,0 +1,124 @@
+//! How well two recordings match: the search over all offsets, and readings beside what the aligned
+//! reference predicts.
+
+use super::chart::Mark;
+use super::figure::Figure;
+use super::palette;
+use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::scale::{Axis, Spacing};
+use super::size::Size;
+use super::svg::{Anchor, Canvas, Rect, Style, point};
+use alignment::Quality;
+
+const WIDTH: f64 = 860.0;
+const TOP: f64 = 44.0;
+const HEIGHT: f64 = 200.0;
+const PITCH: f64 = HEIGHT + BOTTOM_MARGIN + 36.0;
+/// Points drawn of the search: the highest of as many stretches, two per pixel.
+const SEARCH_POINTS: usize = 1600;
+
+/// Draws the search (score over offset, the best being 1) above an excerpt of the match.
+pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
+    let width = size.width(WIDTH);
+    let mut canvas = Canvas::sized(size, width, TOP + 2.0 * PITCH);
+    canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
+    let area = |row: f64| Rect {
+        left: LEFT_MARGIN + 8.0,
+        top: TOP + row * PITCH,
+        width: width - LEFT_MARGIN - 24.0,
+        height: HEIGHT,
+    };
+
+    let search = highest(&quality.search, SEARCH_POINTS);
+    let (first, last) = ends(search.iter().map(|&(offset_s, _)| offset_s));
+    let x = Axis::new("offset of the starts", "s", Spacing::Linear, first, last);
+    let y = Axis::new("score", "", Spacing::Linear, 0.0, 1.05);
+    let panel = Panel { area: area(0.0), x, y };
+    draw(&mut canvas, &panel, &[(&search, Mark::Line)]);
+
+    let column = |i: usize| -> Vec<(f64, f64)> {
+        quality.excerpt.points.iter().map(|point| (point[0], point[i])).collect()
+    };
+    let (readings, predicted) = (column(1), column(2));
+    let (from, to) = ends(readings.iter().map(|&(time_s, _)| time_s));
+    let (low, high) = ends(readings.iter().chain(&predicted).map(|&(_, value)| value));
+    let name = format!("channel {}", quality.excerpt.channel + 1);
+    let panel = Panel {
+        area: area(1.0),
+        x: Axis::new("board time", "s", Spacing::Linear, from, to),
+        y: Axis::new(&name, "counts", Spacing::Linear, low, high).padded(0.06),
+    };
+    draw(&mut canvas, &panel, &[(&readings, Mark::Points), (&predicted, Mark::Line)]);
+    let (right, above) = (panel.area.right(), panel.area.top - 8.0);
+    let legend = Style::LABEL.anchored(Anchor::End);
+    canvas.text((right, above), "points: readings; line: the aligned reference, mapped", legend);
+    Figure::new(canvas.finish())
+}
+
+fn draw(canvas: &mut Canvas, panel: &Panel, series: &[(&[(f64, f64)], Mark)]) {
+    panel.draw_grid(canvas);
+    canvas.clipped(panel.area, |canvas| {
+        for (colour, (points, mark)) in palette::SERIES.iter().zip(series) {
+            let placed = points.iter().map(|&(x, y)| panel.place(x, y));
+            match mark {
+                Mark::Points => placed.for_each(|place| canvas.circle(place, 2.0, colour)),
+                _ => canvas.stroke(&path(placed), colour, 1.2),
+            }
+        }
+    });
+    panel.draw_frame(canvas);
+}
+
+fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
+    let mut path = String::new();
+    for (x, y) in points {
+        path.push(if path.is_empty() { 'M' } else { 'L' });
+        path.push_str(&point(x, y));
+    }
+    path
+}
+
+/// The highest point of each of `stretches` stretches: no peak is lost.
+fn highest(points: &[(f64, f64)], stretches: usize) -> Vec<(f64, f64)> {
+    let length = points.len().div_ceil(stretches).max(1);
+    let best = |stretch: &[(f64, f64)]| {
+        stretch.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default()
+    };
+    points.chunks(length).map(best).collect()
+}
+
+fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alignment::Excerpt;
+
+    #[test]
+    fn a_long_search_keeps_its_peak_and_few_points() {
+        let search: Vec<_> = (0..100_000)
+            .map(|i| (f64::from(i) * 0.02 - 600.0, if i == 31_234 { 1.0 } else { 0.1 }))
+            .collect();
+        let drawn = highest(&search, SEARCH_POINTS);
+        assert!(drawn.len() <= SEARCH_POINTS && drawn.contains(&search[31_234]));
+    }
+
+    #[test]
+    fn an_empty_match_is_drawn_too() {
+        let quality = Quality {
+            explained: 0.0,
+            residual_counts: vec![],
+            rows: 0,
+            search_explained: 0.0,
+            search_ratio: 0.0,
+            search: vec![],
+            spring_delay_s: 0.0,
+            white_se: [0.0; 2],
+            excerpt: Excerpt::default(),
+        };
+        let figure = match_figure(Size::Screen, "a < b", &quality);
+        assert!(figure.svg().contains("a &lt; b") && !figure.svg().contains("NaN"));
+    }
+}

@@ -1,0 +1,144 @@
+//! Box plots by condition: drag energy, electrical energy and specific resistance, per trial and
+//! per stride.
+
+use super::super::figure::Figure;
+use super::super::palette;
+use super::super::panel::{LEFT_MARGIN, Panel};
+use super::super::scale::{Axis, Spacing};
+use super::super::size::Size;
+use super::super::svg::{Anchor, Canvas, Rect, Style, number, point};
+use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
+use trial::{ConditionRow, Per, Quantity, Statistics};
+
+const HEIGHT: f64 = 150.0;
+const PITCH: f64 = 214.0;
+/// From one line of the key to the next.
+const KEY_PITCH: f64 = 15.0;
+const QUANTITIES: [Quantity; 3] =
+    [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
+const FILL: &str = "#d8e6f0";
+
+/// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers,
+/// outliers as open circles, the mean as a diamond. Left per trial, right per stride. What no
+/// condition has is left out.
+pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
+    let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
+        rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()
+    };
+    let shown: Vec<_> = QUANTITIES
+        .into_iter()
+        .filter(|&quantity| Per::ALL.into_iter().any(|per| !of(quantity, per).is_empty()))
+        .collect();
+    if shown.is_empty() {
+        return empty_figure(size, title, "no condition has an energy or a specific resistance");
+    }
+    let count = shown.len();
+    let key = if size.is_narrow() { KEY_PITCH } else { 0.0 };
+    let mut canvas = canvas(size, TOP - 8.0 + PITCH * count as f64 + 22.0 + key);
+    draw_title(&mut canvas, title);
+    let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - 28.0) / 2.0;
+    for (row, quantity) in shown.into_iter().enumerate() {
+        for (column, per) in Per::ALL.into_iter().enumerate() {
+            let boxes = of(quantity, per);
+            if boxes.is_empty() {
+                continue;
+            }
+            let area = Rect {
+                left: LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + 12.0) * column as f64,
+                top: TOP + PITCH * row as f64,
+                width,
+                height: HEIGHT,
+            };
+            draw_boxes(&mut canvas, area, quantity, per, &boxes);
+        }
+    }
+    draw_key(&mut canvas, TOP - 8.0 + PITCH * count as f64 + 10.0, size);
+    Figure::new(canvas.finish())
+}
+
+/// Says what the marks are, in one line, or in two where that is too long.
+fn draw_key(canvas: &mut Canvas, y: f64, size: Size) {
+    let start = Style::LABEL.anchored(Anchor::Start);
+    let left = LEFT_MARGIN + 8.0;
+    canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", start);
+    let (right, y) = match size.is_narrow() {
+        true => (left + 4.0, y + KEY_PITCH),
+        false => (left + 332.0, y),
+    };
+    canvas.ring((right, y - 4.0), 2.8, palette::INK);
+    canvas.text((right + 8.0, y), "outlier;", start);
+    draw_diamond(canvas, right + 70.0, y - 4.0);
+    canvas.text((right + 78.0, y), "mean", start);
+}
+
+fn draw_diamond(canvas: &mut Canvas, x: f64, y: f64) {
+    let diamond = format!("M{}l4 4l4 -4l-4 -4Z", point(x - 4.0, y));
+    canvas.fill(&diamond, palette::SERIES[1]);
+    canvas.stroke(&diamond, palette::INK, 0.8);
+}
+
+/// Energies of strides are some mJ.
+fn scale(quantity: Quantity) -> (f64, &'static str) {
+    match quantity {
+        Quantity::DragEnergy => (1e3, "mJ"),
+        _ => (1.0, quantity.unit()),
+    }
+}
+
+fn draw_boxes(
+    canvas: &mut Canvas,
+    area: Rect,
+    quantity: Quantity,
+    per: Per,
+    boxes: &[&ConditionRow],
+) {
+    let (factor, unit) = scale(quantity);
+    let ends = boxes.iter().flat_map(|row| {
+        let Statistics { whisker_low, whisker_high, outliers, mean, .. } = &row.statistics;
+        outliers.iter().copied().chain([*whisker_low, *whisker_high, *mean])
+    });
+    let (low, high) =
+        ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let panel = Panel {
+        area,
+        x: Axis::new("", "", Spacing::Linear, 0.0, boxes.len() as f64),
+        y: Axis::new(quantity.name(), unit, Spacing::Linear, factor * low, factor * high)
+            .padded(0.08),
+    };
+    panel.draw_y_grid(canvas);
+    let pitch = area.width / boxes.len() as f64;
+    let half = (0.3 * pitch).min(22.0);
+    for (i, row) in boxes.iter().enumerate() {
+        let x = area.left + (i as f64 + 0.5) * pitch;
+        let place = |value: f64| panel.place(0.0, factor * value).1;
+        draw_box(canvas, x, half, &row.statistics, place);
+        let equals = if canvas.size().is_narrow() { "=" } else { " = " };
+        let count = format!("n{equals}{}", row.statistics.n);
+        canvas.text((x, area.bottom() + 16.0), &row.condition, Style::LABEL);
+        let small = Style { size: 9.0, ..Style::LABEL };
+        canvas.text((x, area.bottom() + 29.0), &count, small);
+    }
+    canvas.frame(area, palette::INK);
+    panel.draw_y_labels(canvas);
+    let label = format!("per {}", per.name());
+    canvas.text((area.left, area.top - 7.0), &label, Style::LABEL.anchored(Anchor::Start));
+}
+
+fn draw_box(canvas: &mut Canvas, x: f64, half: f64, s: &Statistics, place: impl Fn(f64) -> f64) {
+    let (left, right) = (x - half, x + half);
+    let (q1, q3) = (place(s.q1), place(s.q3));
+    for (end, quartile) in [(place(s.whisker_low), q1), (place(s.whisker_high), q3)] {
+        canvas.line((x, quartile), (x, end), palette::INK, 1.0);
+        canvas.line((x - 0.5 * half, end), (x + 0.5 * half, end), palette::INK, 1.0);
+    }
+    let outline =
+        format!("M{}H{}V{}H{}Z", point(left, q1), number(right), number(q3), number(left));
+    canvas.fill(&outline, FILL);
+    canvas.stroke(&outline, palette::INK, 1.0);
+    let median = place(s.median);
+    canvas.line((left, median), (right, median), palette::INK, 2.0);
+    draw_diamond(canvas, x, place(s.mean));
+    for &outlier in &s.outliers {
+        canvas.ring((x, place(outlier)), 2.8, palette::INK);
+    }
+}

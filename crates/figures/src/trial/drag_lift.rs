@@ -1,0 +1,65 @@
+//! Drag and lift against time.
+
+use super::super::figure::Figure;
+use super::super::panel::{BOTTOM_MARGIN, Panel};
+use super::super::scale::{Axis, Spacing};
+use super::super::size::Size;
+use super::{
+    DASHED, Key, PALE, Passage, SOLID, TOP, canvas, draw_legend, draw_lines, draw_title,
+    empty_figure, line, range_with_zero, smoothed, stride_s, wide_area,
+};
+use trial::Trace;
+
+const HEIGHT: f64 = 230.0;
+
+/// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: their means over a
+/// stride, and pale behind them all values. Without strides the values are all there is.
+pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passage) -> Figure {
+    let (Some(&first), Some(&last)) = (trace.t_s.first(), trace.t_s.last()) else {
+        return empty_figure(size, title, "no rows");
+    };
+    let [fx, _, fz, ..] = &trace.wrench;
+    if fx.is_empty() || fz.is_empty() {
+        return empty_figure(
+            size,
+            title,
+            "no forces: the log has no sensors, or no calibration was given",
+        );
+    }
+    let drag: Vec<f64> = fx.iter().map(|force| -force).collect();
+    let lift = fz;
+    let width_s = stride_s(trace);
+    let raw = [&drag, lift].map(|force| line(&trace.t_s, force.iter().copied()));
+    let means = width_s.map(|width_s| {
+        [&drag, lift].map(|force| line(&trace.t_s, smoothed(&trace.t_s, force, width_s)))
+    });
+    let (low, high) = range_with_zero(&raw);
+    let panel = Panel {
+        area: wide_area(size, TOP, HEIGHT),
+        x: Axis::new("time", "s", Spacing::Linear, first, last),
+        y: Axis::new("force", "N", Spacing::Linear, low, high).padded(0.06),
+    };
+    let mut canvas = canvas(size, TOP + HEIGHT + BOTTOM_MARGIN + 4.0);
+    draw_title(&mut canvas, title);
+    passage.draw(&mut canvas, &panel);
+    panel.draw_grid(&mut canvas);
+    let [drag, lift] = &raw;
+    let mut keys = match &means {
+        Some([mean_drag, mean_lift]) => {
+            let lines = [(lift, PALE[1]), (drag, PALE[0]), (mean_lift, DASHED), (mean_drag, SOLID)];
+            draw_lines(&mut canvas, &panel, &lines);
+            vec![
+                Key::Line("drag −Fx, stride mean", SOLID),
+                Key::Line("lift Fz, stride mean", DASHED),
+            ]
+        }
+        None => {
+            draw_lines(&mut canvas, &panel, &[(lift, DASHED), (drag, SOLID)]);
+            vec![Key::Line("drag (−Fx)", SOLID), Key::Line("lift (Fz)", DASHED)]
+        }
+    };
+    panel.draw_frame(&mut canvas);
+    keys.extend(passage.keys(panel.x.range));
+    draw_legend(&mut canvas, panel.area, &keys);
+    Figure::new(canvas.finish())
+}

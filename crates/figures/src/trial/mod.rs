@@ -1,0 +1,349 @@
+//! Figures of trials, as papers print them: one column wide, legible without colour.
+
+mod boxes;
+mod drag_lift;
+mod phase;
+mod shading;
+mod stack;
+mod window;
+
+pub use boxes::box_figure;
+pub use drag_lift::drag_lift_figure;
+pub use phase::phase_figure;
+pub use shading::Passage;
+pub use stack::stack_figure;
+pub use window::window_figure;
+
+use super::figure::Figure;
+use super::palette;
+use super::panel::{LEFT_MARGIN, Panel};
+use super::size::Size;
+use super::svg::{Anchor, Canvas, Rect, Style, text_width};
+use super::trace::Curve;
+use trial::Trace;
+
+/// Width of a figure on a screen: a column of 88 mm at twice its size.
+const WIDTH: f64 = 680.0;
+/// Room above the first panel.
+const TOP: f64 = 58.0;
+
+/// The area of a panel that is as wide as the figure allows.
+fn wide_area(size: Size, top: f64, height: f64) -> Rect {
+    let width = size.width(WIDTH) - LEFT_MARGIN - 24.0;
+    Rect { left: LEFT_MARGIN + 8.0, top, width, height }
+}
+
+/// A canvas of this height.
+fn canvas(size: Size, height: f64) -> Canvas {
+    Canvas::sized(size, size.width(WIDTH), height)
+}
+
+/// How a curve is drawn: colours alone would not do in grey.
+#[derive(Clone, Copy, Debug)]
+struct Pen {
+    colour: &'static str,
+    width: f64,
+    dashed: bool,
+}
+
+const SOLID: Pen = Pen { colour: palette::SERIES[0], width: 1.6, dashed: false };
+/// What is smoothed over, behind it.
+const PALE: [Pen; 2] = [
+    Pen { colour: "#9cc6e3", width: 0.8, dashed: false },
+    Pen { colour: "#f3c29d", width: 0.8, dashed: false },
+];
+const DASHED: Pen = Pen { colour: palette::SERIES[1], width: 1.6, dashed: true };
+
+impl Pen {
+    fn draw(self, canvas: &mut Canvas, path: &str) {
+        match self.dashed {
+            false => canvas.stroke(path, self.colour, self.width),
+            true => canvas.dashes(path, self.colour, self.width),
+        }
+    }
+}
+
+/// A quantity over time, kept in as few points as draw the same line.
+fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> Curve {
+    let values: Vec<f64> = values.into_iter().collect();
+    let mut line = Curve::default();
+    line.add(time_s, &values);
+    line
+}
+
+/// Means over `width_s` around each time, NaN where that is cut off; the times ascend.
+pub fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
+    let mut sums = vec![0.0];
+    sums.extend(values.iter().scan(0.0, |sum, value| {
+        *sum += value;
+        Some(*sum)
+    }));
+    let (first, last) = (time_s[0], time_s[time_s.len() - 1]);
+    let mean = |&middle: &f64| {
+        if middle - first < 0.5 * width_s || last - middle < 0.5 * width_s {
+            return f64::NAN;
+        }
+        let from = time_s.partition_point(|&t| t < middle - 0.5 * width_s);
+        let to = time_s.partition_point(|&t| t <= middle + 0.5 * width_s);
+        (sums[to] - sums[from]) / (to - from) as f64
+    };
+    time_s.iter().map(mean).collect()
+}
+
+/// The usual length of a stride, s.
+pub fn stride_s(trace: &Trace) -> Option<f64> {
+    let mut lengths: Vec<f64> =
+        trace.stride_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    lengths.sort_unstable_by(f64::total_cmp);
+    lengths.get(lengths.len() / 2).copied()
+}
+
+/// The smallest and the largest of all values, and zero.
+fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a Curve>) -> (f64, f64) {
+    let values = lines.into_iter().flat_map(|line| line.points().map(|(_, value)| value));
+    values.fold((0.0, 0.0), |(low, high), value| (value.min(low), value.max(high)))
+}
+
+/// Draws curves in a panel over its zero line.
+fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&Curve, Pen)]) {
+    let (_, zero) = panel.place(panel.x.range.0, 0.0);
+    let area = panel.area;
+    canvas.clipped(area, |canvas| {
+        canvas.line((area.left, zero), (area.right(), zero), palette::ZERO, 1.0);
+        for (line, pen) in lines {
+            pen.draw(canvas, &super::trace::path(panel, line));
+        }
+    });
+}
+
+/// An entry of a legend.
+enum Key<'a> {
+    Line(&'a str, Pen),
+    Area(&'a str, &'static str),
+}
+
+/// Draws a legend above a panel, from its left, in a row, or on paper in as many as it takes.
+fn draw_legend<'a>(canvas: &mut Canvas, area: Rect, keys: impl IntoIterator<Item = &'a Key<'a>>) {
+    let (mut rows, mut right): (Vec<Vec<(f64, &Key<'_>)>>, f64) = (Vec::new(), area.left);
+    let room = if canvas.size() == Size::Screen { f64::INFINITY } else { area.right() };
+    for key in keys {
+        let length = 36.0 + 0.92 * text_width(key.text(), Style::LABEL.size) + 6.0;
+        // What follows a key is not in its way.
+        if rows.is_empty() || right + length - 6.0 > room {
+            rows.push(Vec::new());
+            right = area.left;
+        }
+        rows.last_mut().into_iter().for_each(|row| row.push((right, key)));
+        right += length;
+    }
+    for (above, row) in rows.iter().rev().enumerate() {
+        let y = area.top - 12.0 - LEGEND_PITCH * above as f64;
+        row.iter().for_each(|&(left, key)| key.draw(canvas, left, y));
+    }
+}
+
+/// From one row of a legend to the next.
+const LEGEND_PITCH: f64 = 15.0;
+
+impl Key<'_> {
+    fn text(&self) -> &str {
+        match self {
+            Key::Line(text, _) | Key::Area(text, _) => text,
+        }
+    }
+
+    fn draw(&self, canvas: &mut Canvas, left: f64, y: f64) {
+        match self {
+            Key::Line(_, pen) => pen.draw(canvas, &format!("M{left} {y}h24")),
+            Key::Area(_, colour) => {
+                let top = y - 5.0;
+                canvas.fill(&format!("M{left} {top}h24v10h-24Z"), colour);
+                canvas.frame(Rect { left, top, width: 24.0, height: 10.0 }, palette::ZERO);
+            }
+        }
+        canvas.text((left + 30.0, y + 4.0), self.text(), Style::LABEL.anchored(Anchor::Start));
+    }
+}
+
+fn draw_title(canvas: &mut Canvas, title: &str) {
+    canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
+}
+
+/// A figure that says why there is nothing to see.
+fn empty_figure(size: Size, title: &str, reason: &str) -> Figure {
+    let mut canvas = canvas(size, TOP + 60.0);
+    draw_title(&mut canvas, title);
+    canvas.text((16.0, TOP + 12.0), reason, Style::LABEL.anchored(Anchor::Start));
+    Figure::new(canvas.finish())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lettering;
+    use super::super::svg::Shape;
+    use super::*;
+    use trial::{ConditionRow, Per, PhaseProfile, Quantity, Sample};
+
+    fn trace() -> Trace {
+        let t_s: Vec<f64> = (0..4000).map(|i| 1e-3 * f64::from(i)).collect();
+        let mut trace = Trace { stride_times_s: vec![0.5, 1.0, 1.5, 2.0], ..Trace::default() };
+        for axis in &mut trace.wrench {
+            *axis = t_s.iter().map(|t| (20.0 * t).sin()).collect();
+        }
+        trace.right_leg_rad = t_s.iter().map(|t| 12.0 * t).collect();
+        trace.right_power_w = t_s.iter().map(|t| 1.0 + t).collect();
+        trace.t_s = t_s;
+        trace
+    }
+
+    #[test]
+    fn means_over_a_stride_are_means_and_end_where_they_are_cut_off() {
+        let t_s: Vec<f64> = (0..100).map(|i| 0.1 * f64::from(i)).collect();
+        let values: Vec<f64> = t_s.iter().map(|t| 3.0 * t).collect();
+        let means = smoothed(&t_s, &values, 1.05);
+        assert!(means[..5].iter().chain(&means[95..]).all(|mean| mean.is_nan()));
+        for (mean, value) in means[6..94].iter().zip(&values[6..94]) {
+            // A straight line is its own mean; running sums of a hundred values of 30 at most.
+            assert!((mean - value).abs() < 1e-11);
+        }
+    }
+
+    #[test]
+    fn a_passage_is_shaded_where_it_is() {
+        let passage = Passage::new([1.0, 3.3], Some(0.18), 0.28);
+        let svg = drag_lift_figure(Size::Screen, "t", &trace(), &passage);
+        let fills = |colour: &str| -> Vec<(f64, f64)> {
+            let rectangles = svg.svg().lines().filter(|line| line.contains(colour));
+            // "M<left> <top>V<bottom>H<right>V<top>Z", of the panel; legends draw with h and v.
+            let of = |line: &str| {
+                let left = line.split("d=\"M").nth(1)?.split(' ').next()?.parse().ok()?;
+                let right = line.split('H').nth(1)?.split('V').next()?.parse().ok()?;
+                Some((left, right))
+            };
+            rectangles.filter_map(of).collect()
+        };
+        let area = wide_area(Size::Screen, TOP, 100.0);
+        let x = |time_s: f64| area.left + area.width * time_s / 3.999;
+        let expected = [(x(1.0), x(1.9)), (x(2.4), x(3.3))];
+        for ((left, right), (from, to)) in fills(palette::PARTLY_INSIDE).into_iter().zip(expected) {
+            assert!((left - from).abs() < 0.01 && (right - to).abs() < 0.01);
+        }
+        assert_eq!(fills(palette::PARTLY_INSIDE).len(), 2);
+        assert_eq!(fills(palette::INSIDE).len(), 1);
+    }
+
+    #[test]
+    fn figures_of_what_is_not_there_say_so() {
+        let passage = Passage::new([1.0, 2.0], None, 0.28);
+        let nothing = Trace { t_s: trace().t_s, ..Trace::default() };
+        for figure in [
+            drag_lift_figure(Size::Screen, "a < b", &nothing, &passage),
+            stack_figure(Size::Screen, "a < b", &nothing, &passage, [0.0, 3.0]),
+            phase_figure(Size::Screen, "a < b", &[]),
+            box_figure(Size::Screen, "a < b", &[]),
+        ] {
+            assert!(
+                figure.svg().contains("a &lt; b") && figure.svg().contains(">no"),
+                "{}",
+                figure.svg()
+            );
+        }
+        // What there is of telemetry is drawn without the rest.
+        let legs = stack_figure(
+            Size::Screen,
+            "t",
+            &Trace { wrench: Default::default(), ..trace() },
+            &passage,
+            [0.0, 3.0],
+        );
+        assert!(legs.svg().contains("leg angle (rad)") && !legs.svg().contains("Fx"));
+    }
+
+    #[test]
+    fn a_box_has_its_quartiles_and_whiskers_at_their_values() {
+        let mut sample = Sample::default();
+        [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].into_iter().for_each(|value| sample.add_cluster([value]));
+        let statistics = sample.statistics(1).unwrap();
+        let row = ConditionRow {
+            condition: "<3 cm>".to_owned(),
+            per: Per::Trial,
+            quantity: Quantity::SpecificResistance,
+            statistics: statistics.clone(),
+            difference: None,
+        };
+        let svg = box_figure(Size::Screen, "t", &[row]);
+        let svg = svg.svg();
+        assert!(svg.contains("&lt;3 cm&gt;") && svg.contains("n = 6"));
+        // One outlier, 30, and one ring in the key.
+        assert_eq!(
+            svg.matches("fill=\"none\" stroke=\"#222222\"/>\n").count()
+                - svg.matches("<rect").count(),
+            2
+        );
+        // The axis runs over values from 1 to 30 with 8 % at both ends, 150 pixels high from 58 on.
+        let y = |value: f64| 58.0 + 150.0 - 150.0 * (value - 1.0 + 0.08 * 29.0) / (1.16 * 29.0);
+        for value in [
+            statistics.q1,
+            statistics.median,
+            statistics.q3,
+            statistics.whisker_low,
+            statistics.whisker_high,
+        ] {
+            let text = super::super::svg::number(y(value));
+            assert!(
+                svg.contains(&format!(" {text}H")) || svg.contains(&format!("V{text}H")),
+                "{value} at {text}"
+            );
+        }
+    }
+
+    /// As a page of a paper takes it: the width, letters of 5 to 7 pt, and nothing cut off at the edges.
+    fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
+        let drawing = figure.drawing();
+        let svg = figure.svg();
+        assert!(svg.contains(&format!("width=\"{width_mm}mm\"")), "{}", &svg[..200]);
+        let pt = size.scale() * 0.75;
+        // The width of the page in a PDF, in pt of 1/72 inch.
+        let page = width_mm / 25.4 * 72.0;
+        assert!((drawing.width * pt - page).abs() < 1e-9, "{} {page}", drawing.width * pt);
+        for shape in &drawing.shapes {
+            let Shape::Text { at, text, style } = shape else { continue };
+            // Half a hundredth: sizes are written with two decimals.
+            assert!((4.995..=7.005).contains(&(style.size * pt)), "{text}: {} pt", style.size * pt);
+            let Some((path, place)) = lettering::outline(text, *at, *style) else { continue };
+            let bounds = path.transform(place).unwrap().bounds();
+            let (right, bottom) = (drawing.width as f32, drawing.height as f32);
+            let is_inside = bounds.left() >= 0.0 && bounds.top() >= 0.0;
+            assert!(is_inside, "{text} at {bounds:?}");
+            assert!(bounds.right() <= right && bounds.bottom() <= bottom, "{text} at {bounds:?}");
+        }
+    }
+
+    #[test]
+    fn figures_fit_the_columns_of_a_paper() {
+        let passage = Passage::new([0.5, 3.5], Some(0.18), 0.28);
+        let phases = PhaseProfile::new([(&trace(), [0.5, 2.0])]).unwrap();
+        let phases = ["free", "3 cm"].map(|name| (name.to_owned(), phases.clone()));
+        let mut sample = Sample::default();
+        [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].into_iter().for_each(|value| sample.add_cluster([value]));
+        let statistics = sample.statistics(1).unwrap();
+        let mut boxes = Vec::new();
+        for condition in ["free", "0 cm", "3 cm", "6 cm", "9 cm"] {
+            for (per, quantity) in
+                [(Per::Trial, Quantity::DragEnergy), (Per::Stride, Quantity::DragEnergy)]
+            {
+                let (condition, statistics) = (condition.to_owned(), statistics.clone());
+                boxes.push(ConditionRow { condition, per, quantity, statistics, difference: None });
+            }
+        }
+        for (size, width_mm) in [(Size::Single, 89.0), (Size::Double, 183.0)] {
+            let figures = [
+                drag_lift_figure(size, "free: run-1.txt", &trace(), &passage),
+                stack_figure(size, "free: run-1.txt", &trace(), &passage, [0.0, 4.0]),
+                phase_figure(size, "Drag and lift over a stride", &phases),
+                box_figure(size, "Energies and specific resistance", &boxes),
+            ];
+            figures.iter().for_each(|figure| assert_printable(figure, size, width_mm));
+        }
+    }
+}

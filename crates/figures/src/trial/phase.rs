@@ -1,0 +1,108 @@
+//! Drag and lift against the phase of the leg, with the spread from stride to stride.
+
+use std::f64::consts::{PI, TAU};
+
+use super::super::figure::Figure;
+use super::super::palette;
+use super::super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
+use super::super::scale::{Axis, Spacing};
+use super::super::size::Size;
+use super::super::svg::{Anchor, Canvas, Rect, Style, point};
+use super::{Key, SOLID, TOP, WIDTH, canvas, draw_legend, draw_title, empty_figure};
+use trial::{PhaseForce, PhaseProfile};
+
+const HEIGHT: f64 = 104.0;
+const PITCH: f64 = 134.0;
+const GAP: f64 = 12.0;
+
+/// Draws drag (left) and lift (right) in N over a turn of the right leg, a row for each of the
+/// conditions: mean and one standard deviation from stride to stride. All panels have one scale.
+pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile)]) -> Figure {
+    if conditions.is_empty() {
+        return empty_figure(size, title, "no strides with forces");
+    }
+    let forces = conditions.iter().flat_map(|(_, profile)| [&profile.drag, &profile.lift]);
+    let ends = forces.flat_map(|force| {
+        let both = force.mean_n.iter().zip(&force.sd_n);
+        both.flat_map(|(mean, sd)| [mean - sd, mean + sd])
+    });
+    let (low, high) = ends.fold((0.0_f64, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
+    let rows = conditions.len() as f64;
+    let mut canvas = canvas(size, TOP + 14.0 + PITCH * rows - 30.0 + BOTTOM_MARGIN + 4.0);
+    draw_title(&mut canvas, title);
+    let width = (size.width(WIDTH) - 2.0 * (LEFT_MARGIN + 8.0) - GAP - 16.0) / 2.0;
+    for (row, (name, profile)) in conditions.iter().enumerate() {
+        for (column, (quantity, force)) in
+            [("drag", &profile.drag), ("lift", &profile.lift)].into_iter().enumerate()
+        {
+            let area = Rect {
+                left: LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + GAP) * column as f64,
+                top: TOP + 14.0 + PITCH * row as f64,
+                width,
+                height: HEIGHT,
+            };
+            let panel = Panel {
+                area,
+                x: Axis::new("right leg angle", "rad", Spacing::Linear, 0.0, TAU),
+                y: Axis::new(quantity, "N", Spacing::Linear, low, high).padded(0.04),
+            };
+            draw_panel(&mut canvas, &panel, &profile.phase_rad, force);
+            let label = format!("{name}: {} strides", profile.strides);
+            let style = Style::LABEL.anchored(Anchor::Start);
+            canvas.text((area.left, area.top - 6.0), &label, style);
+            draw_turn(&mut canvas, &panel, row + 1 == conditions.len());
+        }
+    }
+    let legend = Rect { left: LEFT_MARGIN + 8.0, top: TOP - 4.0, width, height: HEIGHT };
+    let keys = [Key::Line("mean", SOLID), Key::Area("± 1 sd, stride to stride", palette::SPREAD)];
+    draw_legend(&mut canvas, legend, &keys);
+    Figure::new(canvas.finish())
+}
+
+fn draw_panel(canvas: &mut Canvas, panel: &Panel, phase_rad: &[f64], force: &PhaseForce) {
+    let placed = |sign: f64| -> Vec<String> {
+        let values: Vec<f64> =
+            force.mean_n.iter().zip(&force.sd_n).map(|(mean, sd)| mean + sign * sd).collect();
+        // A turn goes on where it ends: the curve reaches both edges.
+        let n = values.len();
+        let around = (0..n + 2).map(|i| {
+            let turn = if i == 0 {
+                -TAU
+            } else if i > n {
+                TAU
+            } else {
+                0.0
+            };
+            (phase_rad[(i + n - 1) % n] + turn, values[(i + n - 1) % n])
+        });
+        let places = around.map(|(phase, value)| panel.place(phase, value));
+        places.map(|(x, y)| point(x, y)).collect()
+    };
+    let (below, mean, mut above) = (placed(-1.0), placed(0.0), placed(1.0));
+    above.reverse();
+    let area = panel.area;
+    canvas.clipped(area, |canvas| {
+        canvas.fill(&format!("M{}L{}Z", below.join("L"), above.join("L")), palette::SPREAD);
+        let (_, zero) = panel.place(0.0, 0.0);
+        canvas.line((area.left, zero), (area.right(), zero), palette::ZERO, 1.0);
+        canvas.stroke(&format!("M{}", mean.join("L")), SOLID.colour, SOLID.width);
+    });
+    canvas.frame(area, palette::INK);
+    panel.draw_y_labels(canvas);
+}
+
+/// Ticks at quarters of a turn.
+fn draw_turn(canvas: &mut Canvas, panel: &Panel, labelled: bool) {
+    let bottom = panel.area.bottom();
+    for (quarter, label) in ["0", "π/2", "π", "3π/2", "2π"].into_iter().enumerate() {
+        let (x, _) = panel.place(0.5 * PI * quarter as f64, panel.y.range.0);
+        canvas.line((x, bottom), (x, bottom + 4.0), palette::INK, 1.0);
+        if labelled {
+            canvas.text((x, bottom + 16.0), label, Style::LABEL);
+        }
+    }
+    if labelled {
+        let middle = panel.area.left + panel.area.width / 2.0;
+        canvas.text((middle, bottom + 33.0), &panel.x.title(), Style::LABEL);
+    }
+}

@@ -1,0 +1,135 @@
+//! How the zero of an unloaded sensor moves: its trend against time and temperature, and its wander.
+//!
+//! Each [rest](crate::rests) is one observation, its mean; how its frames scatter says nothing of how
+//! a trend was met. The standard error of a slope is that of least squares from the scatter of the rests
+//! about the line, times `√((1 + ρ)/(1 − ρ))` with ρ the correlation of neighbours in it, to which
+//! `(2 + 4ρ)/n` is added for what the line itself takes away. Independent rests keep within two standard
+//! errors of their true slope in 95 % of cases; a zero that wanders without aim (a random walk over 60 rests)
+//! stays within three of none in three of four, where plain least squares would say so in one of four.
+
+use crate::rests::{Level, ZeroChange};
+use shell_data::statistics::RunningVariance;
+
+/// The fewest rests that a trend is told from.
+pub const FEWEST_RESTS: usize = 3;
+
+/// Neighbours that have more in common than this say nothing of a trend beyond it.
+const MOST_CORRELATED: f64 = 0.95;
+
+/// A straight line through the zeros at the rests, in units of the quantity and of what it is held against.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Trend {
+    /// Change per unit.
+    pub slope: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+    /// What the line leaves of the zeros, RMS.
+    pub residual_rms: f64,
+}
+
+/// How the zero of one quantity moves, in its own unit.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Drift {
+    /// From the first rest to the last.
+    #[serde(flatten)]
+    pub change: ZeroChange,
+    /// Standard deviation of the zeros at the rests beyond what the noise within them makes.
+    pub wander: f64,
+    /// Against time, per s.
+    pub per_s: Trend,
+    /// Against temperature, per unit of its column; `None` where that is not known or does not change.
+    pub per_degree: Option<Trend>,
+}
+
+impl Trend {
+    /// Of the values `y` at `x`, in order; `None` for fewer than [`FEWEST_RESTS`], or where `x` does not
+    /// change.
+    pub fn of(x: &[f64], y: &[f64]) -> Option<Self> {
+        let (xs, ys) = (RunningVariance::of(x), RunningVariance::of(y));
+        if x.len() < FEWEST_RESTS || xs.squares <= 0.0 || !xs.squares.is_finite() {
+            return None;
+        }
+        let pairs = || x.iter().zip(y).map(|(x, y)| (x - xs.mean, y - ys.mean));
+        let slope = pairs().map(|(x, y)| x * y).sum::<f64>() / xs.squares;
+        let residuals: Vec<f64> = pairs().map(|(x, y)| y - slope * x).collect();
+        let squares: f64 = residuals.iter().map(|r| r * r).sum();
+        let neighbours: f64 = residuals.windows(2).map(|pair| pair[0] * pair[1]).sum();
+        let correlation = if squares > 0.0 { neighbours / squares } else { 0.0 };
+        let n = x.len() as f64;
+        let correlation = (correlation + (2.0 + 4.0 * correlation) / n).clamp(0.0, MOST_CORRELATED);
+        let independent = squares / (n - 2.0) / xs.squares;
+        Some(Self {
+            slope,
+            standard_error: (independent * (1.0 + correlation) / (1.0 - correlation)).sqrt(),
+            residual_rms: (squares / n).sqrt(),
+        })
+    }
+}
+
+impl Drift {
+    /// Of one of `quantities` from its levels at the rests, with the middle of each, s, and its
+    /// temperature, `None` where that is not known; `None` for fewer than [`FEWEST_RESTS`].
+    pub fn of(
+        levels: &[Level],
+        times_s: &[f64],
+        temperatures: &[Option<f64>],
+        quantities: usize,
+    ) -> Option<Self> {
+        let zeros: Vec<f64> = levels.iter().map(|level| level.mean).collect();
+        let per_s = Trend::of(times_s, &zeros)?;
+        let known = temperatures.iter().zip(&zeros).filter_map(|(at, &zero)| Some(((*at)?, zero)));
+        let (degrees, zeros_there): (Vec<f64>, Vec<f64>) = known.unzip();
+        let all = RunningVariance::of(&zeros);
+        let squares = |level: &Level| level.standard_error * level.standard_error;
+        let by_noise = levels.iter().map(squares).sum::<f64>() / levels.len() as f64;
+        let (first, last) = (levels.first()?, levels.last()?);
+        Some(Self {
+            change: ZeroChange::new(first, last, quantities),
+            wander: (all.squares / (all.count - 1) as f64 - by_noise).max(0.0).sqrt(),
+            per_s,
+            per_degree: Trend::of(&degrees, &zeros_there),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_that_of_least_squares() {
+        // numpy: slope 1.0135135, standard error 0.0468122; the residuals alternate (ρ = −0.774), so that
+        // nothing is added. The printed digits.
+        let found = Trend::of(&[0.0, 1.0, 2.0, 3.0, 5.0], &[1.0, 1.9, 3.2, 3.8, 6.1]).unwrap();
+        assert!((found.slope - 1.013_513_5).abs() < 1e-7, "{found:?}");
+        assert!((found.standard_error - 0.046_812_2).abs() < 1e-7, "{found:?}");
+        assert_eq!(Trend::of(&[1.0, 2.0], &[1.0, 2.0]), None);
+        assert_eq!(Trend::of(&[2.0; 4], &[1.0, 2.0, 3.0, 4.0]), None);
+    }
+
+    #[test]
+    fn a_wander_without_aim_has_no_trend_beyond_its_error() {
+        // 400 walks of 60 steps of ±1. numpy on 3000 of them: 77 %, 25 % by least squares alone; a share
+        // of 400 has a standard deviation of 2 %.
+        let mut state = 1_u64;
+        let mut sign = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            if state >> 63 == 0 { 1.0 } else { -1.0 }
+        };
+        let times: Vec<f64> = (0..60).map(f64::from).collect();
+        let within = (0..400).filter(|_| {
+            let mut at = 0.0;
+            let mut step = |_: &f64| {
+                at += sign();
+                at
+            };
+            let walk: Vec<f64> = times.iter().map(&mut step).collect();
+            let Trend { slope, standard_error, .. } = Trend::of(&times, &walk).unwrap();
+            slope.abs() < 3.0 * standard_error
+        });
+        let share = within.count() as f64 / 400.0;
+        assert!(share > 0.7, "{share}");
+    }
+}

@@ -1,0 +1,42 @@
+//! Why poses do not give a payload.
+
+/// Poses that do not give what a sensor carries.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PayloadError {
+    /// Too few.
+    #[error("`{found}` poses are too few to tell what the sensor carries, `{needed}` are needed")]
+    TooFewPoses {
+        /// How many there are.
+        found: usize,
+        /// How many it takes.
+        needed: usize,
+    },
+    /// Gravity has always pulled the same way, or its directions lie on a line.
+    #[error(
+        "gravity turns too little in the sensor's frame: by `{spread_deg:.2}`° in all but one direction, \
+         which tells {lost}"
+    )]
+    SameOrientation {
+        /// The spread of directions, in degrees.
+        spread_deg: f64,
+        /// What is not determined.
+        lost: &'static str,
+    },
+    /// A body that falls upwards.
+    #[error(
+        "the mass comes out as `{mass_kg:.4}` kg (standard error {standard_error_kg:.4}): the forces do not \
+         follow gravity"
+    )]
+    NoMass {
+        /// The mass.
+        mass_kg: f64,
+        /// Its standard error.
+        standard_error_kg: f64,
+    },
+    /// A value that is infinite or NaN.
+    #[error("pose `{pose}` has a value that is not finite")]
+    NotFinite {
+        /// The pose, from 1.
+        pose: usize,
+    },
+}

@@ -1,0 +1,157 @@
+//! Apparent gravity in the sensor's frame over time.
+
+use super::vector::{Vector, add, scaled, subtract};
+
+/// Beyond so many usual intervals from its nearest sample a motion is not known.
+const FAR: f64 = 10.0;
+
+/// Apparent gravity over time, straight between samples and held before the first and after the last.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    times_s: Vec<f64>,
+    gravity_m_s2: Vec<Vector>,
+    /// The usual interval, s.
+    period_s: f64,
+}
+
+/// Samples that are no motion.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum MotionError {
+    /// Too few.
+    #[error("it has `{0}` samples of motion at different times, at least 2 are needed")]
+    TooFewSamples(usize),
+    /// The clock was set back.
+    #[error("its time goes back from `{before}` to `{after}` s")]
+    Backward {
+        /// Time of a sample, s.
+        before: f64,
+        /// Time of the next, s.
+        after: f64,
+    },
+}
+
+impl Motion {
+    /// From samples in order; of several at one time the first counts.
+    ///
+    /// # Errors
+    /// [`MotionError`].
+    pub fn new(times_s: &[f64], gravity_m_s2: &[Vector]) -> Result<Self, MotionError> {
+        let mut motion = Self { times_s: Vec::new(), gravity_m_s2: Vec::new(), period_s: 0.0 };
+        for (&time, &gravity) in times_s.iter().zip(gravity_m_s2) {
+            match motion.times_s.last() {
+                Some(&before) if time < before => {
+                    return Err(MotionError::Backward { before, after: time });
+                }
+                Some(&before) if time == before => {}
+                _ => {
+                    motion.times_s.push(time);
+                    motion.gravity_m_s2.push(gravity);
+                }
+            }
+        }
+        let mut periods: Vec<f64> =
+            motion.times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        if periods.is_empty() {
+            return Err(MotionError::TooFewSamples(motion.times_s.len()));
+        }
+        let middle = periods.len() / 2;
+        motion.period_s = *periods.select_nth_unstable_by(middle, f64::total_cmp).1;
+        Ok(motion)
+    }
+
+    /// The same on a clock that shows `lag_s` less.
+    pub fn earlier_by(mut self, lag_s: f64) -> Self {
+        self.times_s.iter_mut().for_each(|time| *time -= lag_s);
+        self
+    }
+
+    /// Its first and last time, s.
+    pub fn span_s(&self) -> (f64, f64) {
+        (self.times_s[0], self.times_s[self.times_s.len() - 1])
+    }
+
+    /// The usual interval between samples, s.
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// Apparent gravity at a time, m/s².
+    pub fn at(&self, time_s: f64) -> Vector {
+        let after = self.times_s.partition_point(|&time| time <= time_s);
+        if after == 0 {
+            return self.gravity_m_s2[0];
+        }
+        let before = after - 1;
+        let Some(&next) = self.gravity_m_s2.get(after) else { return self.gravity_m_s2[before] };
+        let (start, end) = (self.times_s[before], self.times_s[after]);
+        let share = (time_s - start) / (end - start);
+        let first = self.gravity_m_s2[before];
+        add(first, scaled(subtract(next, first), share))
+    }
+
+    /// Whether a time is so far from any sample that the motion there is not known.
+    pub fn is_far(&self, time_s: f64) -> bool {
+        let after = self.times_s.partition_point(|&time| time <= time_s);
+        let nearest = |at: Option<&f64>| at.map_or(f64::INFINITY, |time| (time - time_s).abs());
+        let before = nearest(after.checked_sub(1).and_then(|at| self.times_s.get(at)));
+        let distance = before.min(nearest(self.times_s.get(after)));
+        distance.is_nan() || distance > FAR * self.period_s
+    }
+
+    /// The mean of all samples within `half_s` of each, as long as that reaches any.
+    pub(super) fn smoothed(&self, half_s: f64) -> Self {
+        let columns = std::array::from_fn(|axis| {
+            let column: Vec<f64> = self.gravity_m_s2.iter().map(|gravity| gravity[axis]).collect();
+            running_mean(&self.times_s, &column, half_s)
+        });
+        let [x, y, z]: [Vec<f64>; 3] = columns;
+        let gravity = x.iter().zip(&y).zip(&z).map(|((x, y), z)| [*x, *y, *z]);
+        Self { gravity_m_s2: gravity.collect(), ..self.clone() }
+    }
+}
+
+/// The mean of all values within `half_s` of each, at times in order.
+pub(super) fn running_mean(times_s: &[f64], values: &[f64], half_s: f64) -> Vec<f64> {
+    let (mut first, mut end, mut sum) = (0, 0, 0.0);
+    // Differences from one value keep what is large and constant out of the sum.
+    let origin = values.first().copied().unwrap_or_default();
+    let mean = |&time: &f64| {
+        while end < times_s.len() && times_s[end] <= time + half_s {
+            sum += values[end] - origin;
+            end += 1;
+        }
+        while first < end && times_s[first] < time - half_s {
+            sum -= values[first] - origin;
+            first += 1;
+        }
+        origin + sum / (end - first).max(1) as f64
+    };
+    times_s.iter().map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motion_is_straight_between_samples_and_held_beyond() {
+        let motion =
+            Motion::new(&[1.0, 2.0, 2.0, 4.0], &[[0.0; 3], [1.0; 3], [9.0; 3], [3.0; 3]]).unwrap();
+        for (time, value) in
+            [(0.0, 0.0), (1.5, 0.5), (2.0, 1.0), (3.0, 2.0), (4.0, 3.0), (9.0, 3.0)]
+        {
+            assert_eq!(motion.at(time), [value; 3], "{time}");
+        }
+        assert_eq!(motion.clone().earlier_by(1.0).at(0.5), [0.5; 3]);
+        assert!(!motion.is_far(20.0) && motion.is_far(25.0) && motion.is_far(-20.0));
+        let backward = Motion::new(&[1.0, 0.5], &[[0.0; 3]; 2]).unwrap_err();
+        assert_eq!(backward, MotionError::Backward { before: 1.0, after: 0.5 });
+        assert_eq!(Motion::new(&[1.0; 3], &[[0.0; 3]; 3]), Err(MotionError::TooFewSamples(1)));
+    }
+
+    #[test]
+    fn a_running_mean_is_over_time() {
+        let times = [0.0, 1.0, 2.0, 10.0];
+        assert_eq!(running_mean(&times, &[1.0, 2.0, 6.0, 5.0], 1.0), [1.5, 3.0, 4.0, 5.0]);
+    }
+}

@@ -1,0 +1,27 @@
+//! What a live view shows, apart from how it is drawn.
+//!
+//! ```text
+//! rows ─▶ LiveModel ─▶ traces, channels, arrows ─▶ a terminal, a browser
+//!             ▲
+//!       tare, pause, zoom, mark
+//! ```
+//!
+//! [`LiveModel`] keeps the last minute of rows and nothing else, so memory is bounded. What it is told to do
+//! (tare, pause, zoom) changes what is shown, never what is recorded.
+//!
+//! Pure: no ports, no files, no clock but that of the rows.
+
+mod history;
+mod model;
+mod picture;
+mod row;
+mod scale;
+pub mod web;
+
+pub use history::{History, LONGEST_S};
+pub use model::{
+    ChannelState, ChannelView, LiveModel, LiveSetup, MARKS, Mark, TARE_ROWS, TraceView, WINDOWS_S,
+};
+pub use picture::{Picture, TracePicture};
+pub use row::LiveRow;
+pub use scale::{nice_bound, nice_range};

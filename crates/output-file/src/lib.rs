@@ -1,0 +1,400 @@
+//! Writing results: the one place where files are opened to be written.
+//!
+//! [`Outputs`] knows what a command reads and writes, and opens nothing that would replace an input
+//! or another output, by whatever name. A file appears whole or not at all: the bytes go to a
+//! temporary file beside the target ([`AtomicFile`]), which is renamed over it once all of them are
+//! written. It is not forced to the disk first: a result can be made again from its logs, and waiting
+//! for the disk takes longer than a fit. The temporary file is made when the output is opened, so a
+//! path that cannot be written is found before the work, not after. What is replaced keeps its
+//! permissions, and a symbolic link keeps leading to it. Devices and pipes, which cannot be
+//! replaced, are written to directly.
+
+mod identity;
+mod temporary;
+
+use std::fs::{self, File, Permissions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use identity::{Files, Identity};
+use temporary::Temporary;
+
+pub use temporary::{before_unfinished, remove_unfinished};
+
+/// What a command reads and writes.
+#[derive(Debug, Default)]
+pub struct Outputs {
+    known: Mutex<Known>,
+}
+
+#[derive(Debug, Default)]
+struct Known {
+    inputs: Files<PathBuf>,
+    outputs: Files<Claim>,
+}
+
+/// An output that was announced or opened.
+#[derive(Debug)]
+struct Claim {
+    path: PathBuf,
+    stage: Stage,
+}
+
+/// How far an output has come; no way leads back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Stage {
+    Announced,
+    Probed,
+    Opened,
+}
+
+/// An output that could not be opened, written or put in place.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// The system does not let it.
+    #[error("cannot write `{}`", path.display())]
+    Failed {
+        /// The file that was to be written.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// It is what is read.
+    #[error("the output `{}` would replace the input `{}`", path.display(), input.display())]
+    IsInput {
+        /// The file that was to be written.
+        path: PathBuf,
+        /// The input that it is.
+        input: PathBuf,
+    },
+    /// It is written already.
+    #[error("two outputs would be written to one file, `{}`{}", path.display(), also(path, other))]
+    Twice {
+        /// The file that was to be written.
+        path: PathBuf,
+        /// The output that it is.
+        other: PathBuf,
+    },
+}
+
+impl Outputs {
+    /// Nothing is read and nothing written so far.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Says that `path` is read, so no output may replace it.
+    ///
+    /// # Errors
+    /// [`OutputError::IsInput`] if it is an output that was announced.
+    pub fn protect(&self, path: &Path) -> Result<(), OutputError> {
+        let Some(identity) = Identity::of(path) else { return Ok(()) };
+        let mut known = self.known();
+        if let Some(claim) = known.outputs.find(&identity) {
+            let (path, input) = (claim.path.clone(), path.to_path_buf());
+            return Err(OutputError::IsInput { path, input });
+        }
+        if known.inputs.find(&identity).is_none() {
+            known.inputs.insert(identity, path.to_path_buf());
+        }
+        Ok(())
+    }
+
+    /// Announces an output that is opened later, or not at all.
+    ///
+    /// # Errors
+    /// [`OutputError::IsInput`], [`OutputError::Twice`].
+    pub fn announce(&self, path: &Path) -> Result<(), OutputError> {
+        self.claim(path, Stage::Announced)
+    }
+
+    /// Announces an output and finds out whether it can be written, before the work that makes it.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn probe(&self, path: &Path) -> Result<(), OutputError> {
+        self.claim(path, Stage::Probed)?;
+        Target::open(path).map(drop).map_err(|source| OutputError::failed(path, source))
+    }
+
+    /// Opens `path` for writing without touching what is there.
+    ///
+    /// # Errors
+    /// [`OutputError`] if it is an input or another output, the directory does not exist or is not
+    /// writable, or `path` is a directory.
+    pub fn create(&self, path: impl AsRef<Path>) -> Result<AtomicFile, OutputError> {
+        let path = path.as_ref();
+        self.claim(path, Stage::Opened)?;
+        match Target::open(path) {
+            Ok(target) => Ok(AtomicFile { path: path.to_path_buf(), target }),
+            Err(source) => Err(OutputError::failed(path, source)),
+        }
+    }
+
+    /// Writes `bytes` to `path`, whole or not at all.
+    ///
+    /// # Errors
+    /// [`OutputError`], as for [`create`](Self::create).
+    pub fn write(&self, path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputError> {
+        let mut file = self.create(path)?;
+        if let Err(source) = file.target.write_all(bytes) {
+            return Err(OutputError::failed(&file.path, source));
+        }
+        file.commit()
+    }
+
+    /// Lets every output be written once more, for a command that does its work again.
+    pub fn renew(&self) {
+        self.known().outputs.iter_mut().for_each(|claim| claim.stage = Stage::Announced);
+    }
+
+    fn claim(&self, path: &Path, stage: Stage) -> Result<(), OutputError> {
+        let Some(identity) = Identity::of(path) else { return Ok(()) };
+        let mut known = self.known();
+        if let Some(input) = known.inputs.find(&identity) {
+            let (path, input) = (path.to_path_buf(), input.clone());
+            return Err(OutputError::IsInput { path, input });
+        }
+        let path = path.to_path_buf();
+        match known.outputs.find(&identity) {
+            None => known.outputs.insert(identity, Claim { path, stage }),
+            Some(claim) if claim.path == path && claim.stage < stage => claim.stage = stage,
+            Some(claim) => return Err(OutputError::Twice { path, other: claim.path.clone() }),
+        }
+        Ok(())
+    }
+}
+
+/// The other name of a file, if it has one.
+fn also(path: &Path, other: &Path) -> String {
+    if path == other { String::new() } else { format!(", which is `{}`", other.display()) }
+}
+
+impl OutputError {
+    pub fn failed(path: impl Into<PathBuf>, source: io::Error) -> Self {
+        Self::Failed { path: path.into(), source }
+    }
+}
+
+/// A file that is being written and does not exist yet under its own name.
+#[derive(Debug)]
+pub struct AtomicFile {
+    path: PathBuf,
+    target: Target,
+}
+
+#[derive(Debug)]
+enum Target {
+    Replace {
+        file: BufWriter<Unnamed>,
+        /// The end of the links that the path leads through.
+        place: PathBuf,
+        /// Those of the file that is replaced.
+        permissions: Option<Permissions>,
+    },
+    Device(File),
+}
+
+/// A temporary file whose errors do not name it.
+#[derive(Debug)]
+struct Unnamed(Temporary);
+
+impl AtomicFile {
+    /// Puts the finished file in place.
+    ///
+    /// # Errors
+    /// [`OutputError`] if the last bytes cannot be written or the file cannot be renamed.
+    pub fn commit(self) -> Result<(), OutputError> {
+        let Self { path, target } = self;
+        target.finish().map_err(|source| OutputError::failed(path, source))
+    }
+
+    /// An error of the system as one that names the file, and is of the same kind.
+    fn named(&self, error: io::Error) -> io::Error {
+        io::Error::new(error.kind(), OutputError::failed(&self.path, error))
+    }
+}
+
+impl Target {
+    fn open(path: &Path) -> io::Result<Self> {
+        let metadata = fs::metadata(path).ok();
+        if metadata.as_ref().is_some_and(fs::Metadata::is_dir) {
+            return Err(io::ErrorKind::IsADirectory.into());
+        }
+        if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
+            return File::options().write(true).open(path).map(Target::Device);
+        }
+        let place = identity::place(path);
+        let directory = match place.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        match Temporary::create_in(directory) {
+            Ok(file) => Ok(Target::Replace {
+                file: BufWriter::new(Unnamed(file)),
+                permissions: metadata.map(|metadata| metadata.permissions()),
+                place,
+            }),
+            Err(_) if !directory.is_dir() => Err(io::Error::new(
+                io::ErrorKind::NotFound,
+                format!("there is no directory `{}`", directory.display()),
+            )),
+            // The name of the temporary file says nothing to a user; the kind of error does.
+            Err(error) => Err(error.kind().into()),
+        }
+    }
+
+    fn finish(self) -> io::Result<()> {
+        if let Target::Replace { file, place, permissions } = self {
+            let Unnamed(mut file) = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+            if let Some(permissions) = permissions {
+                // A file system without permissions keeps none.
+                let _ = file.file()?.set_permissions(permissions);
+            }
+            file.rename(&place)?;
+        }
+        Ok(())
+    }
+}
+
+impl Write for Unnamed {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.file()?.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.file()?.flush()
+    }
+}
+
+impl Write for Target {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Target::Replace { file, .. } => file.write(bytes),
+            Target::Device(file) => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Target::Replace { file, .. } => file.flush(),
+            Target::Device(file) => file.flush(),
+        }
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.target.write(bytes).map_err(|error| self.named(error))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.target.flush().map_err(|error| self.named(error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_appears_before_commit_and_the_old_file_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("result.json");
+        Outputs::new().write(&path, b"old").unwrap();
+        let mut file = Outputs::new().create(&path).unwrap();
+        file.write_all(b"new").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        file.commit().unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_dropped_output_leaves_nothing_behind() {
+        let dir = tempfile::tempdir().unwrap();
+        drop(Outputs::new().create(dir.path().join("result.json")).unwrap());
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_missing_directory_is_found_when_the_output_is_opened() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("missing/result.json");
+        let error = Outputs::new().create(&path).unwrap_err();
+        assert!(error.to_string().contains(&path.display().to_string()));
+        assert!(Outputs::new().create(dir.path()).is_err());
+    }
+
+    #[test]
+    fn an_input_is_never_an_output() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|name| dir.path().join(name));
+        fs::write(&a, "1").unwrap();
+        fs::hard_link(&a, &b).unwrap();
+        let outputs = Outputs::new();
+        outputs.protect(&a).unwrap();
+        for path in [&a, &b] {
+            assert!(matches!(outputs.create(path), Err(OutputError::IsInput { .. })));
+            assert!(matches!(outputs.announce(path), Err(OutputError::IsInput { .. })));
+        }
+        let late = Outputs::new();
+        late.announce(&a).unwrap();
+        assert!(matches!(late.protect(&b), Err(OutputError::IsInput { .. })));
+    }
+
+    #[test]
+    fn two_outputs_are_never_one_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a");
+        let outputs = Outputs::new();
+        outputs.announce(&path).unwrap();
+        outputs.write(&path, b"1").unwrap();
+        let other = dir.path().join(".").join("a");
+        for path in [&path, &other] {
+            assert!(matches!(outputs.write(path, b"2"), Err(OutputError::Twice { .. })));
+        }
+        outputs.renew();
+        outputs.write(&path, b"3").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"3");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_is_written_to_and_not_replaced() {
+        let outputs = Outputs::new();
+        outputs.write("/dev/null", b"gone").unwrap();
+        outputs.write("/dev/null", b"gone").unwrap();
+        assert!(!Path::new("/dev/null").is_file());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_replaced_keeps_its_permissions_and_its_link() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let dir = tempfile::tempdir().unwrap();
+        let [file, link] = ["file", "link"].map(|name| dir.path().join(name));
+        fs::write(&file, "old").unwrap();
+        fs::set_permissions(&file, Permissions::from_mode(0o600)).unwrap();
+        symlink("file", &link).unwrap();
+        Outputs::new().write(&link, b"new").unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read(&file).unwrap(), b"new");
+        assert_eq!(fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o600);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_told_with_the_name_of_the_file() {
+        let outputs = Outputs::new();
+        let mut file = outputs.create("/dev/full").unwrap();
+        let error = file.write_all(b"1").unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+        assert!(error.to_string().contains("`/dev/full`"));
+    }
+}

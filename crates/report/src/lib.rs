@@ -1,0 +1,54 @@
+//! Reports as HTML: of a batch of trials, with its tables, its figures to zoom into, and what it takes to make
+//! it again; and of a calibration.
+//!
+//! A file needs no network: style, program and plotting library (plotly.js, MIT) are in it, and a
+//! content security policy forbids everything else. Whatever comes from files (names, conditions,
+//! notes, messages) is text: escaped in HTML (`markup`), `<` written `\u003c` in the numbers' JSON.
+
+mod content;
+mod heading;
+mod markup;
+mod numbers;
+mod of_calibration;
+mod outliers;
+mod page;
+mod sections;
+mod units;
+
+pub use content::{CalibrationFacts, CalibrationSource, Input, MOST_TRACES, Report};
+pub use heading::Heading;
+pub use markup::figure;
+use markup::script_json;
+pub use of_calibration::{CalibrationReport, FewGroups, GroupRow, Intervals};
+pub use outliers::{OutlierRow, Outliers};
+use page::Page;
+
+const SCRIPT: &str = include_str!("../assets/report.js");
+const PLOTLY: &[u8] = include_bytes!("../assets/plotly-cartesian.min.js.zst");
+const PLOTLY_LICENCE: &str = include_str!("../assets/plotly-LICENSE.txt");
+
+impl Report<'_> {
+    /// The report as the content of an HTML file.
+    pub fn html(&self) -> String {
+        let numbers = numbers::ReportNumbers::of(self);
+        let data = script_json(&numbers);
+        let plotly =
+            String::from_utf8(figures::compressed::content(PLOTLY)).expect("an asset of text");
+        let script = format!(
+            r#"<script id="data" type="application/json">{data}</script>
+<!-- plotly.js, which follows:
+{PLOTLY_LICENCE}-->
+<script>{plotly}</script>
+<script>
+{SCRIPT}</script>
+"#
+        );
+        Page {
+            heading: self.heading,
+            subtitle: &sections::subtitle(self),
+            sections: sections::of(self, &numbers),
+            script: Some((script, "The plots need JavaScript; the tables do not.")),
+        }
+        .html()
+    }
+}

@@ -1,0 +1,140 @@
+//! Text as HTML, and numbers as people read them.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+/// Text as the content of an element or of a quoted attribute.
+pub(super) fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\'' => escaped.push_str("&#39;"),
+            '\n' | '\t' => escaped.push(character),
+            c if c.is_control() => escaped.push('\u{fffd}'),
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+/// A value as JSON in a script element, which it cannot end.
+pub(super) fn script_json(value: &impl Serialize) -> String {
+    let json = serde_json::to_string(value).expect("numbers and text are always JSON");
+    json.replace('<', "\\u003c").replace('\u{2028}', "\\u2028").replace('\u{2029}', "\\u2029")
+}
+
+/// A number in four significant digits, with a true minus sign; a dash for none.
+pub fn figure(value: impl Into<Option<f64>>) -> String {
+    significant(value, 4)
+}
+
+/// As [`figure`], in as many digits.
+pub(super) fn significant(value: impl Into<Option<f64>>, digits: i32) -> String {
+    let Some(value) = value.into().filter(|value| value.is_finite()) else {
+        return "–".to_owned();
+    };
+    let text = match value.abs() {
+        0.0 => "0".to_owned(),
+        size if (1e-4..1e6).contains(&size) => {
+            let decimals = (digits - 1 - size.log10().floor() as i32).clamp(0, 7) as usize;
+            format!("{value:.decimals$}")
+        }
+        _ => format!("{value:.*e}", digits as usize - 1),
+    };
+    text.replace('-', "\u{2212}")
+}
+
+/// One column of a table.
+pub(super) enum Cell {
+    /// A name.
+    Text(String),
+    /// A text that may be broken.
+    Long(String),
+    /// A number.
+    Figure(String),
+}
+
+impl From<f64> for Cell {
+    fn from(value: f64) -> Self {
+        Self::Figure(figure(value))
+    }
+}
+
+impl From<Option<f64>> for Cell {
+    fn from(value: Option<f64>) -> Self {
+        Self::Figure(figure(value))
+    }
+}
+
+impl From<u64> for Cell {
+    fn from(value: u64) -> Self {
+        Self::Figure(value.to_string())
+    }
+}
+
+impl From<&str> for Cell {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+
+/// A table in a box that scrolls on narrow screens. `header` has names and, where a column is text,
+/// `true`.
+pub(super) fn table(caption: &str, header: &[(&str, bool)], rows: &[Vec<Cell>]) -> String {
+    let caption = escape(caption);
+    let mut html = format!(
+        "<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\">\n<table>\n\
+         <caption>{caption}</caption>\n<thead><tr>"
+    );
+    for (name, is_text) in header {
+        let class = if *is_text { " class=\"text\"" } else { "" };
+        let _ = write!(html, "<th scope=\"col\"{class}>{}</th>", escape(name));
+    }
+    html.push_str("</tr></thead>\n<tbody>\n");
+    for row in rows {
+        html.push_str("<tr>");
+        for cell in row {
+            let _ = match cell {
+                Cell::Text(text) => write!(html, "<td class=\"text\">{}</td>", escape(text)),
+                Cell::Long(text) => write!(html, "<td class=\"text long\">{}</td>", escape(text)),
+                Cell::Figure(text) => write!(html, "<td>{}</td>", escape(text)),
+            };
+        }
+        html.push_str("</tr>\n");
+    }
+    html.push_str("</tbody>\n</table>\n</div>\n");
+    html
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_cannot_become_markup() {
+        let nasty = "\"><script>alert('1')</script>&\u{1}";
+        assert_eq!(
+            escape(nasty),
+            "&quot;&gt;&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt;&amp;\u{fffd}"
+        );
+        let json = script_json(&["</script><!--", "\u{2028}"]);
+        assert!(!json.contains('<') && !json.contains('\u{2028}'));
+        let back: [String; 2] = serde_json::from_str(&json).unwrap();
+        assert_eq!(back, ["</script><!--", "\u{2028}"]);
+        let table =
+            table(nasty, &[(nasty, true)], &[vec![Cell::from(nasty), Cell::Long(nasty.into())]]);
+        assert!(!table.contains("<script"));
+    }
+
+    #[test]
+    fn numbers_have_four_digits() {
+        let written = [0.0, -0.0357124, 44.13217, 12345.678, 2.5e-7, 3.2e9].map(figure);
+        assert_eq!(written, ["0", "−0.03571", "44.13", "12346", "2.500e−7", "3.200e9"]);
+        assert_eq!([figure(None), figure(f64::NAN)], ["–", "–"]);
+    }
+}

@@ -1,0 +1,287 @@
+//! The numbers behind a report's interactive plots.
+//!
+//! Traces are shown frame by frame ([`Trace::thinned`]), some 60 kB a trial. ReportNumbers have five digits:
+//! more than a screen shows.
+
+use std::f64::consts::TAU;
+
+use serde::{Serialize, Serializer};
+
+use super::units::Scale;
+use super::{MOST_TRACES, Report};
+use figures::trial::{Passage, smoothed, stride_s};
+use trial::{ConditionRow, Interval, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
+
+#[derive(Serialize)]
+pub(super) struct ReportNumbers {
+    pub(super) effects: Vec<EffectPlot>,
+    pub(super) boxes: Vec<BoxPlot>,
+    pub(super) phases: Vec<PhasePlot>,
+    /// One for each trial, `null` where there is no trace.
+    pub(super) trials: Vec<Option<TrialPlot>>,
+}
+
+/// Means with their intervals, of the conditions or of how they differ from the reference.
+#[derive(Serialize)]
+pub(super) struct EffectPlot {
+    pub(super) quantity: &'static str,
+    pub(super) unit: String,
+    pub(super) reference: Option<String>,
+    pub(super) conditions: Vec<EffectNumbers>,
+}
+
+#[derive(Serialize)]
+pub(super) struct EffectNumbers {
+    pub(super) name: String,
+    trials: usize,
+    mean: Short,
+    low: Option<Short>,
+    high: Option<Short>,
+    /// The same for people.
+    pub(super) text: String,
+}
+
+#[derive(Serialize)]
+pub(super) struct BoxPlot {
+    pub(super) quantity: &'static str,
+    pub(super) unit: String,
+    pub(super) per: Per,
+    pub(super) conditions: Vec<BoxNumbers>,
+}
+
+#[derive(Serialize)]
+pub(super) struct BoxNumbers {
+    pub(super) name: String,
+    q1: Short,
+    pub(super) median: Short,
+    q3: Short,
+    low: Short,
+    high: Short,
+    mean: Short,
+    values: Vec<Short>,
+    /// What each value is of.
+    labels: Vec<String>,
+}
+
+#[derive(Serialize)]
+pub(super) struct PhasePlot {
+    pub(super) quantity: &'static str,
+    pub(super) conditions: Vec<PhaseNumbers>,
+}
+
+#[derive(Serialize)]
+pub(super) struct PhaseNumbers {
+    pub(super) name: String,
+    pub(super) strides: usize,
+    phase_rad: Vec<Short>,
+    mean: Vec<Short>,
+    sd: Vec<Short>,
+}
+
+#[derive(Serialize)]
+pub(super) struct TrialPlot {
+    t_s: Vec<Short>,
+    pub(super) drag_n: Option<Vec<Short>>,
+    lift_n: Option<Vec<Short>>,
+    drag_stride_n: Option<Vec<Short>>,
+    lift_stride_n: Option<Vec<Short>>,
+    /// Fx is the drag turned round, and Fz the lift.
+    fy_n: Option<Vec<Short>>,
+    right_leg_rad: Option<Vec<Short>>,
+    left_leg_rad: Option<Vec<Short>>,
+    right_power_w: Option<Vec<Short>>,
+    left_power_w: Option<Vec<Short>>,
+    /// Of both motors together, where the log has no more.
+    power_w: Option<Vec<Short>>,
+    partly: Vec<[f64; 2]>,
+    wholly: Option<[f64; 2]>,
+}
+
+/// A number in five digits; `null` if it is not finite.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Short(pub(super) f64);
+
+impl Serialize for Short {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if !self.0.is_finite() {
+            return serializer.serialize_none();
+        }
+        let digits = 4 - self.0.abs().max(1e-9).log10().floor() as i32;
+        let factor = 10_f64.powi(digits.clamp(-12, 12));
+        serializer.serialize_f64((self.0 * factor).round() / factor)
+    }
+}
+
+impl ReportNumbers {
+    pub(super) fn of(report: &Report<'_>) -> Self {
+        let drawn = |(at, trial): (usize, &TrialResult)| {
+            let trace =
+                trial.trace.as_ref().filter(|trace| at < MOST_TRACES && !trace.t_s.is_empty())?;
+            let window = [trial.row.t_enter_s, trial.row.t_exit_s];
+            let passage = Passage::new(window, report.robot_length_m, report.channel_length_m);
+            Some(TrialPlot::of(trace, &passage))
+        };
+        Self {
+            effects: effects(report),
+            boxes: boxes(report),
+            phases: phases(report),
+            trials: report.trials.iter().enumerate().map(drawn).collect(),
+        }
+    }
+}
+
+/// One figure: of drag energy or, without it, of the first quantity that there is.
+fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
+    let rows = |quantity: Quantity| -> Vec<&ConditionRow> {
+        let of = |row: &&ConditionRow| row.quantity == quantity && row.per == Per::Trial;
+        report.conditions.iter().filter(of).collect()
+    };
+    let found = QUANTITIES.into_iter().map(|quantity| (quantity, rows(quantity)));
+    let Some((quantity, rows)) = found.into_iter().find(|(_, rows)| !rows.is_empty()) else {
+        return Vec::new();
+    };
+    let reference = rows.iter().find_map(|row| row.difference.as_ref());
+    let reference = reference.map(|difference| difference.reference.clone());
+    let shown = |row: &&ConditionRow| -> Option<(String, usize, f64, Option<Interval>)> {
+        let (name, n) = (row.condition.clone(), row.statistics.n);
+        match (&reference, &row.difference) {
+            (None, _) => Some((name, n, row.statistics.mean, row.statistics.mean_95)),
+            (Some(_), Some(less)) => Some((name, n, less.mean, less.mean_95)),
+            (Some(_), None) => None,
+        }
+    };
+    let shown: Vec<_> = rows.iter().filter_map(shown).collect();
+    let scale = Scale::of(quantity.unit(), shown.iter().map(|(_, _, mean, _)| *mean));
+    let numbers = |(name, trials, mean, interval): (String, usize, f64, Option<Interval>)| {
+        let scaled = |value: f64| Short(scale.factor * value);
+        let text = format!("{name} {} {}", scale.estimate(Some(mean), interval), scale.unit);
+        EffectNumbers {
+            name,
+            trials,
+            mean: scaled(mean),
+            low: interval.map(|interval| scaled(interval.low)),
+            high: interval.map(|interval| scaled(interval.high)),
+            text: text.trim_end().to_owned(),
+        }
+    };
+    let conditions = shown.into_iter().map(numbers).collect();
+    vec![EffectPlot { quantity: quantity.name(), unit: scale.unit.clone(), reference, conditions }]
+}
+
+/// What conditions are compared by, the first first.
+pub(super) const QUANTITIES: [Quantity; 3] =
+    [Quantity::DragEnergy, Quantity::ElectricalEnergy, Quantity::SpecificResistance];
+
+fn boxes(report: &Report<'_>) -> Vec<BoxPlot> {
+    let mut plots = Vec::new();
+    for quantity in QUANTITIES {
+        for per in Per::ALL {
+            let rows =
+                report.conditions.iter().filter(|row| row.quantity == quantity && row.per == per);
+            let ends = rows
+                .clone()
+                .flat_map(|row| [row.statistics.whisker_low, row.statistics.whisker_high]);
+            let Scale { factor, unit } = Scale::of(quantity.unit(), ends);
+            let conditions: Vec<_> = rows
+                .map(|row| {
+                    let (values, labels) = values(report.trials, &row.condition, quantity, per);
+                    let scaled = |value: f64| Short(factor * value);
+                    BoxNumbers {
+                        name: row.condition.clone(),
+                        q1: scaled(row.statistics.q1),
+                        median: scaled(row.statistics.median),
+                        q3: scaled(row.statistics.q3),
+                        low: scaled(row.statistics.whisker_low),
+                        high: scaled(row.statistics.whisker_high),
+                        mean: scaled(row.statistics.mean),
+                        values: values.into_iter().map(scaled).collect(),
+                        labels,
+                    }
+                })
+                .collect();
+            if !conditions.is_empty() {
+                plots.push(BoxPlot { quantity: quantity.name(), unit, per, conditions });
+            }
+        }
+    }
+    plots
+}
+
+/// The values behind a box, and what each is of.
+fn values(
+    trials: &[TrialResult],
+    condition: &str,
+    quantity: Quantity,
+    per: Per,
+) -> (Vec<f64>, Vec<String>) {
+    let of_condition = trials.iter().filter(|trial| trial.row.condition == condition);
+    let pairs: Vec<(f64, String)> = match per {
+        Per::Trial => of_condition
+            .filter_map(|trial| Some((quantity.of_trial(&trial.row)?, trial.row.file.clone())))
+            .collect(),
+        Per::Stride => of_condition
+            .flat_map(|trial| {
+                trial.stride_rows.iter().filter_map(|stride| {
+                    let label = format!("{}, stride {}", trial.row.file, stride.stride);
+                    Some((quantity.of_stride(stride)?, label))
+                })
+            })
+            .collect(),
+    };
+    pairs.into_iter().unzip()
+}
+
+fn phases(report: &Report<'_>) -> Vec<PhasePlot> {
+    let profiles = report.phases;
+    if profiles.is_empty() {
+        return Vec::new();
+    }
+    let short = |values: &[f64]| values.iter().map(|&value| Short(value)).collect();
+    let plot = |quantity, force: fn(&PhaseProfile) -> &PhaseForce| PhasePlot {
+        quantity,
+        conditions: profiles
+            .iter()
+            .map(|(name, profile)| PhaseNumbers {
+                name: name.clone(),
+                strides: profile.strides,
+                phase_rad: short(&profile.phase_rad),
+                mean: short(&force(profile).mean_n),
+                sd: short(&force(profile).sd_n),
+            })
+            .collect(),
+    };
+    vec![plot("drag", |profile| &profile.drag), plot("lift", |profile| &profile.lift)]
+}
+
+impl TrialPlot {
+    fn of(trace: &Trace, passage: &Passage) -> Self {
+        let at = |column: &[f64], factor: f64| -> Option<Vec<Short>> {
+            (!column.is_empty()).then(|| column.iter().map(|value| Short(factor * value)).collect())
+        };
+        let stride_mean = |column: &[f64], factor: f64| {
+            let width_s = stride_s(trace).filter(|_| !column.is_empty())?;
+            at(&smoothed(&trace.t_s, column, width_s), factor)
+        };
+        let angle = |column: &[f64]| -> Option<Vec<Short>> {
+            let within: Vec<f64> = column.iter().map(|angle| angle.rem_euclid(TAU)).collect();
+            at(&within, 1.0)
+        };
+        let [fx, fy, fz, ..] = &trace.wrench;
+        let (partly, wholly) = passage.stretches();
+        Self {
+            t_s: trace.t_s.iter().map(|&time_s| Short(time_s)).collect(),
+            drag_n: at(fx, -1.0),
+            lift_n: at(fz, 1.0),
+            drag_stride_n: stride_mean(fx, -1.0),
+            lift_stride_n: stride_mean(fz, 1.0),
+            fy_n: at(fy, 1.0),
+            right_leg_rad: angle(&trace.right_leg_rad),
+            left_leg_rad: angle(&trace.left_leg_rad),
+            right_power_w: at(&trace.right_power_w, 1.0),
+            left_power_w: at(&trace.left_power_w, 1.0),
+            power_w: at(&trace.power_w, 1.0),
+            partly,
+            wholly,
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! What the report of a calibration is made from.
+
+use super::super::outliers::Outliers;
+use super::super::{CalibrationFacts, Heading};
+use calibration::validation::excitation::Excitation;
+use calibration::validation::selection::Selection;
+use figures::Figure;
+use shell_data::wrench::PerAxis;
+
+/// What the report of a calibration says. N and N·m.
+#[derive(Clone, Debug)]
+pub struct CalibrationReport<'a> {
+    /// What it is about, and where it comes from.
+    pub heading: Heading<'a>,
+    /// The calibration, its errors and what it was made from.
+    pub calibration: CalibrationFacts<'a>,
+    /// Features of the model, and how many of them the data determine.
+    pub features: usize,
+    /// See there.
+    pub rank: usize,
+    /// Whether converted frames have standard errors.
+    pub has_standard_errors: bool,
+    /// Intervals of this level as they were found, where they were.
+    pub intervals: Option<Intervals>,
+    /// Too few groups for the features, where that is so.
+    pub few_groups: Option<FewGroups>,
+    /// What models were compared, if they were.
+    pub selection: Option<&'a Selection>,
+    /// Why this model, in sentences.
+    pub reasons: &'a [String],
+    /// What is to be done about it, in sentences.
+    pub warnings: &'a [String],
+    /// How the training loads cover the six axes.
+    pub excitation: Option<&'a Excitation>,
+    /// Rows of the test logs, and those of them with a reading outside the range of the training data.
+    pub test_rows: [u64; 2],
+    /// Errors by group of the training logs.
+    pub train_groups: &'a [GroupRow],
+    /// Errors by group of the test logs.
+    pub test_groups: &'a [GroupRow],
+    /// Rows that do not belong; `None` where nobody looked.
+    pub outliers: Option<Outliers>,
+    /// Predicted against measured.
+    pub figure: &'a Figure,
+    /// The loads of training and test rows.
+    pub coverage: &'a Figure,
+}
+
+/// Half the width of a 95 % interval of a single frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Intervals {
+    /// For each axis.
+    pub half_widths: PerAxis<f64>,
+    /// What they were found from.
+    pub of: String,
+    /// Whether errors of rows were taken as independent, which they hardly are.
+    pub of_rows: bool,
+}
+
+/// More than half as many features as groups.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FewGroups {
+    /// Features of the model.
+    pub features: usize,
+    /// Groups of rows.
+    pub groups: usize,
+}
+
+/// A group of rows and the errors on it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroupRow {
+    /// A label, a file, a plateau.
+    pub label: String,
+    /// Its rows.
+    pub rows: u64,
+    /// The mean wrench that was measured.
+    pub load: PerAxis<f64>,
+    /// Root mean square of predicted less measured.
+    pub rms: PerAxis<f64>,
+}

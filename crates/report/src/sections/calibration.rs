@@ -1,0 +1,76 @@
+//! What converted the readings.
+
+use super::super::markup::{Cell, table};
+use super::super::units::Scale;
+use super::super::{CalibrationFacts, CalibrationSource, Report};
+use super::parts::facts_table;
+use shell_data::wrench::Axis;
+
+pub(super) fn calibration(report: &Report<'_>) -> String {
+    let Some(calibration) = &report.calibration else { return String::new() };
+    let mut html = facts_table("The calibration", &calibration.facts);
+    html += &errors_table(calibration);
+    html + &sources_table(calibration)
+}
+
+/// What a calibration was made from.
+pub(crate) fn sources_table(calibration: &CalibrationFacts<'_>) -> String {
+    if calibration.sources.is_empty() {
+        return String::new();
+    }
+    let header = [("used to", true), ("file", true), ("rows", false), ("checksum", true)];
+    let row = |source: &CalibrationSource| {
+        vec![
+            Cell::from(source.role),
+            Cell::Text(source.path.clone()),
+            Cell::from(source.rows),
+            Cell::Long(source.checksum.clone().unwrap_or_default()),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> = calibration.sources.iter().map(row).collect();
+    table("What the calibration was made from", &header, &rows)
+}
+
+/// A column of figures, one for each axis.
+type Column<'a> = (&'static str, Box<dyn Fn(Axis) -> Option<f64> + 'a>);
+
+/// The errors of each axis on training data, on groups that were held out, and on test data, as far as they
+/// are known; forces in one unit, moments in another.
+pub(crate) fn errors_table(calibration: &CalibrationFacts<'_>) -> String {
+    let mut columns: Vec<Column<'_>> = Vec::new();
+    if let Some(train) = calibration.train {
+        columns.push(("RMS, training", Box::new(|axis| Some(train[axis.index()].rms))));
+    }
+    if let Some(held_out) = calibration.cross_validation {
+        columns.push(("RMS, held out", Box::new(|axis| Some(held_out.grouped[axis.index()].rms))));
+    }
+    if let Some(test) = calibration.test {
+        columns.push(("RMS, test", Box::new(|axis| Some(test[axis.index()].rms))));
+    }
+    let Some(on) = calibration.test.or(calibration.train) else { return String::new() };
+    columns.push(("largest", Box::new(|axis| on[axis.index()].max)));
+    columns.push(("bias", Box::new(|axis| Some(on[axis.index()].bias))));
+    let scales = scales(|axis| columns.iter().filter_map(|(_, of)| of(axis)).collect());
+    let mut header = vec![("axis", true)];
+    header.extend(columns.iter().map(|(name, _)| (*name, false)));
+    header.extend([("R²", false), ("unit", true)]);
+    let row = |axis: Axis| {
+        let scale = &scales[axis.index() / 3];
+        let mut row = vec![Cell::from(axis.name())];
+        row.extend(columns.iter().map(|(_, of)| Cell::Figure(scale.value(of(axis)))));
+        row.push(Cell::from(on[axis.index()].r_squared));
+        row.push(Cell::Text(scale.unit.clone()));
+        row
+    };
+    let of = if calibration.test.is_some() { "test" } else { "training" };
+    let caption = format!(
+        "Errors, predicted less measured; largest error, bias and R² are those of the {of} data"
+    );
+    table(&caption, &header, &calibration.axes.iter().map(row).collect::<Vec<_>>())
+}
+
+/// The unit of forces and that of moments that suit some figures.
+pub(crate) fn scales(of: impl Fn(Axis) -> Vec<f64>) -> [Scale; 2] {
+    [&Axis::ALL[..3], &Axis::ALL[3..]]
+        .map(|axes| Scale::of(axes[0].unit(), axes.iter().flat_map(|&axis| of(axis))))
+}

@@ -1,0 +1,91 @@
+//! Columns in the unit that suits them, and estimates with their intervals.
+
+use super::markup::significant;
+use trial::Interval;
+
+/// The unit of a column: a prefix is chosen for all of its values together.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Scale {
+    /// What values in the SI unit are multiplied with.
+    pub(super) factor: f64,
+    /// The unit with its prefix, empty for pure numbers.
+    pub(super) unit: String,
+}
+
+impl Scale {
+    /// The scale on which the largest of some values has one to three digits before the point.
+    pub(super) fn of(unit: &str, values: impl IntoIterator<Item = f64>) -> Self {
+        let finite = values.into_iter().filter(|value| value.is_finite());
+        let largest = finite.fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        let (factor, prefix) = match largest {
+            _ if unit.is_empty() || largest == 0.0 => (1.0, ""),
+            _ if largest >= 1e3 => (1e-3, "k"),
+            _ if largest >= 1.0 => (1.0, ""),
+            _ if largest >= 1e-3 => (1e3, "m"),
+            _ => (1e6, "µ"),
+        };
+        Self { factor, unit: format!("{prefix}{unit}") }
+    }
+
+    /// A name with the unit.
+    pub(super) fn name(&self, name: &str) -> String {
+        match self.unit.as_str() {
+            "" => name.to_owned(),
+            unit => format!("{name} ({unit})"),
+        }
+    }
+
+    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` where the sides differ; the interval in
+    /// two digits, the value in as many decimals.
+    pub(super) fn estimate(&self, value: Option<f64>, interval: Option<Interval>) -> String {
+        let value = value.map(|value| value * self.factor);
+        let Some((value, interval)) = value.zip(interval) else { return significant(value, 3) };
+        let (down, up) = (value - interval.low * self.factor, interval.high * self.factor - value);
+        let largest = down.abs().max(up.abs());
+        if !(largest.is_finite() && value.is_finite()) || largest == 0.0 {
+            return significant(value, 3);
+        }
+        let decimals = (1 - largest.log10().floor() as i32).clamp(0, 6) as usize;
+        let text = |value: f64| format!("{value:.decimals$}").replace('-', "\u{2212}");
+        let (down, up) = (text(down), text(up));
+        match down == up {
+            true => format!("{} ± {up}", text(value)),
+            false => format!("{} +{up} \u{2212}{down}", text(value)),
+        }
+    }
+
+    /// A value in three digits.
+    pub(super) fn value(&self, value: Option<f64>) -> String {
+        significant(value.map(|value| value * self.factor), 3)
+    }
+
+    /// Both ends in three digits.
+    pub(super) fn range(&self, low: f64, high: f64) -> String {
+        format!("{} … {}", self.value(Some(low)), self.value(Some(high)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_column_has_one_unit_that_suits_its_largest_value() {
+        let unit = |values: &[f64]| Scale::of("J", values.iter().copied()).unit;
+        assert_eq!(unit(&[5.5e-6, -2e-6]), "µJ");
+        assert_eq!(unit(&[5.5e-6, -0.012]), "mJ");
+        assert_eq!([unit(&[0.0]), unit(&[3.0, f64::NAN]), unit(&[-4e3])], ["J", "J", "kJ"]);
+        assert_eq!(Scale::of("", [1e-5]), Scale { factor: 1.0, unit: String::new() });
+        assert_eq!(Scale::of("J", [2e-3]).name("drag energy"), "drag energy (mJ)");
+    }
+
+    #[test]
+    fn an_interval_has_two_digits_and_says_where_its_sides_differ() {
+        let scale = Scale::of("J", [0.012]);
+        let of = |value, low, high| scale.estimate(Some(value), Some(Interval { low, high }));
+        assert_eq!(of(0.0123, 0.0119, 0.0127), "12.30 ± 0.40");
+        assert_eq!(of(-0.0123, -0.0143, -0.0113), "\u{2212}12.3 +1.0 \u{2212}2.0");
+        assert_eq!(scale.estimate(Some(0.0123), None), "12.3");
+        assert_eq!(scale.estimate(None, None), "–");
+    }
+}

@@ -1,0 +1,288 @@
+//! A radio link that fails in known ways, and keeps books of it.
+//!
+//! Packets go in at their times and come out later: lost, alone or in bursts, twice, late, or with
+//! wrong bytes in them. What is done to which packet follows from a seed. There is no clock here:
+//! times are arguments.
+
+use std::collections::BTreeMap;
+
+use shell_data::random::{Purpose, Stream};
+
+/// How a link fails; without any it is perfect.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Faults {
+    /// Share of packets that are lost one by one.
+    pub loss: f64,
+    /// Share of packets that begin a burst, in which all are lost.
+    pub bursts: f64,
+    /// Mean length of a burst, in packets.
+    pub burst_packets: f64,
+    /// Share of packets that arrive twice.
+    pub duplication: f64,
+    /// Share of packets that are held back and so arrive after later ones.
+    pub reordering: f64,
+    /// For how long they are held back, at most, in µs.
+    pub hold_us: u64,
+    /// Share of bytes that arrive as other bytes.
+    pub corruption: f64,
+    /// How long a packet takes, in µs.
+    pub delay_us: u64,
+}
+
+/// A fault that cannot be simulated.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("{what} of {value}, where {wanted} is wanted")]
+pub struct BadFault {
+    what: &'static str,
+    value: f64,
+    wanted: &'static str,
+}
+
+/// What was done to packets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Books {
+    /// Packets that were sent.
+    pub sent: u64,
+    /// Of these, lost one by one.
+    pub lost: u64,
+    /// Lost in bursts.
+    pub lost_in_bursts: u64,
+    /// Sent twice.
+    pub duplicated: u64,
+    /// Held back.
+    pub held_back: u64,
+    /// Arrivals with wrong bytes.
+    pub corrupted: u64,
+}
+
+/// A packet that arrives.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Delivery {
+    /// What arrives.
+    pub bytes: Vec<u8>,
+    /// Which of the packets sent it is, from 0.
+    pub number: u64,
+    /// Whether it is as it was sent.
+    pub intact: bool,
+}
+
+/// The link.
+#[derive(Clone, Debug)]
+pub struct Radio {
+    faults: Faults,
+    random: Stream,
+    /// By time of arrival, then in the order in which they were queued.
+    on_the_way: BTreeMap<(u64, u64), Delivery>,
+    queued: u64,
+    in_burst: bool,
+    books: Books,
+}
+
+impl Faults {
+    /// # Errors
+    /// [`BadFault`]: a share is outside 0 to 1, or bursts have no length.
+    fn check(&self) -> Result<(), BadFault> {
+        let shares = [
+            ("loss", self.loss),
+            ("a share of bursts", self.bursts),
+            ("duplication", self.duplication),
+            ("reordering", self.reordering),
+            ("corruption", self.corruption),
+        ];
+        for (what, value) in shares {
+            if !(0.0..=1.0).contains(&value) {
+                return Err(BadFault { what, value, wanted: "a share from 0 to 1" });
+            }
+        }
+        let (what, value) = ("a burst", self.burst_packets);
+        match self.bursts > 0.0 && !(value.is_finite() && value >= 1.0) {
+            true => Err(BadFault { what, value, wanted: "a mean of 1 packet or more" }),
+            false => Ok(()),
+        }
+    }
+}
+
+impl Radio {
+    /// A link with faults that `seed` places.
+    ///
+    /// # Errors
+    /// [`BadFault`].
+    pub fn new(faults: Faults, seed: u64) -> Result<Self, BadFault> {
+        faults.check()?;
+        Ok(Self {
+            faults,
+            random: Stream::new(seed, Purpose::Radio, 0),
+            on_the_way: BTreeMap::new(),
+            queued: 0,
+            in_burst: false,
+            books: Books::default(),
+        })
+    }
+
+    /// What was done so far.
+    pub fn books(&self) -> Books {
+        self.books
+    }
+
+    /// Sends a packet at a time in µs.
+    pub fn send(&mut self, now_us: u64, packet: &[u8]) {
+        let number = self.books.sent;
+        self.books.sent += 1;
+        if self.is_in_burst() {
+            self.books.lost_in_bursts += 1;
+            return;
+        }
+        if self.happens(self.faults.loss) {
+            self.books.lost += 1;
+            return;
+        }
+        let due_us = now_us + self.faults.delay_us;
+        let mut first_us = due_us;
+        if self.happens(self.faults.reordering) {
+            self.books.held_back += 1;
+            first_us += 1 + (self.random.uniform() * self.faults.hold_us as f64) as u64;
+        }
+        self.queue(first_us, number, packet);
+        if self.happens(self.faults.duplication) {
+            self.books.duplicated += 1;
+            self.queue(due_us, number, packet);
+        }
+    }
+
+    /// When the next packet arrives, `None` if none is on its way.
+    pub fn next_arrival_us(&self) -> Option<u64> {
+        self.on_the_way.first_key_value().map(|(&(due_us, _), _)| due_us)
+    }
+
+    /// A packet that has arrived by a time in µs.
+    pub fn receive(&mut self, now_us: u64) -> Option<Delivery> {
+        match self.next_arrival_us()? <= now_us {
+            true => self.on_the_way.pop_first().map(|(_, delivery)| delivery),
+            false => None,
+        }
+    }
+
+    /// Bursts begin at random and end at random, so their lengths are geometric (the model of E. N.
+    /// Gilbert, Bell Syst. Tech. J. 39, 1253, 1960, with nothing getting through in the bad state).
+    fn is_in_burst(&mut self) -> bool {
+        self.in_burst = match self.in_burst {
+            true => !self.happens(1.0 / self.faults.burst_packets),
+            false => self.happens(self.faults.bursts),
+        };
+        self.in_burst
+    }
+
+    fn queue(&mut self, due_us: u64, number: u64, packet: &[u8]) {
+        let mut bytes = packet.to_vec();
+        if self.faults.corruption > 0.0 {
+            for byte in &mut bytes {
+                if self.happens(self.faults.corruption) {
+                    *byte ^= 1 + (self.random.uniform() * 255.0) as u8;
+                }
+            }
+        }
+        let intact = bytes == packet;
+        self.books.corrupted += u64::from(!intact);
+        self.on_the_way.insert((due_us, self.queued), Delivery { bytes, number, intact });
+        self.queued += 1;
+    }
+
+    /// Draws nothing for what never happens, so that one fault does not move the others.
+    fn happens(&mut self, share: f64) -> bool {
+        share > 0.0 && self.random.uniform() < share
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PACKETS: u64 = 100_000;
+
+    /// Numbers of what arrives of packets sent every ms.
+    fn arrivals(faults: Faults, seed: u64) -> (Vec<u64>, Books) {
+        let mut radio = Radio::new(faults, seed).unwrap();
+        let mut numbers = Vec::new();
+        for i in 0..PACKETS {
+            radio.send(i * 1_000, &i.to_le_bytes());
+            while let Some(delivery) = radio.receive(i * 1_000) {
+                assert_eq!(delivery.intact, delivery.bytes == delivery.number.to_le_bytes());
+                numbers.push(delivery.number);
+            }
+        }
+        while let Some(delivery) = radio.receive(u64::MAX) {
+            numbers.push(delivery.number);
+        }
+        (numbers, radio.books())
+    }
+
+    /// A count that is binomial, within five standard deviations.
+    fn assert_share(count: u64, share: f64) {
+        let expected = share * PACKETS as f64;
+        let deviation = (expected * (1.0 - share)).sqrt();
+        assert!((count as f64 - expected).abs() < 5.0 * deviation, "{count} {expected}");
+    }
+
+    #[test]
+    fn a_perfect_link_delivers_everything_in_order() {
+        let (numbers, books) = arrivals(Faults { delay_us: 7_300, ..Faults::default() }, 1);
+        assert!(numbers.into_iter().eq(0..PACKETS));
+        assert_eq!(books, Books { sent: PACKETS, ..Books::default() });
+    }
+
+    #[test]
+    fn faults_happen_as_often_as_asked_for_and_are_on_the_books() {
+        let faults = Faults {
+            loss: 0.05,
+            duplication: 0.01,
+            reordering: 0.02,
+            hold_us: 8_000,
+            corruption: 0.001,
+            ..Faults::default()
+        };
+        let (numbers, books) = arrivals(faults, 2);
+        assert_share(books.lost, 0.05);
+        assert_share(books.duplicated, 0.95 * 0.01);
+        assert_share(books.held_back, 0.95 * 0.02);
+        assert_share(books.corrupted, 0.95 * 1.01 * (1.0 - 0.999_f64.powi(8)));
+        assert_eq!(numbers.len() as u64, PACKETS - books.lost + books.duplicated);
+        // One in eight is held back for less than the ms to the next packet, and a few next packets
+        // are lost: some 0.83 are late.
+        let mut newest = 0;
+        let late = numbers.iter().filter(|&&number| {
+            newest = newest.max(number);
+            number < newest
+        });
+        assert!(late.count() as u64 >= books.held_back * 3 / 4);
+    }
+
+    #[test]
+    fn bursts_have_their_length_and_lose_all_in_them() {
+        let faults = Faults { bursts: 0.01, burst_packets: 5.0, ..Faults::default() };
+        let (numbers, books) = arrivals(faults, 3);
+        assert_eq!(numbers.len() as u64, PACKETS - books.lost_in_bursts);
+        let gaps = numbers.windows(2).filter(|pair| pair[1] != pair[0] + 1).count();
+        let mean = books.lost_in_bursts as f64 / gaps as f64;
+        // A geometric length of mean 5 has a standard deviation of 4.5; 950 bursts, five of them.
+        assert!((mean - 5.0).abs() < 5.0 * 4.5 / 950.0_f64.sqrt(), "{mean}");
+    }
+
+    #[test]
+    fn a_seed_places_the_faults() {
+        let faults = Faults { loss: 0.5, ..Faults::default() };
+        assert_eq!(arrivals(faults, 4), arrivals(faults, 4));
+        assert_ne!(arrivals(faults, 4), arrivals(faults, 5));
+    }
+
+    #[test]
+    fn shares_that_are_none_are_refused() {
+        for faults in [
+            Faults { loss: -0.1, ..Faults::default() },
+            Faults { corruption: 1.1, ..Faults::default() },
+            Faults { duplication: f64::NAN, ..Faults::default() },
+            Faults { bursts: 0.1, burst_packets: 0.5, ..Faults::default() },
+        ] {
+            assert!(Radio::new(faults, 1).is_err(), "{faults:?}");
+        }
+    }
+}

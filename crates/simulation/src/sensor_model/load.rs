@@ -1,0 +1,239 @@
+//! Loads as hands put them on a shell: one contact after another, each a pose.
+//!
+//! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper
+//! on the shell). In every pose a contact is made somewhere on it and goes through rise, dwell and
+//! fall; what touches sways a little, band-limited below 3 Hz. Poses take turns: a push, a pull
+//! with a twist (the shell held), a longer look at a push, taps. Contact points follow a
+//! low-discrepancy sequence (Roberts' R₂), so that even short recordings load every axis both ways;
+//! moments follow from force and place, as those of real pushes do.
+//!
+//! A load is a function of time alone, so that several sensors with clocks of their own can be
+//! under the same load.
+
+use std::f64::consts::{PI, TAU};
+
+use shell_data::wrench::PerAxis;
+
+use shell_data::random::{Purpose, Stream};
+
+/// Seconds from one contact to the next.
+pub const POSE_S: f64 = 2.0;
+
+/// Half-axes of the shell, m.
+const SHELL_M: [f64; 3] = [0.09, 0.055, 0.045];
+/// Largest moment of the mean force of a contact, N·m: hands give way before the plate bottoms.
+const MOMENT_NM: f64 = 0.1;
+const RISE_S: f64 = 0.25;
+const REST_S: f64 = 0.1;
+const TAPS: u32 = 4;
+const TAP_S: f64 = 0.08;
+
+/// A sequence of poses, or no load at all.
+#[derive(Clone, Debug)]
+pub struct LoadScript {
+    poses: Option<(Purpose, u64)>,
+    first: [f64; 2],
+    current: Option<(u64, Pose)>,
+}
+
+impl LoadScript {
+    /// The poses of the training recording that `seed` names.
+    pub fn training(seed: u64) -> Self {
+        Self::new(Purpose::TrainingPoses, seed)
+    }
+
+    /// The poses of the test recording that `seed` names; never those of a training recording.
+    pub fn test(seed: u64) -> Self {
+        Self::new(Purpose::TestPoses, seed)
+    }
+
+    /// No load.
+    pub fn zero() -> Self {
+        Self { poses: None, first: [0.0; 2], current: None }
+    }
+
+    fn new(purpose: Purpose, seed: u64) -> Self {
+        let mut stream = Stream::new(seed, purpose, u64::MAX);
+        let first = std::array::from_fn(|_| stream.uniform());
+        Self { poses: Some((purpose, seed)), first, current: None }
+    }
+
+    /// The number of the pose at `time_s` ≥ 0 since the start.
+    pub fn pose_number(time_s: f64) -> u64 {
+        (time_s / POSE_S) as u64
+    }
+
+    /// The wrench at `time_s` ≥ 0 since the start: N and N·m, shell frame.
+    ///
+    /// The pose of the last call is kept, so that going forward in time costs least; the answer
+    /// does not depend on the calls before.
+    pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
+        let Some((purpose, seed)) = self.poses else {
+            return [0.0; 6];
+        };
+        let number = Self::pose_number(time_s);
+        let pose = match self.current {
+            Some((current, pose)) if current == number => pose,
+            _ => Pose::new(&mut Stream::new(seed, purpose, number), number, self.first),
+        };
+        self.current = Some((number, pose));
+        pose.wrench_at(time_s - number as f64 * POSE_S)
+    }
+}
+
+/// One contact, from touch to release.
+#[derive(Clone, Copy, Debug)]
+struct Pose {
+    point_m: [f64; 3],
+    force_n: [f64; 3],
+    couple_nm: [f64; 3],
+    sway: [Sway; 3],
+    taps: bool,
+}
+
+/// A force that comes and goes.
+#[derive(Clone, Copy, Debug)]
+struct Sway {
+    force_n: [f64; 3],
+    frequency_hz: f64,
+    phase_rad: f64,
+}
+
+impl Pose {
+    fn new(stream: &mut Stream, number: u64, first: [f64; 2]) -> Self {
+        // Roberts' R₂: multiples of 1/ρ and 1/ρ², ρ³ = ρ + 1.
+        let step = |k: usize, ratio: f64| (first[k] + number as f64 * ratio) % 1.0;
+        let azimuth = TAU * step(0, 0.754_877_666_246_692_7);
+        let sin_elevation = step(1, 0.569_840_290_998_053_2);
+        let cos_elevation = (1.0 - sin_elevation * sin_elevation).sqrt();
+        let (sin, cos) = libm::sincos(azimuth);
+        let on_sphere = [cos_elevation * cos, cos_elevation * sin, sin_elevation];
+        let point_m = std::array::from_fn(|a| SHELL_M[a] * on_sphere[a]);
+        let normal = unit(std::array::from_fn(|a| on_sphere[a] / SHELL_M[a]));
+
+        let held = number % 4 == 1;
+        let inward = if held { 1.0 } else { -1.0 };
+        let along = unit(std::array::from_fn(|_| stream.normal()));
+        let friction = stream.between(0.0, 0.5);
+        let direction = unit(std::array::from_fn(|a| inward * normal[a] + friction * along[a]));
+        let mut size_n = stream.between(0.8, 3.0);
+        size_n = size_n.min(MOMENT_NM / norm(cross(point_m, direction)).max(1e-3));
+        let twist_nm = if held { 0.05 } else { 0.0 };
+        let couple_nm = std::array::from_fn(|_| stream.between(-twist_nm, twist_nm));
+        let sway = std::array::from_fn(|_| Sway {
+            force_n: std::array::from_fn(|_| 0.12 * size_n * stream.normal()),
+            frequency_hz: stream.between(0.4, 3.0),
+            phase_rad: stream.between(0.0, TAU),
+        });
+        Self {
+            point_m,
+            force_n: direction.map(|d| size_n * d),
+            couple_nm,
+            sway,
+            taps: number % 4 == 3,
+        }
+    }
+
+    fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
+        let share = if self.taps { taps(time_s) } else { contact(time_s) };
+        let mut force = self.force_n;
+        for sway in &self.sway {
+            let swing = libm::sin(TAU * sway.frequency_hz * time_s + sway.phase_rad);
+            for (force, part) in force.iter_mut().zip(sway.force_n) {
+                *force += swing * part;
+            }
+        }
+        let moment = cross(self.point_m, force);
+        std::array::from_fn(|axis| match axis {
+            0..3 => share * force[axis],
+            _ => share * (moment[axis - 3] + self.couple_nm[axis - 3]),
+        })
+    }
+}
+
+/// Rise, dwell, fall, rest: between 0 and 1, continuous with two derivatives.
+fn contact(time_s: f64) -> f64 {
+    smooth_step(time_s / RISE_S) * smooth_step((POSE_S - REST_S - time_s) / RISE_S)
+}
+
+/// Evenly spaced taps, each a squared half-sine.
+fn taps(time_s: f64) -> f64 {
+    let period_s = POSE_S / f64::from(TAPS);
+    let phase = (time_s % period_s - 0.5 * (period_s - TAP_S)) / TAP_S;
+    if !(0.0..1.0).contains(&phase) {
+        return 0.0;
+    }
+    let sin = libm::sin(PI * phase);
+    sin * sin
+}
+
+/// From 0 at x ≤ 0 to 1 at x ≥ 1, continuous with two derivatives.
+fn smooth_step(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * x * (10.0 + x * (6.0 * x - 15.0))
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn norm(v: [f64; 3]) -> f64 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
+
+fn unit(v: [f64; 3]) -> [f64; 3] {
+    let norm = norm(v);
+    v.map(|x| x / norm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thirty_poses_load_every_axis_both_ways() {
+        for mut script in [LoadScript::training(1), LoadScript::training(9), LoadScript::test(1)] {
+            let mut extremes = [[0.0_f64; 2]; 6];
+            for step in 0..6000 {
+                for (extreme, w) in extremes.iter_mut().zip(script.wrench_at(0.01 * step as f64)) {
+                    *extreme = [extreme[0].min(w), extreme[1].max(w)];
+                }
+            }
+            for (axis, [low, high]) in extremes.into_iter().enumerate() {
+                let least = if axis < 3 { 0.7 } else { 0.02 };
+                assert!(low < -least && high > least, "axis {axis}: {low} to {high}");
+            }
+        }
+    }
+
+    #[test]
+    fn load_is_a_function_of_time_alone() {
+        let mut forward = LoadScript::training(5);
+        let times: Vec<f64> = (0..500).map(|i| 0.037 * f64::from(i)).collect();
+        let along: Vec<_> = times.iter().map(|&t| forward.wrench_at(t)).collect();
+        let mut backward = LoadScript::training(5);
+        let back: Vec<_> = times.iter().rev().map(|&t| backward.wrench_at(t)).collect();
+        assert!(along.iter().eq(back.iter().rev()));
+    }
+
+    #[test]
+    fn load_is_smooth_also_from_pose_to_pose() {
+        let mut script = LoadScript::training(2);
+        let mut before = script.wrench_at(0.0);
+        for step in 1..200_000 {
+            let wrench = script.wrench_at(1e-4 * f64::from(step));
+            for axis in 0..3 {
+                // A tap of 4 N in 0.08 s rises by 4 N · π/0.08 s = 160 N/s at most.
+                assert!((wrench[axis] - before[axis]).abs() < 0.03);
+            }
+            before = wrench;
+        }
+    }
+
+    #[test]
+    fn test_poses_are_not_those_of_the_training() {
+        assert_ne!(LoadScript::training(1).wrench_at(1.0), LoadScript::test(1).wrench_at(1.0));
+        assert_ne!(LoadScript::training(1).wrench_at(1.0), LoadScript::training(2).wrench_at(1.0));
+        assert_eq!(LoadScript::zero().wrench_at(1.0), [0.0; 6]);
+    }
+}

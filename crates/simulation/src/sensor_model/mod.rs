@@ -1,0 +1,210 @@
+//! The instrument as physics: from a wrench on the shell to eight readings.
+//!
+//! ```text
+//! wrench ─ springs ─► displacement ─ geometry ─► eight gaps ─ response ─► light ─► counts
+//!          creep,      of the plate   rays meet    GP2S60       gain, drift,   noise, ADC
+//!          hysteresis                 reflectors                ambient
+//! ```
+//!
+//! [`SensorModel`] takes a time and a wrench and gives a [`SimulatedFrame`], one after another, with no
+//! memory but that of the springs; [`LoadScript`] says which wrench, [`ReferenceSensor`] what a
+//! reference sensor makes of it, and [`Recording`] puts them together row by row.
+//!
+//! Everything is a function of parameters and seeds, to the last bit and on every machine: random
+//! numbers from ChaCha, elementary functions from `libm`, sums in a fixed order.
+//!
+//! Left out: the mass of the plate (its resonance, above 100 Hz, is far above what a hand can
+//! excite), light from one channel in another (one emitter is lit at a time), and, but on the simulated
+//! board, the time between the conversions of the eight channels (a frame is one moment).
+
+mod geometry;
+mod load;
+mod load_table;
+mod pair;
+mod parameters;
+mod recording;
+mod reference;
+mod response;
+mod springs;
+
+pub use geometry::Reflector;
+pub use load::{LoadScript, POSE_S};
+pub use load_table::{BadLoad, LoadTable};
+pub use pair::{Pair, PairSettings};
+pub use parameters::{Channel, Noise, Parameters, Reference, Spread, Surroundings};
+pub use recording::{Kind, Recording, Sample, Settings};
+pub use reference::ReferenceSensor;
+pub use response::Response;
+pub use springs::{Creep, Displacement, Hysteresis, Spring, compliance, stiffness};
+
+use geometry::RigidMotion;
+use shell_data::random::{Purpose, Stream};
+use springs::Suspension;
+
+use shell_data::wrench::PerAxis;
+
+/// Eight readings at one time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SimulatedFrame {
+    /// In counts, ambient subtracted.
+    pub readings: [u16; 8],
+    /// Bit i is set where reading i has met an end of the converter's range.
+    pub saturated: u8,
+}
+
+/// What one photointerrupter sees at a moment, as fractions of the full scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// Light of its emitter.
+    pub light: f64,
+    /// What the subtraction of ambient light leaves.
+    pub dark: f64,
+}
+
+/// Parameters that describe no instrument.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum ModelError {
+    /// The plate could move without deforming a spring.
+    #[error("the springs do not hold the plate in all six directions")]
+    LoosePlate,
+    /// The converter's resolution is outside 8 to 16 bits.
+    #[error("a converter of {bits} bits, where 8 to 16 can be modelled")]
+    AdcBits {
+        /// The resolution asked for.
+        bits: u32,
+    },
+    /// A sampling rate that no clock has, or a start that no clock shows.
+    #[error("rate {rate_hz} Hz from {start_time_s} s on: a rate above 0 and a finite start wanted")]
+    Timing {
+        /// The rate asked for.
+        rate_hz: f64,
+        /// The start asked for.
+        start_time_s: f64,
+    },
+    /// Two clocks that are no clocks of one session.
+    #[error("clocks that differ by {skew} of themselves, where {most} at most can be modelled")]
+    Skew {
+        /// The skew asked for.
+        skew: f64,
+        /// The largest.
+        most: f64,
+    },
+    /// Not all frames, nor less than none, can get lost.
+    #[error("a share of {share} of the frames lost, where 0 to 1 (excluded) is wanted")]
+    Loss {
+        /// The share asked for.
+        share: f64,
+    },
+    /// Noise cannot be scaled by a negative or infinite factor.
+    #[error("noise scaled by {factor}, where a factor of 0 or more is wanted")]
+    NoiseScale {
+        /// The factor asked for.
+        factor: f64,
+    },
+}
+
+/// The largest load that a frame is computed for, N or N·m: past it there is no instrument left.
+pub const LIMIT: f64 = 1e6;
+
+/// One instrument during one recording.
+#[derive(Clone, Debug)]
+pub struct SensorModel {
+    channels: [Channel; 8],
+    normals: [[f64; 3]; 8],
+    response: Response,
+    suspension: Suspension,
+    surroundings: Surroundings,
+    start_k: f64,
+    ambient: [f64; 8],
+    noise: Noise,
+    full_scale: f64,
+    random: Stream,
+}
+
+impl SensorModel {
+    /// The instrument that `unit` describes ([`Parameters::unit`]), in the recording that `seed`
+    /// names, with no load so far.
+    ///
+    /// # Errors
+    /// [`ModelError`] if the springs leave the plate loose or the converter cannot be modelled.
+    pub fn new(unit: &Parameters, seed: u64) -> Result<Self, ModelError> {
+        if !(8..=16).contains(&unit.adc_bits) {
+            return Err(ModelError::AdcBits { bits: unit.adc_bits });
+        }
+        let compliance = compliance(&stiffness(&unit.springs)).ok_or(ModelError::LoosePlate)?;
+        let mut session = Stream::new(seed, Purpose::Session, 0);
+        Ok(Self {
+            channels: unit.channels,
+            normals: unit.channels.map(|channel| channel.reflector.normal()),
+            response: Response::gp2s60(),
+            suspension: Suspension::new(compliance, unit.creep, unit.hysteresis),
+            surroundings: unit.surroundings,
+            start_k: unit.surroundings.start_k * session.normal(),
+            ambient: std::array::from_fn(|_| unit.surroundings.ambient * session.normal()),
+            noise: unit.noise,
+            full_scale: f64::from(1_u32 << unit.adc_bits),
+            random: Stream::new(seed, Purpose::Readings, 0),
+        })
+    }
+
+    /// The frame at `time_s` since the start of the recording, under `wrench` (N and N·m, shell
+    /// frame), which is taken to have held since the frame before. Times go forward.
+    ///
+    /// A load that is not finite, or above [`LIMIT`], tears the plate off: for that frame all
+    /// channels are saturated at zero.
+    pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> SimulatedFrame {
+        if !is_bearable(time_s, wrench) {
+            return SimulatedFrame { readings: [0; 8], saturated: 0xFF };
+        }
+        let mut frame = SimulatedFrame { readings: [0; 8], saturated: 0 };
+        for (i, Exposure { light, dark }) in self.expose(time_s, wrench).into_iter().enumerate() {
+            let count = self.convert(light, dark);
+            frame.readings[i] = count as u16;
+            frame.saturated |= u8::from(!(count > 0.0 && count < self.full_scale - 1.0)) << i;
+        }
+        frame
+    }
+
+    /// What the photointerrupters see at `time_s` under `wrench`, as [`sample`](Self::sample) takes
+    /// them, for who converts it on his own. Without a plate they see nothing.
+    pub fn expose(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> [Exposure; 8] {
+        if !is_bearable(time_s, wrench) {
+            return [Exposure { light: 0.0, dark: 0.0 }; 8];
+        }
+        let motion = RigidMotion::new(&self.suspension.displacement(time_s, wrench));
+        let warmth_k = self.warmth_k(time_s);
+        std::array::from_fn(|i| {
+            let channel = &self.channels[i];
+            let gap_m = motion.gap_m(&channel.reflector, &self.normals[i]);
+            let gain = channel.gain * (1.0 + channel.gain_drift_per_k * warmth_k);
+            let light = gain * self.response.at(gap_m);
+            let dark = self.ambient[i] + channel.offset_drift_per_k * warmth_k;
+            Exposure { light, dark }
+        })
+    }
+
+    /// How much warmer the instrument is at `time_s` than in the lab that it was made for.
+    pub fn warmth_k(&self, time_s: f64) -> f64 {
+        let warm_up = -libm::expm1(-time_s.max(0.0) / self.surroundings.warm_up_s);
+        self.start_k + self.surroundings.warm_up_k * warm_up
+    }
+
+    /// One conversion, with its noise and at the converter's resolution, of light that is given as a
+    /// fraction of the full scale.
+    pub fn conversion(&mut self, light: f64) -> u16 {
+        self.convert(light, 0.0) as u16
+    }
+
+    fn convert(&mut self, light: f64, dark: f64) -> f64 {
+        let emitter = self.noise.emitter * light;
+        let variance =
+            self.noise.read * self.noise.read + self.noise.shot * light + emitter * emitter;
+        let signal = light + dark + variance.sqrt() * self.random.normal();
+        (signal * self.full_scale).round().clamp(0.0, self.full_scale - 1.0)
+    }
+}
+
+/// Whether there is a plate under this load.
+fn is_bearable(time_s: f64, wrench: &PerAxis<f64>) -> bool {
+    time_s.is_finite() && wrench.iter().all(|w| w.abs() <= LIMIT)
+}

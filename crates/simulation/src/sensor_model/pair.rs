@@ -1,0 +1,142 @@
+//! One session on two clocks: the reference's recording and the board's log, as two machines make
+//! them.
+//!
+//! ```text
+//! t_reference = (1 + skew) · t_board + offset
+//! ```
+//!
+//! The load is a function of reference time. The board's clock shows 0 at its first frame.
+
+use super::{LoadScript, ModelError, Parameters, ReferenceSensor, SensorModel, SimulatedFrame};
+use shell_data::random::{Purpose, Stream};
+use shell_data::wrench::PerAxis;
+
+/// The springs are followed at this rate at least, Hz.
+const SPRINGS_HZ: f64 = 1000.0;
+
+/// How a pair is made.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct PairSettings {
+    /// Names the session: its loads, noise, light and mounting.
+    pub seed: u64,
+    /// Names the instrument.
+    pub unit_seed: u64,
+    /// Whether the shell is loaded at all.
+    pub loaded: bool,
+    /// How long the board records, s.
+    pub duration_s: f64,
+    /// The reference starts this long before the board and stops as long after it, s; it starts
+    /// later and stops earlier if negative.
+    pub margin_s: f64,
+    /// Samples per second of the reference.
+    pub reference_rate_hz: f64,
+    /// Frames per second of the board, on its own clock.
+    pub board_rate_hz: f64,
+    /// What the reference's clock shows when the board's shows 0, s.
+    pub offset_s: f64,
+    /// How much faster the reference's clock runs than the board's.
+    pub skew: f64,
+    /// Share of the board's frames that get lost.
+    pub loss: f64,
+    /// Factor on all random noise.
+    pub noise_scale: f64,
+}
+
+/// One session on two clocks.
+#[derive(Clone, Debug)]
+pub struct Pair {
+    settings: PairSettings,
+    unit: Parameters,
+    load: LoadScript,
+}
+
+/// Clocks that differ by more are none: steps of one would be years of the other.
+const MOST_SKEW: f64 = 0.1;
+
+impl Pair {
+    /// Sets a session up.
+    ///
+    /// # Errors
+    /// [`ModelError`] if a rate is not above 0, a time is not finite, the noise is negative or
+    /// the loss no share.
+    pub fn new(settings: PairSettings) -> Result<Self, ModelError> {
+        let PairSettings { reference_rate_hz, board_rate_hz, offset_s, .. } = settings;
+        for rate_hz in [reference_rate_hz, board_rate_hz] {
+            if !(rate_hz.is_finite() && rate_hz > 0.0 && offset_s.is_finite()) {
+                return Err(ModelError::Timing { rate_hz, start_time_s: offset_s });
+            }
+        }
+        if settings.skew.is_nan() || settings.skew.abs() > MOST_SKEW {
+            return Err(ModelError::Skew { skew: settings.skew, most: MOST_SKEW });
+        }
+        for time_s in [settings.duration_s, settings.margin_s] {
+            if !time_s.is_finite() {
+                return Err(ModelError::Timing { rate_hz: board_rate_hz, start_time_s: time_s });
+            }
+        }
+        if !(0.0..1.0).contains(&settings.loss) {
+            return Err(ModelError::Loss { share: settings.loss });
+        }
+        if !(settings.noise_scale.is_finite() && settings.noise_scale >= 0.0) {
+            return Err(ModelError::NoiseScale { factor: settings.noise_scale });
+        }
+        let mut unit = Parameters::nominal().unit(settings.unit_seed);
+        unit.scale_noise(settings.noise_scale);
+        let load = match settings.loaded {
+            true => LoadScript::training(settings.seed),
+            false => LoadScript::zero(),
+        };
+        Ok(Self { settings, unit, load })
+    }
+
+    /// The load starts when the first of the two does.
+    fn load_time_s(&self, reference_time_s: f64) -> f64 {
+        reference_time_s - self.settings.offset_s + self.settings.margin_s.max(0.0)
+    }
+
+    /// The reference's recording: time on its clock, s, and wrench, N and N·m.
+    pub fn reference(&self) -> impl Iterator<Item = (f64, PerAxis<f64>)> {
+        let PairSettings { seed, duration_s, margin_s, reference_rate_hz, offset_s, skew, .. } =
+            self.settings;
+        let length_s = duration_s * (1.0 + skew) + 2.0 * margin_s;
+        let mut sensor = ReferenceSensor::new(&self.unit.reference, seed);
+        let mut load = self.load.clone();
+        let pair = self.clone();
+        (0..count(length_s, reference_rate_hz)).map(move |k| {
+            let time_s = offset_s - margin_s + k as f64 / reference_rate_hz;
+            (time_s, sensor.sample(&load.wrench_at(pair.load_time_s(time_s).max(0.0))))
+        })
+    }
+
+    /// The board's log: time on its clock, s, and frame.
+    ///
+    /// # Errors
+    /// [`ModelError`] if the instrument cannot be modelled.
+    pub fn board(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, ModelError> {
+        let PairSettings { seed, duration_s, board_rate_hz, offset_s, skew, loss, .. } =
+            self.settings;
+        let mut sensor = SensorModel::new(&self.unit, seed)?;
+        let mut losses = Stream::new(seed, Purpose::Losses, 0);
+        let mut load = self.load.clone();
+        let parts = (SPRINGS_HZ / board_rate_hz).ceil().clamp(1.0, 1e3) as u64;
+        let pair = self.clone();
+        Ok((0..count(duration_s, board_rate_hz)).filter_map(move |k| {
+            let time_s = k as f64 / board_rate_hz;
+            let load_s = pair.load_time_s(time_s * (1.0 + skew) + offset_s).max(0.0);
+            // The springs see what happens between two frames.
+            for part in 1..parts {
+                let before_s = load_s - (parts - part) as f64 / (parts as f64 * board_rate_hz);
+                if before_s > 0.0 {
+                    sensor.sample(before_s, &load.wrench_at(before_s));
+                }
+            }
+            let frame = sensor.sample(load_s, &load.wrench_at(load_s));
+            (losses.uniform() >= loss).then_some((time_s, frame))
+        }))
+    }
+}
+
+/// Samples in a time, none if it is negative.
+fn count(length_s: f64, rate_hz: f64) -> u64 {
+    (length_s * rate_hz).round().max(0.0) as u64
+}

@@ -1,0 +1,232 @@
+//! Every number of the sensor model, with where it comes from.
+//!
+//! [`Parameters::nominal`] is the drawing; [`Parameters::unit`] is one instrument built from it.
+
+use super::geometry::Reflector;
+use super::springs::{Creep, Hysteresis, Spring};
+use shell_data::random::{Purpose, Stream};
+
+/// One photointerrupter with its reflector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Channel {
+    /// Where it looks and at what.
+    pub reflector: Reflector,
+    /// Reading at the optimum distance, as a fraction of the full scale.
+    pub gain: f64,
+    /// Relative change of the gain with temperature, per K.
+    pub gain_drift_per_k: f64,
+    /// Change of the dark reading with temperature, as a fraction of the full scale, per K.
+    pub offset_drift_per_k: f64,
+}
+
+/// Random noise of a reading; the parts add as variances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Of amplifier and converter, as a fraction of the full scale.
+    pub read: f64,
+    /// Shot noise: variance over signal, both as fractions of the full scale.
+    pub shot: f64,
+    /// Of the emitter's intensity, relative.
+    pub emitter: f64,
+}
+
+/// What changes from one recording to the next (standard deviations) and during it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surroundings {
+    /// Light left after the ambient reading is subtracted, as a fraction of the full scale.
+    pub ambient: f64,
+    /// Board temperature at the start, against that of the other recordings, K.
+    pub start_k: f64,
+    /// Rise of the board temperature after switching on, K.
+    pub warm_up_k: f64,
+    /// Time constant of that rise, s.
+    pub warm_up_s: f64,
+}
+
+/// The reference sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reference {
+    /// Resolution of forces, N, and moments, N·m.
+    pub resolution: [f64; 2],
+    /// Noise of forces, N, and moments, N·m (standard deviations).
+    pub noise: [f64; 2],
+    /// Zero error of one recording, N and N·m (standard deviations).
+    pub zero: [f64; 2],
+    /// Turn of its axes against the shell's from one mounting to the next, rad, per axis.
+    pub turn_rad: f64,
+    /// Shift of its origin against the shell's from one mounting to the next, m, per axis.
+    pub shift_m: f64,
+}
+
+/// How much one unit differs from the drawing (standard deviations).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// Spring stiffness, relative.
+    pub stiffness: f64,
+    /// Position of a photointerrupter and gap at rest, m.
+    pub position_m: f64,
+    /// Tilt of a reflector, rad.
+    pub tilt_rad: f64,
+    /// Gain of a channel, relative.
+    pub gain: f64,
+    /// Temperature coefficient of the gain, per K.
+    pub gain_drift_per_k: f64,
+    /// Temperature coefficient of the dark reading, fraction of the full scale per K.
+    pub offset_drift_per_k: f64,
+}
+
+/// The sensor model's numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameters {
+    /// The springs that carry the reflector plate; the frame's origin is at their centre.
+    pub springs: [Spring; 4],
+    /// Their creep.
+    pub creep: Creep,
+    /// Their hysteresis.
+    pub hysteresis: Hysteresis,
+    /// The eight channels: four flat, two tilted about y, two tilted about x.
+    pub channels: [Channel; 8],
+    /// Noise of the readings.
+    pub noise: Noise,
+    /// Light and warmth.
+    pub surroundings: Surroundings,
+    /// Resolution of the converter, bits.
+    pub adc_bits: u32,
+    /// The reference sensor.
+    pub reference: Reference,
+    /// Unit-to-unit spread.
+    pub spread: Spread,
+}
+
+/// One step of the original board's 12-bit converter, as a fraction of its full scale.
+const LSB_12: f64 = 1.0 / 4096.0;
+const MM: f64 = 1e-3;
+
+impl Parameters {
+    /// The instrument as drawn.
+    ///
+    /// Sources, and what is assumed where there is none:
+    /// - Four flat reflectors, two tilted about y, two about x: the paper on the shell (§II-A) and
+    ///   Goldberg et al. 2015. Their places are assumed, on a board of 5 cm × 5 cm: the flat ones
+    ///   near the corners, for Mx and My; each tilted pair far apart, for Mz.
+    /// - Springs: a hand or a beam puts up to some 3 N on the shell of an 87 g robot (its weight is
+    ///   0.85 N). Recordings of the original board answer that with a few hundred to a thousand
+    ///   counts, which on the slope of the response is a few tenths of a millimetre. With 6 N/mm
+    ///   along z and 2.4 N/mm across per spring, 1 N moves the plate 0.04 mm along z and 0.10 mm
+    ///   along x or y.
+    /// - Gap at rest: 1.2 mm, on the falling side of the response, so that the plate can travel
+    ///   0.5 mm both ways without passing the maximum at 0.7 mm.
+    /// - Gain: some 1950 of 4096 counts at rest, 800 to 3800 under load; recordings of the original
+    ///   board go from 700 to 2900.
+    /// - Noise: 2.5 counts of 4096 from amplifier and converter, shot noise of 800,000 effective
+    ///   electrons at full scale, 0.02 % of the emitter's intensity, together 4.0 counts at rest.
+    ///   That is more than the 0.7 to 1.6 counts of the original board, which smooths its readings,
+    ///   and makes 0.02 N of zero-load noise, where the paper has 0.015 to 0.048 N.
+    /// - Temperature: an infrared emitter loses about 0.7 % per K, a phototransistor gains about
+    ///   0.5 %; what is left is taken as −0.2 % per K.
+    /// - Reference: resolution as of a small strain-gauge sensor for 25 N and 250 N·mm (1/160 N,
+    ///   1/32 N·mm), with noise of 1.5 steps.
+    /// - Creep and hysteresis: chosen so that a cubic calibration at the paper's sizes (77,522 and
+    ///   19,932 rows) leaves the paper's errors, 0.118, 0.122 and 0.126 N: a tenth of the travel
+    ///   comes late, and a loop is 2 · 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
+    pub fn nominal() -> Self {
+        let spring = |[x, y]: [f64; 2]| Spring {
+            position_m: [x * MM, y * MM, 0.0],
+            stiffness_n_per_m: [2400.0, 2400.0, 6000.0],
+        };
+        let channel = |[x, y]: [f64; 2], tilt_x_deg: f64, tilt_y_deg: f64| Channel {
+            reflector: Reflector {
+                position_m: [x * MM, y * MM],
+                gap_m: 1.2 * MM,
+                tilt_x_rad: tilt_x_deg.to_radians(),
+                tilt_y_rad: tilt_y_deg.to_radians(),
+            },
+            gain: 0.85,
+            gain_drift_per_k: -0.002,
+            offset_drift_per_k: 0.0,
+        };
+        Self {
+            springs: [[25.0, 20.0], [-25.0, 20.0], [-25.0, -20.0], [25.0, -20.0]].map(spring),
+            creep: Creep { fraction: 0.10, time_s: 1.5 },
+            hysteresis: Hysteresis { fraction: 0.2, force_n: 0.7, moment_nm: 0.025 },
+            channels: [
+                channel([18.0, 15.0], 0.0, 0.0),
+                channel([-18.0, 15.0], 0.0, 0.0),
+                channel([-18.0, -15.0], 0.0, 0.0),
+                channel([18.0, -15.0], 0.0, 0.0),
+                channel([0.0, 20.0], 0.0, 30.0),
+                channel([0.0, -20.0], 0.0, 30.0),
+                channel([20.0, 0.0], 30.0, 0.0),
+                channel([-20.0, 0.0], 30.0, 0.0),
+            ],
+            noise: Noise { read: 2.5 * LSB_12, shot: 1.0 / 8e5, emitter: 2e-4 },
+            surroundings: Surroundings {
+                ambient: 2.0 * LSB_12,
+                start_k: 0.5,
+                warm_up_k: 0.5,
+                warm_up_s: 300.0,
+            },
+            adc_bits: 12,
+            reference: Reference {
+                resolution: [1.0 / 160.0, 1e-3 / 32.0],
+                noise: [1.5 / 160.0, 1.5e-3 / 32.0],
+                zero: [0.01, 1e-4],
+                turn_rad: 0.005,
+                shift_m: 0.3 * MM,
+            },
+            spread: Spread {
+                stiffness: 0.05,
+                position_m: 0.05 * MM,
+                tilt_rad: 0.01,
+                gain: 0.10,
+                gain_drift_per_k: 5e-4,
+                offset_drift_per_k: 0.3 * LSB_12,
+            },
+        }
+    }
+
+    /// The unit that `unit_seed` names: this drawing with the spread drawn from normal
+    /// distributions, cut off at three standard deviations (what is outside fails inspection).
+    pub fn unit(&self, unit_seed: u64) -> Self {
+        let mut stream = Stream::new(unit_seed, Purpose::Unit, 0);
+        let mut deviate = |scale: f64| scale * stream.normal().clamp(-3.0, 3.0);
+        let mut unit = self.clone();
+        for spring in &mut unit.springs {
+            for stiffness in &mut spring.stiffness_n_per_m {
+                *stiffness *= 1.0 + deviate(self.spread.stiffness);
+            }
+        }
+        for channel in &mut unit.channels {
+            let reflector = &mut channel.reflector;
+            for position in &mut reflector.position_m {
+                *position += deviate(self.spread.position_m);
+            }
+            reflector.gap_m += deviate(self.spread.position_m);
+            reflector.tilt_x_rad += deviate(self.spread.tilt_rad);
+            reflector.tilt_y_rad += deviate(self.spread.tilt_rad);
+            channel.gain *= 1.0 + deviate(self.spread.gain);
+            channel.gain_drift_per_k += deviate(self.spread.gain_drift_per_k);
+            channel.offset_drift_per_k += deviate(self.spread.offset_drift_per_k);
+        }
+        unit
+    }
+
+    /// Takes creep and hysteresis away: what is left is a function of the load at the moment, which a
+    /// calibration can follow exactly.
+    pub fn make_elastic(&mut self) {
+        self.creep.fraction = 0.0;
+        self.hysteresis.fraction = 0.0;
+    }
+
+    /// Scales every random noise, of the readings and of the reference sensor: 0 leaves none, 1 is
+    /// as it was. Quantisation, drift, creep and hysteresis stay.
+    pub fn scale_noise(&mut self, factor: f64) {
+        let Noise { read, shot, emitter } = &mut self.noise;
+        *read *= factor;
+        *shot *= factor * factor;
+        *emitter *= factor;
+        for noise in &mut self.reference.noise {
+            *noise *= factor;
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! The sensor model as the front end of a board: conversions, dark and lit.
+
+use std::fmt;
+
+use firmware::{Clock, FrontEnd};
+use shared_proto::{COUNTS_PER_LSB, Vitals};
+
+use super::PacedClock;
+use crate::sensor_model::{Exposure, LoadScript, LoadTable, SensorModel};
+use shell_data::wrench::PerAxis;
+
+/// Light from outside as a fraction of the full scale: what a lit room leaves under the shell. The
+/// firmware subtracts it.
+const AMBIENT: f64 = 0.03;
+
+/// Temperature around a board that has just been switched on, °C.
+const ROOM_C: f64 = 23.0;
+
+/// Supply of the converter, and the voltage reference of an STM32L432 (DS11451, table "Embedded internal
+/// voltage reference", typical), V.
+const SUPPLY_V: f64 = 3.3;
+const REFERENCE_V: f64 = 1.212;
+
+/// What is done to the shell, over the board's time.
+#[derive(Clone, Debug)]
+pub enum Load {
+    /// Nothing for so many seconds, in which a zero can be taken; then hands.
+    Hands {
+        /// Time without a load, s.
+        rest_s: f64,
+        /// Their poses.
+        script: LoadScript,
+    },
+    /// What somebody has written down.
+    Table(LoadTable),
+}
+
+impl Load {
+    /// Five seconds of rest and then the poses of a test recording.
+    pub fn hands(seed: u64) -> Self {
+        Self::Hands { rest_s: 5.0, script: LoadScript::test(seed) }
+    }
+
+    /// The wrench (N and N·m) at a time since the start.
+    pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
+        match self {
+            Self::Hands { rest_s, .. } if time_s < *rest_s => PerAxis::default(),
+            Self::Hands { rest_s, script } => script.wrench_at(time_s - *rest_s),
+            Self::Table(table) => table.wrench_at(time_s),
+        }
+    }
+}
+
+/// Eight photointerrupters of the sensor model.
+pub struct Instrument {
+    sensor: SensorModel,
+    load: Load,
+    clock: PacedClock,
+    lit: Option<usize>,
+}
+
+impl fmt::Debug for Instrument {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Instrument").field("load", &self.load).finish_non_exhaustive()
+    }
+}
+
+impl Instrument {
+    /// An instrument under a load, whose conversions take time on `clock`.
+    pub fn new(sensor: SensorModel, load: Load, clock: PacedClock) -> Self {
+        Self { sensor, load, clock, lit: None }
+    }
+}
+
+impl FrontEnd for Instrument {
+    /// As on the SkinProc board.
+    const CONVERSION_NS: u32 = 3_250;
+
+    fn light(&mut self, channel: Option<usize>) {
+        self.lit = channel;
+    }
+
+    async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {
+        let now_us = self.clock.now_us();
+        let burst_us = (u64::from(conversions) * u64::from(Self::CONVERSION_NS)).div_ceil(1000);
+        let seen = match self.lit {
+            // The load moves on while the channels are converted: a burst is one moment, its middle.
+            Some(lit) => {
+                let time_s = (now_us as f64 + burst_us as f64 / 2.0) / 1e6;
+                let wrench = self.load.wrench_at(time_s);
+                let Exposure { light, dark } = self.sensor.expose(time_s, &wrench)[channel];
+                // The emitter of another channel does not reach this one.
+                if lit == channel { AMBIENT + light + dark } else { AMBIENT }
+            }
+            None => AMBIENT,
+        };
+        let sum = (0..conversions).map(|_| u32::from(self.sensor.conversion(seen))).sum();
+        self.clock.wait_until_us(now_us + burst_us).await;
+        sum
+    }
+
+    async fn vitals(&mut self) -> Vitals {
+        let warmth_k = self.sensor.warmth_k(self.clock.now_us() as f64 / 1e6);
+        let counts = REFERENCE_V / SUPPLY_V * f64::from(1 << 12) * f64::from(COUNTS_PER_LSB);
+        Vitals {
+            temperature_cdeg: Some(((ROOM_C + warmth_k) * 100.0).round() as i16),
+            supply_mv: Some((SUPPLY_V * 1000.0) as u16),
+            reference: Some(counts.round() as u16),
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! The serial line of a simulated board: a pty or a connection over TCP, with the radio in between.
+
+use std::convert::Infallible;
+use std::io::{self, ErrorKind};
+use std::net::SocketAddr;
+use std::sync::mpsc::{
+    Receiver as Queue, RecvTimeoutError, SyncSender, TrySendError, sync_channel,
+};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use embassy_time::Timer;
+use embedded_io_async::{ErrorType, Read, Write};
+#[cfg(unix)]
+use serialport::{SerialPort, TTYPort};
+
+use super::socket::Socket;
+use crate::radio::Radio;
+
+/// Packets that wait for the host before the board is held up, as by CTS: some seconds at 100 Hz.
+const QUEUE: usize = 512;
+
+/// How long a thread waits at most before it looks at the radio again.
+const TICK: Duration = Duration::from_millis(10);
+
+type Input = Pipe<CriticalSectionRawMutex, 1024>;
+
+/// The board's end.
+pub(super) struct Line {
+    /// The name of the host's end.
+    pub(super) port: String,
+    pub(super) sender: Sender,
+    pub(super) receiver: Receiver,
+}
+
+impl Line {
+    /// Makes a pty; `radios` are the ways to the host and to the board.
+    #[cfg(unix)]
+    pub(super) fn open(radios: &[Arc<Mutex<Radio>>; 2]) -> Result<Self, serialport::Error> {
+        let (mut pty, host) = TTYPort::pair()?;
+        pty.set_timeout(TICK)?;
+        let port = host.name().unwrap_or_default();
+        let from_host = pty.try_clone_native()?;
+        Ok(Self::between(port, from_host, pty, radios))
+    }
+
+    /// Listens for a host at an address.
+    pub(super) fn listen(at: SocketAddr, radios: &[Arc<Mutex<Radio>>; 2]) -> io::Result<Self> {
+        let (socket, at) = Socket::listen(at, TICK)?;
+        Ok(Self::between(format!("tcp://{at}"), socket.clone(), socket, radios))
+    }
+
+    fn between(
+        port: String,
+        from_host: impl io::Read + Send + 'static,
+        to_host: impl io::Write + Send + 'static,
+        radios: &[Arc<Mutex<Radio>>; 2],
+    ) -> Self {
+        let [up, down] = radios.each_ref().map(Arc::clone);
+        let (queue, packets) = sync_channel(QUEUE);
+        let input = Arc::new(Input::new());
+        let to_board = Arc::clone(&input);
+        thread::spawn(move || give_to_host(&packets, &up, to_host));
+        thread::spawn(move || give_to_board(from_host, &down, &to_board));
+        Self { port, sender: Sender(queue), receiver: Receiver(input) }
+    }
+}
+
+/// A panic elsewhere does not make the books wrong.
+pub(super) fn lock(radio: &Mutex<Radio>) -> MutexGuard<'_, Radio> {
+    radio.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// From the board: what is written at once goes into one packet.
+pub(super) struct Sender(SyncSender<Vec<u8>>);
+
+impl ErrorType for Sender {
+    type Error = Infallible;
+}
+
+impl Write for Sender {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        let mut packet = bytes.to_vec();
+        while let Err(TrySendError::Full(back)) = self.0.try_send(packet) {
+            packet = back;
+            Timer::after_millis(1).await;
+        }
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+/// To the board.
+pub(super) struct Receiver(Arc<Input>);
+
+impl ErrorType for Receiver {
+    type Error = Infallible;
+}
+
+impl Read for Receiver {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        Ok(self.0.read(buffer).await)
+    }
+}
+
+fn give_to_host(packets: &Queue<Vec<u8>>, radio: &Mutex<Radio>, mut host: impl io::Write) {
+    let start = Instant::now();
+    let now_us = || start.elapsed().as_micros() as u64;
+    loop {
+        let wait_us = lock(radio).next_arrival_us().map(|at| at.saturating_sub(now_us()));
+        let wait = wait_us.map_or(TICK, |us| Duration::from_micros(us).min(TICK));
+        match packets.recv_timeout(wait) {
+            Ok(packet) => lock(radio).send(now_us(), &packet),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
+        loop {
+            let Some(delivery) = lock(radio).receive(now_us()) else { break };
+            write_all(&mut host, &delivery.bytes);
+        }
+    }
+}
+
+/// Waits for a host as long as it takes.
+fn write_all(host: &mut impl io::Write, mut bytes: &[u8]) {
+    while !bytes.is_empty() {
+        match host.write(bytes) {
+            Ok(count) => bytes = &bytes[count..],
+            Err(error) if error.kind() == ErrorKind::TimedOut => {}
+            // Nobody has the other end open.
+            Err(_) => thread::sleep(TICK),
+        }
+    }
+}
+
+fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &Input) {
+    let start = Instant::now();
+    let now_us = || start.elapsed().as_micros() as u64;
+    let mut buffer = [0; 256];
+    loop {
+        match host.read(&mut buffer) {
+            Ok(count) => lock(radio).send(now_us(), &buffer[..count]),
+            Err(error) if error.kind() == ErrorKind::TimedOut => {}
+            // Nobody has the other end open.
+            Err(_) => thread::sleep(TICK),
+        }
+        loop {
+            let Some(delivery) = lock(radio).receive(now_us()) else { break };
+            let mut bytes = &delivery.bytes[..];
+            while !bytes.is_empty() {
+                match input.try_write(bytes) {
+                    Ok(count) => bytes = &bytes[count..],
+                    Err(_) => thread::sleep(Duration::from_millis(1)),
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! A board without hardware: the firmware's own library in this process, on a pty or over TCP.
+//!
+//! ```text
+//! load ─ SensorModel ─ Instrument ─ firmware (embassy, std) ─ Radio ─ pty, TCP ─▶ whoever opens it
+//!                                          ▲                    │
+//!                                          └────────────────────┘
+//! ```
+//!
+//! The firmware cannot tell: conversions take the time that they take on the SkinProc board, and
+//! its clock stands where it should ([`PacedClock`]). What is different is that its calibration is
+//! gone with the process.
+
+mod clock;
+mod instrument;
+mod line;
+mod socket;
+mod sync_script;
+
+pub use clock::PacedClock;
+pub use instrument::{Instrument, Load};
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::io;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex};
+use std::thread;
+
+use firmware::{
+    LastWords, Link, NoChip, Parts, RECORD, Record, Storage, StorageError, VERSION, Watchdog,
+};
+use shared_proto::{Board, Identity, ResetCause};
+
+use crate::radio::{BadFault, Books, Faults, Radio};
+use crate::sensor_model::{ModelError, Parameters, SensorModel};
+use line::{Line, Receiver, Sender};
+use sync_script::SyncScript;
+
+/// A board to simulate.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// What is done to the shell.
+    pub load: Load,
+    /// Names the recording: noise, light, warmth and faults.
+    pub seed: u64,
+    /// Names the instrument.
+    pub unit_seed: u64,
+    /// Factor on all random noise.
+    pub noise_scale: f64,
+    /// What the radio does to packets, either way.
+    pub faults: Faults,
+    /// When the sync input rises, s after the board's start.
+    pub sync_s: Vec<f64>,
+}
+
+/// Why there is no board.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulationError {
+    /// The instrument.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The radio.
+    #[error(transparent)]
+    Radio(#[from] BadFault),
+    /// The pty.
+    #[error("cannot make a pty: {0}")]
+    Pty(#[from] serialport::Error),
+    /// The address.
+    #[error("cannot listen at {at}: {reason}")]
+    Listen {
+        /// What was asked for.
+        at: SocketAddr,
+        /// What the system said.
+        reason: io::Error,
+    },
+}
+
+/// A board that runs until the process ends.
+#[derive(Debug)]
+pub struct SimulatedBoard {
+    port: String,
+    /// To the host and to the board.
+    radios: [Arc<Mutex<Radio>>; 2],
+}
+
+impl SimulatedBoard {
+    /// Switches a board on, on a pty.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    #[cfg(unix)]
+    pub fn start(settings: Settings) -> Result<Self, SimulationError> {
+        Self::on(settings, |radios| Ok(Line::open(radios)?))
+    }
+
+    /// Switches a board on that is reached at an address, by one host at a time.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    pub fn listen(settings: Settings, at: SocketAddr) -> Result<Self, SimulationError> {
+        Self::on(settings, |radios| {
+            Line::listen(at, radios).map_err(|reason| SimulationError::Listen { at, reason })
+        })
+    }
+
+    fn on(
+        settings: Settings,
+        line: impl FnOnce(&[Arc<Mutex<Radio>>; 2]) -> Result<Line, SimulationError>,
+    ) -> Result<Self, SimulationError> {
+        let Settings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
+        if !(noise_scale.is_finite() && noise_scale >= 0.0) {
+            return Err(ModelError::NoiseScale { factor: noise_scale }.into());
+        }
+        let mut unit = Parameters::nominal().unit(unit_seed);
+        unit.scale_noise(noise_scale);
+        let sensor = SensorModel::new(&unit, seed)?;
+        // The two ways of the radio fail independently.
+        let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
+        let radios = [radio(0)?, radio(1)?];
+        let Line { port, sender, receiver } = line(&radios)?;
+        thread::spawn(move || {
+            let clock = PacedClock::start();
+            let front_end = Instrument::new(sensor, load, clock.clone());
+            let sync_input = SyncScript::new(clock.clone(), &sync_s);
+            pollster::block_on(board(unit_seed, front_end, sync_input, clock, receiver, sender));
+        });
+        Ok(Self { port, radios })
+    }
+
+    /// The port that it is on.
+    pub fn port(&self) -> &str {
+        &self.port
+    }
+
+    /// What the radio has done to packets to the host, and to those to the board.
+    pub fn books(&self) -> [Books; 2] {
+        self.radios.each_ref().map(|radio| line::lock(radio).books())
+    }
+}
+
+/// The serial number of an instrument; 1 is that of the shipped data.
+fn serial(unit_seed: u64) -> [u8; 12] {
+    let mut serial = *b"simulated   ";
+    if unit_seed != 1 {
+        let number = format!("{:>3}", unit_seed % 1000);
+        serial[9..].copy_from_slice(number.as_bytes());
+    }
+    serial
+}
+
+async fn board(
+    unit_seed: u64,
+    front_end: Instrument,
+    sync_input: SyncScript,
+    clock: PacedClock,
+    receiver: Receiver,
+    sender: Sender,
+) {
+    firmware::run(Parts {
+        front_end,
+        clock,
+        receiver,
+        sender,
+        storage: Memory(None),
+        watchdog: NoWatchdog,
+        sync_input,
+        // Its line has no rate, and there is nothing below it that could be flashed.
+        chip: NoChip,
+        link: Link::Transparent,
+        identity: Identity {
+            board: Board::Simulated,
+            firmware: VERSION,
+            serial: serial(unit_seed),
+            min_period_us: 1_000,
+        },
+        reset_cause: ResetCause::Power,
+        last_words: LastWords::new(),
+        nonce: Some(nonce()),
+        rate: None,
+    })
+    .await;
+}
+
+/// Bytes from the system's source of randomness, which the standard library draws keys of hashes from.
+fn nonce() -> [u8; 8] {
+    RandomState::new().build_hasher().finish().to_le_bytes()
+}
+
+struct Memory(Option<Record>);
+
+impl Storage for Memory {
+    fn load(&mut self, record: &mut Record) {
+        *record = self.0.unwrap_or([0xFF; RECORD]);
+    }
+
+    fn store(&mut self, record: &Record) -> Result<(), StorageError> {
+        self.0 = Some(*record);
+        Ok(())
+    }
+}
+
+/// A stopped process is not a board that hangs.
+struct NoWatchdog;
+
+impl Watchdog for NoWatchdog {
+    fn feed(&mut self) {}
+}

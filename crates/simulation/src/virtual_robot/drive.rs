@@ -1,0 +1,111 @@
+//! Battery and motors: what the controller's duty makes of them.
+//!
+//! The power of a motor is the lab's formula, with d the duty as a fraction, V the battery's
+//! voltage, e the back EMF and R the winding's resistance,
+//!
+//! ```text
+//! P = |d V (V − e) / R|,
+//! ```
+//!
+//! so that the battery delivers I = |d| (V − e)/R to each of them and sags under it:
+//! V = V₀ − r ΣI − (what has been drained), solved for V, as it is linear in it.
+
+use super::constants::Constants;
+use super::gait::{Gait, Side};
+use shell_data::random::Stream;
+
+/// Full duty, counts.
+const FULL_DUTY: f64 = 4096.0;
+/// The controller never asks for more, counts.
+const DUTY_LIMIT: f64 = 3000.0;
+/// Mean duty and its scatter from row to row, counts: the real log has 1,560 ± 1,040.
+const DUTY: [f64; 2] = [1550.0, 700.0];
+/// Duty that goes with the load of the feet, twice a turn, counts.
+const FEET_DUTY: f64 = 500.0;
+/// Back EMF at the legs' speed, V·s/rad: the real log has 157 counts, 1.59 V, at 13 turns a second.
+const BACK_EMF_V_S: f64 = 1.59 / (std::f64::consts::TAU * 13.0);
+/// Open-circuit voltage of the battery, V: 882 counts in the real log before the motors start.
+const OPEN_V: f64 = 3.899;
+/// Its internal resistance, Ω: it sags by 0.14 V under 0.45 A.
+const INTERNAL_OHM: f64 = 0.31;
+/// What a second of running drains, V.
+const DRAIN_V_S: f64 = 0.002;
+
+/// Duty of both motors, row by row, and what follows from it.
+#[derive(Clone, Debug)]
+pub(super) struct Drive {
+    resistance_ohm: f64,
+    start_s: f64,
+    duty: [Vec<f64>; 2],
+}
+
+impl Drive {
+    /// The controller's duty at each of the times.
+    pub(super) fn new(
+        constants: &Constants,
+        gait: &Gait,
+        start_s: f64,
+        times_s: &[f64],
+        random: &mut Stream,
+    ) -> Self {
+        let duty = Side::BOTH.map(|side| {
+            let at = |&time_s: &f64| {
+                let scatter = random.normal();
+                if time_s < start_s {
+                    return 0.0;
+                }
+                if gait.is_stalled(time_s) {
+                    return DUTY_LIMIT;
+                }
+                let feet = libm::sin(2.0 * gait.angle_rad(side, time_s));
+                let duty = DUTY[0] + DUTY[1] * scatter + FEET_DUTY * feet;
+                duty.clamp(-DUTY_LIMIT, DUTY_LIMIT).round()
+            };
+            times_s.iter().map(at).collect()
+        });
+        Self { resistance_ohm: constants.motor_resistance_ohm, start_s, duty }
+    }
+
+    /// Duty of a motor from row `row` on, counts.
+    pub(super) fn duty(&self, side: Side, row: usize) -> f64 {
+        self.duty[side as usize][row]
+    }
+
+    /// Back EMF of a motor, V.
+    pub(super) fn back_emf_v(gait: &Gait, side: Side, time_s: f64) -> f64 {
+        BACK_EMF_V_S * gait.speed_rad_s(side, time_s)
+    }
+
+    /// The battery's voltage at `time_s`, with the duty of row `row`, V.
+    pub(super) fn battery_v(&self, gait: &Gait, row: usize, time_s: f64) -> f64 {
+        let drained_v = DRAIN_V_S * (time_s - self.start_s).max(0.0);
+        // I = |d| (V − e)/R for each, V = V₀ − r ΣI.
+        let (mut conductance, mut from_emf) = (0.0, 0.0);
+        for side in Side::BOTH {
+            let share = self.duty(side, row).abs() / FULL_DUTY / self.resistance_ohm;
+            conductance += share;
+            from_emf += share * Self::back_emf_v(gait, side, time_s);
+        }
+        (OPEN_V - drained_v + INTERNAL_OHM * from_emf) / (1.0 + INTERNAL_OHM * conductance)
+    }
+
+    /// Electrical power of both motors, W.
+    pub(super) fn power_w(&self, gait: &Gait, row: usize, time_s: f64) -> f64 {
+        let battery_v = self.battery_v(gait, row, time_s);
+        let of = |side| {
+            let overhead_v = battery_v - Self::back_emf_v(gait, side, time_s);
+            (self.duty(side, row) / FULL_DUTY * battery_v * overhead_v / self.resistance_ohm).abs()
+        };
+        Side::BOTH.into_iter().map(of).sum()
+    }
+}
+
+/// Mean power of both motors at a stride frequency, W, to some percent: it decides how fast the
+/// robot is, not what a trial is measured against.
+pub(super) fn usual_power_w(constants: &Constants, stride_hz: f64) -> f64 {
+    let battery_v = 3.76;
+    let emf_v = BACK_EMF_V_S * std::f64::consts::TAU * stride_hz;
+    // Duty below zero counts as power too, and there is a limit: 1,560 counts come out of 1,550.
+    2.0 * 1560.0 / FULL_DUTY * battery_v * (battery_v - emf_v).abs()
+        / constants.motor_resistance_ohm
+}

@@ -1,0 +1,291 @@
+//! A robot with the shell on its back runs through a channel: what its telemetry would be, and the
+//! truth of every result.
+//!
+//! ```text
+//! Gait ── leg angles ──► encoder counts          Truth: integrals of the same functions,
+//!  │  ╲── speeds ──► Drive: duty, back EMF,             never of what was sampled
+//!  │                 battery ──► counts
+//!  ╰─► Contact: drag, lift, shaking ── wrench ──► SensorModel (100 Hz) ──► readings
+//! ```
+//!
+//! [`VirtualTrial`] is one trial, a function of its settings and seeds to the last bit. Rows come at
+//! 1 kHz of the robot's clock, as integers in the columns of the lab's telemetry ([`TelemetryRow`]); readings
+//! are fresh at 100 Hz and stand in between.
+//!
+//! The robot stands, starts, gets into the channel and out of it. The window of the trial is from
+//! first to last contact with the beams, in which the robot covers the length of the channel:
+//! v̄ = l/(t_exit − t_enter). That speed is what the condition's specific resistance leaves it on the
+//! usual power of its motors, v̄ = P/(m g η), with a scatter of 3 % from trial to trial.
+//!
+//! Left out: the dynamics of the body. Angular rates and accelerations are there as columns, and
+//! are oscillations at stride frequency with noise, no more.
+
+mod channel;
+mod constants;
+mod drive;
+mod gait;
+mod telemetry;
+mod truth;
+
+pub use channel::ChannelForces;
+pub use constants::Constants;
+pub use gait::{Gait, Side};
+pub use telemetry::{COLUMNS, TELEMETRY_COLUMNS, TelemetryRow};
+pub use truth::{StrideTruth, Truth};
+
+use crate::sensor_model::{ModelError, Parameters, SensorModel, SimulatedFrame};
+use channel::Contact;
+use drive::Drive;
+use shell_data::random::{Purpose, Stream};
+use shell_data::wrench::PerAxis;
+
+/// Rows of the telemetry come this often, s: 1 kHz, as in the real log.
+const ROW_S: f64 = 1001e-6;
+/// First time stamp, s.
+const FIRST_S: f64 = 302e-6;
+/// Frames of the sensor come this often, s.
+const FRAME_S: f64 = 0.01;
+/// From the start of the legs to the channel, and from the channel to the end of the log, s.
+const APPROACH_S: [f64; 2] = [1.0, 1.3];
+const AFTERWARDS_S: f64 = 0.8;
+/// How long a stall lasts, s.
+const STALL_S: f64 = 0.4;
+
+/// How a trial is made.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct TrialSettings {
+    /// Names the trial: its noise, light, warmth, phases and scatter.
+    pub seed: u64,
+    /// Names the instrument.
+    pub unit_seed: u64,
+    /// What the robot runs through.
+    pub condition: ChannelForces,
+    /// Strides per second.
+    pub stride_hz: f64,
+    /// How long the robot stands before it starts, s.
+    pub lead_in_s: f64,
+    /// Factor on the noise of readings and telemetry.
+    pub noise_scale: f64,
+    /// Noise of the encoders, counts (standard deviation).
+    pub encoder_noise: f64,
+    /// How the encoders count.
+    pub counter: Counter,
+    /// Share of the rows that are missing.
+    pub missing: f64,
+    /// Whether the legs stall in the channel.
+    pub stall: bool,
+    /// Whether the right encoder counts down.
+    pub reversed: bool,
+    /// Springs without creep and hysteresis.
+    pub elastic: bool,
+}
+
+impl TrialSettings {
+    /// Noise of the readings at which the zero-load noise is that of the paper: 0.037 N, the root
+    /// mean square of its 0.040, 0.015 and 0.048 N, where the sensor model has 0.0214 N at 1.
+    pub const PAPER_NOISE: f64 = 1.7;
+
+    /// The trial of a condition as the lab records it: 13 strides a second, no mishaps.
+    pub fn new(condition: ChannelForces, seed: u64) -> Self {
+        Self {
+            seed,
+            unit_seed: 1,
+            condition,
+            stride_hz: 13.0,
+            lead_in_s: 1.0,
+            noise_scale: Self::PAPER_NOISE,
+            encoder_noise: 4.0,
+            counter: Counter::Long,
+            missing: 0.0,
+            stall: false,
+            reversed: false,
+            elastic: false,
+        }
+    }
+}
+
+/// How an encoder's count goes on from turn to turn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Counter {
+    /// In 32 bits with a sign, from somewhere in the middle: the lab's format.
+    Long,
+    /// The same, from two seconds of running before the largest of them: it wraps round.
+    LongWrapping,
+    /// From 0 to 65,535 in each turn.
+    Turn,
+}
+
+/// Settings that make no trial.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum TrialSettingsError {
+    /// Too slow to get through, or too fast for the telemetry.
+    #[error("{stride_hz} strides per second, where 0.2 to 50 can be made")]
+    StrideFrequency {
+        /// What was asked for.
+        stride_hz: f64,
+    },
+    /// The robot has to stand for a while, and not for ever.
+    #[error("a lead-in of {lead_in_s} s, where 0 to 3600 s can be made")]
+    LeadIn {
+        /// What was asked for.
+        lead_in_s: f64,
+    },
+    /// Noise cannot be negative or infinite.
+    #[error("encoder noise of {counts} counts, where 0 to 1000 can be made")]
+    EncoderNoise {
+        /// What was asked for.
+        counts: f64,
+    },
+    /// Forces and a specific resistance that no trial has.
+    #[error(
+        "drag {drag_n} N, lift {lift_n} N and specific resistance {specific_resistance}, where forces \
+         up to 10 N and a resistance from 1 to 1000 can be made"
+    )]
+    Condition {
+        /// Drag asked for, N.
+        drag_n: f64,
+        /// Lift asked for, N.
+        lift_n: f64,
+        /// Specific resistance asked for.
+        specific_resistance: f64,
+    },
+    /// The sensor cannot be modelled.
+    #[error(transparent)]
+    Sensor(#[from] ModelError),
+}
+
+/// One trial: functions of time on the robot's clock, and the rows of its telemetry.
+#[derive(Clone, Debug)]
+pub struct VirtualTrial {
+    settings: TrialSettings,
+    constants: Constants,
+    gait: Gait,
+    contact: Contact,
+    drive: Drive,
+    window_s: [f64; 2],
+    times_s: Vec<f64>,
+    first_count: i64,
+    /// When the sensor's first frame comes, s.
+    frame_delay_s: f64,
+}
+
+impl VirtualTrial {
+    /// Sets a trial up.
+    ///
+    /// # Errors
+    /// [`TrialSettingsError`] if the settings make none.
+    pub fn new(settings: TrialSettings) -> Result<Self, TrialSettingsError> {
+        check(&settings)?;
+        let constants = Constants::VELOCIROACH;
+        let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
+        let mut random = Stream::new(seed, Purpose::Trial, 0);
+        let usual_w = drive::usual_power_w(&constants, stride_hz);
+        let usual_m_s = usual_w / (constants.weight_n() * condition.specific_resistance);
+        let velocity_m_s = usual_m_s * (1.0 + 0.03 * random.normal().clamp(-3.0, 3.0));
+        // On the robot's clock, which counts whole µs.
+        let to_us = |time_s: f64| (time_s * 1e6).round() / 1e6;
+        let enter_s = to_us(lead_in_s + random.between(APPROACH_S[0], APPROACH_S[1]));
+        let exit_s = to_us(enter_s + constants.channel_m / velocity_m_s);
+        let window_s = [enter_s, exit_s];
+        let stall_at = enter_s + random.between(0.3, 0.6) * (exit_s - enter_s);
+        let stall_s = settings.stall.then_some([stall_at, stall_at + STALL_S]);
+        let gait = Gait::new(stride_hz, lead_in_s, stall_s, &mut random);
+        let entering = constants.robot_m / (constants.robot_m + constants.channel_m);
+        let contact = Contact::new(condition, window_s, entering, velocity_m_s, &mut random);
+        let rows = ((exit_s + AFTERWARDS_S - FIRST_S) / ROW_S).ceil() as u64;
+        let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
+        let mut controller = Stream::new(seed, Purpose::Controller, 0);
+        let drive = Drive::new(&constants, &gait, lead_in_s, &times_s, &mut controller);
+        // Whole turns: the encoder's zero is a place on the leg. Two seconds of running, about.
+        let span = constants::TURN * (2.0 * stride_hz) as i64;
+        let first_count = match settings.counter {
+            Counter::Long => 762 * constants::TURN,
+            Counter::LongWrapping if settings.reversed => i64::from(i32::MIN) + span,
+            Counter::LongWrapping => -i64::from(i32::MIN) - span,
+            Counter::Turn => 0,
+        };
+        let frame_delay_s = random.between(0.0, FRAME_S);
+        Ok(Self {
+            settings,
+            constants,
+            gait,
+            contact,
+            drive,
+            window_s,
+            times_s,
+            first_count,
+            frame_delay_s,
+        })
+    }
+
+    /// How it was made.
+    pub fn settings(&self) -> &TrialSettings {
+        &self.settings
+    }
+
+    /// First and last contact with the beams, s on the robot's clock.
+    pub fn window_s(&self) -> [f64; 2] {
+        self.window_s
+    }
+
+    /// How the legs move.
+    pub fn gait(&self) -> &Gait {
+        &self.gait
+    }
+
+    /// Times of the rows, s, also of those that go missing.
+    pub fn times_s(&self) -> &[f64] {
+        &self.times_s
+    }
+
+    /// The wrench on the shell at `time_s`, N and N·m.
+    pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
+        let leg_rad = self.gait.angle_rad(Side::Right, time_s);
+        self.contact.wrench_at(time_s, leg_rad, self.gait.share(time_s))
+    }
+
+    /// The sensor's frames with their times, s on the robot's clock.
+    ///
+    /// # Errors
+    /// [`ModelError`] if the sensor cannot be modelled.
+    pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, ModelError> {
+        let mut unit = Parameters::nominal().unit(self.settings.unit_seed);
+        unit.scale_noise(self.settings.noise_scale);
+        if self.settings.elastic {
+            unit.make_elastic();
+        }
+        let mut sensor = SensorModel::new(&unit, self.settings.seed)?;
+        let end_s = self.times_s[self.times_s.len() - 1];
+        let frames = ((end_s - self.frame_delay_s) / FRAME_S) as u64 + 1;
+        Ok((0..frames).map(move |frame| {
+            let time_s = self.frame_delay_s + frame as f64 * FRAME_S;
+            (time_s, sensor.sample(time_s, &self.wrench_at(time_s)))
+        }))
+    }
+}
+
+fn check(settings: &TrialSettings) -> Result<(), TrialSettingsError> {
+    let TrialSettings { condition, stride_hz, lead_in_s, noise_scale, missing, .. } = *settings;
+    if !(0.2..=50.0).contains(&stride_hz) {
+        return Err(TrialSettingsError::StrideFrequency { stride_hz });
+    }
+    if !(0.0..=3600.0).contains(&lead_in_s) {
+        return Err(TrialSettingsError::LeadIn { lead_in_s });
+    }
+    if !(0.0..=1000.0).contains(&settings.encoder_noise) {
+        return Err(TrialSettingsError::EncoderNoise { counts: settings.encoder_noise });
+    }
+    if !(noise_scale.is_finite() && noise_scale >= 0.0) {
+        return Err(ModelError::NoiseScale { factor: noise_scale }.into());
+    }
+    if !(0.0..1.0).contains(&missing) {
+        return Err(ModelError::Loss { share: missing }.into());
+    }
+    let ChannelForces { drag_n, lift_n, specific_resistance, .. } = condition;
+    let forces_fit = drag_n.abs() <= 10.0 && lift_n.abs() <= 10.0;
+    if !(forces_fit && (1.0..=1000.0).contains(&specific_resistance)) {
+        return Err(TrialSettingsError::Condition { drag_n, lift_n, specific_resistance });
+    }
+    Ok(())
+}

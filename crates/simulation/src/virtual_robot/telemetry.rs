@@ -1,0 +1,139 @@
+//! What the robot writes down: integers, in the columns of the lab's telemetry.
+
+use super::constants::{GRAVITY, RAD_PER_COUNT, TURN};
+use super::drive::Drive;
+use super::{Counter, Side, VirtualTrial};
+use crate::sensor_model::ModelError;
+use shell_data::random::{Purpose, Stream};
+
+/// The columns, as the lab names them.
+pub const COLUMNS: [&str; 24] = [
+    "time",
+    "Right Leg Pos",
+    "Left Leg Pos",
+    "Commanded Right Leg Pos",
+    "Commanded Left Leg Pos",
+    "DCR",
+    "DCL",
+    "GyroX",
+    "GyroY",
+    "GyroZ",
+    "AX",
+    "AY",
+    "AZ",
+    "RBEMF",
+    "LBEMF",
+    "VBatt",
+    "S1",
+    "S2",
+    "S3",
+    "S4",
+    "S5",
+    "S6",
+    "S7",
+    "S8",
+];
+
+/// How many of them are not the sensor's.
+pub const TELEMETRY_COLUMNS: usize = 16;
+
+/// One row of telemetry, in the order of [`COLUMNS`].
+pub type TelemetryRow = [i64; COLUMNS.len()];
+
+/// The encoders have 14 bits; their counts are shown as sixteen.
+const ENCODER_STEP: f64 = 4.0;
+/// Noise of back EMF and battery, counts (standard deviations): as the real log scatters.
+const BACK_EMF_NOISE: f64 = 12.0;
+const BATTERY_NOISE: f64 = 3.0;
+/// Angular rate, °/s, and acceleration, m/s², of the body: their size at stride frequency and
+/// their noise, to the order of the real log.
+const GYRO_DEG_S: [f64; 2] = [100.0, 60.0];
+const ACCELERATION_M_S2: [f64; 2] = [4.0, 5.0];
+
+impl VirtualTrial {
+    /// The rows of the log, those that go missing left out.
+    ///
+    /// # Errors
+    /// [`ModelError`] if the sensor cannot be modelled.
+    pub fn rows(&self) -> Result<impl Iterator<Item = TelemetryRow>, ModelError> {
+        let seed = self.settings.seed;
+        let mut noise = Stream::new(seed, Purpose::Telemetry, 0);
+        let mut losses = Stream::new(seed, Purpose::Losses, 0);
+        let mut frames = self.frames()?.peekable();
+        // Before its first frame the sensor shows what it had before: the same, but for noise.
+        let mut readings = frames.peek().map(|(_, frame)| frame.readings).unwrap_or_default();
+        Ok(self.times_s.iter().enumerate().filter_map(move |(row, &time_s)| {
+            while let Some((_, frame)) = frames.next_if(|&(at_s, _)| at_s <= time_s) {
+                readings = frame.readings;
+            }
+            let mut values = [0; COLUMNS.len()];
+            self.write_telemetry(row, time_s, &mut noise, &mut values);
+            for (value, reading) in values[TELEMETRY_COLUMNS..].iter_mut().zip(readings) {
+                *value = i64::from(reading);
+            }
+            (losses.uniform() >= self.settings.missing).then_some(values)
+        }))
+    }
+
+    fn write_telemetry(
+        &self,
+        row: usize,
+        time_s: f64,
+        noise: &mut Stream,
+        values: &mut TelemetryRow,
+    ) {
+        let scale = self.settings.noise_scale;
+        let (gait, drive) = (&self.gait, &self.drive);
+        let counts = |value: f64| value.round() as i64;
+        values[0] = counts(1e6 * time_s);
+        for (i, side) in Side::BOTH.into_iter().enumerate() {
+            let angle = gait.angle_rad(side, time_s) / RAD_PER_COUNT;
+            let read = angle + self.settings.encoder_noise * noise.normal();
+            values[1 + i] = self.count(side, ENCODER_STEP * (read / ENCODER_STEP).round());
+            values[3 + i] = self.count(side, gait.commanded_rad(side, time_s) / RAD_PER_COUNT);
+            values[5 + i] = counts(drive.duty(side, row));
+            let emf = Drive::back_emf_v(gait, side, time_s) * 1024.0 / 3.3 * 15.0 / 47.0;
+            values[13 + i] = counts(emf + scale * BACK_EMF_NOISE / 1.7 * noise.normal());
+        }
+        let leg = gait.angle_rad(Side::Right, time_s);
+        let running = gait.share(time_s);
+        for axis in 0..3 {
+            let phase = libm::sin(leg + axis as f64);
+            let [size, scatter] = GYRO_DEG_S;
+            let rate = running * (size * phase + scale * scatter * noise.normal());
+            values[7 + axis] = counts(16.384 * rate);
+            let [size, scatter] = ACCELERATION_M_S2;
+            let shaken = running * (size * phase + scale * scatter * noise.normal());
+            let upward = if axis == 2 { GRAVITY } else { 0.0 };
+            values[10 + axis] = counts(4096.0 / 9.81 * (upward + shaken));
+        }
+        let battery = drive.battery_v(gait, row, time_s) * 1023.0 / 3.3 * 2.7 / 3.7;
+        values[15] = counts(battery + scale * BATTERY_NOISE / 1.7 * noise.normal());
+    }
+
+    /// An angle in counts as the encoder shows it.
+    fn count(&self, side: Side, angle: f64) -> i64 {
+        let backwards = self.settings.reversed && side == Side::Right;
+        let turned = if backwards { -angle } else { angle }.round() as i64;
+        let count = self.first_count + turned;
+        match self.settings.counter {
+            Counter::Long | Counter::LongWrapping => i64::from(count as i32),
+            Counter::Turn => count.rem_euclid(TURN),
+        }
+    }
+
+    /// When the right encoder's count, without noise, passes whole turns, s, in order.
+    pub fn turns_s(&self) -> Vec<f64> {
+        let end_s = self.times_s[self.times_s.len() - 1];
+        let first = self.first_count;
+        // Distance to the next whole turn in the direction of counting, in counts of the angle.
+        let offset = if self.settings.reversed { first } else { -first }.rem_euclid(TURN);
+        let angle = |turn: i64| (offset + turn * TURN) as f64 * RAD_PER_COUNT;
+        let turn_of = |time_s: f64| {
+            let counts = self.gait.angle_rad(Side::Right, time_s) / RAD_PER_COUNT;
+            (counts - offset as f64) / TURN as f64
+        };
+        let turns = turn_of(0.0).floor() as i64..=turn_of(end_s).ceil() as i64;
+        turns.filter_map(|turn| self.gait.time_of(Side::Right, angle(turn), end_s)).collect()
+    }
+}

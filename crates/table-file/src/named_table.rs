@@ -1,0 +1,165 @@
+//! Tables of results, and their bytes as CSV and Parquet.
+//!
+//! Numbers in CSV have the fewest digits that read back as the same number; missing values are
+//! empty, and null in Parquet.
+
+use std::io;
+
+use crate::write::{Cells, parquet_file};
+
+/// Columns of one length, each with a name that carries its unit.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    columns: Vec<(String, Column)>,
+}
+
+/// A column.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Column {
+    /// Names and remarks.
+    Text(Vec<String>),
+    /// Numbers, some of which may be missing.
+    Number(Vec<Option<f64>>),
+    /// Numbers that are all there.
+    Full(Vec<f64>),
+    /// Counts, some of which may be missing.
+    Count(Vec<Option<u64>>),
+}
+
+impl Column {
+    fn len(&self) -> usize {
+        match self {
+            Self::Text(values) => values.len(),
+            Self::Number(values) => values.len(),
+            Self::Full(values) => values.len(),
+            Self::Count(values) => values.len(),
+        }
+    }
+
+    fn cells(&self) -> Cells<'_> {
+        match self {
+            Self::Text(values) => Cells::Texts(values),
+            Self::Number(values) => Cells::OptionalNumbers(values),
+            Self::Full(values) => Cells::Numbers(values),
+            Self::Count(values) => Cells::OptionalCounts(values),
+        }
+    }
+}
+
+impl Table {
+    /// A table of these columns.
+    ///
+    /// # Panics
+    /// If they differ in length.
+    pub fn new<'a>(columns: impl IntoIterator<Item = (&'a str, Column)>) -> Self {
+        let named = |(name, column): (&str, Column)| (name.to_owned(), column);
+        let columns: Vec<_> = columns.into_iter().map(named).collect();
+        let table = Self { columns };
+        assert!(table.columns.iter().all(|(_, column)| column.len() == table.rows()), "one length");
+        table
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |(_, column)| column.len())
+    }
+
+    /// The table as CSV, with a line of names.
+    pub fn to_csv(&self) -> Vec<u8> {
+        let mut text = Vec::with_capacity(20 * self.columns.len() * (1 + self.rows()));
+        let names = self.columns.iter().map(|(name, _)| name.as_str());
+        text.extend_from_slice(names.collect::<Vec<_>>().join(",").as_bytes());
+        text.push(b'\n');
+        let mut digits = zmij::Buffer::new();
+        for row in 0..self.rows() {
+            for (place, (_, column)) in self.columns.iter().enumerate() {
+                if place > 0 {
+                    text.push(b',');
+                }
+                match column {
+                    Column::Text(values) => write_text(&values[row], &mut text),
+                    Column::Full(values) => {
+                        text.extend_from_slice(digits.format(values[row]).as_bytes());
+                    }
+                    Column::Number(values) => {
+                        let value = values[row].map(|value| digits.format(value));
+                        text.extend_from_slice(value.unwrap_or_default().as_bytes());
+                    }
+                    Column::Count(values) => {
+                        let value = values[row].map(|value| value.to_string());
+                        text.extend_from_slice(value.unwrap_or_default().as_bytes());
+                    }
+                }
+            }
+            text.push(b'\n');
+        }
+        text
+    }
+
+    /// The table as a Parquet file.
+    ///
+    /// # Errors
+    /// What [`parquet_file`] says.
+    pub fn to_parquet(&self) -> io::Result<Vec<u8>> {
+        let columns = self.columns.iter().map(|(name, column)| (name.as_str(), column.cells()));
+        parquet_file(&columns.collect::<Vec<_>>())
+    }
+}
+
+/// A field, in quotes where it has to be (RFC 4180).
+pub fn write_text(value: &str, text: &mut Vec<u8>) {
+    if value.contains([',', '"', '\n', '\r']) {
+        text.push(b'"');
+        text.extend_from_slice(value.replace('"', "\"\"").as_bytes());
+        text.push(b'"');
+    } else {
+        text.extend_from_slice(value.as_bytes());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::FileKind;
+
+    use super::*;
+
+    fn table() -> Table {
+        Table::new([
+            ("file", Column::Text(vec!["a, \"b\"".to_owned(), String::new()])),
+            ("drag_n", Column::Number(vec![Some(0.1), None])),
+            ("t_s", Column::Full(vec![1.0, -1e-300])),
+            ("rows", Column::Count(vec![None, Some(7)])),
+        ])
+    }
+
+    #[test]
+    fn csv_reads_back_as_what_it_was_made_from() {
+        let text = table().to_csv();
+        let mut reader = csv::Reader::from_reader(&*text);
+        assert_eq!(reader.headers().unwrap(), vec!["file", "drag_n", "t_s", "rows"]);
+        let rows: Vec<_> = reader.records().map(Result::unwrap).collect();
+        assert_eq!(rows[0], vec!["a, \"b\"", "0.1", "1.0", ""]);
+        assert_eq!(rows[1], vec!["", "", "-1e-300", "7"]);
+    }
+    #[test]
+    fn parquet_reads_back_as_what_it_was_made_from() {
+        // More rows than there are in a row group.
+        let many = 70_000;
+        let names = (0..many).map(|row| format!("trial {}", row / 1000));
+        let drag = (0..many).map(|row| (row % 3 > 0).then_some(f64::from(row) / 7.0));
+        let long = Table::new([
+            ("file", Column::Text(names.collect())),
+            ("drag_n", Column::Number(drag.collect())),
+        ]);
+        let file = tempfile::NamedTempFile::new().unwrap();
+        for (table, line) in [(table(), 1), (long, 65_537)] {
+            std::fs::write(file.path(), table.to_parquet().unwrap()).unwrap();
+            let read = crate::Table::open(file.path(), FileKind::Parquet, None).unwrap();
+            let text = std::io::read_to_string(read.text().unwrap()).unwrap();
+            // The reader writes whole numbers as such.
+            let expected = String::from_utf8(table.to_csv()).unwrap();
+            let expected = expected.replace(".0,", ",").replace(".0\n", "\n");
+            assert!(text == expected, "{:?}", text.lines().nth(line));
+        }
+    }
+}

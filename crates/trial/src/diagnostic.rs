@@ -1,0 +1,275 @@
+//! What a reader of a trial's results should know about them.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+use super::window::Proposal;
+use forces::RowRule;
+use forces::rests::ZeroMove;
+
+/// How much a diagnostic matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// How the log was recorded.
+    Note,
+    /// The results may be worse than they look.
+    Warning,
+}
+
+/// Something that a reader of a trial's results should know.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Diagnostic {
+    /// Rows that repeat the frame before: telemetry runs faster than the sensor.
+    RepeatedRows {
+        /// Rows within the window.
+        rows: u64,
+        /// Those that bring no new frame.
+        repeated: u64,
+    },
+    /// Rows that never arrived, in the window.
+    MissingRows {
+        /// About how many.
+        missing: u64,
+        /// How many there would be.
+        expected: u64,
+        /// What a row stands for.
+        rule: RowRule,
+    },
+    /// Without sensors: no forces, no drag energy.
+    NoSensors,
+    /// Without a calibration: no forces, no drag energy.
+    NoCalibration,
+    /// Without these columns of telemetry: no electrical energy, no specific resistance.
+    NoPower {
+        /// What is not there.
+        missing: Vec<&'static str>,
+    },
+    /// The battery reads zero (or less) in some rows of the window: no electrical energy.
+    NoBattery {
+        /// How many.
+        rows: u64,
+        /// Of how many.
+        of: u64,
+    },
+    /// The battery reads what no battery of a robot gives: its unit is another than the profile says.
+    BatteryUnit {
+        /// The median in the window, as the log has it.
+        reads: f64,
+        /// What the profile takes that for, V.
+        battery_v: f64,
+    },
+    /// A column of power or current, whose unit the profile does not give.
+    NoUnit {
+        /// What it is called.
+        column: &'static str,
+        /// Its key in a profile.
+        key: &'static str,
+    },
+    /// Without the right leg's position: no strides.
+    NoLeg,
+    /// The right leg does not complete a turn in the window.
+    NoStride,
+    /// The right leg stood still for longer than two strides take.
+    StalledLeg {
+        /// The longest time that the leg stood still, s.
+        longest_s: f64,
+    },
+    /// Frames with a reading outside the range of the training data.
+    OutOfRange {
+        /// How many in the window.
+        frames: u64,
+        /// Of how many.
+        of: u64,
+    },
+    /// Frames with a reading at an end of the converter.
+    Saturated {
+        /// How many in the window.
+        frames: u64,
+        /// Of how many.
+        of: u64,
+    },
+    /// The right leg moved while the tare was taken: the shell was hardly at rest.
+    MovingTare {
+        /// By how much, rad.
+        turned_rad: f64,
+        /// When the tare ended, s.
+        end_s: f64,
+    },
+    /// The tare ends after the robot has entered the channel.
+    LateTare {
+        /// When the tare ended, s.
+        end_s: f64,
+    },
+    /// The zero at the end of the log is not that of the tare.
+    MovedZero {
+        /// By how much, in words.
+        text: String,
+    },
+    /// The calibration carries no covariance: no intervals.
+    NoIntervals,
+    /// The rate of the log is too low for the usual low-pass: forces are not filtered.
+    Unfiltered {
+        /// The cutoff, Hz.
+        cutoff_hz: f64,
+    },
+    /// Rows that could not be read and were left out.
+    SkippedRows {
+        /// How many in the log.
+        rows: u64,
+    },
+    /// The window was found in the forces.
+    FoundWindow {
+        /// Share of the slow variation of the drag that one passage through a channel explains, 0 to 1.
+        confidence: f64,
+        /// Standard error of entry and exit, s.
+        se_s: (f64, f64),
+        /// Whether it can be used without a look at it.
+        is_good: bool,
+    },
+    /// Something said by whoever made the manifest.
+    Manifest(String),
+}
+
+impl Diagnostic {
+    /// That the window is `proposal`.
+    pub fn found_window(proposal: &Proposal) -> Self {
+        Self::FoundWindow {
+            confidence: proposal.confidence,
+            se_s: (proposal.t_enter_se_s, proposal.t_exit_se_s),
+            is_good: proposal.is_good(),
+        }
+    }
+
+    /// That the zero has moved, if it has.
+    pub fn moved_zero(zero: ZeroMove) -> Option<Self> {
+        zero.in_words().map(|text| Self::MovedZero { text })
+    }
+
+    /// How much it matters.
+    pub fn severity(&self) -> Severity {
+        match self {
+            Self::RepeatedRows { .. } | Self::NoIntervals | Self::Manifest(_) => Severity::Note,
+            Self::MissingRows { missing, expected, .. } if missing * 100 < *expected => {
+                Severity::Note
+            }
+            Self::FoundWindow { is_good: true, .. } => Severity::Note,
+            _ => Severity::Warning,
+        }
+    }
+
+    /// A short name for scripts.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::RepeatedRows { .. } => "repeated_rows",
+            Self::MissingRows { .. } => "missing_rows",
+            Self::NoSensors => "no_sensors",
+            Self::NoCalibration => "no_calibration",
+            Self::NoPower { .. } => "no_power",
+            Self::NoBattery { .. } => "no_battery",
+            Self::BatteryUnit { .. } => "battery_unit",
+            Self::NoUnit { .. } => "no_unit",
+            Self::NoLeg => "no_leg",
+            Self::NoStride => "no_stride",
+            Self::StalledLeg { .. } => "stalled_leg",
+            Self::OutOfRange { .. } => "out_of_range",
+            Self::Saturated { .. } => "saturated",
+            Self::MovingTare { .. } => "moving_tare",
+            Self::LateTare { .. } => "late_tare",
+            Self::MovedZero { .. } => "moved_zero",
+            Self::NoIntervals => "no_intervals",
+            Self::Unfiltered { .. } => "unfiltered",
+            Self::SkippedRows { .. } => "skipped_rows",
+            Self::FoundWindow { .. } => "found_window",
+            Self::Manifest(_) => "manifest",
+        }
+    }
+}
+
+impl fmt::Display for Diagnostic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const NO_FORCES: &str = "forces and drag energy are left out";
+        const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
+        match self {
+            Self::RepeatedRows { rows, repeated } => write!(
+                f,
+                "{repeated} of {rows} rows repeat the frame before; a repeat is no new frame"
+            ),
+            Self::MissingRows { missing, expected, rule } => write!(
+                f,
+                "about {missing} of {expected} rows are missing; {}",
+                match rule {
+                    RowRule::Time => "all is computed by time, not by row",
+                    RowRule::Rows => "by row, the filter takes no notice of that",
+                }
+            ),
+            Self::NoSensors => write!(f, "the log has no sensor columns: {NO_FORCES}"),
+            Self::NoCalibration => write!(f, "no calibration was given: {NO_FORCES}"),
+            Self::NoPower { missing } => {
+                write!(f, "the log has no {}: {NO_ENERGY}", missing.join(", no "))
+            }
+            Self::NoBattery { rows, of } => {
+                write!(f, "the battery reads no voltage in {rows} of {of} rows: {NO_ENERGY}")
+            }
+            Self::BatteryUnit { reads, battery_v } => write!(
+                f,
+                "the battery reads {reads} in the log, which the profile takes for {battery_v:.3} V: are these \
+                 volts? then give the profile `battery = {{ unit = \"V\" }}` under `[columns]`; {NO_ENERGY}"
+            ),
+            Self::NoUnit { column, key } => write!(
+                f,
+                "the log has {column}, whose unit is not known: give the profile `{key} = {{ unit = … }}` \
+                 under `[columns]`; {NO_ENERGY}"
+            ),
+            Self::NoLeg => write!(f, "the log has no right leg position: strides are left out"),
+            Self::NoStride => write!(f, "the right leg does not complete a turn in the window"),
+            Self::StalledLeg { longest_s } => {
+                write!(f, "the right leg stands still for {longest_s:.3} s")
+            }
+            Self::OutOfRange { frames, of } => write!(
+                f,
+                "{frames} of {of} frames have a reading outside the range of the training data"
+            ),
+            Self::Saturated { frames, of } => {
+                write!(f, "{frames} of {of} frames have a saturated reading")
+            }
+            Self::MovingTare { turned_rad, end_s } => write!(
+                f,
+                "the right leg turns by {turned_rad:.1} rad while the tare is taken, up to {end_s:.3} s"
+            ),
+            Self::LateTare { end_s } => {
+                write!(f, "the tare ends at {end_s:.3} s, after the robot has entered the channel")
+            }
+            Self::MovedZero { text } => f.write_str(text),
+            Self::NoIntervals => {
+                write!(f, "the calibration carries no covariance: intervals are left out")
+            }
+            Self::Unfiltered { cutoff_hz } => write!(
+                f,
+                "the log's rate is too low for a low-pass of {cutoff_hz} Hz: forces are not filtered"
+            ),
+            Self::SkippedRows { rows } => write!(f, "{rows} bad rows are left out"),
+            Self::FoundWindow { confidence, se_s: (enter, exit), .. } => write!(
+                f,
+                "the window was found in the drag: confidence {:.0} %, entry ± {enter:.3} s, exit ± \
+                 {exit:.3} s",
+                100.0 * confidence
+            ),
+            Self::Manifest(text) => f.write_str(text),
+        }
+    }
+}
+
+impl Serialize for Diagnostic {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Document<'a> {
+            severity: Severity,
+            code: &'a str,
+            text: String,
+        }
+        Document { severity: self.severity(), code: self.code(), text: self.to_string() }
+            .serialize(serializer)
+    }
+}

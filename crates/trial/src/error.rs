@@ -1,0 +1,102 @@
+//! Why a trial cannot be evaluated.
+
+use shell_data::wrench::Axes;
+
+/// The fewest periods of a log in a window.
+pub(super) const FEWEST_PERIODS: f64 = 10.0;
+
+/// A trial that cannot be evaluated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TrialError {
+    /// The calibration does not give the axes that results are made of.
+    #[error("drag and lift are made of Fx and Fz: the calibration has no {0}")]
+    Axes(Axes),
+    /// The window is not within the log.
+    #[error(
+        "the window from `{enter}` to `{exit}` s is not within the log, which runs from `{first}` to \
+         `{last}` s"
+    )]
+    OutsideLog {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+        /// The log's first row, s.
+        first: f64,
+        /// The log's last row, s.
+        last: f64,
+    },
+    /// No rows where the window begins or ends.
+    #[error("the log has a gap where the window from `{enter}` to `{exit}` s begins or ends")]
+    Gap {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+    },
+    /// The exit is not after the entry.
+    #[error("the exit at `{exit}` s is not after the entry at `{enter}` s")]
+    ExitBeforeEntry {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+    },
+    /// The window is too short for a mean over its rows.
+    #[error(
+        "the window from `{enter}` to `{exit}` s is shorter than {FEWEST_PERIODS} periods of the log, \
+         `{period}` s each"
+    )]
+    Short {
+        /// Entry, s.
+        enter: f64,
+        /// Exit, s.
+        exit: f64,
+        /// The log's period, s.
+        period: f64,
+    },
+    /// A velocity, mass or length that nothing can be computed with.
+    #[error("{what} is `{value}`, expected a positive number")]
+    NotPositive {
+        /// Which.
+        what: &'static str,
+        /// What it is.
+        value: f64,
+    },
+    /// Time runs backwards.
+    #[error("the clock jumps back from `{before}` to `{after}` s at row {row}")]
+    Backward {
+        /// The row that is earlier than the one before, from 1.
+        row: u64,
+        /// Time of the row before, s.
+        before: f64,
+        /// Its own time, s.
+        after: f64,
+    },
+    /// The clock stands still.
+    #[error("the clock does not move on: `{rows}` rows, all at one time")]
+    NoClock {
+        /// Rows in the log.
+        rows: u64,
+    },
+    /// The sensors are not those of the calibration.
+    #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]
+    Channels {
+        /// Channels of the calibration.
+        expected: usize,
+        /// Channels of the log.
+        found: usize,
+    },
+    /// Neither forces nor energies can be computed.
+    #[error("nothing to compute: {0}")]
+    Nothing(String),
+    /// The log gives no forces as asked.
+    #[error(transparent)]
+    Forces(#[from] forces::ForceError),
+    /// A result is not a finite number.
+    #[error("{what} is not finite: readings or telemetry are far outside what they can be")]
+    NotFinite {
+        /// Which.
+        what: &'static str,
+    },
+}

@@ -1,0 +1,56 @@
+//! Trials: drag, lift, energies and specific resistance of a robot in a channel, per trial and per
+//! stride, and their statistics by condition.
+//!
+//! ```text
+//! TrialRows ──► force pipeline ──► forces ─┐
+//!        └──► motor power ─────────────────┼─► evaluate ──► TrialResult ──► statistics
+//!        └──► leg angle ──► strides ───────┘
+//! ```
+//!
+//! [`evaluate()`] takes the rows around a trial's window ([`TrialRows`]) and gives its results;
+//! [`forces::PipelineSetup::needed_s`] says how far around. `docs/trials.md` has the formulas
+//! and definitions, [`forces`] the way from readings to forces.
+
+mod diagnose;
+mod diagnostic;
+mod error;
+mod evaluate;
+mod forces;
+mod input;
+mod integral;
+mod leg;
+pub mod manifest;
+mod options;
+mod phase;
+mod power;
+mod profile;
+mod results;
+mod rows;
+mod signals;
+mod statistics;
+mod subject;
+pub mod tables;
+mod telemetry_column;
+mod toml_place;
+mod trace;
+mod uncertainty;
+mod value_table;
+mod window;
+
+pub use diagnostic::{Diagnostic, Severity};
+pub use error::TrialError;
+pub use evaluate::{check_window, evaluate};
+pub use input::{Instrument, TrialInput};
+pub use options::{TraceExtent, TrialOptions};
+pub use phase::{PHASES, PhaseForce, PhaseProfile};
+pub use power::MEASURED_POWER;
+pub use profile::{Channel, Motor, Profile, Robot, TelemetryScales, VELOCIROACH};
+pub use results::{ConditionRow, Per, Quantity, StrideRow, TrialResult, TrialRow};
+pub use rows::{LogTimes, TrialRows};
+pub use statistics::{Difference, Interval, RESAMPLES, Sample, Statistics};
+pub use subject::Trial;
+pub use telemetry_column::TelemetryColumn;
+pub use toml_place::TomlError;
+pub use trace::Trace;
+pub use value_table::{ValueRow, ValueTable};
+pub use window::{GOOD_CONFIDENCE, NoWindow, Proposal, propose_window};

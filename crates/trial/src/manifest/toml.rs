@@ -1,0 +1,100 @@
+//! Manifests as TOML.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use toml::{Spanned, Value};
+
+use super::entry::{Manifest, ManifestProblem, Place, Placed};
+use super::fields::{Fields, KEYS, did_you_mean};
+use crate::toml_place::{TomlError, parse as parse_toml};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    conditions: Option<Vec<String>>,
+    #[serde(default)]
+    trial: Vec<Spanned<BTreeMap<String, Spanned<Value>>>>,
+}
+
+pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
+    let document: Document = parse_toml(text).map_err(|error| {
+        let place = Place { line: error.line, column: error.column };
+        ManifestProblem { place, message: error.message }
+    })?;
+    let place = |byte: usize| {
+        let TomlError { line, column, .. } = TomlError::at(text, byte, String::new());
+        Place { line, column }
+    };
+    let row = |trial: &Spanned<BTreeMap<String, Spanned<Value>>>| {
+        let at = place(trial.span().start);
+        for (key, value) in trial.get_ref() {
+            let known = KEYS.contains(&key.as_str());
+            let plain =
+                !matches!(value.get_ref(), Value::Datetime(_) | Value::Array(_) | Value::Table(_));
+            if !known || !plain {
+                let hint = did_you_mean(key, KEYS);
+                let message = match known {
+                    true => format!("`{key}` is no single value"),
+                    false => format!("unknown key `{key}`{hint}"),
+                };
+                return Err(ManifestProblem { place: place(value.span().start), message });
+            }
+        }
+        let get = |key: &str| {
+            let value = trial.get_ref().get(key)?;
+            let text = match value.get_ref() {
+                Value::String(text) => text.trim().to_owned(),
+                Value::Integer(number) => number.to_string(),
+                Value::Float(number) => number.to_string(),
+                Value::Boolean(flag) => flag.to_string(),
+                Value::Datetime(_) | Value::Array(_) | Value::Table(_) => return None,
+            };
+            let place = place(value.span().start);
+            (!text.is_empty()).then_some(Placed { value: text, place })
+        };
+        Fields { place: at, get: &get }.entry()
+    };
+    Ok(Manifest { rows: document.trial.iter().map(row).collect(), conditions: document.conditions })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Moment;
+    use super::*;
+
+    #[test]
+    fn trials_are_tables_and_problems_have_places() {
+        let text = r#"
+conditions = ["free", "3"]
+
+[[trial]]
+file = "a.txt"
+condition = 3
+t_enter_s = 1
+t_exit_s = 2.5
+exclude = true
+
+[[trial]]
+file = "b.txt"
+condition = "free"
+t_enter_s = "auto"
+t_exit_s = "soon"
+
+[[trial]]
+file = "b.txt"
+conditon = "free"
+"#;
+        let manifest = Manifest::parse(text, true).unwrap();
+        let first = manifest.rows[0].clone().unwrap();
+        assert_eq!((first.condition.value.as_str(), first.exclude), ("3", true));
+        assert_eq!(first.exit.value, Moment::At(2.5));
+        assert_eq!(first.exit.place, Place { line: 8, column: 12 });
+        let problem = |row: usize| manifest.rows[row].clone().unwrap_err().to_string();
+        assert_eq!(problem(1), "15:12: `t_exit_s` is `soon`, expected a time in s or `auto`");
+        assert_eq!(problem(2), "19:12: unknown key `conditon`, did you mean `condition`?");
+        assert_eq!(manifest.conditions, Some(vec!["free".to_owned(), "3".to_owned()]));
+        let error = Manifest::parse("trials = 3", true).unwrap_err().to_string();
+        assert!(error.starts_with("1:1: unknown field `trials`"), "{error}");
+    }
+}

@@ -1,0 +1,305 @@
+//! Robot profiles: what the counts of a robot's telemetry mean, and what the robot is.
+//!
+//! A profile is a TOML document. [`Profile::velociroach`] is built in; its file says where each
+//! constant comes from. A document with `base = "velociroach"` has only what differs from it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use shell_data::telemetry::Telemetry;
+use toml::Spanned;
+
+use super::telemetry_column::{TelemetryColumn, check_column, key_of};
+use super::toml_place::{TomlError, parse};
+
+/// The built-in profile as a document, to start another from.
+pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
+
+/// A robot and its channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Profile {
+    /// What the robot is called.
+    pub name: String,
+    /// What its telemetry counts mean.
+    pub telemetry: TelemetryScales,
+    /// Columns of telemetry that its logs have by other names, or in units in place of counts.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub columns: BTreeMap<String, TelemetryColumn>,
+    /// Its leg motors.
+    pub motor: Motor,
+    /// Its body.
+    pub robot: Robot,
+    /// What it runs through.
+    pub channel: Channel,
+}
+
+/// The value of one count in each telemetry column.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TelemetryScales {
+    /// Leg position, rad.
+    pub leg_rad_per_count: f64,
+    /// Angular rate, °/s.
+    pub gyro_deg_s_per_count: f64,
+    /// Acceleration, m/s².
+    pub acceleration_m_s2_per_count: f64,
+    /// Back EMF of a motor, V.
+    pub back_emf_v_per_count: f64,
+    /// Battery, V.
+    pub battery_v_per_count: f64,
+    /// The counts of a motor duty of 1.
+    pub duty_counts: f64,
+}
+
+/// A leg motor; the two are alike.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motor {
+    /// Resistance R, Ω.
+    pub resistance_ohm: f64,
+    /// Torque constant Kt, N·m/A.
+    pub torque_constant_nm_per_a: f64,
+}
+
+/// The robot's body.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Robot {
+    /// Mass m, shell included, kg.
+    pub mass_kg: f64,
+    /// Acceleration of free fall g, m/s².
+    pub gravity_m_s2: f64,
+    /// Length, m, if known: figures shade when the robot enters and leaves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub length_m: Option<f64>,
+}
+
+/// The channel of a trial.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channel {
+    /// Its length, m.
+    pub length_m: f64,
+}
+
+impl Profile {
+    /// The robot of the paper.
+    pub fn velociroach() -> Self {
+        Self::parse(VELOCIROACH).expect("the built-in profile is tested")
+    }
+
+    /// Reads a profile.
+    ///
+    /// # Errors
+    /// [`TomlError`] with line and column: no TOML, a key that is missing or unknown, a constant
+    /// that is not a positive number, or a unit that the column cannot have.
+    pub fn parse(text: &str) -> Result<Self, TomlError> {
+        let has_base = parse::<toml::Table>(text)?.contains_key("base");
+        let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
+        for (key, column) in &profile.columns {
+            check_column(key, column)
+                .map_err(|message| TomlError::at_key(text, "columns", key, message))?;
+        }
+        let length = profile.robot.length_m.map(|length| ("robot", "length_m", length));
+        for (table, key, value) in profile.constants().into_iter().chain(length) {
+            if !(value > 0.0 && value.is_finite()) {
+                let message = format!("`{table}.{key}` is `{value}`, expected a positive number");
+                return Err(TomlError::at_key(text, table, key, message));
+            }
+        }
+        Ok(profile)
+    }
+
+    /// What the profile says of a column of telemetry.
+    fn column(&self, kind: Telemetry) -> Option<&TelemetryColumn> {
+        self.columns.get(key_of(kind)?)
+    }
+
+    /// The name that its logs have for a column of telemetry, where the profile gives one.
+    pub fn column_name(&self, kind: Telemetry) -> Option<&str> {
+        self.column(kind)?.name.as_deref()
+    }
+
+    /// How much of the SI unit the unit of a column is, where the profile gives one.
+    pub(super) fn unit(&self, kind: Telemetry) -> Option<f64> {
+        self.column(kind)?.unit_in_si(kind)
+    }
+
+    /// The angle of what a column of a leg's position counts, rad.
+    pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
+        self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
+    }
+
+    /// All constants with their tables and keys.
+    fn constants(&self) -> [(&'static str, &'static str, f64); 11] {
+        let Self { telemetry, motor, robot, channel, .. } = self;
+        [
+            ("telemetry", "leg_rad_per_count", telemetry.leg_rad_per_count),
+            ("telemetry", "gyro_deg_s_per_count", telemetry.gyro_deg_s_per_count),
+            ("telemetry", "acceleration_m_s2_per_count", telemetry.acceleration_m_s2_per_count),
+            ("telemetry", "back_emf_v_per_count", telemetry.back_emf_v_per_count),
+            ("telemetry", "battery_v_per_count", telemetry.battery_v_per_count),
+            ("telemetry", "duty_counts", telemetry.duty_counts),
+            ("motor", "resistance_ohm", motor.resistance_ohm),
+            ("motor", "torque_constant_nm_per_a", motor.torque_constant_nm_per_a),
+            ("robot", "mass_kg", robot.mass_kg),
+            ("robot", "gravity_m_s2", robot.gravity_m_s2),
+            ("channel", "length_m", channel.length_m),
+        ]
+    }
+}
+
+/// A table of constants, with their places.
+type Constants = BTreeMap<Spanned<String>, f64>;
+
+/// A document that has only what differs from a profile that is built in.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Differences {
+    base: Spanned<String>,
+    name: Option<String>,
+    #[serde(default)]
+    columns: BTreeMap<String, TelemetryColumn>,
+    #[serde(default)]
+    telemetry: Constants,
+    #[serde(default)]
+    motor: Constants,
+    #[serde(default)]
+    robot: Constants,
+    #[serde(default)]
+    channel: Constants,
+}
+
+impl Differences {
+    fn parse(text: &str) -> Result<Profile, TomlError> {
+        let Self { base, name, columns, telemetry, motor, robot, channel } = parse(text)?;
+        if base.get_ref() != "velociroach" {
+            let message =
+                format!("no profile `{}` is built in, only `velociroach`", base.get_ref());
+            return Err(TomlError::at(text, base.span().start, message));
+        }
+        let mut document: toml::Table = parse(VELOCIROACH)?;
+        let tables =
+            [("telemetry", telemetry), ("motor", motor), ("robot", robot), ("channel", channel)];
+        for (table, constants) in tables {
+            let Some(toml::Value::Table(of_base)) = document.get_mut(table) else { continue };
+            for (key, value) in constants {
+                let Some(constant) = of_base.get_mut(key.get_ref()) else {
+                    let known: Vec<String> = of_base.keys().map(|key| format!("`{key}`")).collect();
+                    let known = known.join(", ");
+                    let message = format!("unknown field `{}`, expected {known}", key.get_ref());
+                    return Err(TomlError::at(text, key.span().start, message));
+                };
+                *constant = toml::Value::Float(value);
+            }
+        }
+        // Every table and key is one of the base's, and every value a number.
+        let mut profile: Profile = document
+            .try_into()
+            .map_err(|error: toml::de::Error| TomlError::at(text, 0, error.to_string()))?;
+        profile.name = name.unwrap_or(profile.name);
+        profile.columns = columns;
+        Ok(profile)
+    }
+}
+
+impl Motor {
+    /// The electrical power drawn by one motor, W: `|d·V·(V − E)/R|` of duty d, battery V and back
+    /// EMF E.
+    pub fn power_w(&self, duty: f64, battery_v: f64, back_emf_v: f64) -> f64 {
+        (duty * battery_v * (battery_v - back_emf_v) / self.resistance_ohm).abs()
+    }
+
+    /// The torque of one motor, N·m: `d·Kt·(V − E)/R`.
+    pub fn torque_nm(&self, duty: f64, battery_v: f64, back_emf_v: f64) -> f64 {
+        duty * self.torque_constant_nm_per_a * (battery_v - back_emf_v) / self.resistance_ohm
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_built_in_constants_are_the_arithmetic_of_their_sources() {
+        let Profile { telemetry, motor, robot, channel, .. } = Profile::velociroach();
+        let expected = [
+            (telemetry.leg_rad_per_count, 95.8738e-6),
+            (telemetry.gyro_deg_s_per_count, 1.0 / 16.384),
+            (telemetry.acceleration_m_s2_per_count, 1.0 / 4096.0 * 9.81),
+            (telemetry.back_emf_v_per_count, 3.3 / 1024.0 * 47.0 / 15.0),
+            (telemetry.battery_v_per_count, 3.3 / 1023.0 * 3.7 / 2.7),
+            (telemetry.duty_counts, 4096.0),
+            (motor.resistance_ohm, 3.3),
+            (motor.torque_constant_nm_per_a, 1.41e-3),
+            (robot.mass_kg, 0.087),
+            (robot.gravity_m_s2, 9.81),
+            (channel.length_m, 0.28),
+        ];
+        for (found, expected) in expected {
+            // The arithmetic rounds up to four times.
+            assert!((found / expected - 1.0).abs() < 4.0 * f64::EPSILON, "{found} {expected}");
+        }
+        let turn = std::f64::consts::TAU / telemetry.leg_rad_per_count;
+        // Five digits are given.
+        assert!((turn / 65536.0 - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_motor_against_a_worked_example() {
+        let motor = Profile::velociroach().motor;
+        // Half duty at 4 V with 0.7 V of back EMF: 0.5·3.3/3.3 = 0.5 A in the mean.
+        assert!((motor.power_w(-0.5, 4.0, 0.7) - 2.0).abs() < 1e-15);
+        assert!((motor.torque_nm(-0.5, 4.0, 0.7) + 0.705e-3).abs() < 1e-18);
+    }
+
+    #[test]
+    fn a_profile_has_what_differs_from_its_base() {
+        let text = "base = \"velociroach\"\nname = \"tortoise\"\n[robot]\nmass_kg = 2\n\n\
+                    [columns]\nbattery = { name = \"U\", unit = \"mV\" }\n";
+        let profile = Profile::parse(text).unwrap();
+        let velociroach = Profile::velociroach();
+        assert_eq!((profile.name.as_str(), profile.robot.mass_kg), ("tortoise", 2.0));
+        assert_eq!(profile.motor, velociroach.motor);
+        assert_eq!(profile.robot.length_m, velociroach.robot.length_m);
+        assert_eq!(profile.column_name(Telemetry::Battery), Some("U"));
+        assert_eq!(profile.unit(Telemetry::Battery), Some(1e-3));
+        assert_eq!(profile.unit(Telemetry::RightDuty), None);
+        for (old, new, line, message) in [
+            ("velociroach", "ostrich", 1, "no profile `ostrich` is built in"),
+            ("mass_kg", "mass_g", 4, "unknown field `mass_g`, expected"),
+            ("= 2", "= -2", 4, "`robot.mass_kg` is `-2`"),
+            ("= 2", "= \"2\"", 4, "invalid type: string"),
+            ("[robot]", "[body]", 3, "unknown field `body`"),
+            ("\"mV\"", "\"A\"", 7, "`battery` cannot be in `A`, expected `V` or `mV`"),
+            ("battery", "batery", 7, "no column `batery`, expected"),
+            ("name = \"U\", unit", "units", 7, "unknown field `units`"),
+        ] {
+            let error = Profile::parse(&text.replace(old, new)).unwrap_err();
+            assert!(error.message.contains(message), "{error}");
+            assert_eq!(error.line, line, "{error}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_profile_is_told_with_its_place() {
+        let cases = [
+            ("mass_kg = 0.087", "mass_g = 87", "unknown field `mass_g`"),
+            ("mass_kg = 0.087 ", "mass_kg = 0.0 ", "`robot.mass_kg` is `0`"),
+            ("mass_kg = 0.087 ", "mass_kg = nan ", "`robot.mass_kg` is `NaN`"),
+            ("mass_kg = 0.087 ", "mass_kg = \"87 g\" ", "invalid type: string"),
+        ];
+        for (old, new, message) in cases {
+            let error = Profile::parse(&VELOCIROACH.replace(old, new)).unwrap_err();
+            assert!(error.message.contains(message), "{error}");
+            let line =
+                1 + VELOCIROACH.lines().position(|line| line.starts_with("mass_kg")).unwrap();
+            assert_eq!(error.line, line, "{error}");
+        }
+        let error = Profile::parse(&VELOCIROACH.replace("mass_kg", "# ")).unwrap_err();
+        assert!(error.message.contains("missing field `mass_kg`"), "{error}");
+        let error = Profile::parse("name = ").unwrap_err();
+        assert_eq!(error.line, 1);
+    }
+}

@@ -1,0 +1,445 @@
+//! Statistics of a handful of trials, or of their strides.
+//!
+//! - Quartiles interpolate between the two nearest values at rank `(n − 1)·p` (type 7 of Hyndman &
+//!   Fan, Am. Statist. 50, 1996): what NumPy, matplotlib and R do by default.
+//! - Whiskers are Tukey's: the outermost values within 1.5 interquartile ranges of the box; values
+//!   beyond are outliers.
+//! - Intervals are of the mean, by the bootstrap, bias-corrected and accelerated (BCa: Efron, J. Am.
+//!   Statist. Assoc. 82, 1987; Efron & Tibshirani, An Introduction to the Bootstrap, §14.3). The
+//!   bootstrap is too narrow for few trials, so the normal quantile is replaced by
+//!   `√(n/(n − 1))·t` (Hesterberg, Am. Statist. 69, 2015, §4.1).
+//! - Of fewer than eight trials resamples say too little, and the interval is Student's; of fewer than
+//!   five there is none.
+//! - Strides of one trial resemble each other: what is drawn again is whole trials, with all their
+//!   strides (Davison & Hinkley, Bootstrap Methods, §3.8), and the mean is that over strides.
+
+use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, Normal};
+
+use calibration::uncertainty::student_quantile;
+use shell_data::random::{Purpose, Stream};
+
+/// How often a sample is drawn again.
+pub const RESAMPLES: usize = 4000;
+
+/// The share of the truth that intervals are to hold.
+const LEVEL: f64 = 0.95;
+
+/// The fewest trials that give an interval: from the smallest to the largest of n values lies the
+/// median of what they are drawn from with a chance of 1 − 2¹⁻ⁿ, 94 % of five.
+const FEWEST: usize = 5;
+
+/// The fewest trials of which the bootstrap's interval is taken: below, it holds 91 % of five normal
+/// values, and Student's 95 %.
+const FEWEST_BOOTSTRAPPED: usize = 8;
+
+/// The most trials that are drawn again and again. Of more the distribution of the mean is normal but
+/// for its skewness, which is known, and drawing takes minutes.
+const MOST_DRAWN: usize = 5000;
+
+/// Values of one quantity in one condition.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sample {
+    values: Vec<f64>,
+    /// Sum and number of the values that belong together.
+    clusters: Vec<(f64, usize)>,
+}
+
+/// From here to there, both in the quantity's unit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Interval {
+    /// The lower end.
+    pub low: f64,
+    /// The upper end.
+    pub high: f64,
+}
+
+/// The numbers of a sample.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Statistics {
+    /// Number of values.
+    pub n: usize,
+    /// Number of trials that they come from.
+    pub trials: usize,
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Standard deviation with `n − 1`; `None` of one value.
+    pub sd: Option<f64>,
+    /// 95 % interval of the mean; `None` of fewer than five trials.
+    pub mean_95: Option<Interval>,
+    /// First quartile.
+    pub q1: f64,
+    /// Median.
+    pub median: f64,
+    /// Third quartile.
+    pub q3: f64,
+    /// The smallest value within 1.5 interquartile ranges below the first quartile.
+    pub whisker_low: f64,
+    /// The largest value within 1.5 interquartile ranges above the third quartile.
+    pub whisker_high: f64,
+    /// The values beyond the whiskers, ascending.
+    pub outliers: Vec<f64>,
+}
+
+/// How far a mean is from that of a reference condition.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// The reference.
+    pub reference: String,
+    /// The mean less that of the reference.
+    pub mean: f64,
+    /// Its 95 % interval; `None` where either comes from fewer than five trials.
+    pub mean_95: Option<Interval>,
+}
+
+impl Sample {
+    /// Values that have nothing to do with each other, one a trial. Values that are not finite are
+    /// left out.
+    pub fn independent(values: impl IntoIterator<Item = f64>) -> Self {
+        let mut sample = Self::default();
+        values.into_iter().for_each(|value| sample.add_cluster([value]));
+        sample
+    }
+
+    /// Adds the values of one trial's strides. Values that are not finite are left out.
+    pub fn add_cluster(&mut self, values: impl IntoIterator<Item = f64>) {
+        let before = self.values.len();
+        self.values.extend(values.into_iter().filter(|value| value.is_finite()));
+        let new = &self.values[before..];
+        if !new.is_empty() {
+            self.clusters.push((new.iter().sum(), new.len()));
+        }
+    }
+
+    /// All values.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// The numbers; `None` without values. The same `seed` gives the same interval.
+    pub fn statistics(&self, seed: u64) -> Option<Statistics> {
+        let n = self.values.len();
+        let mut sorted = self.values.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let (&first, &last) = (sorted.first()?, sorted.last()?);
+        let mean = mean(&self.clusters);
+        let squares: f64 = self.values.iter().map(|x| (x - mean) * (x - mean)).sum();
+        let [q1, median, q3] = [0.25, 0.5, 0.75].map(|p| quantile(&sorted, p));
+        let reach = 1.5 * (q3 - q1);
+        let within = |x: &&f64| (q1 - reach..=q3 + reach).contains(*x);
+        // The box's end where no value lies between it and the fence.
+        let whisker_low = sorted.iter().find(within).unwrap_or(&first).min(q1);
+        let whisker_high = sorted.iter().rev().find(within).unwrap_or(&last).max(q3);
+        let beyond = |x: &f64| *x < whisker_low || *x > whisker_high;
+        Some(Statistics {
+            n,
+            trials: self.clusters.len(),
+            mean,
+            sd: (n > 1).then(|| (squares / (n - 1) as f64).sqrt()),
+            mean_95: interval(&[(1.0, &self.clusters)], seed),
+            q1,
+            median,
+            q3,
+            whisker_low,
+            whisker_high,
+            outliers: sorted.iter().copied().filter(beyond).collect(),
+        })
+    }
+
+    /// How far the mean is from that of `reference`, which is called `name`; `None` if either has no
+    /// values.
+    pub fn difference(&self, reference: &Self, name: &str, seed: u64) -> Option<Difference> {
+        if self.values.is_empty() || reference.values.is_empty() {
+            return None;
+        }
+        Some(Difference {
+            reference: name.to_owned(),
+            mean: mean(&self.clusters) - mean(&reference.clusters),
+            mean_95: interval(&[(1.0, &self.clusters), (-1.0, &reference.clusters)], seed),
+        })
+    }
+}
+
+fn mean(clusters: &[(f64, usize)]) -> f64 {
+    let (sum, n) = clusters.iter().fold((0.0, 0), |(s, n), &(sum, count)| (s + sum, n + count));
+    sum / n as f64
+}
+
+/// The quantile of ascending values at rank `(n − 1)·p`.
+fn quantile(sorted: &[f64], p: f64) -> f64 {
+    let rank = (sorted.len() - 1) as f64 * p;
+    let below = rank as usize;
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + (sorted[above] - sorted[below]) * (rank - below as f64)
+}
+
+/// Trials of a sample with the sign of its mean in what is asked for.
+type Signed<'a> = (f64, &'a [(f64, usize)]);
+
+/// The interval of the sum of the samples' means with their signs; `None` if some sample is of too few
+/// clusters.
+fn interval(samples: &[Signed<'_>], seed: u64) -> Option<Interval> {
+    let fewest = samples.iter().map(|(_, clusters)| clusters.len()).min()?;
+    match fewest {
+        ..FEWEST => None,
+        FEWEST..FEWEST_BOOTSTRAPPED => Some(student(samples)),
+        FEWEST_BOOTSTRAPPED.. => {
+            let of = |means: &[f64]| {
+                samples.iter().zip(means).map(|((sign, _), mean)| sign * mean).sum::<f64>()
+            };
+            let clusters: Vec<&[(f64, usize)]> = samples.iter().map(|(_, of)| *of).collect();
+            Some(bootstrap(&clusters, fewest, of, seed))
+        }
+    }
+}
+
+/// Student's interval, of several samples with the degrees of freedom of Welch (Biometrika 34, 1947).
+///
+/// A trial of several strides counts by its influence on the mean, `(s − c·m)·k/n` for the sum s of its c
+/// strides, the mean m of all n strides and k trials. (Hall's transformation, which takes skewness out, holds
+/// a percent more of skew values, but of five the skewness is hardly known, and where it comes out large an end
+/// runs away by many standard errors.)
+fn student(samples: &[Signed<'_>]) -> Interval {
+    let (mut estimate, mut variance, mut welch) = (0.0, 0.0, 0.0);
+    for &(sign, clusters) in samples {
+        let (m, k) = (mean(clusters), clusters.len() as f64);
+        let n = clusters.iter().map(|&(_, count)| count).sum::<usize>() as f64;
+        let influence = clusters.iter().map(|&(sum, count)| (sum - count as f64 * m) * k / n);
+        let own = influence.map(|u| u * u).sum::<f64>() / (k * (k - 1.0));
+        estimate += sign * m;
+        variance += own;
+        welch += own * own / (k - 1.0);
+    }
+    let degrees = if welch > 0.0 { variance * variance / welch } else { 1.0 };
+    let half = student_quantile(LEVEL, degrees) * variance.sqrt();
+    Interval { low: estimate - half, high: estimate + half }
+}
+
+/// The BCa interval of `of` the samples' means, the smallest of them of `fewest` clusters.
+fn bootstrap(
+    samples: &[&[(f64, usize)]],
+    fewest: usize,
+    of: impl Fn(&[f64]) -> f64,
+    seed: u64,
+) -> Interval {
+    let means: Vec<f64> = samples.iter().map(|clusters| mean(clusters)).collect();
+    let estimate = of(&means);
+    let n = fewest as f64;
+    let z = (n / (n - 1.0)).sqrt() * student_quantile(LEVEL, n - 1.0);
+    let influence = Influence::of(samples, &means, &of);
+    let acceleration = influence.acceleration();
+    // Where the bootstrap distribution of a mean is: its bias is its acceleration (Efron & Tibshirani,
+    // §14.3), its quantiles those of Cornish and Fisher.
+    if samples.iter().any(|clusters| clusters.len() > MOST_DRAWN) {
+        let end = |z: f64| {
+            let shifted = acceleration + z;
+            let w = acceleration + shifted / (1.0 - acceleration * shifted);
+            estimate + influence.squares.sqrt() * (w + acceleration * (w * w - 1.0))
+        };
+        return Interval { low: end(-z), high: end(z) };
+    }
+    let mut stream = Stream::new(seed, Purpose::Bootstrap, 0);
+    let mut again = |clusters: &&[(f64, usize)]| {
+        let (mut sum, mut n) = (0.0, 0);
+        for _ in 0..clusters.len() {
+            let (s, count) = clusters[(stream.uniform() * clusters.len() as f64) as usize];
+            sum += s;
+            n += count;
+        }
+        sum / n as f64
+    };
+    let mut drawn: Vec<f64> =
+        (0..RESAMPLES).map(|_| of(&samples.iter().map(&mut again).collect::<Vec<_>>())).collect();
+    drawn.sort_unstable_by(f64::total_cmp);
+
+    let normal = Normal::standard();
+    // Ties, which few clusters bring, count half.
+    let below = drawn.iter().filter(|&&x| x < estimate).count();
+    let ties = drawn.iter().filter(|&&x| x == estimate).count();
+    let share = (below as f64 + ties as f64 / 2.0) / RESAMPLES as f64;
+    let half = 0.5 / RESAMPLES as f64;
+    let bias = normal.inverse_cdf(share.clamp(half, 1.0 - half));
+    let end = |z: f64| {
+        let shifted = bias + z;
+        let level = normal.cdf(bias + shifted / (1.0 - acceleration * shifted));
+        quantile(&drawn, level.clamp(0.0, 1.0))
+    };
+    Interval { low: end(-z), high: end(z) }
+}
+
+/// What leaving out one cluster changes: sums over all clusters.
+struct Influence {
+    /// The variance of the bootstrap.
+    squares: f64,
+    cubes: f64,
+}
+
+impl Influence {
+    fn of(samples: &[&[(f64, usize)]], means: &[f64], of: &impl Fn(&[f64]) -> f64) -> Self {
+        let (mut squares, mut cubes) = (0.0, 0.0);
+        for (i, clusters) in samples.iter().enumerate() {
+            let (sum, n) = clusters.iter().fold((0.0, 0), |(s, n), &(a, b)| (s + a, n + b));
+            let left: Vec<f64> = clusters
+                .iter()
+                .map(|&(s, count)| {
+                    let mut means = means.to_vec();
+                    means[i] = (sum - s) / (n - count) as f64;
+                    of(&means)
+                })
+                .collect();
+            let centre = left.iter().sum::<f64>() / left.len() as f64;
+            // Of several samples each is weighed by what one of its clusters counts for.
+            for value in left {
+                let influence =
+                    (clusters.len() - 1) as f64 * (centre - value) / clusters.len() as f64;
+                squares += influence * influence;
+                cubes += influence * influence * influence;
+            }
+        }
+        Self { squares, cubes }
+    }
+
+    /// The acceleration: the skewness over six.
+    fn acceleration(&self) -> f64 {
+        let Self { squares, cubes } = *self;
+        if squares > 0.0 { cubes / (6.0 * squares.powf(1.5)) } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(values: &[f64]) -> Statistics {
+        Sample::independent(values.iter().copied()).statistics(1).unwrap()
+    }
+
+    /// `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
+    #[test]
+    fn box_plots_are_those_of_matplotlib() {
+        let s = of(&[7.0, 1.0, 2.0, 100.0, 3.0, 4.0]);
+        assert_eq!((s.q1, s.median, s.q3), (2.25, 3.5, 6.25));
+        assert_eq!((s.whisker_low, s.whisker_high), (1.0, 7.0));
+        assert_eq!(s.outliers, [100.0]);
+        // No value between the third quartile, 2.75, and its fence: the whisker is the box's end.
+        let s = of(&[1.0, 1.0, 1.0, 8.0]);
+        assert_eq!((s.q3, s.whisker_high), (2.75, 2.75));
+        assert_eq!(s.outliers, [8.0]);
+    }
+
+    /// Both ways of the interval of one skewed sample: what is drawn scatters by a few percent of its
+    /// width.
+    #[test]
+    fn intervals_of_many_values_are_those_of_the_bootstrap() {
+        let value = |i: usize| (-(i as f64 + 0.5).ln() + (MOST_DRAWN as f64).ln()).powi(2);
+        let drawn: Vec<f64> = (0..MOST_DRAWN).map(value).collect();
+        let drawn = of(&drawn).mean_95.unwrap();
+        // The same distribution, one value more.
+        let more: Vec<f64> = (0..MOST_DRAWN).chain([MOST_DRAWN / 2]).map(value).collect();
+        let found = of(&more).mean_95.unwrap();
+        let width = drawn.high - drawn.low;
+        assert!((found.low - drawn.low).abs() < 0.05 * width, "{found:?} {drawn:?}");
+        assert!((found.high - drawn.high).abs() < 0.05 * width, "{found:?} {drawn:?}");
+    }
+
+    #[test]
+    fn one_value_has_no_spread_and_none_has_no_statistics() {
+        let s = of(&[5.0]);
+        assert_eq!((s.n, s.mean, s.sd, s.mean_95), (1, 5.0, None, None));
+        assert_eq!((s.q1, s.whisker_high), (5.0, 5.0));
+        assert_eq!(Sample::independent([f64::NAN]).statistics(1), None);
+        assert_eq!(of(&[1.0, 2.0, 3.0, 4.0]).mean_95, None);
+        let s = of(&[2.0; 5]);
+        assert_eq!((s.sd, s.mean_95), (Some(0.0), Some(Interval { low: 2.0, high: 2.0 })));
+    }
+
+    /// Of many normal values the interval is the textbook's, `mean ± 1.96·sd/√n`.
+    #[test]
+    fn the_interval_of_many_values_is_that_of_the_normal_distribution() {
+        let mut stream = Stream::new(9, Purpose::Readings, 0);
+        let values: Vec<f64> = (0..2000).map(|_| 3.0 + stream.normal()).collect();
+        let s = of(&values);
+        let Interval { low, high } = s.mean_95.unwrap();
+        let se = s.sd.unwrap() / f64::sqrt(2000.0);
+        // Quantiles of 4000 draws scatter by √(0.025·0.975/4000)/φ(1.96) = 0.042 standard errors; five.
+        assert!((low - (s.mean - 1.96 * se)).abs() < 0.21 * se);
+        assert!((high - (s.mean + 1.96 * se)).abs() < 0.21 * se);
+    }
+
+    /// The share of 10,000 samples of so many values whose interval holds their mean.
+    fn coverage(trials: usize, mean: f64, mut value: impl FnMut(&mut Stream) -> f64) -> f64 {
+        let mut stream = Stream::new(8, Purpose::Readings, 0);
+        let held = (0..10_000).filter(|_| {
+            let values = (0..trials).map(|_| value(&mut stream));
+            let s = Sample::independent(values.collect::<Vec<_>>());
+            interval(&[(1.0, &s.clusters)], 1).is_some_and(|i| i.low < mean && mean < i.high)
+        });
+        held.count() as f64 / 10_000.0
+    }
+
+    /// Five values, as many as the paper has trials, and six.
+    #[test]
+    fn intervals_hold_the_mean_of_few_values() {
+        for trials in [5, 6, 7] {
+            // Binomial, some four standard deviations of 0.22 %, about 95 % of normal values, which is
+            // exact; of values as skew as Erlang's of order 4 (skewness 1) it is some 93 %.
+            let normal = coverage(trials, 0.0, Stream::normal);
+            assert!((0.94..0.96).contains(&normal), "{trials}: {normal}");
+            let erlang = |stream: &mut Stream| -(0..4).map(|_| stream.uniform().ln()).sum::<f64>();
+            let skew = coverage(trials, 4.0, erlang);
+            assert!((0.92..0.95).contains(&skew), "{trials}: {skew}");
+        }
+    }
+
+    /// The textbook's interval of −2, −1, 0, 1 and 2: `t₄ = 2.7764`, `s/√5 = √0.5`.
+    #[test]
+    fn the_interval_of_five_values_is_students() {
+        let Interval { low, high } = of(&[-2.0, -1.0, 0.0, 1.0, 2.0]).mean_95.unwrap();
+        assert!((high - 2.776_445 * 0.5_f64.sqrt()).abs() < 1e-5 && (low + high).abs() < 1e-12);
+    }
+
+    /// Exponential values: the skewness of the mean of 40 must show.
+    #[test]
+    fn intervals_hold_the_mean_of_a_skew_distribution() {
+        let mut stream = Stream::new(2, Purpose::Readings, 0);
+        let held = (0..400).filter(|_| {
+            let s = of(&(0..40).map(|_| -stream.uniform().ln()).collect::<Vec<_>>());
+            s.mean_95.is_some_and(|i| i.low < 1.0 && 1.0 < i.high)
+        });
+        // BCa holds about 93.5 % here (Davison & Hinkley, §5.4); binomial, four standard deviations.
+        let share = held.count() as f64 / 400.0;
+        assert!((0.885..0.985).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn strides_of_one_trial_are_drawn_together() {
+        let mut stream = Stream::new(3, Purpose::Readings, 0);
+        let (mut clustered, mut alone) = (Sample::default(), Sample::default());
+        for _ in 0..20 {
+            // Ten strides all alike: no more known than from one.
+            let level = stream.normal();
+            clustered.add_cluster([level; 10]);
+            alone.add_cluster([level]);
+        }
+        let (a, b) = (clustered.statistics(7).unwrap(), alone.statistics(7).unwrap());
+        let width = |s: &Statistics| s.mean_95.map(|i| i.high - i.low).unwrap();
+        assert_eq!((a.n, a.trials), (200, 20));
+        // The same draws of the same trials, sums rounded otherwise.
+        assert!((width(&a) / width(&b) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_difference_of_a_sample_shifted_is_the_shift() {
+        let mut stream = Stream::new(4, Purpose::Readings, 0);
+        let a: Vec<f64> = (0..30).map(|_| stream.normal()).collect();
+        let b: Vec<f64> = (0..50).map(|_| 2.0 + 3.0 * stream.normal()).collect();
+        let se = (1.0 / 30.0_f64 + 9.0 / 50.0).sqrt();
+        let [a, b] = [a, b].map(Sample::independent);
+        let d = b.difference(&a, "a", 1).unwrap();
+        let Interval { low, high } = d.mean_95.unwrap();
+        assert!(low < 2.0 && 2.0 < high && d.reference == "a");
+        // Sample standard deviations of 30 and 50 values scatter by some 13 %; three times that.
+        assert!(((high - low) / (2.0 * 1.96 * se) - 1.0).abs() < 0.4);
+        assert_eq!(a.difference(&Sample::default(), "b", 1), None);
+    }
+}

@@ -1,0 +1,147 @@
+//! Results as tables, to be written as CSV or Parquet.
+
+use super::diagnostic::Diagnostic;
+use super::results::{ConditionRow, StrideRow, TrialResult, TrialRow};
+use super::statistics::Interval;
+use super::trace::Trace;
+use shell_data::wrench::Axis;
+use table_file::named_table::{Column, Table};
+
+/// One row a trial.
+pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> Table {
+    let rows = || results.clone().map(|result| &result.row);
+    let text = |of: fn(&TrialRow) -> &str| Column::Text(rows().map(|r| of(r).to_owned()).collect());
+    let number = |of: fn(&TrialRow) -> f64| Column::Number(rows().map(|r| Some(of(r))).collect());
+    let maybe = |of: fn(&TrialRow) -> Option<f64>| Column::Number(rows().map(of).collect());
+    let count = |of: fn(&TrialRow) -> Option<u64>| Column::Count(rows().map(of).collect());
+    let low = |interval: Option<Interval>| interval.map(|interval| interval.low);
+    let high = |interval: Option<Interval>| interval.map(|interval| interval.high);
+    let ends = |end: &dyn Fn(Option<Interval>) -> Option<f64>,
+                of: fn(&TrialRow) -> Option<Interval>| {
+        Column::Number(rows().map(|row| end(of(row))).collect())
+    };
+    let warnings = results.clone().map(|result| joined(&result.diagnostics)).collect();
+    Table::new([
+        ("file", text(|r| &r.file)),
+        ("condition", text(|r| &r.condition)),
+        ("t_enter_s", number(|r| r.t_enter_s)),
+        ("t_exit_s", number(|r| r.t_exit_s)),
+        ("duration_s", number(|r| r.duration_s)),
+        ("velocity_m_s", number(|r| r.velocity_m_s)),
+        ("rows", count(|r| Some(r.rows))),
+        ("fresh_frames", count(|r| r.fresh_frames)),
+        ("drag_mean_n", maybe(|r| r.drag_mean_n)),
+        ("drag_mean_low_n", ends(&low, |r| r.drag_mean_95_n)),
+        ("drag_mean_high_n", ends(&high, |r| r.drag_mean_95_n)),
+        ("lift_mean_n", maybe(|r| r.lift_mean_n)),
+        ("lift_mean_low_n", ends(&low, |r| r.lift_mean_95_n)),
+        ("lift_mean_high_n", ends(&high, |r| r.lift_mean_95_n)),
+        ("drag_energy_j", maybe(|r| r.drag_energy_j)),
+        ("drag_energy_low_j", ends(&low, |r| r.drag_energy_95_j)),
+        ("drag_energy_high_j", ends(&high, |r| r.drag_energy_95_j)),
+        ("electrical_energy_j", maybe(|r| r.electrical_energy_j)),
+        ("mean_power_w", maybe(|r| r.mean_power_w)),
+        ("specific_resistance", maybe(|r| r.specific_resistance)),
+        ("strides", count(|r| r.strides)),
+        ("stride_frequency_hz", maybe(|r| r.stride_frequency_hz)),
+        ("warnings", Column::Text(warnings)),
+    ])
+}
+
+/// One row a stride.
+pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> Table {
+    let rows = || {
+        let of_trial = |result: &'a TrialResult| {
+            result.stride_rows.iter().map(move |stride| (&result.row, stride))
+        };
+        results.clone().flat_map(of_trial)
+    };
+    let text = |of: fn(&TrialRow) -> &str| {
+        Column::Text(rows().map(|(trial, _)| of(trial).to_owned()).collect())
+    };
+    let number = |of: fn(&StrideRow) -> f64| {
+        Column::Number(rows().map(|(_, stride)| Some(of(stride))).collect())
+    };
+    let maybe = |of: fn(&StrideRow) -> Option<f64>| {
+        Column::Number(rows().map(|(_, stride)| of(stride)).collect())
+    };
+    let count = |of: fn(&StrideRow) -> u64| {
+        Column::Count(rows().map(|(_, stride)| Some(of(stride))).collect())
+    };
+    let enter = rows().map(|(trial, _)| Some(trial.t_enter_s)).collect();
+    Table::new([
+        ("file", text(|r| &r.file)),
+        ("condition", text(|r| &r.condition)),
+        // Which trial it is, where a log has several.
+        ("t_enter_s", Column::Number(enter)),
+        ("stride", count(|r| r.stride)),
+        ("t_start_s", number(|r| r.t_start_s)),
+        ("t_end_s", number(|r| r.t_end_s)),
+        ("period_s", number(|r| r.period_s)),
+        ("rows", count(|r| r.rows)),
+        ("drag_mean_n", maybe(|r| r.drag_mean_n)),
+        ("lift_mean_n", maybe(|r| r.lift_mean_n)),
+        ("drag_energy_j", maybe(|r| r.drag_energy_j)),
+        ("electrical_energy_j", maybe(|r| r.electrical_energy_j)),
+        ("mean_power_w", maybe(|r| r.mean_power_w)),
+        ("specific_resistance", maybe(|r| r.specific_resistance)),
+    ])
+}
+
+/// One row for each quantity of each condition.
+pub fn conditions_table(rows: &[ConditionRow]) -> Table {
+    let text = |of: &dyn Fn(&ConditionRow) -> String| Column::Text(rows.iter().map(of).collect());
+    let number =
+        |of: fn(&ConditionRow) -> Option<f64>| Column::Number(rows.iter().map(of).collect());
+    let count = |of: fn(&ConditionRow) -> usize| {
+        Column::Count(rows.iter().map(|row| Some(of(row) as u64)).collect())
+    };
+    let outliers = |row: &ConditionRow| {
+        let outliers = row.statistics.outliers.iter().map(f64::to_string);
+        outliers.collect::<Vec<_>>().join(" ")
+    };
+    let reference = |row: &ConditionRow| {
+        row.difference.as_ref().map(|difference| difference.reference.clone()).unwrap_or_default()
+    };
+    Table::new([
+        ("condition", text(&|row| row.condition.clone())),
+        ("per", text(&|row| row.per.name().to_owned())),
+        ("quantity", text(&|row| row.quantity.column().to_owned())),
+        ("n", count(|row| row.statistics.n)),
+        ("trials", count(|row| row.statistics.trials)),
+        ("mean", number(|row| Some(row.statistics.mean))),
+        ("sd", number(|row| row.statistics.sd)),
+        ("mean_low", number(|row| row.statistics.mean_95.map(|interval| interval.low))),
+        ("mean_high", number(|row| row.statistics.mean_95.map(|interval| interval.high))),
+        ("q1", number(|row| Some(row.statistics.q1))),
+        ("median", number(|row| Some(row.statistics.median))),
+        ("q3", number(|row| Some(row.statistics.q3))),
+        ("whisker_low", number(|row| Some(row.statistics.whisker_low))),
+        ("whisker_high", number(|row| Some(row.statistics.whisker_high))),
+        ("outliers", text(&outliers)),
+        ("reference", text(&reference)),
+        ("difference", number(|row| row.difference.as_ref().map(|d| d.mean))),
+        ("difference_low", number(|row| Some(row.difference.as_ref()?.mean_95?.low))),
+        ("difference_high", number(|row| Some(row.difference.as_ref()?.mean_95?.high))),
+    ])
+}
+
+/// One row for each row of the log.
+pub fn trace_table(trace: &Trace) -> Table {
+    let axes = Axis::ALL.into_iter().map(|axis| (axis.column(), &trace.wrench[axis.index()]));
+    let others = [
+        ("right_leg_rad", &trace.right_leg_rad),
+        ("left_leg_rad", &trace.left_leg_rad),
+        ("right_power_w", &trace.right_power_w),
+        ("left_power_w", &trace.left_power_w),
+        ("power_w", &trace.power_w),
+    ];
+    let columns = std::iter::once(("t_s", &trace.t_s)).chain(axes).chain(others);
+    let columns = columns.filter(|(_, column)| !column.is_empty());
+    Table::new(columns.map(|(name, column)| (name, Column::Full(column.clone()))))
+}
+
+fn joined(diagnostics: &[Diagnostic]) -> String {
+    let texts = diagnostics.iter().map(|remark| format!("{}: {remark}", remark.code()));
+    texts.collect::<Vec<_>>().join("; ")
+}

@@ -1,0 +1,304 @@
+//! When the robot was in the channel, from the drag alone: a proposal, with how sure it is.
+//!
+//! Drag over time is compared with a plateau: none, rising while the robot gets in, level,
+//! falling while it gets out, none, over a constant. It rises and falls smoothly: the nose of a
+//! rounded shell bends its first beam but little. All pairs of entry and exit are
+//! tried on a coarse grid with level and constant by least squares, and the best is refined by
+//! steps that are halved. The drag is averaged over a stride first, so that the legs' shaking does
+//! not count.
+//!
+//! The *confidence* is the share of the slow variation of the drag that the plateau explains (R²): a
+//! drag that comes and goes several times, or drowns in what else moves, has a low one. Standard
+//! errors are those of non-linear least squares, with the residuals' variance enlarged by their
+//! correlation time, as neighbouring residuals are alike (Bartlett, J. R. Statist. Soc. B 8, 27,
+//! 1946).
+
+mod errors;
+mod plateau;
+
+use errors::standard_errors;
+use plateau::{DragPlateau, PlateauFit, refine, search};
+
+/// Stretches that a log is averaged in.
+const BINS: usize = 240;
+/// What is averaged over where the length of a stride is not known, s.
+const USUAL_STRIDE_S: f64 = 0.25;
+/// Below this confidence there is no proposal.
+const LEAST_CONFIDENCE: f64 = 0.5;
+/// From this confidence on a proposal can be used without a look at it.
+pub const GOOD_CONFIDENCE: f64 = 0.8;
+/// The drag is at least so many of its standard errors.
+const LEAST_SIGNIFICANCE: f64 = 4.0;
+
+/// A window proposed from the drag.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Proposal {
+    /// Onset of sustained drag, s on the log's clock.
+    pub t_enter_s: f64,
+    /// Its end, s.
+    pub t_exit_s: f64,
+    /// Standard error of the onset, s.
+    pub t_enter_se_s: f64,
+    /// Standard error of the end, s.
+    pub t_exit_se_s: f64,
+    /// How long the drag rises, and how long it falls, s.
+    pub ramp_s: f64,
+    /// Drag between rising and falling, against that outside the window, N.
+    pub drag_n: f64,
+    /// Its standard error, N.
+    pub drag_se_n: f64,
+    /// Drag outside the window, N: what the tare has left.
+    pub outside_n: f64,
+    /// Share of the slow variation of the drag that the plateau explains, 0 to 1.
+    pub confidence: f64,
+}
+
+impl Proposal {
+    /// Whether it can be used without a look at it.
+    pub fn is_good(&self) -> bool {
+        self.confidence >= GOOD_CONFIDENCE
+    }
+
+    /// The drag that it takes the robot to have felt at `time_s`, N.
+    pub fn drag_at(&self, time_s: f64) -> f64 {
+        let ramp = self.ramp_s / (self.t_exit_s - self.t_enter_s);
+        let plateau = DragPlateau { enter: self.t_enter_s, exit: self.t_exit_s, ramp };
+        self.outside_n + self.drag_n * plateau.share(time_s)
+    }
+}
+
+/// Why no window can be proposed.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NoWindow {
+    /// Too few rows to find an onset in.
+    #[error("{rows} rows of force over {duration_s:.3} s are too few to find a window in")]
+    TooShort {
+        /// Rows with a force.
+        rows: usize,
+        /// Time that they cover, s.
+        duration_s: f64,
+    },
+    /// There is no drag, or no more than chance makes.
+    #[error(
+        "no sustained drag: the best stretch, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
+        if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
+    )]
+    NoDrag {
+        /// Start of the stretch that comes nearest, s.
+        t_enter_s: f64,
+        /// Its end, s.
+        t_exit_s: f64,
+        /// Its drag, N.
+        drag_n: f64,
+        /// The standard error of that, N.
+        drag_se_n: f64,
+    },
+    /// There is drag, but not one plateau of it.
+    #[error(
+        "onset and end of the drag are not clear: {t_enter_s:.2} s to {t_exit_s:.2} s explains \
+         {:.0} % of its variation", 100.0 * confidence
+    )]
+    Unclear {
+        /// Start of the stretch that comes nearest, s.
+        t_enter_s: f64,
+        /// Its end, s.
+        t_exit_s: f64,
+        /// Share of the variation that it explains.
+        confidence: f64,
+    },
+    /// The log starts or ends within the drag.
+    #[error("the log {} within the drag: it holds no whole window", if *at_start { "starts" } else { "ends" })]
+    Cut {
+        /// Whether it is the start.
+        at_start: bool,
+    },
+}
+
+/// Proposes entry and exit from the drag −Fx in N at `time_s` in s: tared, not delayed by a filter
+/// (unfiltered, or filtered forth and back). Values that are not finite are left out. `stride_s` is
+/// the length of a stride, if known.
+///
+/// # Errors
+/// [`NoWindow`] if there is no stretch of drag, more than one, or one that the log cuts off.
+///
+/// # Panics
+/// If the slices differ in length.
+pub fn propose_window(
+    time_s: &[f64],
+    drag_n: &[f64],
+    stride_s: Option<f64>,
+) -> Result<Proposal, NoWindow> {
+    assert_eq!(time_s.len(), drag_n.len(), "one force per time");
+    let rows: Vec<(f64, f64)> = time_s
+        .iter()
+        .copied()
+        .zip(drag_n.iter().copied())
+        .filter(|(time_s, drag_n)| time_s.is_finite() && drag_n.is_finite())
+        .collect();
+    let (first, last) = match (rows.first(), rows.last()) {
+        (Some(first), Some(last)) => (first.0, last.0),
+        _ => (0.0, 0.0),
+    };
+    let duration_s = last - first;
+    let stride_s = stride_s.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(USUAL_STRIDE_S);
+    let bin_s = duration_s / BINS as f64;
+    if rows.len() < BINS || duration_s <= 4.0 * stride_s {
+        return Err(NoWindow::TooShort { rows: rows.len(), duration_s });
+    }
+    let points = slow_points(&rows, first, bin_s, stride_s.max(bin_s));
+    let fit = refine(&points, search(&points), [first, last], bin_s);
+    judge(&points, fit, [first, last], stride_s.max(2.0 * bin_s))
+}
+
+/// Time and mean drag over a stride around it, one for every bin that has rows.
+fn slow_points(rows: &[(f64, f64)], first: f64, bin_s: f64, width_s: f64) -> Vec<(f64, f64)> {
+    let mut sums = Vec::with_capacity(rows.len() + 1);
+    sums.push(0.0);
+    for (_, drag) in rows {
+        sums.push(sums[sums.len() - 1] + drag);
+    }
+    let mean_around = |bin: usize| {
+        let middle = first + (bin as f64 + 0.5) * bin_s;
+        let from = rows.partition_point(|row| row.0 < middle - 0.5 * width_s);
+        let to = rows.partition_point(|row| row.0 < middle + 0.5 * width_s);
+        (to > from).then(|| (middle, (sums[to] - sums[from]) / (to - from) as f64))
+    };
+    (0..BINS).filter_map(mean_around).collect()
+}
+
+fn judge(
+    points: &[(f64, f64)],
+    fit: PlateauFit,
+    [first, last]: [f64; 2],
+    margin_s: f64,
+) -> Result<Proposal, NoWindow> {
+    let PlateauFit { plateau, drag, outside, residual } = fit;
+    let (t_enter_s, t_exit_s) = (plateau.enter, plateau.exit);
+    let mean = points.iter().map(|point| point.1).sum::<f64>() / points.len() as f64;
+    let total: f64 = points.iter().map(|point| (point.1 - mean).powi(2)).sum();
+    let confidence = if total > 0.0 { (1.0 - residual / total).clamp(0.0, 1.0) } else { 0.0 };
+    let [drag_se_n, t_enter_se_s, t_exit_se_s] = standard_errors(points, &fit);
+    if drag <= LEAST_SIGNIFICANCE * drag_se_n {
+        return Err(NoWindow::NoDrag { t_enter_s, t_exit_s, drag_n: drag, drag_se_n });
+    }
+    if confidence < LEAST_CONFIDENCE {
+        return Err(NoWindow::Unclear { t_enter_s, t_exit_s, confidence });
+    }
+    if t_enter_s - first < margin_s || last - t_exit_s < margin_s {
+        return Err(NoWindow::Cut { at_start: t_enter_s - first < margin_s });
+    }
+    Ok(Proposal {
+        t_enter_s,
+        t_exit_s,
+        t_enter_se_s,
+        t_exit_se_s,
+        ramp_s: plateau.ramp * (t_exit_s - t_enter_s),
+        drag_n: drag,
+        drag_se_n,
+        outside_n: outside,
+        confidence,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use system_tests::random::Random;
+
+    use super::*;
+    use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
+
+    /// Time and true drag of a trial at 100 Hz, with noise of a deterministic kind.
+    fn trial(name: &str, seed: u64) -> (VirtualTrial, Vec<f64>, Vec<f64>) {
+        let settings = TrialSettings::new(ChannelForces::named(name).unwrap(), seed);
+        let trial = VirtualTrial::new(settings).unwrap();
+        let end_s = trial.times_s()[trial.times_s().len() - 1];
+        let time_s: Vec<f64> = (0..(end_s * 100.0) as u32).map(|i| 0.01 * f64::from(i)).collect();
+        let mut random = Random(seed);
+        let drag_n = time_s
+            .iter()
+            .map(|&t| 0.006 - trial.wrench_at(t)[0] + 0.04 * random.normal())
+            .collect();
+        (trial, time_s, drag_n)
+    }
+
+    #[test]
+    fn entry_and_exit_are_found_where_the_drag_is_large() {
+        for seed in 0..25 {
+            for name in ["2 cm", "3 cm"] {
+                let (trial, time_s, drag_n) = trial(name, seed);
+                let proposal = propose_window(&time_s, &drag_n, Some(1.0 / 13.0)).unwrap();
+                let [enter_s, exit_s] = trial.window_s();
+                // The drag rises in 2.3 s and sways by 10 to 20 % about that: some tenths of a second.
+                let (early, late) = (proposal.t_enter_s - enter_s, proposal.t_exit_s - exit_s);
+                assert!(
+                    early.abs() < 0.7 && late.abs() < 0.7,
+                    "{name} {seed}: {proposal:?} {early} {late}"
+                );
+                assert!(proposal.confidence > 0.7, "{proposal:?}");
+                assert!((proposal.outside_n - 0.006).abs() < 0.02);
+            }
+        }
+    }
+
+    #[test]
+    fn free_running_has_no_window() {
+        for seed in 0..25 {
+            let (_, time_s, drag_n) = trial("free", seed);
+            let found = propose_window(&time_s, &drag_n, Some(1.0 / 13.0));
+            assert!(
+                matches!(found, Err(NoWindow::NoDrag { .. } | NoWindow::Unclear { .. })),
+                "{seed}: {found:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_plateau_without_noise_is_found_exactly() {
+        let plateau = DragPlateau { enter: 2.345, exit: 7.654, ramp: 0.21 };
+        let time_s: Vec<f64> = (0..10_000).map(|i| 1e-3 * f64::from(i)).collect();
+        let drag_n: Vec<f64> = time_s.iter().map(|&t| 0.02 + 0.3 * plateau.share(t)).collect();
+        let found = propose_window(&time_s, &drag_n, Some(0.04)).unwrap();
+        // Steps end at a hundredth of a bin of 42 ms; averaging rounds the corners.
+        assert!((found.t_enter_s - 2.345).abs() < 2e-3, "{found:?}");
+        assert!((found.t_exit_s - 7.654).abs() < 2e-3);
+        assert!((found.drag_n - 0.3).abs() < 1e-4 && (found.outside_n - 0.02).abs() < 1e-4);
+        assert!(found.confidence > 0.9999);
+    }
+
+    #[test]
+    fn two_plateaus_are_not_taken_for_one() {
+        let share = |t: f64, enter| DragPlateau { enter, exit: enter + 2.0, ramp: 0.1 }.share(t);
+        let time_s: Vec<f64> = (0..12_000).map(|i| 1e-3 * f64::from(i)).collect();
+        let drag_n: Vec<f64> =
+            time_s.iter().map(|&t| 0.2 * (share(t, 1.0) + share(t, 8.0))).collect();
+        let found = propose_window(&time_s, &drag_n, None);
+        assert!(
+            matches!(found, Err(NoWindow::Unclear { .. } | NoWindow::NoDrag { .. })),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn a_log_that_ends_within_the_drag_holds_no_window() {
+        let plateau = DragPlateau { enter: 3.0, exit: 30.0, ramp: 0.03 };
+        let time_s: Vec<f64> = (0..10_000).map(|i| 1e-3 * f64::from(i)).collect();
+        let drag_n: Vec<f64> = time_s.iter().map(|&t| 0.3 * plateau.share(t)).collect();
+        assert_eq!(propose_window(&time_s, &drag_n, None), Err(NoWindow::Cut { at_start: false }));
+        let upside_down: Vec<f64> = drag_n.iter().map(|drag| -drag).collect();
+        assert!(propose_window(&time_s, &upside_down, None).is_err());
+    }
+
+    #[test]
+    fn nothing_and_noughts_have_no_window() {
+        assert!(matches!(propose_window(&[], &[], None), Err(NoWindow::TooShort { .. })));
+        let time_s: Vec<f64> = (0..1000).map(|i| 0.01 * f64::from(i)).collect();
+        assert!(matches!(
+            propose_window(&time_s, &vec![0.0; 1000], None),
+            Err(NoWindow::NoDrag { .. })
+        ));
+        assert!(matches!(
+            propose_window(&time_s, &vec![f64::NAN; 1000], None),
+            Err(NoWindow::TooShort { .. })
+        ));
+    }
+}
