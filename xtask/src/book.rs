@@ -110,6 +110,7 @@ fn assemble(to: &Path) -> Result<()> {
         fs::create_dir_all(page.parent().unwrap_or(to))?;
         fs::write(page, with_screens(&text))?;
         for picture in pictures {
+            fs::create_dir_all(to.join(&picture).parent().unwrap_or(to))?;
             fs::copy(workspace().join(&picture), to.join(&picture))
                 .with_context(|| format!("{}: no picture", picture.display()))?;
         }

@@ -21,6 +21,7 @@ mod model;
 mod need;
 mod package;
 mod peers;
+mod pictures;
 mod python;
 mod scale;
 mod setup;
@@ -52,6 +53,8 @@ enum Task {
     Cross,
     /// Build the book from the pages of the repository, and follow its links
     Book,
+    /// Make the pictures of README anew
+    Pictures,
     /// Run every fuzz target for some time
     Fuzz(fuzz::Args),
     /// Run random commands over damaged files and see that nothing fails open
@@ -89,6 +92,7 @@ fn main() -> ExitCode {
         Task::Cross => cross::check(),
         Task::Test(args) => test::run(&args),
         Task::Book => book::run(),
+        Task::Pictures => pictures::make(),
         Task::Fuzz(args) => fuzz::run(&args),
         Task::Hostile(args) => hostile::run(&args),
         Task::Licences(args) => licences::run(args),

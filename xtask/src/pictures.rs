@@ -1,0 +1,118 @@
+//! `cargo xtask pictures`: the pictures of README, made by the program itself.
+//!
+//! The figure of a calibration is the same bytes wherever it is made, so the contributor checks compare it.
+//! A page in a browser differs from machine to machine and is not compared.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use anyhow::{Context, Result, ensure};
+use system_tests::browser::Browser;
+use system_tests::chromium;
+
+use crate::steps::{build_shellcal, run, scratch, workspace};
+
+const FIGURE: &str = "fit.svg";
+const LIVE: &str = "live.png";
+
+/// Makes all pictures anew.
+pub(crate) fn make() -> Result<()> {
+    let shellcal = build_shellcal()?;
+    let folder = workspace().join("docs/pictures");
+    fs::create_dir_all(&folder)?;
+    let calibration = draw_fit(&shellcal, &folder.join(FIGURE))?;
+    let chromium = chromium::find().context("no Chromium: `cargo xtask setup` installs one")?;
+    photograph_live(&shellcal, &calibration, &chromium, &folder.join(LIVE))
+}
+
+/// Fails where the committed figure is not the one that the program draws.
+#[expect(dead_code, reason = "the contributor checks are to call it")]
+pub(crate) fn check() -> Result<()> {
+    let made = scratch("pictures")?.join(FIGURE);
+    draw_fit(&build_shellcal()?, &made)?;
+    let committed = workspace().join("docs/pictures").join(FIGURE);
+    let same = fs::read(&made)? == fs::read(&committed)?;
+    ensure!(same, "`{}` is out of date: run `cargo xtask pictures`", committed.display());
+    Ok(())
+}
+
+/// Runs README's fit of the shipped data, which draws `figure`; where its calibration is.
+fn draw_fit(shellcal: &Path, figure: &Path) -> Result<PathBuf> {
+    let calibration = scratch("pictures")?.join("calibration.json");
+    let mut fit = Command::new(shellcal);
+    fit.current_dir(workspace().join("calibration-data"))
+        .args(["fit", "synthetic-train.csv", "--test", "synthetic-test.csv", "--quiet"])
+        .arg("--output")
+        .arg(&calibration)
+        .arg("--plot")
+        .arg(figure);
+    run("figure of the calibration", &mut fit)?;
+    Ok(calibration)
+}
+
+/// Plays the shipped test log in the live view and keeps a picture of its page.
+fn photograph_live(
+    shellcal: &Path,
+    calibration: &Path,
+    chromium: &str,
+    picture: &Path,
+) -> Result<()> {
+    let mut live = Command::new(shellcal);
+    live.current_dir(workspace().join("calibration-data"));
+    live.args(["live", "synthetic-test.csv", "--calibration"]).arg(calibration);
+    live.args(["--no-tare", "--speed", "4", "--window", "60", "--serve"]);
+    let mut server = Server(live.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?);
+    let mut line = String::new();
+    BufReader::new(server.0.stdout.as_mut().context("no output")?).read_line(&mut line)?;
+    let address = line.trim_end().strip_prefix("live at ").with_context(|| line.clone())?;
+    let mut browser = Browser::start(chromium, [1100, 700], false);
+    browser.visit(address);
+    browser.wait_for("parseFloat(document.getElementById('now').textContent) > 62");
+    browser.click("document.querySelector('[data-order=pause]')");
+    browser.wait_for("document.getElementById('flags').textContent.includes('PAUSED')");
+    fs::write(picture, decode_base64(&browser.screenshot()))?;
+    eprintln!("    {}", picture.display());
+    Ok(())
+}
+
+/// The program that serves the page; it ends with the task.
+struct Server(Child);
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        _ = self.0.kill();
+        _ = self.0.wait();
+    }
+}
+
+/// The bytes of a base64 text (RFC 4648, section 4), which ends at its first `=`.
+fn decode_base64(text: &str) -> Vec<u8> {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let (mut bytes, mut bits, mut held) = (Vec::with_capacity(text.len() * 3 / 4), 0_u32, 0);
+    for digit in text.bytes().map_while(|byte| (0..64).find(|&at| DIGITS[at as usize] == byte)) {
+        bits = bits << 6 | digit;
+        held += 6;
+        if held >= 8 {
+            held -= 8;
+            bytes.push((bits >> held & 0xff) as u8);
+        }
+    }
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::decode_base64;
+
+    #[test]
+    fn base64_is_decoded_as_the_rfc_says() {
+        // RFC 4648, section 10.
+        let known =
+            [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYmFy", "foobar")];
+        for (text, bytes) in known {
+            assert_eq!(decode_base64(text), bytes.as_bytes());
+        }
+    }
+}
