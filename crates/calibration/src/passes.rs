@@ -237,7 +237,7 @@ mod tests {
             };
             let sums = each(&blocks, |block| block, workers, || 0, count, fold).unwrap();
             assert_eq!(rows, blocks.iter().map(|block| block.rows).collect::<Vec<_>>());
-            assert_eq!(sums.iter().sum::<usize>(), rows.iter().sum());
+            assert_eq!(sums.iter().sum::<usize>(), rows.iter().sum::<usize>());
             let fail = |(): &mut (), block: &Block| match block.readings[0][0] as usize / 31 {
                 i @ (57 | 58 | 120) => Err(FitError::Ridge(i as f64)),
                 _ => Ok(()),

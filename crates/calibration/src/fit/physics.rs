@@ -17,6 +17,7 @@ use crate::quality::significant;
 use crate::reading_ranges::ReadingRange;
 use crate::validation::comparison::Comparison;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality};
+use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::selection;
 use shell_data::dataset::Dataset;
@@ -105,7 +106,9 @@ pub(super) fn fit(
     let validation = options.cross_validation.map(validate).transpose()?;
     let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
     calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
-    let errors = Errors::of(&calibration, &used, test, &EvalOptions::default(), options)?;
+    let mut errors = Errors::of(&calibration, &used, test, &EvalOptions::default(), options)?;
+    // Of all rows at once, as they are fitted.
+    errors.loads = WrenchSums::of(&rows.wrench);
     let physics = PhysicsFit {
         choice,
         observations: rows.observations()?.len(),
