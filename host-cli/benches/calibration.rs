@@ -42,7 +42,7 @@ fn problem(basis: Basis, blocks: &[Block]) -> FitProblem {
 fn calibration(basis: Basis, blocks: &[Block]) -> Calibration {
     let problem = problem(basis, blocks);
     let (solution, ranges) =
-        solver::fit(SolverKind::Tsqr, problem, &mut &blocks[..1]).expect("full rank");
+        solver::fit(SolverKind::Tsqr, problem, &blocks[..1].into()).expect("full rank");
     Calibration::of_solution(&solution, &ranges)
 }
 
@@ -52,8 +52,8 @@ fn tsqr(bencher: Bencher, basis: &Basis) {
     let blocks = blocks();
     let problem = problem(*basis, &blocks);
     bencher.counter(ItemsCount::new(ROWS)).bench(|| {
-        let mut blocks = black_box(&blocks[..]);
-        solver::fit(SolverKind::Tsqr, problem.clone(), &mut blocks).expect("full rank")
+        let blocks = black_box(&blocks[..]);
+        solver::fit(SolverKind::Tsqr, problem.clone(), &blocks.into()).expect("full rank")
     });
 }
 

@@ -14,14 +14,14 @@
 //! ```
 //! use std::path::Path;
 //!
-//! use calibration::Basis;
+//! use calibration::{Basis, FitOptions};
 //! use log_file::{Log, Mapping};
-//! use shellcal::workflow::fit::{FitOptions, fit};
+//! use shellcal::workflow::fit::fit;
 //!
 //! let log = |name| Log::open(&Path::new("../calibration-data").join(name), &Mapping::default());
-//! let options = FitOptions { basis: Basis::Cubic, ..FitOptions::default() };
+//! let options = FitOptions { model: Basis::Cubic.into(), ..FitOptions::default() };
 //! let fitted = fit(&[log("synthetic-train.csv")?], &[log("synthetic-test.csv")?], &options)?;
-//! let quality = fitted.test[0].quality().ok_or("no rows")?;
+//! let quality = fitted.tests[0].quality().ok_or("no rows")?;
 //! assert!(quality[0].rms < 0.15, "Fx is off by {} N", quality[0].rms);
 //!
 //! // A frame of the unloaded sensor: eight columns of one row.

@@ -1,13 +1,15 @@
-//! Arrays of numpy as rows, in whatever layout they are, without a copy of the whole.
+//! Arrays of numpy as rows in memory, from whatever layout they are in.
 
 use std::ops::Range;
 
+use calibration::FitError;
 use numpy::ndarray::{ArrayView1, ArrayView2, s};
 use shell_data::block::Block;
-use shell_data::wrench::Axis;
-use shellcal::workflow::in_memory::RowSource;
+use shell_data::dataset::{BLOCK_ROWS, Dataset};
+use shell_data::wrench::{Axes, Axis};
 use twox_hash::XxHash3_128;
 
+use crate::error::Failure;
 use crate::interrupt::Watch;
 
 /// Rows of readings and wrench.
@@ -49,24 +51,34 @@ impl Weights<'_> {
     }
 }
 
-impl RowSource for Arrays<'_, '_> {
-    fn rows(&self) -> usize {
+impl Arrays<'_, '_> {
+    /// Number of rows.
+    pub(crate) fn rows(&self) -> usize {
         match &self.weights {
             Weights::Repeats(ends) => ends.last().map_or(0, |&end| end as usize),
             _ => self.readings.nrows(),
         }
     }
 
-    fn channels(&self) -> usize {
-        self.readings.ncols()
-    }
-
-    fn has_groups(&self) -> bool {
-        self.groups.is_some()
-    }
-
-    fn has_weights(&self) -> bool {
-        matches!(self.weights, Weights::Numbers(_))
+    /// The rows as a data set; labels all alike if `labels_all` and there are none.
+    pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, Failure> {
+        let rows = self.rows();
+        let mut blocks = Vec::with_capacity(rows.div_ceil(BLOCK_ROWS));
+        for start in (0..rows).step_by(BLOCK_ROWS) {
+            if self.watch.is_stopped() {
+                return Err(FitError::Interrupted.into());
+            }
+            let mut block = Block::default();
+            self.fill(start..rows.min(start + BLOCK_ROWS), &mut block);
+            if labels_all && self.groups.is_none() {
+                block.groups = vec![(String::new(), block.rows)];
+            }
+            blocks.push(block);
+        }
+        if blocks.is_empty() {
+            return Err(FitError::NoRows.into());
+        }
+        Ok(Dataset::from_blocks("<array>", Axes::ALL, blocks))
     }
 
     fn fill(&self, rows: Range<usize>, block: &mut Block) {
@@ -93,14 +105,6 @@ impl RowSource for Arrays<'_, '_> {
             }
             last = Some(place);
         }
-    }
-
-    fn is_stopped(&self) -> bool {
-        self.watch.is_stopped()
-    }
-
-    fn note_progress(&self, rows: usize) {
-        self.watch.note(rows as u64);
     }
 }
 

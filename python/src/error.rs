@@ -163,51 +163,54 @@ impl From<WorkflowError> for Failure {
         match error {
             WorkflowError::Log(error) => error.into(),
             WorkflowError::Merge(error) => error.into(),
-            error => Told { hint: hint_after(&error), ..Told::of("FitError", &error) }.into(),
+            WorkflowError::Fit(error) => error.into(),
+            error => Told::of("FitError", &error).into(),
         }
     }
 }
 
-fn hint_after(error: &WorkflowError) -> Option<&'static str> {
+impl From<FitError> for Failure {
+    fn from(error: FitError) -> Self {
+        Told { hint: hint_after(&error), ..Told::of("FitError", &error) }.into()
+    }
+}
+
+fn hint_after(error: &FitError) -> Option<&'static str> {
     Some(match error {
-        WorkflowError::Fit(FitError::TooFewRows { .. }) => {
-            "record more poses, or choose a smaller model="
-        }
-        WorkflowError::Fit(FitError::IdenticalRows { .. }) => {
+        FitError::TooFewRows { .. } => "record more poses, or choose a smaller model=",
+        FitError::IdenticalRows { .. } => {
             "the readings never move: check the cable, the shell and the columns"
         }
-        WorkflowError::Fit(FitError::RankDeficient(_) | FitError::NearlyDependent) => {
+        FitError::RankDeficient(_) | FitError::NearlyDependent => {
             "record loads that move the channels independently, drop a channel, choose a smaller \
              model=, or accept a damped answer with ridge=1e-6"
         }
-        WorkflowError::Fit(FitError::IllConditioned { .. } | FitError::NotConverged { .. }) => {
+        FitError::IllConditioned { .. } | FitError::NotConverged { .. } => {
             "use solver=\"exact\" or \"wide-tsqr\", or choose a smaller model="
         }
-        WorkflowError::Fit(FitError::Overflow) => "check the units of readings and wrench",
-        WorkflowError::Fit(FitError::TooLarge(_)) => "choose a smaller model=, or fewer channels",
-        WorkflowError::Fit(FitError::NotExact(_)) => {
+        FitError::Overflow => "check the units of readings and wrench",
+        FitError::TooLarge(_) => "choose a smaller model=, or fewer channels",
+        FitError::NotExact(_) => {
             "readings have to be counts of a converter; Calibration.fit solves others by QR"
         }
-        WorkflowError::NoGroupLabels | WorkflowError::NoGroups => {
-            "give groups=, a label of each row"
-        }
-        WorkflowError::NoGroupSums => "make the partial fits with groups",
-        WorkflowError::Validation(ValidationError::TooFewGroups { .. }) => {
+        FitError::NoGroups => "give groups=, a label of each row",
+        FitError::NoGroupSums => "make the partial fits with groups",
+        FitError::Validation(ValidationError::TooFewGroups { .. }) => {
             "record more poses, or name the groups= of the rows"
         }
-        WorkflowError::Weights { .. } => {
+        FitError::Weights { .. } => {
             "give integers as sample_weight, which are numbers of rows, or leave this option out"
         }
-        WorkflowError::Physics(PhysicsError::TooFewObservations { .. }) => {
+        FitError::Physics(PhysicsError::TooFewObservations { .. }) => {
             "record more poses, and name them with groups="
         }
-        WorkflowError::Physics(PhysicsError::TooFewGroups { .. }) => {
+        FitError::Physics(PhysicsError::TooFewGroups { .. }) => {
             "give groups=, a label of each pose"
         }
-        WorkflowError::Physics(PhysicsError::TooFewChannels { .. }) => {
+        FitError::Physics(PhysicsError::TooFewChannels { .. }) => {
             "check the cable, the shell and the columns, or take model=\"linear\""
         }
-        WorkflowError::Copy { .. } => "leave one of them out",
+        FitError::Copy { .. } => "leave one of them out",
         _ => return None,
     })
 }

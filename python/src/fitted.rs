@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 
 use calibration::Kind;
+use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
 use calibration_file::{CalibrationFile, CalibrationFileError, Role, Source};
 use figures::{FitPlot, Size, fit_figure};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
-use shell_data::wrench::{Axis, PerAxis};
-use shellcal::workflow::in_memory::{self, BLOCK_ROWS, RowFitOptions, RowSource};
-use shellcal::workflow::physics::GroupsAre;
+use shell_data::dataset::{BLOCK_ROWS, Dataset};
+use shell_data::wrench::{Axes, Axis, PerAxis};
+use shellcal::workflow::fit::{FileFacts, calibration_file};
 
 use crate::arrays::{Arrays, Weights, range_of_columns};
 use crate::error::{Failure, Told};
@@ -62,7 +63,7 @@ fn source(rows: &Arrays<'_, '_>) -> Vec<Source> {
     }]
 }
 
-/// Fits a polynomial. Returns it with what could not be had of what was asked for.
+/// Fits a calibration. Returns it with what is to be known of it.
 #[pyfunction]
 #[pyo3(signature = (rows, *, model, intercept, ridge, solver, truncate, cross_validation, seed, covariance,
     threads, made_by, serial, progress))]
@@ -83,71 +84,54 @@ pub(crate) fn fit(
     serial: Option<String>,
     progress: Option<Py<PyAny>>,
 ) -> Result<(Fitted, Vec<String>), Failure> {
-    let options = RowFitOptions {
-        basis: options::basis(model)?,
+    let options = FitOptions {
+        model: options::model(model)?,
         intercept,
         ridge,
         solver: options::solver(solver)?,
         truncate,
-        cross_validation: cross_validation.map(|(folds,)| folds),
+        cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,
         covariance: options::covariance(covariance)?,
-        threads,
+        // The physics model is compared with others only where it is asked for.
+        polynomials_only: Some("model=\"auto\""),
+        ..FitOptions::default()
     };
     over_rows(py, rows, progress, |rows| {
-        let fitted = in_memory::fit(rows, &options)?;
-        let mut warnings = Vec::new();
-        if let Some(reason) = &fitted.not_exact {
-            warnings.push(format!("not solved exactly but by refined QR: {reason}"));
+        let watch = |count: usize| {
+            rows.watch.note(count as u64);
+            !rows.watch.is_stopped()
+        };
+        let workers = Workers { threads, watch: Some(&watch) };
+        let data = rows.dataset(false)?;
+        let fitted =
+            calibration::fit(&data, &Dataset::default(), &FitOptions { workers, ..options })?;
+        let mut warnings: Vec<String> = fitted.warnings.iter().map(ToString::to_string).collect();
+        if let Some(Ok(found)) = &fitted.outliers {
+            let name = |row: &Outlier| row_name(row, data.channels());
+            let names: Vec<RowName> = found.rows.iter().map(name).collect();
+            warnings.extend(found.warnings(Axes::ALL, &names));
         }
-        if let Some(reason) = &fitted.not_grouped {
-            warnings.push(format!(
-                "standard errors take rows as independent, and are too small where rows of a group \
-                 resemble each other: {reason}"
-            ));
-        }
-        if let Some(few) = fitted.choice.as_ref().and_then(|choice| choice.few_groups) {
-            warnings.push(format!(
-                "no standard errors and intervals: {} features for {} groups of rows; it takes twice \
-                 as many groups as features. Record more, or take a smaller model",
-                few.features, few.groups
-            ));
-        }
-        Ok((Fitted(fitted.file(made_by, serial, source(rows))?), warnings))
+        let (made_by, date) = made_by;
+        let facts = FileFacts {
+            made_by,
+            date,
+            sensor_serial: serial,
+            sources: source(rows),
+            columns: None,
+        };
+        Ok((Fitted(calibration_file(&fitted, facts)), warnings))
     })
 }
 
-/// Fits the physics model. Returns it with what is to be known of it.
-#[pyfunction]
-#[pyo3(signature = (rows, *, cross_validation, threads, made_by, serial, progress))]
-pub(crate) fn fit_physics(
-    py: Python<'_>,
-    rows: Rows<'_>,
-    cross_validation: Option<(Option<usize>,)>,
-    threads: usize,
-    made_by: (String, String),
-    serial: Option<String>,
-    progress: Option<Py<PyAny>>,
-) -> Result<(Fitted, Vec<String>), Failure> {
-    over_rows(py, rows, progress, |rows| {
-        let folds = cross_validation.map(|(folds,)| folds);
-        let fitted = in_memory::fit_physics(rows, folds, threads)?;
-        let mut warnings = Vec::new();
-        if fitted.groups_are == GroupsAre::Stretches {
-            warnings.push(format!(
-                "the rows have no groups: they were held out in {} stretches, in their order; give \
-                 groups= if poses last longer",
-                fitted.groups()
-            ));
-        }
-        let dead = fitted.dead_channels();
-        if !dead.is_empty() {
-            let dead: Vec<String> =
-                dead.iter().map(|channel| format!("s{}", channel + 1)).collect();
-            warnings.push(format!("left out, because they never change: {}", dead.join(", ")));
-        }
-        Ok((Fitted(fitted.file(made_by, serial, source(rows))?), warnings))
-    })
+/// Where a row of arrays is, from 1 as the lines of a file.
+fn row_name(row: &Outlier, channels: usize) -> RowName {
+    let names = (1..=channels).map(|i| format!("s{i}"));
+    RowName {
+        file: "<array>".to_owned(),
+        line: row.place + row.row as u64 + 1,
+        columns: names.chain(Axis::ALL.map(|axis| axis.name().to_owned())).collect(),
+    }
 }
 
 #[pymethods]

@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _native {
     #[pymodule_export]
-    use super::fitted::{Fitted, fit, fit_physics};
+    use super::fitted::{Fitted, fit};
     #[pymodule_export]
     use super::log::read_log;
     #[pymodule_export]

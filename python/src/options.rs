@@ -1,19 +1,19 @@
 //! Options of Python by their names.
 
 use calibration::Basis;
+use calibration::fit::{CovarianceRule, ModelRule};
 use calibration::solver::SolverKind;
-use shellcal::workflow::model_choice::CovarianceRule;
 
 use crate::error::{Failure, Told};
 
-/// A family of features; `None` for `auto`.
-pub(crate) fn basis(name: &str) -> Result<Option<Basis>, Failure> {
-    if name == "auto" {
-        return Ok(None);
-    }
-    let found = Basis::ALL.into_iter().find(|basis| basis.name() == name);
+pub(crate) fn model(name: &str) -> Result<ModelRule, Failure> {
+    let found = match name {
+        "auto" => Some(ModelRule::Auto),
+        "physics" => Some(ModelRule::Physics),
+        _ => Basis::ALL.into_iter().find(|basis| basis.name() == name).map(ModelRule::Given),
+    };
     let names = Basis::ALL.map(Basis::name).join("`, `");
-    found.map(Some).ok_or_else(|| unknown("model", name, &format!("{names}`, `auto")))
+    found.ok_or_else(|| unknown("model", name, &format!("{names}`, `auto")))
 }
 
 pub(crate) fn solver(name: &str) -> Result<SolverKind, Failure> {

@@ -2,17 +2,17 @@
 
 use std::path::PathBuf;
 
+use calibration::fit::{
+    FitOptions, HeldOut, ModelRule, RANDOM_FOLDS, Workers, random_split, sum_groups,
+};
 use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
-use calibration::{Basis, Model};
+use calibration::{Basis, FitError, Model};
 use calibration_file::{PartialFit, PartialGroups, PartialStream, Role, Source, Sums};
 use log_file::{Log, ReadOptions};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use shellcal::workflow::WorkflowError;
-use shellcal::workflow::in_memory;
-use shellcal::workflow::merge::{self, MergedFitOptions, MergedModel};
-use shellcal::workflow::model_choice::{RANDOM_FOLDS, random_split};
+use shellcal::workflow::merge;
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
 
 use crate::arrays::{Arrays, Weights};
@@ -30,8 +30,11 @@ pub(crate) struct Partial(PartialFit);
 type What = (String, bool, Option<String>, u64);
 
 fn largest_basis(model: &str) -> Result<Basis, Failure> {
-    // The sums of the largest serve every model that `auto` compares.
-    Ok(options::basis(model)?.unwrap_or(Basis::Poly3))
+    Ok(match options::model(model)? {
+        ModelRule::Given(basis) => basis,
+        // The sums of the largest serve every model that `auto` compares.
+        ModelRule::Auto | ModelRule::Physics => Basis::Poly3,
+    })
 }
 
 #[pymethods]
@@ -57,8 +60,11 @@ impl Partial {
                 Some(_) => random_split(RANDOM_FOLDS, seed),
                 None => RandomSplit::default(),
             };
-            let sums = in_memory::sum(&rows, basis, (Apart::Groups, split), 0)?;
-            let total = sums.total().ok_or(WorkflowError::NoRows)?.clone();
+            let (data, apart) = (rows.dataset(true)?, (Apart::Groups, split));
+            let watch = |_| !rows.watch.is_stopped();
+            let workers = Workers { threads: 0, watch: Some(&watch) };
+            let sums = sum_groups(&data, basis, apart, workers)?;
+            let total = sums.total().ok_or(FitError::NoRows)?.clone();
             let model = Model { basis, intercept, channels: total.channels() };
             let mut partial = PartialFit::new(model, Sums::Exact(total));
             (partial.made_by, partial.date) = made;
@@ -196,20 +202,18 @@ impl Partial {
         made: (String, String),
         serial: Option<String>,
     ) -> Result<Fitted, Failure> {
-        let options = MergedFitOptions {
-            model: match model {
-                None => MergedModel::Same,
-                Some(name) => options::basis(&name)?.map_or(MergedModel::Auto, MergedModel::Given),
-            },
+        let options = FitOptions {
             ridge,
-            cross_validation: cross_validation.map(|(folds,)| folds),
+            cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
             covariance: options::covariance(covariance)?,
+            ..FitOptions::default()
         };
+        let model = model.map(|name| options::model(&name)).transpose()?;
         let partial = &mut self.0;
         without_lock(py, None, |_| {
             partial.put_in_order();
-            let fitted = merge::fit(partial, &options)?;
-            let mut file = fitted.file(partial, serial);
+            let fitted = merge::fit(partial, model, &options)?;
+            let mut file = merge::file(&fitted, partial, serial);
             (file.origin.made_by, file.origin.date) = made;
             Ok(Fitted(file))
         })

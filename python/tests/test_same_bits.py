@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -175,3 +177,26 @@ def test_documents_pass_both_ways(logs: list[Path], table: shellcal.Table, tmp_p
     assert again.to_json() == calibration.to_json()
     assert (again.model, again.serial) == ("cubic", "shell 7")
     assert (again.predict(table.X) == calibration.predict(table.X)).all()
+
+
+def test_warnings_are_those_of_the_program(tmp_path: Path) -> None:
+    """Few poses, few rows, readings that are no counts: each is said by both, in the same words."""
+    random = np.random.default_rng(5)
+    poses = np.repeat(np.arange(12), 4)
+    loads = random.normal(size=(12, 6))[poses]
+    X = 2000 + loads @ random.normal(size=(6, 8)) * 200 + random.normal(size=(48, 8))
+    names = [f"s{i}" for i in range(1, 9)] + ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]
+    log = tmp_path / "few.csv"
+    with log.open("w") as file:
+        file.write(",".join([*names, "group"]) + "\n")
+        for row, load, pose in zip(X, loads, poses):
+            file.write(",".join(repr(float(x)) for x in [*row, *load]) + f",pose {pose}\n")
+    output = tmp_path / "few.json"
+    line = [shellcal.program(), "fit", log, "--model", "cubic", "--covariance", "auto", "-o", output]
+    done = subprocess.run([str(word) for word in line], capture_output=True, text=True, check=True)
+    said = {text for text in done.stderr.splitlines() if text.startswith("warning: ")}
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        Calibration("cubic").fit(X, loads, groups=[f"pose {pose}" for pose in poses])
+    found = {f"warning: {of.message}" for of in told}
+    assert len(found) >= 3 and found == said

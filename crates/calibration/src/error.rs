@@ -1,11 +1,16 @@
 //! Why a calibration cannot be fitted.
 
+use std::path::PathBuf;
+
 use super::exact::ExactError;
 use super::features::Features;
 use super::least_squares::LeastSquaresError;
 use super::model::TooLarge;
+use super::physics::PhysicsError;
 use super::rank_loss::RankLoss;
 use super::reading_ranges::ReadingRanges;
+use super::validation::ValidationError;
+use shell_data::wrench::Axes;
 
 /// Why a calibration cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -81,9 +86,83 @@ pub enum FitError {
     /// A ridge parameter that is not a finite number from zero up.
     #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
     Ridge(f64),
+    /// The rows do not determine a physics model.
+    #[error(transparent)]
+    Physics(#[from] PhysicsError),
+    /// A model of all six axes, of rows that have fewer.
+    #[error(
+        "the physics model takes all six axes of the wrench, as sensors answer to each; there are {found}"
+    )]
+    PhysicsAxes {
+        /// The axes that there are.
+        found: Axes,
+    },
+    /// A calibration cannot be validated on these rows.
+    #[error(transparent)]
+    Validation(ValidationError),
+    /// The rows have no groups, and none are found in them.
+    #[error(
+        "there is nothing to hold out: the log has no group column, no plateaus of constant load and no \
+         jumps of time; give several logs, or a column that is one value in each pose (`--group`)"
+    )]
+    NoGroups,
+    /// Sums that know nothing of groups, where something is asked of these.
+    #[error("the partial fits keep no sums of groups to hold out")]
+    NoGroupSums,
+    /// Standard errors by group were asked for and cannot be had.
+    #[error("no covariance by groups: {0}")]
+    NoGroupCovariance(ValidationError),
+    /// Rows that count more or less than one another, where each has to count as itself.
+    #[error("{what} takes rows that all count the same, or weights that are whole numbers")]
+    Weights {
+        /// What was asked for.
+        what: &'static str,
+    },
+    /// A log is a copy of another, and would be counted twice or tested on itself.
+    #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
+    Copy {
+        /// The one that was given first.
+        earlier: PathBuf,
+        /// The other.
+        later: PathBuf,
+    },
+    /// Nothing was left to fit.
+    #[error("no training rows are left")]
+    NoRows,
+    /// The caller wanted no more of it.
+    #[error("it was interrupted")]
+    Interrupted,
+}
+
+impl From<ValidationError> for FitError {
+    fn from(error: ValidationError) -> Self {
+        match error {
+            ValidationError::NotExact(error) => Self::NotExact(error),
+            // A row that no fit can take is no fault of the groups.
+            ValidationError::Rows(error) => *error,
+            error => Self::Validation(error),
+        }
+    }
 }
 
 impl FitError {
+    /// Whether it says what is wrong with the training rows, and so which logs they are of matters.
+    pub fn is_about_rows(&self) -> bool {
+        !matches!(
+            self,
+            Self::Physics(_)
+                | Self::PhysicsAxes { .. }
+                | Self::Validation(_)
+                | Self::NoGroups
+                | Self::NoGroupSums
+                | Self::NoGroupCovariance(_)
+                | Self::Weights { .. }
+                | Self::Copy { .. }
+                | Self::NoRows
+                | Self::Interrupted
+        )
+    }
+
     /// An error of the least-squares solver in terms of channels and features.
     pub(super) fn of_least_squares(
         error: LeastSquaresError,

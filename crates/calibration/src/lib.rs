@@ -22,7 +22,7 @@
 //!
 //! let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
 //! let problem = FitProblem { model, scaling: calibration::scaling::Scaling::identity(1), ridge: 0.0 };
-//! let (solution, ranges) = solver::fit(SolverKind::Exact, problem, &mut &[block][..])?;
+//! let (solution, ranges) = solver::fit(SolverKind::Exact, problem, &(&block).into())?;
 //! let calibration = Calibration::of_solution(&solution, &ranges);
 //!
 //! let mut converted = Default::default();
@@ -35,16 +35,18 @@
 #![warn(missing_docs)]
 
 mod conversion;
-pub mod decimal_step;
+mod decimal_step;
 pub mod double_double;
 mod error;
 pub mod exact;
 mod factor;
 pub mod factored;
 pub mod features;
+pub mod fit;
 pub mod least_squares;
 pub mod magnitudes;
 pub mod model;
+pub mod passes;
 pub mod physics;
 pub mod polynomial;
 pub mod quality;
@@ -62,5 +64,6 @@ mod wide_features;
 
 pub use self::conversion::{Calibration, Kind};
 pub use self::error::FitError;
+pub use self::fit::{Fit, FitOptions, fit};
 pub use self::model::{Basis, Model};
 pub use self::polynomial::Polynomial;

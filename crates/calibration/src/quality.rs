@@ -81,6 +81,16 @@ pub fn merge(all: &mut PerAxis<AxisErrors>, other: &PerAxis<AxisErrors>) {
     all.iter_mut().zip(other).for_each(|(all, other)| all.merge(other));
 }
 
+/// `value` with so many significant digits, with an exponent where that is shorter to read.
+pub fn significant(value: f64, digits: usize) -> String {
+    let magnitude = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
+    if !value.is_finite() || !(-4..6).contains(&magnitude) {
+        return format!("{value:.*e}", digits.saturating_sub(1));
+    }
+    let decimals = (digits as i32 - 1 - magnitude).max(0) as usize;
+    format!("{value:.decimals$}")
+}
+
 /// [`AxisErrors::of`], inlined whole into code for the widest vectors of the machine.
 struct ErrorsOf<'a> {
     predicted: &'a [f64],
@@ -116,6 +126,21 @@ const LANES: usize = 16;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_keep_their_significant_digits() {
+        let cases = [
+            (0.118_234, "0.1182"),
+            (12.345_67, "12.35"),
+            (123_456.7, "123457"),
+            (1.234_56e-5, "1.235e-5"),
+            (0.0, "0.000"),
+            (2.345e11, "2.345e11"),
+        ];
+        for (value, expected) in cases {
+            assert_eq!(significant(value, 4), expected);
+        }
+    }
 
     #[test]
     fn figures_of_a_small_example_computed_from_the_definition() {

@@ -27,6 +27,7 @@
 
 pub mod block;
 pub mod columns;
+pub mod dataset;
 pub mod fingerprint;
 pub mod instructions;
 pub mod random;
@@ -36,5 +37,6 @@ pub mod wrench;
 
 pub use block::Block;
 pub use columns::{ColumnNames, TimeUnit};
+pub use dataset::{Dataset, ReadSummary};
 pub use telemetry::Telemetry;
 pub use wrench::{Axes, Axis, AxisValues, MomentUnit, PerAxis};

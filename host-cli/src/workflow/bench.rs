@@ -154,7 +154,7 @@ pub fn solve(
     kind: SolverKind,
     problem: &FitProblem,
 ) -> Result<Solution, FitError> {
-    solver::fit(kind, problem.clone(), &mut { blocks }).map(|(solution, _)| solution)
+    solver::fit(kind, problem.clone(), &blocks.into()).map(|(solution, _)| solution)
 }
 
 fn measure(

@@ -6,44 +6,24 @@ pub mod bench;
 pub mod convert;
 pub mod doctor;
 pub mod drift;
-pub mod eval;
-pub mod factored;
 pub mod figures;
 pub mod fit;
-pub mod group_errors;
-pub mod groups;
-pub mod in_memory;
-mod kept_rows;
 pub mod live;
-pub mod log_facts;
-mod log_rows;
 pub mod log_summary;
-pub mod means;
 pub mod merge;
-pub mod model_choice;
-pub mod moments;
 pub mod noise;
-pub mod outliers;
 pub mod partial;
 pub mod payload;
-pub mod physics;
-pub mod refits;
 pub mod report;
 pub mod sampling;
 pub mod selection;
 pub mod simulate;
-mod solving;
-mod spread_rows;
 pub mod synthetic_trials;
 pub mod trial;
-mod uncertainty;
-pub mod weighing;
 
 use std::path::PathBuf;
 
 use calibration::FitError;
-use calibration::physics::PhysicsError;
-use calibration::validation::ValidationError;
 use calibration_file::MergeError;
 use log_file::{Log, LogError, Wanted};
 use shell_data::wrench::Axes;
@@ -55,12 +35,9 @@ pub enum WorkflowError {
     /// A log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// The rows do not determine a calibration.
+    /// The rows do not determine a calibration, or nothing of what was asked of them.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// The rows do not determine a physics model.
-    #[error(transparent)]
-    Physics(#[from] PhysicsError),
     /// A log has another number of channels than the calibration, or than the first log.
     #[error(transparent)]
     Channels(#[from] ChannelMismatch),
@@ -74,58 +51,9 @@ pub enum WorkflowError {
         /// Axes of the log.
         found: Axes,
     },
-    /// A model of all six axes, of logs that have fewer.
-    #[error(
-        "the physics model takes all six axes of the wrench, as sensors answer to each; there are {found}"
-    )]
-    PhysicsAxes {
-        /// The axes that there are.
-        found: Axes,
-    },
-    /// A calibration cannot be validated on these rows.
-    #[error(transparent)]
-    Validation(ValidationError),
-    /// The logs have no groups, and are a single file.
-    #[error(
-        "there is nothing to hold out: the log has no group column, no plateaus of constant load and no \
-         jumps of time; give several logs, or a column that is one value in each pose (`--group`)"
-    )]
-    NoGroups,
-    /// Rows in memory without labels of groups, where something is asked of these.
-    #[error("there is nothing to hold out: the rows have no labels of groups")]
-    NoGroupLabels,
-    /// Rows that count more or less than one another, where each has to count as itself.
-    #[error("{what} takes rows that all count the same, or weights that are whole numbers")]
-    Weights {
-        /// What was asked for.
-        what: &'static str,
-    },
-    /// The caller wanted no more of it.
-    #[error("it was interrupted")]
-    Interrupted,
-    /// Partial fits that know nothing of groups, where something is asked of these.
-    #[error("the partial fits keep no sums of groups to hold out")]
-    NoGroupSums,
     /// Partial fits that cannot be merged.
     #[error(transparent)]
     Merge(MergeError),
-    /// A log is a copy of another, and would be counted twice or tested on itself.
-    #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
-    Copy {
-        /// The one that was given first.
-        earlier: PathBuf,
-        /// The other.
-        later: PathBuf,
-    },
-    /// A log was read twice, and in between it became another.
-    #[error("`{}` has changed while it was being read", path.display())]
-    Changed {
-        /// The log.
-        path: PathBuf,
-    },
-    /// Nothing was left to sum.
-    #[error("no training rows are left")]
-    NoRows,
     /// There was nothing to work on.
     #[error("no logs were given")]
     NoLogs,
@@ -177,7 +105,11 @@ fn check_logs<'a>(
     Ok(first)
 }
 
-fn check_channels(log: &Log, expected: usize) -> Result<(), ChannelMismatch> {
+/// Checks that a log has so many channels.
+///
+/// # Errors
+/// [`ChannelMismatch`].
+pub fn check_channels(log: &Log, expected: usize) -> Result<(), ChannelMismatch> {
     let found = log.channels();
     if found == expected {
         return Ok(());

@@ -1,17 +1,19 @@
-//! Partial fits: the sums of some logs, for [`merge`](super::merge).
+//! Partial fits: the sums of some logs, for [`merge`](super::merge). Logs are streamed, so that they may be larger
+//! than the memory.
 
-use super::WorkflowError;
-use super::factored::{Factored, factor};
-use super::groups::{self, GroupBy};
-use super::model_choice::{RANDOM_FOLDS, random_split};
-use super::moments::{self, SumOptions};
-use super::selection::UsedRows;
+use super::{WorkflowError, check_logs};
 use calibration::exact::Moments;
-use calibration::factored::FactoredGroups;
-use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
+use calibration::factored::{FactoredGroups, GroupFactors};
+use calibration::fit::{RANDOM_FOLDS, random_split};
+use calibration::reading_ranges::ReadingRanges;
+use calibration::scaling::Scaling;
+use calibration::validation::grouped::{
+    Apart, BlockGroups, GroupKind, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+};
 use calibration::{Basis, FitError, Model};
 use calibration_file::{PartialFit, PartialGroups, Role, Source, Sums};
-use log_file::{Log, ReadOptions, ReadSummary};
+use log_file::{Log, ReadOptions, ReadSummary, Wanted};
+use shell_data::block::Block;
 
 /// What is summed, and how.
 #[derive(Clone, Copy)]
@@ -63,26 +65,25 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
     }
     let group_by = options.groups.map(|groups| match groups {
         KeptGroups::By(by) => by,
-        KeptGroups::Auto => groups::given(logs).unwrap_or(GroupKind::File),
+        KeptGroups::Auto if logs.iter().all(Log::has_groups) => GroupKind::Column,
+        KeptGroups::Auto => GroupKind::File,
     });
     let random = match group_by {
         Some(_) => random_split(RANDOM_FOLDS, options.seed),
         None => RandomSplit::default(),
     };
-    let sum_options = SumOptions {
+    let stream = Stream {
+        logs,
         basis: options.basis,
-        group_by: group_by.map_or(GroupBy::File, GroupBy::from),
-        apart: Apart::Groups,
-        random,
-        used: UsedRows { fresh: options.fresh, excluded: None },
-        gathering: None,
+        by: group_by.unwrap_or(GroupKind::File),
+        fresh: options.fresh,
         read: ReadOptions { checksum: true, ..options.read },
     };
     let kept = match options.triangles {
-        true => keep_triangles(logs, &sum_options),
-        false => match moments::sum(logs, &sum_options) {
-            Err(WorkflowError::Fit(FitError::NotExact(_))) => keep_triangles(logs, &sum_options),
-            sums => keep_sums(sums?, random),
+        true => stream.factor(),
+        false => match stream.sum(random) {
+            Err(WorkflowError::Fit(FitError::NotExact(_))) => stream.factor(),
+            sums => sums,
         },
     };
     let Kept { total, groups, random, first_in, summaries } = kept?;
@@ -109,32 +110,103 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
     Ok(partial)
 }
 
-fn keep_sums(sums: moments::Sums, split: RandomSplit) -> Result<Kept, WorkflowError> {
-    let moments::Sums { grouped, first_in, summaries, .. } = sums;
-    let total = grouped.total().ok_or(WorkflowError::NoRows)?.clone();
-    let GroupedMoments { groups, random, .. } = grouped;
-    let exact = |(label, moments): (String, Moments)| (label, Sums::Exact(moments));
-    Ok(Kept {
-        total: Sums::Exact(total),
-        groups: groups.into_iter().map(exact).collect(),
-        random: (split, random),
-        first_in,
-        summaries,
-    })
+/// Logs that are read block by block.
+struct Stream<'a> {
+    logs: &'a [Log],
+    basis: Basis,
+    by: GroupKind,
+    fresh: bool,
+    read: ReadOptions<'a>,
 }
 
-fn keep_triangles(logs: &[Log], options: &SumOptions<'_>) -> Result<Kept, WorkflowError> {
-    let SumOptions { basis, group_by, used, read, .. } = options;
-    let Factored { groups, first_in, summaries } = factor(logs, *basis, group_by, *used, read)?;
-    let total = groups.total().ok_or(WorkflowError::NoRows)?;
-    let FactoredGroups { groups } = groups;
-    let groups = groups.into_iter().map(|(label, rows)| (label, Sums::Factored(rows)));
-    Ok(Kept {
-        total: Sums::Factored(total),
-        groups: groups.collect(),
-        // Rows are not dealt at random: their triangle would have to be made without each fold.
-        random: (RandomSplit::default(), Vec::new()),
-        first_in,
-        summaries,
-    })
+impl Stream<'_> {
+    /// The number of channels, if all logs have as many, and features are not too many.
+    fn channels(&self) -> Result<usize, WorkflowError> {
+        let channels = check_logs(self.logs, &[], &self.wanted())?.channels();
+        let model = Model { basis: self.basis, intercept: true, channels };
+        model.check_size().map_err(FitError::from)?;
+        Ok(channels)
+    }
+
+    fn wanted(&self) -> Wanted {
+        let groups = self.by == GroupKind::Column;
+        Wanted { readings: true, wrench: true, groups, ..Wanted::default() }
+    }
+
+    /// Labels the rows of a block by their groups, and leaves those that are used.
+    fn select(&self, log: usize, block: &mut Block) {
+        if self.by == GroupKind::File {
+            block.groups = vec![(self.logs[log].path().display().to_string(), block.rows)];
+        }
+        if self.fresh {
+            block.retain_rows(&block.fresh_rows());
+        }
+    }
+
+    /// The exact sums by group.
+    fn sum(&self, split: RandomSplit) -> Result<Kept, WorkflowError> {
+        let channels = self.channels()?;
+        let mut sums = GroupSums::new(self.basis, channels, Apart::Groups, split);
+        let empty = sums.worker();
+        let map = |worker: &mut GroupWorker, log: usize, block: &mut Block| {
+            self.select(log, block);
+            // Names what is not finite, as every fit does.
+            ReadingRanges::of_block(block, channels)?;
+            Ok::<_, FitError>(worker.add(block, &block.groups)?)
+        };
+        let mut first_in = Vec::new();
+        let fold = |log, groups: Result<BlockGroups, FitError>| -> Result<(), WorkflowError> {
+            sums.add(groups?).map_err(FitError::from)?;
+            first_in.resize(sums.group_count(), log);
+            Ok(())
+        };
+        let logs: Vec<&Log> = self.logs.iter().collect();
+        let init = || empty.clone();
+        let (summaries, workers) =
+            log_file::read_all(&logs, &self.wanted(), &self.read, init, map, fold)?;
+        let grouped = sums.finish(workers).map_err(FitError::from)?;
+        let total = grouped.total().ok_or(FitError::NoRows)?.clone();
+        let GroupedMoments { groups, random, .. } = grouped;
+        let exact = |(label, moments): (String, Moments)| (label, Sums::Exact(moments));
+        Ok(Kept {
+            total: Sums::Exact(total),
+            groups: groups.into_iter().map(exact).collect(),
+            random: (split, random),
+            first_in,
+            summaries,
+        })
+    }
+
+    /// Triangles by group.
+    fn factor(&self) -> Result<Kept, WorkflowError> {
+        self.channels()?;
+        let sample = Wanted { readings: true, ..Wanted::default() };
+        let sample = self.logs.first().ok_or(WorkflowError::NoLogs)?.sample(&sample)?;
+        let mut groups = GroupFactors::new(self.basis, Scaling::of_sample(&sample.readings, true));
+        let mut first_in = Vec::new();
+        let map = |(): &mut (), log: usize, block: &mut Block| {
+            self.select(log, block);
+            std::mem::take(block)
+        };
+        let fold = |log: usize, block: Block| -> Result<(), WorkflowError> {
+            groups.add(&block, &block.groups).map_err(FitError::from)?;
+            first_in.resize(groups.group_count(), log);
+            Ok(())
+        };
+        let logs: Vec<&Log> = self.logs.iter().collect();
+        let (summaries, _) =
+            log_file::read_all(&logs, &self.wanted(), &self.read, || (), map, fold)?;
+        let groups = groups.finish().map_err(FitError::from)?;
+        let total = groups.total().ok_or(FitError::NoRows)?;
+        let FactoredGroups { groups } = groups;
+        let groups = groups.into_iter().map(|(label, rows)| (label, Sums::Factored(rows)));
+        Ok(Kept {
+            total: Sums::Factored(total),
+            groups: groups.collect(),
+            // Rows are not dealt at random: their triangle would have to be made without each fold.
+            random: (RandomSplit::default(), Vec::new()),
+            first_in,
+            summaries,
+        })
+    }
 }

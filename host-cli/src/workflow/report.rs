@@ -4,8 +4,8 @@ use std::io;
 use std::path::Path;
 
 use super::batch::Batch;
-use super::group_errors::GroupErrors;
 use super::trial::{Doubt, DoubtfulRow, TrialJob, doubtful_rows};
+use calibration::fit::GroupErrors;
 use calibration_file::{CalibrationFile, Role};
 use forces::RowRule;
 use log_file::{Log, LogError, Mapping, ReadOptions, checksum};

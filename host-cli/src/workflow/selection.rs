@@ -1,7 +1,5 @@
 //! Which rows of a log are used, and how results are laid out, for all jobs alike.
 
-use std::collections::HashMap;
-
 use log_file::{Log, LogError};
 use shell_data::block::Block;
 use shell_data::wrench::AxisValues;
@@ -32,52 +30,6 @@ impl RowFilter {
         if self == RowFilter::Fresh {
             block.retain_rows(&block.fresh_rows());
         }
-    }
-}
-
-/// Rows that are left out, by log, block and row of the block as it was read.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Excluded(HashMap<(usize, u64), Vec<usize>>);
-
-impl FromIterator<(usize, u64, usize)> for Excluded {
-    fn from_iter<I: IntoIterator<Item = (usize, u64, usize)>>(rows: I) -> Self {
-        let mut excluded = Self::default();
-        for (log, place, row) in rows {
-            excluded.0.entry((log, place)).or_default().push(row);
-        }
-        excluded
-    }
-}
-
-impl Excluded {
-    /// Whether a row is among them.
-    pub fn contains(&self, log: usize, place: u64, row: usize) -> bool {
-        self.0.get(&(log, place)).is_some_and(|rows| rows.contains(&row))
-    }
-}
-
-/// Which rows of several logs are used.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct UsedRows<'a> {
-    /// Only rows whose readings differ from those of the row before.
-    pub fresh: bool,
-    /// None of these.
-    pub excluded: Option<&'a Excluded>,
-}
-
-impl UsedRows<'_> {
-    /// Leaves in a block of a log the rows that are used.
-    pub(super) fn select(self, log: usize, block: &mut Block) {
-        let excluded = self.excluded.and_then(|excluded| excluded.0.get(&(log, block.place)));
-        if !self.fresh && excluded.is_none() {
-            return;
-        }
-        let mut keep = match self.fresh {
-            true => block.fresh_rows(),
-            false => vec![true; block.rows],
-        };
-        excluded.into_iter().flatten().for_each(|&row| keep[row] = false);
-        block.retain_rows(&keep);
     }
 }
 

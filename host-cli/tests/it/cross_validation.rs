@@ -61,7 +61,7 @@ fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
     let random = RandomSplit { folds: random_folds, held_out: random_folds, seed: 1 };
     let mut all = GroupSums::new(basis, block.readings.len(), Apart::Groups, random);
     let mut worker = all.worker();
-    all.add(worker.add(block).unwrap()).unwrap();
+    all.add(worker.add(block, &block.groups).unwrap()).unwrap();
     all.finish([worker]).unwrap()
 }
 
@@ -76,8 +76,7 @@ fn moments(block: &Block, basis: Basis) -> Moments {
 fn brute_force(train: &Block, test: &Block, model: Model) -> PerAxis<(f64, f64)> {
     let scaling = Scaling::of_sample(&train.readings, model.intercept);
     let problem = FitProblem { model, scaling, ridge: 0.0 };
-    let (solution, ranges) =
-        solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(train)).unwrap();
+    let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem, &train.into()).unwrap();
     errors(&Calibration::of_solution(&solution, &ranges), test)
 }
 

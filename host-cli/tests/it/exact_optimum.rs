@@ -125,8 +125,7 @@ fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
         let model = Model { basis: Basis::Cubic, intercept, channels: 8 };
         let scaling = Scaling::of_sample(&block.readings, intercept);
         let problem = FitProblem { model, scaling, ridge: 0.0 };
-        let (solution, ranges) =
-            solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(&block)).unwrap();
+        let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem, &(&block).into()).unwrap();
         let calibration = Calibration::of_solution(&solution, &ranges);
         let (features, wrench) = integers(&block, model);
         let reached = residual(&block, &calibration);

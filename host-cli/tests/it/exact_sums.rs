@@ -6,7 +6,10 @@ use calibration::exact::{
 use calibration::model::{Basis, Model};
 use calibration::reading_ranges::ReadingRanges;
 use calibration::scaling::Scaling;
-use calibration::solver::{self, Exact, FitProblem, Pass, PassWorker, Solution, SolverKind};
+use calibration::solver::{
+    self, Exact, FitProblem, Pass, Rows, Solution, SolverKind, Workers, exact_moments,
+    solve_moments,
+};
 use proptest::prelude::*;
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
@@ -121,36 +124,26 @@ fn block(readings: &Columns, wrench: &Columns, rows: std::ops::Range<usize>) -> 
     Block { rows: rows.len(), readings: cut(readings), wrench: cut(wrench), ..Block::default() }
 }
 
-/// Through the solver trait: a partial for each block, merged in order.
-fn solve_block_by_block(solver: &Exact, blocks: &[Block], ranges: &ReadingRanges) -> Solution {
-    let mut all = solver.empty();
+/// A partial for each block, merged in order.
+fn solve_block_by_block(model: Model, blocks: &[Block], ranges: &ReadingRanges) -> Solution {
+    let exact = Exact::new(model);
+    let mut all = exact.empty();
     for block in blocks {
-        solver.merge(&mut all, solver.reduce(block).unwrap());
+        exact.merge(&mut all, exact.reduce(block).unwrap());
     }
-    solver.solve(all, ranges).unwrap()
+    solve_moments(&all.finish().unwrap(), &model, 0.0, ranges).unwrap()
 }
 
-/// On `threads` threads at once, each with a worker of its own.
+/// On so many threads at once.
 fn solve_on_threads(
-    solver: &Exact,
+    model: Model,
     blocks: &[Block],
     ranges: &ReadingRanges,
     threads: usize,
 ) -> Solution {
-    let workers: Vec<_> = std::thread::scope(|scope| {
-        let work = |first| {
-            let mut worker = PassWorker::new(solver);
-            for block in blocks.iter().skip(first).step_by(threads) {
-                assert!(worker.reduce(block).unwrap().is_none(), "nothing to be merged");
-            }
-            worker
-        };
-        let threads: Vec<_> = (0..threads).map(|first| scope.spawn(move || work(first))).collect();
-        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
-    });
-    let mut all = solver.empty();
-    PassWorker::merge(workers, &mut all);
-    solver.solve(all, ranges).unwrap()
+    let rows = Rows::from_blocks(blocks, Workers { threads, watch: None });
+    let moments = exact_moments(model, &rows, blocks.first()).unwrap();
+    solve_moments(&moments, &model, 0.0, ranges).unwrap()
 }
 
 #[test]
@@ -164,17 +157,14 @@ fn one_two_and_seven_threads_give_the_same_solution() {
     let ranges = ReadingRanges::of_block(&block(&readings, &wrench, 0..9000), 8).unwrap();
     for basis in [Basis::Cubic, Basis::Quadratic, Basis::Poly3] {
         let model = Model { basis, intercept: true, channels: 8 };
-        let scaling = Scaling::identity(8);
         let blocks_of = |rows: usize| -> Vec<Block> {
             let starts = (0..9000).step_by(rows);
             starts.map(|start| block(&readings, &wrench, start..(start + rows).min(9000))).collect()
         };
-        let solver =
-            || Exact::new(&FitProblem { model, scaling: scaling.clone(), ridge: 0.0 }).unwrap();
-        let whole = solve_block_by_block(&solver(), &blocks_of(9000), &ranges);
-        assert_eq!(solve_block_by_block(&solver(), &blocks_of(333), &ranges), whole);
+        let whole = solve_block_by_block(model, &blocks_of(9000), &ranges);
+        assert_eq!(solve_block_by_block(model, &blocks_of(333), &ranges), whole);
         for (threads, rows) in [(1, 1000), (2, 1000), (7, 333), (7, 100)] {
-            let found = solve_on_threads(&solver(), &blocks_of(rows), &ranges, threads);
+            let found = solve_on_threads(model, &blocks_of(rows), &ranges, threads);
             assert_eq!(found, whole, "{threads} threads, {rows} rows at once");
         }
     }
@@ -382,11 +372,10 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     let model = Model { basis: Basis::Linear, intercept: true, channels: 8 };
     let scaling = Scaling::of_sample(&readings, true);
     let problem = FitProblem { model, scaling, ridge: 1e-3 };
-    let exact = Exact::new(&problem).unwrap();
-    let exact = exact.solve(exact.reduce(&rows).unwrap(), &ranges).unwrap();
+    let moments = exact_moments(model, &(&rows).into(), None).unwrap();
+    let exact = solve_moments(&moments, &model, 1e-3, &ranges).unwrap();
     let problem = FitProblem { scaling: exact.scaling.clone(), ..problem };
-    let (tsqr, _) =
-        solver::fit(SolverKind::Tsqr, problem, &mut std::slice::from_ref(&rows)).unwrap();
+    let (tsqr, _) = solver::fit(SolverKind::Tsqr, problem, &(&rows).into()).unwrap();
     assert_eq!((exact.rank, tsqr.rank), (8, 8));
     // Householder QR of a matrix of condition 1/√λ = 30.
     let close = |a: &faer::Mat<f64>, b: &faer::Mat<f64>| {

@@ -3,12 +3,13 @@
 use std::fs;
 use std::path::Path;
 
+use calibration::fit::{GroupsAsked, Workers, group_errors, label_poses_or_files};
 use calibration::quality::{self, AxisQuality};
+use calibration::{FitOptions, fit};
 use log_file::{Log, Mapping, ReadOptions};
+use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
-use shellcal::workflow::fit::{FitOptions, fit};
-use shellcal::workflow::group_errors::group_errors;
-use shellcal::workflow::selection::UsedRows;
+use shellcal::workflow::fit::FitData;
 use system_tests::program::run;
 
 use super::book::root;
@@ -95,18 +96,17 @@ fn what_nobody_measured_is_said() {
 fn errors_by_group_add_up_to_those_of_the_fit() {
     let path = data("synthetic-train.csv");
     let logs = [Log::open(Path::new(&path), &Mapping::default()).unwrap()];
-    let fitted = fit(&logs, &[], &FitOptions::default()).unwrap();
     let read = ReadOptions::default();
-    let calibration = &fitted.calibration;
-    let used = UsedRows::default();
-    let grouped = group_errors(calibration, &logs, None, used, (2500, 100), &read).unwrap();
+    let data = FitData::read(&logs, &[], (GroupsAsked::IfAny, false), &read).unwrap().train;
+    let fitted = fit(&data, &Dataset::default(), &FitOptions::default()).unwrap();
+    let labelled = label_poses_or_files(&data);
+    let grouped = group_errors(&fitted.calibration, &labelled, 100, Workers::default()).unwrap();
     assert_eq!(grouped.groups.len(), 125);
     assert_eq!(grouped.groups.iter().map(|group| group.rows).sum::<u64>(), 2500);
     assert!((90..=150).contains(&grouped.loads.len()), "{}", grouped.loads.len());
     let mut all = PerAxis::default();
     grouped.groups.iter().for_each(|group| quality::merge(&mut all, &group.errors));
-    let of_fit = fitted.train[0].quality().unwrap();
-    for (errors, AxisQuality { rms, bias, .. }) in all.iter().zip(of_fit) {
+    for (errors, AxisQuality { rms, bias, .. }) in all.iter().zip(fitted.train) {
         let found = errors.quality().unwrap();
         // Sums of 2,500 terms in another order.
         assert!((found.rms / rms - 1.0).abs() < 1e-12, "{} {rms}", found.rms);

@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::Path;
 
-use calibration::physics::PhysicsValidation;
+use calibration::fit::{GroupsAsked, HeldOut};
+use calibration::physics::{PhysicsValidation, TrainingRows};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
-use shellcal::workflow::physics::read_rows;
-use shellcal::workflow::selection::UsedRows;
+use shellcal::workflow::fit::FitData;
 use system_tests::program::{ended, json, refused, succeed};
 use system_tests::real_recording;
 
@@ -123,7 +123,9 @@ fn poses_of_a_real_sensor_that_were_left_out_are_found_again() {
     let path = real_recording("others/photointerrupters/poses.csv");
     let mapping = Mapping { group: Some(ColumnRef::Name("pose".into())), ..Mapping::default() };
     let log = Log::open(&path, &mapping).unwrap();
-    let rows = read_rows(&[log], None, UsedRows::default(), &ReadOptions::default()).unwrap().rows;
+    let asked = (GroupsAsked::HeldOut(HeldOut::Column), false);
+    let data = FitData::read(&[log], &[], asked, &ReadOptions::default()).unwrap();
+    let (rows, _) = TrainingRows::from_dataset(&data.train);
     let validation = PhysicsValidation::of(&rows, &rows.folds(usize::MAX)).unwrap();
     let (total, median) = (validation.total(), validation.median());
     let limits = [(1.20, 0.45), (1.30, 0.48), (1.05, 0.43)];

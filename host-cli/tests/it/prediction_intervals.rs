@@ -5,6 +5,7 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use calibration::fit::{CovarianceRule, FewGroups, FitOptions, Warning};
 use calibration::solver::solve_moments;
 use calibration::uncertainty::{CoefficientCovariance, Covariance, student_quantile};
 use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
@@ -12,11 +13,7 @@ use calibration::{Basis, Calibration, Model};
 use log_file::{ColumnRef, Log, LogError, Mapping, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
-use shellcal::workflow::fit::{CovarianceFrom, FitOptions, fit};
-use shellcal::workflow::groups::GroupBy;
-use shellcal::workflow::model_choice::FewGroups;
-use shellcal::workflow::moments::{SumOptions, sum};
-use shellcal::workflow::selection::UsedRows;
+use shellcal::workflow::fit::fit;
 use simulation::sensor_model::{Kind, Recording, Sample, Settings};
 use simulation::synthetic_log::SyntheticLayout;
 use system_tests::random::Random;
@@ -106,22 +103,14 @@ fn ninety_five_percent_intervals_hold_ninety_five_percent_of_new_poses() {
         for seed in 1..=sessions {
             let (train, test) = session(seed, poses);
             let logs = [Log::open(&log(folder.path(), &train), &Mapping::default()).unwrap()];
-            let options = SumOptions {
-                basis,
-                group_by: GroupBy::Column,
-                apart: Apart::Groups,
-                random: RandomSplit::default(),
-                used: UsedRows::default(),
-                gathering: None,
-                read: ReadOptions::default(),
-            };
-            let sums = sum(&logs, &options).unwrap().grouped;
             for (covariance, found) in
-                [CovarianceFrom::Groups(&sums), CovarianceFrom::Rows].into_iter().zip(&mut found)
+                [CovarianceRule::Groups, CovarianceRule::Rows].into_iter().zip(&mut found)
             {
-                let options = FitOptions { basis, covariance, ..FitOptions::default() };
+                let model = basis.into();
+                let options = FitOptions { model, covariance, ..FitOptions::default() };
                 let fitted = fit(&logs, &[], &options).unwrap();
-                assert_eq!(fitted.not_grouped, None);
+                let is_by_rows = |of: &Warning| matches!(of, Warning::NotGrouped(_));
+                assert!(!fitted.warnings.iter().any(is_by_rows), "{:?}", fitted.warnings);
                 let shares = coverage_of_samples(&fitted.calibration, &test);
                 found.iter_mut().zip(shares).for_each(|(all, share)| all.push(share));
             }
@@ -163,7 +152,7 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
         }
         let mut sums = GroupSums::new(Basis::Linear, 2, Apart::Groups, RandomSplit::default());
         let mut worker = sums.worker();
-        sums.add(worker.add(&block).unwrap()).unwrap();
+        sums.add(worker.add(&block, &block.groups).unwrap()).unwrap();
         let sums = sums.finish([worker]).unwrap();
         let total = sums.total().unwrap();
         let solution = solve_moments(total, &model, 0.0, &total.reading_ranges()).unwrap();
@@ -226,18 +215,8 @@ fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
         }
         let (trained, held_out) = poses.split_at(24);
         let (train, test) = ([log("train.csv", trained)], log("test.csv", held_out));
-        let options = SumOptions {
-            basis: Basis::Linear,
-            group_by: GroupBy::Column,
-            apart: Apart::Groups,
-            random: RandomSplit::default(),
-            used: UsedRows::default(),
-            gathering: None,
-            read: ReadOptions::default(),
-        };
-        let sums = sum(&train, &options).unwrap().grouped;
-        let covariance = CovarianceFrom::Groups(&sums);
-        let options = FitOptions { basis: Basis::Linear, covariance, ..FitOptions::default() };
+        let (model, covariance) = (Basis::Linear.into(), CovarianceRule::Groups);
+        let options = FitOptions { model, covariance, ..FitOptions::default() };
         let fitted = fit(&train, &[], &options).unwrap();
         let mut rows = Block::default();
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
@@ -257,7 +236,7 @@ fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
     }
     for basis in [Basis::Cubic, Basis::Quadratic, Basis::Poly3] {
         let model = Model { basis, intercept: true, channels: 8 };
-        assert!(FewGroups::of(model.term_count(), 24).is_some(), "{basis:?}");
+        assert!(FewGroups::new(model.term_count(), 24).is_some(), "{basis:?}");
     }
     for axis in 0..6 {
         let ((share, _), (half, _)) = (mean(&shares[axis]), mean(&halves[axis]));

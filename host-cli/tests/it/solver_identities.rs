@@ -35,8 +35,7 @@ fn problem(basis: Basis, intercept: bool, block: &Block) -> FitProblem {
 }
 
 fn fit(problem: &FitProblem, block: &Block) -> Result<(Solution, Calibration), FitError> {
-    let mut blocks = std::slice::from_ref(block);
-    let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem.clone(), &mut blocks)?;
+    let (solution, ranges) = solver::fit(SolverKind::Tsqr, problem.clone(), &block.into())?;
     let calibration = Calibration::of_solution(&solution, &ranges);
     Ok((solution, calibration))
 }

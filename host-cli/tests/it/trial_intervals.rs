@@ -42,7 +42,7 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     }
     let mut sums = GroupSums::new(Basis::Cubic, 8, Apart::Groups, RandomSplit::default());
     let mut worker = sums.worker();
-    sums.add(worker.add(&block).unwrap()).unwrap();
+    sums.add(worker.add(&block, &block.groups).unwrap()).unwrap();
     let sums = sums.finish([worker]).unwrap();
     let total = sums.total().unwrap();
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 8 };

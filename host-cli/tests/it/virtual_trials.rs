@@ -3,11 +3,12 @@ use std::f64::consts::TAU;
 use std::fs;
 use std::io::Write;
 
+use calibration::FitOptions;
 use calibration::{Basis, Calibration};
 use forces::{ForceOptions, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
 use shell_data::telemetry::Telemetry;
-use shellcal::workflow::fit::{FitOptions, fit};
+use shellcal::workflow::fit::fit;
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, evaluate_log, search_window};
 use simulation::sensor_model::{Parameters, SensorModel};
@@ -158,7 +159,7 @@ fn true_calibration(unit_seed: u64) -> Calibration {
     let path = folder.path().join("train.csv");
     fs::write(&path, text).unwrap();
     let log = Log::open(&path, &Mapping::default()).unwrap();
-    let options = FitOptions { basis: Basis::Cubic, ..FitOptions::default() };
+    let options = FitOptions { model: Basis::Cubic.into(), ..FitOptions::default() };
     fit(&[log], &[], &options).unwrap().calibration
 }
 

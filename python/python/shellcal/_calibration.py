@@ -17,7 +17,6 @@ from ._errors import ArrayError, NotFittedError, OptionError, ShellcalWarning
 from ._files import PathLike, write_whole
 from ._native import Fitted
 from ._native import fit as _fit
-from ._native import fit_physics as _fit_physics
 from ._origin import made_by
 
 
@@ -188,12 +187,7 @@ class Calibration:
             labels = None if labels is None else (labels[0][kept], labels[1])
         rows = (readings, wrench, labels, repeats, weights)
         with _progress.shown("fit", "row") as progress:
-            if self.model == "physics":
-                fitted, messages = self._fit_physics(rows, progress)
-            else:
-                fitted, messages = self._fit_polynomial(rows, progress)
-        if weights is not None and self.solver == "exact":
-            messages.append("not solved exactly but by refined QR: sample_weight has no whole numbers")
+            fitted, messages = self._fit_rows(rows, progress)
         for message in messages:
             warnings.warn(message, ShellcalWarning, stacklevel=2)
         self._take(fitted)
@@ -205,7 +199,16 @@ class Calibration:
             del self.feature_names_in_
         return self
 
-    def _fit_polynomial(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str]]:
+    def _fit_rows(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str]]:
+        if self.model == "physics":
+            _options.physics(
+                {
+                    "ridge": _options.number("ridge", self.ridge) != 0.0,
+                    "solver": self.solver != "exact",
+                    "intercept": not self.intercept,
+                    "truncate": self.truncate is not None,
+                }
+            )
         return _fit(
             rows,
             model=_options.text("model", self.model),
@@ -216,24 +219,6 @@ class Calibration:
             cross_validation=_options.folds(self.cv),
             seed=_options.count("seed", self.seed),
             covariance=_options.text("covariance", self.covariance),
-            threads=_options.count("threads", self.threads, most=1024),
-            made_by=made_by(),
-            serial=self.serial,
-            progress=progress,
-        )
-
-    def _fit_physics(self, rows: Rows, progress: Any) -> tuple[Fitted, list[str]]:
-        _options.physics(
-            {
-                "ridge": _options.number("ridge", self.ridge) != 0.0,
-                "solver": self.solver != "exact",
-                "intercept": not self.intercept,
-                "truncate": self.truncate is not None,
-            }
-        )
-        return _fit_physics(
-            rows,
-            cross_validation=_options.folds(self.cv),
             threads=_options.count("threads", self.threads, most=1024),
             made_by=made_by(),
             serial=self.serial,

@@ -46,15 +46,6 @@ def fit(
     serial: str | None,
     progress: Callable[[int], None] | None,
 ) -> tuple[Fitted, list[str]]: ...
-def fit_physics(
-    rows: _Rows,
-    *,
-    cross_validation: tuple[int | None] | None,
-    threads: int,
-    made_by: _Made,
-    serial: str | None,
-    progress: Callable[[int], None] | None,
-) -> tuple[Fitted, list[str]]: ...
 
 class Partial:
     @staticmethod

@@ -5,8 +5,9 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+use calibration::FitOptions;
 use log_file::{Log, Mapping, ReadOptions};
-use shellcal::workflow::fit::{FitOptions, fit};
+use shellcal::workflow::fit::fit;
 use shellcal::workflow::noise::{NoiseOptions, noise};
 use shellcal::workflow::selection::RowFilter;
 use simulation::sensor_model::{Kind, Recording, Settings};
@@ -40,14 +41,13 @@ fn at_the_papers_size_errors_and_noise_are_of_the_papers_order() {
     let train = log(directory.path(), Kind::Training, 1, 77_522);
     let test = log(directory.path(), Kind::Test, 2, 19_932);
     let zero = log(directory.path(), Kind::Zero, 3, 5_000);
-    let options = FitOptions::default();
-    let fitted = fit(&[train], &[test], &options).unwrap();
-    assert_eq!(fitted.train[0].rows, 77_522);
+    let fitted = fit(&[train], &[test], &FitOptions::default()).unwrap();
+    assert_eq!(fitted.rows, 77_522);
 
     // The paper's RMS errors are 0.118, 0.122 and 0.126 N. The simulated instrument was made to be
     // like that one, not to be that one: a third either way is the same order for a sensor whose
     // range is some newtons.
-    let quality = fitted.test[0].quality().unwrap();
+    let quality = fitted.tests[0].quality().unwrap();
     for (error, paper) in quality.iter().zip([0.118, 0.122, 0.126]) {
         assert!((error.rms / paper - 1.0).abs() < 0.33, "{} N, in the paper {paper} N", error.rms);
     }

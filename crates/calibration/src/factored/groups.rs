@@ -51,25 +51,21 @@ impl GroupFactors {
         self.groups.len()
     }
 
-    /// Adds the rows of a block, which all have labels.
+    /// Adds the rows of a block with their labels.
     ///
     /// # Errors
     /// [`ValidationError`] if there are too many groups, or a row that no fit can take.
-    pub fn add(&mut self, block: &Block) -> Result<(), ValidationError> {
+    pub fn add(
+        &mut self,
+        block: &Block,
+        labels: &[(String, usize)],
+    ) -> Result<(), ValidationError> {
         let mut start = 0;
-        for (label, rows) in &block.groups {
+        for (label, rows) in labels {
             let place = self.place(label)?;
             let group = &mut self.groups[place];
             let waiting = &mut group.waiting;
-            let append = |to: &mut Vec<Vec<f64>>, from: &[Vec<f64>]| {
-                to.resize_with(from.len(), Vec::new);
-                to.iter_mut().zip(from).for_each(|(to, from)| {
-                    to.extend_from_slice(&from[start..start + rows]);
-                });
-            };
-            append(&mut waiting.readings, &block.readings);
-            append(&mut waiting.wrench, &block.wrench);
-            waiting.rows += rows;
+            waiting.append(block, start..start + rows);
             start += rows;
             if waiting.rows >= self.workspace.rows() {
                 group.settle(&mut self.workspace, false)?;

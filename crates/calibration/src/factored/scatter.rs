@@ -109,11 +109,10 @@ mod tests {
     fn fitted(block: &Block, model: Model) -> (Solution, FactoredGroups) {
         let scaling = Scaling::of_sample(&block.readings, model.intercept);
         let problem = FitProblem { model, scaling, ridge: 0.0 };
-        let mut blocks = std::slice::from_ref(block);
-        let (solution, _) = solver::fit(SolverKind::RefinedTsqr, problem, &mut blocks).unwrap();
+        let (solution, _) = solver::fit(SolverKind::RefinedTsqr, problem, &block.into()).unwrap();
         let scaling = Scaling::of_sample(&block.readings, true);
         let mut groups = GroupFactors::new(model.basis, scaling);
-        groups.add(block).unwrap();
+        groups.add(block, &block.groups).unwrap();
         (solution, groups.finish().unwrap())
     }
 
@@ -257,12 +256,12 @@ mod tests {
         let mut scattered = GroupFactors::new(Basis::Cubic, Scaling::identity(2));
         let mut whole = GroupFactors::new(Basis::Cubic, Scaling::identity(2));
         for _ in 0..40 {
-            whole.add(&all).unwrap();
+            whole.add(&all, &all.groups).unwrap();
             for start in (0..all.rows).step_by(11) {
                 let mut part = all.clone();
                 let is_in = |row: usize| (start..start + 11).contains(&row);
                 part.retain_rows(&(0..all.rows).map(is_in).collect::<Vec<_>>());
-                scattered.add(&part).unwrap();
+                scattered.add(&part, &part.groups).unwrap();
             }
         }
         assert_eq!(scattered.finish().unwrap(), whole.finish().unwrap());

@@ -1,10 +1,12 @@
 //! The rows that a model is trained on, in groups that are held out together.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 use super::observations::{Observation, group_means};
 use super::{PhysicsError, PhysicsModel};
 use crate::physics::inversion::{Estimates, Inversion};
+use shell_data::block::Block;
+use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
 /// Stretches of time that rows without groups are held out in.
@@ -32,6 +34,39 @@ pub(super) struct HeldOutRows {
 }
 
 impl TrainingRows {
+    /// The rows of a data set, with the labels of their groups in the order of first rows.
+    pub fn from_dataset(data: &Dataset) -> (Self, Vec<String>) {
+        let (mut rows, mut labels) = (Self::default(), Vec::<String>::new());
+        let mut places = HashMap::new();
+        rows.readings.resize_with(data.channels(), Vec::new);
+        for (_, block) in data.blocks() {
+            let columns = rows.wrench.iter_mut().chain(&mut rows.readings);
+            for (column, more) in columns.zip(block.rows.wrench.iter().chain(&block.rows.readings))
+            {
+                column.extend_from_slice(more);
+            }
+            for (label, count) in &*block.labels {
+                let place = *places.entry(label.clone()).or_insert_with(|| {
+                    labels.push(label.clone());
+                    labels.len() as u64 - 1
+                });
+                rows.groups.extend(std::iter::repeat_n(place, *count));
+            }
+        }
+        (rows, labels)
+    }
+
+    /// Some of the rows.
+    pub(crate) fn block(&self, places: &[usize]) -> Block {
+        let pick = |column: &Vec<f64>| places.iter().map(|&place| column[place]).collect();
+        Block {
+            rows: places.len(),
+            readings: self.readings.iter().map(pick).collect(),
+            wrench: self.wrench.iter().map(pick).collect(),
+            ..Block::default()
+        }
+    }
+
     /// Makes [`STRETCHES`] stretches of time the groups, for rows that have none.
     pub fn group_by_time(&mut self) {
         let rows = self.wrench[0].len();

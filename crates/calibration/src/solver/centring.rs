@@ -4,9 +4,9 @@
 //! the powers of readings about the centre. A sample of the rows would make the answer depend on their
 //! order; the mean of all of them does not.
 
-use super::pass::Pass;
 use crate::FitError;
 use crate::double_double::DoubleDouble;
+use crate::passes::Pass;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
 use shell_data::block::Block;

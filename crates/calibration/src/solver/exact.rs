@@ -2,11 +2,10 @@
 
 use faer::Mat;
 
-use super::pass::Pass;
-use super::problem::FitProblem;
 use super::solution::Solution;
 use crate::exact::{Accumulator, ExactError, ExactRankLoss, Moments, SolveError};
 use crate::factor::InverseFactor;
+use crate::passes::Pass;
 use crate::rank_loss::{Dependence, RankLoss};
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
@@ -19,8 +18,6 @@ use shell_data::block::Block;
 /// rows.
 #[derive(Debug)]
 pub struct Exact {
-    model: Model,
-    ridge: f64,
     /// Sums over zero rows.
     empty: Accumulator,
 }
@@ -40,28 +37,9 @@ impl ExactPartial {
 }
 
 impl Exact {
-    /// A solver for `problem`.
-    ///
-    /// # Errors
-    /// [`FitError::Ridge`] if the ridge parameter is negative or not finite.
-    pub fn new(problem: &FitProblem) -> Result<Self, FitError> {
-        let FitProblem { model, ridge, .. } = *problem;
-        if !(ridge >= 0.0 && ridge.is_finite()) {
-            return Err(FitError::Ridge(ridge));
-        }
-        Ok(Self { model, ridge, empty: Accumulator::new(model.basis, model.channels) })
-    }
-
-    /// The coefficients that fit the rows of `partial` best. `ranges` is that of the same rows.
-    ///
-    /// # Errors
-    /// [`FitError`] if the rows do not determine the coefficients.
-    pub fn solve(
-        &self,
-        partial: ExactPartial,
-        ranges: &ReadingRanges,
-    ) -> Result<Solution, FitError> {
-        solve_moments(&partial.finish()?, &self.model, self.ridge, ranges)
+    /// Sums for the features of `model`.
+    pub fn new(model: Model) -> Self {
+        Self { empty: Accumulator::new(model.basis, model.channels) }
     }
 
     /// Prepares for rows such as those of `sample`, which saves work later.

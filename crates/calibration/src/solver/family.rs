@@ -1,68 +1,31 @@
-//! Every solver by its name, over blocks that can be passed over as often as it asks.
+//! Every solver by its name, over rows that can be passed over as often as it asks.
 
 use super::exact::{Exact, solve_moments};
 use super::kind::SolverKind;
-use super::pass::Pass;
-use super::pass_worker::PassWorker;
 use super::problem::FitProblem;
 use super::solution::Solution;
-use crate::FitError;
 use crate::exact::Moments;
 use crate::features::Features;
-use crate::least_squares::{
-    self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape,
-};
+use crate::least_squares::{self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Shape};
+use crate::passes::{Pass, Rows};
 use crate::reading_ranges::ReadingRanges;
 use crate::triangle::Triangle;
+use crate::{FitError, Model};
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
-
-/// Blocks of rows that can be passed over any number of times, always in the same order.
-pub trait Blocks {
-    /// What can go wrong on the way.
-    type Error: From<FitError>;
-
-    /// Reduces every block and merges the partials, in the order of the blocks.
-    ///
-    /// # Errors
-    /// If rows cannot be read, or the pass rejects them.
-    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, Self::Error>;
-
-    /// A sample of the rows, if there is one without a pass. It may save a solver work and has no
-    /// influence on results.
-    fn sample(&self) -> Option<Block> {
-        None
-    }
-}
-
-impl Blocks for &[Block] {
-    type Error = FitError;
-
-    fn pass<P: Pass>(&mut self, pass: &P) -> Result<P::Partial, FitError> {
-        let (mut all, mut worker) = (pass.empty(), PassWorker::new(pass));
-        for block in *self {
-            if let Some(partial) = worker.reduce(block)? {
-                pass.merge(&mut all, partial);
-            }
-        }
-        PassWorker::merge([worker], &mut all);
-        Ok(all)
-    }
-}
 
 /// Fits the calibration of `problem` by the solver of that name. Also returns the ranges of the
 /// readings that it was fitted to.
 ///
 /// # Errors
-/// [`FitError`] if the rows do not determine the coefficients, or not for this solver; whatever
-/// `blocks` can fail with.
-pub fn fit<B: Blocks>(
+/// [`FitError`] if the rows do not determine the coefficients, or not for this solver.
+pub fn fit(
     kind: SolverKind,
     problem: FitProblem,
-    blocks: &mut B,
-) -> Result<(Solution, ReadingRanges), B::Error> {
+    rows: &Rows<'_>,
+) -> Result<(Solution, ReadingRanges), FitError> {
     let method = match kind {
-        SolverKind::Exact => return fit_exactly(&problem, blocks),
+        SolverKind::Exact => return fit_exactly(&problem, rows),
         SolverKind::Tsqr => Method::Tsqr,
         SolverKind::RefinedTsqr => Method::RefinedTsqr,
         SolverKind::PivotedQr => Method::PivotedQr,
@@ -73,28 +36,33 @@ pub fn fit<B: Blocks>(
         SolverKind::RidgeGcv => Method::RidgeGcv,
         SolverKind::Huber => Method::Huber,
     };
-    fit_by(method, problem, blocks)
+    fit_by(method, problem, rows)
 }
 
-/// The exact sums of the rows, for [`solve_moments`] and all else that can be told from them.
+/// The exact sums of the rows, for [`solve_moments`] and all else that can be told from them. A sample of the rows
+/// may save work and has no influence on the sums.
 ///
 /// # Errors
-/// [`FitError::NotExact`] if they cannot be exact; whatever `blocks` can fail with.
-pub fn exact_moments<B: Blocks>(problem: &FitProblem, blocks: &mut B) -> Result<Moments, B::Error> {
-    problem.model.check_size().map_err(FitError::from)?;
-    let mut exact = Exact::new(problem)?;
-    if let Some(sample) = blocks.sample() {
-        exact.expect(&sample);
+/// [`FitError::NotExact`] if they cannot be exact.
+pub fn exact_moments(
+    model: Model,
+    rows: &Rows<'_>,
+    sample: Option<&Block>,
+) -> Result<Moments, FitError> {
+    model.check_size()?;
+    let mut exact = Exact::new(model);
+    if let Some(sample) = sample.filter(|sample| sample.rows > 0) {
+        exact.expect(sample);
     }
-    Ok(blocks.pass(&exact)?.finish()?)
+    rows.reduce(&exact)?.finish()
 }
 
 /// The exact solver, which needs one pass and whose sums know the ranges.
-fn fit_exactly<B: Blocks>(
+fn fit_exactly(
     problem: &FitProblem,
-    blocks: &mut B,
-) -> Result<(Solution, ReadingRanges), B::Error> {
-    let moments = exact_moments(problem, blocks)?;
+    rows: &Rows<'_>,
+) -> Result<(Solution, ReadingRanges), FitError> {
+    let moments = exact_moments(problem.model, rows, None)?;
     let ranges = moments.reading_ranges();
     Ok((solve_moments(&moments, &problem.model, problem.ridge, &ranges)?, ranges))
 }
@@ -129,19 +97,19 @@ impl<P: Pass> Pass for WithRanges<'_, P> {
 ///
 /// # Errors
 /// As [`fit`].
-pub fn fit_by<B: Blocks>(
+pub fn fit_by(
     method: Method,
     problem: FitProblem,
-    blocks: &mut B,
-) -> Result<(Solution, ReadingRanges), B::Error> {
+    rows: &Rows<'_>,
+) -> Result<(Solution, ReadingRanges), FitError> {
     let FitProblem { model, scaling, ridge: lambda } = problem;
-    model.check_size().map_err(FitError::from)?;
+    model.check_size()?;
     if !(lambda >= 0.0 && lambda.is_finite()) {
-        return Err(FitError::Ridge(lambda).into());
+        return Err(FitError::Ridge(lambda));
     }
     let features = Features::new(model, scaling);
     let free_column = model.intercept.then(|| features.len() - 1);
-    let mut rows = FeatureRows { blocks, features: &features, ranges: None };
+    let mut rows = FeatureRows { rows, features: &features, ranges: None };
     let ridge = Ridge { lambda, free_column };
     let solved = match method {
         Method::RidgeGcv => least_squares::ridge_by_gcv(&mut rows, free_column),
@@ -150,9 +118,7 @@ pub fn fit_by<B: Blocks>(
     let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.channels));
     match solved {
         Ok((solved, lambda)) => Ok((Solution::new(&features, solved, lambda), ranges)),
-        Err(Stopped::Solving(error)) => {
-            Err(FitError::of_least_squares(error, &features, &ranges).into())
-        }
+        Err(Stopped::Solving(error)) => Err(FitError::of_least_squares(error, &features, &ranges)),
         Err(Stopped::Reading(error)) => Err(error),
     }
 }
@@ -162,8 +128,7 @@ pub fn fit_by<B: Blocks>(
 /// # Errors
 /// [`FitError`] if a reading or a wrench is not finite.
 pub(crate) fn triangle(features: &Features, block: &Block) -> Result<Triangle, FitError> {
-    let mut blocks = std::slice::from_ref(block);
-    let mut rows = FeatureRows { blocks: &mut blocks, features, ranges: None };
+    let mut rows = FeatureRows { rows: &block.into(), features, ranges: None };
     least_squares::triangle(&mut rows).map_err(|stopped| match stopped {
         Stopped::Reading(error) => error,
         Stopped::Solving(_) => FitError::Overflow,
@@ -171,26 +136,26 @@ pub(crate) fn triangle(features: &Features, block: &Block) -> Result<Triangle, F
 }
 
 /// Blocks as rows of features and wrench.
-struct FeatureRows<'a, B> {
-    blocks: &'a mut B,
+struct FeatureRows<'a> {
+    rows: &'a Rows<'a>,
     features: &'a Features,
     /// That of all rows, once they have been passed over.
     ranges: Option<ReadingRanges>,
 }
 
-enum Stopped<E> {
+enum Stopped {
     Solving(LeastSquaresError),
-    Reading(E),
+    Reading(FitError),
 }
 
-impl<E> From<LeastSquaresError> for Stopped<E> {
+impl From<LeastSquaresError> for Stopped {
     fn from(error: LeastSquaresError) -> Self {
         Stopped::Solving(error)
     }
 }
 
-impl<B: Blocks> Rows for FeatureRows<'_, B> {
-    type Error = Stopped<B::Error>;
+impl least_squares::Rows for FeatureRows<'_> {
+    type Error = Stopped;
 
     fn shape(&self) -> Shape {
         Shape { features: self.features.len(), outputs: Axis::ALL.len() }
@@ -199,7 +164,7 @@ impl<B: Blocks> Rows for FeatureRows<'_, B> {
     fn pass<R: Reduction>(&mut self, reduction: &R) -> Result<R::Partial, Self::Error> {
         let pass = OverFeatures { features: self.features, shape: self.shape(), reduction };
         let pass = WithRanges { channels: self.features.model().channels, pass: &pass };
-        let (ranges, partial) = self.blocks.pass(&pass).map_err(Stopped::Reading)?;
+        let (ranges, partial) = self.rows.reduce(&pass).map_err(Stopped::Reading)?;
         self.ranges.get_or_insert(ranges);
         Ok(partial)
     }
@@ -294,7 +259,7 @@ mod tests {
         {
             let solve = |block: &Block| {
                 let problem = FitProblem { model, scaling: scaling.clone(), ridge: 0.0 };
-                fit(kind, problem, &mut std::slice::from_ref(block)).unwrap().0
+                fit(kind, problem, &block.into()).unwrap().0
             };
             let (found, expected) = (solve(&weighted), solve(&repeated));
             // Roots of weights are rounded, and the features have a condition of some hundred.

@@ -41,8 +41,7 @@ impl Covariance {
             let rest = without(block, &rows.groups[group].0);
             let problem =
                 FitProblem { model: solution.model, scaling: solution.scaling.clone(), ridge };
-            let mut blocks = std::slice::from_ref(&rest);
-            let (without, _) = solver::fit(SolverKind::Huber, problem, &mut blocks).ok()?;
+            let (without, _) = solver::fit(SolverKind::Huber, problem, &(&rest).into()).ok()?;
             let others = factored(&self::clipped(&rest, &without).ok()?, solution).ok()?;
             let scatter = others.scatter(&without, None).ok()?;
             let new = rows.on_new_group(group, &without, &scatter)?;
@@ -56,7 +55,7 @@ impl Covariance {
 fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, ValidationError> {
     let scaling = Scaling::of_sample(&block.readings, true);
     let mut groups = GroupFactors::new(solution.model.basis, scaling);
-    groups.add(block)?;
+    groups.add(block, &block.groups)?;
     groups.finish()
 }
 
@@ -124,7 +123,7 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2 };
         let scaling = Scaling::of_sample(&block.readings, true);
         let problem = FitProblem { model, scaling, ridge: 0.0 };
-        solver::fit(kind, problem, &mut std::slice::from_ref(block)).unwrap().0
+        solver::fit(kind, problem, &block.into()).unwrap().0
     }
 
     #[test]

@@ -128,7 +128,7 @@ mod tests {
     fn sums(block: &Block) -> GroupedMoments {
         let mut sums = GroupSums::new(Basis::Linear, 2, Apart::Groups, RandomSplit::default());
         let mut worker = sums.worker();
-        sums.add(worker.add(block).unwrap()).unwrap();
+        sums.add(worker.add(block, &block.groups).unwrap()).unwrap();
         sums.finish([worker]).unwrap()
     }
 

@@ -9,8 +9,9 @@ use super::ValidationError;
 use super::comparison::Comparison;
 use super::grouped::GroupedMoments;
 use super::selection::{Candidate, LARGEST_RIDGE, Selection, errors_by_fold};
-use crate::model::Model;
-use shell_data::wrench::Axis;
+use crate::model::{Basis, Model};
+use crate::quality::significant;
+use shell_data::wrench::{Axes, Axis};
 
 /// The models to choose from, and what the choice is worth.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,4 +70,74 @@ impl Advice {
     pub fn another_is_better(&self) -> bool {
         self.given.is_some_and(|given| given.all.first_is_better())
     }
+    /// Which model is best on new groups, and which is the cautious choice.
+    pub fn words(&self, axes: Axes) -> String {
+        let score = |of: &Candidate| {
+            let errors =
+                of.errors.map(|of| [of.score, of.standard_error].map(|x| significant(x, 2)));
+            errors.map_or_else(String::new, |[score, error]| format!("{score} ± {error}"))
+        };
+        let (best, cautious) = (&self.best, &self.cautious);
+        let mut said = format!(
+            "best on new groups: {}, squared error {} of the variance of the loads (standard error over \
+             {} folds)",
+            name(best),
+            score(best),
+            self.folds
+        );
+        match &self.caution {
+            None => said += "; nothing smaller is within a standard error of it",
+            Some(comparison) => {
+                let all = comparison.all;
+                said += &format!(
+                    "; cautious choice: {}, {} rather than {} features and within a standard error of the \
+                     best. The larger is worth {} ± {} of the variance{}: {}",
+                    name(cautious),
+                    cautious.features,
+                    best.features,
+                    significant(all.value, 2),
+                    significant(all.standard_error, 2),
+                    if all.value > all.standard_error { "" } else { ", no more than chance" },
+                    worth(comparison, axes),
+                );
+            }
+        }
+        if self.ridge_is_at_limit {
+            said += "; its ridge is the largest that was tried, a larger one may be better";
+        }
+        said
+    }
+
+    /// The model that predicts new groups better than the one that was asked for, if there is one.
+    pub fn better_words(&self, model: Basis, axes: Axes) -> Option<String> {
+        let given = self.given.as_ref().filter(|_| self.another_is_better())?;
+        let best = &self.best;
+        Some(format!(
+            "{} predicts new groups better than {}, by {} ± {} of the variance: {}; take `--model {}` or \
+             record more poses",
+            name(best),
+            model.name(),
+            significant(-given.all.value, 2),
+            significant(given.all.standard_error, 2),
+            worth(given, axes),
+            best.basis.name(),
+        ))
+    }
+}
+
+/// The model and its ridge.
+fn name(of: &Candidate) -> String {
+    match of.ridge > 0.0 {
+        true => format!("{} with ridge {:e}", of.basis.name(), of.ridge),
+        false => of.basis.name().to_owned(),
+    }
+}
+
+/// The errors of the second of two models and of the first.
+fn worth(comparison: &Comparison, axes: Axes) -> String {
+    let of = |axis: Axis| {
+        let [first, second] = comparison.rms.map(|rms| significant(rms[axis.index()], 3));
+        format!("{} {second} → {first} {}", axis.name(), axis.unit())
+    };
+    axes.iter().map(of).collect::<Vec<_>>().join(", ")
 }

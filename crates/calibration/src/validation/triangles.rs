@@ -15,7 +15,8 @@ use super::selection::{ErrorsByRidge, Selection, choose};
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
 use crate::model::{Basis, Model};
-use crate::solver::{Blocks, Centring, triangle};
+use crate::passes::Rows;
+use crate::solver::{Centring, triangle};
 use crate::triangle::{Ridge, Triangle};
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
@@ -40,8 +41,7 @@ pub fn select(
     let channels = first.readings.len();
     let rows = |error| ValidationError::Rows(Box::new(error));
     let centring = Centring { channels, intercept };
-    let mut blocks = folds;
-    let scaling = centring.scaling(&blocks.pass(&centring).map_err(rows)?);
+    let scaling = centring.scaling(&Rows::from(folds).reduce(&centring).map_err(rows)?);
     let model = |basis| Model { basis, intercept, channels };
     let errors_of = |basis: Basis| -> Result<Option<ErrorsByRidge<'_>>, ValidationError> {
         let model = model(basis);
@@ -130,7 +130,7 @@ mod tests {
         let mut sums = GroupSums::new(Basis::Poly3, 3, Apart::Groups, RandomSplit::default());
         let mut worker = sums.worker();
         for fold in &folds {
-            sums.add(worker.add(fold).unwrap()).unwrap();
+            sums.add(worker.add(fold, &fold.groups).unwrap()).unwrap();
         }
         let sums = sums.finish([worker]).unwrap();
         let ridges = [0.0, 1e-6, 1e-2];

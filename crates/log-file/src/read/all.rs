@@ -3,13 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use super::request::{ReadOptions, ReadSummary, Wanted};
+use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::parse::rows::RowError;
 use crate::stream::log_chunks::{LogChunk, LogChunks};
 use crate::stream::pipeline;
+use shell_data::ReadSummary;
 use shell_data::block::Block;
 
 impl Log {
@@ -76,12 +77,27 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     options: &ReadOptions<'_>,
     init: impl Fn() -> S + Sync,
     map: impl Fn(&mut S, usize, &mut Block) -> T + Sync,
+    fold: impl FnMut(usize, T) -> Result<(), E>,
+) -> Result<(Vec<ReadSummary>, Vec<S>), E> {
+    let logs: Vec<(&Log, Wanted)> = logs.iter().map(|&log| (log, wanted.clone())).collect();
+    read_each(&logs, options, init, map, fold)
+}
+
+/// The same where other columns are wanted of each log.
+pub(crate) fn read_each<S: Send, T: Send, E: From<LogError>>(
+    logs: &[(&Log, Wanted)],
+    options: &ReadOptions<'_>,
+    init: impl Fn() -> S + Sync,
+    map: impl Fn(&mut S, usize, &mut Block) -> T + Sync,
     mut fold: impl FnMut(usize, T) -> Result<(), E>,
 ) -> Result<(Vec<ReadSummary>, Vec<S>), E> {
-    for log in logs {
+    let plan = |(log, wanted): &(&Log, Wanted)| {
         log.require(wanted)?;
-    }
-    let plans: Vec<ReadPlan> = logs.iter().map(|log| ReadPlan::new(&log.layout, wanted)).collect();
+        Ok::<_, LogError>(ReadPlan::new(&log.layout, wanted))
+    };
+    let plans: Vec<ReadPlan> = logs.iter().map(plan).collect::<Result<_, _>>()?;
+    let logs: Vec<&Log> = logs.iter().map(|(log, _)| *log).collect();
+    let logs = &logs[..];
     let threads = threads_for(logs, options);
     let mut chunks = LogChunks::new(logs, options.checksum, threads);
     let bytes_read = Arc::clone(&chunks.bytes_read);

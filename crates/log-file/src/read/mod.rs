@@ -1,6 +1,7 @@
 //! Reading: what is asked for, all rows in parallel, a selection of them, or a sample.
 
 pub(crate) mod all;
+pub(crate) mod dataset;
 mod locate;
 pub(crate) mod request;
 pub(crate) mod sample;

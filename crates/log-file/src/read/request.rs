@@ -32,20 +32,6 @@ pub struct ReadOptions<'a> {
     pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
 }
 
-/// A summary of a whole log.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct ReadSummary {
-    /// Rows that were read.
-    pub rows: u64,
-    /// Those among them whose readings equal those of the row before; 0 if readings were not
-    /// wanted.
-    pub repeated_rows: u64,
-    /// Rows that were wrong and left out, and a last one that is cut off.
-    pub skipped_rows: u64,
-    /// The [checksum](crate::checksum) of the file on disk, if asked for.
-    pub checksum: Option<String>,
-}
-
 /// One per core. Determined once, because the system reads several files for it.
 static AVAILABLE_THREADS: LazyLock<usize> =
     LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));

@@ -3,11 +3,12 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use super::request::{ReadOptions, ReadSummary, Wanted};
+use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
 use crate::stream::chunk::Chunk;
+use shell_data::ReadSummary;
 use shell_data::block::Block;
 
 /// A choice of the rows that are read, see [`Log::read_where`].

@@ -33,15 +33,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
         Some(WorkflowError::Log(error)) => after_log(error),
         Some(WorkflowError::Fit(error)) => after_fit(error),
         Some(WorkflowError::Channels(_)) => Some(CHANNELS),
-        Some(WorkflowError::Copy { .. }) => {
-            Some("leave one of them out: errors on a copy say nothing about other data")
-        }
-        Some(WorkflowError::Changed { .. }) => Some("wait until it is written, and fit again"),
-        Some(WorkflowError::Validation(error)) => after_validation(error),
         Some(WorkflowError::Merge(error)) => after_merge(error),
-        Some(WorkflowError::NoGroupSums) => {
-            Some("make the partial fits with `shellcal fit --partial --groups`")
-        }
         _ => known(cause, after_log)
             .or_else(|| known(cause, after_calibration))
             .or_else(|| known(cause, after_conversion))
@@ -51,6 +43,7 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
             .or_else(|| known(cause, after_alignment))
             .or_else(|| known(cause, after_trial))
             .or_else(|| known(cause, after_validation))
+            .or_else(|| known(cause, after_fit))
             .or_else(|| known(cause, after_merge))
             .or_else(|| known(cause, after_link))
             .or_else(|| known(cause, after_recording))
@@ -437,6 +430,11 @@ fn after_fit(error: &FitError) -> Option<&'static str> {
             "choose a smaller `--model`, or name fewer columns with `--sensors`"
         }
         FitError::Overflow => "check the units of the readings and of the wrench",
+        FitError::Validation(error) => return after_validation(error),
+        FitError::Copy { .. } => {
+            "leave one of them out: errors on a copy say nothing about other data"
+        }
+        FitError::NoGroupSums => "make the partial fits with `shellcal fit --partial --groups`",
         _ => return None,
     })
 }

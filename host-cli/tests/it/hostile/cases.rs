@@ -3,14 +3,8 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 
-use calibration::Basis;
-use log_file::{Log, Mapping, ReadOptions};
-use shellcal::workflow::WorkflowError;
-use shellcal::workflow::fit::{FitOptions, fit};
 use system_tests::program;
-use system_tests::random::Random;
 use tempfile::TempDir;
 
 /// What a command says that must end with this exit code.
@@ -452,30 +446,4 @@ fn folds_may_be_of_any_number_of_groups() {
     let found = &document["cross_validation"];
     assert_eq!((&found["groups"], &found["folds"]), (&2600.into(), &10.into()), "{document}");
     assert_eq!(found["rows"], 5200, "{document}");
-}
-
-#[test]
-fn a_file_that_changes_between_two_passes_is_told() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("long.csv");
-    let mut random = Random(7);
-    let mut text = String::from("s1,s2,s3,s4,s5,s6,s7,s8,Fx,Fy,Fz,Mx,My,Mz\n");
-    for _ in 0..20_000 {
-        let cells: Vec<String> = (0..14).map(|_| (9.0 + random.normal()).to_string()).collect();
-        writeln!(text, "{}", cells.join(",")).unwrap();
-    }
-    fs::write(&path, &text).unwrap();
-    let log = Log::open(&path, &Mapping::default()).unwrap();
-    let bytes = log.bytes();
-    let has_changed = AtomicBool::new(false);
-    let progress = |read: u64| {
-        if read > bytes && !has_changed.swap(true, Ordering::Relaxed) {
-            fs::write(&path, format!("{text}{}", text.lines().last().unwrap())).unwrap();
-        }
-    };
-    let read = ReadOptions { progress: Some(&progress), ..ReadOptions::default() };
-    // None are kept, so that the file is read again.
-    let options = FitOptions { basis: Basis::Linear, memory: 0, read, ..FitOptions::default() };
-    let error = fit(&[log], &[], &options).unwrap_err();
-    assert!(matches!(error, WorkflowError::Changed { .. }), "{error}");
 }

@@ -144,7 +144,7 @@ mod tests {
         for (i, start) in (0..ROWS).step_by(3000).enumerate() {
             let block = interleaved(start, 3000.min(ROWS - start), GROUPS);
             let worker = &mut workers[usize::from(i % 3 == 0)];
-            sums.add(worker.add(&block).unwrap()).unwrap();
+            sums.add(worker.add(&block, &block.groups).unwrap()).unwrap();
             assert!(worker.open_sums() <= MAX_OPEN);
         }
         let found = sums.finish(workers).unwrap();
@@ -172,7 +172,7 @@ mod tests {
             let mut workers = [sums.worker(), sums.worker()];
             for (i, start) in (0..ROWS).step_by(parts).enumerate() {
                 let block = interleaved(start, parts.min(ROWS - start), GROUPS);
-                sums.add(workers[i % 2].add(&block)?)?;
+                sums.add(workers[i % 2].add(&block, &block.groups)?)?;
             }
             sums.finish(workers)
         };

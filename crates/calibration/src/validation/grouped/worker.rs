@@ -77,25 +77,29 @@ impl GroupWorker {
         }
     }
 
-    /// Adds the rows of a block, by its group labels.
+    /// Adds the rows of a block, by their labels.
     ///
     /// # Errors
     /// [`ValidationError::NotExact`] if they cannot be summed exactly with those before;
     /// [`ValidationError::TooManyGroups`].
-    pub fn add(&mut self, block: &Block) -> Result<BlockGroups, ValidationError> {
+    pub fn add(
+        &mut self,
+        block: &Block,
+        labels: &[(String, usize)],
+    ) -> Result<BlockGroups, ValidationError> {
         let columns: Vec<&[f64]> =
             block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
         let (mut dealt, sets);
         let runs = match self.apart {
             Apart::Groups => {
                 dealt = Vec::new();
-                &block.groups
+                labels
             }
             Apart::Sets => {
-                (sets, dealt) = deal_into_sets(&block.groups);
+                (sets, dealt) = deal_into_sets(labels);
                 dealt.sort_unstable();
                 dealt.dedup();
-                &sets
+                &sets[..]
             }
         };
         let labels = rows_by_label(runs);

@@ -6,7 +6,7 @@ use std::path::Path;
 use calibration::Basis;
 use calibration::solver::SolverKind;
 use figures::Format;
-use log_file::{Log, LogError, Wanted};
+use log_file::{Log, Wanted, read_dataset};
 use output_file::{AtomicFile, Outputs};
 use shell_data::block::Block;
 use shellcal::workflow::bench::{self, ErrorKind, ModelBench};
@@ -116,19 +116,13 @@ impl BenchArgs {
         }
         let mapping = self.mapping.mapping()?;
         let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-        let mut blocks: Vec<Block> = Vec::new();
-        for path in &self.train {
-            let log = Log::open(path, &mapping)?;
-            let keep = |block| -> Result<(), LogError> {
-                blocks.push(block);
-                Ok(())
-            };
-            log.read(&wanted, &self.mapping.read_options(), std::mem::take, keep)?;
-        }
-        let channels = blocks.first().map_or(0, |block| block.readings.len());
-        let alike = blocks.iter().all(|block| block.readings.len() == channels);
+        let open = |path: &InputPath| Log::open(path, &mapping);
+        let logs = self.train.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+        let wanted: Vec<_> = logs.iter().map(|log| (log, wanted.clone())).collect();
+        let rows = read_dataset(&wanted, &self.mapping.read_options())?;
+        let alike = rows.logs.iter().all(|log| log.channels == rows.channels());
         anyhow::ensure!(alike, "the logs differ in their number of channels");
-        Ok(blocks)
+        Ok(rows.blocks().map(|(_, block)| Block::clone(&block.rows)).collect())
     }
 }
 

@@ -1,6 +1,7 @@
 //! Models, solvers and the like as values of options, by the names that the library gives them.
 
 use calibration::Basis;
+use calibration::fit::ModelRule;
 use calibration::solver::SolverKind;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
@@ -15,11 +16,7 @@ pub(super) struct SolverArg(pub(super) SolverKind);
 
 /// A family of features, the physics model, or the best of them.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum ModelArg {
-    Given(Basis),
-    Physics,
-    Auto,
-}
+pub(super) struct ModelArg(pub(super) ModelRule);
 
 impl ValueEnum for BasisArg {
     fn value_variants<'a>() -> &'a [Self] {
@@ -47,12 +44,12 @@ impl ValueEnum for ModelArg {
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
-        match self {
-            Self::Given(basis) => BasisArg(*basis).to_possible_value(),
-            Self::Physics => Some(PossibleValue::new("physics").help(
+        match self.0 {
+            ModelRule::Given(basis) => BasisArg(basis).to_possible_value(),
+            ModelRule::Physics => Some(PossibleValue::new("physics").help(
                 "A monotone response of each sensor to a displacement, inverted: for few poses",
             )),
-            Self::Auto => Some(PossibleValue::new("auto").help(
+            ModelRule::Auto => Some(PossibleValue::new("auto").help(
                 "The smallest that predicts new groups as well as the best, with its ridge, or \
                  physics where that predicts them better",
             )),
@@ -83,11 +80,11 @@ const fn wrap_solvers() -> [SolverArg; SolverKind::ALL.len()] {
 }
 
 const fn wrap_choices() -> [ModelArg; Basis::ALL.len() + 2] {
-    let mut wrapped = [ModelArg::Auto; Basis::ALL.len() + 2];
-    wrapped[Basis::ALL.len()] = ModelArg::Physics;
+    let mut wrapped = [ModelArg(ModelRule::Auto); Basis::ALL.len() + 2];
+    wrapped[Basis::ALL.len()] = ModelArg(ModelRule::Physics);
     let mut i = 0;
     while i < Basis::ALL.len() {
-        wrapped[i] = ModelArg::Given(Basis::ALL[i]);
+        wrapped[i] = ModelArg(ModelRule::Given(Basis::ALL[i]));
         i += 1;
     }
     wrapped

@@ -3,20 +3,22 @@
 use std::cmp::Ordering;
 use std::io::Write;
 
-use calibration::quality::AxisQuality;
+use calibration::fit::{Evaluation, Workers, evaluate};
+use calibration::quality::{AxisQuality, significant};
 use calibration_file::CalibrationFile;
 use calibration_file::stored::{OfAxes, Stored, StoredQuality};
 use figures::{FitPlot, Format, fit_figure};
-use log_file::{Log, ReadOptions};
+use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use output_file::Outputs;
 use serde::Serialize;
+use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::workflow::eval::{EvalOptions, Evaluation, eval};
-use shellcal::workflow::selection::UsedRows;
+use shellcal::workflow::check_channels;
+use shellcal::workflow::fit::add_to_plot;
 
 use super::figure_size::FigureSize;
 use super::mapping::{MappingArgs, open_logs, tell_remembered};
-use super::quality::{significant, table_row};
+use super::quality::table_row;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -100,14 +102,18 @@ impl EvalArgs {
         let mut plot = output.is_some().then(FitPlot::new);
 
         let bar = printer.progress("eval", logs.iter().map(Log::bytes).sum());
+        let workers = Workers { threads: self.mapping.threads.map_or(0, usize::from), watch: None };
         let mut all = Evaluation::default();
         let (mut reports, mut read_before) = (Vec::new(), 0);
         for log in &logs {
             let progress = |bytes| bar.set_position(read_before + bytes);
             let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
-            let used = UsedRows { fresh: self.fresh, excluded: None };
-            let options = EvalOptions { used, read, ..Default::default() };
-            let evaluation = eval(&calibration, log, &options, plot.as_mut())?;
+            check_channels(log, calibration.channels())?;
+            let rows = self.rows(log, &read)?;
+            let evaluation = Evaluation::total(&evaluate(&calibration, &rows, workers)?);
+            if let Some(plot) = &mut plot {
+                add_to_plot(plot, &calibration, &rows);
+            }
             all.merge(&evaluation);
             reports.push(report(Some(log.path().display().to_string()), &evaluation, axes)?);
             read_before += log.bytes();
@@ -144,6 +150,12 @@ impl EvalArgs {
             }
         }
         Ok(if failed { Outcome::CheckFailed } else { Outcome::Done })
+    }
+
+    /// The rows of a log that are used.
+    fn rows(&self, log: &Log, read: &ReadOptions<'_>) -> anyhow::Result<Dataset> {
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        Ok(read_dataset(&[(log, wanted)], read)?.select(self.fresh, &RowSet::default()))
     }
 
     /// The axes whose RMS error is above its limit, with both.

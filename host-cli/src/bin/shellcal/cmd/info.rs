@@ -1,13 +1,15 @@
 //! `shellcal info`: what a log is, before anything is computed from it.
 
-use log_file::{Column, FileKind, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted};
+use calibration::fit::{OutlierTest, Workers, find_outliers};
+use log_file::{
+    Column, FileKind, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted, read_dataset,
+};
 use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::log_summary::{ColumnSummary, LogSummary};
-use shellcal::workflow::outliers::{OutlierOptions, find};
 
 use super::mapping::MappingArgs;
-use super::outliers::{OutlierReport, report, warn};
+use super::outliers::{NamedOutliers, OutlierReport};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -68,14 +70,22 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
     bar.finish_and_clear();
     let mut info = Info::new(log, &summary, read?.skipped_rows);
     // Without a calibration there is nothing to judge rows by, and nothing to say.
-    let by = OutlierOptions { read: args.read_options(), ..OutlierOptions::default() };
     if log.has_wrench()
-        && let Ok(found) = find(std::slice::from_ref(log), &by)
+        && let Ok(found) = outliers(log, args)
     {
-        warn(printer, &found, std::slice::from_ref(log));
-        info.outliers = report(&found, std::slice::from_ref(log));
+        found.warn(printer);
+        info.outliers = found.report();
     }
     Ok(info)
+}
+
+/// Rows that do not belong, by the cubic model.
+fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
+    let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+    let rows = read_dataset(&[(log, wanted.clone())], &args.read_options())?;
+    let workers = Workers { threads: args.threads.map_or(0, usize::from), watch: None };
+    let found = find_outliers(&rows, &OutlierTest { workers, ..OutlierTest::default() })?;
+    Ok(NamedOutliers::new(found, std::slice::from_ref(log), &wanted)?)
 }
 
 /// What is said about a log; the field names are those of the JSON document.

@@ -3,20 +3,21 @@
 use std::io::{self, Write};
 
 use anyhow::Context;
+use calibration::fit::{CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS};
+use calibration::quality::significant;
 use calibration_file::stored::{
     OfAxes, Stored, StoredCrossValidation, StoredQuality, StoredSelection,
 };
-use calibration_file::{CalibrationFile, PartialFit, PartialStream};
+use calibration_file::{CalibrationFile, PartialFit, PartialStream, Sums};
 use output_file::Outputs;
 use serde::Serialize;
-use shellcal::workflow::merge::{self, MergedFit, MergedFitOptions, MergedModel};
-use shellcal::workflow::model_choice::{CovarianceRule, RANDOM_FOLDS};
+use shellcal::workflow::merge;
 
 use super::choices::ModelArg;
-use super::covariance::{CovarianceArg, warn_of_few_groups};
+use super::covariance::CovarianceArg;
 use super::origin;
 use super::partial_output::Destination;
-use super::quality::{significant, table_row};
+use super::quality::table_row;
 use super::validation::{print_cross_validation, print_selection};
 use crate::files::{InputOrStdin, OutputOrStdout, OutputPath};
 use crate::outcome::Outcome;
@@ -146,9 +147,9 @@ impl MergeArgs {
             self.report(printer, &merged, sum, None, to_stdout)?;
             return Ok(Outcome::Done);
         }
-        let fitted = merge::fit(sum, &self.options()?)?;
-        self.warn(&fitted, printer)?;
-        let file = fitted.file(sum, self.serial.clone());
+        let fitted = merge::fit(sum, self.model.map(|model| model.0), &self.options()?)?;
+        self.warn(&fitted, matches!(sum.sums, Sums::Exact(_)), printer);
+        let file = merge::file(&fitted, sum, self.serial.clone());
         if let Some(mut output) = output {
             output.write_all(file.to_json().as_bytes())?;
             output.commit()?;
@@ -157,22 +158,19 @@ impl MergeArgs {
         Ok(Outcome::Done)
     }
 
-    fn options(&self) -> anyhow::Result<MergedFitOptions> {
-        Ok(MergedFitOptions {
-            model: match self.model {
-                None => MergedModel::Same,
-                Some(ModelArg::Given(basis)) => MergedModel::Given(basis),
-                Some(ModelArg::Auto) => MergedModel::Auto,
-                Some(ModelArg::Physics) => {
-                    anyhow::bail!("`physics` is fitted to rows, and partial fits have none")
-                }
-            },
+    fn options(&self) -> anyhow::Result<FitOptions<'static>> {
+        anyhow::ensure!(
+            self.model.is_none_or(|model| model.0 != ModelRule::Physics),
+            "`physics` is fitted to rows, and partial fits have none"
+        );
+        Ok(FitOptions {
             ridge: self.ridge,
-            cross_validation: self.cv.map(|Folds(folds)| folds),
+            cross_validation: self.cv.map(|Folds(folds)| HeldOut::from(folds)),
             covariance: match self.no_covariance {
                 true => CovarianceRule::Nothing,
                 false => self.covariance.rule(),
             },
+            ..FitOptions::default()
         })
     }
 
@@ -223,31 +221,23 @@ impl MergeArgs {
     }
 
     /// What could not be had of what was asked for.
-    fn warn(&self, fitted: &MergedFit, printer: &mut Printer) -> anyhow::Result<()> {
-        let choice = &fitted.choice;
-        if let Some(reason) = choice.not_grouped.as_ref().or(fitted.not_grouped.as_ref()) {
-            self.covariance.tell_not_grouped(reason, printer)?;
-        }
-        if let Some(few) = choice.few_groups.as_ref().filter(|_| !self.no_covariance) {
-            warn_of_few_groups(few, printer);
-        }
-        if choice.selection.is_some() {
+    fn warn(&self, fitted: &Fit, is_exact: bool, printer: &mut Printer) {
+        fitted.warnings.iter().for_each(|warning| printer.warning(warning.to_string()));
+        if fitted.selection.is_some() {
             printer
                 .note("physics was not weighed: it is fitted to rows, and partial fits have none");
         }
-        let is_alone = choice.cross_validation.as_ref().is_some_and(|cv| cv.random_folds == 0);
-        if is_alone && choice.sums.is_none() {
-            printer.note(
+        match is_exact {
+            _ if !fitted.lacks_random_split() => {}
+            false => printer.note(
                 "no random split beside the held-out groups: rows that cannot be summed exactly are not dealt \
                  at random",
-            );
-        } else if is_alone {
-            printer.note(format!(
+            ),
+            true => printer.note(format!(
                 "no random split beside the held-out groups: partial fits have one in \
                  {RANDOM_FOLDS} folds, for `--cv` and `--cv={RANDOM_FOLDS}`"
-            ));
+            )),
         }
-        Ok(())
     }
 
     fn report(

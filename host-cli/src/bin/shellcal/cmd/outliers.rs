@@ -1,16 +1,16 @@
 //! How rows that do not belong are named, by `fit` and `info` alike.
 
-use log_file::Log;
+use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
+use log_file::{Log, LogError, Wanted};
 use output_file::AtomicFile;
+use report;
 use serde::Serialize;
-use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::workflow::outliers::{Outlier, OutlierColumn, Outliers, Reason};
+use shell_data::wrench::{Axes, Axis};
 
-use super::quality::significant;
 use crate::printer::Printer;
 
-/// More rows would hide what else is said; `--json` and `--dropped` have all.
-const SHOWN: usize = 10;
+/// As many rows as a report lists: more would hide what else is said.
+const LISTED: usize = 100;
 
 /// What `--json` prints of a row.
 #[derive(Debug, Serialize)]
@@ -37,8 +37,110 @@ struct ColumnReport {
     after: Option<f64>,
 }
 
+/// Outliers with the lines of their files.
+pub(super) struct NamedOutliers {
+    found: Outliers,
+    names: Vec<RowName>,
+    axes: Axes,
+}
+
+impl NamedOutliers {
+    /// Names the rows that were found in `logs`, which were read as `wanted`.
+    pub(super) fn new(found: Outliers, logs: &[Log], wanted: &Wanted) -> Result<Self, LogError> {
+        let name = |row: &Outlier| {
+            let log = &logs[row.log];
+            Ok(RowName {
+                file: log.path().display().to_string(),
+                line: log.line_of_row(wanted, row.place, row.row)?,
+                columns: column_names(log),
+            })
+        };
+        let names = found.rows.iter().map(name).collect::<Result<_, LogError>>()?;
+        let axes = logs.first().map_or(Axes::ALL, Log::axes);
+        Ok(Self { found, names, axes })
+    }
+
+    /// Names the first of them, and says what they are worth.
+    pub(super) fn warn(&self, printer: &mut Printer) {
+        self.found
+            .warnings(self.axes, &self.names)
+            .into_iter()
+            .for_each(|said| printer.warning(said));
+    }
+
+    /// How many there are.
+    pub(super) fn count(&self) -> usize {
+        self.found.rows.len()
+    }
+
+    /// All rows, for `--json`.
+    pub(super) fn report(&self) -> Vec<OutlierReport> {
+        let report = |(row, name): (&Outlier, &RowName)| OutlierReport::new(row, name);
+        self.found.rows.iter().zip(&self.names).map(report).collect()
+    }
+
+    /// The rows for a report.
+    pub(super) fn rows(&self, left_out: bool) -> report::Outliers {
+        let row = |(row, name): (&Outlier, &RowName)| report::OutlierRow {
+            file: name.file.clone(),
+            line: name.line,
+            what: row.why(&name.columns),
+        };
+        let rows = self.found.rows.iter().zip(&self.names).take(LISTED).map(row).collect();
+        report::Outliers { rows, count: self.count(), left_out }
+    }
+
+    /// Lists the rows with why they were left out.
+    pub(super) fn write(&self, output: &mut AtomicFile) -> anyhow::Result<()> {
+        let mut table = csv::Writer::from_writer(output);
+        let header = [
+            "file",
+            "line",
+            "reason",
+            "axis",
+            "error_n_or_nm",
+            "error_in_sd",
+            "column",
+            "value",
+            "before",
+            "after",
+        ];
+        table.write_record(header)?;
+        let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+        for row in self.report() {
+            let column = row.columns.first();
+            table.write_record([
+                row.file,
+                row.line.to_string(),
+                row.reason.to_owned(),
+                row.axis.unwrap_or_default().to_owned(),
+                number(row.error),
+                number(row.size),
+                column.map_or_else(String::new, |column| column.name.clone()),
+                number(column.map(|column| column.value)),
+                number(column.and_then(|column| column.before)),
+                number(column.and_then(|column| column.after)),
+            ])?;
+        }
+        table.flush()?;
+        Ok(())
+    }
+}
+
+/// The names of the channels, then of all axes of the wrench; of those that there are not, none.
+fn column_names(log: &Log) -> Vec<String> {
+    let mut names = log.value_names().into_iter();
+    let mut all: Vec<String> = names.by_ref().take(log.channels()).map(str::to_owned).collect();
+    let axis = |axis: Axis| match log.axes().contains(axis) {
+        true => names.next().unwrap_or_default().to_owned(),
+        false => String::new(),
+    };
+    all.extend(Axis::ALL.map(axis));
+    all
+}
+
 impl OutlierReport {
-    fn of(row: &Outlier, logs: &[Log]) -> Self {
+    fn new(row: &Outlier, name: &RowName) -> Self {
         let (reason, axis, error, size) = match row.reason {
             Reason::OutOfRange => ("out_of_range", None, None, None),
             Reason::Error { axis, size, error } => {
@@ -46,14 +148,14 @@ impl OutlierReport {
             }
         };
         let column = |of: &OutlierColumn| ColumnReport {
-            name: of.name.clone(),
+            name: name.columns.get(of.column).cloned().unwrap_or_default(),
             value: of.value,
             before: of.before,
             after: of.after,
         };
         Self {
-            file: logs[row.log].path().display().to_string(),
-            line: row.line,
+            file: name.file.clone(),
+            line: name.line,
             reason,
             axis,
             error,
@@ -61,123 +163,4 @@ impl OutlierReport {
             columns: row.columns.iter().map(column).collect(),
         }
     }
-}
-
-/// All rows, for `--json`.
-pub(super) fn report(found: &Outliers, logs: &[Log]) -> Vec<OutlierReport> {
-    found.rows.iter().map(|row| OutlierReport::of(row, logs)).collect()
-}
-
-/// As many rows as a report lists: more would hide what else is said.
-const LISTED: usize = 100;
-
-/// The rows for a report.
-pub(super) fn rows(found: &Outliers, logs: &[Log], left_out: bool) -> report::Outliers {
-    let row = |row: &Outlier| report::OutlierRow {
-        file: logs[row.log].path().display().to_string(),
-        line: row.line,
-        what: why(row),
-    };
-    let rows = found.rows.iter().take(LISTED).map(row).collect();
-    report::Outliers { rows, count: found.rows.len(), left_out }
-}
-
-/// Names the rows and says what they do to the fit, and, where they were kept, what to do.
-pub(super) fn warn(printer: &mut Printer, found: &Outliers, logs: &[Log]) {
-    for row in found.rows.iter().take(SHOWN) {
-        printer.warning(in_words(row, logs));
-    }
-    if let Some(rows) = found.too_many {
-        printer.warning(format!(
-            "{rows} rows stand out by an error or a reading, too many for slips of single rows: the \
-             model does not follow them, or columns are not what they are taken for (`shellcal info`)"
-        ));
-    }
-    let count = found.rows.len();
-    if count == 0 {
-        return;
-    }
-    let others = if count > SHOWN { format!(" ({} of them above)", SHOWN) } else { String::new() };
-    let worth = found.rms.as_ref().map_or_else(String::new, |rms| {
-        let axes = logs.first().map_or(Axes::ALL, Log::axes);
-        format!("; on the other rows the RMS error is, with → without them, {}", errors(rms, axes))
-    });
-    let s = if count == 1 { " does" } else { "s do" };
-    printer.warning(format!("{count} row{s} not belong{others}{worth}"));
-}
-
-fn errors([with, without]: &[PerAxis<f64>; 2], axes: Axes) -> String {
-    let of = |axis: Axis| {
-        let [with, without] = [with, without].map(|rms| significant(rms[axis.index()], 3));
-        format!("{} {with} → {without} {}", axis.name(), axis.unit())
-    };
-    axes.iter().map(of).collect::<Vec<_>>().join(", ")
-}
-
-fn in_words(row: &Outlier, logs: &[Log]) -> String {
-    format!("`{}` line {} does not belong: {}", logs[row.log].path().display(), row.line, why(row))
-}
-
-/// Which of a row's columns stand out, and by how much it is off.
-fn why(row: &Outlier) -> String {
-    let columns = row.columns.iter().take(3).map(|column| {
-        let beside: Vec<String> =
-            [column.before, column.after].into_iter().flatten().map(|x| x.to_string()).collect();
-        let beside = match beside.len() {
-            0 => String::new(),
-            _ => format!(" (beside it {})", beside.join(" and ")),
-        };
-        format!("`{}` is {}{beside}", column.name, column.value)
-    });
-    let more = match row.columns.len().saturating_sub(3) {
-        0 => String::new(),
-        more => format!(" and {more} columns more"),
-    };
-    let why = match row.reason {
-        Reason::OutOfRange => "outside the valid range".to_owned(),
-        Reason::Error { axis, size, error } => format!(
-            "{} is predicted {} {} off, {} standard deviations",
-            axis.name(),
-            significant(error, 3),
-            axis.unit(),
-            significant(size, 2)
-        ),
-    };
-    format!("{}{more}; {why}", columns.collect::<Vec<_>>().join(", "))
-}
-
-/// Lists the rows with why they were left out.
-pub(super) fn write(output: &mut AtomicFile, found: &Outliers, logs: &[Log]) -> anyhow::Result<()> {
-    let mut table = csv::Writer::from_writer(output);
-    let header = [
-        "file",
-        "line",
-        "reason",
-        "axis",
-        "error_n_or_nm",
-        "error_in_sd",
-        "column",
-        "value",
-        "before",
-        "after",
-    ];
-    table.write_record(header)?;
-    let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
-    for row in report(found, logs) {
-        let column = row.columns.first();
-        table.write_record([
-            row.file,
-            row.line.to_string(),
-            row.reason.to_owned(),
-            row.axis.unwrap_or_default().to_owned(),
-            number(row.error),
-            number(row.size),
-            column.map_or_else(String::new, |column| column.name.clone()),
-            number(column.map(|column| column.value)),
-            number(column.and_then(|column| column.before)),
-            number(column.and_then(|column| column.after)),
-        ])?;
-    }
-    table.flush()?;
-    Ok(())
 }

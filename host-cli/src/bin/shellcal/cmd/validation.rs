@@ -1,15 +1,15 @@
 //! How held-out errors, the choice of a model and the coverage of the training loads are printed.
 
 use calibration::Basis;
+use calibration::fit::{Fit, FoundGroups, HeldOut};
+use calibration::quality::significant;
 use calibration::validation::advice::Advice;
-use calibration::validation::comparison::Comparison;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
-use calibration::validation::selection::{Candidate, Selection};
-use shell_data::wrench::{Axes, Axis};
-use shellcal::workflow::model_choice::HeldOut;
+use calibration::validation::selection::Selection;
+use serde::Serialize;
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
-use super::quality::significant;
 use crate::printer::Printer;
 
 pub(super) fn parse_cv(text: &str) -> Result<HeldOut, String> {
@@ -71,64 +71,62 @@ pub(super) fn print_cross_validation(
     Ok(())
 }
 
-fn name(of: &Candidate) -> String {
-    match of.ridge > 0.0 {
-        true => format!("{} with ridge {:e}", of.basis.name(), of.ridge),
-        false => of.basis.name().to_owned(),
+/// What `--json` prints of groups that were found.
+#[derive(Serialize)]
+pub(super) struct FoundReport {
+    found: &'static str,
+    groups: usize,
+    rows_min: u64,
+    rows_median: u64,
+    rows_max: u64,
+}
+
+impl From<FoundGroups> for FoundReport {
+    fn from(groups: FoundGroups) -> Self {
+        let FoundGroups { kind, groups, rows_min, rows_median, rows_max } = groups;
+        Self { found: kind.name(), groups, rows_min, rows_median, rows_max }
     }
 }
 
-/// Which model is best on new groups, and which is the cautious choice.
-pub(super) fn advice_in_words(advice: &Advice, axes: Axes) -> String {
-    let score = |of: &Candidate| {
-        let errors = of.errors.map(|of| [of.score, of.standard_error].map(|x| significant(x, 2)));
-        errors.map_or_else(String::new, |[score, error]| format!("{score} ± {error}"))
-    };
-    let (best, cautious) = (&advice.best, &advice.cautious);
-    let mut said = format!(
-        "best on new groups: {}, squared error {} of the variance of the loads (standard error over \
-         {} folds)",
-        name(best),
-        score(best),
-        advice.folds
-    );
-    match &advice.caution {
-        None => said += "; nothing smaller is within a standard error of it",
-        Some(comparison) => {
-            let all = comparison.all;
-            said += &format!(
-                "; cautious choice: {}, {} rather than {} features and within a standard error of the \
-                 best. The larger is worth {} ± {} of the variance{}: {}",
-                name(cautious),
-                cautious.features,
-                best.features,
-                significant(all.value, 2),
-                significant(all.standard_error, 2),
-                if all.value > all.standard_error { "" } else { ", no more than chance" },
-                worth(comparison, axes),
-            );
-        }
-    }
-    if advice.ridge_is_at_limit {
-        said += "; its ridge is the largest that was tried, a larger one may be better";
-    }
-    said
+/// Says what the groups are where nobody has named them.
+pub(super) fn note_found(printer: &mut Printer, groups: FoundGroups) {
+    printer.note(format!(
+        "the logs name no groups: found {groups}, and took those (`--group` names a column)",
+    ));
 }
 
-/// The model that predicts new groups better than the one that was asked for, if there is one.
-pub(super) fn better_in_words(advice: &Advice, model: Basis, axes: Axes) -> Option<String> {
-    let given = advice.given.as_ref().filter(|_| advice.another_is_better())?;
-    let best = &advice.best;
-    Some(format!(
-        "{} predicts new groups better than {}, by {} ± {} of the variance: {}; take `--model {}` or \
-         record more poses",
-        name(best),
-        model.name(),
-        significant(-given.all.value, 2),
-        significant(given.all.standard_error, 2),
-        worth(given, axes),
-        best.basis.name(),
-    ))
+/// What `--json` prints of a comparison of physics and a polynomial.
+#[derive(Serialize)]
+pub(super) struct ComparisonReport {
+    folds: usize,
+    polynomial: String,
+    /// On the same held-out rows, N and N·m.
+    physics_rms: PerAxis<f64>,
+    polynomial_rms: PerAxis<f64>,
+    /// Squared errors of physics less those of the polynomial, relative to the variance, over all axes.
+    difference: f64,
+    standard_error: f64,
+    /// The same for each axis.
+    axes: PerAxis<[f64; 2]>,
+    physics_is_better: bool,
+}
+
+impl ComparisonReport {
+    pub(super) fn of(fit: &Fit) -> Option<Self> {
+        let found = fit.comparison.as_ref()?.as_ref().ok()?;
+        let comparison = &found.comparison;
+        let [physics_rms, polynomial_rms] = comparison.rms;
+        Some(Self {
+            folds: found.folds,
+            polynomial: found.model.name(),
+            physics_rms,
+            polynomial_rms,
+            difference: comparison.all.value,
+            standard_error: comparison.all.standard_error,
+            axes: comparison.axes.map(|axis| [axis.value, axis.standard_error]),
+            physics_is_better: found.physics_is_better(),
+        })
+    }
 }
 
 /// The closing word on which model to take.
@@ -139,8 +137,8 @@ pub(super) fn print_advice(
     cv: Option<&CrossValidation>,
     axes: Axes,
 ) -> anyhow::Result<()> {
-    printer.line(advice_in_words(advice, axes))?;
-    if let Some(better) = better_in_words(advice, model, axes) {
+    printer.line(advice.words(axes))?;
+    if let Some(better) = advice.better_words(model, axes) {
         printer.warning(better);
     } else if let Some((axis, ratio)) = cv.and_then(CrossValidation::suspicious) {
         printer.note(format!(
@@ -151,15 +149,6 @@ pub(super) fn print_advice(
         ));
     }
     Ok(())
-}
-
-/// The errors of the second of two models and of the first.
-fn worth(comparison: &Comparison, axes: Axes) -> String {
-    let of = |axis: Axis| {
-        let [first, second] = comparison.rms.map(|rms| significant(rms[axis.index()], 3));
-        format!("{} {second} → {first} {}", axis.name(), axis.unit())
-    };
-    axes.iter().map(of).collect::<Vec<_>>().join(", ")
 }
 
 pub(super) fn print_selection(

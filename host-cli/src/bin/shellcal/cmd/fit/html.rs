@@ -1,22 +1,18 @@
 //! `shellcal fit --report`: a calibration as one HTML file.
 
+use calibration::Kind;
+use calibration::fit::{Fit, FitMethod, FoundKind, GroupBy, group_errors, label_poses_or_files};
+use calibration::physics::PhysicsValidation;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration_file::CalibrationFile;
-use figures::{FitPlot, Size, coverage_figure, fit_figure};
-use log_file::Log;
+use figures::{Size, coverage_figure, fit_figure};
 use report::{CalibrationReport, FewGroups, Heading, Intervals, Outliers};
-use shellcal::workflow;
-use shellcal::workflow::eval::Evaluation;
-use shellcal::workflow::group_errors::{GroupedErrors, group_errors};
-use shellcal::workflow::groups::GroupBy;
-use shellcal::workflow::model_choice;
+use shell_data::dataset::Dataset;
 use shellcal::workflow::report::{calibration_facts, group_rows};
-use shellcal::workflow::selection::UsedRows;
 
 use super::super::origin;
-use super::super::outliers::rows;
-use super::FitArgs;
-use super::outliers::OutliersArg;
+use super::OutliersArg;
+use super::plan::{FitPlan, Told};
 
 /// So many loads are drawn of the training rows, and as many of the test rows.
 const LOADS: u64 = 600;
@@ -24,48 +20,31 @@ const LOADS: u64 = 600;
 /// Intervals of this level are named.
 const LEVEL: f64 = 0.95;
 
-/// What a fit has found, beside what is in the calibration's file.
-pub(super) struct Found<'a> {
-    /// Features or parameters of the model.
-    pub(super) features: usize,
-    pub(super) intervals: Option<Intervals>,
-    pub(super) few_groups: Option<model_choice::FewGroups>,
-    /// Why this model.
-    pub(super) reasons: Vec<String>,
-    pub(super) warnings: Vec<String>,
-    pub(super) outliers: Option<Outliers>,
-    pub(super) plots: Option<&'a (FitPlot, FitPlot)>,
-    pub(super) test: Evaluation,
-    /// What the groups of the training logs are, where that is known.
-    pub(super) group_by: Option<&'a GroupBy>,
-}
-
-impl FitArgs {
+impl FitPlan<'_> {
     /// The report of a calibration.
     pub(super) fn html(
         &self,
         file: &CalibrationFile,
-        found: Found<'_>,
-        (train, test): (&[Log], &[Log]),
-        used: UsedRows<'_>,
+        fitted: &Fit,
+        told: &Told,
     ) -> anyhow::Result<String> {
-        let calibration = &file.calibration;
+        let (calibration, axes) = (&file.calibration, file.calibration.axes);
         let diagnostics = file.origin.diagnostics.as_ref();
-        let read = self.mapping.read_options();
-        let train_rows = diagnostics.map_or(0, |diagnostics| diagnostics.rows);
-        let sample = (train_rows, LOADS);
-        let train = group_errors(calibration, train, found.group_by, used, sample, &read)?;
-        let test = match test {
-            [] => GroupedErrors::default(),
-            test => {
-                let used = UsedRows { fresh: self.fresh, excluded: None };
-                group_errors(calibration, test, None, used, (found.test.rows, LOADS), &read)?
-            }
-        };
-        let name = self.output.as_ref().map_or("not written", |path| path.to_str().unwrap_or("?"));
+        let errors = |data: &Dataset| group_errors(calibration, data, LOADS, Default::default());
+        let train = errors(&labelled(fitted))?;
+        let test = errors(&label_poses_or_files(&fitted.tested))?;
+        let output = self.args.output.as_ref();
+        let name = output.map_or("not written", |path| path.to_str().unwrap_or("?"));
         let title = format!("Calibration {}", calibration.name());
-        let (of_train, of_test) = found.plots.map_or_else(Default::default, Clone::clone);
-        let of_test = (!self.test.is_empty()).then_some(&of_test);
+        let (of_train, of_test) = self.plots(fitted);
+        let advice = fitted.advice.as_ref();
+        let mut reasons: Vec<String> =
+            advice.map(|advice| advice.words(axes)).into_iter().collect();
+        let comparison = fitted.comparison.as_ref().and_then(|found| found.as_ref().ok());
+        reasons.extend(comparison.map(ToString::to_string));
+        let better = fitted.solution().zip(advice);
+        let better = better.and_then(|(of, advice)| advice.better_words(of.model.basis, axes));
+        let tested = fitted.test();
         let report = CalibrationReport {
             heading: Heading {
                 title: &title,
@@ -74,46 +53,84 @@ impl FitArgs {
                 command: &origin::command_line(),
             },
             calibration: calibration_facts(name, file),
-            features: found.features,
-            rank: diagnostics.map_or(0, |diagnostics| diagnostics.rank),
+            features: fitted.parameter_count(),
+            rank: fitted.rank(),
             has_standard_errors: calibration.has_standard_errors(),
-            intervals: found.intervals,
-            few_groups: found
+            intervals: intervals(fitted),
+            few_groups: fitted
                 .few_groups
                 .map(|few| FewGroups { features: few.features, groups: few.groups }),
-            selection: diagnostics.and_then(|diagnostics| diagnostics.selection.as_ref()),
-            reasons: &found.reasons,
-            warnings: &found.warnings,
+            selection: fitted.selection.as_ref(),
+            reasons: &reasons,
+            warnings: &better.into_iter().collect::<Vec<_>>(),
             excitation: diagnostics.and_then(|diagnostics| diagnostics.excitation.as_ref()),
-            test_rows: [found.test.rows, found.test.out_of_range_rows],
+            test_rows: [tested.rows, tested.out_of_range_rows],
             train_groups: &group_rows(&train.groups),
             test_groups: &group_rows(&test.groups),
-            outliers: found.outliers,
-            figure: &fit_figure(Size::Screen, &title, file.calibration.axes, &of_train, of_test),
+            outliers: self.outlier_rows(told),
+            figure: &fit_figure(Size::Screen, &title, axes, &of_train, of_test.as_ref()),
             coverage: &coverage_figure(&train.loads, &test.loads),
         };
         Ok(report.html())
     }
 
-    /// What a report says of rows that do not belong: those that were left out, or were named.
-    pub(super) fn outlier_rows(
-        &self,
-        named: Option<&workflow::outliers::Outliers>,
-        dropped: &workflow::outliers::Outliers,
-        logs: &[Log],
-    ) -> Option<Outliers> {
-        let nothing = workflow::outliers::Outliers::default();
-        match self.outliers.unwrap_or(OutliersArg::Report) {
+    /// What a report says of outliers: those that were left out, or were named.
+    fn outlier_rows(&self, told: &Told) -> Option<Outliers> {
+        let Told { named, dropped } = told;
+        let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
+        match self.args.outliers.unwrap_or(OutliersArg::Report) {
             OutliersArg::Keep => None,
-            OutliersArg::Drop => Some(rows(dropped, logs, true)),
-            OutliersArg::Report if !dropped.rows.is_empty() => Some(rows(dropped, logs, true)),
-            OutliersArg::Report => Some(rows(named.unwrap_or(&nothing), logs, false)),
+            OutliersArg::Drop => dropped,
+            OutliersArg::Report => dropped
+                .filter(|dropped| dropped.count > 0)
+                .or_else(|| named.as_ref().map(|named| named.rows(false)))
+                .or_else(|| Some(Outliers::default())),
         }
     }
 }
 
+/// The rows that were fitted, by poses where those are known.
+fn labelled(fitted: &Fit) -> Dataset {
+    match fitted.group_by {
+        Some(GroupBy::Found(found)) if found.kind == FoundKind::Recordings => {
+            match &fitted.method {
+                FitMethod::Polynomial { .. } => fitted.used.clone(),
+                FitMethod::Physics(_) => label_poses_or_files(&fitted.used),
+            }
+        }
+        Some(_) => fitted.used.clone(),
+        None => label_poses_or_files(&fitted.used),
+    }
+}
+
+fn intervals(fitted: &Fit) -> Option<Intervals> {
+    match (fitted.calibration.kind(), &fitted.method) {
+        (Kind::Polynomial(_), _) => {
+            fitted.calibration.covariance.as_ref().and_then(intervals_of_covariance)
+        }
+        (Kind::Physics(_), FitMethod::Physics(physics)) => {
+            physics.validation.as_ref().and_then(intervals_held_out)
+        }
+        _ => None,
+    }
+}
+
+/// The intervals of groups that were held out, and what they held.
+fn intervals_held_out(validation: &PhysicsValidation) -> Option<Intervals> {
+    let coverage = validation.coverage()?;
+    let least = coverage.iter().map(|(share, _)| *share).fold(f64::INFINITY, f64::min);
+    Some(Intervals {
+        half_widths: coverage.map(|(_, half)| half),
+        of: format!(
+            "groups that were held out, of which they held {:.0} % or more on every axis",
+            100.0 * least
+        ),
+        of_rows: false,
+    })
+}
+
 /// The intervals that a covariance gives, where it can.
-pub(super) fn intervals_of(covariance: &Covariance) -> Option<Intervals> {
+fn intervals_of_covariance(covariance: &Covariance) -> Option<Intervals> {
     let factors = covariance.interval_factors(LEVEL).ok()?;
     let sd = covariance.residual_sd();
     let (of, of_rows) = match &covariance.coefficients {

@@ -1,16 +1,18 @@
 //! `shellcal fit --partial`: sums for `shellcal merge`, and no fit.
 
 use calibration::Basis;
+use calibration::fit::ModelRule;
 use calibration::solver::SolverKind;
+use calibration::validation::grouped::GroupKind;
 use calibration_file::Sums;
-use log_file::Log;
 use output_file::Outputs;
-use shellcal::workflow::partial::{self, PartialOptions};
+use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
 
-use super::super::choices::ModelArg;
+use super::super::mapping::open_logs;
 use super::super::origin;
 use super::super::partial_output::Destination;
-use super::{FitArgs, GroupsArg, note_axes};
+use super::plan::note_axes;
+use super::{FitArgs, GroupsArg};
 use crate::files::OutputOrStdout;
 use crate::printer::Printer;
 
@@ -18,18 +20,20 @@ impl FitArgs {
     pub(super) fn write_partial(
         &self,
         path: &OutputOrStdout,
-        mut train: Vec<Log>,
         printer: &mut Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<()> {
-        let basis = match (self.model, self.groups) {
-            (ModelArg::Given(basis), _) => basis,
+        let wrenches = ("--wrench-from", self.wrench_from.as_slice());
+        let mut train = open_logs(&self.train, wrenches, &self.mapping.mapping()?)?;
+        self.check_dropped()?;
+        let basis = match (self.model.0, self.groups) {
+            (ModelRule::Given(basis), _) => basis,
             // Its sums serve every model that is compared.
-            (ModelArg::Auto, Some(_)) => Basis::Poly3,
-            (ModelArg::Auto, None) => {
+            (ModelRule::Auto, Some(_)) => Basis::Poly3,
+            (ModelRule::Auto, None) => {
                 anyhow::bail!("`--partial` needs one model, or `--groups` for `merge --model auto`")
             }
-            (ModelArg::Physics, _) => {
+            (ModelRule::Physics, _) => {
                 anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
             }
         };
@@ -76,6 +80,16 @@ impl FitArgs {
             _ => anyhow::bail!(
                 "`--partial` keeps exact sums, or with `--solver tsqr` triangles: leave out `--solver`"
             ),
+        }
+    }
+}
+
+impl GroupsArg {
+    fn kept(self) -> KeptGroups {
+        match self {
+            Self::Auto => KeptGroups::Auto,
+            Self::File => KeptGroups::By(GroupKind::File),
+            Self::Column => KeptGroups::By(GroupKind::Column),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What `shellcal fit` prints.
 
-use calibration::quality::AxisQuality;
+use calibration::fit::Fit;
+use calibration::quality::{AxisQuality, significant};
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::advice::Advice;
 use calibration_file::stored::{
@@ -10,23 +11,19 @@ use calibration_file::stored::{
 use calibration_file::{CalibrationFile, Diagnostics};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use shellcal::workflow::eval::Evaluation;
-use shellcal::workflow::fit::Fit;
-use shellcal::workflow::groups::FoundSummary;
-use shellcal::workflow::weighing::Weighing;
 
-use super::super::outliers::OutlierReport;
-use super::super::quality::{significant, table_row};
+use super::super::outliers::{NamedOutliers, OutlierReport};
+use super::super::quality::table_row;
 use super::super::validation::{
-    print_advice, print_cross_validation, print_excitation, print_selection,
+    ComparisonReport, FoundReport, print_advice, print_cross_validation, print_excitation,
+    print_selection,
 };
-use super::total;
-use super::weighing::WeighingReport;
+use super::plan::Told;
 use crate::printer::Printer;
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Report<'a> {
+struct Report {
     model: String,
     solver: StoredSolverRecord,
     rows: u64,
@@ -42,24 +39,21 @@ struct Report<'a> {
     condition: Option<f64>,
     axes: Vec<&'static str>,
     train: OfAxes<StoredQuality>,
-    /// Why there are no largest errors of training rows, and none was looked at.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    train_residuals_left_out: Option<&'a str>,
     test: Option<OfAxes<StoredQuality>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     cross_validation: Option<StoredCrossValidation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     selection: Option<StoredSelection>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    weighing: Option<WeighingReport>,
+    weighing: Option<ComparisonReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
     advice: Option<AdviceReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    groups_found: Option<FoundSummary>,
+    groups_found: Option<FoundReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    outliers: Option<&'a [OutlierReport]>,
+    outliers: Option<Vec<OutlierReport>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    dropped: Option<&'a [OutlierReport]>,
+    dropped: Option<Vec<OutlierReport>>,
     excitation: Option<StoredExcitation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<CovarianceReport>,
@@ -136,8 +130,7 @@ fn print_covariance(
         Some(groups) => format!("{groups} groups of rows"),
         None => "rows taken as independent".to_owned(),
     };
-    if let Err(too_few) = covariance.interval_factors(0.95) {
-        printer.warning(too_few.to_string());
+    if report.interval_95.is_none() {
         return Ok(());
     }
     let half = |(axis, half): (Axis, &f64)| {
@@ -167,16 +160,6 @@ pub(super) fn print_errors(
     printer.table(&header, &rows)
 }
 
-/// Says how many test rows the calibration does not reach.
-pub(super) fn note_range(printer: &mut Printer, test: &Evaluation) {
-    if test.out_of_range_rows > 0 {
-        printer.note(format!(
-            "{} of {} test rows have a reading outside the range of the training data",
-            test.out_of_range_rows, test.rows
-        ));
-    }
-}
-
 /// The ridge, and what it penalises: with an intercept readings are centred before powers are taken.
 fn ridge(ridge: f64, intercept: bool) -> String {
     let powers = if intercept { "centred" } else { "raw" };
@@ -186,34 +169,19 @@ fn ridge(ridge: f64, intercept: bool) -> String {
     }
 }
 
-/// What was known before the fit.
-pub(super) struct Known<'a> {
-    /// Physics beside the polynomial, where that was weighed.
-    pub(super) weighing: Option<&'a Weighing>,
-    /// Groups that were found.
-    pub(super) groups: Option<FoundSummary>,
-    /// What held-out errors say to do.
-    pub(super) advice: Option<Advice>,
-    /// Rows that do not belong and were used.
-    pub(super) outliers: Option<Vec<OutlierReport>>,
-    /// Rows that were left out.
-    pub(super) dropped: Option<Vec<OutlierReport>>,
-    /// Why the errors of training rows were not looked at one by one, where they were not.
-    pub(super) left_out_residuals: Option<String>,
-}
-
 pub(super) fn report(
     printer: &mut Printer,
     fitted: &Fit,
     file: &CalibrationFile,
-    known: &Known<'_>,
+    told: &Told,
     seconds: f64,
 ) -> anyhow::Result<()> {
-    let (test, weighing) = (total(&fitted.test), known.weighing);
-    let (Some(diagnostics), Some(solver)) = (&file.origin.diagnostics, file.origin.solver) else {
+    let (Some(diagnostics), Some(solver), Some(solution)) =
+        (&file.origin.diagnostics, file.origin.solver, fitted.solution())
+    else {
         return Ok(());
     };
-    let model = fitted.solution.model;
+    let (model, test) = (solution.model, fitted.test());
     let covariance = fitted.calibration.covariance.as_ref();
     let axes = fitted.calibration.axes;
     if printer.json() {
@@ -231,15 +199,14 @@ pub(super) fn report(
             condition: diagnostics.condition,
             axes: axes.columns(),
             train: Stored::of(&diagnostics.train, axes),
-            train_residuals_left_out: known.left_out_residuals.as_deref(),
             test: Stored::of(&diagnostics.test, axes),
             cross_validation: Stored::of(&diagnostics.cross_validation, axes),
             selection: Stored::of(&diagnostics.selection, axes),
-            weighing: weighing.map(WeighingReport::of),
-            advice: known.advice.as_ref().map(|advice| AdviceReport::of(advice, axes)),
-            groups_found: known.groups,
-            outliers: known.outliers.as_deref(),
-            dropped: known.dropped.as_deref(),
+            weighing: ComparisonReport::of(fitted),
+            advice: fitted.advice.as_ref().map(|advice| AdviceReport::of(advice, axes)),
+            groups_found: fitted.found_groups.map(FoundReport::from),
+            outliers: told.named.as_ref().map(NamedOutliers::report),
+            dropped: told.dropped.as_ref().map(NamedOutliers::report),
             excitation: Stored::of(&diagnostics.excitation, axes),
             covariance: covariance.map(|covariance| CovarianceReport::of(covariance, axes)),
             time_s: seconds,
@@ -274,8 +241,7 @@ pub(super) fn report(
     if let Some(covariance) = covariance {
         print_covariance(printer, covariance, axes)?;
     }
-    note_range(printer, &test);
-    if let Some(advice) = &known.advice {
+    if let Some(advice) = &fitted.advice {
         print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref(), axes)?;
     }
     Ok(())

@@ -1,0 +1,428 @@
+//! What is known before a fit: the model, its held-out errors, and how rows err together.
+
+use super::FitOptions;
+use super::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses};
+use super::refits::{Refit, cross_validate_by_refits, select_by_triangles};
+use crate::error::FitError;
+use crate::exact::Moments;
+use crate::factored::{FactoredGroups, GroupFactors};
+use crate::model::{Basis, Model};
+use crate::passes::{Workers, each};
+use crate::reading_ranges::ReadingRanges;
+use crate::scaling::Scaling;
+use crate::solver::SolverKind;
+use crate::validation::ValidationError;
+use crate::validation::advice::Advice;
+use crate::validation::cross_validation::{CrossValidation, cross_validate};
+use crate::validation::grouped::{
+    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
+};
+use crate::validation::selection::{self, Selection};
+use shell_data::block::Block;
+use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
+
+/// Folds of the random split that held-out errors are compared with, where no number is given.
+pub const RANDOM_FOLDS: usize = 10;
+
+/// Folds of it that are held out.
+const HELD_OUT: usize = 2;
+
+/// The fewest groups that standard errors come from unless they are asked for by name.
+const FEWEST_GROUPS: usize = 10;
+
+/// The random split into so many folds, two of which are held out.
+pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
+    RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
+}
+
+/// What the covariance of the coefficients is found from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CovarianceRule {
+    /// By the log's group column or its plateaus where there are ten at least, by rows otherwise.
+    Auto,
+    /// Errors are alike within groups: those of the group column, files, or those that are found.
+    Groups,
+    /// Errors are independent from row to row.
+    Rows,
+    /// None is wanted.
+    Nothing,
+}
+
+/// What standard errors by group are made of where exact sums do not serve the solver.
+#[derive(Clone, Debug)]
+pub(super) enum Clusters {
+    /// Triangles of the rows.
+    Triangles(FactoredGroups),
+    /// The rows with their labels, for a solver that clips them.
+    Rows(Block),
+}
+
+/// The model that is to be fitted, and what is known of it before.
+#[derive(Clone, Debug)]
+pub(super) struct ModelChoice {
+    /// The family of features.
+    pub(super) basis: Basis,
+    /// λ of the ridge.
+    pub(super) ridge: f64,
+    /// How the family was chosen, where it was.
+    pub(super) selection: Option<Selection>,
+    /// Held-out errors, where they were asked for.
+    pub(super) cross_validation: Option<CrossValidation>,
+    /// What either says to do.
+    pub(super) advice: Option<Advice>,
+    /// The sums of the training rows, by group, where they were made.
+    pub(super) sums: Option<GroupedMoments>,
+    /// What standard errors by group are made of, where that is not the sums.
+    pub(super) clusters: Option<Clusters>,
+    /// What the groups are.
+    pub(super) group_by: Option<GroupBy>,
+    /// The rows that are used, with the labels of these groups.
+    pub(super) labelled: Option<Dataset>,
+    /// Whether the covariance is to come from the groups.
+    pub(super) by_group: bool,
+    /// Why it cannot, though there are groups.
+    pub(super) not_grouped: Option<ValidationError>,
+    /// Why there should be no covariance at all, unless it is asked for by name.
+    pub(super) few_groups: Option<FewGroups>,
+}
+
+impl ModelChoice {
+    /// The groups that were found, where they are not given.
+    pub(super) fn found_groups(&self) -> Option<FoundGroups> {
+        let is_used = self.sums.is_some()
+            || matches!(self.clusters, Some(Clusters::Triangles(_)))
+            || self.cross_validation.is_some();
+        self.group_by.as_ref().filter(|_| is_used)?.found()
+    }
+}
+
+/// More than half as many features as groups: whatever the rank, what the groups leave to tell errors
+/// from is too little.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FewGroups {
+    /// Features of the model.
+    pub features: usize,
+    /// Groups of rows.
+    pub groups: usize,
+}
+
+impl FewGroups {
+    /// Of a model with so many features; `None` where the groups are enough.
+    pub fn new(features: usize, groups: usize) -> Option<Self> {
+        (2 * features > groups).then_some(Self { features, groups })
+    }
+}
+
+/// Training rows of which those that are used are selected when they have been labelled: groups are found in
+/// all rows.
+#[derive(Clone, Copy)]
+pub(super) struct Training<'a> {
+    pub(super) data: &'a Dataset,
+    pub(super) excluded: &'a RowSet,
+    pub(super) fresh: bool,
+}
+
+impl Training<'_> {
+    /// The rows that are used.
+    pub(super) fn used(&self) -> Dataset {
+        self.data.select(self.fresh, self.excluded)
+    }
+
+    /// The same labelled by what can be held out.
+    pub(super) fn labelled(&self, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
+        self.select(label_groups(self.data, held_out))
+    }
+
+    fn select(&self, labelled: Option<(GroupBy, Dataset)>) -> Option<(GroupBy, Dataset)> {
+        labelled.map(|(by, data)| (by, data.select(self.fresh, self.excluded)))
+    }
+}
+
+/// Chooses the model, validates it, and finds how rows err together: as much of it as is asked for.
+///
+/// # Errors
+/// [`FitError`] if rows cannot be summed, or there are no groups to hold out.
+pub(super) fn choose(
+    training: Training<'_>,
+    options: &FitOptions<'_>,
+) -> Result<ModelChoice, FitError> {
+    // A family is chosen by exact sums wherever there are any, whatever solver then fits it.
+    let by_sums =
+        !options.validates() || options.basis().is_none() || options.solver == SolverKind::Exact;
+    if by_sums {
+        match choose_by_sums(training, options) {
+            Err(FitError::NotExact(_)) if options.validates() => {}
+            choice => return choice,
+        }
+    }
+    let held_out = options.held_out().unwrap_or(HeldOut::Auto);
+    let (group_by, labelled) = training.labelled(held_out).ok_or(FitError::NoGroups)?;
+    let (basis, ridge, selection) = match options.basis() {
+        Some(basis) => (basis, options.ridge, None),
+        None => {
+            let selection = select_by_triangles(&labelled, options)?;
+            let chosen = &selection.candidates[selection.chosen];
+            (chosen.basis, chosen.ridge, Some(selection))
+        }
+    };
+    let known = FitOptions { model: basis.into(), ridge, cross_validation: None, ..*options };
+    let mut choice = choose_by_sums(training, &known)?;
+    if options.cross_validation.is_some() {
+        let refit = Refit { basis, ridge, options };
+        choice.cross_validation = Some(cross_validate_by_refits(&labelled, held_out, &refit)?);
+    }
+    Ok(ModelChoice { selection, group_by: Some(group_by), labelled: Some(labelled), ..choice })
+}
+
+fn choose_by_sums(
+    training: Training<'_>,
+    options: &FitOptions<'_>,
+) -> Result<ModelChoice, FitError> {
+    let validates = options.validates();
+    let asks_for_groups = validates || options.covariance == CovarianceRule::Groups;
+    let labelled = match options.held_out() {
+        _ if training.data.has_weights() => None,
+        _ if !asks_for_groups && options.covariance != CovarianceRule::Auto => None,
+        Some(held_out) => training.labelled(held_out),
+        None if asks_for_groups => training.labelled(HeldOut::Auto),
+        None => training.select(label_poses(training.data)),
+    };
+    let mut choice = options.open(labelled.as_ref().map(|(by, _)| *by));
+    let rows = labelled.map(|(_, rows)| rows);
+    choice.labelled.clone_from(&rows);
+    if !validates && !choice.by_group {
+        return Ok(choice);
+    }
+    let rows = rows.ok_or(FitError::NoGroups)?;
+    if !validates && options.solver != SolverKind::Exact {
+        return options.cluster(choice, &rows);
+    }
+    let sums = sum_groups_or_sets(&rows, choice.basis, options);
+    let sums = match sums {
+        Err(FitError::NotExact(_)) if !validates => {
+            let found = factor_groups(&rows, choice.basis);
+            return options.decide_by_triangles(choice, found);
+        }
+        Err(FitError::Validation(reason)) if !validates => {
+            return Ok(ModelChoice { not_grouped: Some(reason), ..choice });
+        }
+        sums => sums?,
+    };
+    let choice = options.decide(choice, sums)?;
+    match choice.by_group && options.solver != SolverKind::Exact {
+        true => options.cluster(choice, &rows),
+        false => Ok(choice),
+    }
+}
+
+/// Sums labelled rows by group; by sets of groups where there are too many and folds of them are asked for.
+fn sum_groups_or_sets(
+    rows: &Dataset,
+    basis: Basis,
+    options: &FitOptions<'_>,
+) -> Result<GroupedMoments, FitError> {
+    let random = options.cross_validation.map_or_else(RandomSplit::default, |_| {
+        random_split(options.folds().unwrap_or(RANDOM_FOLDS), options.seed)
+    });
+    match sum_groups(rows, basis, (Apart::Groups, random), options.workers) {
+        Err(FitError::Validation(ValidationError::TooManyGroups { .. }))
+            if options.folds().is_some() =>
+        {
+            sum_groups(rows, basis, (Apart::Sets, random), options.workers)
+        }
+        sums => sums,
+    }
+}
+
+/// The exact sums of labelled rows by what is `apart`, and of rows drawn at random.
+///
+/// # Errors
+/// [`FitError`] if they cannot be summed exactly, or there are too many groups.
+pub fn sum_groups(
+    data: &Dataset,
+    basis: Basis,
+    (apart, random): (Apart, RandomSplit),
+    workers: Workers<'_>,
+) -> Result<GroupedMoments, FitError> {
+    if data.has_weights() {
+        return Err(FitError::Weights { what: "a partial fit" });
+    }
+    let channels = data.channels();
+    Model { basis, intercept: true, channels }.check_size()?;
+    let mut sums = GroupSums::new(basis, channels, apart, random);
+    let empty = sums.worker();
+    let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
+        // Names what is not finite, as every fit does.
+        ReadingRanges::of_block(&block.rows, channels)?;
+        Ok(worker.add(&block.rows, &block.labels)?)
+    };
+    let blocks: Vec<_> = data.blocks().collect();
+    let fold = |groups: BlockGroups| Ok(sums.add(groups)?);
+    let init = || empty.clone();
+    let own = each(&blocks, |(_, block)| &block.rows, workers, init, work, fold)?;
+    Ok(sums.finish(own)?)
+}
+
+/// The triangles of labelled rows by group.
+fn factor_groups(data: &Dataset, basis: Basis) -> Result<FactoredGroups, FitError> {
+    Model { basis, intercept: true, channels: data.channels() }.check_size()?;
+    let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);
+    let mut groups = GroupFactors::new(basis, Scaling::of_sample(sample, true));
+    data.blocks().try_for_each(|(_, block)| groups.add(&block.rows, &block.labels))?;
+    Ok(groups.finish()?)
+}
+
+/// All labelled rows as one block.
+fn rows_in_one(data: &Dataset) -> Block {
+    let mut all = Block::default();
+    for (_, block) in data.blocks() {
+        all.append(&block.rows, 0..block.rows.rows);
+        all.groups.extend_from_slice(&block.labels);
+    }
+    all
+}
+
+impl FitOptions<'_> {
+    /// Whether it takes groups to answer what is asked.
+    pub(super) fn validates(&self) -> bool {
+        self.basis().is_none() || self.cross_validation.is_some()
+    }
+
+    /// What is held out: of means, that is always a column.
+    pub(super) fn held_out(&self) -> Option<HeldOut> {
+        self.cross_validation.map(|held_out| match held_out {
+            HeldOut::Folds(_) => held_out,
+            _ if self.means => HeldOut::Column,
+            _ => held_out,
+        })
+    }
+
+    /// How many folds errors are found on, where it is not each group.
+    fn folds(&self) -> Option<usize> {
+        match self.cross_validation {
+            Some(HeldOut::Folds(folds)) => Some(folds),
+            _ => None,
+        }
+    }
+
+    /// What is asked for, before anything is known.
+    pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
+        let by_group = match self.covariance {
+            CovarianceRule::Groups => true,
+            CovarianceRule::Auto => group_by.as_ref().is_some_and(GroupBy::is_poses),
+            CovarianceRule::Rows | CovarianceRule::Nothing => false,
+        };
+        ModelChoice {
+            basis: self.basis().unwrap_or(Basis::Poly3),
+            ridge: self.ridge,
+            selection: None,
+            cross_validation: None,
+            advice: None,
+            sums: None,
+            clusters: None,
+            by_group,
+            group_by,
+            labelled: None,
+            not_grouped: None,
+            few_groups: None,
+        }
+    }
+
+    /// What sums by group say: those of the basis that was asked for or, where the family is to be chosen, of any.
+    pub(super) fn decide(
+        &self,
+        mut choice: ModelChoice,
+        sums: GroupedMoments,
+    ) -> Result<ModelChoice, FitError> {
+        if self.basis().is_none() {
+            let selection = selection::select(&sums, self.intercept, self.ridges())?;
+            let chosen = &selection.candidates[selection.chosen];
+            (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
+            choice.advice = Some(Advice::of(&sums, self.intercept, &selection, None)?);
+            choice.selection = Some(selection);
+        }
+        let channels = sums.total().map_or(0, Moments::channels);
+        let model = Model { basis: choice.basis, intercept: self.intercept, channels };
+        self.test_group_count(&mut choice, &model, sums.groups.len());
+        if self.cross_validation.is_some() {
+            let found = cross_validate(&sums, &model, choice.ridge, self.folds())?;
+            choice.cross_validation = Some(found);
+            if choice.advice.is_none() {
+                choice.advice = advice(&sums, &model, choice.ridge)?;
+            }
+        }
+        choice.sums = Some(sums);
+        Ok(choice)
+    }
+
+    /// The ridges that are tried.
+    pub(super) fn ridges(&self) -> &[f64] {
+        if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
+    }
+
+    /// The same for rows that cannot be summed exactly, of which nothing but standard errors is asked.
+    pub(super) fn decide_by_triangles(
+        &self,
+        mut choice: ModelChoice,
+        rows: Result<FactoredGroups, FitError>,
+    ) -> Result<ModelChoice, FitError> {
+        let rows = match rows {
+            // Better standard errors were not asked for by name.
+            Err(FitError::Validation(reason)) => {
+                choice.not_grouped = Some(reason);
+                return Ok(choice);
+            }
+            rows => rows?,
+        };
+        let channels = rows.groups.first().map_or(0, |(_, rows)| rows.channels());
+        let model = Model { basis: choice.basis, intercept: self.intercept, channels };
+        self.test_group_count(&mut choice, &model, rows.groups.len());
+        choice.clusters = Some(Clusters::Triangles(rows));
+        Ok(choice)
+    }
+
+    /// Keeps the labelled rows as the solver's standard errors by group need them.
+    fn cluster(&self, mut choice: ModelChoice, rows: &Dataset) -> Result<ModelChoice, FitError> {
+        if self.solver != SolverKind::Huber {
+            let found = factor_groups(rows, choice.basis);
+            return self.decide_by_triangles(choice, found);
+        }
+        let all = rows_in_one(rows);
+        let mut labels: Vec<&str> = all.groups.iter().map(|(label, _)| label.as_str()).collect();
+        labels.sort_unstable();
+        labels.dedup();
+        let model =
+            Model { basis: choice.basis, intercept: self.intercept, channels: rows.channels() };
+        self.test_group_count(&mut choice, &model, labels.len());
+        choice.clusters = Some(Clusters::Rows(all));
+        Ok(choice)
+    }
+
+    /// Whether so many groups can tell how the coefficients of `model` scatter.
+    fn test_group_count(&self, choice: &mut ModelChoice, model: &Model, groups: usize) {
+        // A few groups say little about how groups scatter.
+        choice.by_group &= self.covariance != CovarianceRule::Auto || groups >= FEWEST_GROUPS;
+        let is_poses = choice.group_by.as_ref().is_some_and(GroupBy::is_poses);
+        if self.covariance == CovarianceRule::Auto && is_poses {
+            choice.few_groups = FewGroups::new(model.term_count(), groups);
+        }
+    }
+}
+
+/// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
+/// if there is none, or it cannot be fitted without one of the folds.
+fn advice(
+    sums: &GroupedMoments,
+    model: &Model,
+    ridge: f64,
+) -> Result<Option<Advice>, ValidationError> {
+    let selection = selection::select(sums, model.intercept, &[ridge])?;
+    let given = (selection.candidates.iter())
+        .position(|candidate| candidate.basis == model.basis && candidate.errors.is_some());
+    match given {
+        Some(given) if selection.candidates.len() > 1 => {
+            Advice::of(sums, model.intercept, &selection, Some(given)).map(Some)
+        }
+        _ => Ok(None),
+    }
+}

@@ -1,0 +1,236 @@
+//! Which rows belong together: by a column, by file, or as found in the rows themselves.
+
+use std::fmt;
+use std::sync::Arc;
+
+use crate::validation::grouped::GroupKind;
+use crate::validation::plateaus::{PlateauFinder, Steps, Stretches};
+use shell_data::block::Block;
+use shell_data::dataset::{Dataset, LogRows};
+
+/// What is held out together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeldOut {
+    /// Each group of the logs' group column, or each file, or what is found in a log alone.
+    Auto,
+    /// Each file.
+    File,
+    /// Each group of the column.
+    Column,
+    /// Each plateau of constant load.
+    Plateaus,
+    /// So many folds of groups.
+    Folds(usize),
+}
+
+impl From<Option<usize>> for HeldOut {
+    /// So many folds of groups, or each group.
+    fn from(folds: Option<usize>) -> Self {
+        folds.map_or(Self::Auto, Self::Folds)
+    }
+}
+
+/// What a group is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroupBy {
+    /// The rows of a file.
+    File,
+    /// The rows with one label in the logs' group column.
+    Column,
+    /// Stretches of rows that were found.
+    Found(FoundGroups),
+}
+
+/// What tells groups apart that were found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FoundKind {
+    /// The load is constant within each.
+    Plateaus,
+    /// The clock jumps between them.
+    Recordings,
+}
+
+impl FoundKind {
+    /// As documents call them.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plateaus => "plateaus",
+            Self::Recordings => "recordings",
+        }
+    }
+}
+
+/// Groups that were found in logs without a group column: how many, and how long they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FoundGroups {
+    /// What they are.
+    pub kind: FoundKind,
+    /// How many.
+    pub groups: usize,
+    /// The rows of the shortest.
+    pub rows_min: u64,
+    /// Of the median.
+    pub rows_median: u64,
+    /// Of the longest.
+    pub rows_max: u64,
+}
+
+impl GroupBy {
+    /// Whether groups are poses, as far as one can tell, so that the scatter of their errors says how
+    /// sure a calibration is.
+    pub fn is_poses(&self) -> bool {
+        match self {
+            Self::File => false,
+            Self::Column => true,
+            Self::Found(groups) => groups.kind == FoundKind::Plateaus,
+        }
+    }
+
+    /// The groups that were found, if they were.
+    pub fn found(&self) -> Option<FoundGroups> {
+        match self {
+            Self::Found(groups) => Some(*groups),
+            _ => None,
+        }
+    }
+}
+
+impl From<GroupKind> for GroupBy {
+    fn from(kind: GroupKind) -> Self {
+        match kind {
+            GroupKind::File => Self::File,
+            GroupKind::Column => Self::Column,
+        }
+    }
+}
+
+/// The rows of a data set labelled by what can be held out, as asked for or, for [`HeldOut::Auto`] and folds, the
+/// first there is: labels of a column that all logs have, files where there are several, plateaus of constant
+/// load, stretches between jumps of the clock. `None` where there are none.
+pub(super) fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
+    match held_out {
+        HeldOut::File => Some((GroupBy::File, label_by_file(data))),
+        HeldOut::Column => Some((GroupBy::Column, data.clone())),
+        HeldOut::Plateaus => find(data).filter(|(by, _)| by.is_poses()),
+        HeldOut::Auto | HeldOut::Folds(_) => match given(data) {
+            None => find(data),
+            given => given,
+        },
+    }
+}
+
+/// The rows of a data set labelled by their group column, file or plateau.
+pub fn label_poses_or_files(data: &Dataset) -> Dataset {
+    label_poses(data).map_or_else(|| label_by_file(data), |(_, data)| data)
+}
+
+/// The rows labelled by groups that errors may be alike in, as far as a sample of them says that there are any.
+pub(super) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+    let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
+    match given(data) {
+        None if data.logs.iter().all(may_have) => label_groups(data, HeldOut::Plateaus),
+        given => given,
+    }
+}
+
+/// Whether a log may have plateaus, going by a sample of its rows; one of the first rows only does not tell.
+pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
+    let mut finder = PlateauFinder::new(Steps::of_sample(&[], &sample.wrench));
+    finder.add(&[], &sample.wrench);
+    is_sampled_at_start || matches!(finder.finish(), Stretches::Plateaus(_))
+}
+
+/// The groups that rows are given in: those of a column where all logs have one, otherwise files where there
+/// are several.
+fn given(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+    match data.logs.len() {
+        1.. if data.logs.iter().all(|log| log.has_groups) => Some((GroupBy::Column, data.clone())),
+        2.. => Some((GroupBy::File, label_by_file(data))),
+        _ => None,
+    }
+}
+
+fn label_by_file(data: &Dataset) -> Dataset {
+    let mut data = data.clone();
+    for log in &mut data.logs {
+        let name = log.name.display().to_string();
+        for block in &mut log.blocks {
+            block.labels = Arc::new(vec![(name.clone(), block.rows.rows)]);
+        }
+    }
+    data
+}
+
+/// Finds groups in the rows. Logs are groups of their own where only others have any.
+fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
+    let stretches = |log: &LogRows| {
+        let steps = Steps::of_sample(&log.sample.time_s, &log.sample.wrench);
+        let mut finder = PlateauFinder::new(steps);
+        log.blocks.iter().for_each(|block| finder.add(&block.rows.time_s, &block.rows.wrench));
+        finder.finish()
+    };
+    let stretches: Vec<Stretches> = data.logs.iter().map(stretches).collect();
+    let kind = match &stretches[..] {
+        all if all.iter().any(|of| matches!(of, Stretches::Plateaus(_))) => FoundKind::Plateaus,
+        all if all.iter().all(|of| *of == Stretches::Nothing) => return None,
+        _ => FoundKind::Recordings,
+    };
+    let (mut all, mut data) = (Vec::new(), data.clone());
+    for (log, stretches) in data.logs.iter_mut().zip(stretches) {
+        let rows = match (stretches, kind) {
+            (Stretches::Plateaus(rows), _)
+            | (Stretches::Recordings(rows), FoundKind::Recordings) => rows,
+            _ => vec![log.rows()],
+        };
+        label_stretches(log, kind, &rows, all.len() + 1);
+        all.extend(rows);
+    }
+    all.sort_unstable();
+    let found = FoundGroups {
+        kind,
+        groups: all.len(),
+        rows_min: all.first().copied().unwrap_or(0),
+        rows_median: all.get(all.len() / 2).copied().unwrap_or(0),
+        rows_max: all.last().copied().unwrap_or(0),
+    };
+    Some((GroupBy::Found(found), data))
+}
+
+/// Labels the rows of a log whose groups have so many rows, numbered from `first` on.
+fn label_stretches(log: &mut LogRows, kind: FoundKind, rows: &[u64], first: usize) {
+    let name = match kind {
+        FoundKind::Plateaus => "plateau",
+        FoundKind::Recordings => "recording",
+    };
+    let mut groups = rows.iter().copied().zip(first..);
+    let (mut left, mut number) = (0, 0);
+    for block in &mut log.blocks {
+        let (mut unlabelled, mut runs) = (block.rows.rows, Vec::new());
+        while unlabelled > 0 {
+            while left == 0 {
+                (left, number) = groups.next().unwrap_or((u64::MAX, number));
+            }
+            let run = usize::try_from(left).map_or(unlabelled, |left| left.min(unlabelled));
+            runs.push((format!("{name} {number}"), run));
+            unlabelled -= run;
+            left -= run as u64;
+        }
+        block.labels = Arc::new(runs);
+    }
+}
+
+impl fmt::Display for FoundGroups {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { kind, groups, rows_min, rows_median, rows_max } = self;
+        let what = match kind {
+            FoundKind::Plateaus => "plateaus of constant load",
+            FoundKind::Recordings => "recordings between jumps of the clock",
+        };
+        match rows_min == rows_max {
+            true => write!(f, "{groups} {what}, {rows_min} rows each"),
+            false => {
+                write!(f, "{groups} {what}, {rows_min} to {rows_max} rows (median {rows_median})")
+            }
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! From the sums of partial fits to a calibration: all that a fit to the rows says but what takes the rows again,
+//! their largest errors and how errors and loads are distributed.
+
+use super::choice::ModelChoice;
+use super::groups::HeldOut;
+use super::polynomial::covariance;
+use super::{Fit, FitOptions, Warning};
+use crate::conversion::Calibration;
+use crate::error::FitError;
+use crate::exact::{Moments, PartitionedMoments, SolveError};
+use crate::factored::{FactoredGroups, FactoredRows};
+use crate::model::Model;
+use crate::quality::AxisQuality;
+use crate::reading_ranges::ReadingRanges;
+use crate::solver::{Solution, SolverKind, solve_moments};
+use crate::validation::ValidationError;
+use crate::validation::factored;
+use crate::validation::grouped::{GroupKind, GroupedMoments};
+use shell_data::wrench::{Axes, PerAxis};
+
+/// What is kept of rows, and apart by group.
+#[derive(Clone, Debug)]
+pub enum RowSums<'a> {
+    /// Exact sums.
+    Exact(&'a Moments, Option<(GroupKind, GroupedMoments)>),
+    /// Triangles.
+    Factored(&'a FactoredRows, Option<(GroupKind, FactoredGroups)>),
+}
+
+/// Fits a calibration of `axes` to what is kept of some rows. Of a physics model or outliers it knows nothing.
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients, or something is asked of groups
+/// where there are none.
+pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Result<Fit, FitError> {
+    let (choice, solver, solution, ranges, train) = match sums {
+        RowSums::Exact(total, groups) => solve_exactly(total, groups, options)?,
+        RowSums::Factored(total, groups) => solve_triangle(total, groups, options)?,
+    };
+    let mut calibration = Calibration::of_solution(&solution, &ranges);
+    calibration.axes = axes;
+    let (covariance, not_grouped) =
+        covariance(&solution, (solver, None), &choice, options.covariance);
+    calibration.covariance = covariance;
+    let mut warnings = Vec::new();
+    if let Some(reason) = choice.not_grouped.clone().or(not_grouped) {
+        warnings.push(options.tell_not_grouped(reason)?);
+    }
+    warnings.extend(choice.few_groups.map(Warning::FewGroups));
+    Ok(Fit { warnings, ..Fit::from_choice(calibration, choice, (solution, solver, None), train) })
+}
+
+/// The choice of a model, the solver, what it found, and the errors on the training rows.
+type Solved = (ModelChoice, SolverKind, Solution, ReadingRanges, PerAxis<AxisQuality>);
+
+fn solve_exactly(
+    total: &Moments,
+    groups: Option<(GroupKind, GroupedMoments)>,
+    options: &FitOptions<'_>,
+) -> Result<Solved, FitError> {
+    let choice = match groups {
+        Some((by, sums)) => options.decide(options.open(Some(by.into())), sums)?,
+        None => options.without_groups()?,
+    };
+    let model =
+        Model { basis: choice.basis, intercept: options.intercept, channels: total.channels() };
+    let parts = PartitionedMoments::new(total, &model);
+    if let Err(error @ SolveError::OtherFeatures { .. }) = parts {
+        return Err(ValidationError::from(error).into());
+    }
+    let ranges = total.reading_ranges();
+    let solution = solve_moments(total, &model, choice.ridge, &ranges)?;
+    let train = parts.and_then(|parts| parts.in_sample(choice.ridge));
+    let train = train.map_err(|_| FitError::NearlyDependent)?;
+    Ok((choice, SolverKind::Exact, solution, ranges, train))
+}
+
+/// The same from the triangle of rows that could not be summed exactly.
+fn solve_triangle(
+    total: &FactoredRows,
+    groups: Option<(GroupKind, FactoredGroups)>,
+    options: &FitOptions<'_>,
+) -> Result<Solved, FitError> {
+    let choice = match groups {
+        Some((by, groups)) => choose_triangles(by, groups, options)?,
+        None => options.without_groups()?,
+    };
+    let model =
+        Model { basis: choice.basis, intercept: options.intercept, channels: total.channels() };
+    let solution = total.solve(&model, choice.ridge)?;
+    let train = total.quality(&solution).ok_or(FitError::NoRows)?;
+    let ranges = total.reading_ranges().clone();
+    Ok((choice, SolverKind::Tsqr, solution, ranges, train))
+}
+
+fn choose_triangles(
+    by: GroupKind,
+    groups: FactoredGroups,
+    options: &FitOptions<'_>,
+) -> Result<ModelChoice, FitError> {
+    let mut choice = options.open(Some(by.into()));
+    if options.basis().is_none() {
+        let selection = factored::select(&groups, options.intercept, options.ridges())
+            .map_err(FitError::from)?;
+        let chosen = &selection.candidates[selection.chosen];
+        (choice.basis, choice.ridge) = (chosen.basis, chosen.ridge);
+        choice.selection = Some(selection);
+    }
+    if let Some(held_out) = options.cross_validation {
+        let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
+        let model = Model { basis: choice.basis, intercept: options.intercept, channels };
+        let folds = match held_out {
+            HeldOut::Folds(folds) => Some(folds),
+            _ => None,
+        };
+        let found = factored::cross_validate(&groups, &model, choice.ridge, folds)?;
+        choice.cross_validation = Some(found);
+    }
+    match choice.by_group {
+        true => options.decide_by_triangles(choice, Ok(groups)),
+        false => Ok(choice),
+    }
+}
+
+impl FitOptions<'_> {
+    /// What is known where there are no groups.
+    fn without_groups(&self) -> Result<ModelChoice, FitError> {
+        let asks = self.validates() || self.covariance == super::CovarianceRule::Groups;
+        if asks { Err(FitError::NoGroupSums) } else { Ok(self.open(None)) }
+    }
+}
+
+impl Fit {
+    /// Whether a fit to sums has held groups out without a random split to compare with.
+    pub fn lacks_random_split(&self) -> bool {
+        self.cross_validation.as_ref().is_some_and(|cv| cv.random_folds == 0)
+    }
+}

@@ -1,0 +1,624 @@
+//! One fit: from rows in memory to a calibration, and how far it can be trusted.
+//!
+//! ```text
+//! Dataset ─▶ outliers left out ─▶ groups ─▶ model, by held-out groups ─▶ solution ─▶ errors, intervals, warnings
+//! ```
+//!
+//! Logs and arrays enter as a [`Dataset`]; [partial fits](merged) enter with sums in place of rows. What is found is a
+//! value in [`Fit`], and so is what is to be said of it ([`Warning`]): the caller prints, and writes files.
+//!
+//! ```
+//! use calibration::{Basis, FitOptions, fit};
+//! use shell_data::{Axes, Block, Dataset};
+//!
+//! // One channel that reads 100 counts per newton of Fx, and 2 of noise.
+//! let readings = vec![vec![0.0, 102.0, 198.0, 300.0]];
+//! let mut wrench = vec![vec![0.0; 4]; 6];
+//! wrench[0] = vec![0.0, 1.0, 2.0, 3.0];
+//! let block = Block { rows: 4, readings, wrench, ..Block::default() };
+//! let data = Dataset::from_blocks("bench", Axes::ALL, vec![block]);
+//!
+//! let options = FitOptions { model: Basis::Linear.into(), ..FitOptions::default() };
+//! let fitted = fit(&data, &Dataset::default(), &options)?;
+//! let mut converted = Default::default();
+//! fitted.calibration.wrench(&[vec![150.0]], &mut converted);
+//! assert!((converted[0][0] - 1.5).abs() < 0.01);
+//! # Ok::<_, calibration::FitError>(())
+//! ```
+
+mod choice;
+mod evaluation;
+mod group_errors;
+mod groups;
+mod means;
+pub mod merged;
+mod outliers;
+mod physics;
+mod polynomial;
+mod refits;
+mod warning;
+
+pub use self::choice::{CovarianceRule, FewGroups, RANDOM_FOLDS, random_split, sum_groups};
+pub use self::evaluation::{Evaluation, evaluate};
+pub use self::group_errors::{GroupErrors, GroupedErrors, group_errors};
+pub use self::groups::{
+    FoundGroups, FoundKind, GroupBy, HeldOut, label_poses_or_files, may_have_plateaus,
+};
+pub use self::outliers::{
+    Outlier, OutlierColumn, OutlierTest, Outliers, Reason, RowName, find_outliers,
+};
+pub use self::physics::{HeldOutGroups, ModelComparison, PhysicsFit};
+pub use self::warning::Warning;
+pub use crate::passes::Workers;
+
+use self::choice::{ModelChoice, Training, choose};
+use self::polynomial::{PolynomialFit, Solved};
+use self::warning::MUCH_SHARED;
+use crate::conversion::{Calibration, Kind};
+use crate::error::FitError;
+use crate::model::Basis;
+use crate::physics::COVERAGE_LEVEL;
+use crate::quality::AxisQuality;
+use crate::solver::{Solution, SolverKind};
+use crate::validation::advice::Advice;
+use crate::validation::cross_validation::CrossValidation;
+use crate::validation::excitation::Excitation;
+use crate::validation::selection::Selection;
+use shell_data::dataset::Dataset;
+use shell_data::wrench::PerAxis;
+
+/// The largest coefficient or squared error that a calibration's document takes.
+pub const LARGEST: f64 = 1e100;
+
+/// Which model is fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelRule {
+    /// A polynomial of this family of features.
+    Given(Basis),
+    /// The smallest polynomial that predicts new groups as well as the best, or the physics model where that
+    /// predicts them better.
+    Auto,
+    /// The physics model.
+    Physics,
+}
+
+impl From<Basis> for ModelRule {
+    fn from(basis: Basis) -> Self {
+        Self::Given(basis)
+    }
+}
+
+/// What is done about outliers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutlierRule {
+    /// They are looked for where a row stands out, and used.
+    Report,
+    /// They are left out.
+    Drop,
+    /// They are used, and not looked for.
+    Keep,
+}
+
+/// What is to be fitted, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct FitOptions<'a> {
+    /// The model.
+    pub model: ModelRule,
+    /// Whether to fit a constant beside the features.
+    pub intercept: bool,
+    /// λ of a ridge on columns of norm one; 0 for none, or for the best of several where the family of features is
+    /// chosen.
+    pub ridge: f64,
+    /// The solver. Where the exact one cannot take the rows, refined QR does.
+    pub solver: SolverKind,
+    /// For [`SolverKind::Svd`]: leaves out directions whose singular value, of columns of norm one,
+    /// is below this share of the largest.
+    pub truncate: Option<f64>,
+    /// Find the errors on groups that were held out.
+    pub cross_validation: Option<HeldOut>,
+    /// Which way rows are assigned to the random folds that those are compared with.
+    pub seed: u64,
+    /// What the covariance is found from.
+    pub covariance: CovarianceRule,
+    /// Fit to the mean of each group of rows, each counted once.
+    pub means: bool,
+    /// Use only rows whose readings differ from those of the row before.
+    pub fresh: bool,
+    /// Readings outside are wrong: rows with any are left out.
+    pub valid_range: Option<[f64; 2]>,
+    /// What is done about outliers.
+    pub outliers: OutlierRule,
+    /// What was asked for that polynomials alone have: with [`ModelRule::Auto`] nothing else is then chosen.
+    pub polynomials_only: Option<&'a str>,
+    /// Who works on it.
+    pub workers: Workers<'a>,
+}
+
+/// Which groups a fit asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroupsAsked {
+    /// None.
+    Nothing,
+    /// Those that rows are given in, or poses that are found.
+    IfAny,
+    /// What can be held out.
+    HeldOut(HeldOut),
+}
+
+impl Default for FitOptions<'_> {
+    /// The defaults of `shellcal fit`.
+    fn default() -> Self {
+        Self {
+            model: Basis::Cubic.into(),
+            intercept: true,
+            ridge: 0.0,
+            solver: SolverKind::Exact,
+            truncate: None,
+            cross_validation: None,
+            seed: 1,
+            covariance: CovarianceRule::Auto,
+            means: false,
+            fresh: false,
+            valid_range: None,
+            outliers: OutlierRule::Report,
+            polynomials_only: None,
+            workers: Workers::default(),
+        }
+    }
+}
+
+impl FitOptions<'_> {
+    /// Which groups are asked for, and so which columns of logs.
+    pub fn groups_asked(&self) -> GroupsAsked {
+        match self.covariance {
+            _ if self.means || self.validates() => {
+                GroupsAsked::HeldOut(self.cross_validation.unwrap_or(HeldOut::Auto))
+            }
+            CovarianceRule::Groups => GroupsAsked::HeldOut(HeldOut::Auto),
+            CovarianceRule::Auto => GroupsAsked::IfAny,
+            CovarianceRule::Rows | CovarianceRule::Nothing => GroupsAsked::Nothing,
+        }
+    }
+
+    /// The family of features, where it is not to be chosen.
+    fn basis(&self) -> Option<Basis> {
+        match self.model {
+            ModelRule::Given(basis) => Some(basis),
+            ModelRule::Auto | ModelRule::Physics => None,
+        }
+    }
+
+    /// Whether outliers are looked for where a row stands out.
+    fn looks_for_outliers(&self) -> bool {
+        // A mean is no row that was recorded.
+        !self.means && self.outliers == OutlierRule::Report
+    }
+
+    fn outlier_test(&self) -> OutlierTest<'_> {
+        OutlierTest {
+            basis: self.basis().unwrap_or(Basis::Cubic),
+            intercept: self.intercept,
+            ridge: self.ridge,
+            fresh: self.fresh,
+            valid_range: self.valid_range,
+            workers: self.workers,
+        }
+    }
+
+    /// What can be had of rows that have weights, which no exact sum can take: a plain least-squares fit, and
+    /// standard errors by row.
+    fn check_weighted(&self) -> Result<(), FitError> {
+        let what = match self {
+            Self { model: ModelRule::Physics, .. } => "the physics model",
+            Self { model: ModelRule::Auto, .. } => "the choice of a model",
+            Self { cross_validation: Some(_), .. } => "cross-validation",
+            Self { covariance: CovarianceRule::Groups, .. } => "a covariance by group",
+            Self { means: true, .. } => "a fit to means",
+            Self { ridge, .. } if *ridge != 0.0 => "a ridge",
+            Self { truncate: Some(_), .. } => "a truncated solution",
+            Self { solver: SolverKind::RidgeGcv | SolverKind::Huber, .. } => "this solver",
+            _ => return Ok(()),
+        };
+        Err(FitError::Weights { what })
+    }
+
+    /// Why the physics model cannot be compared with a polynomial, if it cannot.
+    fn why_no_physics(&self, data: &Dataset) -> Option<String> {
+        match self.polynomials_only {
+            Some(option) => Some(format!("`{option}` is for polynomials in the readings")),
+            None => physics::check(data).err().map(|error| error.to_string()),
+        }
+    }
+}
+
+/// A calibration, how well it does, and what led to it.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// How it was found.
+    pub method: FitMethod,
+    /// The rows that were fitted, with the labels of their groups where those are known.
+    pub used: Dataset,
+    /// The test rows that were used.
+    pub tested: Dataset,
+    /// Rows fitted.
+    pub rows: u64,
+    /// Rows used of each training log.
+    pub rows_of_logs: Vec<u64>,
+    /// Wrong rows that were left out.
+    pub skipped_rows: u64,
+    /// Rows whose readings repeat those of the row before.
+    pub repeated_rows: u64,
+    /// Errors on the training rows.
+    pub train: PerAxis<AxisQuality>,
+    /// Errors on each test log.
+    pub tests: Vec<Evaluation>,
+    /// How well the training loads cover the six axes.
+    pub excitation: Option<Excitation>,
+    /// The share of test rows on plateaus of the training logs, where those are made of plateaus.
+    pub on_plateaus: Option<f64>,
+    /// What the groups are that were taken.
+    pub group_by: Option<GroupBy>,
+    /// The groups that were found, where they are not given.
+    pub found_groups: Option<FoundGroups>,
+    /// Why there are no standard errors.
+    pub few_groups: Option<FewGroups>,
+    /// How the family of features was chosen, where it was.
+    pub selection: Option<Selection>,
+    /// Held-out errors, where they were asked for.
+    pub cross_validation: Option<CrossValidation>,
+    /// What either says to do.
+    pub advice: Option<Advice>,
+    /// The physics model beside the polynomial that was chosen, or why it was not compared.
+    pub comparison: Option<Result<ModelComparison, String>>,
+    /// The groups whose means the rows are, where they are.
+    pub means: Option<MeansOf>,
+    /// Outliers that were left out.
+    pub dropped: Outliers,
+    /// Outliers that were used, where some were looked for, or why they could not be.
+    pub outliers: Option<Result<Outliers, FitError>>,
+    /// What is to be said of it.
+    pub warnings: Vec<Warning>,
+}
+
+/// Rows that were reduced to means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeansOf {
+    /// Groups.
+    pub groups: usize,
+    /// Rows.
+    pub rows: u64,
+    /// Wrong rows that were left out.
+    pub skipped_rows: u64,
+}
+
+/// How a calibration was found.
+#[derive(Clone, Debug)]
+pub enum FitMethod {
+    /// A polynomial in the readings.
+    Polynomial {
+        /// What the solver says.
+        solution: Box<Solution>,
+        /// The solver that was used.
+        solver: SolverKind,
+        /// As [`FitOptions::truncate`].
+        truncate: Option<f64>,
+    },
+    /// A physics model.
+    Physics(Box<PhysicsFit>),
+}
+
+impl Fit {
+    /// The solution of a polynomial fit.
+    pub fn solution(&self) -> Option<&Solution> {
+        match &self.method {
+            FitMethod::Polynomial { solution, .. } => Some(solution),
+            FitMethod::Physics(_) => None,
+        }
+    }
+
+    /// Features or parameters of the model.
+    pub fn parameter_count(&self) -> usize {
+        match self.calibration.kind() {
+            Kind::Polynomial(polynomial) => polynomial.model().term_count(),
+            Kind::Physics(physics) => physics.model().parameter_count(),
+        }
+    }
+
+    /// Independent features, or parameters of a physics model.
+    pub fn rank(&self) -> usize {
+        self.solution().map_or_else(|| self.parameter_count(), |solution| solution.rank)
+    }
+
+    /// Condition number of the features, columns scaled to norm one; `None` if infinite, and of physics models.
+    pub fn condition(&self) -> Option<f64> {
+        Some(self.solution()?.condition).filter(|condition| condition.is_finite())
+    }
+
+    /// Errors on all test rows.
+    pub fn test(&self) -> Evaluation {
+        Evaluation::total(&self.tests)
+    }
+
+    /// A fit of which nothing is known but what a polynomial's choice and solution say.
+    fn from_choice(
+        calibration: Calibration,
+        choice: ModelChoice,
+        (solution, solver, truncate): (Solution, SolverKind, Option<f64>),
+        train: PerAxis<AxisQuality>,
+    ) -> Self {
+        let (rows, found_groups) = (solution.rows, choice.found_groups());
+        Self {
+            calibration,
+            method: FitMethod::Polynomial { solution: Box::new(solution), solver, truncate },
+            used: Dataset::default(),
+            tested: Dataset::default(),
+            rows,
+            rows_of_logs: Vec::new(),
+            skipped_rows: 0,
+            repeated_rows: 0,
+            train,
+            tests: Vec::new(),
+            excitation: None,
+            on_plateaus: None,
+            group_by: choice.group_by,
+            found_groups,
+            few_groups: choice.few_groups,
+            selection: choice.selection,
+            cross_validation: choice.cross_validation,
+            advice: choice.advice,
+            comparison: None,
+            means: None,
+            dropped: Outliers::default(),
+            outliers: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// What errors, groups and covariance have to say.
+    fn warn(&mut self) {
+        let test = self.test();
+        if let Some(solution) = self.solution() {
+            let (rows, coefficients) = (solution.rows, solution.rank);
+            let left_out = solution.model.term_count() - solution.rank;
+            if left_out > 0 {
+                self.warnings.push(Warning::DirectionsLeftOut(left_out));
+            }
+            if rows < 2 * coefficients as u64 {
+                self.warnings.push(Warning::FewRows { rows, coefficients });
+            }
+            if let Some(share) = self.on_plateaus.filter(|&share| share >= MUCH_SHARED) {
+                self.warnings.push(Warning::OnPlateaus(share));
+            }
+            if test.rows > 0 && test.out_of_range_rows == test.rows {
+                self.warnings.push(Warning::AllOutOfRange(test.rows));
+            }
+            let covariance = self.calibration.covariance.as_ref();
+            let none = covariance.and_then(|of| of.interval_factors(COVERAGE_LEVEL).err());
+            self.warnings.extend(none.map(Warning::NoIntervals));
+        }
+        if let (Kind::Physics(physics), FitMethod::Physics(fit)) =
+            (self.calibration.kind(), &self.method)
+        {
+            let intervals = physics.intervals.as_ref();
+            let none = intervals.and_then(|of| of.factors(COVERAGE_LEVEL).err());
+            self.warnings.extend(none.map(Warning::NoIntervalsAtAll));
+            if fit.held_out == HeldOutGroups::Stretches {
+                self.warnings.push(Warning::Stretches(fit.groups));
+            }
+            let dead = physics.model().dead_channels();
+            if !dead.is_empty() {
+                self.warnings.push(Warning::DeadChannels(dead));
+            }
+        }
+        if test.out_of_range_rows > 0 {
+            let (outside, rows) = (test.out_of_range_rows, test.rows);
+            self.warnings.push(Warning::OutOfRange { outside, rows });
+        }
+    }
+}
+
+/// Fits a calibration to `train` and finds its errors there and on `test`, which may have no rows.
+///
+/// All logs of both have the same channels and axes of the wrench.
+///
+/// # Errors
+/// [`FitError`] if the rows do not determine a calibration, something is asked of groups where there are none, a
+/// log is a copy of another, or whoever watches wants no more.
+pub fn fit(train: &Dataset, test: &Dataset, options: &FitOptions<'_>) -> Result<Fit, FitError> {
+    if train.logs.is_empty() {
+        return Err(FitError::NoRows);
+    }
+    if train.has_weights() {
+        options.check_weighted()?;
+    }
+    let dropped = drop_outliers(train, options)?;
+    let excluded = dropped.excluded();
+    let training = Training { data: train, excluded: &excluded, fresh: options.fresh };
+    let test = &test.select(options.fresh, &Default::default());
+    let mut fitted = match options.means {
+        true => fit_to_means(training, test, options)?,
+        false => fit_rows(training, test, options)?,
+    };
+    fitted.dropped = dropped;
+    Ok(fitted)
+}
+
+/// The rows that are to be left out.
+fn drop_outliers(train: &Dataset, options: &FitOptions<'_>) -> Result<Outliers, FitError> {
+    let drops = options.outliers == OutlierRule::Drop;
+    if !drops && options.valid_range.is_none() {
+        return Ok(Outliers::default());
+    }
+    let mut found = find_outliers(train, &options.outlier_test())?;
+    if !drops {
+        found.rows.retain(|row| row.reason == Reason::OutOfRange);
+    }
+    Ok(found)
+}
+
+fn fit_to_means(
+    training: Training<'_>,
+    test: &Dataset,
+    options: &FitOptions<'_>,
+) -> Result<Fit, FitError> {
+    let held_out = options.cross_validation.unwrap_or(HeldOut::Auto);
+    let (by, rows) = training.labelled(held_out).ok_or(FitError::NoGroups)?;
+    let means = means::group_means(&rows)?;
+    let of_means = Training { data: &means, fresh: false, excluded: &Default::default() };
+    let mut fitted = fit_rows(of_means, test, options)?;
+    fitted.rows_of_logs = rows.logs.iter().map(|log| log.rows()).collect();
+    fitted.found_groups = fitted.found_groups.or_else(|| by.found());
+    fitted.means = Some(MeansOf {
+        groups: means.rows() as usize,
+        rows: rows.rows(),
+        skipped_rows: rows.logs.iter().map(|log| log.summary.skipped_rows).sum(),
+    });
+    Ok(fitted)
+}
+
+fn fit_rows(
+    training: Training<'_>,
+    test: &Dataset,
+    options: &FitOptions<'_>,
+) -> Result<Fit, FitError> {
+    if options.model == ModelRule::Physics {
+        return fit_physics(training, test, options);
+    }
+    let choice = choose(training, options)?;
+    let comparison = compare_physics(training, &choice, options);
+    if let Some(Ok(comparison)) = &comparison
+        && comparison.physics_is_better()
+    {
+        let fitted = fit_physics(training, test, options)?;
+        let comparison = Some(Ok(comparison.clone()));
+        return Ok(Fit { selection: choice.selection, comparison, ..fitted });
+    }
+    fit_polynomial(training, test, choice, options).map(|fitted| Fit { comparison, ..fitted })
+}
+
+/// The physics model beside the polynomial that was chosen, or why it is not compared; `None` where that was not
+/// asked for.
+fn compare_physics(
+    training: Training<'_>,
+    choice: &ModelChoice,
+    options: &FitOptions<'_>,
+) -> Option<Result<ModelComparison, String>> {
+    if options.model != ModelRule::Auto {
+        return None;
+    }
+    if let Some(reason) = options.why_no_physics(training.data) {
+        return Some(Err(reason));
+    }
+    // Physics is fitted to rows.
+    let found = (!options.means).then(|| ModelComparison::of(training, choice, options))??;
+    Some(found.map_err(|error| error.to_string()))
+}
+
+fn fit_polynomial(
+    training: Training<'_>,
+    test: &Dataset,
+    mut choice: ModelChoice,
+    options: &FitOptions<'_>,
+) -> Result<Fit, FitError> {
+    let used = choice.labelled.take().unwrap_or_else(|| training.used());
+    let PolynomialFit { calibration, solved, not_grouped, errors } =
+        polynomial::fit(&used, test, &choice, options)?;
+    let Solved { solution, solver, not_exact, .. } = solved;
+    let mut warnings = Vec::new();
+    if used.has_weights() && options.solver == SolverKind::Exact {
+        warnings.push(Warning::Weighted);
+    }
+    warnings.extend(not_exact.map(Warning::NotExact));
+    if let Some(reason) = choice.not_grouped.clone().or(not_grouped) {
+        warnings.push(options.tell_not_grouped(reason)?);
+    }
+    warnings.extend(choice.few_groups.map(Warning::FewGroups));
+    let train = Evaluation::total(&errors.train);
+    let quality = train.quality().ok_or(FitError::NoRows)?;
+    let how = (solution, solver, options.truncate);
+    // They are judged by a fit to rows that count alike.
+    let looks = options.looks_for_outliers() && !used.has_weights();
+    let outliers = (errors.stands_out && looks).then(|| name_outliers(training, options));
+    let mut fitted = Fit {
+        used,
+        tested: test.clone(),
+        rows_of_logs: errors.train.iter().map(|log| log.rows).collect(),
+        skipped_rows: train.skipped_rows,
+        repeated_rows: train.repeated_rows,
+        excitation: errors.loads.excitation(),
+        on_plateaus: errors.on_plateaus,
+        tests: errors.test,
+        outliers,
+        warnings,
+        ..Fit::from_choice(calibration, choice, how, quality)
+    };
+    fitted.warn();
+    Ok(fitted)
+}
+
+fn fit_physics(
+    training: Training<'_>,
+    test: &Dataset,
+    options: &FitOptions<'_>,
+) -> Result<Fit, FitError> {
+    let physics::Fitted { calibration, used, physics, errors } =
+        physics::fit(training, test, options)?;
+    let train = Evaluation::total(&errors.train);
+    let group_by = match physics.held_out {
+        HeldOutGroups::Groups(by) => Some(by),
+        HeldOutGroups::Stretches => None,
+    };
+    let outliers = (train.has_large_errors() && options.looks_for_outliers())
+        .then(|| name_outliers(training, options));
+    let mut fitted = Fit {
+        calibration,
+        used,
+        tested: test.clone(),
+        rows: train.rows,
+        rows_of_logs: errors.train.iter().map(|log| log.rows).collect(),
+        skipped_rows: train.skipped_rows,
+        repeated_rows: train.repeated_rows,
+        train: train.quality().ok_or(FitError::NoRows)?,
+        excitation: errors.loads.excitation(),
+        on_plateaus: None,
+        tests: errors.test,
+        group_by,
+        found_groups: group_by.and_then(|by| by.found()),
+        few_groups: None,
+        selection: None,
+        cross_validation: physics.cross_validation(),
+        advice: None,
+        comparison: None,
+        means: None,
+        dropped: Outliers::default(),
+        outliers,
+        warnings: Vec::new(),
+        method: FitMethod::Physics(Box::new(physics)),
+    };
+    fitted.warn();
+    Ok(fitted)
+}
+
+/// Looks for outliers that were used.
+fn name_outliers(training: Training<'_>, options: &FitOptions<'_>) -> Result<Outliers, FitError> {
+    let mut found = find_outliers(training.data, &options.outlier_test())?;
+    // Those outside the valid range have been left out.
+    found.rows.retain(|row| row.reason != Reason::OutOfRange);
+    Ok(found)
+}
+
+impl FitOptions<'_> {
+    /// Standard errors that were asked for and cannot be had are an error; those that are only
+    /// better are not.
+    fn tell_not_grouped(
+        &self,
+        reason: crate::validation::ValidationError,
+    ) -> Result<Warning, FitError> {
+        match self.covariance {
+            CovarianceRule::Groups => Err(FitError::NoGroupCovariance(reason)),
+            _ => Ok(Warning::NotGrouped(reason)),
+        }
+    }
+}

@@ -1,0 +1,345 @@
+//! A polynomial in the readings: from rows, or from what was kept of them, to coefficients, errors and covariance.
+
+use std::path::PathBuf;
+
+use super::choice::{Clusters, CovarianceRule, ModelChoice};
+use super::evaluation::{BlockErrors, BlockEvaluator, EvalOptions, Evaluation};
+use super::{FitOptions, LARGEST};
+use crate::conversion::Calibration;
+use crate::error::FitError;
+use crate::exact::{ExactError, Moments};
+use crate::least_squares::Method;
+use crate::magnitudes::Magnitudes;
+use crate::model::Model;
+use crate::passes::{Rows, each};
+use crate::polynomial::Polynomial;
+use crate::quality::AxisQuality;
+use crate::reading_ranges::ReadingRanges;
+use crate::scaling::Scaling;
+use crate::solver::{self, Centring, FitProblem, Solution, SolverKind};
+use crate::uncertainty::{Covariance, ErrorShape};
+use crate::validation::ValidationError;
+use crate::validation::excitation::WrenchSums;
+use crate::validation::grouped::GroupedMoments;
+use crate::validation::outliers::{Judge, Spread};
+use crate::validation::shared_loads::{RowSample, SharedRows};
+use shell_data::block::Block;
+use shell_data::dataset::{Dataset, LabelledBlock};
+use shell_data::fingerprint::Fingerprint;
+use shell_data::wrench::PerAxis;
+
+/// What is to be solved, and how.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Problem {
+    pub(super) model: Model,
+    /// Where the exact one cannot take the rows, refined QR does.
+    pub(super) solver: SolverKind,
+    pub(super) ridge: f64,
+    pub(super) truncate: Option<f64>,
+}
+
+/// The solution, and how it was found.
+pub(super) struct Solved {
+    pub(super) solution: Solution,
+    pub(super) ranges: ReadingRanges,
+    /// The solver that was used.
+    pub(super) solver: SolverKind,
+    /// Why it is not the exact one, where that was asked for.
+    pub(super) not_exact: Option<ExactError>,
+}
+
+/// Solves by the solver that is asked for. `total` are the exact sums of the rows, where they have been made
+/// already; `sample` is of the rows, for solvers that need to know their sizes before the first pass.
+pub(super) fn solve(
+    problem: &Problem,
+    total: Option<&Moments>,
+    rows: &Rows<'_>,
+    sample: Option<&Block>,
+) -> Result<Solved, FitError> {
+    let solver = problem.solver;
+    let (found, solver, not_exact) = match solve_by(solver, problem, total, rows, sample) {
+        Err(FitError::NotExact(error)) if solver == SolverKind::Exact => {
+            let solver = SolverKind::RefinedTsqr;
+            (solve_by(solver, problem, None, rows, sample)?, solver, Some(error))
+        }
+        found => (found?, solver, None),
+    };
+    let (solution, ranges) = found;
+    Ok(Solved { solution, ranges, solver, not_exact })
+}
+
+fn solve_by(
+    solver: SolverKind,
+    problem: &Problem,
+    total: Option<&Moments>,
+    rows: &Rows<'_>,
+    sample: Option<&Block>,
+) -> Result<(Solution, ReadingRanges), FitError> {
+    let Problem { model, ridge, truncate, .. } = *problem;
+    if solver == SolverKind::Exact {
+        let made;
+        let sums = match total {
+            Some(total) => total,
+            None => {
+                made = solver::exact_moments(model, rows, sample)?;
+                &made
+            }
+        };
+        let ranges = sums.reading_ranges();
+        return Ok((solver::solve_moments(sums, &model, ridge, &ranges)?, ranges));
+    }
+    // A sample tells centre and scale, unless the answer depends on them.
+    let is_penalised = ridge > 0.0
+        || solver == SolverKind::RidgeGcv
+        || (solver == SolverKind::Svd && truncate.is_some());
+    let scaling = match sample.filter(|_| !is_penalised) {
+        Some(sample) => Scaling::of_sample(&sample.readings, model.intercept),
+        None => {
+            let centring = Centring { channels: model.channels, intercept: model.intercept };
+            centring.scaling(&rows.reduce(&centring)?)
+        }
+    };
+    let problem = FitProblem { model, scaling, ridge };
+    match solver {
+        SolverKind::Svd => solver::fit_by(Method::Svd { truncate }, problem, rows),
+        _ => solver::fit(solver, problem, rows),
+    }
+}
+
+/// The covariance as far as it can be had, and why not by groups where it is of independent rows.
+pub(super) fn covariance(
+    solution: &Solution,
+    (solver, truncate): (SolverKind, Option<f64>),
+    choice: &ModelChoice,
+    rule: CovarianceRule,
+) -> (Option<Covariance>, Option<ValidationError>) {
+    if rule == CovarianceRule::Nothing || choice.few_groups.is_some() {
+        return (None, None);
+    }
+    let by_rows = || Covariance::of_rows(solution);
+    let ridge = choice.ridge;
+    let found = match (&choice.clusters, &choice.sums) {
+        _ if !choice.by_group => return (by_rows(), None),
+        (Some(Clusters::Rows(rows)), _) => Covariance::of_clipped_groups(rows, solution, ridge),
+        (Some(Clusters::Triangles(_)), _) if solver == SolverKind::Huber => {
+            Err(ValidationError::OtherSolver)
+        }
+        (Some(Clusters::Triangles(rows)), _) => {
+            let method = match solver {
+                SolverKind::Svd => Method::Svd { truncate },
+                SolverKind::RidgeGcv => Method::RidgeGcv,
+                _ => Method::Tsqr,
+            };
+            Covariance::of_factored(rows, solution, method, ridge)
+        }
+        // Features of other solvers are about another centre than that of the sums.
+        (None, Some(_)) if solver != SolverKind::Exact => Err(ValidationError::OtherSolver),
+        (None, Some(sums)) => Covariance::of_groups(sums, &solution.model, ridge),
+        (None, None) => return (by_rows(), None),
+    };
+    match found {
+        Ok(covariance) => (Some(covariance), None),
+        // Rows that resemble each other would promise too much.
+        Err(ValidationError::OtherSolver) => (None, Some(ValidationError::OtherSolver)),
+        Err(error) => (by_rows(), Some(error)),
+    }
+}
+
+/// A polynomial, and how well it does.
+pub(super) struct PolynomialFit {
+    pub(super) calibration: Calibration,
+    pub(super) solved: Solved,
+    pub(super) not_grouped: Option<ValidationError>,
+    pub(super) errors: Errors,
+}
+
+/// Fits the model that was chosen, and finds its errors on the training rows and on those of tests.
+pub(super) fn fit(
+    train: &Dataset,
+    test: &Dataset,
+    choice: &ModelChoice,
+    options: &FitOptions<'_>,
+) -> Result<PolynomialFit, FitError> {
+    let problem = Problem {
+        model: Model {
+            basis: choice.basis,
+            intercept: options.intercept,
+            channels: train.channels(),
+        },
+        solver: match options.solver {
+            // What the exact solver leaves to it.
+            SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
+            solver => solver,
+        },
+        ridge: choice.ridge,
+        truncate: options.truncate,
+    };
+    let total = choice.sums.as_ref().and_then(GroupedMoments::total);
+    let sample = train.logs.first().map(|log| &log.sample);
+    let solved = solve(&problem, total, &Rows::new(train, options.workers), sample)?;
+    let Solved { solution, ranges, solver, .. } = &solved;
+    let mut calibration = Calibration::of_solution(solution, ranges);
+    calibration.axes = train.logs[0].axes;
+    let (mut covariance, not_grouped) =
+        covariance(solution, (*solver, options.truncate), choice, options.covariance);
+    let unit = covariance.as_ref().map(|_| root_mean_square(solution));
+    let judge = options.looks_for_outliers().then(|| {
+        let spread = Spread::within(ranges);
+        Some((Judge::new(solution, ranges, &spread)?, spread))
+    });
+    let judge = judge.flatten();
+    let look = EvalOptions { size_unit: unit.as_ref(), judge: judge.as_ref() };
+    let errors = Errors::of(&calibration, train, test, &look, options)?;
+    if let Some([earlier, later]) = errors.copy {
+        return Err(FitError::Copy { earlier, later });
+    }
+    let quality = Evaluation::total(&errors.train).quality().ok_or(FitError::NoRows)?;
+    let tested = Evaluation::total(&errors.test).quality();
+    check_sizes(&calibration, [Some(&quality), tested.as_ref()].into_iter().flatten())?;
+    if let (Some(covariance), Some(unit)) = (&mut covariance, unit) {
+        let rms = quality.map(|axis| axis.rms);
+        let sizes = errors.sizes.as_ref();
+        covariance.shape = sizes.map(|sizes| ErrorShape::of_errors(sizes, &unit, &rms));
+    }
+    calibration.covariance = covariance;
+    Ok(PolynomialFit { calibration, solved, not_grouped, errors })
+}
+
+/// How a calibration does on the rows of a fit, and what else is said of these.
+pub(super) struct Errors {
+    pub(super) train: Vec<Evaluation>,
+    pub(super) test: Vec<Evaluation>,
+    /// The first log that has the rows of one before it, after that one.
+    copy: Option<[PathBuf; 2]>,
+    /// How large the errors of the training rows are, if that was asked for.
+    sizes: Option<PerAxis<Magnitudes>>,
+    /// Whether a training row may be an outlier and matter, if that was asked for.
+    pub(super) stands_out: bool,
+    /// The wrench that the training rows have measured.
+    pub(super) loads: WrenchSums,
+    /// The share of test rows on plateaus of the training rows, where those are made of plateaus.
+    pub(super) on_plateaus: Option<f64>,
+}
+
+/// What one block adds.
+struct BlockFacts {
+    log: usize,
+    errors: BlockErrors,
+    loads: Option<WrenchSums>,
+    fingerprint: Option<Fingerprint>,
+    sample: Option<RowSample>,
+}
+
+impl Errors {
+    /// Passes over training and test rows.
+    pub(super) fn of(
+        calibration: &Calibration,
+        train: &Dataset,
+        test: &Dataset,
+        look: &EvalOptions<'_>,
+        options: &FitOptions<'_>,
+    ) -> Result<Self, FitError> {
+        let logs = train.logs.len();
+        let blocks: Vec<(usize, &LabelledBlock)> =
+            train.blocks().chain(test.blocks().map(|(log, block)| (logs + log, block))).collect();
+        let all_logs = || train.logs.iter().chain(&test.logs);
+        let mut evaluations: Vec<_> = all_logs().map(Evaluation::before).collect();
+        let mut fingerprints = vec![Fingerprint::default(); evaluations.len()];
+        let strides = [train, test].map(|data| RowSample::stride(data.rows()));
+        // Training rows are within the range that they define: there is nothing to look for.
+        let mut without_range = calibration.clone();
+        without_range.valid_range = None;
+        let work = |evaluator: &mut BlockEvaluator, (log, block): &(usize, &LabelledBlock)| {
+            let (is_train, rows) = (*log < logs, &block.rows);
+            let errors = match is_train {
+                true => evaluator.evaluate(&without_range, rows, look),
+                false => evaluator.evaluate(calibration, rows, &EvalOptions::default()),
+            };
+            let stride = strides[usize::from(!is_train)];
+            Ok(BlockFacts {
+                log: *log,
+                errors,
+                loads: is_train.then(|| WrenchSums::of(&rows.wrench)),
+                // A log by itself is a copy of none, and without tests there is nothing on its plateaus.
+                fingerprint: (all_logs().count() > 1).then(|| Fingerprint::of(rows)),
+                sample: (!test.logs.is_empty()).then(|| RowSample::of(rows, stride)),
+            })
+        };
+        let (mut loads, mut stands_out) = (WrenchSums::default(), false);
+        let (mut train_rows, mut shared) = (RowSample::default(), None);
+        let fold = |block: BlockFacts| {
+            evaluations[block.log].add(&block.errors);
+            stands_out |= block.errors.stands_out;
+            if let Some(of_block) = block.loads {
+                loads.merge(&of_block);
+            }
+            if let Some(fingerprint) = block.fingerprint {
+                fingerprints[block.log].merge(fingerprint);
+            }
+            match block.sample {
+                Some(sample) if block.log < logs => train_rows.add(&sample),
+                // All training rows have come before.
+                Some(sample) => {
+                    let found = || train_rows.plateaus().map(SharedRows::new);
+                    if let Some(shared) = shared.get_or_insert_with(found) {
+                        shared.add(&sample);
+                    }
+                }
+                None => {}
+            }
+            Ok(())
+        };
+        let workers = options.workers;
+        let evaluators =
+            each(&blocks, |(_, block)| &block.rows, workers, BlockEvaluator::default, work, fold)?;
+        let copy = Fingerprint::first_copy(&fingerprints).map(|places| {
+            let name = |at: usize| all_logs().nth(at).map(|log| log.name.clone());
+            <[usize; 2]>::from(places).map(|at| name(at).unwrap_or_default())
+        });
+        let test = evaluations.split_off(logs);
+        Ok(Self {
+            train: evaluations,
+            test,
+            copy,
+            sizes: BlockEvaluator::sizes(evaluators),
+            stands_out,
+            loads,
+            on_plateaus: shared.flatten().and_then(|shared: SharedRows| shared.share()),
+        })
+    }
+}
+
+/// Whether coefficients and errors can be written to a calibration's document, of which products of two
+/// errors are part.
+fn check_sizes<'a>(
+    calibration: &Calibration,
+    errors: impl IntoIterator<Item = &'a PerAxis<AxisQuality>>,
+) -> Result<(), FitError> {
+    let is_small = |axis: &AxisQuality| axis.rms * axis.rms <= LARGEST;
+    let coefficients = calibration.polynomial().map_or(&[][..], Polynomial::coefficients);
+    let is_large = |coefficient: &f64| coefficient.abs() > LARGEST;
+    if !errors.into_iter().flatten().all(is_small) || coefficients.iter().flatten().any(is_large) {
+        return Err(FitError::Overflow);
+    }
+    Ok(())
+}
+
+/// The root mean square of the errors of each axis; one where there are none.
+fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
+    std::array::from_fn(|axis| {
+        let square = solution.residual_products[(axis, axis)] / solution.rows as f64;
+        if square > 0.0 { square.sqrt() } else { 1.0 }
+    })
+}
+
+/// The calibration that a problem's solution is, checked as that of a fit.
+pub(super) fn calibrate(
+    problem: &Problem,
+    rows: &Rows<'_>,
+    sample: &Block,
+) -> Result<Calibration, FitError> {
+    let Solved { solution, ranges, .. } = solve(problem, None, rows, Some(sample))?;
+    let calibration = Calibration::of_solution(&solution, &ranges);
+    check_sizes(&calibration, [])?;
+    Ok(calibration)
+}

@@ -1,0 +1,263 @@
+//! Passes over rows in memory, on several threads.
+//!
+//! Threads take one block after the other. What comes of the blocks is folded in their order, by whichever thread
+//! has finished the next; what does not depend on order ([`Pass::ANY_ORDER`]) is summed in a state of each thread and
+//! merged at the end. So results have the same bits for any number of threads.
+
+use std::collections::BTreeMap;
+use std::panic::resume_unwind;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{LazyLock, Mutex, PoisonError};
+
+use crate::FitError;
+use shell_data::block::Block;
+use shell_data::dataset::Dataset;
+
+/// Who works on the rows, and who watches.
+#[derive(Clone, Copy, Default)]
+pub struct Workers<'a> {
+    /// Number of threads; 0 for one per core. No result depends on it.
+    pub threads: usize,
+    /// Told how many more rows a pass has dealt with; says whether to go on.
+    pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
+}
+
+impl Workers<'_> {
+    /// One thread, unwatched.
+    pub const ONE: Self = Self { threads: 1, watch: None };
+}
+
+impl std::fmt::Debug for Workers<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Workers").field("threads", &self.threads).finish_non_exhaustive()
+    }
+}
+
+/// One per core. Determined once, because the system reads several files for it.
+static AVAILABLE_THREADS: LazyLock<usize> =
+    LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
+
+/// Numbers that one thread deals with before another would be ready.
+const WORTH_A_THREAD: usize = 1 << 16;
+
+/// Blocks that can be passed over any number of times, always in the same order.
+#[derive(Clone, Debug)]
+pub struct Rows<'a> {
+    blocks: Vec<&'a Block>,
+    workers: Workers<'a>,
+}
+
+impl<'a> Rows<'a> {
+    /// The rows of a data set.
+    pub fn new(data: &'a Dataset, workers: Workers<'a>) -> Self {
+        Self { blocks: data.blocks().map(|(_, block)| &*block.rows).collect(), workers }
+    }
+
+    /// The rows of some blocks.
+    pub fn from_blocks(blocks: &'a [Block], workers: Workers<'a>) -> Self {
+        Self { blocks: blocks.iter().collect(), workers }
+    }
+
+    /// Reduces every block and merges the partials, in the order of the blocks where that matters.
+    ///
+    /// # Errors
+    /// [`FitError`] if the pass rejects a block, or whoever watches wants no more.
+    pub fn reduce<P: Pass>(&self, pass: &P) -> Result<P::Partial, FitError> {
+        let mut all = pass.empty();
+        let work = |own: &mut Option<P::Partial>, block: &&Block| {
+            let partial = match P::ANY_ORDER {
+                true => {
+                    pass.absorb(own.get_or_insert_with(|| pass.empty()), block)?;
+                    None
+                }
+                false => Some(pass.reduce(block)?),
+            };
+            Ok(partial)
+        };
+        let merge = |partial: Option<P::Partial>| {
+            if let Some(partial) = partial {
+                pass.merge(&mut all, partial);
+            }
+            Ok(())
+        };
+        let own = each(&self.blocks, |block| block, self.workers, || None, work, merge)?;
+        own.into_iter().flatten().for_each(|partial| pass.merge(&mut all, partial));
+        Ok(all)
+    }
+}
+
+impl<'a> From<&'a [Block]> for Rows<'a> {
+    /// Passed over by one thread.
+    fn from(blocks: &'a [Block]) -> Self {
+        Self::from_blocks(blocks, Workers::ONE)
+    }
+}
+
+impl<'a> From<&'a Block> for Rows<'a> {
+    /// Passed over by one thread.
+    fn from(block: &'a Block) -> Self {
+        Self::from(std::slice::from_ref(block))
+    }
+}
+
+/// What a pass over rows computes.
+pub trait Pass: Sync {
+    /// The result of reducing some of the rows.
+    type Partial: Send;
+
+    /// Whether `merge` is commutative and associative, bit for bit: the partial does not depend on the
+    /// order and grouping of the rows.
+    const ANY_ORDER: bool = false;
+
+    /// The partial of zero rows, the identity of [`Self::merge`].
+    fn empty(&self) -> Self::Partial;
+
+    /// Adds the rows of a block. May be called on any thread.
+    ///
+    /// # Errors
+    /// [`FitError`] where the solver cannot work with these readings or wrenches; what is left is
+    /// of no further use.
+    fn absorb(&self, partial: &mut Self::Partial, block: &Block) -> Result<(), FitError>;
+
+    /// Adds the rows of `later` to those of `earlier`.
+    fn merge(&self, earlier: &mut Self::Partial, later: Self::Partial);
+
+    /// Of the rows of a block.
+    ///
+    /// # Errors
+    /// As [`Self::absorb`].
+    fn reduce(&self, block: &Block) -> Result<Self::Partial, FitError> {
+        let mut partial = self.empty();
+        self.absorb(&mut partial, block)?;
+        Ok(partial)
+    }
+}
+
+/// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items. `rows_of`
+/// is the block of an item. Returns the states of the threads, made by `init`.
+///
+/// # Errors
+/// The first error in the order of the items, of `work` or `fold`; [`FitError::Interrupted`] if whoever watches wants
+/// no more.
+pub(crate) fn each<I: Sync, S: Send, T: Send>(
+    items: &[I],
+    rows_of: impl Fn(&I) -> &Block + Sync,
+    workers: Workers<'_>,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(&mut S, &I) -> Result<T, FitError> + Sync,
+    fold: impl FnMut(T) -> Result<(), FitError> + Send,
+) -> Result<Vec<S>, FitError> {
+    let numbers = |item: &I| rows_of(item).rows * (rows_of(item).readings.len() + 6);
+    let threads = match workers.threads {
+        0 if items.iter().map(numbers).sum::<usize>() < WORTH_A_THREAD => 1,
+        0 => *AVAILABLE_THREADS,
+        threads => threads,
+    };
+    let next = AtomicUsize::new(0);
+    let folded = Mutex::new(InOrder { next: 0, waiting: BTreeMap::new(), fold, outcome: Ok(()) });
+    let worker = || {
+        let mut state = init();
+        loop {
+            let place = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(place) else { return state };
+            let result = work(&mut state, item).and_then(|value| {
+                let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item).rows));
+                if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
+            });
+            // A poisoned lock means that a thread has panicked, and the panic will be passed on.
+            if !folded.lock().unwrap_or_else(PoisonError::into_inner).add(place, result) {
+                return state;
+            }
+        }
+    };
+    let states = match threads.min(items.len()) {
+        0 | 1 => vec![worker()],
+        threads => std::thread::scope(|scope| {
+            let others: Vec<_> = (1..threads).map(|_| scope.spawn(&worker)).collect();
+            let own = worker();
+            let join = |other: std::thread::ScopedJoinHandle<'_, S>| {
+                other.join().unwrap_or_else(|panic| resume_unwind(panic))
+            };
+            std::iter::once(own).chain(others.into_iter().map(join)).collect()
+        }),
+    };
+    folded.into_inner().unwrap_or_else(PoisonError::into_inner).outcome?;
+    Ok(states)
+}
+
+/// Results that are folded in order and come in any.
+struct InOrder<T, F> {
+    next: usize,
+    waiting: BTreeMap<usize, Result<T, FitError>>,
+    fold: F,
+    outcome: Result<(), FitError>,
+}
+
+impl<T, F: FnMut(T) -> Result<(), FitError>> InOrder<T, F> {
+    /// Adds the result of the item at a place; `false` if no more are wanted.
+    fn add(&mut self, place: usize, result: Result<T, FitError>) -> bool {
+        self.waiting.insert(place, result);
+        while self.outcome.is_ok()
+            && let Some(result) = self.waiting.remove(&self.next)
+        {
+            self.next += 1;
+            self.outcome = result.and_then(&mut self.fold);
+        }
+        self.outcome.is_ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn blocks(count: usize) -> Vec<Block> {
+        let block = |i: usize| {
+            let rows = 900 + i % 7;
+            let column = |c: usize| (0..rows).map(|row| (i * 31 + row * c) as f64).collect();
+            let readings = (1..9).map(column).collect();
+            Block { rows, readings, wrench: vec![vec![0.0; rows]; 6], ..Block::default() }
+        };
+        (0..count).map(block).collect()
+    }
+
+    #[test]
+    fn results_are_folded_in_order_and_the_first_error_in_order_is_returned() {
+        let blocks = blocks(200);
+        for threads in [1, 2, 5] {
+            let workers = Workers { threads, watch: None };
+            let mut rows = Vec::new();
+            let fold = |of_block: usize| {
+                rows.push(of_block);
+                Ok(())
+            };
+            let count = |sum: &mut usize, block: &Block| {
+                *sum += block.rows;
+                Ok(block.rows)
+            };
+            let sums = each(&blocks, |block| block, workers, || 0, count, fold).unwrap();
+            assert_eq!(rows, blocks.iter().map(|block| block.rows).collect::<Vec<_>>());
+            assert_eq!(sums.iter().sum::<usize>(), rows.iter().sum::<usize>());
+            let fail = |(): &mut (), block: &Block| match block.readings[0][0] as usize / 31 {
+                i @ (57 | 58 | 120) => Err(FitError::Ridge(i as f64)),
+                _ => Ok(()),
+            };
+            let failed = each(&blocks, |block| block, workers, || (), fail, Ok).unwrap_err();
+            assert_eq!(failed, FitError::Ridge(57.0));
+        }
+    }
+
+    #[test]
+    fn whoever_watches_is_told_of_every_row_and_may_stop_it() {
+        let blocks = blocks(50);
+        let (seen, most) = (AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
+        let watch =
+            |rows: usize| seen.fetch_add(rows, Ordering::Relaxed) < most.load(Ordering::Relaxed);
+        let workers = Workers { threads: 2, watch: Some(&watch) };
+        let pass = || each(&blocks, |block| block, workers, || (), |(), _| Ok(()), Ok);
+        pass().unwrap();
+        assert_eq!(seen.load(Ordering::Relaxed), blocks.iter().map(|b| b.rows).sum::<usize>());
+        most.store(0, Ordering::Relaxed);
+        assert_eq!(pass().unwrap_err(), FitError::Interrupted);
+    }
+}

@@ -1,0 +1,48 @@
+//! Reading logs into memory.
+
+use super::all::read_each;
+use super::request::{ReadOptions, Wanted};
+use crate::error::LogError;
+use crate::log::Log;
+use shell_data::block::Block;
+use shell_data::dataset::{Dataset, LogRows, ReadSummary};
+
+/// Reads all rows of some logs into memory, of each log what is wanted of it: time, readings, wrench and
+/// groups. Takes no sample of them.
+///
+/// # Errors
+/// As [`Log::read`], the first error in the order of logs and rows.
+pub fn read_dataset(
+    logs: &[(&Log, Wanted)],
+    options: &ReadOptions<'_>,
+) -> Result<Dataset, LogError> {
+    let rows = |(log, wanted): &(&Log, Wanted)| LogRows {
+        name: log.path().to_path_buf(),
+        axes: log.axes(),
+        channels: log.channels(),
+        has_groups: wanted.groups,
+        is_sampled_at_start: log.is_compressed(),
+        sample: Block::default(),
+        summary: ReadSummary::default(),
+        blocks: Vec::new(),
+    };
+    let mut data = Dataset { logs: logs.iter().map(rows).collect() };
+    // A copy takes what it needs and no more; the block stays, as memory for the next.
+    let copy = |(): &mut (), _, block: &mut Block| Block {
+        rows: block.rows,
+        place: block.place,
+        time_s: block.time_s.clone(),
+        readings: block.readings.clone(),
+        wrench: block.wrench.clone(),
+        groups: block.groups.clone(),
+        readings_before: block.readings_before.clone(),
+        ..Block::default()
+    };
+    let keep = |log: usize, block: Block| {
+        data.logs[log].blocks.push(block.into());
+        Ok::<_, LogError>(())
+    };
+    let (summaries, _) = read_each(logs, options, || (), copy, keep)?;
+    data.logs.iter_mut().zip(summaries).for_each(|(log, summary)| log.summary = summary);
+    Ok(data)
+}

@@ -1,0 +1,277 @@
+//! All rows of some logs, or of arrays, in memory.
+//!
+//! Rows stay in the blocks that they were read in, so that they are copied once and that results which
+//! depend on where blocks begin are the same wherever rows come from. Blocks are shared by what is made of a data
+//! set: to leave rows out copies those blocks only that have some of them.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::block::Block;
+use crate::wrench::Axes;
+
+/// Rows of arrays in a block.
+pub const BLOCK_ROWS: usize = 4096;
+
+/// Rows of a sample, and the parts of a recording that it is of.
+const SAMPLE_ROWS: usize = 1024;
+const SAMPLE_PARTS: usize = 16;
+
+/// Labels and the number of rows that have each, in row order.
+pub type LabelRuns = Vec<(String, usize)>;
+
+/// A summary of a whole log.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ReadSummary {
+    /// Rows that were read.
+    pub rows: u64,
+    /// Those among them whose readings equal those of the row before; 0 if readings were not
+    /// wanted.
+    pub repeated_rows: u64,
+    /// Rows that were wrong and left out, and a last one that is cut off.
+    pub skipped_rows: u64,
+    /// The checksum of the file on disk, if asked for.
+    pub checksum: Option<String>,
+}
+
+/// Rows of readings and wrench in memory, log by log.
+#[derive(Clone, Debug, Default)]
+pub struct Dataset {
+    /// The logs, in the order in which they were given.
+    pub logs: Vec<LogRows>,
+}
+
+/// The rows of one log.
+#[derive(Clone, Debug)]
+pub struct LogRows {
+    /// What messages call it: as a rule its path.
+    pub name: PathBuf,
+    /// Axes of the wrench that it has; the others are zero.
+    pub axes: Axes,
+    /// Number of channels.
+    pub channels: usize,
+    /// Whether rows have labels of groups.
+    pub has_groups: bool,
+    /// Whether the sample is of the first rows only.
+    pub is_sampled_at_start: bool,
+    /// A few rows from all over the log.
+    pub sample: Block,
+    /// What was read.
+    pub summary: ReadSummary,
+    /// The rows.
+    pub blocks: Vec<LabelledBlock>,
+}
+
+/// A block of rows with their labels, which may be others than it was read with.
+#[derive(Clone, Debug, Default)]
+pub struct LabelledBlock {
+    /// The rows; its own labels are not used.
+    pub rows: Arc<Block>,
+    /// Labels of groups.
+    pub labels: Arc<LabelRuns>,
+}
+
+impl From<Block> for LabelledBlock {
+    fn from(mut block: Block) -> Self {
+        let labels = Arc::new(std::mem::take(&mut block.groups));
+        Self { rows: Arc::new(block), labels }
+    }
+}
+
+/// Rows by log, block and row of the block as it was read.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RowSet(HashMap<(usize, u64), Vec<usize>>);
+
+impl FromIterator<(usize, u64, usize)> for RowSet {
+    fn from_iter<I: IntoIterator<Item = (usize, u64, usize)>>(rows: I) -> Self {
+        let mut all = Self::default();
+        for (log, place, row) in rows {
+            all.0.entry((log, place)).or_default().push(row);
+        }
+        all
+    }
+}
+
+impl RowSet {
+    /// Whether a row is among them.
+    pub fn contains(&self, log: usize, place: u64, row: usize) -> bool {
+        self.0.get(&(log, place)).is_some_and(|rows| rows.contains(&row))
+    }
+}
+
+impl Dataset {
+    /// The rows of arrays, in blocks of [`BLOCK_ROWS`] but for the last: readings, six columns of wrench and,
+    /// where there are any, labels and weights.
+    pub fn from_blocks(name: impl Into<PathBuf>, axes: Axes, mut blocks: Vec<Block>) -> Self {
+        let mut start = 0;
+        for block in &mut blocks {
+            block.place = start;
+            start += block.rows as u64;
+        }
+        let has_groups = blocks.iter().any(|block| !block.groups.is_empty());
+        let log = LogRows {
+            name: name.into(),
+            axes,
+            channels: blocks.first().map_or(0, |block| block.readings.len()),
+            has_groups,
+            is_sampled_at_start: false,
+            sample: sample(&blocks),
+            summary: ReadSummary { rows: start, ..ReadSummary::default() },
+            blocks: blocks.into_iter().map(LabelledBlock::from).collect(),
+        };
+        Self { logs: vec![log] }
+    }
+
+    /// Number of channels of the first log.
+    pub fn channels(&self) -> usize {
+        self.logs.first().map_or(0, |log| log.channels)
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> u64 {
+        self.logs.iter().map(LogRows::rows).sum()
+    }
+
+    /// The blocks, each with the number of its log.
+    pub fn blocks(&self) -> impl Iterator<Item = (usize, &LabelledBlock)> {
+        let of = |(at, log)| LogRows::used_blocks(log).map(move |block| (at, block));
+        self.logs.iter().enumerate().flat_map(of)
+    }
+
+    /// Whether rows count more or less than one another.
+    pub fn has_weights(&self) -> bool {
+        self.blocks().any(|(_, block)| !block.rows.weights.is_empty())
+    }
+
+    /// The rows that are used: if `fresh`, those whose readings differ from those of the row before, and none of
+    /// `excluded`.
+    #[must_use]
+    pub fn select(&self, fresh: bool, excluded: &RowSet) -> Self {
+        if !fresh && excluded.0.is_empty() {
+            return self.clone();
+        }
+        let mut selected = self.clone();
+        for (at, log) in selected.logs.iter_mut().enumerate() {
+            log.blocks.iter_mut().for_each(|block| block.select(at, fresh, excluded));
+        }
+        selected
+    }
+}
+
+impl LogRows {
+    /// Number of rows.
+    pub fn rows(&self) -> u64 {
+        self.blocks.iter().map(|block| block.rows.rows as u64).sum()
+    }
+
+    fn used_blocks(&self) -> impl Iterator<Item = &LabelledBlock> {
+        self.blocks.iter().filter(|block| block.rows.rows > 0)
+    }
+}
+
+impl LabelledBlock {
+    fn select(&mut self, log: usize, fresh: bool, excluded: &RowSet) {
+        let excluded = excluded.0.get(&(log, self.rows.place));
+        if !fresh && excluded.is_none() {
+            return;
+        }
+        let mut keep = match fresh {
+            true => self.rows.fresh_rows(),
+            false => vec![true; self.rows.rows],
+        };
+        excluded.into_iter().flatten().for_each(|&row| keep[row] = false);
+        if keep.iter().all(|keep| *keep) {
+            return;
+        }
+        let mut block = Block { groups: self.labels.to_vec(), ..Block::clone(&self.rows) };
+        block.retain_rows(&keep);
+        *self = block.into();
+    }
+}
+
+/// Rows from all over some blocks; all, if they are few.
+pub fn sample(blocks: &[Block]) -> Block {
+    let rows: usize = blocks.iter().map(|block| block.rows).sum();
+    let mut sample = Block::default();
+    if rows <= SAMPLE_ROWS {
+        blocks.iter().for_each(|block| sample.append(block, 0..block.rows));
+        return sample;
+    }
+    let part = SAMPLE_ROWS / SAMPLE_PARTS;
+    for i in 0..SAMPLE_PARTS {
+        let first = (rows - part) * i / (SAMPLE_PARTS - 1);
+        let mut start = 0;
+        for block in blocks {
+            let within = |row: usize| row.clamp(start, start + block.rows) - start;
+            let some = within(first)..within(first + part);
+            if !some.is_empty() {
+                sample.append(block, some);
+            }
+            start += block.rows;
+        }
+    }
+    sample
+}
+
+impl Block {
+    /// Adds readings and wrench of some rows of another block.
+    pub fn append(&mut self, other: &Block, rows: Range<usize>) {
+        let columns = [(&mut self.readings, &other.readings), (&mut self.wrench, &other.wrench)];
+        for (to, from) in columns {
+            to.resize_with(from.len(), Vec::new);
+            to.iter_mut().zip(from).for_each(|(to, from)| {
+                to.extend_from_slice(&from[rows.clone()]);
+            });
+        }
+        self.rows += rows.len();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn dataset(rows: usize) -> Dataset {
+        let block = |start: usize| {
+            let rows = start..rows.min(start + BLOCK_ROWS);
+            let column: Vec<f64> = rows.clone().map(|row| (row / 2) as f64).collect();
+            let readings_before = start.checked_sub(1).map(|row| vec![(row / 2) as f64]);
+            Block {
+                rows: rows.len(),
+                readings: vec![column.clone()],
+                wrench: vec![column; 6],
+                groups: vec![((start / BLOCK_ROWS).to_string(), rows.len())],
+                readings_before,
+                ..Block::default()
+            }
+        };
+        let blocks = (0..rows).step_by(BLOCK_ROWS).map(block).collect();
+        Dataset::from_blocks("rows", Axes::ALL, blocks)
+    }
+
+    #[test]
+    fn rows_that_are_left_out_are_missing_in_every_column_and_other_blocks_are_shared() {
+        let all = dataset(10_000);
+        let left_out = RowSet::from_iter([(0, BLOCK_ROWS as u64, 3), (0, BLOCK_ROWS as u64, 5)]);
+        let some = all.select(false, &left_out);
+        assert_eq!(some.rows(), 9_998);
+        let [first, second, _] = &some.logs[0].blocks[..] else { panic!("three blocks") };
+        assert!(Arc::ptr_eq(&first.rows, &all.logs[0].blocks[0].rows));
+        assert_eq!(second.rows.readings[0][..4], [2048.0, 2048.0, 2049.0, 2050.0]);
+        assert_eq!(second.labels[..], [("1".to_owned(), BLOCK_ROWS - 2)]);
+        // Every second row repeats the one before, across blocks, too.
+        assert_eq!(all.select(true, &RowSet::default()).rows(), 5_000);
+    }
+
+    #[test]
+    fn a_sample_is_of_all_parts_and_of_few_rows_it_is_all() {
+        let sample = |rows: usize| dataset(rows).logs[0].sample.clone();
+        assert_eq!(sample(700).rows, 700);
+        let of_many = sample(10_000);
+        assert_eq!((of_many.rows, of_many.wrench[5].len()), (SAMPLE_ROWS, SAMPLE_ROWS));
+        assert_eq!(of_many.readings[0][0], 0.0);
+        assert_eq!(of_many.readings[0][SAMPLE_ROWS - 1], 4999.0);
+    }
+}

@@ -1,0 +1,315 @@
+//! What `shellcal fit` has to do, with all arguments checked and all files open before the work begins.
+
+use std::cell::RefCell;
+use std::io::Write;
+
+use anyhow::Context;
+use calibration::fit::{
+    CovarianceRule, Fit, FitOptions, ModelRule, OutlierRule, Outliers, Workers,
+};
+use calibration::solver::SolverKind;
+use calibration_file::{CalibrationFile, matrix};
+use figures::{FitPlot, Format, fit_figure};
+use log_file::{Log, ReadOptions};
+use output_file::{AtomicFile, Outputs};
+use shell_data::wrench::Axes;
+use shellcal::workflow::fit::{FileFacts, FitData, add_to_plot, calibration_file, sources};
+use shellcal::workflow::{WorkflowError, agree_on_axes};
+
+use super::super::covariance::CovarianceArg;
+use super::super::mapping::open_logs;
+use super::super::origin;
+use super::super::outliers::NamedOutliers;
+use super::super::validation::note_found;
+use super::{FitArgs, OutliersArg};
+use crate::files::OutputPath;
+use crate::printer::Printer;
+
+/// A fit to be made.
+pub(super) struct FitPlan<'a> {
+    pub(super) args: &'a FitArgs,
+    train: Vec<Log>,
+    test: Vec<Log>,
+    axes: Axes,
+    options: FitOptions<'a>,
+    opened: RefCell<Opened>,
+}
+
+/// The files that are written.
+#[derive(Default)]
+struct Opened {
+    calibration: Option<AtomicFile>,
+    matrix: Option<AtomicFile>,
+    plot: Option<(AtomicFile, Format)>,
+    report: Option<AtomicFile>,
+    dropped: Option<AtomicFile>,
+}
+
+/// What was said of a fit before its tables.
+pub(super) struct Told {
+    /// Outliers that were used, where some were looked for.
+    pub(super) named: Option<NamedOutliers>,
+    /// Rows that were left out.
+    pub(super) dropped: Option<NamedOutliers>,
+}
+
+impl<'a> FitPlan<'a> {
+    /// Checks the arguments, opens the logs, and all files that are written.
+    pub(super) fn from_args(args: &'a FitArgs, outputs: &Outputs) -> anyhow::Result<Self> {
+        args.check()?;
+        let mapping = args.mapping.mapping()?;
+        let train = open_logs(&args.train, ("--wrench-from", &args.wrench_from), &mapping)?;
+        let wrenches = ("--test-wrench-from", args.test_wrench_from.as_slice());
+        let mut test = open_logs(&args.test, wrenches, &mapping)?;
+        let axes = agree_on_axes(&train, &mut test)?;
+        let open =
+            |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
+        let format = args.plot.as_ref().map(Format::of).transpose()?;
+        let opened = Opened {
+            dropped: open(&args.dropped)?,
+            calibration: open(&args.output)?,
+            matrix: open(&args.export_matrix)?,
+            plot: open(&args.plot)?.zip(format),
+            report: open(&args.report)?,
+        };
+        Ok(Self { args, train, test, axes, options: args.options(), opened: opened.into() })
+    }
+
+    /// Reads the logs and fits.
+    pub(super) fn fit(&self, printer: &mut Printer) -> anyhow::Result<(FitData, Fit)> {
+        let bytes = self.train.iter().chain(&self.test).map(Log::bytes).sum();
+        let bar = printer.progress("fit", bytes);
+        let progress = |bytes| bar.set_position(bytes);
+        let read = ReadOptions {
+            checksum: self.args.keeps(),
+            progress: Some(&progress),
+            ..self.args.mapping.read_options()
+        };
+        let asked = (self.options.groups_asked(), self.args.report.is_some());
+        let data = FitData::read(&self.train, &self.test, asked, &read)?;
+        let fitted = calibration::fit(&data.train, &data.test, &self.options);
+        bar.finish_and_clear();
+        Ok((data, fitted.map_err(|error| self.name_logs(error.into()))?))
+    }
+
+    /// Says which rows do not determine a calibration.
+    fn name_logs(&self, error: WorkflowError) -> anyhow::Error {
+        let rows_fail = matches!(&error, WorkflowError::Fit(error) if error.is_about_rows());
+        let error = anyhow::Error::new(error);
+        if !rows_fail {
+            return error;
+        }
+        let logs = self.args.train.iter().map(|path| format!("`{}`", path.display()));
+        error.context(logs.collect::<Vec<_>>().join(", "))
+    }
+
+    /// Says what is to be known of a fit beside its figures, and lists the rows that were left out.
+    pub(super) fn tell(
+        &self,
+        data: &FitData,
+        fitted: &Fit,
+        printer: &mut Printer,
+    ) -> anyhow::Result<Told> {
+        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.wanted);
+        let dropped = match (&self.args.dropped, self.opened.borrow_mut().dropped.take()) {
+            (Some(path), Some(mut output)) => {
+                let dropped = name(&fitted.dropped)?;
+                dropped.write(&mut output)?;
+                output.commit()?;
+                dropped.warn(printer);
+                let (rows, path) = (dropped.count(), path.display());
+                printer.note(format!("left out {rows} rows, listed in `{path}`"));
+                Some(dropped)
+            }
+            _ => None,
+        };
+        note_axes(self.axes, printer);
+        if let Some(groups) = fitted.found_groups {
+            note_found(printer, groups);
+        }
+        if let Some(means) = fitted.means {
+            let without = match means.skipped_rows {
+                0 => String::new(),
+                skipped => format!(", {skipped} skipped"),
+            };
+            let (groups, rows) = (means.groups, means.rows);
+            printer.note(format!("a row is the mean of a group: {groups} of {rows} rows{without}"));
+        }
+        match &fitted.comparison {
+            Some(Ok(comparison)) => printer.note(comparison.to_string()),
+            Some(Err(reason)) => printer.note(format!("physics was not weighed: {reason}")),
+            None => {}
+        }
+        for warning in &fitted.warnings {
+            match warning.is_note() {
+                true => printer.note(warning.to_string()),
+                false => printer.warning(warning.to_string()),
+            }
+        }
+        let named = match &fitted.outliers {
+            None => None,
+            Some(Err(reason)) => {
+                printer.note(format!("some rows stand out, and were not looked at: {reason}"));
+                None
+            }
+            Some(Ok(found)) => {
+                let named = name(found)?;
+                named.warn(printer);
+                if named.count() > 0 {
+                    printer.note(
+                        "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
+                         not look",
+                    );
+                }
+                Some(named)
+            }
+        };
+        Ok(Told { named, dropped })
+    }
+
+    /// The calibration file.
+    pub(super) fn file(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<CalibrationFile> {
+        let facts = FileFacts {
+            made_by: origin::program(),
+            date: origin::date()?,
+            sensor_serial: self.args.serial.clone(),
+            sources: sources((&self.train, &self.test), data, fitted)?,
+            columns: self.args.mapping.specified(&self.train)?,
+        };
+        Ok(calibration_file(fitted, facts))
+    }
+
+    /// Predictions and measurements of the rows that were used, for a figure.
+    pub(super) fn plots(&self, fitted: &Fit) -> (FitPlot, Option<FitPlot>) {
+        let plot = |data| {
+            let mut plot = FitPlot::new();
+            add_to_plot(&mut plot, &fitted.calibration, data);
+            plot
+        };
+        (plot(&fitted.used), (!self.test.is_empty()).then(|| plot(&fitted.tested)))
+    }
+
+    /// Writes all files.
+    pub(super) fn write(
+        &self,
+        file: &CalibrationFile,
+        fitted: &Fit,
+        html: Option<&str>,
+    ) -> anyhow::Result<()> {
+        let opened = self.opened.take();
+        if let (Some(mut output), Some(html)) = (opened.report, html) {
+            output.write_all(html.as_bytes())?;
+            output.commit()?;
+        }
+        if let Some(mut output) = opened.calibration {
+            output.write_all(file.to_json().as_bytes())?;
+            output.commit()?;
+        }
+        if let (Some(mut output), Some(polynomial)) = (opened.matrix, file.calibration.polynomial())
+        {
+            output.write_all(matrix::to_csv(polynomial, file.calibration.axes).as_bytes())?;
+            output.commit()?;
+        }
+        if let Some((mut output, format)) = opened.plot {
+            let (train, test) = self.plots(fitted);
+            let title = format!("Calibration {}", file.calibration.name());
+            let (size, axes) = (self.args.figure_size.size(), file.calibration.axes);
+            let figure = fit_figure(size, &title, axes, &train, test.as_ref());
+            output.write_all(&figure.render(format)?)?;
+            output.commit()?;
+        }
+        Ok(())
+    }
+}
+
+impl FitArgs {
+    /// Whether the arguments go together.
+    fn check(&self) -> anyhow::Result<()> {
+        let is_physics = self.model.0 == ModelRule::Physics;
+        anyhow::ensure!(
+            self.truncate.is_none() || self.solver.0 == SolverKind::Svd,
+            "`--truncate` is for `--solver svd`"
+        );
+        anyhow::ensure!(
+            self.ridge == 0.0 || self.solver.0 != SolverKind::RidgeGcv,
+            "`--solver ridge-gcv` finds the parameter itself: leave out `--ridge`"
+        );
+        anyhow::ensure!(
+            !self.means || !is_physics,
+            "`--model physics` is fitted to means of stretches of rows of its own: leave out `--means`"
+        );
+        self.check_dropped()?;
+        if let Some(option) = self.polynomials_only().filter(|_| is_physics) {
+            anyhow::bail!("`{option}` is for polynomials in the readings");
+        }
+        Ok(())
+    }
+
+    /// Whether rows that are left out are listed.
+    pub(super) fn check_dropped(&self) -> anyhow::Result<()> {
+        if self.outliers == Some(OutliersArg::Drop) || self.valid_range.is_some() {
+            self.dropped.as_ref().context(
+                "rows are not left out without a list of them: name a file with `--dropped FILE.csv`",
+            )?;
+        } else {
+            anyhow::ensure!(
+                self.dropped.is_none(),
+                "`--dropped` lists the rows that `--outliers drop` or `--valid-range` leave out: give one"
+            );
+        }
+        Ok(())
+    }
+
+    /// What was asked for that polynomials alone have.
+    fn polynomials_only(&self) -> Option<&'static str> {
+        let asked = [
+            (self.export_matrix.is_some(), "--export-matrix"),
+            (self.ridge > 0.0, "--ridge"),
+            (self.solver.0 != SolverKind::Exact, "--solver"),
+            (self.no_intercept, "--no-intercept"),
+        ];
+        asked.into_iter().find_map(|(given, option)| given.then_some(option))
+    }
+
+    fn options(&self) -> FitOptions<'static> {
+        FitOptions {
+            model: self.model.0,
+            intercept: !self.no_intercept,
+            ridge: self.ridge,
+            solver: self.solver.0,
+            truncate: self.truncate,
+            cross_validation: self.cv,
+            seed: self.cv_seed,
+            // A covariance is of use in a calibration file; one by groups is found for whoever asks for it.
+            covariance: match self.covariance {
+                CovarianceArg::Auto | CovarianceArg::Rows if !self.keeps() => {
+                    CovarianceRule::Nothing
+                }
+                asked => asked.rule(),
+            },
+            means: self.means,
+            fresh: self.fresh,
+            valid_range: self.valid_range,
+            outliers: match self.outliers {
+                None | Some(OutliersArg::Report) => OutlierRule::Report,
+                Some(OutliersArg::Drop) => OutlierRule::Drop,
+                Some(OutliersArg::Keep) => OutlierRule::Keep,
+            },
+            polynomials_only: self.polynomials_only(),
+            workers: Workers { threads: self.mapping.threads.map_or(0, usize::from), watch: None },
+        }
+    }
+
+    /// Whether what is found is kept, and not only printed.
+    fn keeps(&self) -> bool {
+        self.output.is_some() || self.report.is_some()
+    }
+}
+
+/// Says which axes a calibration will not have.
+pub(super) fn note_axes(axes: Axes, printer: &mut Printer) {
+    if !axes.are_all() {
+        let absent = Axes::ALL.without(axes);
+        printer.note(format!("the logs have no {absent}: the calibration is of {axes}"));
+    }
+}
