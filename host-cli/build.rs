@@ -13,7 +13,7 @@ fn main() {
     // Tests on real recordings are built as ignored where there are none.
     println!("cargo::rustc-check-cfg=cfg(real_data)");
     println!("cargo::rerun-if-env-changed={REAL_DATA}");
-    if std::env::var_os(REAL_DATA).is_some() {
+    if is_set(REAL_DATA) {
         println!("cargo::rustc-cfg=real_data");
     }
     // So are those on pages of the manual where nothing renders them.
@@ -32,7 +32,7 @@ fn main() {
     }
     println!("cargo::rustc-check-cfg=cfg(python_packages)");
     println!("cargo::rerun-if-env-changed={PYTHON}");
-    if std::env::var_os(PYTHON).is_some() {
+    if is_set(PYTHON) {
         println!("cargo::rustc-cfg=python_packages");
     }
     println!("cargo::rerun-if-changed=build.rs");
@@ -46,6 +46,11 @@ fn main() {
             leave_out_unwinding();
         }
     }
+}
+
+/// Whether a variable has a value; an empty one has none.
+fn is_set(name: &str) -> bool {
+    std::env::var_os(name).is_some_and(|value| !value.is_empty())
 }
 
 /// A panic ends the release at once, so nobody looks up how to unwind it: 1.1 MB of tables.

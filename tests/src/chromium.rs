@@ -8,7 +8,7 @@ const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "goog
 
 /// The Chromium that `SHELLCAL_CHROMIUM` names, or one on the path; `None` if neither starts.
 pub fn find() -> Option<String> {
-    let named = std::env::var(CHROMIUM).ok();
+    let named = std::env::var(CHROMIUM).ok().filter(|name| !name.is_empty());
     let starts = |name: &String| {
         let mut command = Command::new(name);
         command.arg("--version").stdout(Stdio::null()).stderr(Stdio::null());

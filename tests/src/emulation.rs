@@ -21,8 +21,7 @@ pub const COUNTED_TIME: [&str; 2] = ["-icount", "shift=4,sleep=off"];
 /// Names the image that tests run.
 pub const IMAGE: &str = "SHELLCAL_EMULATED_IMAGE";
 
-/// The image that tests run, which `cargo xtask test` builds; tests that need it are ignored where
-/// there is none.
+/// The image that tests run, which `cargo xtask test` builds.
 ///
 /// # Panics
 /// If there is none.

@@ -36,7 +36,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// The model that `cargo xtask test` has set up; tests that need it are ignored where there is none.
+    /// The model that `cargo xtask test` has set up.
     ///
     /// # Panics
     /// If there is none.

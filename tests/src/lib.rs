@@ -14,6 +14,10 @@ use std::path::PathBuf;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{Framing, Packet};
 
+/// The reference solution of the beam channel, as seen from the real recordings: not part of them, but it may lie
+/// beside them.
+pub const REFERENCE_VALUES: &str = "../oracles/beam.json";
+
 /// The file `name` of the real recordings, for tests that are ignored where there are none.
 ///
 /// The recordings are not part of the repository: `SHELLCAL_REAL_DATA` names the directory that

@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 use system_tests::emulation::{COUNTED_TIME, Memory, QEMU};
 
 use crate::image::RAM;
-use crate::measure::installed;
 use crate::need::{Need, Way};
+use crate::steps::installed;
 
 /// How long QEMU may be silent: a run takes a second.
 const PATIENCE: Duration = Duration::from_secs(120);

@@ -6,8 +6,7 @@ use anyhow::{Result, bail};
 
 use crate::firmware;
 use crate::image::Board;
-use crate::measure::installed;
-use crate::steps;
+use crate::steps::{self, installed};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {

@@ -3,23 +3,18 @@
 //! The model is a Python program that needs `unicorn`, which is put into an environment of its own
 //! below `target`.
 
-use std::ffi::OsString;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use shared_proto::{
     BoardId, Calibration, Command as Order, MAX_PIECE, Packet, Piece, Stream, crc32,
 };
 use system_tests::emulation::PlayedFrame;
-use system_tests::flashed::{FlashedBoard, IMAGE, Model, PYTHON, SERIAL};
+use system_tests::flashed::{FlashedBoard, Model, SERIAL};
 
 use crate::image::Board;
-use crate::measure::installed;
+use crate::python;
 use crate::steps::{self, workspace};
-
-/// The Python that the environment is made with.
-const SYSTEM_PYTHON: &str = "python3";
 
 /// Time that an order takes at most: two pages erased, a slot written, and the answer.
 const ORDER_S: f64 = 0.12;
@@ -28,24 +23,11 @@ const ORDER_S: f64 = 0.12;
 const SETTLE_S: f64 = 0.2;
 const COUNTED_S: f64 = 1.0;
 
-/// Finds the Python of the environment, or makes it.
-fn set_up() -> Result<PathBuf> {
-    let environment = workspace().join("target/emulation-python");
-    let python = environment.join("bin/python");
-    let has_unicorn =
-        |python: &Path| installed(&python.to_string_lossy(), &["-c", "import unicorn"]);
-    if has_unicorn(&python) {
-        return Ok(python);
-    }
-    ensure!(installed(SYSTEM_PYTHON, &["--version"]), "`{SYSTEM_PYTHON}` is missing");
-    let mut make = Command::new(SYSTEM_PYTHON);
-    steps::run("Python environment", make.args(["-m", "venv"]).arg(&environment))?;
+/// The Python of the environment, which is made where it is not there.
+pub(crate) fn set_up() -> Result<PathBuf> {
     let requirements = workspace().join("firmware/emulation/requirements.txt");
-    let mut pip = Command::new(&python);
-    pip.args(["-m", "pip", "install", "--quiet", "--requirement"]).arg(requirements);
-    steps::run("unicorn, for the model of the microcontroller", &mut pip)?;
-    ensure!(has_unicorn(&python), "unicorn is installed but cannot be used");
-    Ok(python)
+    let requirements = requirements.to_string_lossy();
+    python::environment("emulation-python", &["--requirement", &requirements], "import unicorn")
 }
 
 /// The model of a board with its image that was built last.
@@ -57,23 +39,6 @@ pub(crate) fn find(board: Board) -> Result<Model> {
     ensure!(image.exists(), "the board's image has not been built");
     let python = set_up().context("no Python with `unicorn`")?;
     Ok(Model { board: board.name(), image, python })
-}
-
-/// What tests of the flashed images have to know: the SkinProc board's, which has the others beside it, and the Python
-/// that runs the model. Nothing where there is no model, and they are ignored.
-pub(crate) fn environment(with_board: bool) -> Vec<(&'static str, OsString)> {
-    let model = if with_board {
-        find(Board::SkinProc)
-    } else {
-        Err(anyhow::anyhow!("run without the board"))
-    };
-    match model {
-        Ok(Model { image, python, .. }) => vec![(IMAGE, image.into()), (PYTHON, python.into())],
-        Err(reason) => {
-            eprintln!("{reason:#}: the tests of the flashed image are ignored");
-            Vec::new()
-        }
-    }
 }
 
 /// A stream of the flashed image.

@@ -2,16 +2,12 @@
 
 use std::fmt;
 use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
+use nix::unistd::geteuid;
 
-use crate::apt;
-use crate::measure::installed;
-use crate::steps;
-
-/// How long rustup may try: without a network it takes its time to give up.
-const RUSTUP_TIME: Duration = Duration::from_secs(180);
+use crate::steps::{self, installed, workspace};
 
 /// Something that has to be on the machine.
 #[derive(Clone, Copy, Debug)]
@@ -36,18 +32,19 @@ pub(crate) enum Way {
 impl Need {
     /// Gets what is needed, unless it is there; an error if no way leads to it.
     pub(crate) fn meet(&self) -> Result<()> {
-        if (self.is_met)() {
-            return Ok(());
-        }
         for way in self.ways.iter().filter(|way| way.is_open()) {
-            if let Err(error) = way.take(self.what) {
-                eprintln!("    {error:#}");
+            // rustup's target is tried even where the distribution's compiler is there: it is quicker to build
+            // with, and of the same version as the rest.
+            let is_better = matches!(way, Way::RustupTarget(target) if !has_target(target));
+            if (self.is_met)() && !is_better {
+                break;
             }
-            if (self.is_met)() {
-                return Ok(());
+            match way.take(self.what) {
+                Ok(()) => eprintln!("    got {} by {way}", self.what),
+                Err(error) => eprintln!("    {error:#}"),
             }
         }
-        bail!("{self}")
+        if (self.is_met)() { Ok(()) } else { bail!("{self}") }
     }
 }
 
@@ -58,24 +55,38 @@ impl fmt::Display for Need {
     }
 }
 
+/// Whether the compiler in use has the standard library of a target.
+fn has_target(target: &str) -> bool {
+    let folder =
+        steps::output(Command::new("rustc").args(["--print", "target-libdir", "--target", target]));
+    folder.is_ok_and(|folder| std::path::Path::new(folder.trim()).is_dir())
+}
+
 impl Way {
     /// Whether this machine has the program for it.
     fn is_open(self) -> bool {
         match self {
             Self::RustupTarget(_) | Self::RustupComponent(_) => installed("rustup", &["--version"]),
-            Self::Packages(_) => apt::is_open(),
+            Self::Packages(_) => installed("apt-get", &["--version"]),
         }
     }
 
     fn take(self, what: &str) -> Result<()> {
-        match self {
-            Self::RustupTarget(_) | Self::RustupComponent(_) => {
-                let mut rustup = Command::new("rustup");
-                rustup.args(self.rustup_arguments()).current_dir(steps::workspace());
-                steps::run_within(what, rustup.stdin(Stdio::null()), RUSTUP_TIME)
-            }
-            Self::Packages(packages) => apt::install(packages, what),
+        let Self::Packages(packages) = self else {
+            let mut rustup = Command::new("rustup");
+            rustup.args(self.rustup_arguments()).current_dir(workspace()).stdin(Stdio::null());
+            // Without a network it gives up at once.
+            return steps::run(what, rustup.env("RUSTUP_MAX_RETRIES", "0"));
+        };
+        static UPDATED: OnceLock<()> = OnceLock::new();
+        if !geteuid().is_root() {
+            bail!("not root: run `sudo {}`", line(packages));
         }
+        if UPDATED.set(()).is_ok() {
+            steps::run("the distribution's list of packages", &mut apt_get(&["update"]))?;
+        }
+        let install = [&["install", "--no-install-recommends"], packages].concat();
+        steps::run(what, &mut apt_get(&install))
     }
 
     fn rustup_arguments(self) -> Vec<&'static str> {
@@ -90,10 +101,23 @@ impl Way {
 impl fmt::Display for Way {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Packages(packages) => write!(f, "on Debian `{}`", apt::line(packages)),
+            Self::Packages(packages) => write!(f, "`{}` on Debian", line(packages)),
             _ => write!(f, "`rustup {}`", self.rustup_arguments().join(" ")),
         }
     }
+}
+
+/// The command that installs packages, for who has to do it by hand.
+fn line(packages: &[&str]) -> String {
+    format!("apt-get install --no-install-recommends {}", packages.join(" "))
+}
+
+/// Waits for another installer to finish, asks nothing, and tells what goes wrong.
+fn apt_get(arguments: &[&str]) -> Command {
+    let mut command = Command::new("apt-get");
+    command.args(["--quiet", "--yes", "--option", "DPkg::Lock::Timeout=600"]).args(arguments);
+    command.env("DEBIAN_FRONTEND", "noninteractive").stdin(Stdio::null()).stdout(Stdio::null());
+    command
 }
 
 #[cfg(test)]
@@ -102,9 +126,9 @@ mod tests {
 
     #[test]
     fn what_is_there_is_not_fetched() {
-        let way = &[Way::RustupTarget("no-such-target")];
-        let need = Need { what: "air", is_met: || true, ways: way };
-        assert!(need.meet().is_ok());
+        let ways =
+            &[Way::RustupComponent("no-such-component"), Way::Packages(&["no-such-package"])];
+        assert!(Need { what: "air", is_met: || true, ways }.meet().is_ok());
     }
 
     #[test]
@@ -114,8 +138,8 @@ mod tests {
         let ways = &[Way::RustupTarget("moon"), Way::Packages(&["air", "water"])];
         assert_eq!(
             Need { ways, ..need }.to_string(),
-            "air is missing; to get it: `rustup target add moon` or on Debian `apt-get install \
-             --no-install-recommends air water`"
+            "air is missing; to get it: `rustup target add moon` or `apt-get install \
+             --no-install-recommends air water` on Debian"
         );
     }
 }

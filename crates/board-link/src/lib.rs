@@ -4,6 +4,8 @@
 //! log by way of [`crate::recording`]; [`Client`] asks the board for things and waits for its
 //! answers. Only one of them has a port at a time: ports are opened for exclusive use.
 
+#![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "opens ports, keeps time")]
+
 mod board_log;
 mod client;
 mod interview;

@@ -26,6 +26,8 @@
 //! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`] |
 //! | `intervals` | standard errors of an interval by level and axis, see [`calibration::physics::intervals`] |
 
+#![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
+
 pub mod code;
 mod document;
 pub mod input;

@@ -5,6 +5,8 @@
 //! Foxglove serves both: `/wrench` carries `geometry_msgs/msg/WrenchStamped`, `/wrench/details` numbers by
 //! name, as JSON. Whoever is slow misses messages, the oldest first; a publisher never waits.
 
+#![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "serves a port")]
+
 use std::net::SocketAddr;
 use std::sync::Arc;
 

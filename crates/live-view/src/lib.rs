@@ -16,6 +16,7 @@ mod model;
 mod picture;
 mod row;
 mod scale;
+#[allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "serves a page")]
 pub mod web;
 
 pub use history::{History, LONGEST_S};

@@ -43,6 +43,7 @@
 //!
 //! [`Block`]: shell_data::Block
 
+#![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 

@@ -9,6 +9,8 @@
 //! permissions, and a symbolic link keeps leading to it. Devices and pipes, which cannot be
 //! replaced, are written to directly.
 
+#![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "writes files")]
+
 mod identity;
 mod temporary;
 

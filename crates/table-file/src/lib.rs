@@ -8,6 +8,7 @@
 //! Files are not trusted: what a file says about its sizes is checked against a budget before
 //! memory is taken, and damage is an error that names the place. No unsafe code.
 
+#![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 

@@ -97,7 +97,7 @@ const OFF: &str = "(() => [...document.querySelectorAll('.trace')].map((row) => 
     return rows.length ? Math.max(0, rows[0] - expected, expected - rows[rows.length - 1]) / height : 1; }))()";
 
 #[test]
-#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+#[ignore = "needs Chromium"]
 fn the_page_follows_the_board() {
     let chromium = chromium::find().unwrap();
     let dir = tempfile::tempdir().unwrap();

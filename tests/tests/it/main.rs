@@ -1,7 +1,7 @@
 //! The tests across the crates, one module for each subject.
 //!
-//! What a test needs and this machine lacks is the reason that it is reported as ignored for; see
-//! `build.rs`.
+//! A test that needs more than the program is ignored, and names what it needs; `cargo xtask test` sets that up
+//! and runs it.
 
 #![allow(
     clippy::unwrap_used,

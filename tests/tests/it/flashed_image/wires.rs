@@ -6,10 +6,7 @@ use system_tests::flashed::{Model, SERIAL};
 use super::host::{Host, Modelled, Random, boards, played};
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn the_image_says_what_it_is_and_answers_under_its_serial_number() {
     for Modelled { model, board, .. } in &boards() {
         let mut host = Host::new(model);
@@ -36,10 +33,7 @@ pub fn expected(frame: usize) -> [u16; 8] {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn a_stream_is_what_the_converter_gave() {
     for Modelled { model, conversion_ns, .. } in &boards() {
         let mut host = Host::start(model, &played(53, code));
@@ -78,10 +72,7 @@ fn a_stream_is_what_the_converter_gave() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn readings_are_exact_after_any_number_of_conversions_and_any_settling() {
     for Modelled { model, conversion_ns, .. } in &boards() {
         let mut host = Host::start(model, &played(53, code));
@@ -110,10 +101,7 @@ fn readings_are_exact_after_any_number_of_conversions_and_any_settling() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn a_line_that_is_held_up_costs_the_oldest_samples() {
     let model = &Model::find();
     let mut host = Host::new(model);
@@ -142,10 +130,7 @@ fn a_line_that_is_held_up_costs_the_oldest_samples() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn three_wires_are_enough() {
     let model = &Model::find();
     let mut host = Host::new(model);
@@ -157,10 +142,7 @@ fn three_wires_are_enough() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn the_books_balance_over_two_thousand_frames_behind_a_bad_line() {
     let model = &Model::find();
     let mut host = Host::new(model);
@@ -202,10 +184,7 @@ fn the_books_balance_over_two_thousand_frames_behind_a_bad_line() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn five_hundred_random_strings_do_no_harm() {
     let model = &Model::find();
     let mut host = Host::new(model);
@@ -230,10 +209,7 @@ fn five_hundred_random_strings_do_no_harm() {
 }
 
 #[test]
-#[cfg_attr(
-    not(flashed_image),
-    ignore = "SHELLCAL_FLASHED_IMAGE or SHELLCAL_MODEL_PYTHON is not set"
-)]
+#[ignore = "needs the flashed image"]
 fn rates_that_the_line_does_not_carry_are_refused() {
     let model = &Model::find();
     let mut host = Host::new(model);

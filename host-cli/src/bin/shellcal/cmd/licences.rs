@@ -5,8 +5,7 @@ use serde_json::json;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 
-/// Package, version and licence (SPDX) in a line each; `cargo xtask licences` holds it against the
-/// dependencies.
+/// Package, version and licence (SPDX) in a line each; `cargo xtask licences` writes it.
 const NOTICES: &str = include_str!("../../../../assets/licences.tsv");
 
 #[derive(Debug, clap::Args)]

@@ -1,5 +1,5 @@
 """Trials with polars, numpy and SciPy, started once for all logs and without a loop over samples: what the
-pipeline of a notebook computes, as fast as these tools do it. For `cargo xtask bench-trials`; prints the
+pipeline of a notebook computes, as fast as these tools do it. For `bench.py trials`; prints the
 number of rows and the last log's energy and root mean square of Fz as JSON.
 
 usage: python3 polars_trials.py [--csv FOLDER] MATRIX.mat LOG…

@@ -1,5 +1,5 @@
 """A whole fit with DuckDB and numpy: the files are read by SQL on all cores, the features are made and
-solved for by numpy. For `cargo xtask bench-peers`; prints the errors on the second file as JSON.
+solved for by numpy. For `bench.py fits`; prints the errors on the second file as JSON.
 
 usage: python3 duckdb_fit.py TRAIN.csv TEST.csv cubic24+1|quad44+1|cubic164+1
 """

