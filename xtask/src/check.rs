@@ -9,7 +9,7 @@ use clap::ValueEnum;
 use crate::compiler::Compiler;
 use crate::need::{Need, Way};
 use crate::steps::{self, PROFILE, cargo, installed, run as step, scratch, workspace};
-use crate::{book, dependencies, python};
+use crate::{book, dependencies, pictures, python};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -39,6 +39,8 @@ enum Part {
     Docs,
     /// The book of the repository's pages, into target/book
     Book,
+    /// That the figure in README is what the program draws
+    Pictures,
     /// What a release consists of, into target/package
     Package,
 }
@@ -96,6 +98,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             Part::Fuzz => fuzz(args.fuzz_seconds),
             Part::Docs => docs(),
             Part::Book => book::build(),
+            Part::Pictures => pictures::check(),
             Part::Package => step("package", &mut Command::new(workspace().join(PACKAGE))),
         };
         if let Err(error) = done {

@@ -12,10 +12,17 @@ use anyhow::{Context, Result, ensure};
 use system_tests::browser::Browser;
 use system_tests::chromium;
 
-use crate::steps::{build_shellcal, run, scratch, workspace};
+use crate::steps::{PROFILE, cargo, run, scratch, target, workspace};
 
 const FIGURE: &str = "fit.svg";
 const LIVE: &str = "live.png";
+
+/// The program as the tests build it: a figure has the same bytes in every profile.
+fn build_shellcal() -> Result<PathBuf> {
+    let build = ["build", "--package", "shellcal"];
+    run("build shellcal", &mut cargo(&[&build[..], &PROFILE].concat()))?;
+    Ok(target().join("checked").join("shellcal"))
+}
 
 /// Makes all pictures anew.
 pub(crate) fn make() -> Result<()> {
@@ -28,7 +35,6 @@ pub(crate) fn make() -> Result<()> {
 }
 
 /// Fails where the committed figure is not the one that the program draws.
-#[expect(dead_code, reason = "the contributor checks are to call it")]
 pub(crate) fn check() -> Result<()> {
     let made = scratch("pictures")?.join(FIGURE);
     draw_fit(&build_shellcal()?, &made)?;
