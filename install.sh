@@ -1,10 +1,10 @@
 #!/bin/sh
-# Installs shellcal for this user: fetches the archive of a release, holds it against its checksum and puts the
+# Installs shellcal for this user: fetches the archive of a release, verifies its checksum and installs the
 # program, its manual and completions below ~/.local. Needs curl, tar, gzip, sha256sum or shasum.
 #
 #   curl -fsSL https://github.com/shellcal/shellcal/releases/latest/download/install.sh | sh
 #
-# SHELLCAL_RELEASE names another place of the files, SHELLCAL_PREFIX another one than ~/.local.
+# SHELLCAL_RELEASE is another address of the files, SHELLCAL_PREFIX another folder than ~/.local.
 set -eu
 
 release=${SHELLCAL_RELEASE:-https://github.com/shellcal/shellcal/releases/latest/download}

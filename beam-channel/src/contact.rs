@@ -29,11 +29,6 @@ impl Contact {
         self.travel
     }
 
-    /// How far the body pushes the tip aside, in m.
-    pub fn rise_m(&self) -> f64 {
-        self.rise
-    }
-
     /// How far the body pushes the tip forward, in m.
     pub fn reach_m(&self) -> f64 {
         self.reach

@@ -150,7 +150,7 @@ impl Side {
     }
 
     /// How far the body reaches past the line of the tips, in m.
-    pub fn depth_m(&self) -> f64 {
+    pub(crate) fn depth_m(&self) -> f64 {
         self.path.depth()
     }
 

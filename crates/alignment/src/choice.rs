@@ -13,7 +13,7 @@
 //! about the chosen one, beyond what the noise makes nested models differ by, `Var(ô₁ − ô₂) =
 //! |Var ô₁ − Var ô₂|` (Hausman, Econometrica 46, 1251, 1978), is an error that no residual shows.
 
-use super::normal::{Gram, Projected, inverse};
+use super::normal::{GramSums, Projected, inverse};
 use super::response::Family;
 
 /// Models whose residuals are larger by up to this factor, in the geometric mean of the channels,
@@ -23,7 +23,7 @@ const PLAUSIBLE: f64 = 1.3;
 /// Differences up to as many standard deviations of what noise makes are put down to it.
 const CHANCE: f64 = 2.0;
 
-struct Candidate {
+struct FamilyChoice {
     keep: Vec<bool>,
     step: [f64; 2],
     white: [[f64; 2]; 2],
@@ -33,13 +33,13 @@ struct Candidate {
 
 /// All sums of the families that occur.
 pub(super) struct Candidates {
-    all: Vec<Candidate>,
+    all: Vec<FamilyChoice>,
     channels: usize,
 }
 
 impl Candidates {
     /// `families` has an entry for each feature of `gram`.
-    pub(super) fn new(gram: &Gram, families: &[Option<Family>], channels: usize) -> Self {
+    pub(super) fn new(gram: &GramSums, families: &[Option<Family>], channels: usize) -> Self {
         let present: Vec<Family> =
             Family::ALL.into_iter().filter(|family| families.contains(&Some(*family))).collect();
         let kept = |set: usize, family: &Option<Family>| {
@@ -47,7 +47,7 @@ impl Candidates {
             place.is_none_or(|place| set & (1 << place) != 0)
         };
         let candidate = |set: usize| {
-            Candidate::new(gram, families.iter().map(|f| kept(set, f)).collect(), channels)
+            FamilyChoice::new(gram, families.iter().map(|f| kept(set, f)).collect(), channels)
         };
         Self { all: (0..1 << present.len()).filter_map(candidate).collect(), channels }
     }
@@ -64,12 +64,12 @@ impl Candidates {
         let Some(chosen) = self.all.iter().find(|c| c.keep == keep) else { return [0.0; 2] };
         let ruled_out = chosen.log_volume + 2.0 * self.channels as f64 * PLAUSIBLE.ln();
         // One with more features that the criterion does not want errs by what noise makes of them.
-        let has_more = |c: &Candidate| {
+        let has_more = |c: &FamilyChoice| {
             c.keep != keep && c.keep.iter().zip(keep).all(|(more, kept)| *more || !kept)
         };
         let plausible = || self.all.iter().filter(|c| c.log_volume <= ruled_out && !has_more(c));
         [0, 1].map(|i| {
-            let excess = |other: &Candidate| {
+            let excess = |other: &FamilyChoice| {
                 let noise = (other.white[i][i] - chosen.white[i][i]).abs();
                 let difference = other.step[i] - chosen.step[i];
                 (difference * difference - CHANCE * CHANCE * noise).max(0.0)
@@ -79,8 +79,8 @@ impl Candidates {
     }
 }
 
-impl Candidate {
-    fn new(gram: &Gram, keep: Vec<bool>, channels: usize) -> Option<Self> {
+impl FamilyChoice {
+    fn new(gram: &GramSums, keep: Vec<bool>, channels: usize) -> Option<Self> {
         let projected = Projected::new(gram, |i| keep[i])?;
         let (hessian, gradient) = projected.normal_equations();
         let white = inverse(hessian)?;
@@ -102,8 +102,8 @@ mod tests {
 
     /// One channel that follows the feature 0 late, by `delay_s`, which is a share of the memory 1; the memory 2
     /// takes no part. The slope is that of the feature 0.
-    fn gram(share: f64, noise: f64) -> Gram {
-        let mut gram = Gram::new(3, 1);
+    fn gram(share: f64, noise: f64) -> GramSums {
+        let mut gram = GramSums::new(3, 1);
         let mut random = Random(3);
         for i in 0..2000 {
             let t = f64::from(i) / 20.0;

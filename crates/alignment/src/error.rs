@@ -1,9 +1,9 @@
 //! Why two recordings could not be lined up.
 
-use super::side::Side;
+use super::recording::Side;
 
 /// The least time that both recordings must cover, s.
-pub const LEAST_OVERLAP_S: f64 = 5.0;
+pub(crate) const LEAST_OVERLAP_S: f64 = 5.0;
 
 /// Two recordings that cannot be lined up, or not with certainty.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

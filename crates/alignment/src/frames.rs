@@ -1,20 +1,20 @@
 //! The board's rows, as they are matched.
 
-use super::optics::ReadingRange;
+use super::optics::ReadingReach;
 use super::recording::Clean;
 
 /// The board's rows that are matched, at the rate of the band that is.
 #[derive(Debug)]
-pub(super) struct Frames {
+pub(super) struct BoardFrames {
     /// Since the start of the recording.
     pub(super) time_s: Vec<f64>,
     /// Row by row.
     readings: Vec<f64>,
     pub(super) channels: usize,
-    pub(super) ranges: Vec<ReadingRange>,
+    pub(super) ranges: Vec<ReadingReach>,
 }
 
-impl Frames {
+impl BoardFrames {
     /// Averages rows that come faster than `rate_hz`.
     pub(super) fn new(board: &Clean, rate_hz: f64) -> Self {
         let moving: Vec<&Vec<f64>> =
@@ -37,7 +37,7 @@ impl Frames {
         }
         let channel = |c: usize| frames.readings.iter().skip(c).step_by(frames.channels).copied();
         frames.ranges =
-            (0..frames.channels).map(|c| ReadingRange::of(channel(c).collect())).collect();
+            (0..frames.channels).map(|c| ReadingReach::of(channel(c).collect())).collect();
         frames
     }
 

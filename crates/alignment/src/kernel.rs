@@ -11,7 +11,7 @@
 use std::f64::consts::PI;
 
 /// Attenuation from the end of the transition on, dB.
-pub const STOPBAND_DB: f64 = 80.0;
+pub(crate) const STOPBAND_DB: f64 = 80.0;
 /// Half of the transition, as a fraction of the rate that the output is sampled at.
 const HALF_TRANSITION: f64 = 0.1;
 /// Table entries per unit of 1/(2 f_c): linear interpolation errs by (π/512)²/8 = 5e-6, −106 dB.
@@ -58,7 +58,7 @@ impl Kernel {
     }
 
     /// The kernel is zero beyond this distance, s.
-    pub fn half_width_s(&self) -> f64 {
+    pub(crate) fn half_width_s(&self) -> f64 {
         self.half_width_s
     }
 

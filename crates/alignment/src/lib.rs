@@ -19,38 +19,35 @@ mod choice;
 mod coarse;
 mod edges;
 mod error;
-mod excerpt;
 mod frames;
 mod kernel;
-mod matched_row;
 mod normal;
 mod optics;
 mod recording;
 mod refine;
 mod resample;
 mod response;
-mod side;
 mod trajectory;
 mod uncertainty;
 mod wide;
 
 pub use edges::{EdgeMatch, Edges, rising_edges};
-pub use error::{AlignError, LEAST_OVERLAP_S};
-pub use excerpt::Excerpt;
-pub use kernel::{Kernel, STOPBAND_DB};
-pub use recording::{LeftOut, Recording};
-pub use side::Side;
+pub use error::AlignError;
+use error::LEAST_OVERLAP_S;
+pub use kernel::Kernel;
+use kernel::STOPBAND_DB;
+pub use recording::{LeftOut, Recording, Side};
 
 use coarse::Match;
-use frames::Frames;
+use frames::BoardFrames;
 use recording::Clean;
-use refine::{Estimate, Warp, refine};
+use refine::{Warp, WarpEstimate, refine};
 use resample::Resampler;
 use trajectory::Trajectory;
 
 /// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most
 /// ceramic resonators.
-pub const LARGEST_SKEW_PPM: f64 = 1000.0;
+pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 /// Loads faster than this are not matched: hands and taps are slower, and there are fewer rows to
 /// work through.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
@@ -133,6 +130,15 @@ pub struct Quality {
     pub excerpt: Excerpt,
 }
 
+/// A channel around its steepest change: what it read and what the aligned reference predicts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Excerpt {
+    /// The channel, from 0, of those that change.
+    pub channel: usize,
+    /// Board time (s), reading and prediction (counts).
+    pub points: Vec<[f64; 3]>,
+}
+
 /// Two recordings lined up.
 #[derive(Debug)]
 pub struct Aligned {
@@ -203,13 +209,13 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
     let (found, probe) = search(reference, board)?;
     let rate_hz = HIGHEST_MATCHED_RATE_HZ.min(1.0 / board.period_s).min(1.0 / reference.period_s);
     let trajectory = Trajectory::new(reference, rate_hz);
-    let frames = Frames::new(board, rate_hz);
+    let frames = BoardFrames::new(board, rate_hz);
     let estimate = grow(&trajectory, &frames, &found, probe, board.span_s())?;
     let skew_ppm = 1e6 * estimate.warp.skew;
     if skew_ppm.abs() > LARGEST_SKEW_PPM {
         return Err(AlignError::Skew { skew_ppm, limit_ppm: LARGEST_SKEW_PPM });
     }
-    let Estimate { warp, covariance, white, .. } = estimate;
+    let WarpEstimate { warp, covariance, white, .. } = estimate;
     let clock = ClockMap {
         offset_s: warp.offset_s + reference.start_s - board.start_s,
         skew: warp.skew,
@@ -273,11 +279,11 @@ fn activity(board: &Clean, (from_s, to_s): (f64, f64)) -> f64 {
 /// Refines the match of a stretch, then of ever longer ones around it, up to all.
 fn grow(
     trajectory: &Trajectory,
-    frames: &Frames,
+    frames: &BoardFrames,
     found: &Match,
     (mut from_s, mut to_s): (f64, f64),
     span_s: f64,
-) -> Result<Estimate, AlignError> {
+) -> Result<WarpEstimate, AlignError> {
     let mut warp = Warp { offset_s: found.offset_s, skew: 0.0, pivot_s: 0.5 * (from_s + to_s) };
     loop {
         let whole = from_s <= 0.0 && to_s >= span_s;

@@ -19,14 +19,14 @@ const HELD: f64 = 1e-9;
 /// X are the features, D the slopes of the prediction with the offset, t the time from the pivot, Y
 /// the readings and P their [`POWERS`] powers, channel by channel.
 #[derive(Debug)]
-pub(super) struct Gram {
+pub(super) struct GramSums {
     sums: Mat<f64>,
     features: usize,
     channels: usize,
     total: f64,
 }
 
-impl Gram {
+impl GramSums {
     pub(super) fn new(features: usize, channels: usize) -> Self {
         let width = features + (3 + POWERS) * channels;
         Self { sums: Mat::zeros(width, width), features, channels, total: 0.0 }
@@ -70,8 +70,8 @@ pub(super) struct Projected {
 
 impl Projected {
     /// With the features that `keep` says. `None` if there are no more rows than features.
-    pub(super) fn new(gram: &Gram, keep: impl Fn(usize) -> bool) -> Option<Self> {
-        let Gram { sums: ref gram, features, channels, total } = *gram;
+    pub(super) fn new(gram: &GramSums, keep: impl Fn(usize) -> bool) -> Option<Self> {
+        let GramSums { sums: ref gram, features, channels, total } = *gram;
         if total.is_nan() || total <= (features + channels) as f64 {
             return None;
         }
@@ -209,8 +209,8 @@ pub(super) fn inverse([[a, b], [_, c]]: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> 
 mod tests {
     use super::*;
 
-    fn gram(rows: &[Vec<f64>], features: usize) -> Gram {
-        let mut gram = Gram::new(features, 1);
+    fn gram(rows: &[Vec<f64>], features: usize) -> GramSums {
+        let mut gram = GramSums::new(features, 1);
         rows.iter().for_each(|row| gram.add(row, 1.0));
         gram
     }

@@ -1,7 +1,26 @@
 //! A recording made ready: rows in order of time, repeats left out, saturated rows marked.
 
+use std::fmt;
+
 use super::error::AlignError;
-use super::side::Side;
+
+/// One of the two recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The reference sensor's.
+    Reference,
+    /// The board's.
+    Board,
+}
+
+impl fmt::Display for Side {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Side::Reference => "reference",
+            Side::Board => "board log",
+        })
+    }
+}
 
 /// What one sensor recorded on its own clock.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -26,16 +26,15 @@
 
 use faer::{Mat, MatRef};
 
+use super::Excerpt;
 use super::choice::Candidates;
 use super::error::{AlignError, LEAST_OVERLAP_S};
-use super::excerpt::Excerpt;
-use super::frames::Frames;
-use super::matched_row::MatchedRow;
-use super::normal::{Gram, Projected, inverse};
+use super::frames::BoardFrames;
+use super::normal::{GramSums, Projected, inverse};
 use super::optics::{Bend, POWERS, Straight};
-use super::response::{Family, Model};
+use super::response::{Family, MemoryModel};
 use super::trajectory::Trajectory;
-use super::uncertainty::ResidualSums;
+use super::uncertainty::{MatchedRow, ResidualSums};
 use super::wide::dots;
 
 /// Rows per Gram update.
@@ -88,7 +87,7 @@ impl Warp {
 
 /// What the rows say about the warp.
 #[derive(Clone, Debug)]
-pub(super) struct Estimate {
+pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
     /// Covariance of offset (s) and skew.
     pub(super) covariance: [[f64; 2]; 2],
@@ -106,20 +105,20 @@ pub(super) struct Estimate {
 }
 
 /// What is known of the sensor so far.
-struct Current {
+struct SensorKnowledge {
     /// From features to straight readings.
     map: Mat<f64>,
     /// The inverse of the residual covariance.
     weights: Option<Mat<f64>>,
     bends: Vec<Bend>,
-    model: Model,
+    model: MemoryModel,
     /// Which features take part.
     keep: Vec<bool>,
 }
 
-impl Current {
+impl SensorKnowledge {
     fn new(axes: usize, channels: usize) -> Self {
-        let model = Model::on_axes(axes);
+        let model = MemoryModel::on_axes(axes);
         let features = CONSTANTS + model.features();
         Self {
             map: Mat::zeros(features, channels),
@@ -160,8 +159,8 @@ impl Current {
 }
 
 /// Where the steps came to rest.
-struct Settled {
-    gram: Gram,
+struct SettledWarp {
+    gram: GramSums,
     projected: Projected,
     /// H⁻¹.
     white: [[f64; 2]; 2],
@@ -173,22 +172,22 @@ struct Settled {
 /// short to tell it; only memories on the axes are then looked for.
 pub(super) fn refine(
     trajectory: &Trajectory,
-    frames: &Frames,
+    frames: &BoardFrames,
     start: Warp,
     window: (f64, f64),
     prior_skew: Option<f64>,
-) -> Result<Estimate, AlignError> {
+) -> Result<WarpEstimate, AlignError> {
     let problem = WarpProblem::new(trajectory, frames, window, start);
     let overlap_s = 2.0 * problem.half_span_s;
     if overlap_s < LEAST_OVERLAP_S {
         return Err(AlignError::ShortOverlap { overlap_s, needed_s: LEAST_OVERLAP_S });
     }
-    let mut current = Current::new(trajectory.axes(), frames.channels);
+    let mut current = SensorKnowledge::new(trajectory.axes(), frames.channels);
     let mut warp = start.about(problem.pivot_s);
     let mut settled = problem.settle(&mut warp, &mut current, prior_skew, (MEMORY_STEPS, SMALL))?;
     let mut spread = [0.0; 2];
     if prior_skew.is_none() {
-        let all = Model::most_features(trajectory.axes(), frames.channels);
+        let all = MemoryModel::most_features(trajectory.axes(), frames.channels);
         if problem.rows.len() >= ROWS_PER_FEATURE * all {
             current = current.with_channels(trajectory);
             settled = problem.settle(&mut warp, &mut current, None, (0, ROUGH))?;
@@ -207,7 +206,7 @@ pub(super) fn refine(
 
 struct WarpProblem<'a> {
     trajectory: &'a Trajectory,
-    frames: &'a Frames,
+    frames: &'a BoardFrames,
     rows: std::ops::Range<usize>,
     pivot_s: f64,
     half_span_s: f64,
@@ -216,7 +215,7 @@ struct WarpProblem<'a> {
 impl<'a> WarpProblem<'a> {
     fn new(
         trajectory: &'a Trajectory,
-        frames: &'a Frames,
+        frames: &'a BoardFrames,
         (from_s, to_s): (f64, f64),
         near: Warp,
     ) -> Self {
@@ -247,10 +246,10 @@ impl<'a> WarpProblem<'a> {
     fn settle(
         &self,
         warp: &mut Warp,
-        current: &mut Current,
+        current: &mut SensorKnowledge,
         prior_skew: Option<f64>,
         (memory_steps, small): (usize, f64),
-    ) -> Result<Settled, AlignError> {
+    ) -> Result<SettledWarp, AlignError> {
         let mut step_s = f64::INFINITY;
         for iteration in 0..STEPS {
             let gram = self.gram(warp, current);
@@ -280,7 +279,7 @@ impl<'a> WarpProblem<'a> {
                     return Err(AlignError::NotConverged { step_s });
                 }
                 if iteration > memory_steps && is_small(0) && is_small(1) {
-                    return Ok(Settled { gram, projected, white });
+                    return Ok(SettledWarp { gram, projected, white });
                 }
             }
             if iteration < memory_steps {
@@ -292,7 +291,12 @@ impl<'a> WarpProblem<'a> {
     }
 
     /// Calls `each` with every row that the reference has a value for.
-    fn for_each(&self, warp: &Warp, current: &Current, mut each: impl FnMut(&MatchedRow<'_>)) {
+    fn for_each(
+        &self,
+        warp: &Warp,
+        current: &SensorKnowledge,
+        mut each: impl FnMut(&MatchedRow<'_>),
+    ) {
         let channels = self.frames.channels;
         let mut window = self.trajectory.features(current.model.clone());
         let mut features = vec![0.0; current.map.nrows()];
@@ -338,8 +342,8 @@ impl<'a> WarpProblem<'a> {
     }
 
     /// What the rows say, at a warp.
-    fn gram(&self, warp: &Warp, current: &Current) -> Gram {
-        let mut gram = Gram::new(current.map.nrows(), self.frames.channels);
+    fn gram(&self, warp: &Warp, current: &SensorKnowledge) -> GramSums {
+        let mut gram = GramSums::new(current.map.nrows(), self.frames.channels);
         let width = gram.width();
         let mut block = Vec::with_capacity(BLOCK * width);
         let mut weights = 0.0;
@@ -364,11 +368,11 @@ impl<'a> WarpProblem<'a> {
     fn finish(
         &self,
         warp: Warp,
-        settled: &Settled,
-        current: &Current,
+        settled: &SettledWarp,
+        current: &SensorKnowledge,
         spread: [f64; 2],
-    ) -> Estimate {
-        let Settled { projected, white, .. } = settled;
+    ) -> WarpEstimate {
+        let SettledWarp { projected, white, .. } = settled;
         let channels = self.frames.channels;
         let weights = projected.weights().unwrap_or_else(|| Mat::identity(channels, channels));
         let (map, model) = (current.linear(), &current.model);
@@ -376,7 +380,7 @@ impl<'a> WarpProblem<'a> {
         self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], model));
         let covariance = sums.covariance(*white, spread);
         let (channel, centre_s) = sums.steepest();
-        Estimate {
+        WarpEstimate {
             warp,
             covariance,
             white: *white,
@@ -389,7 +393,13 @@ impl<'a> WarpProblem<'a> {
     }
 
     /// A channel around a time from the pivot.
-    fn excerpt(&self, warp: &Warp, current: &Current, channel: usize, centre_s: f64) -> Excerpt {
+    fn excerpt(
+        &self,
+        warp: &Warp,
+        current: &SensorKnowledge,
+        channel: usize,
+        centre_s: f64,
+    ) -> Excerpt {
         let mut points = Vec::new();
         self.for_each(warp, current, |row| {
             if (row.from_pivot_s - centre_s).abs() <= EXCERPT_S {

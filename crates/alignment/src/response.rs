@@ -43,7 +43,7 @@ impl Family {
 
 /// What the features are made of.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Model {
+pub(super) struct MemoryModel {
     axes: usize,
     /// How much of the answer to each axis goes through each of its plays and lags.
     shares: Vec<f64>,
@@ -52,7 +52,7 @@ pub(super) struct Model {
     directions: Vec<f64>,
 }
 
-impl Model {
+impl MemoryModel {
     /// Plays and lags on the axes; all of the answer is taken to be immediate.
     pub(super) fn on_axes(axes: usize) -> Self {
         Self { axes, shares: vec![0.0; axes * MEMORIES], directions: Vec::new() }
@@ -167,8 +167,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 /// Turns samples of a wrench, one after another, into features.
 #[derive(Clone, Debug)]
-pub(super) struct Response {
-    model: Model,
+pub(super) struct MemoryResponse {
+    model: MemoryModel,
     largest: Vec<f64>,
     retained: [f64; LAG_S.len()],
     /// Plays and lags, axis by axis.
@@ -179,9 +179,9 @@ pub(super) struct Response {
     effective: Vec<f64>,
 }
 
-impl Response {
+impl MemoryResponse {
     /// `largest` is the size of the load on each axis, `step_s` the time between samples.
-    pub(super) fn new(largest: &[f64], step_s: f64, model: Model) -> Self {
+    pub(super) fn new(largest: &[f64], step_s: f64, model: MemoryModel) -> Self {
         Self {
             largest: largest.to_vec(),
             retained: LAG_S.map(|lag_s| (-step_s / lag_s).exp()),
@@ -266,8 +266,8 @@ mod tests {
     use super::*;
 
     /// Features of two axes, which reach 2 and 4.
-    fn run(wrench: &[[f64; 2]], model: &Model) -> Vec<Vec<f64>> {
-        let mut response = Response::new(&[2.0, 4.0], 0.01, model.clone());
+    fn run(wrench: &[[f64; 2]], model: &MemoryModel) -> Vec<Vec<f64>> {
+        let mut response = MemoryResponse::new(&[2.0, 4.0], 0.01, model.clone());
         let mut features = vec![0.0; model.features()];
         let mut next = |w: &[f64; 2]| {
             response.next(w, &mut features);
@@ -277,8 +277,8 @@ mod tests {
     }
 
     /// Two axes and one channel, which sees 0.6 of the first and 0.8 of the second.
-    fn beside() -> Model {
-        let on_axes = Model::on_axes(2);
+    fn beside() -> MemoryModel {
+        let on_axes = MemoryModel::on_axes(2);
         let mut map = faer::Mat::<f64>::zeros(on_axes.features(), 1);
         (map[(0, 0)], map[(1, 0)]) = (1.2, 1.6);
         on_axes.with_channels(map.as_ref(), |_| 2.0)
@@ -305,7 +305,7 @@ mod tests {
     #[test]
     fn a_play_follows_at_its_half_width_and_stays_on_the_way_back() {
         let wrench = [[0.0, 0.0], [2.0, 0.0], [1.9, 0.0], [0.0, 0.0]];
-        let features = run(&wrench, &Model::on_axes(2));
+        let features = run(&wrench, &MemoryModel::on_axes(2));
         let widest = 2 + PLAY.len() - 1;
         let width = PLAY[PLAY.len() - 1];
         let play: Vec<f64> = features.iter().map(|features| features[widest]).collect();
@@ -316,7 +316,7 @@ mod tests {
     fn a_channel_has_the_play_of_what_it_sees() {
         // 0.6 · 1 + 0.8 · 0.5 = 1 there and 0 back.
         let features = run(&[[0.0, 0.0], [2.0, 2.0], [0.0, 0.0]], &beside());
-        let first = Model::on_axes(2).features();
+        let first = MemoryModel::on_axes(2).features();
         for (k, width) in PLAY.into_iter().enumerate() {
             assert!((features[1][first + k] - (1.0 - width)).abs() < 1e-15);
             assert!((features[2][first + k] - width).abs() < 1e-15);
@@ -344,7 +344,7 @@ mod tests {
     fn a_lag_relaxes_with_its_time_constant() {
         let mut wrench = vec![[0.0, 0.0]];
         wrench.extend([[2.0, 0.0]; 100]);
-        let features = run(&wrench, &Model::on_axes(2));
+        let features = run(&wrench, &MemoryModel::on_axes(2));
         for (lag, lag_s) in LAG_S.into_iter().enumerate() {
             // A unit step, 100 steps of 0.01 s ago.
             let expected = 1.0 - (-1.0 / lag_s).exp();
@@ -367,7 +367,7 @@ mod tests {
 
     #[test]
     fn shares_of_the_memory_are_found_from_the_map() {
-        let mut model = Model::on_axes(2);
+        let mut model = MemoryModel::on_axes(2);
         let mut map = faer::Mat::<f64>::zeros(model.features(), 3);
         for c in 0..3 {
             let whole = [3.0, -1.0, 2.0][c];

@@ -3,7 +3,7 @@
 use super::kernel::Kernel;
 use super::recording::Clean;
 use super::resample::Resampler;
-use super::response::{Model, Response};
+use super::response::{MemoryModel, MemoryResponse};
 use super::wide::combine;
 
 /// Grid points per sample of the output rate: cubic interpolation then errs by less than 0.4 % at
@@ -75,11 +75,11 @@ impl Trajectory {
     }
 
     /// Features in order of time, from the start.
-    pub(super) fn features(&self, model: Model) -> FeatureWindow<'_> {
+    pub(super) fn features(&self, model: MemoryModel) -> FeatureWindow<'_> {
         FeatureWindow {
             trajectory: self,
             width: model.features(),
-            response: Response::new(&self.largest, self.step_s, model),
+            response: MemoryResponse::new(&self.largest, self.step_s, model),
             first: 0,
             end: 0,
             rows: Vec::new(),
@@ -91,7 +91,7 @@ impl Trajectory {
 #[derive(Debug)]
 pub(super) struct FeatureWindow<'a> {
     trajectory: &'a Trajectory,
-    response: Response,
+    response: MemoryResponse,
     width: usize,
     /// The grid point of the first row held, and the one after the last.
     first: usize,

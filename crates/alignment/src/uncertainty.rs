@@ -2,8 +2,8 @@
 
 use faer::{Mat, MatRef};
 
-use super::matched_row::MatchedRow;
-use super::response::Model;
+use super::optics::Straight;
+use super::response::MemoryModel;
 use super::wide::dots;
 
 /// Residuals correlated over longer than this are drift, which the model has, s.
@@ -20,6 +20,22 @@ const UNKNOWN_DELAY: f64 = 0.012;
 /// Products of successive residuals scatter about zero if there is only noise: as many standard
 /// deviations of that are taken off.
 const CHANCE: f64 = 2.0;
+
+/// One row of the board beside what the reference says.
+pub(super) struct MatchedRow<'a> {
+    /// Time from the pivot, s.
+    pub(super) from_pivot_s: f64,
+    pub(super) features: &'a [f64],
+    /// The change of the predicted straight readings with the offset, counts/s.
+    pub(super) slope: &'a [f64],
+    pub(super) readings: &'a [f64],
+    /// The readings made straight.
+    pub(super) straight: &'a [Straight],
+    /// What the row counts: 1, or less for an outlier.
+    pub(super) weight: f64,
+    /// Straight reading less the predicted one, counts.
+    pub(super) residual: &'a [f64],
+}
 
 /// Sums over the rows at the solution.
 #[derive(Debug)]
@@ -75,7 +91,7 @@ impl<'a> ResidualSums<'a> {
     }
 
     /// `of_load` are the features of `model`, without those that are none of the load.
-    pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], model: &Model) {
+    pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], model: &MemoryModel) {
         self.rows += 1;
         model.late(of_load, &mut self.late_features);
         let map = (0..self.map.ncols()).map(|c| self.map.col(c).try_as_col_major());

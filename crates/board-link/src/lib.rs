@@ -27,7 +27,7 @@ pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
 pub use port_state::{PortState, SystemFiles};
 pub use record::{Progress, RecordOptions, Recorded, Sinks, Watcher, Wish, record};
 pub use record_error::RecordError;
-pub use self_test::{EmitterFault, LEAST_RISE, judge};
+pub use self_test::{EmitterFault, judge};
 pub use source::Source;
 pub use upload::{NotForBoard, for_board};
 

@@ -10,7 +10,7 @@ use shared_proto::{Boot, Command, Protocol};
 use super::board_log::{BoardLog, RecordedBoard};
 use super::journal::Place;
 use super::record_error::RecordError;
-use super::source::Input;
+use super::source::SourceInput;
 use super::{Journal, Source, Uplink};
 use crate::recording::{
     BoardFrame, Boards, HeardBoard, LiveForces, Losses, NoFrame, Recognised, Recognition,
@@ -144,8 +144,8 @@ pub fn record(
     stop: &AtomicBool,
     observe: &mut dyn FnMut(&Progress),
 ) -> Result<Recorded, RecordError> {
-    let mut session = Session {
-        stage: Stage::Recognising(Recognition::new(options.protocol)),
+    let mut session = RecordSession {
+        stage: RecordStage::Recognising(Recognition::new(options.protocol)),
         options,
         log_place: sinks.log.as_ref().map(Journal::place),
         log: sinks.log,
@@ -197,8 +197,8 @@ fn log_of(
 }
 
 /// A recording that is going on.
-struct Session<'a> {
-    stage: Stage,
+struct RecordSession<'a> {
+    stage: RecordStage,
     options: &'a RecordOptions,
     /// For the first board.
     log: Option<Journal>,
@@ -215,12 +215,12 @@ struct Session<'a> {
     bytes: u64,
 }
 
-enum Stage {
+enum RecordStage {
     Recognising(Recognition),
     Receiving(Protocol, Box<Boards>),
 }
 
-impl Session<'_> {
+impl RecordSession<'_> {
     fn run(
         &mut self,
         source: &mut Source,
@@ -238,9 +238,9 @@ impl Session<'_> {
                 return Ok(());
             }
             let bytes = match source.read(&mut buffer)? {
-                Input::Bytes(count) => &buffer[..count],
-                Input::Nothing => &[],
-                Input::End => return Ok(()),
+                SourceInput::Bytes(count) => &buffer[..count],
+                SourceInput::Nothing => &[],
+                SourceInput::End => return Ok(()),
             };
             let now = source.elapsed();
             self.take(bytes, now, source)?;
@@ -278,7 +278,7 @@ impl Session<'_> {
             raw.pending().extend_from_slice(bytes);
         }
         match &mut self.stage {
-            Stage::Receiving(_, boards) => {
+            RecordStage::Receiving(_, boards) => {
                 if let Some(arrival) = source.arrival() {
                     boards.arrived_at(arrival);
                 }
@@ -286,7 +286,7 @@ impl Session<'_> {
                 self.show();
                 Ok(())
             }
-            Stage::Recognising(recognition) => {
+            RecordStage::Recognising(recognition) => {
                 let recognised = recognition.feed(bytes, now);
                 self.recognised(recognised, source)
             }
@@ -304,7 +304,7 @@ impl Session<'_> {
         if let Some(Recognised { protocol, bytes }) = recognised {
             let mut boards = Box::new(Boards::new(protocol));
             boards.feed(&bytes);
-            self.stage = Stage::Receiving(protocol, boards);
+            self.stage = RecordStage::Receiving(protocol, boards);
             self.show();
         }
         Ok(())
@@ -312,7 +312,8 @@ impl Session<'_> {
 
     /// Shows the watcher what has arrived of the first board.
     fn show(&mut self) {
-        let (Some(watcher), Stage::Receiving(_, boards)) = (&mut self.watcher, &self.stage) else {
+        let (Some(watcher), RecordStage::Receiving(_, boards)) = (&mut self.watcher, &self.stage)
+        else {
             return;
         };
         let waiting = boards.heard().first().map_or(&[][..], |board| &board.frames);
@@ -329,7 +330,7 @@ impl Session<'_> {
         }
         self.show();
         self.shown = 0;
-        let Stage::Receiving(protocol, boards) = &mut self.stage else { return Ok(()) };
+        let RecordStage::Receiving(protocol, boards) = &mut self.stage else { return Ok(()) };
         let numbered = matches!(protocol, Protocol::Packets(_));
         for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
             let found = self.logs.iter().position(|log| log.address == board.address);
@@ -378,13 +379,13 @@ impl Session<'_> {
     /// Takes what the end of the stream gives free, and writes all.
     fn finish(&mut self, source: &Source) -> Result<(), RecordError> {
         let recognised = match &mut self.stage {
-            Stage::Receiving(..) => Ok(()),
-            Stage::Recognising(recognition) => {
+            RecordStage::Receiving(..) => Ok(()),
+            RecordStage::Recognising(recognition) => {
                 let recognised = recognition.finish();
                 self.recognised(recognised, source)
             }
         };
-        if let Stage::Receiving(_, boards) = &mut self.stage {
+        if let RecordStage::Receiving(_, boards) = &mut self.stage {
             boards.finish();
         }
         self.flush()?;
@@ -405,8 +406,8 @@ impl Session<'_> {
 
     fn waiting(&self) -> usize {
         match &self.stage {
-            Stage::Recognising(_) => 0,
-            Stage::Receiving(_, boards) => {
+            RecordStage::Recognising(_) => 0,
+            RecordStage::Receiving(_, boards) => {
                 boards.heard().iter().map(|board| board.frames.len()).sum()
             }
         }
@@ -429,15 +430,15 @@ impl Session<'_> {
 
     fn state(&self) -> (Option<Protocol>, Losses) {
         match &self.stage {
-            Stage::Recognising(_) => (None, Losses::default()),
-            Stage::Receiving(protocol, boards) => (Some(*protocol), boards.losses()),
+            RecordStage::Recognising(_) => (None, Losses::default()),
+            RecordStage::Receiving(protocol, boards) => (Some(*protocol), boards.losses()),
         }
     }
 
     fn heard(&self) -> &[HeardBoard] {
         match &self.stage {
-            Stage::Recognising(_) => &[],
-            Stage::Receiving(_, boards) => boards.heard(),
+            RecordStage::Recognising(_) => &[],
+            RecordStage::Receiving(_, boards) => boards.heard(),
         }
     }
 

@@ -5,7 +5,7 @@ use std::fmt;
 
 /// What an emitter raises its own channel by at least, in steps of the converter; a photointerrupter
 /// over a reflector gives a thousand.
-pub const LEAST_RISE: i16 = 100;
+pub(crate) const LEAST_RISE: i16 = 100;
 
 /// What an emitter raises another channel by at most, as a share of its own; light that leaks under a
 /// shell stays below.

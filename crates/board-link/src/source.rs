@@ -36,7 +36,7 @@ enum Inner {
 
 /// What a read gave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Input {
+pub(super) enum SourceInput {
     /// So many bytes.
     Bytes(usize),
     /// Nothing for now.
@@ -97,18 +97,20 @@ impl Source {
     }
 
     /// Bytes into `buffer`, waiting for some a short time.
-    pub(super) fn read(&mut self, buffer: &mut [u8]) -> Result<Input, LinkError> {
+    pub(super) fn read(&mut self, buffer: &mut [u8]) -> Result<SourceInput, LinkError> {
         match &mut self.inner {
             Inner::Replay { file, path } => match file.read(buffer) {
-                Ok(0) => Ok(Input::End),
-                Ok(count) => Ok(Input::Bytes(count)),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(Input::Nothing),
+                Ok(0) => Ok(SourceInput::End),
+                Ok(count) => Ok(SourceInput::Bytes(count)),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {
+                    Ok(SourceInput::Nothing)
+                }
                 Err(error) => Err(replay_error(path, &error)),
             },
             Inner::Port { port: Some(port), options, reconnect, .. } => {
                 let error = match read_port(&mut **port, buffer) {
-                    Ok(0) => return Ok(Input::Nothing),
-                    Ok(count) => return Ok(Input::Bytes(count)),
+                    Ok(0) => return Ok(SourceInput::Nothing),
+                    Ok(count) => return Ok(SourceInput::Bytes(count)),
                     Err(error) => error,
                 };
                 if !*reconnect {
@@ -118,7 +120,7 @@ impl Source {
                 if let Inner::Port { port, .. } = &mut self.inner {
                     *port = None;
                 }
-                Ok(Input::Nothing)
+                Ok(SourceInput::Nothing)
             }
             Inner::Port { port: port @ None, options, retry, .. } => {
                 std::thread::sleep(Duration::from_millis(20));
@@ -127,7 +129,7 @@ impl Source {
                     *port = options.open().ok();
                     self.reconnections += u64::from(port.is_some());
                 }
-                Ok(Input::Nothing)
+                Ok(SourceInput::Nothing)
             }
         }
     }

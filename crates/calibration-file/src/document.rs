@@ -4,7 +4,6 @@ use serde::{Deserialize, Serialize};
 
 use super::LARGEST;
 use super::layout::to_json;
-use super::problem::problem;
 use super::stored::{
     OfAxes, Stored, StoredCovariance, StoredModel, StoredOrigin, StoredReadingRange, StoredScaling,
     axes_of, check_intervals,
@@ -16,7 +15,7 @@ use calibration::{Calibration, Polynomial, model};
 use shell_data::wrench::Axes;
 
 #[derive(Serialize, Deserialize)]
-struct Document {
+struct PolynomialDocument {
     schema_version: u64,
     #[serde(flatten)]
     origin: StoredOrigin,
@@ -33,7 +32,7 @@ struct Document {
 pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String {
     let calibration = &file.calibration;
     let axes = calibration.axes;
-    let document = Document {
+    let document = PolynomialDocument {
         schema_version: match axes.are_all() {
             true => SCHEMA_VERSION,
             false => FEWER_AXES_SCHEMA_VERSION,
@@ -52,11 +51,11 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
 
 /// Parses a document whose version is known to be [`SCHEMA_VERSION`] or [`FEWER_AXES_SCHEMA_VERSION`].
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
-    let document: Document = serde_json::from_slice(text).map_err(problem)?;
+    let document: PolynomialDocument = serde_json::from_slice(text)?;
     document.value().map_err(Problem::Inconsistent)
 }
 
-impl Document {
+impl PolynomialDocument {
     /// # Errors
     /// What does not fit together.
     fn value(self) -> Result<CalibrationFile, String> {

@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// What a document is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Document {
+pub enum FileKind {
     /// JSON: calibrations and partial fits.
     Json,
     /// Lines of text: tables, manifests, profiles.
@@ -18,24 +18,24 @@ pub enum Document {
     Matrix,
 }
 
-impl Document {
+impl FileKind {
     /// The most bytes that are read.
     pub const fn budget(self) -> u64 {
         match self {
             // A calibration of the largest model with a covariance by groups.
-            Document::Json => 512 << 20,
+            FileKind::Json => 512 << 20,
             // A table of some million rows.
-            Document::Text => 256 << 20,
+            FileKind::Text => 256 << 20,
             // The largest model takes 200 kB.
-            Document::Matrix => 16 << 20,
+            FileKind::Matrix => 16 << 20,
         }
     }
 
     /// What is wrong with how it begins.
     fn check(self, first: &[u8]) -> Result<(), &'static str> {
         match self {
-            Document::Json | Document::Text if first.contains(&0) => Err("it is not text"),
-            Document::Matrix if first.starts_with(&[0; 16]) => Err("it is empty but for zeros"),
+            FileKind::Json | FileKind::Text if first.contains(&0) => Err("it is not text"),
+            FileKind::Matrix if first.starts_with(&[0; 16]) => Err("it is empty but for zeros"),
             _ => Ok(()),
         }
     }
@@ -45,7 +45,7 @@ impl Document {
 ///
 /// # Errors
 /// What the system says; `InvalidData` if it is too long or begins as no such document does.
-pub fn read(path: &Path, document: Document) -> io::Result<Vec<u8>> {
+pub fn read(path: &Path, document: FileKind) -> io::Result<Vec<u8>> {
     let refuse = |why: String| Err(io::Error::new(io::ErrorKind::InvalidData, why));
     let file = File::open(path)?;
     let (length, budget) = (file.metadata()?.len(), document.budget());
@@ -60,7 +60,7 @@ pub fn read(path: &Path, document: Document) -> io::Result<Vec<u8>> {
         return refuse(why.to_owned());
     }
     let first = bytes.trim_ascii_start().first();
-    if document == Document::Json && first != Some(&b'{') {
+    if document == FileKind::Json && first != Some(&b'{') {
         // The beginning is enough to say what is wrong with it.
         return Ok(bytes);
     }
@@ -76,7 +76,7 @@ pub fn read(path: &Path, document: Document) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As for [`read`]; `InvalidData` if it is not UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
-    let bytes = read(path, Document::Text)?;
+    let bytes = read(path, FileKind::Text)?;
     String::from_utf8(bytes).map_err(|error| {
         let line =
             1 + memchr::memchr_iter(b'\n', &error.as_bytes()[..error.utf8_error().valid_up_to()])
@@ -94,13 +94,13 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("file");
         for (bytes, document, is_right) in [
-            (&b"{}"[..], Document::Json, true),
-            (b"\n {", Document::Json, true),
-            (b"", Document::Json, true),
-            (b"{\0", Document::Json, false),
-            (b"a,b\n", Document::Text, true),
-            (b"a\0", Document::Text, false),
-            (b"MATLAB\0", Document::Matrix, true),
+            (&b"{}"[..], FileKind::Json, true),
+            (b"\n {", FileKind::Json, true),
+            (b"", FileKind::Json, true),
+            (b"{\0", FileKind::Json, false),
+            (b"a,b\n", FileKind::Text, true),
+            (b"a\0", FileKind::Text, false),
+            (b"MATLAB\0", FileKind::Matrix, true),
         ] {
             std::fs::write(&path, bytes).unwrap();
             let read = read(&path, document);
@@ -114,7 +114,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("file");
         File::create(&path).unwrap().set_len(10 << 30).unwrap();
-        for document in [Document::Json, Document::Text, Document::Matrix] {
+        for document in [FileKind::Json, FileKind::Text, FileKind::Matrix] {
             let error = read(&path, document).unwrap_err().to_string();
             assert!(error.contains("longer than the"), "{error}");
         }
@@ -123,7 +123,7 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn an_endless_device_is_refused_at_once() {
-        for document in [Document::Json, Document::Text, Document::Matrix] {
+        for document in [FileKind::Json, FileKind::Text, FileKind::Matrix] {
             assert!(read(Path::new("/dev/zero"), document).is_err());
         }
     }

@@ -39,22 +39,19 @@ mod origin;
 mod partial;
 pub mod payload_file;
 mod physics_document;
-mod problem;
 pub mod stored;
 mod triangle;
-mod version;
 
 use std::io;
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
+
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
-pub use self::partial::{
-    FACTORED_PARTIAL_SCHEMA_VERSION, GROUPED_PARTIAL_SCHEMA_VERSION, MergeError,
-    PARTIAL_SCHEMA_VERSION, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums,
-};
+pub use self::partial::{MergeError, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums};
 use calibration::{Calibration, Kind};
-use input::Document;
+use input::FileKind;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The largest number that a document may have: squares and products of such are still numbers.
@@ -64,10 +61,10 @@ pub const LARGEST: f64 = 1e100;
 pub const SCHEMA_VERSION: u64 = 1;
 
 /// The version of the documents of physics models.
-pub const PHYSICS_SCHEMA_VERSION: u64 = 2;
+pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 2;
 
 /// The version of the documents of polynomials of fewer than six axes.
-pub const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
+pub(crate) const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
 
 /// A calibration with its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -147,6 +144,25 @@ impl Problem {
     }
 }
 
+impl From<serde_json::Error> for Problem {
+    fn from(error: serde_json::Error) -> Self {
+        let (line, column) = (error.line(), error.column());
+        let text = error.to_string();
+        let message = text.split(" at line ").next().unwrap_or(&text).to_owned();
+        if error.is_data() {
+            Self::Field { line, column, message }
+        } else {
+            Self::NotJson { line, column, message }
+        }
+    }
+}
+
+/// What is read of a document before all else.
+#[derive(Deserialize)]
+struct Version {
+    schema_version: u64,
+}
+
 impl CalibrationFile {
     /// The share of the training loads' variance that the calibration leaves unexplained, 1 − R² of
     /// each axis, if that is known.
@@ -164,8 +180,8 @@ impl CalibrationFile {
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
         let text =
-            input::read(path, Document::Json).map_err(|error| problem(Problem::Io(error)))?;
-        version::parse(&text).map_err(problem)
+            input::read(path, FileKind::Json).map_err(|error| problem(Problem::Io(error)))?;
+        Self::parse(&text).map_err(problem)
     }
 
     /// Reads a JSON document.
@@ -173,7 +189,13 @@ impl CalibrationFile {
     /// # Errors
     /// [`Problem`] if it is no calibration of this version.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
-        version::parse(text)
+        // The version first: a document of another version may differ in any other field.
+        let Version { schema_version } = serde_json::from_slice(text)?;
+        match schema_version {
+            SCHEMA_VERSION | FEWER_AXES_SCHEMA_VERSION => document::parse(text),
+            PHYSICS_SCHEMA_VERSION => physics_document::parse(text),
+            found => Err(Problem::SchemaVersion { found }),
+        }
     }
 
     /// The JSON document.
@@ -196,7 +218,7 @@ impl CalibrationFile {
     ) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
         let bytes =
-            input::read(path, Document::Matrix).map_err(|error| problem(Problem::Io(error)))?;
+            input::read(path, FileKind::Matrix).map_err(|error| problem(Problem::Io(error)))?;
         let calibration = if matlab::is_matlab(&bytes) {
             matlab::parse(&bytes, options)
         } else if bytes.contains(&0) {
@@ -210,5 +232,18 @@ impl CalibrationFile {
         let source = Source { role: Role::Matrix, path: path.into(), checksum: None, rows };
         let origin = Origin { sources: vec![source], ..Origin::default() };
         Ok(Self { calibration, origin })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_schema_version_is_told_whatever_else_the_file_holds() {
+        let text = b"{\"schema_version\": 4}";
+        let Err(Problem::SchemaVersion { found: 4 }) = CalibrationFile::parse(text) else {
+            panic!()
+        };
     }
 }

@@ -11,14 +11,14 @@ use super::stored::{Name, Stored};
 pub(super) struct MomentsDocument {
     basis: Name<Basis>,
     rows: u64,
-    channels: Vec<Range>,
+    channels: Vec<ChannelRange>,
     readings: Vec<String>,
     wrench: Vec<Integers>,
     squares: Vec<Integers>,
 }
 
 #[derive(Serialize, Deserialize)]
-struct Range {
+struct ChannelRange {
     unit: Unit,
     lowest: i64,
     highest: i64,
@@ -44,7 +44,7 @@ impl MomentsDocument {
         let StoredMoments { basis, rows, channels, readings, wrench, squares, .. } = stored;
         let range = |range: StoredRange| {
             let StoredRange { twos, fives, lowest, highest } = range;
-            Range { unit: Unit { twos, fives }, lowest, highest }
+            ChannelRange { unit: Unit { twos, fives }, lowest, highest }
         };
         let integers = |stored: Vec<StoredIntegers>| {
             stored
@@ -64,7 +64,7 @@ impl MomentsDocument {
     /// # Errors
     /// What does not fit together.
     pub(super) fn value(self, axes: Axes) -> Result<Moments, String> {
-        let range = |Range { unit: Unit { twos, fives }, lowest, highest }| StoredRange {
+        let range = |ChannelRange { unit: Unit { twos, fives }, lowest, highest }| StoredRange {
             twos,
             fives,
             lowest,

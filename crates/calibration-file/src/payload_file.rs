@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::LARGEST;
-use crate::input::{self, Document as Kind};
+use crate::input::{self, FileKind};
 use forces::payload::{Accelerometer, Matrix, Payload, PayloadFit, Vector};
 
 /// The version of the documents that this program writes and reads.
@@ -49,15 +49,15 @@ pub struct PayloadFileError {
 }
 
 #[derive(Serialize, Deserialize)]
-struct Version {
+struct PayloadVersion {
     kind: String,
     schema_version: u64,
 }
 
 #[derive(Serialize, Deserialize)]
-struct Document {
+struct PayloadDocument {
     #[serde(flatten)]
-    version: Version,
+    version: PayloadVersion,
     made_by: String,
     date: String,
     sources: Vec<StoredSource>,
@@ -99,7 +99,7 @@ impl PayloadFile {
     /// [`PayloadFileError`] with line and column.
     pub fn read(path: &Path) -> Result<Self, PayloadFileError> {
         let problem = |problem| PayloadFileError { path: path.to_path_buf(), problem };
-        let text = input::read(path, Kind::Json)
+        let text = input::read(path, FileKind::Json)
             .map_err(|error| problem(format!("cannot read it: {error}")))?;
         Self::parse(&text).map_err(problem)
     }
@@ -128,7 +128,7 @@ impl PayloadFile {
             }
             None => return Err("`schema_version` is missing".to_owned()),
         }
-        let document: Document = serde_json::from_slice(text).map_err(said)?;
+        let document: PayloadDocument = serde_json::from_slice(text).map_err(said)?;
         document.check()?;
         Ok(Self {
             fit: PayloadFit {
@@ -156,8 +156,8 @@ impl PayloadFile {
             path: path.to_string_lossy().into_owned(),
             rows: *rows,
         };
-        let document = Document {
-            version: Version { kind: KIND.to_owned(), schema_version: SCHEMA_VERSION },
+        let document = PayloadDocument {
+            version: PayloadVersion { kind: KIND.to_owned(), schema_version: SCHEMA_VERSION },
             made_by: self.made_by.clone(),
             date: self.date.clone(),
             sources: self.sources.iter().map(source).collect(),
@@ -177,7 +177,7 @@ impl PayloadFile {
     }
 }
 
-impl Document {
+impl PayloadDocument {
     /// Whether its numbers are such as the rest of the program takes for granted.
     fn check(&self) -> Result<(), String> {
         let StoredPayload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.payload;

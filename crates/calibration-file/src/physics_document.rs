@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use super::layout::to_json;
-use super::problem::problem;
 use super::stored::{
     Stored, StoredGroupIntervals, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
     check_intervals,
@@ -18,7 +17,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 const NAME: &str = "physics";
 
 #[derive(Serialize, Deserialize)]
-struct Document {
+struct PhysicsDocument {
     schema_version: u64,
     #[serde(flatten)]
     origin: StoredOrigin,
@@ -30,7 +29,7 @@ struct Document {
 }
 
 pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
-    to_json(&Document {
+    to_json(&PhysicsDocument {
         schema_version: PHYSICS_SCHEMA_VERSION,
         origin: Stored::of(&file.origin, Axes::ALL),
         model: NAME.to_owned(),
@@ -43,11 +42,11 @@ pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> St
 
 /// Parses a document whose version is known to be [`PHYSICS_SCHEMA_VERSION`].
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
-    let document: Document = serde_json::from_slice(text).map_err(problem)?;
+    let document: PhysicsDocument = serde_json::from_slice(text)?;
     document.value().map_err(Problem::Inconsistent)
 }
 
-impl Document {
+impl PhysicsDocument {
     /// # Errors
     /// What does not fit together.
     fn value(self) -> Result<CalibrationFile, String> {

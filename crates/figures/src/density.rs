@@ -1,6 +1,6 @@
 //! A two-dimensional histogram drawn as coloured cells, colour by the logarithm of the count.
 
-use super::histogram::{Cell, Histogram2d};
+use super::histogram::{Histogram2d, HistogramCell};
 use super::palette;
 use super::panel::Panel;
 use super::scale::{decimal, superscript};
@@ -17,7 +17,7 @@ pub(super) struct ColourScale {
 
 impl ColourScale {
     /// The scale on which the fullest of all cells is lightest.
-    pub(super) fn for_cells<'a>(cells: impl IntoIterator<Item = &'a Cell>) -> Self {
+    pub(super) fn for_cells<'a>(cells: impl IntoIterator<Item = &'a HistogramCell>) -> Self {
         Self { most: cells.into_iter().map(|cell| cell.count).max().unwrap_or(1).max(2) }
     }
 
@@ -62,11 +62,16 @@ pub(super) fn doublings(histogram: &Histogram2d, bins: usize, pixels: f64) -> u3
 
 /// Draws the cells in the panel: one path per colour, one stroke as wide as a cell is high for each
 /// run of neighbours, which takes half the bytes of rectangles.
-pub(super) fn draw_cells(canvas: &mut Canvas, panel: &Panel, cells: &[Cell], scale: ColourScale) {
+pub(super) fn draw_cells(
+    canvas: &mut Canvas,
+    panel: &Panel,
+    cells: &[HistogramCell],
+    scale: ColourScale,
+) {
     let Some(any) = cells.first() else { return };
     let height = panel.place(0.0, any.y.low).1 - panel.place(0.0, any.y.high).1;
     let mut paths = vec![String::new(); LEVELS];
-    let one_run = |a: &Cell, b: &Cell| {
+    let one_run = |a: &HistogramCell, b: &HistogramCell| {
         a.y == b.y && a.x.high == b.x.low && scale.level(a.count) == scale.level(b.count)
     };
     for run in cells.chunk_by(one_run) {

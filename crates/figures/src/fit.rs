@@ -4,10 +4,10 @@
 
 use super::density::{ColourScale, doublings, draw_cells};
 use super::figure::Figure;
-use super::histogram::{Cell, Histogram2d, Range};
+use super::histogram::{Histogram2d, HistogramCell, ValueRange};
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::plateau::{Plateau, draw_plateaus, plateaus};
+use super::plateau::{LoadPlateau, draw_plateaus, plateaus};
 use super::scale::{Axis as PlotAxis, Spacing, decimal};
 use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, number, point};
@@ -113,7 +113,7 @@ const PROFILE_WIDTH: f64 = 42.0;
 
 /// How panels are arranged.
 #[derive(Clone, Copy)]
-struct Grid {
+struct PanelGrid {
     width: f64,
     /// Axes beside each other.
     columns: usize,
@@ -121,7 +121,7 @@ struct Grid {
     side: f64,
 }
 
-impl Grid {
+impl PanelGrid {
     fn of(size: Size) -> Self {
         let (width, columns) = (size.width(WIDTH), if size.is_narrow() { 2 } else { 3 });
         Self { width, columns, side: width / columns as f64 - MARGINS }
@@ -145,7 +145,7 @@ pub fn fit_figure(
     train: &FitPlot,
     test: Option<&FitPlot>,
 ) -> Figure {
-    let grid = Grid::of(size);
+    let grid = PanelGrid::of(size);
     let shown = test.unwrap_or(train);
     let bands = axes.count().div_ceil(grid.columns).max(1) as f64;
     let mut canvas = Canvas::sized(size, grid.width, TOP + bands * grid.block_height());
@@ -201,8 +201,8 @@ pub fn fit_figure(
 /// What is shown of predicted against measured.
 struct AgreementView<'a> {
     data: &'a AxisPlot,
-    cells: &'a [Cell],
-    plateaus: &'a [Plateau],
+    cells: &'a [HistogramCell],
+    plateaus: &'a [LoadPlateau],
 }
 
 fn draw_agreement(
@@ -212,8 +212,11 @@ fn draw_agreement(
     view: &AgreementView<'_>,
     colours: ColourScale,
 ) {
-    let range =
-        view.data.agreement.ranges().map_or(Range { low: -1.0, high: 1.0 }, |[x, y]| x.union(y));
+    let range = view
+        .data
+        .agreement
+        .ranges()
+        .map_or(ValueRange { low: -1.0, high: 1.0 }, |[x, y]| x.union(y));
     let scale = |what: &str| {
         let quantity = format!("{what} {}", axis.name());
         PlotAxis::new(&quantity, axis.unit(), Spacing::Linear, range.low, range.high).padded(0.04)
@@ -232,10 +235,10 @@ fn draw_agreement(
 
 /// The part of the residuals that is shown.
 struct ResidualView {
-    predicted: Range,
-    residual: Range,
-    cells: Vec<Cell>,
-    profile: Vec<(Range, u64)>,
+    predicted: ValueRange,
+    residual: ValueRange,
+    cells: Vec<HistogramCell>,
+    profile: Vec<(ValueRange, u64)>,
     beyond: u64,
 }
 
@@ -244,15 +247,15 @@ impl ResidualView {
     /// much again on both sides, and the number of rows beyond.
     fn of(data: &AxisPlot) -> Self {
         let histogram = &data.residual;
-        let empty = Range { low: -1.0, high: 1.0 };
+        let empty = ValueRange { low: -1.0, high: 1.0 };
         let [predicted, all] = histogram.ranges().unwrap_or([empty; 2]);
         let marginal = histogram.marginal_y();
         let core = core(&marginal, histogram.points()).unwrap_or(all);
         let reach = core.high.abs().max(core.low.abs()) * 2.0;
         let everything = all.high.abs().max(all.low.abs());
         let reach = if everything > 2.0 * reach { reach } else { everything };
-        let residual = Range { low: -reach, high: reach };
-        let is_beyond = |range: &Range| range.low > reach || range.high < -reach;
+        let residual = ValueRange { low: -reach, high: reach };
+        let is_beyond = |range: &ValueRange| range.low > reach || range.high < -reach;
         let beyond = marginal.iter().filter(|(r, _)| is_beyond(r)).map(|&(_, count)| count).sum();
 
         // As many doublings as leave the cells about square on paper.
@@ -267,7 +270,7 @@ impl ResidualView {
 }
 
 /// The range that holds all but a thousandth of the points at each end.
-fn core(marginal: &[(Range, u64)], points: u64) -> Option<Range> {
+fn core(marginal: &[(ValueRange, u64)], points: u64) -> Option<ValueRange> {
     let edge = points / 1000;
     let within = |mut passed: u64| {
         move |count: u64| {
@@ -279,16 +282,16 @@ fn core(marginal: &[(Range, u64)], points: u64) -> Option<Range> {
     let low = marginal.iter().find(|&&(_, count)| from_below(count))?.0.low;
     let mut from_above = within(0);
     let high = marginal.iter().rev().find(|&&(_, count)| from_above(count))?.0.high;
-    Some(Range { low, high })
+    Some(ValueRange { low, high })
 }
 
 /// The distribution over `shown` in some fifty equal bins: middle and share of the fullest.
-fn profile(marginal: &[(Range, u64)], shown: Range) -> Vec<(Range, u64)> {
+fn profile(marginal: &[(ValueRange, u64)], shown: ValueRange) -> Vec<(ValueRange, u64)> {
     let inside: Vec<_> =
         marginal.iter().filter(|(r, _)| r.high > shown.low && r.low < shown.high).collect();
     let merged = inside.len().div_ceil(64).next_power_of_two();
-    let sum = |bins: &[&(Range, u64)]| {
-        let range = Range { low: bins[0].0.low, high: bins[bins.len() - 1].0.high };
+    let sum = |bins: &[&(ValueRange, u64)]| {
+        let range = ValueRange { low: bins[0].0.low, high: bins[bins.len() - 1].0.high };
         (range, bins.iter().map(|bin| bin.1).sum())
     };
     inside.chunks(merged).map(sum).collect()
@@ -299,12 +302,12 @@ fn draw_residual(
     whole: Rect,
     axis: Axis,
     view: &ResidualView,
-    plateaus: &[Plateau],
+    plateaus: &[LoadPlateau],
     outline: Option<&AxisPlot>,
     colours: ColourScale,
 ) {
     let name = axis.name();
-    let linear = |quantity: &str, range: Range| {
+    let linear = |quantity: &str, range: ValueRange| {
         PlotAxis::new(quantity, axis.unit(), Spacing::Linear, range.low, range.high)
     };
     let area = Rect { width: whole.width - PROFILE_WIDTH, ..whole };
@@ -326,7 +329,7 @@ fn draw_residual(
     }
 
     let side = Rect { left: area.right(), width: PROFILE_WIDTH, ..area };
-    let steps = |profile: &[(Range, u64)]| {
+    let steps = |profile: &[(ValueRange, u64)]| {
         let densest =
             profile.iter().map(|&(range, count)| density(range, count)).fold(0.0, f64::max);
         let mut path = format!("M{}", point(side.left, panel.place(0.0, profile.first()?.0.low).1));
@@ -350,7 +353,7 @@ fn draw_residual(
     canvas.frame(side, palette::INK);
 }
 
-fn density(range: Range, count: u64) -> f64 {
+fn density(range: ValueRange, count: u64) -> f64 {
     count as f64 / (range.high - range.low)
 }
 

@@ -11,29 +11,29 @@ use super::bins::Bins;
 #[derive(Clone, Debug)]
 pub struct Histogram2d {
     bins: [usize; 2],
-    grid: Option<Grid>,
+    grid: Option<CellGrid>,
     points: u64,
     skipped: u64,
 }
 
 #[derive(Clone, Debug)]
-struct Grid {
+struct CellGrid {
     x: Bins,
     y: Bins,
-    range_x: Range,
-    range_y: Range,
+    range_x: ValueRange,
+    range_y: ValueRange,
     /// Row by row, y ascending.
     counts: Vec<u64>,
 }
 
 /// The smallest and the largest value of a coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Range {
+pub(super) struct ValueRange {
     pub(super) low: f64,
     pub(super) high: f64,
 }
 
-impl Range {
+impl ValueRange {
     const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
     fn including(self, value: f64) -> Self {
@@ -47,9 +47,9 @@ impl Range {
 
 /// One cell that is not empty: its edges and its count.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Cell {
-    pub(super) x: Range,
-    pub(super) y: Range,
+pub(super) struct HistogramCell {
+    pub(super) x: ValueRange,
+    pub(super) y: ValueRange,
     pub(super) count: u64,
 }
 
@@ -69,7 +69,7 @@ impl Histogram2d {
     /// If the slices differ in length.
     pub fn add(&mut self, x: &[f64], y: &[f64]) {
         assert_eq!(x.len(), y.len(), "one y for every x");
-        let mut range = [Range::EMPTY; 2];
+        let mut range = [ValueRange::EMPTY; 2];
         let mut finite = 0;
         for (&x, &y) in x.iter().zip(y) {
             if x.is_finite() && y.is_finite() {
@@ -115,44 +115,48 @@ impl Histogram2d {
     }
 
     /// The smallest and largest x and y, `None` while empty.
-    pub(super) fn ranges(&self) -> Option<[Range; 2]> {
+    pub(super) fn ranges(&self) -> Option<[ValueRange; 2]> {
         self.grid.as_ref().map(|grid| [grid.range_x, grid.range_y])
     }
 
     /// The cells that are not empty, row by row; cells merged 2^`doublings` by 2^`doublings`.
-    pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<Cell> {
+    pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<HistogramCell> {
         let Some(grid) = &self.grid else { return Vec::new() };
-        let mut coarse = Grid::empty(
+        let mut coarse = CellGrid::empty(
             grid.x.coarsened(doublings[0]),
             grid.y.coarsened(doublings[1]),
             [grid.range_x, grid.range_y],
         );
         coarse.absorb(grid);
-        let Grid { x, y, counts, .. } = coarse;
-        let edges = |bins: Bins, i: usize| Range { low: bins.edge(i), high: bins.edge(i + 1) };
+        let CellGrid { x, y, counts, .. } = coarse;
+        let edges = |bins: Bins, i: usize| ValueRange { low: bins.edge(i), high: bins.edge(i + 1) };
         let occupied = counts.iter().enumerate().filter(|&(_, &count)| count > 0);
         occupied
-            .map(|(i, &count)| Cell { x: edges(x, i % x.count), y: edges(y, i / x.count), count })
+            .map(|(i, &count)| HistogramCell {
+                x: edges(x, i % x.count),
+                y: edges(y, i / x.count),
+                count,
+            })
             .collect()
     }
 
     /// The counts over y alone: edges of each bin from the first to the last that is not empty.
-    pub(super) fn marginal_y(&self) -> Vec<(Range, u64)> {
+    pub(super) fn marginal_y(&self) -> Vec<(ValueRange, u64)> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let locate = grid.y.locator();
         (locate(grid.range_y.low)..=locate(grid.range_y.high))
             .map(|row| {
-                let range = Range { low: grid.y.edge(row), high: grid.y.edge(row + 1) };
+                let range = ValueRange { low: grid.y.edge(row), high: grid.y.edge(row + 1) };
                 (range, grid.counts[row * grid.x.count..][..grid.x.count].iter().sum())
             })
             .collect()
     }
 
     /// The grid, made to cover a range as well as all it covers already.
-    fn cover(&mut self, [mut range_x, mut range_y]: [Range; 2]) -> &mut Grid {
+    fn cover(&mut self, [mut range_x, mut range_y]: [ValueRange; 2]) -> &mut CellGrid {
         let [bins_x, bins_y] = self.bins;
         let grid = match self.grid.take() {
-            None => Grid::empty(
+            None => CellGrid::empty(
                 Bins::around(range_x.low, range_x.high, bins_x),
                 Bins::around(range_y.low, range_y.high, bins_y),
                 [range_x, range_y],
@@ -164,7 +168,7 @@ impl Histogram2d {
                     (grid.range_x, grid.range_y) = (range_x, range_y);
                     grid
                 } else {
-                    let mut wider = Grid::empty(
+                    let mut wider = CellGrid::empty(
                         Bins::around_from(grid.x.exponent, range_x.low, range_x.high, bins_x),
                         Bins::around_from(grid.y.exponent, range_y.low, range_y.high, bins_y),
                         [range_x, range_y],
@@ -179,13 +183,13 @@ impl Histogram2d {
 }
 
 impl Bins {
-    fn covers(&self, range: Range) -> bool {
+    fn covers(&self, range: ValueRange) -> bool {
         self.contains(range.low) && self.contains(range.high)
     }
 }
 
-impl Grid {
-    fn empty(x: Bins, y: Bins, [range_x, range_y]: [Range; 2]) -> Self {
+impl CellGrid {
+    fn empty(x: Bins, y: Bins, [range_x, range_y]: [ValueRange; 2]) -> Self {
         Self { x, y, range_x, range_y, counts: vec![0; x.count * y.count] }
     }
 
@@ -236,7 +240,7 @@ mod tests {
         #[test]
         fn every_point_is_counted_in_the_cell_that_contains_it(points in points()) {
             for doublings in [[0, 0], [2, 1]] {
-                for Cell { x, y, count } in of(&points).cells(doublings) {
+                for HistogramCell { x, y, count } in of(&points).cells(doublings) {
                     let inside = |&&(px, py): &&(f64, f64)| {
                         px >= x.low && px < x.high && py >= y.low && py < y.high
                     };

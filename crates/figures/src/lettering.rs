@@ -6,7 +6,6 @@ use tiny_skia::{Path, PathBuilder, Transform};
 use ttf_parser::{Face, OutlineBuilder};
 
 use super::svg::{Anchor, Style};
-use crate::compressed;
 
 static REGULAR: LazyLock<Option<Face<'static>>> =
     LazyLock::new(|| font(include_bytes!("../assets/DejaVuSans-subset.ttf.zst")));
@@ -14,7 +13,7 @@ static BOLD: LazyLock<Option<Face<'static>>> =
     LazyLock::new(|| font(include_bytes!("../assets/DejaVuSans-Bold-subset.ttf.zst")));
 
 fn font(asset: &[u8]) -> Option<Face<'static>> {
-    Face::parse(compressed::content(asset).leak(), 0).ok()
+    Face::parse(crate::decompressed(asset).leak(), 0).ok()
 }
 
 /// A font of the program.

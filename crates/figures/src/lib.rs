@@ -13,7 +13,6 @@
 mod beam_channel;
 mod bins;
 mod chart;
-pub mod compressed;
 mod coverage;
 mod density;
 mod figure;
@@ -34,6 +33,10 @@ mod svg;
 mod trace;
 pub mod trial;
 
+use std::io::Read;
+
+use ruzstd::decoding::StreamingDecoder;
+
 pub use beam_channel::{ChannelCurve, channel_figure};
 pub use chart::{Chart, Mark, Series};
 pub use coverage::coverage_figure;
@@ -44,3 +47,11 @@ pub use matching::match_figure;
 pub use scale::{Axis, Spacing};
 pub use size::Size;
 pub use trace::{WrenchTrace, trace_figure};
+
+/// The content of an asset that stands in the program compressed, by Zstandard.
+pub fn decompressed(asset: &[u8]) -> Vec<u8> {
+    let mut content = Vec::new();
+    let read = StreamingDecoder::new(asset).ok().map(|mut asset| asset.read_to_end(&mut content));
+    assert!(matches!(read, Some(Ok(_))), "an asset of the program is as it was put there");
+    content
+}

@@ -16,7 +16,7 @@ use ttf_parser::Face;
 use super::lettering;
 use super::palette;
 use super::path::{Step, steps};
-use super::svg::{Anchor, Drawing, Pen, PenKind, Shape, Style, number};
+use super::svg::{Anchor, Drawing, DrawnShape, Pen, PenKind, Style, number};
 
 /// Points to a CSS pixel: 72 and 96 to the inch.
 const POINTS: f64 = 0.75;
@@ -32,14 +32,14 @@ const FONTS: [&str; 2] = ["R", "B"];
 /// # Errors
 /// A message, if the program's font cannot be read.
 pub(super) fn pdf(drawing: &Drawing) -> Result<Vec<u8>, String> {
-    let mut page = Page { content: String::new(), glyphs: [BTreeMap::new(), BTreeMap::new()] };
+    let mut page = PdfPage { content: String::new(), glyphs: [BTreeMap::new(), BTreeMap::new()] };
     let points = POINTS * drawing.size.scale();
     let height = number(drawing.height * points);
     let _ = writeln!(page.content, "{points} 0 0 -{points} 0 {height} cm");
     for shape in &drawing.shapes {
         page.draw(shape)?;
     }
-    let mut file = File::new();
+    let mut file = PdfFile::new();
     let mut fonts = String::new();
     for ((name, used), bold) in FONTS.iter().zip(&page.glyphs).zip([false, true]) {
         if !used.is_empty() {
@@ -51,7 +51,7 @@ pub(super) fn pdf(drawing: &Drawing) -> Result<Vec<u8>, String> {
     let pages = file.objects.len() + 2;
     let width = number(drawing.width * points);
     let leaf = file.add(&format!(
-        "<< /Type /Page /Parent {pages} 0 R /MediaBox [0 0 {width} {height}] /Contents {content} 0 R \
+        "<< /Type /PdfPage /Parent {pages} 0 R /MediaBox [0 0 {width} {height}] /Contents {content} 0 R \
          /Resources << /Font << {fonts}>> >> >>"
     ));
     let pages = file.add(&format!("<< /Type /Pages /Kids [{leaf} 0 R] /Count 1 >>"));
@@ -64,36 +64,36 @@ fn face(bold: bool) -> Result<&'static Face<'static>, String> {
 }
 
 /// The content of the page, and the glyphs of each font in it with what they stand for.
-struct Page {
+struct PdfPage {
     content: String,
     glyphs: [BTreeMap<u16, char>; 2],
 }
 
-impl Page {
-    fn draw(&mut self, shape: &Shape) -> Result<(), String> {
+impl PdfPage {
+    fn draw(&mut self, shape: &DrawnShape) -> Result<(), String> {
         match shape {
-            Shape::Stroke { path, colour, pen } => {
+            DrawnShape::Stroke { path, colour, pen } => {
                 self.pen(colour, *pen);
                 self.path(path, "S");
             }
-            Shape::Fill { path, colour } => {
+            DrawnShape::Fill { path, colour } => {
                 let _ = writeln!(self.content, "{} rg", rgb(colour));
                 self.path(path, "f");
             }
-            Shape::Disc { centre, radius, colour } => {
+            DrawnShape::Disc { centre, radius, colour } => {
                 let _ = writeln!(self.content, "{} rg", rgb(colour));
                 self.circle(*centre, *radius, "f");
             }
-            Shape::Ring { centre, radius, colour } => {
+            DrawnShape::Ring { centre, radius, colour } => {
                 self.pen(colour, Pen { width: 1.0, kind: PenKind::Plain });
                 self.circle(*centre, *radius, "s");
             }
-            Shape::Text { at, text, style } => self.text(*at, text, *style)?,
-            Shape::Clip(rect) => {
+            DrawnShape::Text { at, text, style } => self.text(*at, text, *style)?,
+            DrawnShape::Clip(rect) => {
                 self.content.push_str("q\n");
                 self.path(&rect.path(), "W n");
             }
-            Shape::EndClip => self.content.push_str("Q\n"),
+            DrawnShape::EndClip => self.content.push_str("Q\n"),
         }
         Ok(())
     }
@@ -191,7 +191,7 @@ fn rgb(colour: &str) -> String {
 }
 
 /// Puts a font into the file; the number of its object.
-fn embed(file: &mut File, face: &Face<'_>, used: &BTreeMap<u16, char>, bold: bool) -> usize {
+fn embed(file: &mut PdfFile, face: &Face<'_>, used: &BTreeMap<u16, char>, bold: bool) -> usize {
     let name = if bold { "DejaVuSans-Bold" } else { "DejaVuSans" };
     let em = f64::from(face.units_per_em());
     let units = |value: f64| number(1000.0 * value / em);
@@ -250,12 +250,12 @@ fn meaning(used: &BTreeMap<u16, char>) -> String {
 }
 
 /// The file as it grows: numbered objects, and where each begins.
-struct File {
+struct PdfFile {
     bytes: Vec<u8>,
     objects: Vec<usize>,
 }
 
-impl File {
+impl PdfFile {
     fn new() -> Self {
         // Four bytes beyond ASCII, so that nobody takes it for text.
         Self { bytes: b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n".to_vec(), objects: Vec::new() }

@@ -8,7 +8,7 @@ use tiny_skia::{
 use super::lettering;
 use super::palette;
 use super::path::{Step, steps};
-use super::svg::{Drawing, Pen, PenKind, Shape};
+use super::svg::{Drawing, DrawnShape, Pen, PenKind};
 
 /// The drawing on white, as a PNG file.
 ///
@@ -33,23 +33,23 @@ struct Painter {
 }
 
 impl Painter {
-    fn paint(&mut self, shape: &Shape) {
+    fn paint(&mut self, shape: &DrawnShape) {
         match shape {
-            Shape::Stroke { path, colour, pen } => self.stroke(outline(path), colour, *pen),
-            Shape::Fill { path, colour } => self.fill(outline(path), colour, self.whole),
-            Shape::Disc { centre, radius, colour } => {
+            DrawnShape::Stroke { path, colour, pen } => self.stroke(outline(path), colour, *pen),
+            DrawnShape::Fill { path, colour } => self.fill(outline(path), colour, self.whole),
+            DrawnShape::Disc { centre, radius, colour } => {
                 self.fill(circle(*centre, *radius), colour, self.whole);
             }
-            Shape::Ring { centre, radius, colour } => {
+            DrawnShape::Ring { centre, radius, colour } => {
                 let pen = Pen { width: 1.0, kind: PenKind::Plain };
                 self.stroke(circle(*centre, *radius), colour, pen);
             }
-            Shape::Text { at, text, style } => {
+            DrawnShape::Text { at, text, style } => {
                 if let Some((path, place)) = lettering::outline(text, *at, *style) {
                     self.fill(Some(path), palette::INK, self.whole.pre_concat(place));
                 }
             }
-            Shape::Clip(rect) => {
+            DrawnShape::Clip(rect) => {
                 let mask = Mask::new(self.pixels.width(), self.pixels.height());
                 let whole = self.whole;
                 self.clip = mask.zip(outline(&rect.path())).map(|(mut mask, path)| {
@@ -57,7 +57,7 @@ impl Painter {
                     mask
                 });
             }
-            Shape::EndClip => self.clip = None,
+            DrawnShape::EndClip => self.clip = None,
         }
     }
 

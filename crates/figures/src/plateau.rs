@@ -1,13 +1,13 @@
 //! Data of few constant loads: their rows fall on a few specks, of which the mean and the spread are drawn.
 
-use super::histogram::Cell;
+use super::histogram::HistogramCell;
 use super::palette;
 use super::panel::Panel;
 use super::svg::Canvas;
 
 /// The rows of one load, by the cells of measured (x) and predicted (y) that they fall on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Plateau {
+pub(super) struct LoadPlateau {
     /// The mean measured value.
     pub(super) measured: f64,
     /// The mean prediction.
@@ -24,14 +24,15 @@ const MANY: usize = 120;
 const COVERED: f64 = 0.4;
 
 /// The plateaus in a histogram, from the least measured value on; none if the load moves.
-pub(super) fn plateaus(cells: &[Cell]) -> Vec<Plateau> {
-    let mut cells: Vec<&Cell> = cells.iter().collect();
+pub(super) fn plateaus(cells: &[HistogramCell]) -> Vec<LoadPlateau> {
+    let mut cells: Vec<&HistogramCell> = cells.iter().collect();
     cells.sort_by(|a, b| a.x.low.total_cmp(&b.x.low));
-    let mut runs: Vec<Vec<&Cell>> = Vec::new();
+    let mut runs: Vec<Vec<&HistogramCell>> = Vec::new();
     for cell in cells {
         // Columns of cells that touch are one load and its scatter.
         let width = cell.x.high - cell.x.low;
-        let touches = |run: &Vec<&Cell>| run.iter().any(|c| cell.x.low <= c.x.high + 0.5 * width);
+        let touches =
+            |run: &Vec<&HistogramCell>| run.iter().any(|c| cell.x.low <= c.x.high + 0.5 * width);
         match runs.last_mut().filter(|run| touches(run)) {
             Some(run) => run.push(cell),
             None => runs.push(vec![cell]),
@@ -40,7 +41,7 @@ pub(super) fn plateaus(cells: &[Cell]) -> Vec<Plateau> {
     if !(FEW..=MANY).contains(&runs.len()) {
         return Vec::new();
     }
-    let ends = |run: &Vec<&Cell>| {
+    let ends = |run: &Vec<&HistogramCell>| {
         let high = run.iter().map(|cell| cell.x.high).fold(f64::NEG_INFINITY, f64::max);
         (run[0].x.low, high)
     };
@@ -52,14 +53,14 @@ pub(super) fn plateaus(cells: &[Cell]) -> Vec<Plateau> {
     }
 }
 
-fn plateau(run: &[&Cell]) -> Plateau {
+fn plateau(run: &[&HistogramCell]) -> LoadPlateau {
     let count: f64 = run.iter().map(|cell| cell.count as f64).sum();
-    let mean = |of: &dyn Fn(&Cell) -> f64| {
+    let mean = |of: &dyn Fn(&HistogramCell) -> f64| {
         run.iter().map(|cell| cell.count as f64 * of(cell)).sum::<f64>() / count
     };
-    let y = |cell: &Cell| (cell.y.low + cell.y.high) / 2.0;
+    let y = |cell: &HistogramCell| (cell.y.low + cell.y.high) / 2.0;
     let predicted = mean(&y);
-    Plateau {
+    LoadPlateau {
         measured: mean(&|cell| (cell.x.low + cell.x.high) / 2.0),
         predicted,
         sd: mean(&|cell| (y(cell) - predicted).powi(2)).sqrt(),
@@ -88,7 +89,7 @@ mod tests {
 
     /// Loads of 0, 1, … N, each with this scatter of the reference and a prediction of a bias and a spread
     /// that are known.
-    fn cells(loads: u32, scatter: f64) -> Vec<Cell> {
+    fn cells(loads: u32, scatter: f64) -> Vec<HistogramCell> {
         let mut histogram = Histogram2d::new(256, 256);
         for load in 0..loads {
             let load = f64::from(load);

@@ -14,7 +14,7 @@ pub(super) struct Canvas {
     height: f64,
     body: String,
     clips: usize,
-    shapes: Vec<Shape>,
+    shapes: Vec<DrawnShape>,
 }
 
 /// A finished drawing.
@@ -24,12 +24,12 @@ pub(super) struct Drawing {
     pub(super) width: f64,
     pub(super) height: f64,
     pub(super) svg: String,
-    pub(super) shapes: Vec<Shape>,
+    pub(super) shapes: Vec<DrawnShape>,
 }
 
 /// A shape, as the SVG has it. Paths are in SVG path syntax, of lines only; colours are `#rrggbb`.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Shape {
+pub(super) enum DrawnShape {
     Stroke {
         path: String,
         colour: String,
@@ -175,7 +175,7 @@ impl Canvas {
 
     fn remember_stroke(&mut self, path: &str, colour: &str, width: f64, kind: PenKind) {
         let (path, colour) = (path.to_owned(), colour.to_owned());
-        self.shapes.push(Shape::Stroke { path, colour, pen: Pen { width, kind } });
+        self.shapes.push(DrawnShape::Stroke { path, colour, pen: Pen { width, kind } });
     }
 
     /// As [`Self::stroke`], broken into dashes.
@@ -201,7 +201,7 @@ impl Canvas {
     /// Fills a path given in SVG path syntax.
     pub(super) fn fill(&mut self, path: &str, colour: &str) {
         let _ = writeln!(self.body, r#"<path d="{path}" fill="{colour}"/>"#);
-        self.shapes.push(Shape::Fill { path: path.to_owned(), colour: colour.to_owned() });
+        self.shapes.push(DrawnShape::Fill { path: path.to_owned(), colour: colour.to_owned() });
     }
 
     pub(super) fn frame(&mut self, rect: Rect, colour: &str) {
@@ -216,14 +216,14 @@ impl Canvas {
     }
 
     pub(super) fn circle(&mut self, centre: (f64, f64), radius: f64, colour: &str) {
-        self.shapes.push(Shape::Disc { centre, radius, colour: colour.to_owned() });
+        self.shapes.push(DrawnShape::Disc { centre, radius, colour: colour.to_owned() });
         let [x, y, radius] = [centre.0, centre.1, radius].map(number);
         let _ = writeln!(self.body, r#"<circle cx="{x}" cy="{y}" r="{radius}" fill="{colour}"/>"#);
     }
 
     /// A circle that is not filled.
     pub(super) fn ring(&mut self, centre: (f64, f64), radius: f64, colour: &str) {
-        self.shapes.push(Shape::Ring { centre, radius, colour: colour.to_owned() });
+        self.shapes.push(DrawnShape::Ring { centre, radius, colour: colour.to_owned() });
         let [x, y, radius] = [centre.0, centre.1, radius].map(number);
         let _ = writeln!(
             self.body,
@@ -233,7 +233,7 @@ impl Canvas {
 
     pub(super) fn text(&mut self, at: (f64, f64), text: &str, style: Style) {
         let style = Style { size: self.size.letters(style.size), ..style };
-        self.shapes.push(Shape::Text { at, text: text.to_owned(), style });
+        self.shapes.push(DrawnShape::Text { at, text: text.to_owned(), style });
         let [x, y, size] = [at.0, at.1, style.size].map(number);
         let anchor = match style.anchor {
             Anchor::Start => "",
@@ -255,7 +255,7 @@ impl Canvas {
 
     /// Draws what `draw` draws, cut off at the edges of `rect`.
     pub(super) fn clipped(&mut self, rect: Rect, draw: impl FnOnce(&mut Self)) {
-        self.shapes.push(Shape::Clip(rect));
+        self.shapes.push(DrawnShape::Clip(rect));
         self.clips += 1;
         let id = self.clips;
         let [left, top, width, height] = [rect.left, rect.top, rect.width, rect.height].map(number);
@@ -266,7 +266,7 @@ impl Canvas {
         );
         draw(self);
         self.body.push_str("</g>\n");
-        self.shapes.push(Shape::EndClip);
+        self.shapes.push(DrawnShape::EndClip);
     }
 
     /// The finished document, on white.

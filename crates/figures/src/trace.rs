@@ -4,7 +4,7 @@
 
 use super::bins::Bins;
 use super::figure::Figure;
-use super::histogram::Range;
+use super::histogram::ValueRange;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{Axis as PlotAxis, Spacing};
@@ -30,7 +30,7 @@ pub(super) struct Curve {
 #[derive(Clone, Debug)]
 struct Window {
     bins: Bins,
-    time: Range,
+    time: ValueRange,
     slivers: Vec<Option<Sliver>>,
 }
 
@@ -76,8 +76,8 @@ impl Curve {
             let pairs = time.iter().copied().zip(values.iter().copied());
             pairs.filter(|(t, v)| t.is_finite() && v.is_finite())
         };
-        let start = Range { low: f64::INFINITY, high: f64::NEG_INFINITY };
-        let range = finite().fold(start, |r, (t, _)| r.union(Range { low: t, high: t }));
+        let start = ValueRange { low: f64::INFINITY, high: f64::NEG_INFINITY };
+        let range = finite().fold(start, |r, (t, _)| r.union(ValueRange { low: t, high: t }));
         if range.low > range.high {
             return;
         }
@@ -91,12 +91,12 @@ impl Curve {
     }
 
     /// The window, made to cover a range of time as well as all it covers already.
-    fn cover(&mut self, range: Range) -> &mut Window {
+    fn cover(&mut self, range: ValueRange) -> &mut Window {
         let window = match self.window.take() {
             None => Window::empty(Bins::around(range.low, range.high, SLIVERS), range),
             Some(mut window) => {
                 window.time = window.time.union(range);
-                let Range { low, high } = window.time;
+                let ValueRange { low, high } = window.time;
                 if window.bins.contains(low) && window.bins.contains(high) {
                     window
                 } else {
@@ -117,7 +117,7 @@ impl Curve {
 }
 
 impl Window {
-    fn empty(bins: Bins, time: Range) -> Self {
+    fn empty(bins: Bins, time: ValueRange) -> Self {
         Self { bins, time, slivers: vec![None; bins.count] }
     }
 
@@ -169,8 +169,8 @@ pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     let mut canvas =
         Canvas::sized(size, size.width(WIDTH), TOP + PANEL_PITCH * panels + BOTTOM_MARGIN);
     canvas.text((16.0, 24.0), title, Style::TITLE.anchored(Anchor::Start));
-    let time = shown.iter().map(|(_, _, window)| window.time).reduce(Range::union);
-    let time = time.unwrap_or(Range { low: 0.0, high: 1.0 });
+    let time = shown.iter().map(|(_, _, window)| window.time).reduce(ValueRange::union);
+    let time = time.unwrap_or(ValueRange { low: 0.0, high: 1.0 });
     for (row, &(axis, trace, _)) in shown.iter().enumerate() {
         let range = shown_range(trace);
         let area = Rect {
@@ -202,10 +202,10 @@ pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
 
 /// The range of the values, and zero unless it is far from all of them: what the sensor was tared to
 /// belongs in the picture.
-fn shown_range(trace: &Curve) -> Range {
-    let values = trace.points().map(|(_, value)| Range { low: value, high: value });
-    let range = values.reduce(Range::union).unwrap_or(Range { low: 0.0, high: 0.0 });
-    let with_zero = range.union(Range { low: 0.0, high: 0.0 });
+fn shown_range(trace: &Curve) -> ValueRange {
+    let values = trace.points().map(|(_, value)| ValueRange { low: value, high: value });
+    let range = values.reduce(ValueRange::union).unwrap_or(ValueRange { low: 0.0, high: 0.0 });
+    let with_zero = range.union(ValueRange { low: 0.0, high: 0.0 });
     let is_near = with_zero.high - with_zero.low <= 4.0 * (range.high - range.low);
     if is_near { with_zero } else { range }
 }

@@ -3,7 +3,7 @@
 use super::RowRule;
 
 /// How many rows at the start of a log tell the period of the grid.
-pub const CLOCK_ROWS: usize = 50;
+pub(crate) const CLOCK_ROWS: usize = 50;
 
 /// The start and the rate of the grid of a log.
 #[derive(Clone, Copy, Debug, PartialEq)]

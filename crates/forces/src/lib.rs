@@ -42,7 +42,7 @@ mod setup;
 mod signal;
 mod tare;
 
-pub use clock::{CLOCK_ROWS, Clock, ClockSearch, Grid};
+pub use clock::{Clock, ClockSearch, Grid};
 pub use error::ForceError;
 pub use options::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 pub use pipeline::{AppliedLowPass, ForcePipeline, ForceStream};

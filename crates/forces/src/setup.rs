@@ -6,7 +6,7 @@ use super::clock::ClockSearch;
 use super::filter::Butterworth;
 use super::pipeline::{AppliedLowPass, ForcePipeline};
 use super::signal::BlockPlan;
-use super::tare::{FirstRows, Found, TareSearch};
+use super::tare::{FirstRows, FoundTare, TareSearch};
 use super::{ForceError, ForceOptions, RowRule, TareFrames, TareRule};
 
 /// The search for tare and clock.
@@ -123,7 +123,7 @@ impl PipelineSetup {
     ) -> Result<(ForcePipeline, Option<TareFrames>), ForceError> {
         let low_pass = self.low_pass()?;
         let clock = self.clock.finish(self.options.rate_hz);
-        let Found { tare, result, frames, zeros } = self.tare.finish(calibration)?;
+        let FoundTare { tare, result, frames, zeros } = self.tare.finish(calibration)?;
         let (low_pass, plan) = low_pass.unzip();
         let (rule, filter) = (self.options.rule, clock.zip(plan));
         Ok((ForcePipeline { rule, tare, zeros, tare_result: result, low_pass, filter }, frames))

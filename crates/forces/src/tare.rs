@@ -196,10 +196,10 @@ impl TareSearch {
     ///
     /// # Errors
     /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few.
-    pub(super) fn finish(mut self, calibration: &Calibration) -> Result<Found, ForceError> {
+    pub(super) fn finish(mut self, calibration: &Calibration) -> Result<FoundTare, ForceError> {
         let found = self.found;
         match self.rule {
-            TareRule::Untared => return Ok(Found::default()),
+            TareRule::Untared => return Ok(FoundTare::default()),
             TareRule::First(wanted) if found < wanted.max(1) => {
                 return Err(ForceError::TareFrames { wanted, found });
             }
@@ -224,13 +224,13 @@ impl TareSearch {
             rests: zeros.as_ref().map(RestZeros::count),
             last_rest_s: zeros.as_ref().and_then(RestZeros::end_s),
         });
-        Ok(Found { tare: self.mean, result, frames: self.frames, zeros })
+        Ok(FoundTare { tare: self.mean, result, frames: self.frames, zeros })
     }
 }
 
 /// What a search has found.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Found {
+pub(super) struct FoundTare {
     pub(super) tare: Option<Tare>,
     pub(super) result: Option<TareResult>,
     pub(super) frames: Option<TareFrames>,
@@ -284,7 +284,7 @@ mod tests {
     }
 
     /// Twelve rows a second apart, each frame in two rows: 0, 0, 1, 1, …, looked at in pieces.
-    fn search(rule: TareRule, rows: RowRule) -> Result<Found, ForceError> {
+    fn search(rule: TareRule, rows: RowRule) -> Result<FoundTare, ForceError> {
         let mut search = TareSearch::new(rule, rows, true);
         let times: Vec<f64> = (0..12).map(f64::from).collect();
         let readings: Vec<f64> = times.iter().map(|t| (t / 2.0).floor()).collect();
@@ -313,7 +313,7 @@ mod tests {
         assert_eq!(found.tare.unwrap().wrench[0], 1.5);
         let by_row = search(TareRule::First(4), RowRule::Rows).unwrap();
         assert_eq!(by_row.frames.unwrap().readings, [[0.0, 0.0, 1.0, 1.0]]);
-        assert_eq!(search(TareRule::Untared, RowRule::Time), Ok(Found::default()));
+        assert_eq!(search(TareRule::Untared, RowRule::Time), Ok(FoundTare::default()));
         let error = search(TareRule::First(7), RowRule::Time).unwrap_err();
         assert_eq!(error, ForceError::TareFrames { wanted: 7, found: 6 });
     }

@@ -2,10 +2,10 @@
 
 use std::collections::VecDeque;
 
-use super::row::LiveRow;
+use super::model::LiveRow;
 
 /// How much is kept, s.
-pub const LONGEST_S: f64 = 60.0;
+pub(crate) const LONGEST_S: f64 = 60.0;
 
 /// Rows that are kept at most: a minute at 1 kHz, which a board sends at most.
 const MOST_ROWS: usize = 65_536;

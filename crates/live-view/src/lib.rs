@@ -14,15 +14,10 @@
 mod history;
 mod model;
 mod picture;
-mod row;
 mod scale;
 #[allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "serves a page")]
 pub mod web;
 
-pub use history::{History, LONGEST_S};
-pub use model::{
-    ChannelState, ChannelView, LiveModel, LiveSetup, MARKS, Mark, TARE_ROWS, TraceView, WINDOWS_S,
-};
+pub use history::History;
+pub use model::{ChannelState, ChannelView, LiveModel, LiveRow, LiveSetup, Mark, TraceView};
 pub use picture::{Picture, TracePicture};
-pub use row::LiveRow;
-pub use scale::{nice_bound, nice_range};

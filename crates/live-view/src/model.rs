@@ -6,17 +6,16 @@ use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use super::history::{History, LONGEST_S};
-use super::row::LiveRow;
 use super::scale::{nice_bound, nice_range};
 
 /// The spans of time that can be shown, s.
-pub const WINDOWS_S: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, LONGEST_S];
+pub(crate) const WINDOWS_S: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, LONGEST_S];
 
 /// Rows of which a tare takes the mean.
-pub const TARE_ROWS: usize = 50;
+pub(crate) const TARE_ROWS: usize = 50;
 
 /// Marks that are kept.
-pub const MARKS: usize = 1000;
+pub(crate) const MARKS: usize = 1000;
 
 /// The stretch that noise and the state of channels are told from, s.
 const RECENT_S: f64 = 1.0;
@@ -25,6 +24,23 @@ const RECENT_S: f64 = 1.0;
 const LEAST_FORCE: f64 = 0.05;
 const LEAST_MOMENT: f64 = 0.001;
 const LEAST_COUNTS: f64 = 20.0;
+
+/// One frame as it is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LiveRow {
+    /// s, on the board's clock or the log's.
+    pub time_s: f64,
+    /// The number of the frame.
+    pub index: i64,
+    /// Readings in steps of the converter.
+    pub readings: Option<[f64; CHANNELS]>,
+    /// N and N·m.
+    pub wrench: Option<PerAxis<f64>>,
+    /// Bit i is set if channel i was at an end of the converter's range.
+    pub saturated: u8,
+    /// Bit i is set if channel i was outside the calibrated range.
+    pub out_of_range: u8,
+}
 
 /// What a view is of.
 #[derive(Clone, Debug)]

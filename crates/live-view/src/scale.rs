@@ -1,7 +1,7 @@
 //! Scales that stay as they are while a signal moves a little.
 
 /// The least of 1, 2 and 5 times a power of ten that is not below `largest`, and at least `least`.
-pub fn nice_bound(largest: f64, least: f64) -> f64 {
+pub(crate) fn nice_bound(largest: f64, least: f64) -> f64 {
     let largest = largest.abs().max(least);
     if !largest.is_finite() || largest <= 0.0 {
         return least.max(f64::MIN_POSITIVE);
@@ -13,7 +13,7 @@ pub fn nice_bound(largest: f64, least: f64) -> f64 {
 }
 
 /// A range of round numbers about `low` to `high`, at least `least` long.
-pub fn nice_range(low: f64, high: f64, least: f64) -> (f64, f64) {
+pub(crate) fn nice_range(low: f64, high: f64, least: f64) -> (f64, f64) {
     if !(low.is_finite() && high.is_finite() && low <= high) {
         return (0.0, least);
     }

@@ -10,12 +10,12 @@ const MOST_LINKS: usize = 40;
 
 /// What tells a file from others: where it is in the end and, if it is there, device and number.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Identity {
+pub(super) struct FileIdentity {
     place: PathBuf,
     number: Option<(u64, u64)>,
 }
 
-impl Identity {
+impl FileIdentity {
     /// `None` for what is no file that could be replaced: devices, pipes, folders.
     pub(super) fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok();
@@ -41,13 +41,13 @@ impl<T> Default for Files<T> {
 }
 
 impl<T> Files<T> {
-    pub(super) fn find(&mut self, identity: &Identity) -> Option<&mut T> {
+    pub(super) fn find(&mut self, identity: &FileIdentity) -> Option<&mut T> {
         let by_number = || identity.number.and_then(|number| self.by_number.get(&number));
         let index = self.by_place.get(&identity.place).or_else(by_number)?;
         self.entries.get_mut(*index)
     }
 
-    pub(super) fn insert(&mut self, identity: Identity, entry: T) {
+    pub(super) fn insert(&mut self, identity: FileIdentity, entry: T) {
         let index = self.entries.len();
         self.entries.push(entry);
         self.by_place.insert(identity.place, index);
@@ -114,8 +114,8 @@ mod tests {
         fs::create_dir(at("folder")).unwrap();
         let is = |a: &str, b: &str| {
             let mut files = Files::default();
-            files.insert(Identity::of(&at(a)).unwrap(), ());
-            files.find(&Identity::of(&at(b)).unwrap()).is_some()
+            files.insert(FileIdentity::of(&at(a)).unwrap(), ());
+            files.find(&FileIdentity::of(&at(b)).unwrap()).is_some()
         };
         assert!(is("a", "hard") && is("a", "soft") && is("a", "folder/../a"));
         assert!(is("new", "dangling") && is("new", "folder/../new"));
@@ -124,8 +124,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_replaced_has_no_identity() {
-        assert!(Identity::of(Path::new("/dev/null")).is_none());
-        assert!(Identity::of(Path::new("/")).is_none());
+        assert!(FileIdentity::of(Path::new("/dev/null")).is_none());
+        assert!(FileIdentity::of(Path::new("/")).is_none());
     }
 
     #[test]

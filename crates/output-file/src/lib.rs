@@ -19,7 +19,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use identity::{Files, Identity};
+use identity::{FileIdentity, Files};
 use temporary::Temporary;
 
 pub use temporary::{before_unfinished, remove_unfinished};
@@ -27,11 +27,11 @@ pub use temporary::{before_unfinished, remove_unfinished};
 /// What a command reads and writes.
 #[derive(Debug, Default)]
 pub struct Outputs {
-    known: Mutex<Known>,
+    known: Mutex<KnownFile>,
 }
 
 #[derive(Debug, Default)]
-struct Known {
+struct KnownFile {
     inputs: Files<PathBuf>,
     outputs: Files<Claim>,
 }
@@ -40,12 +40,12 @@ struct Known {
 #[derive(Debug)]
 struct Claim {
     path: PathBuf,
-    stage: Stage,
+    stage: OutputStage,
 }
 
 /// How far an output has come; no way leads back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Stage {
+enum OutputStage {
     Announced,
     Probed,
     Opened,
@@ -86,7 +86,7 @@ impl Outputs {
         Self::default()
     }
 
-    fn known(&self) -> MutexGuard<'_, Known> {
+    fn known(&self) -> MutexGuard<'_, KnownFile> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -95,7 +95,7 @@ impl Outputs {
     /// # Errors
     /// [`OutputError::IsInput`] if it is an output that was announced.
     pub fn protect(&self, path: &Path) -> Result<(), OutputError> {
-        let Some(identity) = Identity::of(path) else { return Ok(()) };
+        let Some(identity) = FileIdentity::of(path) else { return Ok(()) };
         let mut known = self.known();
         if let Some(claim) = known.outputs.find(&identity) {
             let (path, input) = (claim.path.clone(), path.to_path_buf());
@@ -112,7 +112,7 @@ impl Outputs {
     /// # Errors
     /// [`OutputError::IsInput`], [`OutputError::Twice`].
     pub fn announce(&self, path: &Path) -> Result<(), OutputError> {
-        self.claim(path, Stage::Announced)
+        self.claim(path, OutputStage::Announced)
     }
 
     /// Announces an output and finds out whether it can be written, before the work that makes it.
@@ -120,8 +120,8 @@ impl Outputs {
     /// # Errors
     /// [`OutputError`].
     pub fn probe(&self, path: &Path) -> Result<(), OutputError> {
-        self.claim(path, Stage::Probed)?;
-        Target::open(path).map(drop).map_err(|source| OutputError::failed(path, source))
+        self.claim(path, OutputStage::Probed)?;
+        OutputTarget::open(path).map(drop).map_err(|source| OutputError::failed(path, source))
     }
 
     /// Opens `path` for writing without touching what is there.
@@ -131,8 +131,8 @@ impl Outputs {
     /// writable, or `path` is a directory.
     pub fn create(&self, path: impl AsRef<Path>) -> Result<AtomicFile, OutputError> {
         let path = path.as_ref();
-        self.claim(path, Stage::Opened)?;
-        match Target::open(path) {
+        self.claim(path, OutputStage::Opened)?;
+        match OutputTarget::open(path) {
             Ok(target) => Ok(AtomicFile { path: path.to_path_buf(), target }),
             Err(source) => Err(OutputError::failed(path, source)),
         }
@@ -152,11 +152,11 @@ impl Outputs {
 
     /// Lets every output be written once more, for a command that does its work again.
     pub fn renew(&self) {
-        self.known().outputs.iter_mut().for_each(|claim| claim.stage = Stage::Announced);
+        self.known().outputs.iter_mut().for_each(|claim| claim.stage = OutputStage::Announced);
     }
 
-    fn claim(&self, path: &Path, stage: Stage) -> Result<(), OutputError> {
-        let Some(identity) = Identity::of(path) else { return Ok(()) };
+    fn claim(&self, path: &Path, stage: OutputStage) -> Result<(), OutputError> {
+        let Some(identity) = FileIdentity::of(path) else { return Ok(()) };
         let mut known = self.known();
         if let Some(input) = known.inputs.find(&identity) {
             let (path, input) = (path.to_path_buf(), input.clone());
@@ -187,11 +187,11 @@ impl OutputError {
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
-    target: Target,
+    target: OutputTarget,
 }
 
 #[derive(Debug)]
-enum Target {
+enum OutputTarget {
     Replace {
         file: BufWriter<Unnamed>,
         /// The end of the links that the path leads through.
@@ -222,14 +222,14 @@ impl AtomicFile {
     }
 }
 
-impl Target {
+impl OutputTarget {
     fn open(path: &Path) -> io::Result<Self> {
         let metadata = fs::metadata(path).ok();
         if metadata.as_ref().is_some_and(fs::Metadata::is_dir) {
             return Err(io::ErrorKind::IsADirectory.into());
         }
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
-            return File::options().write(true).open(path).map(Target::Device);
+            return File::options().write(true).open(path).map(OutputTarget::Device);
         }
         let place = identity::place(path);
         let directory = match place.parent() {
@@ -237,7 +237,7 @@ impl Target {
             _ => Path::new("."),
         };
         match Temporary::create_in(directory) {
-            Ok(file) => Ok(Target::Replace {
+            Ok(file) => Ok(OutputTarget::Replace {
                 file: BufWriter::new(Unnamed(file)),
                 permissions: metadata.map(|metadata| metadata.permissions()),
                 place,
@@ -252,7 +252,7 @@ impl Target {
     }
 
     fn finish(self) -> io::Result<()> {
-        if let Target::Replace { file, place, permissions } = self {
+        if let OutputTarget::Replace { file, place, permissions } = self {
             let Unnamed(mut file) = file.into_inner().map_err(io::IntoInnerError::into_error)?;
             if let Some(permissions) = permissions {
                 // A file system without permissions keeps none.
@@ -274,18 +274,18 @@ impl Write for Unnamed {
     }
 }
 
-impl Write for Target {
+impl Write for OutputTarget {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
-            Target::Replace { file, .. } => file.write(bytes),
-            Target::Device(file) => file.write(bytes),
+            OutputTarget::Replace { file, .. } => file.write(bytes),
+            OutputTarget::Device(file) => file.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match self {
-            Target::Replace { file, .. } => file.flush(),
-            Target::Device(file) => file.flush(),
+            OutputTarget::Replace { file, .. } => file.flush(),
+            OutputTarget::Device(file) => file.flush(),
         }
     }
 }

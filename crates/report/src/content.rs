@@ -2,7 +2,6 @@
 
 use serde::Serialize;
 
-use super::heading::Heading;
 use super::outliers::Outliers;
 use calibration::quality::AxisQuality;
 use calibration::validation::cross_validation::CrossValidation;
@@ -10,7 +9,20 @@ use shell_data::wrench::{Axes, PerAxis};
 use trial::{ConditionRow, PhaseProfile, TrialResult};
 
 /// Traces of so many trials are drawn at most: a report is to stay readable, and below 10 MB.
-pub const MOST_TRACES: usize = 100;
+pub(crate) const MOST_TRACES: usize = 100;
+
+/// What a report is about, and where it comes from.
+#[derive(Clone, Copy, Debug)]
+pub struct Heading<'a> {
+    /// What it is about.
+    pub title: &'a str,
+    /// Program and version.
+    pub made_by: &'a str,
+    /// When, in UTC, RFC 3339.
+    pub date: &'a str,
+    /// The command line that makes it again.
+    pub command: &'a str,
+}
 
 /// What a report says. Times are in s on each log's clock, all else in SI units.
 #[derive(Clone, Debug)]

@@ -6,7 +6,6 @@
 //! notes, messages) is text: escaped in HTML (`markup`), `<` written `\u003c` in the numbers' JSON.
 
 mod content;
-mod heading;
 mod markup;
 mod numbers;
 mod of_calibration;
@@ -15,13 +14,13 @@ mod page;
 mod sections;
 mod units;
 
-pub use content::{CalibrationFacts, CalibrationSource, Input, MOST_TRACES, Report};
-pub use heading::Heading;
+use content::MOST_TRACES;
+pub use content::{CalibrationFacts, CalibrationSource, Heading, Input, Report};
 pub use markup::figure;
 use markup::script_json;
 pub use of_calibration::{CalibrationReport, FewGroups, GroupRow, Intervals};
 pub use outliers::{OutlierRow, Outliers};
-use page::Page;
+use page::ReportPage;
 
 const SCRIPT: &str = include_str!("../assets/report.js");
 const PLOTLY: &[u8] = include_bytes!("../assets/plotly-cartesian.min.js.zst");
@@ -32,8 +31,7 @@ impl Report<'_> {
     pub fn html(&self) -> String {
         let numbers = numbers::ReportNumbers::of(self);
         let data = script_json(&numbers);
-        let plotly =
-            String::from_utf8(figures::compressed::content(PLOTLY)).expect("an asset of text");
+        let plotly = String::from_utf8(figures::decompressed(PLOTLY)).expect("an asset of text");
         let script = format!(
             r#"<script id="data" type="application/json">{data}</script>
 <!-- plotly.js, which follows:
@@ -43,7 +41,7 @@ impl Report<'_> {
 {SCRIPT}</script>
 "#
         );
-        Page {
+        ReportPage {
             heading: self.heading,
             subtitle: &sections::subtitle(self),
             sections: sections::of(self, &numbers),

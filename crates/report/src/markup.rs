@@ -50,7 +50,7 @@ pub(super) fn significant(value: impl Into<Option<f64>>, digits: i32) -> String 
 }
 
 /// One column of a table.
-pub(super) enum Cell {
+pub(super) enum TableCell {
     /// A name.
     Text(String),
     /// A text that may be broken.
@@ -59,25 +59,25 @@ pub(super) enum Cell {
     Figure(String),
 }
 
-impl From<f64> for Cell {
+impl From<f64> for TableCell {
     fn from(value: f64) -> Self {
         Self::Figure(figure(value))
     }
 }
 
-impl From<Option<f64>> for Cell {
+impl From<Option<f64>> for TableCell {
     fn from(value: Option<f64>) -> Self {
         Self::Figure(figure(value))
     }
 }
 
-impl From<u64> for Cell {
+impl From<u64> for TableCell {
     fn from(value: u64) -> Self {
         Self::Figure(value.to_string())
     }
 }
 
-impl From<&str> for Cell {
+impl From<&str> for TableCell {
     fn from(text: &str) -> Self {
         Self::Text(text.to_owned())
     }
@@ -85,7 +85,7 @@ impl From<&str> for Cell {
 
 /// A table in a box that scrolls on narrow screens. `header` has names and, where a column is text,
 /// `true`.
-pub(super) fn table(caption: &str, header: &[(&str, bool)], rows: &[Vec<Cell>]) -> String {
+pub(super) fn table(caption: &str, header: &[(&str, bool)], rows: &[Vec<TableCell>]) -> String {
     let caption = escape(caption);
     let mut html = format!(
         "<div class=\"table\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\">\n<table>\n\
@@ -100,9 +100,11 @@ pub(super) fn table(caption: &str, header: &[(&str, bool)], rows: &[Vec<Cell>]) 
         html.push_str("<tr>");
         for cell in row {
             let _ = match cell {
-                Cell::Text(text) => write!(html, "<td class=\"text\">{}</td>", escape(text)),
-                Cell::Long(text) => write!(html, "<td class=\"text long\">{}</td>", escape(text)),
-                Cell::Figure(text) => write!(html, "<td>{}</td>", escape(text)),
+                TableCell::Text(text) => write!(html, "<td class=\"text\">{}</td>", escape(text)),
+                TableCell::Long(text) => {
+                    write!(html, "<td class=\"text long\">{}</td>", escape(text))
+                }
+                TableCell::Figure(text) => write!(html, "<td>{}</td>", escape(text)),
             };
         }
         html.push_str("</tr>\n");
@@ -126,8 +128,11 @@ mod tests {
         assert!(!json.contains('<') && !json.contains('\u{2028}'));
         let back: [String; 2] = serde_json::from_str(&json).unwrap();
         assert_eq!(back, ["</script><!--", "\u{2028}"]);
-        let table =
-            table(nasty, &[(nasty, true)], &[vec![Cell::from(nasty), Cell::Long(nasty.into())]]);
+        let table = table(
+            nasty,
+            &[(nasty, true)],
+            &[vec![TableCell::from(nasty), TableCell::Long(nasty.into())]],
+        );
         assert!(!table.contains("<script"));
     }
 

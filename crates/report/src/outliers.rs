@@ -1,6 +1,6 @@
 //! Rows of logs that are not to be trusted, and why.
 
-use super::markup::{Cell, escape, table};
+use super::markup::{TableCell, escape, table};
 
 /// Rows that are not to be trusted.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -32,7 +32,11 @@ impl Outliers {
         }
         let header = [("log", true), ("line", false), ("what", true)];
         let cells = |row: &OutlierRow| {
-            vec![Cell::Text(row.file.clone()), Cell::from(row.line), Cell::Long(row.what.clone())]
+            vec![
+                TableCell::Text(row.file.clone()),
+                TableCell::from(row.line),
+                TableCell::Long(row.what.clone()),
+            ]
         };
         let caption = match self.rows.len() == self.count {
             true => caption.to_owned(),

@@ -2,13 +2,13 @@
 
 use std::fmt::Write;
 
-use super::heading::Heading;
+use super::content::Heading;
 use super::markup::escape;
 
 const STYLE: &str = include_str!("../assets/report.css");
 
 /// A part of a report with a heading of its own.
-pub(super) struct Section {
+pub(super) struct PageSection {
     /// Its anchor.
     pub(super) id: &'static str,
     /// Its heading.
@@ -17,23 +17,23 @@ pub(super) struct Section {
     pub(super) content: String,
 }
 
-impl Section {
+impl PageSection {
     pub(super) fn new(id: &'static str, name: &'static str, content: String) -> Self {
         Self { id, name, content }
     }
 }
 
 /// What a page is made of.
-pub(super) struct Page<'a> {
+pub(super) struct ReportPage<'a> {
     pub(super) heading: Heading<'a>,
     /// Below the title, as text.
     pub(super) subtitle: &'a str,
-    pub(super) sections: Vec<Section>,
+    pub(super) sections: Vec<PageSection>,
     /// Script elements, and what is said where they do not run.
     pub(super) script: Option<(String, &'static str)>,
 }
 
-impl Page<'_> {
+impl ReportPage<'_> {
     /// The content of the file. It needs no network, and a content security policy forbids everything that
     /// is not in it.
     pub(super) fn html(&self) -> String {
@@ -41,7 +41,7 @@ impl Page<'_> {
             [self.heading.title, self.heading.made_by, self.subtitle].map(escape);
         let shown = || self.sections.iter().filter(|section| !section.content.is_empty());
         let (mut links, mut main) = (String::new(), String::new());
-        for Section { id, name, content } in shown() {
+        for PageSection { id, name, content } in shown() {
             let _ = writeln!(links, "<li><a href=\"#{id}\">{name}</a></li>");
             let _ = write!(
                 main,

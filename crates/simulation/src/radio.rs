@@ -150,7 +150,7 @@ impl Radio {
     }
 
     /// When the next packet arrives, `None` if none is on its way.
-    pub fn next_arrival_us(&self) -> Option<u64> {
+    pub(crate) fn next_arrival_us(&self) -> Option<u64> {
         self.on_the_way.first_key_value().map(|(&(due_us, _), _)| due_us)
     }
 

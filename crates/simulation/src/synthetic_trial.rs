@@ -2,7 +2,8 @@
 
 use std::io::{self, Write};
 
-use crate::virtual_robot::{COLUMNS, TELEMETRY_COLUMNS, TelemetryRow, TrialSettings};
+use crate::virtual_robot::telemetry::TELEMETRY_COLUMNS;
+use crate::virtual_robot::{COLUMNS, TelemetryRow, TrialSettings};
 
 /// Which columns a trial's log has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

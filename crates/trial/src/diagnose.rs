@@ -5,9 +5,9 @@ use std::ops::Range;
 use super::diagnostic::Diagnostic;
 use super::forces::TrialForces;
 use super::input::TrialInput;
+use super::input::TrialRows;
 use super::leg::{STILL_RAD, Strides, unwrap};
 use super::profile::Profile;
-use super::rows::TrialRows;
 use forces::TareFrames;
 use shell_data::telemetry::Telemetry;
 

@@ -264,12 +264,12 @@ impl fmt::Display for Diagnostic {
 impl Serialize for Diagnostic {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         #[derive(Serialize)]
-        struct Document<'a> {
+        struct DiagnosticDocument<'a> {
             severity: Severity,
             code: &'a str,
             text: String,
         }
-        Document { severity: self.severity(), code: self.code(), text: self.to_string() }
+        DiagnosticDocument { severity: self.severity(), code: self.code(), text: self.to_string() }
             .serialize(serializer)
     }
 }

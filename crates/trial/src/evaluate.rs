@@ -12,16 +12,16 @@ use std::ops::Range;
 use super::diagnose::count_fresh;
 use super::diagnostic::Diagnostic;
 use super::error::{FEWEST_PERIODS, TrialError};
+use super::input::LogTimes;
+use super::input::TraceExtent;
+use super::input::Trial;
 use super::input::TrialInput;
 use super::integral::{Span, rows_within};
 use super::leg::Strides;
-use super::options::TraceExtent;
 use super::profile::Profile;
 use super::results::{StrideRow, TrialResult, TrialRow};
-use super::rows::LogTimes;
 use super::signals::Signals;
 use super::statistics::Interval;
-use super::subject::Trial;
 use super::trace::Trace;
 use super::uncertainty::{MeanForce, half_widths};
 use shell_data::wrench::{Axis, PerAxis};
@@ -50,7 +50,7 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let mut diagnostics: Vec<Diagnostic> =
         trial.notes.iter().cloned().map(Diagnostic::Manifest).collect();
     let signals = Signals::new(input, window.clone(), &mut diagnostics)?;
-    let evaluation = Evaluation { input, terms, window, signals };
+    let evaluation = TrialEvaluation { input, terms, window, signals };
     let half_widths = evaluation.half_widths(&span);
     if evaluation.signals.forces.is_some() && half_widths.is_none() {
         diagnostics.push(Diagnostic::NoIntervals);
@@ -98,7 +98,7 @@ impl Terms {
 }
 
 /// A trial whose signals are known.
-struct Evaluation<'a> {
+struct TrialEvaluation<'a> {
     input: &'a TrialInput<'a>,
     terms: Terms,
     /// The rows in the window.
@@ -108,19 +108,19 @@ struct Evaluation<'a> {
 
 /// What is integrated over a span.
 #[derive(Default)]
-struct Means {
+struct WindowMeans {
     fx_n: Option<f64>,
     fz_n: Option<f64>,
     energy_j: Option<f64>,
 }
 
-impl Evaluation<'_> {
-    fn means(&self, span: &Span) -> Means {
+impl TrialEvaluation<'_> {
+    fn means(&self, span: &Span) -> WindowMeans {
         let forces = self.signals.forces.as_ref();
         let mean = |axis: Axis| forces.map(|forces| span.mean(&forces.wrench[axis.index()]));
         let power = self.signals.power.as_ref();
         let energy_j = power.map(|power| span.integral(&self.input.rows.times_s, &power.total_w));
-        Means { fx_n: mean(Axis::Fx), fz_n: mean(Axis::Fz), energy_j }
+        WindowMeans { fx_n: mean(Axis::Fx), fz_n: mean(Axis::Fz), energy_j }
     }
 
     /// Half the width of the 95 % interval of the mean force, if there are forces whose errors are

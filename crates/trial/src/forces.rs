@@ -1,7 +1,7 @@
 //! The forces of the rows of a trial, by the [force pipeline](forces).
 
 use super::error::TrialError;
-use super::rows::TrialRows;
+use super::input::TrialRows;
 use calibration::Calibration;
 use forces::{ForceError, ForcePipeline};
 use shell_data::wrench::{Axis, PerAxis};

@@ -11,7 +11,7 @@ use forces::RowRule;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Span {
     /// By time.
-    Time(Weights),
+    Time(TrapezoidWeights),
     /// By row.
     Rows(Range<usize>),
 }
@@ -20,7 +20,7 @@ impl Span {
     /// The window from `from_s` to `to_s` over rows at ascending `times`; `None` if it is not within
     /// them, has no length, or, by row, holds no row.
     pub(super) fn new(rule: RowRule, times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
-        let weights = Weights::new(times, from_s, to_s)?;
+        let weights = TrapezoidWeights::new(times, from_s, to_s)?;
         match rule {
             RowRule::Time => Some(Self::Time(weights)),
             RowRule::Rows => {
@@ -66,7 +66,7 @@ pub(super) fn rows_within(times: &[f64], from_s: f64, to_s: f64) -> Range<usize>
 
 /// What the value of each row counts for in the integral over a window: `∫f dt = Σ weight·f`.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Weights {
+pub(super) struct TrapezoidWeights {
     /// The rows that count.
     pub(super) rows: Range<usize>,
     /// Their weights, s.
@@ -74,7 +74,7 @@ pub(super) struct Weights {
     duration_s: f64,
 }
 
-impl Weights {
+impl TrapezoidWeights {
     /// Those of the window from `from_s` to `to_s` over rows at ascending `times`, which it lies
     /// within; `None` if it does not, or has no length.
     pub(super) fn new(times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
@@ -121,7 +121,7 @@ mod tests {
         let line: Vec<f64> = times.iter().map(|t| 3.0 * t - 1.0).collect();
         for (from, to) in [(0.0, 4.0), (0.25, 0.5), (0.5, 3.0), (2.0, 2.25), (2.1, 2.2), (3.9, 4.0)]
         {
-            let weights = Weights::new(&times, from, to).unwrap();
+            let weights = TrapezoidWeights::new(&times, from, to).unwrap();
             let exact = 1.5 * (to * to - from * from) - (to - from);
             // Rounding of a few terms of size up to 20.
             assert!((weights.integral(&line) - exact).abs() < 1e-14, "{from} {to}");
@@ -144,8 +144,8 @@ mod tests {
     fn windows_beyond_the_rows_or_without_length_have_no_integral() {
         let times = [1.0, 2.0, 3.0];
         for (from, to) in [(0.9, 2.0), (2.0, 3.1), (2.0, 2.0), (3.0, 2.0), (f64::NAN, 2.0)] {
-            assert_eq!(Weights::new(&times, from, to), None, "{from} {to}");
+            assert_eq!(TrapezoidWeights::new(&times, from, to), None, "{from} {to}");
         }
-        assert_eq!(Weights::new(&[], 0.0, 1.0), None);
+        assert_eq!(TrapezoidWeights::new(&[], 0.0, 1.0), None);
     }
 }

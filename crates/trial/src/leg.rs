@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::integral::Weights;
+use super::integral::TrapezoidWeights;
 
 /// How far back the speed of a leg is looked at to tell by how much it has moved on, s: some
 /// encoder noise does not matter, and a gait is steady.
@@ -58,7 +58,7 @@ impl Strides {
     /// A turn ends when the leg first gets there. What it goes back and makes good does not count
     /// twice, so noise, a stall or a reversal do not make strides.
     pub(super) fn new(times: &[f64], angle: &[f64], from_s: f64, to_s: f64) -> Self {
-        let Some(Weights { rows, .. }) = Weights::new(times, from_s, to_s) else {
+        let Some(TrapezoidWeights { rows, .. }) = TrapezoidWeights::new(times, from_s, to_s) else {
             return Self::default();
         };
         let (times, angle) = (&times[rows.clone()], &angle[rows]);

@@ -7,7 +7,7 @@ use shell_data::statistics::RunningVariance;
 use shell_data::wrench::Axis;
 
 /// Stretches that a stride is averaged in.
-pub const PHASES: usize = 32;
+pub(crate) const PHASES: usize = 32;
 
 /// One force over the phase: mean and standard deviation from stride to stride, in N, one for each
 /// of [`PHASES`] equal stretches of the phase.

@@ -7,8 +7,8 @@
 use std::ops::Range;
 
 use super::diagnostic::Diagnostic;
+use super::input::TrialRows;
 use super::profile::Profile;
-use super::rows::TrialRows;
 use super::telemetry_column::key_of;
 use shell_data::telemetry::Telemetry;
 
@@ -39,7 +39,7 @@ impl Power {
         profile: &Profile,
         window: Range<usize>,
     ) -> Result<Self, Diagnostic> {
-        let telemetry = Columns { rows, profile };
+        let telemetry = PowerColumns { rows, profile };
         if let Some(power) = Self::of_columns(POWERS.map(|kind| telemetry.in_si(kind))) {
             return Ok(power);
         }
@@ -68,12 +68,12 @@ fn sum([right, left]: &[Vec<f64>; 2]) -> Vec<f64> {
 }
 
 /// The telemetry of a trial, in the units of its robot.
-struct Columns<'a> {
+struct PowerColumns<'a> {
     rows: &'a TrialRows,
     profile: &'a Profile,
 }
 
-impl Columns<'_> {
+impl PowerColumns<'_> {
     /// A column whose unit the profile gives, in SI.
     fn in_si(&self, kind: Telemetry) -> Option<Vec<f64>> {
         let unit = self.profile.unit(kind)?;

@@ -151,7 +151,7 @@ impl Profile {
 }
 
 /// A table of constants, with their places.
-type Constants = BTreeMap<Spanned<String>, f64>;
+type NamedConstants = BTreeMap<Spanned<String>, f64>;
 
 /// A document that has only what differs from a profile that is built in.
 #[derive(Deserialize)]
@@ -162,13 +162,13 @@ struct Differences {
     #[serde(default)]
     columns: BTreeMap<String, TelemetryColumn>,
     #[serde(default)]
-    telemetry: Constants,
+    telemetry: NamedConstants,
     #[serde(default)]
-    motor: Constants,
+    motor: NamedConstants,
     #[serde(default)]
-    robot: Constants,
+    robot: NamedConstants,
     #[serde(default)]
-    channel: Constants,
+    channel: NamedConstants,
 }
 
 impl Differences {
@@ -210,11 +210,6 @@ impl Motor {
     pub fn power_w(&self, duty: f64, battery_v: f64, back_emf_v: f64) -> f64 {
         (duty * battery_v * (battery_v - back_emf_v) / self.resistance_ohm).abs()
     }
-
-    /// The torque of one motor, N·m: `d·Kt·(V − E)/R`.
-    pub fn torque_nm(&self, duty: f64, battery_v: f64, back_emf_v: f64) -> f64 {
-        duty * self.torque_constant_nm_per_a * (battery_v - back_emf_v) / self.resistance_ohm
-    }
 }
 
 #[cfg(test)]
@@ -251,7 +246,6 @@ mod tests {
         let motor = Profile::velociroach().motor;
         // Half duty at 4 V with 0.7 V of back EMF: 0.5·3.3/3.3 = 0.5 A in the mean.
         assert!((motor.power_w(-0.5, 4.0, 0.7) - 2.0).abs() < 1e-15);
-        assert!((motor.torque_nm(-0.5, 4.0, 0.7) + 0.705e-3).abs() < 1e-18);
     }
 
     #[test]

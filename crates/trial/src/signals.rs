@@ -6,11 +6,11 @@ use super::diagnose::{diagnose_frames, diagnose_legs, diagnose_rows, diagnose_ta
 use super::diagnostic::Diagnostic;
 use super::error::TrialError;
 use super::forces::TrialForces;
+use super::input::TraceExtent;
 use super::input::TrialInput;
+use super::input::TrialRows;
 use super::leg::{Strides, unwrap};
-use super::options::TraceExtent;
 use super::power::Power;
-use super::rows::TrialRows;
 use super::trace::Trace;
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};

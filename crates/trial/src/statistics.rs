@@ -20,7 +20,7 @@ use calibration::uncertainty::student_quantile;
 use shell_data::random::{Purpose, Stream};
 
 /// How often a sample is drawn again.
-pub const RESAMPLES: usize = 4000;
+pub(crate) const RESAMPLES: usize = 4000;
 
 /// The share of the truth that intervals are to hold.
 const LEVEL: f64 = 0.95;

@@ -28,7 +28,7 @@ const LEVEL: f64 = 0.95;
 
 /// A variance and how many degrees of freedom it was found with.
 #[derive(Clone, Copy, Debug)]
-struct Part {
+struct VariancePart {
     variance: f64,
     degrees_of_freedom: f64,
 }
@@ -68,24 +68,26 @@ pub(super) fn half_widths(mean: &MeanForce<'_>, axes: &[Axis]) -> Option<PerAxis
             }
             CoefficientCovariance::Groups { factors, .. } => square(&factors[axis], &difference),
         };
-        let mut parts =
-            vec![Part { variance, degrees_of_freedom: covariance.degrees_of_freedom as f64 }];
+        let mut parts = vec![VariancePart {
+            variance,
+            degrees_of_freedom: covariance.degrees_of_freedom as f64,
+        }];
         let noise: &[f64] = &of_tare[axis];
         if let Some(unexplained) = unexplained {
             let residual = covariance.residual[axis][axis];
             let lack = if residual > 0.0 { 1.0 - variance_of(noise) / residual } else { 0.0 };
             let load = span.mean(&forces.wrench[axis]);
             let variance = unexplained[axis] * lack.max(0.0) * load * load;
-            parts.push(Part { variance, ..parts[0] });
+            parts.push(VariancePart { variance, ..parts[0] });
         }
         if noise.len() > 1 {
             let frames = noise.len() as f64;
             let variance = long_run_variance(noise) * (1.0 / frames + own_frames);
-            parts.push(Part { variance, degrees_of_freedom: frames - 1.0 });
+            parts.push(VariancePart { variance, degrees_of_freedom: frames - 1.0 });
         } else {
             // Nothing is known of its zero and its noise but what the training rows scattered.
             let variance = covariance.residual[axis][axis];
-            parts.push(Part { variance, ..parts[0] });
+            parts.push(VariancePart { variance, ..parts[0] });
         }
         half_widths[axis] = half_width(&parts);
     }
@@ -142,12 +144,13 @@ fn long_run_variance(x: &[f64]) -> f64 {
     own + (1..=lags.min(x.len() - 1)).map(weighed).sum::<f64>().max(0.0)
 }
 
-fn half_width(parts: &[Part]) -> f64 {
+fn half_width(parts: &[VariancePart]) -> f64 {
     let variance: f64 = parts.iter().map(|part| part.variance).sum();
     if variance <= 0.0 {
         return 0.0;
     }
-    let spread = |part: &Part| part.variance * part.variance / part.degrees_of_freedom.max(1.0);
+    let spread =
+        |part: &VariancePart| part.variance * part.variance / part.degrees_of_freedom.max(1.0);
     let degrees_of_freedom = variance * variance / parts.iter().map(spread).sum::<f64>();
     student_quantile(LEVEL, degrees_of_freedom) * variance.sqrt()
 }
@@ -182,9 +185,9 @@ mod tests {
 
     #[test]
     fn parts_of_equal_size_share_their_degrees_of_freedom() {
-        let part = Part { variance: 2.0, degrees_of_freedom: 5.0 };
+        let part = VariancePart { variance: 2.0, degrees_of_freedom: 5.0 };
         // Welch–Satterthwaite: twice the degrees; t(0.95, 10) = 2.228.
         assert!((half_width(&[part, part]) - 2.0 * 2.228).abs() < 2e-3);
-        assert_eq!(half_width(&[Part { variance: 0.0, ..part }]), 0.0);
+        assert_eq!(half_width(&[VariancePart { variance: 0.0, ..part }]), 0.0);
     }
 }

@@ -22,12 +22,12 @@ const CORRECTIONS: usize = 3;
 pub(super) struct Pairing {
     /// Places of the reference's edge and of the board's, in order.
     pub(super) pairs: Vec<(usize, usize)>,
-    line: Line,
+    line: ClockLine,
 }
 
 impl Pairing {
     /// Whether both pairs of a guess are of this way.
-    fn goes_through(&self, guess: &Line, blur_s: f64) -> bool {
+    fn goes_through(&self, guess: &ClockLine, blur_s: f64) -> bool {
         let ends = [guess.pivot_s, guess.pivot_s + guess.base_s];
         ends.iter().all(|&end| (self.line.at(end) - guess.at(end)).abs() <= blur_s + SLACK_S)
     }
@@ -49,7 +49,7 @@ impl Pairing {
 
 /// t_reference = at + (1 + skew) · (t_board − pivot).
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Line {
+struct ClockLine {
     pivot_s: f64,
     at_s: f64,
     skew: f64,
@@ -57,7 +57,7 @@ struct Line {
     base_s: f64,
 }
 
-impl Line {
+impl ClockLine {
     fn at(self, board_s: f64) -> f64 {
         self.at_s + (1.0 + self.skew) * (board_s - self.pivot_s)
     }
@@ -111,7 +111,7 @@ pub(super) fn pairings(reference: &[f64], board: &[f64], blur_s: f64) -> Vec<Pai
 }
 
 /// Guesses of two pairs each.
-fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = Line> {
+fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = ClockLine> {
     let step = board.len().div_ceil(BEGINNINGS).max(1);
     let starts = (0..board.len()).step_by(step);
     let seconds =
@@ -127,14 +127,14 @@ fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = Line> {
                 .take_while(move |&&time| time <= most)
                 .map(move |&second| {
                     let skew = ((second - first) / gap - 1.0).clamp(-MOST_SKEW, MOST_SKEW);
-                    Line { pivot_s: board[i], at_s: first, skew, base_s: gap }
+                    ClockLine { pivot_s: board[i], at_s: first, skew, base_s: gap }
                 })
         })
     })
 }
 
 /// Edges of the board that are within the reference's by a guess, at most.
-fn overlap(line: Line, reference: &[f64], board: &[f64]) -> usize {
+fn overlap(line: ClockLine, reference: &[f64], board: &[f64]) -> usize {
     let [first, .., last] = reference else { return reference.len() };
     let from = board.partition_point(|&time| line.at(time) < first - SLACK_S);
     let to = board.partition_point(|&time| line.at(time) <= last + SLACK_S);
@@ -143,10 +143,10 @@ fn overlap(line: Line, reference: &[f64], board: &[f64]) -> usize {
 }
 
 /// Follows a guess through both recordings and corrects it.
-fn follow(mut line: Line, reference: &[f64], board: &[f64], blur_s: f64) -> Option<Pairing> {
+fn follow(mut line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Option<Pairing> {
     let mut pairs = walk(line, reference, board, blur_s);
     for _ in 0..CORRECTIONS {
-        let corrected = Line::through(&pairs, reference, board)?;
+        let corrected = ClockLine::through(&pairs, reference, board)?;
         if corrected.skew.abs() > MOST_SKEW {
             return None;
         }
@@ -161,7 +161,7 @@ fn follow(mut line: Line, reference: &[f64], board: &[f64], blur_s: f64) -> Opti
 }
 
 /// Every edge of the board with the nearest of the reference, if that is within reach and nearest to no other.
-fn walk(line: Line, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(usize, usize)> {
+fn walk(line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(usize, usize)> {
     let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
     for (i, &time) in board.iter().enumerate() {
         let expected = line.at(time);
@@ -194,7 +194,7 @@ fn add(ways: &mut Vec<Pairing>, way: Pairing) {
 fn singles(reference: &[f64], board: &[f64]) -> Vec<Pairing> {
     let pair = |j: usize, i: usize| Pairing {
         pairs: vec![(j, i)],
-        line: Line { pivot_s: board[i], at_s: reference[j], skew: 0.0, base_s: f64::INFINITY },
+        line: ClockLine { pivot_s: board[i], at_s: reference[j], skew: 0.0, base_s: f64::INFINITY },
     };
     let pairs = (0..reference.len()).flat_map(|j| (0..board.len()).map(move |i| (j, i)));
     // Beyond some it does not matter how many there are.

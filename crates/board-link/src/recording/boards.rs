@@ -100,7 +100,7 @@ impl Boards {
     }
 
     /// As [`heard`](Self::heard), for who takes their frames.
-    pub fn heard_mut(&mut self) -> &mut [HeardBoard] {
+    pub(crate) fn heard_mut(&mut self) -> &mut [HeardBoard] {
         &mut self.heard
     }
 
@@ -115,7 +115,7 @@ impl Boards {
 }
 
 /// An address in hexadecimal digits, as `X-CTU` and the manuals write them.
-pub fn address_text(address: Address) -> String {
+pub(crate) fn address_text(address: Address) -> String {
     match address {
         Address::Short(short) => format!("{short:04x}"),
         Address::Long(long) | Address::Zigbee { long, .. } => format!("{long:016x}"),

@@ -18,7 +18,7 @@ pub struct BoardEdge {
 
 /// Edges that have arrived, until a frame takes them: every frame takes one.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Edges {
+pub(super) struct EdgeTracker {
     tracker: Tracker,
     /// Number, unwrapped, and the board's clock.
     waiting: VecDeque<(i64, u32)>,
@@ -26,7 +26,7 @@ pub(super) struct Edges {
     left_out: u64,
 }
 
-impl Edges {
+impl EdgeTracker {
     /// An edge has arrived.
     pub(super) fn take(&mut self, edge: Edge) {
         let (number, arrival) = self.tracker.place(edge.number);
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn edges_are_given_out_once_with_their_times_across_the_wrap_of_the_clock() {
-        let mut edges = Edges::default();
+        let mut edges = EdgeTracker::default();
         for (number, clock_us) in [(65_535, u32::MAX - 9), (65_535, u32::MAX - 9), (0, 20)] {
             edges.take(Edge { number, clock_us });
         }

@@ -21,14 +21,14 @@ pub struct LiveForces {
 pub struct RunningForces {
     calibration: Calibration,
     options: ForceOptions,
-    stage: Stage,
+    stage: ForceStage,
     /// The rests, where the tare follows them.
     rests: Option<RestFinder>,
     newest: Option<PerAxis<f64>>,
 }
 
 #[derive(Clone, Debug)]
-enum Stage {
+enum ForceStage {
     /// Tare and clock are being found in the first frames, which are kept for the filter.
     Setup {
         setup: Box<PipelineSetup>,
@@ -61,7 +61,7 @@ impl RunningForces {
         let rests = options.tare.follows_rests().then(RestFinder::default);
         let setup = Box::new(PipelineSetup::while_recording(options));
         let stage =
-            Stage::Setup { setup, times_s: Vec::new(), readings: vec![Vec::new(); CHANNELS] };
+            ForceStage::Setup { setup, times_s: Vec::new(), readings: vec![Vec::new(); CHANNELS] };
         Self { calibration: live.calibration, options, stage, rests, newest: None }
     }
 
@@ -76,7 +76,8 @@ impl RunningForces {
         let first = self.set_up(&times_s, &readings)?;
         let mut wrench = PerAxis::default();
         self.calibration.wrench(&cut(&readings, 0..first), &mut wrench);
-        if let (Stage::Running { pipeline, stream }, true) = (&mut self.stage, first < frames.len())
+        if let (ForceStage::Running { pipeline, stream }, true) =
+            (&mut self.stage, first < frames.len())
         {
             follow(&mut self.rests, pipeline, &self.calibration, &times_s[first..], || {
                 cut(&readings, first..frames.len())
@@ -114,7 +115,7 @@ impl RunningForces {
     /// Finds tare and clock, as far as that is not done; how many of the frames that took. The filter
     /// is then where it would be had they been known from the start.
     fn set_up(&mut self, times_s: &[f64], readings: &[Vec<f64>]) -> Result<usize, ForceError> {
-        let Stage::Setup { setup, times_s: kept_s, readings: kept } = &mut self.stage else {
+        let ForceStage::Setup { setup, times_s: kept_s, readings: kept } = &mut self.stage else {
             return Ok(0);
         };
         let mut row = 0;
@@ -132,7 +133,7 @@ impl RunningForces {
             let mut stream = pipeline.stream(&Axis::ALL);
             stream.push(kept_s, pipeline.wrench(&self.calibration, kept_s, kept))?;
             let (pipeline, stream) = (Box::new(pipeline), Box::new(stream));
-            self.stage = Stage::Running { pipeline, stream };
+            self.stage = ForceStage::Running { pipeline, stream };
         }
         Ok(row)
     }

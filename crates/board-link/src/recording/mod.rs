@@ -23,7 +23,8 @@ mod recognition;
 mod rows;
 mod simultaneous;
 
-pub use boards::{Boards, HeardBoard, address_text};
+pub(crate) use boards::address_text;
+pub use boards::{Boards, HeardBoard};
 pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};

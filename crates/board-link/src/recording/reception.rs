@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::edges::{BoardEdge, Edges};
+use super::edges::{BoardEdge, EdgeTracker};
 use serde::Serialize;
 use shared_proto::{
     AXES, Arrival, Boot, CHANNELS, COUNTS_PER_LSB, Clock, Counters, Decoder, Event, Health,
@@ -143,7 +143,7 @@ pub struct Reception {
     timing: Option<Timing>,
     /// Not given to a frame yet.
     health: Option<Health>,
-    edges: Edges,
+    edges: EdgeTracker,
     rssi_dbm: Option<i16>,
 }
 
@@ -168,7 +168,7 @@ impl Reception {
             boot: None,
             timing: None,
             health: None,
-            edges: Edges::default(),
+            edges: EdgeTracker::default(),
             rssi_dbm: None,
         }
     }
@@ -182,7 +182,7 @@ impl Reception {
     }
 
     /// Says how strongly the bytes arrive that are fed from now on, in −dBm, where the base station tells.
-    pub fn received_with(&mut self, rssi: Option<u8>) {
+    pub(crate) fn received_with(&mut self, rssi: Option<u8>) {
         self.rssi_dbm = rssi.map(|rssi| -i16::from(rssi));
     }
 

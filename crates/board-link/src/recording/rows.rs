@@ -213,7 +213,7 @@ impl RowWriter {
     }
 
     /// The newest wrench, where there are forces.
-    pub fn newest_wrench(&self) -> Option<AxisValues<f64>> {
+    pub(crate) fn newest_wrench(&self) -> Option<AxisValues<f64>> {
         self.forces.as_ref().and_then(RunningForces::newest)
     }
 

@@ -26,7 +26,6 @@ use twox_hash::XxHash3_128;
 
 use super::super::layout::to_json;
 use super::super::moments::MomentsDocument;
-use super::super::problem::problem;
 use super::super::stored::{Name, Stored, StoredColumnNames, StoredModel, StoredSource, axes_of};
 use super::super::triangle::TriangleDocument;
 use super::super::{CalibrationFileError, Problem, Role};
@@ -34,16 +33,16 @@ use super::{PartialFit, PartialGroup, PartialGroups, Sums};
 use crate::input;
 
 /// The version of the documents without groups.
-pub const PARTIAL_SCHEMA_VERSION: u64 = 1;
+pub(crate) const PARTIAL_SCHEMA_VERSION: u64 = 1;
 
 /// The version of the documents with groups.
-pub const GROUPED_PARTIAL_SCHEMA_VERSION: u64 = 2;
+pub(crate) const GROUPED_PARTIAL_SCHEMA_VERSION: u64 = 2;
 
 /// The version of the documents of triangles, with groups or without.
-pub const FACTORED_PARTIAL_SCHEMA_VERSION: u64 = 3;
+pub(crate) const FACTORED_PARTIAL_SCHEMA_VERSION: u64 = 3;
 
 #[derive(Serialize, Deserialize)]
-struct Document {
+struct PartialDocument {
     partial_schema_version: u64,
     made_by: String,
     date: String,
@@ -87,7 +86,7 @@ struct GroupDocument {
 
 /// What is read before all else.
 #[derive(Deserialize)]
-struct Header {
+struct PartialHeader {
     partial_schema_version: u64,
     /// Whether there is one, wherever it stands.
     checksum: Option<IgnoredAny>,
@@ -100,7 +99,7 @@ impl PartialFit {
     /// [`CalibrationFileError`] if it cannot be read or is no partial fit of a known version.
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text = input::read(path, input::Document::Json)
+        let text = input::read(path, input::FileKind::Json)
             .map_err(|error| problem(Problem::Io(error)))?;
         Self::parse(&text).map_err(problem)
     }
@@ -110,12 +109,12 @@ impl PartialFit {
     /// # Errors
     /// [`Problem`] if it is no partial fit of a known version.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
-        let header: Header = serde_json::from_slice(text).map_err(problem)?;
+        let header: PartialHeader = serde_json::from_slice(text)?;
         let found = header.partial_schema_version;
         if !(PARTIAL_SCHEMA_VERSION..=FACTORED_PARTIAL_SCHEMA_VERSION).contains(&found) {
             return Err(Problem::SchemaVersion { found });
         }
-        let document: Document = serde_json::from_slice(text).map_err(problem)?;
+        let document: PartialDocument = serde_json::from_slice(text)?;
         let has_groups = document.groups.is_some() || document.triangle.is_some();
         let partial = document.value().map_err(Problem::Inconsistent)?;
         // Last: what can be named says more.
@@ -125,7 +124,7 @@ impl PartialFit {
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        with_checksum(to_json(&Document {
+        with_checksum(to_json(&PartialDocument {
             partial_schema_version: version(&self.sums, self.groups.is_some()),
             made_by: self.made_by.clone(),
             date: self.date.clone(),
@@ -143,7 +142,7 @@ impl PartialFit {
     }
 }
 
-impl Document {
+impl PartialDocument {
     /// # Errors
     /// What does not fit together.
     fn value(self) -> Result<PartialFit, String> {

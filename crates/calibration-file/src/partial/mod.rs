@@ -11,9 +11,6 @@ mod groups;
 mod stream;
 mod sums;
 
-pub use self::document::{
-    FACTORED_PARTIAL_SCHEMA_VERSION, GROUPED_PARTIAL_SCHEMA_VERSION, PARTIAL_SCHEMA_VERSION,
-};
 pub use self::groups::{PartialGroup, PartialGroups};
 pub use self::stream::PartialStream;
 pub use self::sums::Sums;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::super::{CalibrationFileError, Problem};
 use super::PartialFit;
 use super::document::END;
-use crate::input::Document;
+use crate::input::FileKind;
 
 /// The partial fits of a stream.
 #[derive(Debug)]
@@ -34,7 +34,7 @@ impl<R: BufRead> PartialStream<R> {
     /// Reads the next document whole; false at the end of the stream.
     fn read_document(&mut self) -> io::Result<bool> {
         self.document.clear();
-        let mut rest = (&mut self.reader).take(Document::Json.budget() + 1);
+        let mut rest = (&mut self.reader).take(FileKind::Json.budget() + 1);
         while rest.read_until(b'\n', &mut self.document)? > 0 {
             // Blank lines between documents are part of none.
             if self.document.trim_ascii().is_empty() {
@@ -50,9 +50,9 @@ impl<R: BufRead> PartialStream<R> {
                 return Ok(true);
             }
         }
-        if self.document.len() as u64 > Document::Json.budget() {
+        if self.document.len() as u64 > FileKind::Json.budget() {
             let message =
-                format!("it is longer than the {} MB that are read", Document::Json.budget() >> 20);
+                format!("it is longer than the {} MB that are read", FileKind::Json.budget() >> 20);
             return Err(io::Error::new(io::ErrorKind::InvalidData, message));
         }
         Ok(!self.document.trim_ascii().is_empty())

@@ -5,7 +5,7 @@ use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
 use super::super::size::Size;
 use super::{
-    DASHED, Key, PALE, Passage, SOLID, TOP, canvas, draw_legend, draw_lines, draw_title,
+    DASHED, LegendKey, PALE, Passage, SOLID, TOP, canvas, draw_legend, draw_lines, draw_title,
     empty_figure, line, range_with_zero, smoothed, stride_s, wide_area,
 };
 use trial::Trace;
@@ -49,13 +49,13 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
             let lines = [(lift, PALE[1]), (drag, PALE[0]), (mean_lift, DASHED), (mean_drag, SOLID)];
             draw_lines(&mut canvas, &panel, &lines);
             vec![
-                Key::Line("drag −Fx, stride mean", SOLID),
-                Key::Line("lift Fz, stride mean", DASHED),
+                LegendKey::Line("drag −Fx, stride mean", SOLID),
+                LegendKey::Line("lift Fz, stride mean", DASHED),
             ]
         }
         None => {
             draw_lines(&mut canvas, &panel, &[(lift, DASHED), (drag, SOLID)]);
-            vec![Key::Line("drag (−Fx)", SOLID), Key::Line("lift (Fz)", DASHED)]
+            vec![LegendKey::Line("drag (−Fx)", SOLID), LegendKey::Line("lift (Fz)", DASHED)]
         }
     };
     panel.draw_frame(&mut canvas);

@@ -40,21 +40,21 @@ fn canvas(size: Size, height: f64) -> Canvas {
 
 /// How a curve is drawn: colours alone would not do in grey.
 #[derive(Clone, Copy, Debug)]
-struct Pen {
+struct CurvePen {
     colour: &'static str,
     width: f64,
     dashed: bool,
 }
 
-const SOLID: Pen = Pen { colour: palette::SERIES[0], width: 1.6, dashed: false };
+const SOLID: CurvePen = CurvePen { colour: palette::SERIES[0], width: 1.6, dashed: false };
 /// What is smoothed over, behind it.
-const PALE: [Pen; 2] = [
-    Pen { colour: "#9cc6e3", width: 0.8, dashed: false },
-    Pen { colour: "#f3c29d", width: 0.8, dashed: false },
+const PALE: [CurvePen; 2] = [
+    CurvePen { colour: "#9cc6e3", width: 0.8, dashed: false },
+    CurvePen { colour: "#f3c29d", width: 0.8, dashed: false },
 ];
-const DASHED: Pen = Pen { colour: palette::SERIES[1], width: 1.6, dashed: true };
+const DASHED: CurvePen = CurvePen { colour: palette::SERIES[1], width: 1.6, dashed: true };
 
-impl Pen {
+impl CurvePen {
     fn draw(self, canvas: &mut Canvas, path: &str) {
         match self.dashed {
             false => canvas.stroke(path, self.colour, self.width),
@@ -105,7 +105,7 @@ fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a Curve>) -> (f64, f64)
 }
 
 /// Draws curves in a panel over its zero line.
-fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&Curve, Pen)]) {
+fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&Curve, CurvePen)]) {
     let (_, zero) = panel.place(panel.x.range.0, 0.0);
     let area = panel.area;
     canvas.clipped(area, |canvas| {
@@ -117,14 +117,18 @@ fn draw_lines(canvas: &mut Canvas, panel: &Panel, lines: &[(&Curve, Pen)]) {
 }
 
 /// An entry of a legend.
-enum Key<'a> {
-    Line(&'a str, Pen),
+enum LegendKey<'a> {
+    Line(&'a str, CurvePen),
     Area(&'a str, &'static str),
 }
 
 /// Draws a legend above a panel, from its left, in a row, or on paper in as many as it takes.
-fn draw_legend<'a>(canvas: &mut Canvas, area: Rect, keys: impl IntoIterator<Item = &'a Key<'a>>) {
-    let (mut rows, mut right): (Vec<Vec<(f64, &Key<'_>)>>, f64) = (Vec::new(), area.left);
+fn draw_legend<'a>(
+    canvas: &mut Canvas,
+    area: Rect,
+    keys: impl IntoIterator<Item = &'a LegendKey<'a>>,
+) {
+    let (mut rows, mut right): (Vec<Vec<(f64, &LegendKey<'_>)>>, f64) = (Vec::new(), area.left);
     let room = if canvas.size() == Size::Screen { f64::INFINITY } else { area.right() };
     for key in keys {
         let length = 36.0 + 0.92 * text_width(key.text(), Style::LABEL.size) + 6.0;
@@ -145,17 +149,17 @@ fn draw_legend<'a>(canvas: &mut Canvas, area: Rect, keys: impl IntoIterator<Item
 /// From one row of a legend to the next.
 const LEGEND_PITCH: f64 = 15.0;
 
-impl Key<'_> {
+impl LegendKey<'_> {
     fn text(&self) -> &str {
         match self {
-            Key::Line(text, _) | Key::Area(text, _) => text,
+            LegendKey::Line(text, _) | LegendKey::Area(text, _) => text,
         }
     }
 
     fn draw(&self, canvas: &mut Canvas, left: f64, y: f64) {
         match self {
-            Key::Line(_, pen) => pen.draw(canvas, &format!("M{left} {y}h24")),
-            Key::Area(_, colour) => {
+            LegendKey::Line(_, pen) => pen.draw(canvas, &format!("M{left} {y}h24")),
+            LegendKey::Area(_, colour) => {
                 let top = y - 5.0;
                 canvas.fill(&format!("M{left} {top}h24v10h-24Z"), colour);
                 canvas.frame(Rect { left, top, width: 24.0, height: 10.0 }, palette::ZERO);
@@ -180,7 +184,7 @@ fn empty_figure(size: Size, title: &str, reason: &str) -> Figure {
 #[cfg(test)]
 mod tests {
     use super::super::lettering;
-    use super::super::svg::Shape;
+    use super::super::svg::DrawnShape;
     use super::*;
     use trial::{ConditionRow, Per, PhaseProfile, Quantity, Sample};
 
@@ -307,7 +311,7 @@ mod tests {
         let page = width_mm / 25.4 * 72.0;
         assert!((drawing.width * pt - page).abs() < 1e-9, "{} {page}", drawing.width * pt);
         for shape in &drawing.shapes {
-            let Shape::Text { at, text, style } = shape else { continue };
+            let DrawnShape::Text { at, text, style } = shape else { continue };
             // Half a hundredth: sizes are written with two decimals.
             assert!((4.995..=7.005).contains(&(style.size * pt)), "{text}: {} pt", style.size * pt);
             let Some((path, place)) = lettering::outline(text, *at, *style) else { continue };

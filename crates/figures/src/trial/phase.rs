@@ -8,7 +8,7 @@ use super::super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
 use super::super::size::Size;
 use super::super::svg::{Anchor, Canvas, Rect, Style, point};
-use super::{Key, SOLID, TOP, WIDTH, canvas, draw_legend, draw_title, empty_figure};
+use super::{LegendKey, SOLID, TOP, WIDTH, canvas, draw_legend, draw_title, empty_figure};
 use trial::{PhaseForce, PhaseProfile};
 
 const HEIGHT: f64 = 104.0;
@@ -54,7 +54,10 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
         }
     }
     let legend = Rect { left: LEFT_MARGIN + 8.0, top: TOP - 4.0, width, height: HEIGHT };
-    let keys = [Key::Line("mean", SOLID), Key::Area("± 1 sd, stride to stride", palette::SPREAD)];
+    let keys = [
+        LegendKey::Line("mean", SOLID),
+        LegendKey::Area("± 1 sd, stride to stride", palette::SPREAD),
+    ];
     draw_legend(&mut canvas, legend, &keys);
     Figure::new(canvas.finish())
 }

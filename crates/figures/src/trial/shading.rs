@@ -3,7 +3,7 @@
 use super::super::palette;
 use super::super::panel::Panel;
 use super::super::svg::{Canvas, number, point};
-use super::Key;
+use super::LegendKey;
 
 /// The passage through a channel, s on the log's clock.
 ///
@@ -62,17 +62,17 @@ impl Passage {
     }
 
     /// What a legend says of the shading between two times, s.
-    pub(super) fn keys(&self, (low, high): (f64, f64)) -> Vec<Key<'static>> {
+    pub(super) fn keys(&self, (low, high): (f64, f64)) -> Vec<LegendKey<'static>> {
         let is_seen = |stretch: &[f64; 2]| stretch[0] < high && stretch[1] > low;
         let (partly, wholly) = self.stretches();
         let mut keys = Vec::new();
         if partly.iter().any(is_seen) {
             let both = self.entering_s.is_some();
             let name = if both { "entering, leaving" } else { "in the channel" };
-            keys.push(Key::Area(name, palette::PARTLY_INSIDE));
+            keys.push(LegendKey::Area(name, palette::PARTLY_INSIDE));
         }
         if wholly.iter().any(is_seen) {
-            keys.push(Key::Area("fully inside", palette::INSIDE));
+            keys.push(LegendKey::Area("fully inside", palette::INSIDE));
         }
         keys
     }

@@ -7,8 +7,8 @@ use super::super::panel::{BOTTOM_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
 use super::super::size::Size;
 use super::{
-    Curve, DASHED, Key, Passage, Pen, SOLID, TOP, canvas, draw_legend, draw_lines, draw_title,
-    empty_figure, line, range_with_zero, wide_area,
+    Curve, CurvePen, DASHED, LegendKey, Passage, SOLID, TOP, canvas, draw_legend, draw_lines,
+    draw_title, empty_figure, line, range_with_zero, wide_area,
 };
 use trial::Trace;
 
@@ -19,8 +19,8 @@ const LEGEND: f64 = 20.0;
 
 struct StackRow<'a> {
     axis: (&'a str, &'a str),
-    lines: Vec<(Curve, Pen)>,
-    keys: Vec<Key<'a>>,
+    lines: Vec<(Curve, CurvePen)>,
+    keys: Vec<LegendKey<'a>>,
 }
 
 /// Draws Fx, Fy, Fz in N, the angles of both legs in rad within a turn, and the electrical power of
@@ -107,11 +107,11 @@ fn stack_rows<'a>(
     for (angle, watts, pen, side) in sides {
         if let Some(angle) = part(angle).filter(|angle| !angle.is_empty()) {
             legs.lines.extend(turns(time_s, &angle).into_iter().map(|turn| (turn, pen)));
-            legs.keys.push(Key::Line(side, pen));
+            legs.keys.push(LegendKey::Line(side, pen));
         }
         if let Some(watts) = part(watts).filter(|watts| !watts.is_empty()) {
             power.lines.push((line(time_s, watts), pen));
-            power.keys.push(Key::Line(side, pen));
+            power.keys.push(LegendKey::Line(side, pen));
         }
     }
     if let Some(watts) = part(&trace.power_w).filter(|watts| !watts.is_empty()) {

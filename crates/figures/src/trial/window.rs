@@ -6,14 +6,14 @@ use super::super::scale::{Axis, Spacing};
 use super::super::size::Size;
 use super::super::svg::{Anchor, Style, number};
 use super::{
-    DASHED, Key, Passage, Pen, TOP, canvas, draw_legend, draw_lines, draw_title, empty_figure,
-    line, range_with_zero, wide_area,
+    CurvePen, DASHED, LegendKey, Passage, TOP, canvas, draw_legend, draw_lines, draw_title,
+    empty_figure, line, range_with_zero, wide_area,
 };
 use trial::{NoWindow, Proposal};
 
 const HEIGHT: f64 = 230.0;
-const THIN: Pen = Pen { colour: "#6b8fa8", width: 0.8, dashed: false };
-const MODEL: Pen = Pen { colour: "#000000", width: 2.0, dashed: false };
+const THIN: CurvePen = CurvePen { colour: "#6b8fa8", width: 0.8, dashed: false };
+const MODEL: CurvePen = CurvePen { colour: "#000000", width: 2.0, dashed: false };
 
 /// Draws the drag in N over time in s, and what was found in it, or why nothing was.
 pub fn window_figure(
@@ -54,9 +54,9 @@ pub fn window_figure(
             }
             let confidence = format!("window, confidence {:.2}", proposal.confidence);
             let keys = [
-                Key::Line("drag", THIN),
-                Key::Line("fitted", MODEL),
-                Key::Line(&confidence, Pen { width: 1.6, ..DASHED }),
+                LegendKey::Line("drag", THIN),
+                LegendKey::Line("fitted", MODEL),
+                LegendKey::Line(&confidence, CurvePen { width: 1.6, ..DASHED }),
             ];
             panel.draw_frame(&mut canvas);
             draw_legend(&mut canvas, panel.area, &keys);

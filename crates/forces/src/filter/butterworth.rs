@@ -10,14 +10,14 @@ pub struct Butterworth {
     order: usize,
     cutoff_hz: f64,
     rate_hz: f64,
-    sections: Vec<Section>,
+    sections: Vec<FilterSection>,
 }
 
 /// A part of the filter with one real pole or one pair of complex poles.
 ///
 /// `g = tan(π·cutoff/rate)` is the prewarped cutoff, `k = 1/Q` the damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Section {
+pub(super) enum FilterSection {
     /// `g / (s + g)` under the bilinear transform `s = (z − 1)/(z + 1)`.
     Real { g: f64 },
     /// `g² / (s² + k·g·s + g²)` under the same.
@@ -26,10 +26,10 @@ pub(super) enum Section {
 
 impl Butterworth {
     /// The highest order that can be asked for.
-    pub const LARGEST_ORDER: usize = 16;
+    pub(crate) const LARGEST_ORDER: usize = 16;
 
     /// The lowest cutoff, as a share of the rate. An answer depends on some million samples there.
-    pub const LOWEST: f64 = 2e-5;
+    pub(crate) const LOWEST: f64 = 2e-5;
 
     /// A low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, for a signal sampled
     /// `rate_hz` times a second. The same filter as `scipy.signal.butter(order, cutoff, fs=rate)`.
@@ -56,10 +56,10 @@ impl Butterworth {
         let g = (PI * (cutoff_hz / rate_hz)).tan();
         // The poles lie evenly on a half circle, a pair at the angle θ from the imaginary axis has
         // the damping 2·sin θ. The best damped come first, so that none rings at full amplitude.
-        let real = (order % 2 == 1).then_some(Section::Real { g });
+        let real = (order % 2 == 1).then_some(FilterSection::Real { g });
         let pairs = (0..order / 2).rev().map(|pair| {
             let angle = PI * (2 * pair + 1) as f64 / (2 * order) as f64;
-            Section::Pair { g, k: 2.0 * angle.sin() }
+            FilterSection::Pair { g, k: 2.0 * angle.sin() }
         });
         let sections = real.into_iter().chain(pairs).collect();
         Ok(Self { order, cutoff_hz, rate_hz, sections })
@@ -80,40 +80,34 @@ impl Butterworth {
         self.rate_hz
     }
 
-    /// The filter as biquads, one row `[b0, b1, b2, 1, a1, a2]` for each section in the order of
-    /// use, as other tools take it.
-    ///
-    /// The poles are those of `scipy.signal.butter(…, output="sos")`; each section has gain 1 at zero
-    /// frequency, where SciPy puts the whole gain in the first.
-    pub fn second_order_sections(&self) -> Vec<[f64; 6]> {
-        self.sections.iter().map(Section::biquad).collect()
-    }
-
-    pub(super) fn sections(&self) -> &[Section] {
+    pub(super) fn sections(&self) -> &[FilterSection] {
         &self.sections
-    }
-}
-
-impl Section {
-    fn biquad(&self) -> [f64; 6] {
-        match *self {
-            Section::Real { g } => {
-                let scale = 1.0 / (1.0 + g);
-                [g * scale, g * scale, 0.0, 1.0, (g - 1.0) * scale, 0.0]
-            }
-            Section::Pair { g, k } => {
-                let scale = 1.0 / (1.0 + g * (g + k));
-                let b = g * g * scale;
-                let a1 = 2.0 * (g * g - 1.0) * scale;
-                [b, 2.0 * b, b, 1.0, a1, (1.0 + g * (g - k)) * scale]
-            }
-        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl FilterSection {
+        /// The section as a biquad `[b0, b1, b2, 1, a1, a2]`, as other tools take it. The poles are those of
+        /// `scipy.signal.butter(…, output="sos")`; each section has gain 1 at zero frequency, where SciPy puts the whole
+        /// gain in the first.
+        fn biquad(&self) -> [f64; 6] {
+            match *self {
+                FilterSection::Real { g } => {
+                    let scale = 1.0 / (1.0 + g);
+                    [g * scale, g * scale, 0.0, 1.0, (g - 1.0) * scale, 0.0]
+                }
+                FilterSection::Pair { g, k } => {
+                    let scale = 1.0 / (1.0 + g * (g + k));
+                    let b = g * g * scale;
+                    let a1 = 2.0 * (g * g - 1.0) * scale;
+                    [b, 2.0 * b, b, 1.0, a1, (1.0 + g * (g - k)) * scale]
+                }
+            }
+        }
+    }
 
     /// The poles (a1, a2 of each section) of `scipy.signal.butter(order, cutoff, fs=1000,
     /// output="sos")`, SciPy 1.17.1, and the product of the sections' gains, its `sos[0, 0]`.
@@ -153,8 +147,10 @@ mod tests {
             ),
         ];
         for (order, cutoff, gain, poles) in cases {
-            let sections =
-                Butterworth::low_pass(order, cutoff, 1000.0).unwrap().second_order_sections();
+            let sections = {
+                let filter = Butterworth::low_pass(order, cutoff, 1000.0).unwrap();
+                filter.sections.iter().map(FilterSection::biquad).collect::<Vec<_>>()
+            };
             assert_eq!(sections.len(), poles.len());
             for (section, [a1, a2]) in sections.iter().zip(poles) {
                 // Both sides round a handful of times at a magnitude of 2.

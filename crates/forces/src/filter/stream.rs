@@ -1,6 +1,6 @@
 //! The filter at work on a stream.
 
-use super::butterworth::{Butterworth, Section};
+use super::butterworth::{Butterworth, FilterSection};
 
 /// A causal low-pass with its state, to be fed a signal in pieces of any size.
 ///
@@ -8,12 +8,12 @@ use super::butterworth::{Butterworth, Section};
 /// zero, as a tared one does. [`settle`](Self::settle) starts it elsewhere.
 #[derive(Clone, Debug)]
 pub struct Filter {
-    sections: Vec<(Section, State)>,
+    sections: Vec<(FilterSection, FilterState)>,
 }
 
 /// The two integrators of a section: band-pass (of a pair alone) and low-pass.
 #[derive(Clone, Copy, Debug, Default)]
-struct State {
+struct FilterState {
     band: f64,
     low: f64,
 }
@@ -21,7 +21,7 @@ struct State {
 impl Filter {
     /// A filter at rest at zero.
     pub fn new(design: &Butterworth) -> Self {
-        let at_rest = |&section| (section, State::default());
+        let at_rest = |&section| (section, FilterState::default());
         Self { sections: design.sections().iter().map(at_rest).collect() }
     }
 
@@ -29,7 +29,7 @@ impl Filter {
     /// `sosfilt_zi` does: the answer to more of the same is exactly `value`.
     pub fn settle(&mut self, value: f64) {
         for (_, state) in &mut self.sections {
-            *state = State { band: 0.0, low: value };
+            *state = FilterState { band: 0.0, low: value };
         }
     }
 
@@ -57,11 +57,11 @@ impl Filter {
     }
 }
 
-impl State {
-    fn process(&mut self, section: &Section, samples: &mut [f64]) {
+impl FilterState {
+    fn process(&mut self, section: &FilterSection, samples: &mut [f64]) {
         match *section {
-            Section::Real { g } => self.real(g, samples),
-            Section::Pair { g, k } => self.pair(g, k, samples),
+            FilterSection::Real { g } => self.real(g, samples),
+            FilterSection::Pair { g, k } => self.pair(g, k, samples),
         }
     }
 

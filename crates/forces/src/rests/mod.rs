@@ -27,7 +27,7 @@ pub use watch::{FALSE_ALARMS, Level, ZeroChange, ZeroMove, ZeroWatch, largest_ch
 pub(super) use zeros::RestZeros;
 
 /// The fewest frames of a rest: those of the usual tare.
-pub const REST_FRAMES: usize = DEFAULT_TARE_FRAMES;
+pub(crate) const REST_FRAMES: usize = DEFAULT_TARE_FRAMES;
 
 /// Parts of a rest. They tell how sure its mean is also where neighbouring frames have noise in common.
 pub const PARTS: usize = 5;
@@ -77,7 +77,7 @@ impl Rest {
 
 /// A part of what may be a rest.
 #[derive(Clone, Debug, PartialEq)]
-struct Part {
+struct RestPart {
     frames: usize,
     /// Of every channel.
     levels: Vec<RunningVariance>,
@@ -85,7 +85,7 @@ struct Part {
 
 /// What is known of the readings of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Known {
+struct KnownZero {
     /// Standard deviation at rest.
     noise: f64,
     /// The mean of the last rest.
@@ -99,9 +99,9 @@ struct Known {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RestFinder {
     /// Of every channel, once there was a rest.
-    known: Vec<Known>,
+    known: Vec<KnownZero>,
     /// The newest parts that have ended, [`PARTS`] at most.
-    parts: VecDeque<Part>,
+    parts: VecDeque<RestPart>,
     /// Their frames.
     ended: usize,
     /// Those frames, and the ones since: times, and a column of readings for each channel.
@@ -163,7 +163,7 @@ impl RestFinder {
     /// Ends the current part, and with it a rest if it is the last of one.
     fn end_part(&mut self) -> Option<Rest> {
         let levels = self.readings.iter().map(|column| RunningVariance::of(&column[self.ended..]));
-        let part = Part { frames: self.times_s.len() - self.ended, levels: levels.collect() };
+        let part = RestPart { frames: self.times_s.len() - self.ended, levels: levels.collect() };
         for (known, level) in self.known.iter_mut().zip(&part.levels) {
             known.low = known.low.min(level.mean);
             known.high = known.high.max(level.mean);
@@ -191,7 +191,7 @@ impl RestFinder {
         if self.known.is_empty() {
             let known = |level: &RunningVariance| {
                 let noise = level.rms_about_mean();
-                Known { noise, zero: level.mean, low: level.mean, high: level.mean }
+                KnownZero { noise, zero: level.mean, low: level.mean, high: level.mean }
             };
             self.known = whole.iter().map(known).collect();
         } else if whole.iter().enumerate().all(|(channel, whole)| self.is_at_rest(channel, whole)) {

@@ -92,7 +92,7 @@ impl ZeroChange {
     }
 
     /// Whether it has moved.
-    pub fn has_moved(&self) -> bool {
+    pub(crate) fn has_moved(&self) -> bool {
         self.change.abs() > self.limit
     }
 }

@@ -5,11 +5,11 @@ pub(super) const LONGEST: usize = 8192;
 
 /// What is answered to a request that is not obeyed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Refusal {
+pub(super) enum HttpRefusal {
     Malformed,
     NoToken,
     NotFound,
-    Method,
+    RequestMethod,
     TooSlow,
     Body,
     Host,
@@ -18,33 +18,37 @@ pub(super) enum Refusal {
     Version,
 }
 
-impl Refusal {
+impl HttpRefusal {
     /// The line of the status (RFC 9110), and what to say to people.
     pub(super) fn status(self) -> (&'static str, &'static str) {
         match self {
-            Refusal::Malformed => ("400 Bad Request", "this is no request of HTTP 1.1"),
-            Refusal::NoToken => (
+            HttpRefusal::Malformed => ("400 Bad Request", "this is no request of HTTP 1.1"),
+            HttpRefusal::NoToken => (
                 "403 Forbidden",
                 "the token is missing or is that of an earlier run: open the address as it was printed",
             ),
-            Refusal::NotFound => ("404 Not Found", "there is no such page"),
-            Refusal::Method => ("405 Method Not Allowed", "pages are read, orders are posted"),
-            Refusal::TooSlow => ("408 Request Timeout", "the request took too long"),
-            Refusal::Body => ("413 Content Too Large", "no request has a body"),
-            Refusal::Host => (
+            HttpRefusal::NotFound => ("404 Not Found", "there is no such page"),
+            HttpRefusal::RequestMethod => {
+                ("405 Method Not Allowed", "pages are read, orders are posted")
+            }
+            HttpRefusal::TooSlow => ("408 Request Timeout", "the request took too long"),
+            HttpRefusal::Body => ("413 Content Too Large", "no request has a body"),
+            HttpRefusal::Host => (
                 "421 Misdirected Request",
                 "open the address as it was printed: by number, or as localhost",
             ),
-            Refusal::TooLong => ("431 Request Header Fields Too Large", "the request is too long"),
-            Refusal::Busy => ("503 Service Unavailable", "too many orders wait"),
-            Refusal::Version => ("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken"),
+            HttpRefusal::TooLong => {
+                ("431 Request Header Fields Too Large", "the request is too long")
+            }
+            HttpRefusal::Busy => ("503 Service Unavailable", "too many orders wait"),
+            HttpRefusal::Version => ("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken"),
         }
     }
 }
 
 /// How something is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Method {
+pub(super) enum RequestMethod {
     Get,
     Post,
 }
@@ -52,7 +56,7 @@ pub(super) enum Method {
 /// What is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Request<'a> {
-    pub(super) method: Method,
+    pub(super) method: RequestMethod,
     pub(super) path: &'a str,
     /// The value of `token=` in the address; empty if there is none.
     pub(super) token: &'a str,
@@ -67,48 +71,48 @@ pub(super) fn end_of_head(bytes: &[u8], from: usize) -> Option<usize> {
 }
 
 /// Reads a whole head.
-pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, Refusal> {
-    let text = std::str::from_utf8(head).map_err(|_| Refusal::Malformed)?;
-    let text = text.strip_suffix("\r\n\r\n").ok_or(Refusal::Malformed)?;
+pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
+    let text = std::str::from_utf8(head).map_err(|_| HttpRefusal::Malformed)?;
+    let text = text.strip_suffix("\r\n\r\n").ok_or(HttpRefusal::Malformed)?;
     let mut lines = text.split("\r\n");
     let mut words = lines.next().unwrap_or_default().split(' ');
     let (Some(method), Some(target), Some(version), None) =
         (words.next(), words.next(), words.next(), words.next())
     else {
-        return Err(Refusal::Malformed);
+        return Err(HttpRefusal::Malformed);
     };
     if !version.starts_with("HTTP/") || !target.starts_with('/') {
-        return Err(Refusal::Malformed);
+        return Err(HttpRefusal::Malformed);
     }
     if version != "HTTP/1.1" {
-        return Err(Refusal::Version);
+        return Err(HttpRefusal::Version);
     }
     let mut host = None;
     for line in lines {
-        let (name, value) = line.split_once(':').ok_or(Refusal::Malformed)?;
+        let (name, value) = line.split_once(':').ok_or(HttpRefusal::Malformed)?;
         // A line that begins with a space would go on the one before, which no browser sends any more.
         if name.is_empty() || name.bytes().any(|byte| byte <= b' ' || byte >= 127) {
-            return Err(Refusal::Malformed);
+            return Err(HttpRefusal::Malformed);
         }
         let value = value.trim_matches([' ', '\t']);
         if name.eq_ignore_ascii_case("host") {
             if host.replace(value).is_some() {
-                return Err(Refusal::Malformed);
+                return Err(HttpRefusal::Malformed);
             }
         } else if name.eq_ignore_ascii_case("transfer-encoding")
             || name.eq_ignore_ascii_case("content-length") && value != "0"
         {
-            return Err(Refusal::Body);
+            return Err(HttpRefusal::Body);
         }
     }
     let method = match method {
-        "GET" => Method::Get,
-        "POST" => Method::Post,
-        _ => return Err(Refusal::Method),
+        "GET" => RequestMethod::Get,
+        "POST" => RequestMethod::Post,
+        _ => return Err(HttpRefusal::RequestMethod),
     };
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
-    Ok(Request { method, path, token, host: host.ok_or(Refusal::Malformed)? })
+    Ok(Request { method, path, token, host: host.ok_or(HttpRefusal::Malformed)? })
 }
 
 #[cfg(test)]
@@ -119,18 +123,23 @@ mod tests {
     fn a_request_of_a_browser_is_understood() {
         let head =
             b"GET /events?x=1&token=ab12 HTTP/1.1\r\nHost: localhost:80\r\nAccept: */*\r\n\r\n";
-        let request =
-            Request { method: Method::Get, path: "/events", token: "ab12", host: "localhost:80" };
+        let request = Request {
+            method: RequestMethod::Get,
+            path: "/events",
+            token: "ab12",
+            host: "localhost:80",
+        };
         assert_eq!(parse(head), Ok(request));
         let head = b"POST /mark HTTP/1.1\r\nhOST:\tlocalhost \r\nContent-Length: 0\r\n\r\n";
-        let request = Request { method: Method::Post, path: "/mark", token: "", host: "localhost" };
+        let request =
+            Request { method: RequestMethod::Post, path: "/mark", token: "", host: "localhost" };
         assert_eq!(parse(head), Ok(request));
     }
 
     #[test]
     fn what_is_no_request_is_refused() {
         let refused =
-            |head: &str, why: Refusal| assert_eq!(parse(head.as_bytes()), Err(why), "{head}");
+            |head: &str, why: HttpRefusal| assert_eq!(parse(head.as_bytes()), Err(why), "{head}");
         for head in [
             "\r\n\r\n",
             "GET /\r\n\r\n",
@@ -144,13 +153,16 @@ mod tests {
             "GET / HTTP/1.1\r\nHost: a\r\nno colon\r\n\r\n",
             "GET / FTP/1.1\r\nHost: a\r\n\r\n",
         ] {
-            refused(head, Refusal::Malformed);
+            refused(head, HttpRefusal::Malformed);
         }
-        assert_eq!(parse(b"GET /\xff HTTP/1.1\r\nHost: a\r\n\r\n"), Err(Refusal::Malformed));
-        refused("GET / HTTP/2\r\nHost: a\r\n\r\n", Refusal::Version);
-        refused("DELETE / HTTP/1.1\r\nHost: a\r\n\r\n", Refusal::Method);
-        refused("POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n\r\n", Refusal::Body);
-        refused("POST / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n", Refusal::Body);
+        assert_eq!(parse(b"GET /\xff HTTP/1.1\r\nHost: a\r\n\r\n"), Err(HttpRefusal::Malformed));
+        refused("GET / HTTP/2\r\nHost: a\r\n\r\n", HttpRefusal::Version);
+        refused("DELETE / HTTP/1.1\r\nHost: a\r\n\r\n", HttpRefusal::RequestMethod);
+        refused("POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n\r\n", HttpRefusal::Body);
+        refused(
+            "POST / HTTP/1.1\r\nHost: a\r\nTransfer-Encoding: chunked\r\n\r\n",
+            HttpRefusal::Body,
+        );
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::access::{is_host_ours, is_same};
-use super::request::{LONGEST, Method, Refusal, Request, end_of_head, parse};
+use super::request::{HttpRefusal, LONGEST, Request, RequestMethod, end_of_head, parse};
 
 /// Connections at a time; a page needs one, and a second for a moment.
 const CONNECTIONS: usize = 16;
@@ -45,19 +45,19 @@ pub struct Site {
 /// A server, which listens until the process ends.
 #[derive(Debug)]
 pub struct Server {
-    shared: Arc<Shared>,
+    shared: Arc<ServerShared>,
     address: SocketAddr,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct ServerShared {
     site: Site,
-    state: Mutex<State>,
+    state: Mutex<ServerState>,
     changed: Condvar,
 }
 
 #[derive(Debug, Default)]
-struct State {
+struct ServerState {
     /// The newest event as it goes over the wire, and its number.
     event: Arc<str>,
     number: u64,
@@ -76,7 +76,7 @@ impl Server {
         let listener = TcpListener::bind(at)?;
         let address = listener.local_addr()?;
         let (state, changed) = (Mutex::default(), Condvar::new());
-        let shared = Arc::new(Shared { site, state, changed });
+        let shared = Arc::new(ServerShared { site, state, changed });
         let accepting = Arc::clone(&shared);
         let run = move || {
             for stream in listener.incoming() {
@@ -136,9 +136,9 @@ impl Server {
     }
 }
 
-impl Shared {
+impl ServerShared {
     /// A thread that has ended badly has left the state whole: nothing under the lock can fail half way.
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, ServerState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -174,10 +174,10 @@ impl Shared {
         close(stream, &mut buffer)
     }
 
-    fn allow<'a>(&self, request: Request<'a>) -> Result<Request<'a>, Refusal> {
+    fn allow<'a>(&self, request: Request<'a>) -> Result<Request<'a>, HttpRefusal> {
         match () {
-            () if !is_host_ours(request.host) => Err(Refusal::Host),
-            () if !is_same(request.token, &self.site.token) => Err(Refusal::NoToken),
+            () if !is_host_ours(request.host) => Err(HttpRefusal::Host),
+            () if !is_same(request.token, &self.site.token) => Err(HttpRefusal::NoToken),
             () => Ok(request),
         }
     }
@@ -186,26 +186,26 @@ impl Shared {
         &self,
         stream: &mut TcpStream,
         request: &Request<'_>,
-    ) -> io::Result<Result<(), Refusal>> {
+    ) -> io::Result<Result<(), HttpRefusal>> {
         let order = request.path.strip_prefix('/');
         let order = self.site.orders.iter().find(|&&known| Some(known) == order);
         match (request.method, request.path, order) {
-            (Method::Get, "/", _) => self.send_page(stream)?,
-            (Method::Get, "/events", _) => self.send_events(stream)?,
-            (Method::Post, _, Some(order)) => {
+            (RequestMethod::Get, "/", _) => self.send_page(stream)?,
+            (RequestMethod::Get, "/events", _) => self.send_events(stream)?,
+            (RequestMethod::Post, _, Some(order)) => {
                 {
                     let mut state = self.state();
                     if state.orders.len() >= ORDERS {
-                        return Ok(Err(Refusal::Busy));
+                        return Ok(Err(HttpRefusal::Busy));
                     }
                     state.orders.push_back(order);
                 }
                 send_head(stream, "204 No Content", "")?;
             }
-            (Method::Post, "/" | "/events", _) | (Method::Get, _, Some(_)) => {
-                return Ok(Err(Refusal::Method));
+            (RequestMethod::Post, "/" | "/events", _) | (RequestMethod::Get, _, Some(_)) => {
+                return Ok(Err(HttpRefusal::RequestMethod));
             }
-            _ => return Ok(Err(Refusal::NotFound)),
+            _ => return Ok(Err(HttpRefusal::NotFound)),
         }
         Ok(Ok(()))
     }
@@ -239,7 +239,7 @@ impl Shared {
     /// The newest event, unless it was seen; waits for it for a while.
     fn next_event(&self, seen: &mut u64) -> Next {
         let state = self.state();
-        let is_idle = |state: &mut State| state.number == *seen && !state.ended;
+        let is_idle = |state: &mut ServerState| state.number == *seen && !state.ended;
         let waited = self.changed.wait_timeout_while(state, KEEP_ALIVE, is_idle);
         let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
         if state.ended {
@@ -260,10 +260,10 @@ enum Next {
 }
 
 /// A connection that is counted.
-struct Seat(Arc<Shared>);
+struct Seat(Arc<ServerShared>);
 
 impl Seat {
-    fn take(shared: &Arc<Shared>) -> Option<Self> {
+    fn take(shared: &Arc<ServerShared>) -> Option<Self> {
         let mut state = shared.state();
         if state.connections >= CONNECTIONS {
             return None;
@@ -280,11 +280,11 @@ impl Drop for Seat {
 }
 
 /// A listener that is counted.
-struct Listener<'a>(&'a Shared);
+struct Listener<'a>(&'a ServerShared);
 
 impl<'a> Listener<'a> {
     /// With the number of the newest event, which is an old one where nobody has listened.
-    fn new(shared: &'a Shared) -> (Self, u64) {
+    fn new(shared: &'a ServerShared) -> (Self, u64) {
         let mut state = shared.state();
         state.listeners += 1;
         let number = state.number;
@@ -304,29 +304,29 @@ impl Drop for Listener<'_> {
 fn read_head<'a>(
     stream: &mut TcpStream,
     buffer: &'a mut [u8; LONGEST],
-) -> Result<Option<&'a [u8]>, Option<Refusal>> {
+) -> Result<Option<&'a [u8]>, Option<HttpRefusal>> {
     let deadline = Instant::now() + PATIENCE;
     let mut length = 0;
     loop {
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {
-            return Err(Some(Refusal::TooSlow));
+            return Err(Some(HttpRefusal::TooSlow));
         }
         stream.set_read_timeout(Some(left)).map_err(|_| None)?;
         let looked_at = length;
         match stream.read(&mut buffer[length..]) {
             Ok(0) if length == 0 => return Ok(None),
-            Ok(0) => return Err(Some(Refusal::Malformed)),
+            Ok(0) => return Err(Some(HttpRefusal::Malformed)),
             Ok(count) => length += count,
             Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-            Err(error) if is_timeout(&error) => return Err(Some(Refusal::TooSlow)),
+            Err(error) if is_timeout(&error) => return Err(Some(HttpRefusal::TooSlow)),
             Err(_) => return Err(None),
         }
         if let Some(end) = end_of_head(&buffer[..length], looked_at) {
             return Ok(Some(&buffer[..end]));
         }
         if length == buffer.len() {
-            return Err(Some(Refusal::TooLong));
+            return Err(Some(HttpRefusal::TooLong));
         }
     }
 }
@@ -344,9 +344,9 @@ fn send_head(stream: &mut TcpStream, status: &str, more: &str) -> io::Result<()>
     stream.write_all(head.as_bytes())
 }
 
-fn refuse(stream: &mut TcpStream, refusal: Refusal) -> io::Result<()> {
+fn refuse(stream: &mut TcpStream, refusal: HttpRefusal) -> io::Result<()> {
     let (status, text) = refusal.status();
-    let allow = if refusal == Refusal::Method { "Allow: GET, POST\r\n" } else { "" };
+    let allow = if refusal == HttpRefusal::RequestMethod { "Allow: GET, POST\r\n" } else { "" };
     let length = text.len() + 1;
     let more =
         format!("{allow}Content-Type: text/plain; charset=utf-8\r\nContent-Length: {length}\r\n");

@@ -8,8 +8,8 @@ use std::fmt::Write;
 pub use content::{CalibrationReport, FewGroups, GroupRow, Intervals};
 use limits::limits;
 
-use super::markup::{Cell, escape, figure, table};
-use super::page::{Page, Section};
+use super::markup::{TableCell, escape, figure, table};
+use super::page::{PageSection, ReportPage};
 use super::sections::calibration::{errors_table, scales, sources_table};
 use super::sections::parts::{drawing, facts_table, folded};
 use super::units::Scale;
@@ -29,18 +29,18 @@ impl CalibrationReport<'_> {
             0 | 1 => String::new(),
             _ => by_group(self),
         };
-        Page {
+        ReportPage {
             heading: self.heading,
             subtitle: &format!("{}, {}.", self.heading.made_by, self.heading.date),
             sections: vec![
-                Section::new("answer", "How far it can be trusted", answer(self)),
-                Section::new("limits", "What it must not be used for", list(&limits(self))),
-                Section::new("figure", "Predicted against measured", predicted(self)),
-                Section::new("coverage", "Which loads were calibrated", coverage(self)),
-                Section::new("groups", "By pose", groups),
-                Section::new("model", "Which model, and why", model(self)),
-                Section::new("outliers", "Rows that do not belong", outliers(self)),
-                Section::new("origin", "To make it again", origin(self)),
+                PageSection::new("answer", "How far it can be trusted", answer(self)),
+                PageSection::new("limits", "What it must not be used for", list(&limits(self))),
+                PageSection::new("figure", "Predicted against measured", predicted(self)),
+                PageSection::new("coverage", "Which loads were calibrated", coverage(self)),
+                PageSection::new("groups", "By pose", groups),
+                PageSection::new("model", "Which model, and why", model(self)),
+                PageSection::new("outliers", "Rows that do not belong", outliers(self)),
+                PageSection::new("origin", "To make it again", origin(self)),
             ],
             script: None,
         }
@@ -145,13 +145,13 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
     let row = |axis: Axis| {
         let (of, scale) = (&excitation.axes[axis.index()], &scales[axis.index() / 3]);
         vec![
-            Cell::from(axis.name()),
-            Cell::Figure(scale.value(Some(of.min))),
-            Cell::Figure(scale.value(Some(of.max))),
-            Cell::Figure(scale.value(Some(of.rms))),
-            Cell::Text(scale.unit.clone()),
-            Cell::Figure(format!("{:.0}", 100.0 * of.rows_positive)),
-            Cell::Figure(format!("{:.0}", 100.0 * of.rows_negative)),
+            TableCell::from(axis.name()),
+            TableCell::Figure(scale.value(Some(of.min))),
+            TableCell::Figure(scale.value(Some(of.max))),
+            TableCell::Figure(scale.value(Some(of.rms))),
+            TableCell::Text(scale.unit.clone()),
+            TableCell::Figure(format!("{:.0}", 100.0 * of.rows_positive)),
+            TableCell::Figure(format!("{:.0}", 100.0 * of.rows_negative)),
         ]
     };
     let mut html =
@@ -159,10 +159,11 @@ fn coverage(report: &CalibrationReport<'_>) -> String {
     let mut header = vec![("axis", true)];
     header.extend(axes.iter().map(|axis| (axis.name(), false)));
     let row = |axis: Axis| {
-        let mut row = vec![Cell::from(axis.name())];
+        let mut row = vec![TableCell::from(axis.name())];
         let with = axes.of(&excitation.correlation[axis.index()]);
         row.extend(
-            with.iter().map(|value| Cell::Figure(format!("{value:.2}").replace('-', "\u{2212}"))),
+            with.iter()
+                .map(|value| TableCell::Figure(format!("{value:.2}").replace('-', "\u{2212}"))),
         );
         row
     };
@@ -218,17 +219,17 @@ fn group_table(caption: &str, groups: &[(&str, &GroupRow)], axes: Axes) -> Strin
     for axis in axes.iter() {
         names.push(errors[axis.index() / 3].name(axis.name()));
     }
-    let text =
-        |(set, row): &(&str, &GroupRow)| {
-            let load = |axis: Axis| loads[axis.index() / 3].value(Some(row.load[axis.index()]));
-            let mut cells = vec![Cell::Text((*set).to_owned()), Cell::Text(row.label.clone())];
-            cells.push(Cell::from(row.rows));
-            cells.extend(axes.iter().map(|axis| {
-                Cell::Figure(errors[axis.index() / 3].value(Some(row.rms[axis.index()])))
-            }));
-            cells.push(Cell::Text(axes.iter().map(load).collect::<Vec<_>>().join(" ")));
-            cells
-        };
+    let text = |(set, row): &(&str, &GroupRow)| {
+        let load = |axis: Axis| loads[axis.index() / 3].value(Some(row.load[axis.index()]));
+        let mut cells =
+            vec![TableCell::Text((*set).to_owned()), TableCell::Text(row.label.clone())];
+        cells.push(TableCell::from(row.rows));
+        cells.extend(axes.iter().map(|axis| {
+            TableCell::Figure(errors[axis.index() / 3].value(Some(row.rms[axis.index()])))
+        }));
+        cells.push(TableCell::Text(axes.iter().map(load).collect::<Vec<_>>().join(" ")));
+        cells
+    };
     let load = format!("mean load ({}; {})", loads[0].unit, loads[1].unit);
     let mut header = vec![("data", true), ("group", true), ("rows", false)];
     header.extend(names.iter().map(|name| (name.as_str(), false)));
@@ -261,15 +262,15 @@ fn compared(selection: &Selection) -> String {
             _ => "",
         };
         vec![
-            Cell::from(candidate.basis.name()),
-            Cell::from(candidate.features as u64),
-            Cell::from(candidate.ridge),
-            Cell::from(candidate.errors.map(|errors| errors.score)),
-            Cell::from(candidate.errors.map(|errors| errors.standard_error)),
-            Cell::from(mark),
+            TableCell::from(candidate.basis.name()),
+            TableCell::from(candidate.features as u64),
+            TableCell::from(candidate.ridge),
+            TableCell::from(candidate.errors.map(|errors| errors.score)),
+            TableCell::from(candidate.errors.map(|errors| errors.standard_error)),
+            TableCell::from(mark),
         ]
     };
-    let rows: Vec<Vec<Cell>> = selection.candidates.iter().enumerate().map(row).collect();
+    let rows: Vec<Vec<TableCell>> = selection.candidates.iter().enumerate().map(row).collect();
     table("Errors on groups that were held out", &header, &rows)
 }
 

@@ -1,6 +1,6 @@
 //! What converted the readings.
 
-use super::super::markup::{Cell, table};
+use super::super::markup::{TableCell, table};
 use super::super::units::Scale;
 use super::super::{CalibrationFacts, CalibrationSource, Report};
 use super::parts::facts_table;
@@ -21,23 +21,23 @@ pub(crate) fn sources_table(calibration: &CalibrationFacts<'_>) -> String {
     let header = [("used to", true), ("file", true), ("rows", false), ("checksum", true)];
     let row = |source: &CalibrationSource| {
         vec![
-            Cell::from(source.role),
-            Cell::Text(source.path.clone()),
-            Cell::from(source.rows),
-            Cell::Long(source.checksum.clone().unwrap_or_default()),
+            TableCell::from(source.role),
+            TableCell::Text(source.path.clone()),
+            TableCell::from(source.rows),
+            TableCell::Long(source.checksum.clone().unwrap_or_default()),
         ]
     };
-    let rows: Vec<Vec<Cell>> = calibration.sources.iter().map(row).collect();
+    let rows: Vec<Vec<TableCell>> = calibration.sources.iter().map(row).collect();
     table("What the calibration was made from", &header, &rows)
 }
 
 /// A column of figures, one for each axis.
-type Column<'a> = (&'static str, Box<dyn Fn(Axis) -> Option<f64> + 'a>);
+type ErrorColumn<'a> = (&'static str, Box<dyn Fn(Axis) -> Option<f64> + 'a>);
 
 /// The errors of each axis on training data, on groups that were held out, and on test data, as far as they
 /// are known; forces in one unit, moments in another.
 pub(crate) fn errors_table(calibration: &CalibrationFacts<'_>) -> String {
-    let mut columns: Vec<Column<'_>> = Vec::new();
+    let mut columns: Vec<ErrorColumn<'_>> = Vec::new();
     if let Some(train) = calibration.train {
         columns.push(("RMS, training", Box::new(|axis| Some(train[axis.index()].rms))));
     }
@@ -56,10 +56,10 @@ pub(crate) fn errors_table(calibration: &CalibrationFacts<'_>) -> String {
     header.extend([("R²", false), ("unit", true)]);
     let row = |axis: Axis| {
         let scale = &scales[axis.index() / 3];
-        let mut row = vec![Cell::from(axis.name())];
-        row.extend(columns.iter().map(|(_, of)| Cell::Figure(scale.value(of(axis)))));
-        row.push(Cell::from(on[axis.index()].r_squared));
-        row.push(Cell::Text(scale.unit.clone()));
+        let mut row = vec![TableCell::from(axis.name())];
+        row.extend(columns.iter().map(|(_, of)| TableCell::Figure(scale.value(of(axis)))));
+        row.push(TableCell::from(on[axis.index()].r_squared));
+        row.push(TableCell::Text(scale.unit.clone()));
         row
     };
     let of = if calibration.test.is_some() { "test" } else { "training" };

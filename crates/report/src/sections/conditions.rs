@@ -1,7 +1,7 @@
 //! Statistics by condition, and forces over a stride.
 
 use super::super::Report;
-use super::super::markup::{Cell, figure, table};
+use super::super::markup::{TableCell, figure, table};
 use super::super::numbers::{BoxPlot, PhasePlot, ReportNumbers};
 use super::super::units::Scale;
 use super::parts::{capital, folded, plot_figure};
@@ -24,7 +24,7 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
         let scale = Scale::of(quantity.unit(), of_quantity.iter().map(|row| row.statistics.mean));
         let has_reference = report.conditions.iter().any(|row| row.difference.is_some());
         let cells = |row: &&ConditionRow| condition_cells(row, &scale, has_reference);
-        let rows: Vec<Vec<Cell>> = of_quantity.iter().map(cells).collect();
+        let rows: Vec<Vec<TableCell>> = of_quantity.iter().map(cells).collect();
         let reference = report.conditions.iter().find_map(|row| row.difference.as_ref());
         let less = reference.map(|difference| format!("less {}", difference.reference));
         let mut header = vec![("condition", true), ("per", true), ("n", false), ("mean", false)];
@@ -47,17 +47,17 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
 }
 
 /// What answers, with intervals.
-fn condition_cells(row: &ConditionRow, scale: &Scale, has_reference: bool) -> Vec<Cell> {
+fn condition_cells(row: &ConditionRow, scale: &Scale, has_reference: bool) -> Vec<TableCell> {
     let s = &row.statistics;
     let mut cells = vec![
-        Cell::Text(row.condition.clone()),
-        Cell::from(row.per.name()),
-        Cell::from(s.n as u64),
-        Cell::Figure(scale.estimate(Some(s.mean), s.mean_95)),
+        TableCell::Text(row.condition.clone()),
+        TableCell::from(row.per.name()),
+        TableCell::from(s.n as u64),
+        TableCell::Figure(scale.estimate(Some(s.mean), s.mean_95)),
     ];
     if has_reference {
         let difference = row.difference.as_ref();
-        cells.push(Cell::Figure(match difference {
+        cells.push(TableCell::Figure(match difference {
             Some(difference) => scale.estimate(Some(difference.mean), difference.mean_95),
             None => "–".to_owned(),
         }));
@@ -66,16 +66,16 @@ fn condition_cells(row: &ConditionRow, scale: &Scale, has_reference: bool) -> Ve
 }
 
 /// How the values lie.
-fn spread_cells(row: &ConditionRow, scale: &Scale) -> Vec<Cell> {
+fn spread_cells(row: &ConditionRow, scale: &Scale) -> Vec<TableCell> {
     let s = &row.statistics;
     vec![
-        Cell::Text(row.condition.clone()),
-        Cell::from(row.per.name()),
-        Cell::Figure(scale.value(s.sd)),
-        Cell::Figure(scale.value(Some(s.median))),
-        Cell::Figure(scale.range(s.q1, s.q3)),
-        Cell::Figure(scale.range(s.whisker_low, s.whisker_high)),
-        Cell::from(s.outliers.len() as u64),
+        TableCell::Text(row.condition.clone()),
+        TableCell::from(row.per.name()),
+        TableCell::Figure(scale.value(s.sd)),
+        TableCell::Figure(scale.value(Some(s.median))),
+        TableCell::Figure(scale.range(s.q1, s.q3)),
+        TableCell::Figure(scale.range(s.whisker_low, s.whisker_high)),
+        TableCell::from(s.outliers.len() as u64),
     ]
 }
 

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::super::Report;
-use super::super::markup::{Cell, escape, table};
+use super::super::markup::{TableCell, escape, table};
 use super::super::numbers::{EffectPlot, QUANTITIES, ReportNumbers};
 use super::super::units::Scale;
 use super::parts::{capital, plot_figure};
@@ -61,13 +61,15 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
             quantities.iter().flat_map(|&quantity| rows(quantity)).collect();
         all.iter().filter(of_condition).map(|row| row.statistics.n as u64).max()
     };
-    let cells: Vec<Vec<Cell>> = names
+    let cells: Vec<Vec<TableCell>> = names
         .iter()
         .enumerate()
         .map(|(at, name)| {
-            let mut row =
-                vec![Cell::Text((*name).to_owned()), Cell::from(trials(name).unwrap_or(0))];
-            row.extend(columns.iter().map(|column| Cell::Figure(column[at].clone())));
+            let mut row = vec![
+                TableCell::Text((*name).to_owned()),
+                TableCell::from(trials(name).unwrap_or(0)),
+            ];
+            row.extend(columns.iter().map(|column| TableCell::Figure(column[at].clone())));
             row
         })
         .collect();

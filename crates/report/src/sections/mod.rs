@@ -15,22 +15,22 @@ use parts::facts_table;
 use trials::trials;
 
 use super::Report;
-use super::markup::{Cell, escape, table};
+use super::markup::{TableCell, escape, table};
 use super::numbers::ReportNumbers;
-use super::page::Section;
+use super::page::PageSection;
 use trial::Severity;
 
 /// All of them, from top to bottom.
-pub(super) fn of(report: &Report<'_>, numbers: &ReportNumbers) -> Vec<Section> {
+pub(super) fn of(report: &Report<'_>, numbers: &ReportNumbers) -> Vec<PageSection> {
     vec![
-        Section::new("effect", "What came out", effect(report, numbers)),
-        Section::new("warnings", "Warnings", warnings(report)),
-        Section::new("conditions", "By condition", conditions(report, numbers)),
-        Section::new("phase", "Over a stride", phase(numbers)),
-        Section::new("trials", "Trials", trials(report, numbers)),
-        Section::new("doubtful", "Readings that cannot be trusted", doubtful(report)),
-        Section::new("calibration", "Calibration", calibration(report)),
-        Section::new("origin", "To make it again", origin(report)),
+        PageSection::new("effect", "What came out", effect(report, numbers)),
+        PageSection::new("warnings", "Warnings", warnings(report)),
+        PageSection::new("conditions", "By condition", conditions(report, numbers)),
+        PageSection::new("phase", "Over a stride", phase(numbers)),
+        PageSection::new("trials", "Trials", trials(report, numbers)),
+        PageSection::new("doubtful", "Readings that cannot be trusted", doubtful(report)),
+        PageSection::new("calibration", "Calibration", calibration(report)),
+        PageSection::new("origin", "To make it again", origin(report)),
     ]
 }
 
@@ -118,15 +118,15 @@ fn origin(report: &Report<'_>) -> String {
         html += &facts_table("Settings", &settings);
     }
     let header = [("used as", true), ("file", true), ("bytes", false), ("checksum", true)];
-    let rows: Vec<Vec<Cell>> = report
+    let rows: Vec<Vec<TableCell>> = report
         .inputs
         .iter()
         .map(|input| {
             vec![
-                Cell::Text(input.role.clone()),
-                Cell::Text(input.path.clone()),
-                Cell::from(input.bytes),
-                Cell::Long(input.checksum.clone()),
+                TableCell::Text(input.role.clone()),
+                TableCell::Text(input.path.clone()),
+                TableCell::from(input.bytes),
+                TableCell::Long(input.checksum.clone()),
             ]
         })
         .collect();

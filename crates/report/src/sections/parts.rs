@@ -1,11 +1,11 @@
 //! Tables, figures and numbers that several sections have.
 
-use super::super::markup::{Cell, escape, table};
+use super::super::markup::{TableCell, escape, table};
 
 pub(crate) fn facts_table(caption: &str, facts: &[(&str, String)]) -> String {
-    let rows: Vec<Vec<Cell>> = facts
+    let rows: Vec<Vec<TableCell>> = facts
         .iter()
-        .map(|(name, value)| vec![Cell::from(*name), Cell::Long(value.clone())])
+        .map(|(name, value)| vec![TableCell::from(*name), TableCell::Long(value.clone())])
         .collect();
     table(caption, &[("what", true), ("value", true)], &rows)
 }

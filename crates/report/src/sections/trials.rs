@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::super::markup::{Cell, escape, figure, table};
+use super::super::markup::{TableCell, escape, figure, table};
 use super::super::numbers::{ReportNumbers, TrialPlot};
 use super::super::units::Scale;
 use super::super::{MOST_TRACES, Report};
@@ -90,16 +90,16 @@ fn trial_tables(trials: &[TrialResult]) -> String {
     header.push(("specific resistance", false));
     let results = |TrialResult { row, .. }: &TrialResult| {
         vec![
-            Cell::Text(row.file.clone()),
-            Cell::Text(row.condition.clone()),
-            Cell::Figure(drag.value(row.drag_mean_n)),
-            Cell::Figure(lift.value(row.lift_mean_n)),
-            Cell::Figure(energy.estimate(row.drag_energy_j, row.drag_energy_95_j)),
-            Cell::Figure(electrical.value(row.electrical_energy_j)),
-            Cell::from(row.specific_resistance),
+            TableCell::Text(row.file.clone()),
+            TableCell::Text(row.condition.clone()),
+            TableCell::Figure(drag.value(row.drag_mean_n)),
+            TableCell::Figure(lift.value(row.lift_mean_n)),
+            TableCell::Figure(energy.estimate(row.drag_energy_j, row.drag_energy_95_j)),
+            TableCell::Figure(electrical.value(row.electrical_energy_j)),
+            TableCell::from(row.specific_resistance),
         ]
     };
-    let rows: Vec<Vec<Cell>> = trials.iter().map(results).collect();
+    let rows: Vec<Vec<TableCell>> = trials.iter().map(results).collect();
     let html = table("One row for each trial", &header, &rows);
     let header = [
         ("log", true),
@@ -111,15 +111,15 @@ fn trial_tables(trials: &[TrialResult]) -> String {
     ];
     let times = |TrialResult { row, .. }: &TrialResult| {
         vec![
-            Cell::Text(row.file.clone()),
-            Cell::from(row.t_enter_s),
-            Cell::from(row.t_exit_s),
-            Cell::from(row.velocity_m_s),
-            Cell::Figure(row.strides.map_or("–".to_owned(), |strides| strides.to_string())),
-            Cell::from(row.stride_frequency_hz),
+            TableCell::Text(row.file.clone()),
+            TableCell::from(row.t_enter_s),
+            TableCell::from(row.t_exit_s),
+            TableCell::from(row.velocity_m_s),
+            TableCell::Figure(row.strides.map_or("–".to_owned(), |strides| strides.to_string())),
+            TableCell::from(row.stride_frequency_hz),
         ]
     };
-    let rows: Vec<Vec<Cell>> = trials.iter().map(times).collect();
+    let rows: Vec<Vec<TableCell>> = trials.iter().map(times).collect();
     let caption = "Times, speed and strides of each trial";
     html + &folded(caption, &table(caption, &header, &rows))
 }
@@ -141,18 +141,18 @@ fn strides(strides: &[StrideRow]) -> String {
         (names[1].as_str(), false),
         ("specific resistance", false),
     ];
-    let rows: Vec<Vec<Cell>> = strides
+    let rows: Vec<Vec<TableCell>> = strides
         .iter()
         .map(|row| {
             vec![
-                Cell::from(row.stride),
-                Cell::Figure(format!("{:.4}", row.t_start_s)),
-                Cell::Figure(format!("{:.4}", row.t_end_s)),
-                Cell::from(row.drag_mean_n),
-                Cell::from(row.lift_mean_n),
-                Cell::Figure(energy.value(row.drag_energy_j)),
-                Cell::Figure(electrical.value(row.electrical_energy_j)),
-                Cell::from(row.specific_resistance),
+                TableCell::from(row.stride),
+                TableCell::Figure(format!("{:.4}", row.t_start_s)),
+                TableCell::Figure(format!("{:.4}", row.t_end_s)),
+                TableCell::from(row.drag_mean_n),
+                TableCell::from(row.lift_mean_n),
+                TableCell::Figure(energy.value(row.drag_energy_j)),
+                TableCell::Figure(electrical.value(row.electrical_energy_j)),
+                TableCell::from(row.specific_resistance),
             ]
         })
         .collect();

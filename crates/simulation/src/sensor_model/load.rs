@@ -17,7 +17,7 @@ use shell_data::wrench::PerAxis;
 use shell_data::random::{Purpose, Stream};
 
 /// Seconds from one contact to the next.
-pub const POSE_S: f64 = 2.0;
+pub(crate) const POSE_S: f64 = 2.0;
 
 /// Half-axes of the shell, m.
 const SHELL_M: [f64; 3] = [0.09, 0.055, 0.045];
@@ -59,7 +59,7 @@ impl LoadScript {
     }
 
     /// The number of the pose at `time_s` ≥ 0 since the start.
-    pub fn pose_number(time_s: f64) -> u64 {
+    pub(crate) fn pose_number(time_s: f64) -> u64 {
         (time_s / POSE_S) as u64
     }
 

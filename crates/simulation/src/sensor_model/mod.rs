@@ -28,14 +28,15 @@ mod response;
 mod springs;
 
 pub use geometry::Reflector;
-pub use load::{LoadScript, POSE_S};
+pub use load::LoadScript;
 pub use load_table::{BadLoad, LoadTable};
 pub use pair::{Pair, PairSettings};
 pub use parameters::{Channel, Noise, Parameters, Reference, Spread, Surroundings};
 pub use recording::{Kind, Recording, Sample, Settings};
 pub use reference::ReferenceSensor;
 pub use response::Response;
-pub use springs::{Creep, Displacement, Hysteresis, Spring, compliance, stiffness};
+use springs::compliance;
+pub use springs::{Creep, Displacement, Hysteresis, Spring, stiffness};
 
 use geometry::RigidMotion;
 use shell_data::random::{Purpose, Stream};
@@ -167,7 +168,7 @@ impl SensorModel {
 
     /// What the photointerrupters see at `time_s` under `wrench`, as [`sample`](Self::sample) takes
     /// them, for who converts it on his own. Without a plate they see nothing.
-    pub fn expose(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> [Exposure; 8] {
+    pub(crate) fn expose(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> [Exposure; 8] {
         if !is_bearable(time_s, wrench) {
             return [Exposure { light: 0.0, dark: 0.0 }; 8];
         }

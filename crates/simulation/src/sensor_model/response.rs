@@ -38,7 +38,7 @@ pub struct Response {
 
 impl Response {
     /// The curve of the GP2S60.
-    pub fn gp2s60() -> Self {
+    pub(crate) fn gp2s60() -> Self {
         let secant = |i: usize| (NODES[i + 1].1 - NODES[i].1) / (NODES[i + 1].0 - NODES[i].0);
         let mut slopes = [0.0; NODES.len()];
         slopes[0] = secant(0);

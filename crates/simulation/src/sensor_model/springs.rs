@@ -68,7 +68,7 @@ pub fn stiffness(springs: &[Spring]) -> [[f64; 6]; 6] {
 ///
 /// Written out rather than taken from a linear algebra library, whose kernels round differently
 /// from one processor to another.
-pub fn compliance(stiffness: &[[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
+pub(crate) fn compliance(stiffness: &[[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
     let mut left = *stiffness;
     let mut right: [[f64; 6]; 6] =
         std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));

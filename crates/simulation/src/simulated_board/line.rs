@@ -26,17 +26,17 @@ const QUEUE: usize = 512;
 /// How long a thread waits at most before it looks at the radio again.
 const TICK: Duration = Duration::from_millis(10);
 
-type Input = Pipe<CriticalSectionRawMutex, 1024>;
+type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 
 /// The board's end.
-pub(super) struct Line {
+pub(super) struct SerialLine {
     /// The name of the host's end.
     pub(super) port: String,
-    pub(super) sender: Sender,
-    pub(super) receiver: Receiver,
+    pub(super) sender: LineSender,
+    pub(super) receiver: LineReceiver,
 }
 
-impl Line {
+impl SerialLine {
     /// Makes a pty; `radios` are the ways to the host and to the board.
     #[cfg(unix)]
     pub(super) fn open(radios: &[Arc<Mutex<Radio>>; 2]) -> Result<Self, serialport::Error> {
@@ -61,11 +61,11 @@ impl Line {
     ) -> Self {
         let [up, down] = radios.each_ref().map(Arc::clone);
         let (queue, packets) = sync_channel(QUEUE);
-        let input = Arc::new(Input::new());
+        let input = Arc::new(InputPipe::new());
         let to_board = Arc::clone(&input);
         thread::spawn(move || give_to_host(&packets, &up, to_host));
         thread::spawn(move || give_to_board(from_host, &down, &to_board));
-        Self { port, sender: Sender(queue), receiver: Receiver(input) }
+        Self { port, sender: LineSender(queue), receiver: LineReceiver(input) }
     }
 }
 
@@ -75,13 +75,13 @@ pub(super) fn lock(radio: &Mutex<Radio>) -> MutexGuard<'_, Radio> {
 }
 
 /// From the board: what is written at once goes into one packet.
-pub(super) struct Sender(SyncSender<Vec<u8>>);
+pub(super) struct LineSender(SyncSender<Vec<u8>>);
 
-impl ErrorType for Sender {
+impl ErrorType for LineSender {
     type Error = Infallible;
 }
 
-impl Write for Sender {
+impl Write for LineSender {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         let mut packet = bytes.to_vec();
         while let Err(TrySendError::Full(back)) = self.0.try_send(packet) {
@@ -97,13 +97,13 @@ impl Write for Sender {
 }
 
 /// To the board.
-pub(super) struct Receiver(Arc<Input>);
+pub(super) struct LineReceiver(Arc<InputPipe>);
 
-impl ErrorType for Receiver {
+impl ErrorType for LineReceiver {
     type Error = Infallible;
 }
 
-impl Read for Receiver {
+impl Read for LineReceiver {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
         Ok(self.0.read(buffer).await)
     }
@@ -139,7 +139,7 @@ fn write_all(host: &mut impl io::Write, mut bytes: &[u8]) {
     }
 }
 
-fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &Input) {
+fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPipe) {
     let start = Instant::now();
     let now_us = || start.elapsed().as_micros() as u64;
     let mut buffer = [0; 256];

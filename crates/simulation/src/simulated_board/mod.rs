@@ -32,7 +32,7 @@ use shared_proto::{Board, Identity, ResetCause};
 
 use crate::radio::{BadFault, Books, Faults, Radio};
 use crate::sensor_model::{ModelError, Parameters, SensorModel};
-use line::{Line, Receiver, Sender};
+use line::{LineReceiver, LineSender, SerialLine};
 use sync_script::SyncScript;
 
 /// A board to simulate.
@@ -89,7 +89,7 @@ impl SimulatedBoard {
     /// [`SimulationError`].
     #[cfg(unix)]
     pub fn start(settings: Settings) -> Result<Self, SimulationError> {
-        Self::on(settings, |radios| Ok(Line::open(radios)?))
+        Self::on(settings, |radios| Ok(SerialLine::open(radios)?))
     }
 
     /// Switches a board on that is reached at an address, by one host at a time.
@@ -98,13 +98,13 @@ impl SimulatedBoard {
     /// [`SimulationError`].
     pub fn listen(settings: Settings, at: SocketAddr) -> Result<Self, SimulationError> {
         Self::on(settings, |radios| {
-            Line::listen(at, radios).map_err(|reason| SimulationError::Listen { at, reason })
+            SerialLine::listen(at, radios).map_err(|reason| SimulationError::Listen { at, reason })
         })
     }
 
     fn on(
         settings: Settings,
-        line: impl FnOnce(&[Arc<Mutex<Radio>>; 2]) -> Result<Line, SimulationError>,
+        line: impl FnOnce(&[Arc<Mutex<Radio>>; 2]) -> Result<SerialLine, SimulationError>,
     ) -> Result<Self, SimulationError> {
         let Settings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
         if !(noise_scale.is_finite() && noise_scale >= 0.0) {
@@ -116,7 +116,7 @@ impl SimulatedBoard {
         // The two ways of the radio fail independently.
         let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
         let radios = [radio(0)?, radio(1)?];
-        let Line { port, sender, receiver } = line(&radios)?;
+        let SerialLine { port, sender, receiver } = line(&radios)?;
         thread::spawn(move || {
             let clock = PacedClock::start();
             let front_end = Instrument::new(sensor, load, clock.clone());
@@ -152,15 +152,15 @@ async fn board(
     front_end: Instrument,
     sync_input: SyncScript,
     clock: PacedClock,
-    receiver: Receiver,
-    sender: Sender,
+    receiver: LineReceiver,
+    sender: LineSender,
 ) {
     firmware::run(Parts {
         front_end,
         clock,
         receiver,
         sender,
-        storage: Memory(None),
+        storage: SlotMemory(None),
         watchdog: NoWatchdog,
         sync_input,
         // Its line has no rate, and there is nothing below it that could be flashed.
@@ -185,9 +185,9 @@ fn nonce() -> [u8; 8] {
     RandomState::new().build_hasher().finish().to_le_bytes()
 }
 
-struct Memory(Option<Record>);
+struct SlotMemory(Option<Record>);
 
-impl Storage for Memory {
+impl Storage for SlotMemory {
     fn load(&mut self, record: &mut Record) {
         *record = self.0.unwrap_or([0xFF; RECORD]);
     }

@@ -10,10 +10,10 @@ use std::time::Duration;
 ///
 /// What the board sends while nobody is there is gone, as it is on a wire.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Socket(Arc<Mutex<Current>>);
+pub(super) struct Socket(Arc<Mutex<CurrentPeer>>);
 
 #[derive(Debug, Default)]
-struct Current {
+struct CurrentPeer {
     host: Option<TcpStream>,
     /// Hosts so far: tells one that has gone from one that has come meanwhile.
     number: u64,
@@ -47,12 +47,12 @@ impl Socket {
             && host.set_read_timeout(Some(tick)).is_ok()
             && host.set_write_timeout(Some(tick)).is_ok()
         {
-            *current = Current { host: Some(host), number: current.number + 1 };
+            *current = CurrentPeer { host: Some(host), number: current.number + 1 };
         }
     }
 
     /// A panic elsewhere does not make the connection wrong.
-    fn current(&self) -> MutexGuard<'_, Current> {
+    fn current(&self) -> MutexGuard<'_, CurrentPeer> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

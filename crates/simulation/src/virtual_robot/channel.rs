@@ -45,7 +45,7 @@ impl ChannelForces {
 
 /// The wrench of one trial.
 #[derive(Clone, Debug)]
-pub(super) struct Contact {
+pub(super) struct BeamContact {
     condition: ChannelForces,
     window_s: [f64; 2],
     entering: f64,
@@ -75,7 +75,7 @@ const SHAKING_N: [[f64; 2]; 3] = [[0.10, 0.05], [0.12, 0.06], [0.15, 0.08]];
 /// Where the beams press, from the sensor's origin: ahead and above, m.
 const CONTACT_M: [f64; 3] = [0.02, 0.0, 0.02];
 
-impl Contact {
+impl BeamContact {
     /// In the channel over `window_s`, entering it and leaving it over a share `entering` each.
     pub(super) fn new(
         condition: ChannelForces,
@@ -145,7 +145,7 @@ mod tests {
         let condition = ChannelForces::named("3 cm").unwrap();
         for seed in 0..20 {
             let mut random = Stream::new(seed, Purpose::Trial, 0);
-            let contact = Contact::new(condition, [1.0, 7.0], 0.39, 0.047, &mut random);
+            let contact = BeamContact::new(condition, [1.0, 7.0], 0.39, 0.047, &mut random);
             let mean = |axis: usize| {
                 (0..6000)
                     .map(|i| contact.wrench_at(1.0005 + 1e-3 * f64::from(i), 0.0, 0.0)[axis])

@@ -10,7 +10,7 @@
 //! so that the battery delivers I = |d| (V − e)/R to each of them and sags under it:
 //! V = V₀ − r ΣI − (what has been drained), solved for V, as it is linear in it.
 
-use super::constants::Constants;
+use super::Constants;
 use super::gait::{Gait, Side};
 use shell_data::random::Stream;
 

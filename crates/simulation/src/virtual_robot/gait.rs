@@ -76,7 +76,7 @@ impl Gait {
     }
 
     /// Its speed, rad/s.
-    pub fn speed_rad_s(&self, side: Side, time_s: f64) -> f64 {
+    pub(crate) fn speed_rad_s(&self, side: Side, time_s: f64) -> f64 {
         TAU * self.stride_hz * self.share(time_s) * self.leg(side).slope(self.drive_rad(time_s))
     }
 
@@ -98,7 +98,7 @@ impl Gait {
 
     /// When the angle of a leg first reaches `angle_rad`, s, to a nanosecond; `None` if not before
     /// `end_s` or already at the start.
-    pub fn time_of(&self, side: Side, angle_rad: f64, end_s: f64) -> Option<f64> {
+    pub(crate) fn time_of(&self, side: Side, angle_rad: f64, end_s: f64) -> Option<f64> {
         let (mut low, mut high) = (self.start_s, end_s);
         let reached = |time_s: f64| self.angle_rad(side, time_s) >= angle_rad;
         if reached(low) || !reached(high) {

@@ -21,20 +21,20 @@
 //! are oscillations at stride frequency with noise, no more.
 
 mod channel;
-mod constants;
 mod drive;
 mod gait;
-mod telemetry;
+pub(crate) mod telemetry;
 mod truth;
 
 pub use channel::ChannelForces;
-pub use constants::Constants;
 pub use gait::{Gait, Side};
-pub use telemetry::{COLUMNS, TELEMETRY_COLUMNS, TelemetryRow};
+pub use telemetry::{COLUMNS, TelemetryRow};
 pub use truth::{StrideTruth, Truth};
 
+use std::f64::consts::TAU;
+
 use crate::sensor_model::{ModelError, Parameters, SensorModel, SimulatedFrame};
-use channel::Contact;
+use channel::BeamContact;
 use drive::Drive;
 use shell_data::random::{Purpose, Stream};
 use shell_data::wrench::PerAxis;
@@ -50,6 +50,40 @@ const APPROACH_S: [f64; 2] = [1.0, 1.3];
 const AFTERWARDS_S: f64 = 0.8;
 /// How long a stall lasts, s.
 const STALL_S: f64 = 0.4;
+
+// The constants of the VelociRoACH and of the lab's telemetry are stated here on their own, not taken from the robot
+// profile that trials are processed with: a slip in one of the two then shows as a difference.
+
+/// Standard gravity, m/s² (3rd CGPM, 1901).
+const GRAVITY: f64 = 9.806_65;
+/// Encoder counts in a turn.
+const TURN: i64 = 1 << 16;
+/// rad in a count.
+const RAD_PER_COUNT: f64 = TAU / TURN as f64;
+
+/// What a trial is made with.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Constants {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Length of the robot, m.
+    pub robot_m: f64,
+    /// Length of the channel, m.
+    pub channel_m: f64,
+    /// Resistance of a motor's winding, Ω.
+    pub motor_resistance_ohm: f64,
+}
+
+impl Constants {
+    /// Table I of the paper; 3.3 Ω as the lab takes it.
+    pub const VELOCIROACH: Self =
+        Self { mass_kg: 0.087, robot_m: 0.18, channel_m: 0.28, motor_resistance_ohm: 3.3 };
+
+    /// The robot's weight, N.
+    fn weight_n(&self) -> f64 {
+        self.mass_kg * GRAVITY
+    }
+}
 
 /// How a trial is made.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -161,7 +195,7 @@ pub struct VirtualTrial {
     settings: TrialSettings,
     constants: Constants,
     gait: Gait,
-    contact: Contact,
+    contact: BeamContact,
     drive: Drive,
     window_s: [f64; 2],
     times_s: Vec<f64>,
@@ -192,15 +226,15 @@ impl VirtualTrial {
         let stall_s = settings.stall.then_some([stall_at, stall_at + STALL_S]);
         let gait = Gait::new(stride_hz, lead_in_s, stall_s, &mut random);
         let entering = constants.robot_m / (constants.robot_m + constants.channel_m);
-        let contact = Contact::new(condition, window_s, entering, velocity_m_s, &mut random);
+        let contact = BeamContact::new(condition, window_s, entering, velocity_m_s, &mut random);
         let rows = ((exit_s + AFTERWARDS_S - FIRST_S) / ROW_S).ceil() as u64;
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
         let mut controller = Stream::new(seed, Purpose::Controller, 0);
         let drive = Drive::new(&constants, &gait, lead_in_s, &times_s, &mut controller);
         // Whole turns: the encoder's zero is a place on the leg. Two seconds of running, about.
-        let span = constants::TURN * (2.0 * stride_hz) as i64;
+        let span = TURN * (2.0 * stride_hz) as i64;
         let first_count = match settings.counter {
-            Counter::Long => 762 * constants::TURN,
+            Counter::Long => 762 * TURN,
             Counter::LongWrapping if settings.reversed => i64::from(i32::MIN) + span,
             Counter::LongWrapping => -i64::from(i32::MIN) - span,
             Counter::Turn => 0,

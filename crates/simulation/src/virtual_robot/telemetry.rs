@@ -1,8 +1,8 @@
 //! What the robot writes down: integers, in the columns of the lab's telemetry.
 
-use super::constants::{GRAVITY, RAD_PER_COUNT, TURN};
 use super::drive::Drive;
 use super::{Counter, Side, VirtualTrial};
+use super::{GRAVITY, RAD_PER_COUNT, TURN};
 use crate::sensor_model::ModelError;
 use shell_data::random::{Purpose, Stream};
 
@@ -35,7 +35,7 @@ pub const COLUMNS: [&str; 24] = [
 ];
 
 /// How many of them are not the sensor's.
-pub const TELEMETRY_COLUMNS: usize = 16;
+pub(crate) const TELEMETRY_COLUMNS: usize = 16;
 
 /// One row of telemetry, in the order of [`COLUMNS`].
 pub type TelemetryRow = [i64; COLUMNS.len()];

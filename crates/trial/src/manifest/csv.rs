@@ -3,7 +3,7 @@
 use csv::{ReaderBuilder, StringRecord, Trim};
 
 use super::entry::{Manifest, ManifestProblem, Place, Placed};
-use super::fields::{Fields, KEYS, REQUIRED, did_you_mean};
+use super::fields::{EntryFields, KEYS, REQUIRED, did_you_mean};
 
 /// Other names that columns go by.
 const OTHER_NAMES: [(&str, &str); 9] = [
@@ -101,7 +101,7 @@ fn row(
         let value = record.get(column).filter(|value| !value.is_empty())?.to_owned();
         Some(Placed { value, place: lexed.field(column) })
     };
-    Fields { place: lexed.field(0), get: &get }.entry()
+    EntryFields { place: lexed.field(0), get: &get }.entry()
 }
 
 /// Where the fields of a record start.

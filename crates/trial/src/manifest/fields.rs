@@ -3,7 +3,7 @@
 use super::entry::{Entry, ManifestProblem, Moment, Place, Placed};
 
 /// What is left of an entry's fields once they are read.
-pub(super) struct Fields<'a> {
+pub(super) struct EntryFields<'a> {
     pub(super) place: Place,
     pub(super) get: &'a dyn Fn(&str) -> Option<Placed<String>>,
 }
@@ -24,7 +24,7 @@ pub(super) const KEYS: [&str; 9] = [
 /// How many of [`KEYS`] have to be there.
 pub(super) const REQUIRED: usize = 4;
 
-impl Fields<'_> {
+impl EntryFields<'_> {
     /// The entry that the fields make.
     pub(super) fn entry(&self) -> Result<Entry, ManifestProblem> {
         let entry = Entry {

@@ -6,19 +6,19 @@ use serde::Deserialize;
 use toml::{Spanned, Value};
 
 use super::entry::{Manifest, ManifestProblem, Place, Placed};
-use super::fields::{Fields, KEYS, did_you_mean};
+use super::fields::{EntryFields, KEYS, did_you_mean};
 use crate::toml_place::{TomlError, parse as parse_toml};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Document {
+struct TomlManifest {
     conditions: Option<Vec<String>>,
     #[serde(default)]
     trial: Vec<Spanned<BTreeMap<String, Spanned<Value>>>>,
 }
 
 pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
-    let document: Document = parse_toml(text).map_err(|error| {
+    let document: TomlManifest = parse_toml(text).map_err(|error| {
         let place = Place { line: error.line, column: error.column };
         ManifestProblem { place, message: error.message }
     })?;
@@ -53,7 +53,7 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
             let place = place(value.span().start);
             (!text.is_empty()).then_some(Placed { value: text, place })
         };
-        Fields { place: at, get: &get }.entry()
+        EntryFields { place: at, get: &get }.entry()
     };
     Ok(Manifest { rows: document.trial.iter().map(row).collect(), conditions: document.conditions })
 }
