@@ -14,8 +14,6 @@ import pathlib
 import numpy as np
 import openpyxl
 import polars as pl
-import pyarrow.feather as feather
-import pyarrow.ipc as ipc
 import pyarrow.parquet as parquet
 import scipy.io
 from backports import zstd
@@ -112,15 +110,6 @@ parquet.write_table(
     use_dictionary=False,
     column_encoding={"s1": "DELTA_BINARY_PACKED", "s2": "DELTA_BINARY_PACKED"},
 )
-
-for codec in ["lz4", "zstd", "uncompressed"]:
-    feather.write_feather(arrow, at("arrow", f"{codec}.feather"), compression=codec)
-    table.write_ipc(at("arrow", f"polars_{codec}.arrow"), compression=codec)
-place = arrow.schema.get_field_index("group")
-words = arrow.set_column(place, "group", arrow["group"].dictionary_encode())
-feather.write_feather(words, at("arrow", "dictionary.feather"))
-with ipc.new_stream(str(at("arrow", "stream.arrows")), arrow.schema) as stream:
-    stream.write_table(arrow, max_chunksize=7)
 
 columns = {axis: wrench[:, i] for i, axis in enumerate(AXES)}
 scipy.io.savemat(at("matlab", "matrix.mat"), {"data": matrix})

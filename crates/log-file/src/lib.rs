@@ -4,7 +4,7 @@
 //! a [`Mapping`] supplies what cannot be recognised. [`Log::read`] then streams the rows as
 //! [`Block`]s in SI units. It parses only the columns that are [`Wanted`], on one thread per core,
 //! in memory that does not grow with the file. Files compressed with gzip or Zstandard are unpacked on
-//! the way, and tables in binary files (Parquet, Arrow, MATLAB, NumPy, Excel, MCAP) read as text.
+//! the way, and tables in binary files (Parquet, MATLAB, NumPy, Excel, MCAP) read as text.
 //!
 //! ```text
 //! ByteStream ─▶ ChunkStream ─▶ FieldEnds ─▶ numbers ─▶ Block ─▶ map ─▶ fold

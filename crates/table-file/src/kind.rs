@@ -6,8 +6,6 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FileKind {
-    /// Arrow IPC, which is also Feather version 2: a file or a stream.
-    Arrow,
     /// MATLAB, level 5.
     Matlab,
     /// MCAP, a recording of messages.
@@ -24,7 +22,7 @@ impl FileKind {
     /// What people call it, with an article.
     pub(crate) fn with_article(self) -> String {
         let article = match self {
-            Self::Arrow | Self::Mcap | Self::Xlsx => "an",
+            Self::Mcap | Self::Xlsx => "an",
             Self::Matlab | Self::NumPy | Self::Parquet => "a",
         };
         format!("{article} {self}")
@@ -33,7 +31,6 @@ impl FileKind {
     /// Its name in documents.
     pub const fn key(self) -> &'static str {
         match self {
-            Self::Arrow => "arrow",
             Self::Matlab => "matlab",
             Self::Mcap => "mcap",
             Self::NumPy => "numpy",
@@ -46,7 +43,6 @@ impl FileKind {
 impl fmt::Display for FileKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Arrow => "Arrow file",
             Self::Matlab => "MATLAB 5 file",
             Self::Mcap => "MCAP file",
             Self::NumPy => "NumPy file",
@@ -77,10 +73,12 @@ pub const RECOGNISED_BYTES: usize = 2048;
 
 const EXPORT: &str = "export the table as CSV or Parquet";
 const UNPACK: &str = "unpack it, or compress with gzip or zstd";
+const ARROW: &str = "an Arrow or Feather file";
+const AS_PARQUET: &str = "write Parquet instead, in Python with `df.to_parquet(…)`";
 const NO_TABLE: &str = "give the table that it was made of";
 
 /// Kinds that are not read, by how they begin.
-const FOREIGN: [(&[u8], &str, &str); 25] = [
+const FOREIGN: [(&[u8], &str, &str); 26] = [
     (
         b"MATLAB 7.3",
         "a MATLAB 7.3 file (HDF5)",
@@ -91,7 +89,8 @@ const FOREIGN: [(&[u8], &str, &str); 25] = [
         "an HDF5 file",
         "export the table, in Python with `pandas.read_hdf(…).to_parquet(…)`",
     ),
-    (b"FEA1", "a Feather file of version 1", "write it again with `version=2`"),
+    (b"ARROW1", ARROW, AS_PARQUET),
+    (b"FEA1", ARROW, AS_PARQUET),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", "save it as .xlsx or CSV"),
     (
         b"SQLite format 3\0",
@@ -129,7 +128,6 @@ pub fn recognise(head: &[u8]) -> Recognised {
     }
     for (start, kind) in [
         (&b"PAR1"[..], FileKind::Parquet),
-        (b"ARROW1", FileKind::Arrow),
         (b"\x93NUMPY", FileKind::NumPy),
         (b"\x89MCAP0\r\n", FileKind::Mcap),
     ] {
@@ -141,7 +139,7 @@ pub fn recognise(head: &[u8]) -> Recognised {
     if let Some([0xff, 0xff, 0xff, 0xff, _, _, length, 0]) = head.get(..8)
         && *length < 16
     {
-        return Recognised::Table(FileKind::Arrow);
+        return Recognised::Foreign { what: ARROW, remedy: AS_PARQUET };
     }
     if head.starts_with(b"PK\x03\x04") {
         return archive(head);
@@ -211,8 +209,6 @@ mod tests {
         untitled.extend([0, 1, b'I', b'M']);
         for (head, expected) in [
             (&b"PAR1\x15"[..], Table(FileKind::Parquet)),
-            (b"ARROW1\0\0", Table(FileKind::Arrow)),
-            (b"\xff\xff\xff\xff\x10\x02\0\0", Table(FileKind::Arrow)),
             (b"\x93NUMPY\x01\0", Table(FileKind::NumPy)),
             (b"\x89MCAP0\r\n", Table(FileKind::Mcap)),
             (b"MATLAB 5.0 MAT-file, ", Table(FileKind::Matlab)),
@@ -227,6 +223,9 @@ mod tests {
         }
         for (head, expected) in [
             (&b"\x89HDF\r\n\x1a\n"[..], "an HDF5 file"),
+            (b"ARROW1\0\0", "an Arrow or Feather file"),
+            (b"FEA1", "an Arrow or Feather file"),
+            (b"\xff\xff\xff\xff\x10\x02\0\0", "an Arrow or Feather file"),
             (b"MATLAB 7.3 MAT-file", "a MATLAB 7.3 file (HDF5)"),
             (b"PK\x03\x04....arr_0.npy", "an archive of NumPy arrays (.npz)"),
             (b"PK\x03\x04....notes.txt", "a zip archive"),

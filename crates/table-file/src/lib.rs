@@ -11,14 +11,12 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-mod arrow;
 mod budget;
 mod bytes;
 mod calendar;
 mod codec;
 mod element;
 mod error;
-mod flatbuffer;
 mod kind;
 mod mat5;
 mod mcap;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::{Layout, Numbering};
-use crate::{arrow, mat5, mcap, npy, parquet, xlsx};
+use crate::{mat5, mcap, npy, parquet, xlsx};
 
 /// A table in a file.
 #[derive(Clone, Debug)]
@@ -23,7 +23,6 @@ impl Table {
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
     pub fn open(path: &Path, kind: FileKind, part: Option<&str>) -> Result<Self, TableError> {
         let layout: Arc<dyn Layout> = match kind {
-            FileKind::Arrow => arrow::open(path)?,
             FileKind::Matlab => mat5::open(path, part)?,
             FileKind::Mcap => mcap::open(path, part)?,
             FileKind::NumPy => npy::open(path)?,

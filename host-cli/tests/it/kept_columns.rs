@@ -57,7 +57,7 @@ fn texts_go_along_into_every_kind_of_file() {
     let expected: Vec<String> = (1..=400).map(named).collect();
     let supplies: Vec<String> = (1..=400).map(|row| supply(row).to_owned()).collect();
     for flags in ["--no-lowpass", "--lowpass 2"] {
-        for extension in ["csv", "parquet", "arrow"] {
+        for extension in ["csv", "parquet"] {
             let out = format!("out.{extension}");
             program::run(dir, &format!("convert cal.json log.csv --keep all -o {out} {flags}"), 0);
             let found = texts(&dir.join(&out), &["surface", "supply_v"]);

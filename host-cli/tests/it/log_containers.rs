@@ -8,8 +8,7 @@ use shell_data::block::Block;
 use system_tests::program;
 
 /// The folders of the files.
-const FOLDERS: [&str; 8] =
-    ["text", "packed", "parquet", "arrow", "matlab", "numpy", "xlsx", "mcap"];
+const FOLDERS: [&str; 7] = ["text", "packed", "parquet", "matlab", "numpy", "xlsx", "mcap"];
 
 fn seeds() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/log-file/fuzz/seeds")
@@ -119,7 +118,6 @@ fn fits_of_the_same_recording_have_the_same_coefficients() {
     for name in [
         "text/german_utf16.csv",
         "parquet/polars_zstd.parquet",
-        "arrow/lz4.feather",
         "matlab/vectors.mat",
         "numpy/matrix.npy",
         "xlsx/workbook.xlsx",
@@ -158,12 +156,12 @@ fn a_matrix_of_another_lab_is_fitted_as_it_is() {
 #[test]
 fn files_cut_anywhere_are_errors_that_name_them() {
     let dir = tempfile::tempdir().unwrap();
-    for folder in ["parquet", "arrow", "matlab", "numpy", "xlsx", "mcap"] {
+    for folder in ["parquet", "matlab", "numpy", "xlsx", "mcap"] {
         for entry in std::fs::read_dir(seeds().join(folder)).unwrap() {
             let path = entry.unwrap().path();
             let bytes = std::fs::read(&path).unwrap();
-            // A stream or recording without its end holds all rows until then.
-            let ends_early = path.extension().is_some_and(|it| it == "arrows" || it == "mcap");
+            // A recording without its end holds all rows until then.
+            let ends_early = path.extension().is_some_and(|it| it == "mcap");
             let lengths = (16..bytes.len()).step_by(bytes.len() / 60 + 1);
             for length in lengths.chain((!ends_early).then_some(bytes.len() - 1)) {
                 let cut = dir.path().join(path.file_name().unwrap());

@@ -173,7 +173,7 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     }
     let trace = fs::read_to_string(dir.join("trace.svg")).unwrap();
     assert!(trace.contains("Fx") && trace.contains("Mz"), "of six axes, drawn last");
-    for extension in ["parquet", "arrow", "mat", "npy"] {
+    for extension in ["parquet", "mat", "npy"] {
         let path = frames("cal.json", extension);
         let said = program::run(dir, &format!("info {}", path.display()), 0);
         assert!(

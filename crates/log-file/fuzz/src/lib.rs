@@ -40,9 +40,7 @@ pub fn read_log(bytes: &[u8], format: Option<Format>, piece: usize) {
 /// Reads `bytes` as a file that begins with `magic`, put before them where it is missing.
 pub fn read_table(bytes: &[u8], magic: &[u8]) {
     // Known kinds begin alike; what is compressed may be gzip.
-    let begins = bytes.starts_with(magic)
-        || bytes.starts_with(b"\x1f\x8b")
-        || bytes.starts_with(b"\xff\xff");
+    let begins = bytes.starts_with(magic) || bytes.starts_with(b"\x1f\x8b");
     let magic = if begins { &[] } else { magic };
     read_log(&[magic, bytes].concat(), None, bytes.len() % 499 + 100);
 }

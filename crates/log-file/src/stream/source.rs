@@ -192,7 +192,7 @@ impl LogSource {
     }
 
     fn table(&self, kind: FileKind, part: Option<&str>) -> Result<Table, LogError> {
-        if let (FileKind::Arrow | FileKind::NumPy | FileKind::Parquet, Some(part)) = (kind, part) {
+        if let (FileKind::NumPy | FileKind::Parquet, Some(part)) = (kind, part) {
             return Err(LogError::NoParts { path: self.path.clone(), wanted: part.to_owned() });
         }
         Table::open(self.location(), kind, part).map_err(|problem| self.table_error(problem))

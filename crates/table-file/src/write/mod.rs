@@ -1,10 +1,8 @@
 //! Tables as files, row after row.
 //!
-//! Arrow, MCAP and Parquet are written as the rows come; NumPy and MATLAB, which begin with the number of rows,
+//! MCAP and Parquet are written as the rows come; NumPy and MATLAB, which begin with the number of rows,
 //! are held in memory until then.
 
-mod arrow;
-mod flatbuffer;
 mod mat5;
 pub mod mcap;
 mod npy;
@@ -13,7 +11,6 @@ mod thrift;
 
 use std::io;
 
-pub use arrow::ArrowWriter;
 pub use mat5::MatWriter;
 pub use npy::NpyWriter;
 pub use parquet::{Cells, ParquetWriter, parquet_file};

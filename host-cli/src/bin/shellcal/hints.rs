@@ -395,7 +395,7 @@ fn after_log(error: &LogError) -> Option<&'static str> {
         }
         LogError::Binary { .. } => {
             "logs are text (telemetry, CSV, console), plain or compressed with gzip or zstd, or tables \
-             in Parquet, Arrow, MATLAB, NumPy, Excel or MCAP"
+             in Parquet, MATLAB, NumPy, Excel or MCAP"
         }
         LogError::LineTooLong { .. } => "this does not look like a log; are its line ends missing?",
         LogError::CarriageReturns { .. } => {

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use table_file::write::mcap::{Channel, Chunk, ChunkBuilder, McapWriter, wrench_stamped};
-use table_file::write::{ArrowWriter, MatWriter, NpyWriter, ParquetWriter, TableWriter, Values};
+use table_file::write::{MatWriter, NpyWriter, ParquetWriter, TableWriter, Values};
 
 use super::error::ConvertError;
 use super::format::OutputFormat;
@@ -190,7 +190,6 @@ impl<'a> Output<'a> {
                 return Ok(Self::Recording(McapWriter::new(out, library, channels)?));
             }
             OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &columns())?),
-            OutputFormat::Arrow => Box::new(ArrowWriter::new(out, &columns())?),
             OutputFormat::Matlab => Box::new(MatWriter::new(out, &columns())),
             OutputFormat::NumPy => Box::new(NpyWriter::new(out, &columns())),
         };

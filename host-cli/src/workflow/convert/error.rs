@@ -21,7 +21,7 @@ pub enum ConvertError {
     /// A recording holds whole wrenches with their time.
     #[error(
         "a recording in MCAP needs time and all six axes of a wrench: without, write `.csv`, `.parquet`, \
-         `.arrow`, `.mat` or `.npy`"
+         `.mat` or `.npy`"
     )]
     PartOfWrench,
     /// Axes were asked for that the calibration does not give.

@@ -10,8 +10,6 @@ pub enum OutputFormat {
     Csv,
     /// Parquet.
     Parquet,
-    /// Arrow, which is also Feather version 2.
-    Arrow,
     /// MATLAB 5: a variable for each column.
     Matlab,
     /// NumPy: an array of records.
@@ -45,13 +43,10 @@ pub struct UnknownExtension {
 /// The frame of reference that is named unless another is.
 pub const DEFAULT_FRAME_ID: &str = "shell";
 
-const EXTENSIONS: [(&str, OutputFormat); 9] = [
+const EXTENSIONS: [(&str, OutputFormat); 6] = [
     ("csv", OutputFormat::Csv),
     ("txt", OutputFormat::Csv),
     ("parquet", OutputFormat::Parquet),
-    ("arrow", OutputFormat::Arrow),
-    ("feather", OutputFormat::Arrow),
-    ("ipc", OutputFormat::Arrow),
     ("mat", OutputFormat::Matlab),
     ("npy", OutputFormat::NumPy),
     ("mcap", OutputFormat::Mcap { frame_id: String::new() }),
@@ -82,10 +77,10 @@ mod tests {
     fn files_are_what_their_names_say() {
         let of = |path: &str| OutputFormat::of(Path::new(path), "base");
         assert_eq!(of("a/b.CSV"), Ok(OutputFormat::Csv));
-        assert_eq!(of("b.feather"), Ok(OutputFormat::Arrow));
+        assert_eq!(of("b.parquet"), Ok(OutputFormat::Parquet));
         assert_eq!(of("b.mcap"), Ok(OutputFormat::Mcap { frame_id: "base".to_owned() }));
         assert_eq!(of("/dev/null"), Ok(OutputFormat::Csv));
-        for path in ["b", "b.xlsx", ".csv"] {
+        for path in ["b", "b.xlsx", "b.feather", ".csv"] {
             let said = of(path).unwrap_err().to_string();
             assert!(said.contains(path) && said.contains("`.parquet`"), "{said}");
         }

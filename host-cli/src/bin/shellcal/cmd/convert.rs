@@ -46,7 +46,7 @@ pub(crate) struct ConvertArgs {
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
 
-    /// Write the table of one log to a file: .csv, .parquet, .arrow or .feather, .mat, .npy, .mcap, or `-`
+    /// Write the table of one log to a file: .csv, .parquet, .mat, .npy, .mcap, or `-`
     /// [default: standard output, as CSV]
     #[arg(long, short, value_name = "FILE", conflicts_with = "output_dir")]
     output: Option<OutputPath>,

@@ -42,7 +42,7 @@ pub(crate) struct SubtractArgs {
     #[arg(value_name = "LOG")]
     log: InputPath,
 
-    /// Write the wrench that is left: .csv, .parquet, .arrow or .feather, .mat, .npy or .mcap [default:
+    /// Write the wrench that is left: .csv, .parquet, .mat, .npy or .mcap [default:
     /// standard output, as CSV]
     #[arg(long, short, value_name = "FILE")]
     output: Option<OutputPath>,

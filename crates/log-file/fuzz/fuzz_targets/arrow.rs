@@ -1,7 +1,0 @@
-//! Any bytes as a Arrow file: no panic, and the same rows wherever the pieces are cut.
-#![no_main]
-
-use libfuzzer_sys::fuzz_target;
-use log_file_fuzz::read_table;
-
-fuzz_target!(|bytes: &[u8]| read_table(bytes, b"ARROW1\0\0"));
