@@ -323,7 +323,24 @@ impl Log {
         let asked = wanted.others.iter().chain(&wanted.texts);
         let beyond = asked.filter(|&&at| at >= columns.len());
         missing.extend(beyond.map(|at| format!("column {}", at + 1)));
-        self.check_missing(missing)
+        self.check_missing(missing)?;
+        self.check_are_read(wanted)
+    }
+
+    /// Checks that a table in a binary file holds what can be read in all wanted columns.
+    fn check_are_read(&self, wanted: &Wanted) -> Result<(), LogError> {
+        let Some(table) = self.source.as_table() else { return Ok(()) };
+        let roles = &self.layout.roles;
+        let mut columns: Vec<usize> = wanted.others.iter().chain(&wanted.texts).copied().collect();
+        columns.extend(roles.time.filter(|_| wanted.time));
+        columns.extend(roles.group.filter(|_| wanted.groups));
+        columns.extend(roles.sensors.iter().filter(|_| wanted.readings));
+        columns.extend(roles.wrench.iter().flatten().filter(|_| wanted.wrench));
+        let check = |column| table.check_is_read(column);
+        columns
+            .into_iter()
+            .try_for_each(check)
+            .map_err(|problem| LogError::Table { path: self.source.path.clone(), problem })
     }
 
     fn check_missing(&self, missing: Vec<String>) -> Result<(), LogError> {

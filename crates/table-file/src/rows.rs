@@ -49,6 +49,11 @@ pub(crate) trait Layout: fmt::Debug + Send + Sync {
         }
     }
 
+    /// What a column holds, from 0, if that is not read: its cells are missing then.
+    fn unread(&self, _column: usize) -> Option<&'static str> {
+        None
+    }
+
     /// The rows, from the first on.
     fn rows(&self) -> Result<Box<dyn Rows>, TableError>;
 

@@ -42,6 +42,16 @@ impl Table {
         self.layout.names()
     }
 
+    /// Checks that the values of a column, from 0, are read.
+    ///
+    /// # Errors
+    /// [`TableError::Unsupported`] with its name and what it holds.
+    pub fn check_is_read(&self, column: usize) -> Result<(), TableError> {
+        let Some(what) = self.layout.unread(column) else { return Ok(()) };
+        let name = self.names().and_then(|names| names.get(column)).map_or("", String::as_str);
+        Err(self.kind.unsupported(format!("column `{name}` holds values of type {what}")))
+    }
+
     /// What the lines of its text are in the file.
     pub fn numbering(&self) -> Numbering {
         self.layout.numbering()

@@ -25,7 +25,7 @@ fn files() -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
     files.retain(|path| *path != plain());
     files.sort();
-    assert!(files.len() > 30, "{files:?}");
+    assert!(files.len() > 24, "{files:?}");
     files
 }
 

@@ -6,7 +6,6 @@ pub(crate) mod clock_turns;
 pub(crate) mod decimal_comma;
 pub(crate) mod log_chunks;
 pub mod pipeline;
-mod placement;
 pub(crate) mod source;
 mod text_stream;
 mod utf16;

@@ -7,8 +7,6 @@
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use super::placement::Origin;
-
 /// A sequence that is cut into pieces, one after another.
 pub trait Pieces: Send {
     /// A piece, or memory for one that is used again.
@@ -113,15 +111,7 @@ pub fn run<P: Pieces, S: Send, T: Send, E>(
 /// passed on.
 fn on_threads(workers: usize, worker: &(dyn Fn() + Sync), caller: &mut dyn FnMut()) {
     std::thread::scope(|scope| {
-        let origin = Origin::here();
-        let start = |_| {
-            scope.spawn(move || {
-                origin.leave();
-                worker();
-            })
-        };
-        let workers: Vec<_> = (0..workers).map(start).collect();
-        origin.let_leave();
+        let workers: Vec<_> = (0..workers).map(|_| scope.spawn(worker)).collect();
         caller();
         for worker in workers {
             if let Err(panic) = worker.join() {

@@ -4,7 +4,7 @@
 //! footer ─▶ schema, row groups ─▶ pages of a column, unpacked ─▶ levels, values ─▶ cells
 //! ```
 //!
-//! Every column holds one page at a time. Lists become columns that name their type.
+//! Every column holds one page at a time. Columns of lists, decimals and bytes are listed and not read.
 
 pub(crate) mod encoding;
 mod page;
@@ -156,6 +156,10 @@ impl Layout for ParquetTable {
         Some(&self.names)
     }
 
+    fn unread(&self, column: usize) -> Option<&'static str> {
+        self.leaves.get(column)?.kind.opaque()
+    }
+
     fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
         let all = 0..self.groups.len();
         Ok(Box::new(ParquetRows::open(self, all, Unpacked::default())?))
@@ -248,7 +252,7 @@ impl Rows for ParquetRows {
         {
             cells.clear();
             match leaf.kind.opaque() {
-                Some(what) => cells.resize(rows as usize, Cell::Text(what.to_owned())),
+                Some(_) => cells.resize(rows as usize, Cell::Missing),
                 None => {
                     self.source.held -= column.held();
                     column.read(&mut self.source, leaf, rows as usize, cells)?;

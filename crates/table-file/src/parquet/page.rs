@@ -53,6 +53,8 @@ struct Head {
     packed: usize,
     details: Value,
     bytes: u64,
+    /// CRC-32 of the page as it is stored, if its writer gave it.
+    checksum: Option<u32>,
 }
 
 const DATA: i64 = 0;
@@ -115,6 +117,9 @@ impl ColumnReader {
         file.seek(SeekFrom::Start(self.at + head.bytes))?;
         let mut packed = vec![0; head.packed];
         file.read_exact(&mut packed)?;
+        if head.checksum.is_some_and(|checksum| checksum != crc32fast::hash(&packed)) {
+            return Err(KIND.damaged(format!("column `{name}`: the checksum of a page is wrong")));
+        }
         self.at += head.bytes + head.packed as u64;
         let whole = |number: i16| head.details.whole(number);
         let count = |number| whole(number).and_then(|count| u64::try_from(count).ok());
@@ -220,6 +225,7 @@ impl ColumnReader {
                 packed: packed as usize,
                 details: details.ok_or_else(wrong)?,
                 bytes: taken,
+                checksum: head.whole(4).map(|checksum| checksum as u32),
             });
         }
         Err(wrong())

@@ -55,7 +55,7 @@ impl Table {
         }
         let parts = self.layout.parts().filter(|parts| threads > 1 && parts.count() > 1);
         match parts {
-            Some(parts) => Ok(TableText::of_parts(text, parts, threads)),
+            Some(parts) => Ok(TableText::from_parts(text, parts, threads)),
             None => {
                 let source = Source::Rows(self.layout.rows()?, Batch::new());
                 Ok(TableText { source, text, at: 0, ended: false })
@@ -66,7 +66,7 @@ impl Table {
 
 impl TableText {
     /// The line of names, then all parts.
-    fn of_parts(names: Vec<u8>, parts: Box<dyn Parts>, threads: usize) -> Self {
+    fn from_parts(names: Vec<u8>, parts: Box<dyn Parts>, threads: usize) -> Self {
         let source = Source::Parts(TextOfParts::new(parts, threads));
         Self { source, text: names, at: 0, ended: false }
     }

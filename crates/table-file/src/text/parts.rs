@@ -1,200 +1,119 @@
-//! The parts of a table made into text on several threads, each part by one of them, and handed out in order.
+//! The parts of a table made into text on several threads, and handed out in order.
 //!
 //! ```text
-//! part 0 ─▶ thread ─▶ text, text, … ─┐
-//! part 1 ─▶ thread ─▶ text, text, … ─┴▶ one after the other
+//! thread 0: parts 0, 2, 4, … ─▶ pieces of text ─┐
+//! thread 1: parts 1, 3, 5, … ─▶ pieces of text ─┴▶ one part after the other
 //! ```
 //!
-//! What is made ahead of its turn is bounded, so memory does not grow with the parts: a thread with a later
-//! part waits when there is enough of it, and one with the part whose turn it is does so after a few pieces.
+//! A thread waits while as many of its pieces wait as there is room for, so memory does not grow with the parts.
 
-use std::collections::VecDeque;
 use std::io;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use super::write_rows;
 use crate::error::TableError;
 use crate::rows::{Batch, Parts};
 
-/// How many bytes of text may wait in all, for their turn or to be taken.
-const AHEAD: usize = 24 << 20;
+/// How many pieces of text may wait in all; one takes about half a megabyte.
+const WAITING_PIECES: usize = 48;
 
-/// How many pieces of the part whose turn it is may wait.
-const PIECES: usize = 2;
+/// A piece of text, or `None` at the end of a part.
+type Piece = Result<Option<Vec<u8>>, TableError>;
 
 /// The text of all parts, piece by piece. Threads are started when the first piece is asked for.
 pub(super) struct TextOfParts {
-    shared: Arc<Shared>,
-    to_start: usize,
-    threads: Vec<JoinHandle<()>>,
-}
-
-struct Shared {
-    parts: Box<dyn Parts>,
-    state: Mutex<State>,
-    changed: Condvar,
-}
-
-#[derive(Default)]
-struct State {
+    parts: Arc<dyn Parts>,
+    threads: usize,
     /// The part whose text is taken.
     current: usize,
-    /// What there is of it and of those after it that have been begun.
-    begun: VecDeque<Part>,
-    /// The bytes that wait.
-    waiting: usize,
-    /// Nobody wants more, or a thread has panicked.
-    stopped: bool,
-}
-
-/// A part that is being made into text.
-#[derive(Default)]
-struct Part {
-    pieces: VecDeque<Vec<u8>>,
-    /// How it ended, if it has.
-    end: Option<Result<(), TableError>>,
+    pieces: Vec<Receiver<Piece>>,
+    workers: Vec<JoinHandle<()>>,
 }
 
 impl TextOfParts {
     pub(super) fn new(parts: Box<dyn Parts>, threads: usize) -> Self {
-        let to_start = threads.min(parts.count());
-        let shared = Shared { parts, state: Mutex::default(), changed: Condvar::new() };
-        Self { shared: Arc::new(shared), to_start, threads: Vec::new() }
+        let threads = threads.min(parts.count());
+        let (pieces, workers) = (Vec::new(), Vec::new());
+        Self { parts: parts.into(), threads, current: 0, pieces, workers }
     }
 
     /// Puts the next piece into `text`; `false` if there are no more.
     pub(super) fn next(&mut self, text: &mut Vec<u8>) -> Result<bool, TableError> {
-        for _ in 0..std::mem::take(&mut self.to_start) {
-            let shared = Arc::clone(&self.shared);
-            let thread = std::thread::Builder::new().name("table part".to_owned());
-            self.threads.push(thread.spawn(move || shared.work())?);
-        }
-        let mut state = self.shared.lock();
-        while state.current < self.shared.parts.count() {
-            let Some(part) = state.begun.front_mut() else {
-                state = self.shared.wait(state)?;
-                continue;
-            };
-            if let Some(piece) = part.pieces.pop_front() {
-                state.waiting -= piece.len();
-                *text = piece;
-                self.shared.changed.notify_all();
-                return Ok(true);
+        while self.current < self.parts.count() {
+            if self.workers.len() < self.threads {
+                self.start()?;
             }
-            match part.end.take() {
-                Some(end) => {
-                    state.begun.pop_front();
-                    state.current += 1;
-                    self.shared.changed.notify_all();
-                    end?;
+            let piece = self.pieces[self.current % self.threads].recv();
+            // The other end is closed early by a panic alone.
+            let panicked = |_| io::Error::other("a thread that read the table has panicked");
+            match piece.map_err(panicked)?? {
+                Some(piece) => {
+                    *text = piece;
+                    return Ok(true);
                 }
-                None => state = self.shared.wait(state)?,
+                None => self.current += 1,
             }
         }
         Ok(false)
+    }
+
+    fn start(&mut self) -> io::Result<()> {
+        for first in self.workers.len()..self.threads {
+            let room = (WAITING_PIECES / self.threads).max(1);
+            let (pieces, received) = sync_channel(room);
+            let (parts, step) = (Arc::clone(&self.parts), self.threads);
+            let thread = std::thread::Builder::new().name("table part".to_owned());
+            self.workers.push(thread.spawn(move || work(&*parts, first, step, &pieces))?);
+            self.pieces.push(received);
+        }
+        Ok(())
     }
 }
 
 impl Drop for TextOfParts {
     fn drop(&mut self) {
-        self.shared.stop();
-        for thread in self.threads.drain(..) {
+        // Threads end when nobody takes their text.
+        self.pieces.clear();
+        for worker in self.workers.drain(..) {
             // A panic has been told where the text was asked for.
-            let _ = thread.join();
+            let _ = worker.join();
         }
     }
 }
 
-impl Shared {
-    /// Makes text of one part after another, those that no thread has begun.
-    fn work(&self) {
-        let _stop = StopOnPanic(self);
-        while let Some(part) = self.begin() {
-            let end = self.write(part);
-            let mut state = self.lock();
-            if state.stopped {
-                return;
-            }
-            state.part(part).end = Some(end);
-            self.changed.notify_all();
-        }
-    }
-
-    /// The next part that no thread has begun.
-    fn begin(&self) -> Option<usize> {
-        let mut state = self.lock();
-        let next = state.current + state.begun.len();
-        if state.stopped || next >= self.parts.count() {
-            return None;
-        }
-        state.begun.push_back(Part::default());
-        Some(next)
-    }
-
-    fn write(&self, part: usize) -> Result<(), TableError> {
-        let (mut rows, mut batch) = (self.parts.rows(part)?, Batch::new());
-        while rows.next(&mut batch)? {
-            let mut text = Vec::new();
-            write_rows(&batch, &mut text);
-            let mut state = self.lock();
-            while !state.stopped && !state.has_room(part) {
-                state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
-            }
-            if state.stopped {
-                break;
-            }
-            state.waiting += text.len();
-            state.part(part).pieces.push_back(text);
-            self.changed.notify_all();
-        }
-        Ok(())
-    }
-
-    fn lock(&self) -> MutexGuard<'_, State> {
-        // Nothing is left half done where a thread may panic.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Waits for a change.
-    fn wait<'a>(&self, state: MutexGuard<'a, State>) -> Result<MutexGuard<'a, State>, TableError> {
-        if state.stopped {
-            return Err(io::Error::other("a thread that read the table has panicked").into());
-        }
-        Ok(self.changed.wait(state).unwrap_or_else(PoisonError::into_inner))
-    }
-
-    fn stop(&self) {
-        self.lock().stopped = true;
-        self.changed.notify_all();
-    }
-}
-
-impl State {
-    /// A part that has been begun and not been taken to its end.
-    fn part(&mut self, part: usize) -> &mut Part {
-        let place = part - self.current;
-        &mut self.begun[place]
-    }
-
-    /// Whether another piece of a part may wait: of the one whose turn it is always some.
-    fn has_room(&mut self, part: usize) -> bool {
-        match part == self.current {
-            true => self.part(part).pieces.len() < PIECES || self.waiting < AHEAD,
-            false => self.waiting < AHEAD,
+/// Makes text of every `step`th part from `first` on, until an error or until nobody wants more.
+fn work(parts: &dyn Parts, first: usize, step: usize, pieces: &SyncSender<Piece>) {
+    for part in (first..parts.count()).step_by(step) {
+        let send = |text| pieces.send(Ok(Some(text))).is_ok();
+        let end = match write_part(parts, part, send) {
+            Ok(true) => Ok(None),
+            Ok(false) => return,
+            Err(error) => Err(error),
+        };
+        let is_error = end.is_err();
+        if pieces.send(end).is_err() || is_error {
+            return;
         }
     }
 }
 
-/// Lets nobody wait for a thread that has panicked.
-struct StopOnPanic<'a>(&'a Shared);
-
-impl Drop for StopOnPanic<'_> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            self.0.stop();
+/// Makes text of a part; `false` if `send` wants no more.
+fn write_part(
+    parts: &dyn Parts,
+    part: usize,
+    send: impl Fn(Vec<u8>) -> bool,
+) -> Result<bool, TableError> {
+    let (mut rows, mut batch) = (parts.rows(part)?, Batch::new());
+    while rows.next(&mut batch)? {
+        let mut text = Vec::new();
+        write_rows(&batch, &mut text);
+        if !send(text) {
+            return Ok(false);
         }
     }
+    Ok(true)
 }
 
 #[cfg(test)]
@@ -254,7 +173,7 @@ mod tests {
 
     fn text(numbers: Numbers, threads: usize) -> (Vec<u8>, Option<String>) {
         let mut text = Vec::new();
-        let mut stream = TableText::of_parts(Vec::new(), Box::new(numbers), threads);
+        let mut stream = TableText::from_parts(Vec::new(), Box::new(numbers), threads);
         let error = stream.read_to_end(&mut text).err().map(|error| error.to_string());
         (text, error)
     }
@@ -282,7 +201,7 @@ mod tests {
         let begun = Arc::new(AtomicUsize::new(0));
         let numbers =
             Numbers { batches: vec![90; 9], is_damaged: false, begun: Arc::clone(&begun) };
-        let mut stream = TableText::of_parts(Vec::new(), Box::new(numbers), 3);
+        let mut stream = TableText::from_parts(Vec::new(), Box::new(numbers), 3);
         assert_eq!(begun.load(Ordering::Relaxed), 0);
         stream.read_exact(&mut [0; 100]).unwrap();
         drop(stream);

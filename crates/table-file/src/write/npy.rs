@@ -31,7 +31,9 @@ impl<W: Write> TableWriter for NpyWriter<W> {
         for ((name, is_text), texts) in self.names.iter().zip(&self.columns.texts) {
             let width = texts.iter().map(|text| text.chars().count()).max().unwrap_or(0).max(1);
             widths.push(width);
-            let name = name.replace(['\\', '\''], "_");
+            // What would end the name or the line of the header.
+            let is_special = |c: char| c.is_control() || matches!(c, '\\' | '\'');
+            let name = name.replace(is_special, "_");
             fields.push(match is_text {
                 true => format!("('{name}', '<U{width}')"),
                 false => format!("('{name}', '<f8')"),

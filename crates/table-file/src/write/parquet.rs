@@ -1,10 +1,9 @@
-//! Parquet files ("Apache Parquet format"): numbers as they are, texts by a dictionary, nothing
-//! compressed.
+//! Parquet files ("Apache Parquet format"): numbers as they are, texts compressed with Snappy, every page
+//! with its checksum.
 //!
 //! Rows that are written together become a row group, with one page of each column. The footer, which
 //! describes the groups, is all that is kept of them.
 
-use std::collections::HashMap;
 use std::io::{self, Write};
 
 use super::thrift::{Fields, structure, varint};
@@ -24,12 +23,11 @@ const OPTIONAL: i32 = 1;
 /// Encodings of values.
 const PLAIN: i32 = 0;
 const RUNS: i32 = 3;
-const DICTIONARY: i32 = 8;
 
 const DATA_PAGE: i32 = 0;
-const DICTIONARY_PAGE: i32 = 2;
 
 const UNCOMPRESSED: i32 = 0;
+const SNAPPY: i32 = 1;
 
 /// How many rows of a table in memory become one row group.
 const GROUP_ROWS: usize = 1 << 16;
@@ -147,6 +145,7 @@ impl<W: Write> ParquetWriter<W> {
             self.at += chunks.last().map_or(0, |(_, chunk)| chunk.bytes.len() as u64);
         }
         let bytes = (self.at - start) as i64;
+        let unpacked_bytes: i64 = chunks.iter().map(|(_, chunk)| chunk.unpacked_bytes).sum();
         let mut group = Vec::new();
         structure(&mut group, |fields| {
             let columns = self.columns.iter().zip(&chunks);
@@ -154,7 +153,7 @@ impl<W: Write> ParquetWriter<W> {
                 fields.long(2, *at);
                 fields.structure(3, |fields| chunk.describe(fields, name, *kind, *at, rows));
             });
-            fields.long(2, bytes);
+            fields.long(2, unpacked_bytes);
             fields.long(3, rows);
             fields.long(5, start as i64);
             fields.long(6, bytes);
@@ -190,8 +189,6 @@ impl<W: Write> ParquetWriter<W> {
             fields.written_structures(4, &self.groups);
             let creator = concat!("shellcal version ", env!("CARGO_PKG_VERSION"));
             fields.bytes(6, creator.as_bytes());
-            // The least and greatest values below are by the order of their types.
-            fields.structures(7, self.columns.iter(), |order, _| order.structure(1, |_| {}));
         });
         footer
     }
@@ -216,107 +213,76 @@ impl<W: Write> TableWriter for ParquetWriter<W> {
     }
 }
 
-/// The pages of a column in a row group.
+/// The page of a column in a row group, with its head.
 struct Chunk {
     bytes: Vec<u8>,
-    /// How long the dictionary before the values is; 0 if there is none.
-    dictionary_bytes: i64,
+    unpacked_bytes: i64,
+    codec: i32,
     missing: i64,
-    /// The least and greatest value, as they are stored.
-    range: Option<[[u8; 8]; 2]>,
 }
 
 impl Chunk {
     fn new(cells: Cells<'_>) -> io::Result<Self> {
-        let (mut bytes, mut values) = (Vec::new(), Vec::new());
-        let (mut dictionary_bytes, mut missing, mut range) = (0, 0, None);
-        let mut encoding = PLAIN;
+        let mut values = Vec::new();
+        let (mut missing, mut codec) = (0, UNCOMPRESSED);
         match cells {
             Cells::Numbers(numbers) => {
-                range = range_of_numbers(numbers.iter().copied());
                 plain(&mut values, numbers.iter().map(|value| value.to_le_bytes()));
             }
             Cells::OptionalNumbers(numbers) => {
                 missing = levels(&mut values, numbers)?;
-                range = range_of_numbers(numbers.iter().flatten().copied());
                 plain(&mut values, numbers.iter().flatten().map(|value| value.to_le_bytes()));
             }
             Cells::OptionalCounts(counts) => {
                 missing = levels(&mut values, counts)?;
-                let counts = || counts.iter().flatten().map(|&count| count as i64);
-                let ends = counts().min().zip(counts().max());
-                range = ends.map(|(least, most)| [least.to_le_bytes(), most.to_le_bytes()]);
-                plain(&mut values, counts().map(i64::to_le_bytes));
+                plain(&mut values, counts.iter().flatten().map(|&count| count.to_le_bytes()));
             }
             Cells::Texts(texts) => {
-                let Dictionary { content, size, indices } = Dictionary::new(texts);
-                page(&mut bytes, DICTIONARY_PAGE, &content, |fields| {
-                    fields.structure(7, |fields| {
-                        fields.int(1, size as i32);
-                        fields.int(2, PLAIN);
-                    });
-                })?;
-                dictionary_bytes = bytes.len() as i64;
-                encoding = DICTIONARY;
-                // A width of no bits, of a single text, is not what every reader expects.
-                let width = (usize::BITS - size.saturating_sub(1).leading_zeros()).max(1);
-                values.push(width as u8);
-                runs(&mut values, &indices, width);
+                codec = SNAPPY;
+                for text in texts {
+                    let length = u32::try_from(text.len()).map_err(io::Error::other)?;
+                    values.extend(length.to_le_bytes());
+                    values.extend_from_slice(text.as_bytes());
+                }
             }
         }
-        page(&mut bytes, DATA_PAGE, &values, |fields| {
+        let long = |_| io::Error::other("a page of a Parquet file has at most 2 GB");
+        let unpacked = i32::try_from(values.len()).map_err(long)?;
+        let content = match codec {
+            UNCOMPRESSED => values,
+            _ => snap::raw::Encoder::new().compress_vec(&values).map_err(io::Error::other)?,
+        };
+        let packed = i32::try_from(content.len()).map_err(long)?;
+        let mut bytes = Vec::new();
+        structure(&mut bytes, |fields| {
+            fields.int(1, DATA_PAGE);
+            fields.int(2, unpacked);
+            fields.int(3, packed);
+            fields.int(4, crc32fast::hash(&content) as i32);
             fields.structure(5, |fields| {
                 fields.int(1, cells.len() as i32);
-                fields.int(2, encoding);
+                fields.int(2, PLAIN);
                 fields.int(3, RUNS);
                 fields.int(4, RUNS);
             });
-        })?;
-        Ok(Self { bytes, dictionary_bytes, missing, range })
-    }
-
-    /// What the footer says of it, where it begins at a place in the file.
-    fn describe(&self, fields: &mut Fields<'_>, name: &str, kind: Kind, at: i64, rows: i64) {
-        let has_dictionary = self.dictionary_bytes > 0;
-        let bytes = self.bytes.len() as i64;
-        fields.int(1, kind.physical);
-        fields.ints(2, if has_dictionary { &[PLAIN, RUNS, DICTIONARY] } else { &[PLAIN, RUNS] });
-        fields.texts_of_one(3, name);
-        fields.int(4, UNCOMPRESSED);
-        fields.long(5, rows);
-        fields.long(6, bytes);
-        fields.long(7, bytes);
-        fields.long(9, at + self.dictionary_bytes);
-        if has_dictionary {
-            fields.long(11, at);
-        }
-        fields.structure(12, |fields| {
-            fields.long(3, self.missing);
-            if let Some([least, most]) = &self.range {
-                fields.bytes(5, most);
-                fields.bytes(6, least);
-            }
         });
+        let unpacked_bytes = bytes.len() as i64 + i64::from(unpacked);
+        bytes.extend_from_slice(&content);
+        Ok(Self { bytes, unpacked_bytes, codec, missing })
     }
-}
 
-/// A page: its head, with what is said of its kind added by `head`, and its content.
-fn page(
-    bytes: &mut Vec<u8>,
-    kind: i32,
-    content: &[u8],
-    head: impl FnOnce(&mut Fields<'_>),
-) -> io::Result<()> {
-    let size = i32::try_from(content.len())
-        .map_err(|_| io::Error::other("a page of a Parquet file has at most 2 GB"))?;
-    structure(bytes, |fields| {
-        fields.int(1, kind);
-        fields.int(2, size);
-        fields.int(3, size);
-        head(fields);
-    });
-    bytes.extend_from_slice(content);
-    Ok(())
+    /// What the footer says of it, where it begins at a position in the file.
+    fn describe(&self, fields: &mut Fields<'_>, name: &str, kind: Kind, at: i64, rows: i64) {
+        fields.int(1, kind.physical);
+        fields.ints(2, &[PLAIN, RUNS]);
+        fields.texts_of_one(3, name);
+        fields.int(4, self.codec);
+        fields.long(5, rows);
+        fields.long(6, self.unpacked_bytes);
+        fields.long(7, self.bytes.len() as i64);
+        fields.long(9, at);
+        fields.structure(12, |fields| fields.long(3, self.missing));
+    }
 }
 
 fn plain(bytes: &mut Vec<u8>, values: impl Iterator<Item = [u8; 8]>) {
@@ -324,90 +290,19 @@ fn plain(bytes: &mut Vec<u8>, values: impl Iterator<Item = [u8; 8]>) {
     values.for_each(|value| bytes.extend_from_slice(&value));
 }
 
-/// Which values are there, by runs with their length before them; how many are not.
+/// Adds which values are there, a bit for each with their length before them; returns how many are not.
 fn levels<T>(bytes: &mut Vec<u8>, values: &[Option<T>]) -> io::Result<i64> {
-    let there: Vec<u32> = values.iter().map(|value| u32::from(value.is_some())).collect();
-    let start = bytes.len();
-    bytes.extend([0; 4]);
-    runs(bytes, &there, 1);
-    let length = u32::try_from(bytes.len() - start - 4).map_err(io::Error::other)?;
-    bytes[start..start + 4].copy_from_slice(&length.to_le_bytes());
-    Ok(there.iter().filter(|&&there| there == 0).count() as i64)
-}
-
-/// The least and the greatest of all that are numbers. Zeros are equal for the format, whatever their signs,
-/// so that both are within.
-fn range_of_numbers(values: impl Iterator<Item = f64>) -> Option<[[u8; 8]; 2]> {
-    let ends = |[least, most]: [f64; 2], value: f64| [least.min(value), most.max(value)];
-    let [least, most] = values.fold([f64::INFINITY, f64::NEG_INFINITY], ends);
-    let least = if least == 0.0 { -0.0 } else { least };
-    let most = if most == 0.0 { 0.0 } else { most };
-    (least <= most).then(|| [least.to_le_bytes(), most.to_le_bytes()])
-}
-
-/// The different texts of a column, and which of them each row has.
-struct Dictionary {
-    content: Vec<u8>,
-    size: usize,
-    indices: Vec<u32>,
-}
-
-impl Dictionary {
-    fn new<'a>(texts: &'a [String]) -> Self {
-        let mut content = Vec::new();
-        let mut known: HashMap<&'a str, u32> = HashMap::new();
-        let index = |text: &'a String| {
-            let next = known.len() as u32;
-            *known.entry(text).or_insert_with(|| {
-                content.extend((text.len() as u32).to_le_bytes());
-                content.extend_from_slice(text.as_bytes());
-                next
-            })
-        };
-        let indices = texts.iter().map(index).collect();
-        Self { size: known.len(), content, indices }
-    }
-}
-
-/// Integers of `width` bits: a value and its number where it comes often in a row, else packed.
-fn runs(bytes: &mut Vec<u8>, values: &[u32], width: u32) {
-    // What a run takes is worth some packed values.
-    const WORTHWHILE: usize = 16;
-    // Values are packed by eight; only the last may be fewer.
-    let (mut packed_from, mut at) = (0, 0);
-    while let Some(first) = values.get(at) {
-        let length = values[at..].iter().take_while(|value| *value == first).count();
-        if length < WORTHWHILE {
-            at = values.len().min(at + 8);
-            continue;
-        }
-        pack(bytes, &values[packed_from..at], width);
-        varint(bytes, (length as u64) << 1);
-        bytes.extend_from_slice(&first.to_le_bytes()[..width.div_ceil(8) as usize]);
-        at += length;
-        packed_from = at;
-    }
-    pack(bytes, &values[packed_from..], width);
-}
-
-/// Values bit by bit, the lowest bit first, filled up with zeros to a multiple of eight.
-fn pack(bytes: &mut Vec<u8>, values: &[u32], width: u32) {
-    if values.is_empty() {
-        return;
-    }
     let groups = values.chunks(8);
-    varint(bytes, (groups.len() as u64) << 1 | 1);
-    for group in groups {
-        let (mut word, mut bits) = (0_u64, 0);
-        for place in 0..8 {
-            word |= u64::from(group.get(place).copied().unwrap_or(0)) << bits;
-            bits += width;
-            while bits >= 8 {
-                bytes.push(word as u8);
-                (word, bits) = (word >> 8, bits - 8);
-            }
-        }
-    }
+    let mut bits = Vec::with_capacity(groups.len() + 5);
+    // One run of values that are packed by eight.
+    varint(&mut bits, (groups.len() as u64) << 1 | 1);
+    bits.extend(groups.map(|group| {
+        let bit = |(place, value): (usize, &Option<T>)| u8::from(value.is_some()) << place;
+        group.iter().enumerate().map(bit).sum::<u8>()
+    }));
+    bytes.extend(u32::try_from(bits.len()).map_err(io::Error::other)?.to_le_bytes());
+    bytes.extend(bits);
+    Ok(values.iter().filter(|value| value.is_none()).count() as i64)
 }
 
 #[cfg(test)]
@@ -416,38 +311,18 @@ mod tests {
     use crate::parquet::encoding::Hybrid;
 
     #[test]
-    fn runs_read_back_as_the_values_they_were_made_of() {
-        let long = |value: u32, count: usize| std::iter::repeat_n(value, count);
-        let mixed = (0..13).chain(long(5, 100)).chain(0..3).chain(long(31, 16)).chain([1, 2]);
-        for (width, values) in [
-            (1, vec![1]),
-            (1, [0, 1].repeat(50)),
-            (1, vec![0; 70_000]),
-            (5, mixed.collect::<Vec<_>>()),
-            (17, (0..100_000).collect()),
-            (32, vec![u32::MAX, 0, u32::MAX]),
-        ] {
+    fn levels_read_back_as_the_values_that_are_there() {
+        for count in [1, 7, 8, 9, 70_000] {
+            let values: Vec<Option<u64>> =
+                (0..count).map(|row| (row % 3 > 0).then_some(row)).collect();
             let mut bytes = Vec::new();
-            runs(&mut bytes, &values, width);
-            let mut reader = Hybrid::new(bytes, width).unwrap();
-            let found: Vec<_> = (0..values.len()).map(|_| reader.next().unwrap() as u32).collect();
-            assert_eq!(found, values, "{width} bits");
+            let missing = levels(&mut bytes, &values).unwrap();
+            assert_eq!(missing, count.div_ceil(3) as i64);
+            let (length, bits) = bytes.split_first_chunk().unwrap();
+            assert_eq!(u32::from_le_bytes(*length) as usize, bits.len());
+            let mut reader = Hybrid::new(bits.to_vec(), 1).unwrap();
+            let found: Vec<_> = values.iter().map(|_| reader.next().unwrap() == 1).collect();
+            assert_eq!(found, values.iter().map(Option::is_some).collect::<Vec<_>>());
         }
-        let mut bytes = Vec::new();
-        runs(&mut bytes, &[3; 1000], 9);
-        assert_eq!(bytes, [0xd0, 0x0f, 3, 0], "a run of one value is short");
-    }
-
-    #[test]
-    fn ranges_leave_out_what_is_no_number_and_hold_both_zeros() {
-        let range = |values: &[f64]| {
-            range_of_numbers(values.iter().copied()).map(|ends| ends.map(f64::from_le_bytes))
-        };
-        assert_eq!(range(&[1.0, f64::NAN, -2.0]), Some([-2.0, 1.0]));
-        assert_eq!(range(&[f64::NAN]), None);
-        assert_eq!(range(&[]), None);
-        let [least, most] = range(&[0.0, -0.0]).unwrap();
-        assert!(least.is_sign_negative() && most.is_sign_positive());
-        assert_eq!(range(&[f64::INFINITY, 0.5]), Some([0.5, f64::INFINITY]));
     }
 }
