@@ -6,6 +6,7 @@ use super::least_squares::LeastSquaresError;
 use super::model::TooLarge;
 use super::rank_loss::RankLoss;
 use super::reading_ranges::ReadingRanges;
+use shell_data::hint::Hint;
 
 /// Why a calibration cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -81,6 +82,31 @@ pub enum FitError {
     /// A ridge parameter that is not a finite number from zero up.
     #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
     Ridge(f64),
+}
+
+impl Hint for FitError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::TooFewRows { .. } => "record more poses, or choose a smaller `--model`",
+            Self::IdenticalRows { .. } => {
+                "the readings never move: check the cable and the shell, and that `--sensors` names the \
+                 right columns"
+            }
+            Self::IllConditioned { .. } | Self::NotConverged { .. } => {
+                "use `--solver exact` or `--solver wide-tsqr`, or choose a smaller `--model`"
+            }
+            Self::RankDeficient(_) | Self::NearlyDependent => {
+                "record loads that move the channels independently, drop a channel with `--sensors`, \
+                 choose a smaller `--model`, or accept a damped answer with `--ridge 1e-6`"
+            }
+            Self::TooLarge(_) => {
+                "choose a smaller `--model`, or name fewer columns with `--sensors`"
+            }
+            Self::Overflow => "check the units of the readings and of the wrench",
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }
 
 impl FitError {

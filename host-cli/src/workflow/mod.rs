@@ -4,7 +4,6 @@ pub mod align;
 pub mod batch;
 pub mod bench;
 pub mod convert;
-pub mod doctor;
 pub mod drift;
 pub mod eval;
 pub mod factored;
@@ -17,7 +16,6 @@ mod kept_rows;
 pub mod live;
 pub mod log_facts;
 mod log_rows;
-pub mod log_summary;
 pub mod means;
 pub mod merge;
 pub mod model_choice;
@@ -29,7 +27,6 @@ pub mod payload;
 pub mod physics;
 pub mod refits;
 pub mod report;
-pub mod sampling;
 pub mod selection;
 pub mod simulate;
 mod solving;
@@ -39,6 +36,7 @@ pub mod trial;
 mod uncertainty;
 pub mod weighing;
 
+use shell_data::hint::{Hint, OTHER_CHANNELS};
 use std::path::PathBuf;
 
 use calibration::FitError;
@@ -131,6 +129,25 @@ pub enum WorkflowError {
     NoLogs,
 }
 
+impl Hint for WorkflowError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Log(error) => return error.hint(),
+            Self::Fit(error) => return error.hint(),
+            Self::Channels(error) => return error.hint(),
+            Self::Validation(error) => return error.hint(),
+            Self::Merge(error) => return error.hint(),
+            Self::Copy { .. } => {
+                "leave one of them out: errors on a copy say nothing about other data"
+            }
+            Self::Changed { .. } => "wait until it is written, and fit again",
+            Self::NoGroupSums => "make the partial fits with `shellcal fit --partial --groups`",
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
+}
+
 /// A log of another number of channels than the calibration, or than the first log.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{}` has `{found}` sensor channels, expected `{expected}`", path.display())]
@@ -141,6 +158,12 @@ pub struct ChannelMismatch {
     pub expected: usize,
     /// Channels of the log.
     pub found: usize,
+}
+
+impl Hint for ChannelMismatch {
+    fn hint(&self) -> Option<String> {
+        Some(OTHER_CHANNELS.to_owned())
+    }
 }
 
 /// The axes of the wrench that a fit to `train` is of, which all of them have; of the others in `test`,
