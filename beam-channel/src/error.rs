@@ -46,6 +46,23 @@ pub enum SetupError {
     },
 }
 
+impl SetupError {
+    /// What to do about it, in the options of the program.
+    #[must_use]
+    pub fn hint(&self) -> Option<&'static str> {
+        Some(match self {
+            Self::Jams { .. } => {
+                "give a wider channel (`--width`) or longer beams (`--beam-length`)"
+            }
+            Self::Locks { .. } => {
+                "give less friction (`--friction`) or a wider channel (`--width`)"
+            }
+            Self::BeyondTips { .. } => "the offset is a length: `--off-centre 5mm`",
+            _ => return None,
+        })
+    }
+}
+
 impl fmt::Display for SetupError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {

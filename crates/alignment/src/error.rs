@@ -1,6 +1,7 @@
 //! Why two recordings could not be lined up.
 
 use super::recording::Side;
+use shell_data::hint::Hint;
 
 /// The least time that both recordings must cover, s.
 pub(crate) const LEAST_OVERLAP_S: f64 = 5.0;
@@ -123,6 +124,33 @@ pub enum AlignError {
         /// The largest that is believed, ppm.
         limit_ppm: f64,
     },
+}
+
+impl Hint for AlignError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::NoMatch { .. } => {
+                "are these of the same session? both must have recorded the same loads: tap the shell a \
+                 few times in different places at the start and at the end"
+            }
+            Self::Ambiguous { .. } => {
+                "a load that repeats itself fits at several offsets: tap the shell at uneven intervals, in \
+                 different places"
+            }
+            Self::TimeGoesBack { .. } | Self::Skew { .. } => {
+                "check the time columns and their units, `--time-unit` and `--reference-time-unit`"
+            }
+            Self::TooShort { .. } | Self::ShortOverlap { .. } => {
+                "record for longer; `shellcal info` tells the times of a log"
+            }
+            Self::Constant { .. } => {
+                "check the cable, and that `--sensors` and `--wrench` name the right columns"
+            }
+            Self::NotConverged { .. } => "record a few sharp taps in different directions",
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }
 
 impl AlignError {

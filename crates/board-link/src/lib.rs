@@ -31,6 +31,7 @@ pub use self_test::{EmitterFault, judge};
 pub use source::Source;
 pub use upload::{NotForBoard, for_board};
 
+use shell_data::hint::Hint;
 use std::time::Duration;
 
 use shared_proto::Refusal;
@@ -150,6 +151,57 @@ pub enum LinkError {
         /// CRC-32 of what the board has.
         found: u32,
     },
+}
+
+/// What to do about a board that speaks another version of the protocol.
+const VERSIONS: &str = "flash the firmware that belongs to this version of shellcal";
+
+impl Hint for LinkError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Missing { .. } => "`shellcal ports` lists the ports there are",
+            Self::Busy { .. } => "close the program that has it: a terminal, another recording",
+            Self::Denied { .. } => {
+                "on Linux, join the group that owns the port, as a rule `dialout`, and log in again"
+            }
+            Self::Lost { .. } => {
+                "what arrived until then is kept; with `--reconnect` `record` waits for the port"
+            }
+            Self::NoAnswer { silent: true, .. } => {
+                "is the board on, and are both radios in one network? Try another `--baud`, or \
+                 `--framing xbee-ap1` or `xbee-ap2` for a base station in API mode"
+            }
+            Self::NoAnswer { .. } => {
+                "bytes arrive but no answer: try another `--baud`, or `--framing xbee-ap1` or `xbee-ap2` \
+                 for a base station in API mode"
+            }
+            Self::OtherVersion { .. } => VERSIONS,
+            Self::Refused { refusal: Refusal::NoCalibration, .. } => {
+                "upload one: `shellcal board PORT upload CAL`"
+            }
+            Self::Refused { refusal: Refusal::PeriodTooShort { .. }, .. } => {
+                "choose a lower rate, or fewer conversions and less settling: `shellcal board PORT \
+                 sampling`"
+            }
+            Self::Refused { refusal: Refusal::LineTooSlow { .. }, .. } => {
+                "choose a lower rate, or stream readings in place of wrenches"
+            }
+            Self::Refused { refusal: Refusal::Unsigned | Refusal::BadSignature, .. } => {
+                "name the file with the board's key by `--key KEY`"
+            }
+            Self::Refused { refusal: Refusal::Streaming, .. } => {
+                "stop it first: `shellcal board PORT stop`"
+            }
+            Self::SeveralBoards { .. } => "name one of them with `--board SERIAL`",
+            Self::NotKept { .. } => "upload it again",
+            Self::UnknownKind { .. } => {
+                "flash the firmware that belongs to this version of shellcal, or upload a calibration of \
+                 `shellcal fit --model cubic`"
+            }
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }
 
 /// A refusal in words.

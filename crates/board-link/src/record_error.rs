@@ -1,8 +1,9 @@
 //! Why a recording ends before its time.
 
-use super::LinkError;
+use super::{LinkError, VERSIONS};
 use crate::recording::{NoFrame, UnsuitableCalibration};
 use output_file::OutputError;
+use shell_data::hint::Hint;
 
 /// A recording that has ended before its time. What arrived until then is in the files.
 #[derive(Debug, thiserror::Error)]
@@ -39,4 +40,25 @@ pub enum RecordError {
     /// The low-pass of the forces.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
+}
+
+impl Hint for RecordError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Link(error) => return error.hint(),
+            Self::Output(error) => return error.hint(),
+            Self::NoFrame { problem: NoFrame::Any { .. }, .. } => {
+                "try another `--baud` (57600 unless told), or `--framing` if you know it"
+            }
+            Self::NoFrame { problem: NoFrame::OtherProtocol { .. }, .. } => {
+                "leave out `--framing` to have it recognised"
+            }
+            Self::NoFrame { problem: NoFrame::OtherVersion { .. }, .. } => VERSIONS,
+            Self::Silence { .. } | Self::NotStreaming { .. } => {
+                "a board streams once it is started: `--start`, or `shellcal board PORT start`"
+            }
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }

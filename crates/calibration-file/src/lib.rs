@@ -42,6 +42,7 @@ mod physics_document;
 pub mod stored;
 mod triangle;
 
+use shell_data::hint::Hint;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -84,6 +85,23 @@ pub struct CalibrationFileError {
     /// What is wrong with it.
     #[source]
     pub problem: Problem,
+}
+
+impl Hint for CalibrationFileError {
+    fn hint(&self) -> Option<String> {
+        let text = match &self.problem {
+            Problem::NotJson { .. } => {
+                "a calibration is the JSON file that `shellcal fit --output` or `shellcal import` writes"
+            }
+            Problem::SchemaVersion { found } if *found > SCHEMA_VERSION => {
+                "use the version of shellcal that wrote it, or a later one"
+            }
+            Problem::SchemaVersion { .. } => "make it again with `shellcal fit`",
+            Problem::Matrix(MatrixError::Variable { .. }) => "choose one with `--variable`",
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }
 
 /// What is wrong with a calibration file.

@@ -10,6 +10,7 @@ use super::physics::PhysicsError;
 use super::rank_loss::RankLoss;
 use super::reading_ranges::ReadingRanges;
 use super::validation::ValidationError;
+use shell_data::hint::Hint;
 use shell_data::wrench::Axes;
 
 /// Why a calibration cannot be fitted.
@@ -142,6 +143,36 @@ impl From<ValidationError> for FitError {
             ValidationError::Rows(error) => *error,
             error => Self::Validation(error),
         }
+    }
+}
+
+impl Hint for FitError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::TooFewRows { .. } => "record more poses, or choose a smaller `--model`",
+            Self::IdenticalRows { .. } => {
+                "the readings never move: check the cable and the shell, and that `--sensors` names the \
+                 right columns"
+            }
+            Self::IllConditioned { .. } | Self::NotConverged { .. } => {
+                "use `--solver exact` or `--solver wide-tsqr`, or choose a smaller `--model`"
+            }
+            Self::RankDeficient(_) | Self::NearlyDependent => {
+                "record loads that move the channels independently, drop a channel with `--sensors`, \
+                 choose a smaller `--model`, or accept a damped answer with `--ridge 1e-6`"
+            }
+            Self::TooLarge(_) => {
+                "choose a smaller `--model`, or name fewer columns with `--sensors`"
+            }
+            Self::Overflow => "check the units of the readings and of the wrench",
+            Self::Validation(error) => return error.hint(),
+            Self::Copy { .. } => {
+                "leave one of them out: errors on a copy say nothing about other data"
+            }
+            Self::NoGroupSums => "make the partial fits with `shellcal fit --partial --groups`",
+            _ => return None,
+        };
+        Some(text.to_owned())
     }
 }
 

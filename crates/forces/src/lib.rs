@@ -38,6 +38,7 @@ mod options;
 pub mod payload;
 mod pipeline;
 pub mod rests;
+pub mod sampling;
 mod setup;
 mod signal;
 mod tare;

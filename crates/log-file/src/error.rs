@@ -1,5 +1,6 @@
 //! Errors in logs, with their position.
 
+use shell_data::hint::{Hint, suggest};
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -200,6 +201,76 @@ pub enum LogError {
         /// What is wrong with it.
         problem: RowProblem,
     },
+}
+
+impl Hint for LogError {
+    fn hint(&self) -> Option<String> {
+        if let Self::MissingColumns { missing, found, .. } = self
+            && let Some(text) = nearest_columns(missing, found)
+        {
+            return Some(text);
+        }
+        let text = match self {
+            Self::Foreign { remedy, .. } => remedy,
+            Self::PackedTable { .. } => "unpack it first; compressed logs are text",
+            Self::NoParts { .. } => "leave out `--table`",
+            Self::Table { problem: TableError::Choice { .. }, .. } => "choose with `--table NAME`",
+            Self::Table { problem: TableError::Damaged { .. }, .. } => {
+                "copy the file again, or write it again: it is cut short or damaged"
+            }
+            Self::Table { .. } => "write it again without that, or export it as CSV",
+            Self::Gzip { .. } | Self::Zstd { .. } => {
+                "copy the file again: it is cut short or damaged"
+            }
+            Self::Empty { .. } | Self::NoRows { .. } => {
+                "nothing was recorded, or the file was not copied to its end"
+            }
+            Self::Binary { .. } => {
+                "logs are text (telemetry, CSV, console), plain or compressed with gzip or zstd, or tables \
+                 in Parquet, Arrow, MATLAB, NumPy, Excel or MCAP"
+            }
+            Self::LineTooLong { .. } => "this does not look like a log; are its line ends missing?",
+            Self::CarriageReturns { .. } => {
+                "give its lines the ends that others have: `tr '\\r' '\\n' < OLD > NEW`"
+            }
+            Self::NoColumnNames { .. } => {
+                "add the line that names the columns, `% time | … | S1 | …`, as the last `%` line"
+            }
+            Self::UnknownLayout { .. } => {
+                "say which columns are which, `--sensors 2-9 --wrench 10-15 --time 1`"
+            }
+            Self::LayoutMismatch { .. } => "leave out `--format` to have it recognised",
+            Self::MissingColumns { .. } => {
+                "name the columns with `--sensors`, `--wrench`, `--time` or `--group`"
+            }
+            Self::DuplicateColumn { .. } => {
+                "say which one is meant with `--sensors`, `--wrench` or `--time`"
+            }
+            Self::Row { .. } => "correct the line, or leave such rows out with `--skip-bad-rows`",
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
+}
+
+/// The names that are like those of columns that a log does not have.
+fn nearest_columns(missing: &[String], found: &[String]) -> Option<String> {
+    if let Some(name) = missing.iter().find(|name| found.contains(name)) {
+        return Some(format!(
+            "`{name}` is there, but was said to be something else: check `--sensors`, `--wrench` and `--time`"
+        ));
+    }
+    // A column by its position is like no other.
+    let is_position = |name: &str| {
+        name.strip_prefix("column ").is_some_and(|position| position.parse::<usize>().is_ok())
+    };
+    let nearest = |name: &String| {
+        let like = suggest(name, found.iter().map(String::as_str))?;
+        Some(format!("`{like}` for `{name}`"))
+    };
+    let missing = missing.iter().filter(|name| !is_position(name));
+    let nearest: Vec<String> = missing.filter_map(nearest).collect();
+    (!nearest.is_empty()).then(|| format!("did you mean {}?", nearest.join(", ")))
 }
 
 /// Where in a file something is.

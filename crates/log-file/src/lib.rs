@@ -54,6 +54,7 @@ mod log;
 mod parse;
 mod read;
 mod stream;
+pub mod summary;
 
 pub use error::{Field, LogError, Place, RowMismatch, RowProblem};
 pub use format::columns::{Column, Meaning};

@@ -14,6 +14,7 @@
 mod identity;
 mod temporary;
 
+use shell_data::hint::Hint;
 use std::fs::{self, File, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -78,6 +79,20 @@ pub enum OutputError {
         /// The output that it is.
         other: PathBuf,
     },
+}
+
+impl Hint for OutputError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::IsInput { .. } | Self::Twice { .. } => "choose another name for it",
+            Self::Failed { source, .. } => match source.kind() {
+                io::ErrorKind::AlreadyExists => "choose another name, or `--overwrite` it",
+                io::ErrorKind::StorageFull => "what was written until then is whole; make room",
+                _ => return None,
+            },
+        };
+        Some(text.to_owned())
+    }
 }
 
 impl Outputs {

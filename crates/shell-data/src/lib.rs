@@ -3,6 +3,7 @@
 //! - [`wrench`]: the six axes, their order, names and units;
 //! - [`block`]: a run of consecutive log rows, column by column;
 //! - [`fingerprint`]: whether two logs hold the same rows;
+//! - [`hint`]: what to do about an error;
 //! - [`instructions`]: which vectors of the processor are worked with;
 //! - [`statistics`]: mean and variance, block by block;
 //! - [`telemetry`]: the columns of a robot's telemetry.
@@ -29,6 +30,7 @@ pub mod block;
 pub mod columns;
 pub mod dataset;
 pub mod fingerprint;
+pub mod hint;
 pub mod instructions;
 pub mod random;
 pub mod statistics;

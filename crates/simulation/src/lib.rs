@@ -1,10 +1,11 @@
 //! Synthetic data from physics: the sensor, the robot, the board and the radio link.
 //!
-//! [`sensor_model`] makes readings of a shell under load, [`virtual_robot`] trials of a robot in a
+//! [`channel_study`] sweeps and varies the channel of beams. [`sensor_model`] makes readings of a shell under load, [`virtual_robot`] trials of a robot in a
 //! channel of beams; the `synthetic_*` modules write them as logs or hand them over in memory.
 //! [`simulated_board`] runs the firmware's library over the sensor model on a pseudo-terminal
 //! or over TCP, behind a [`radio`] that loses and damages packets.
 
+pub mod channel_study;
 pub mod radio;
 pub mod sensor_model;
 #[allow(

@@ -1,5 +1,7 @@
 //! Why a trial cannot be evaluated.
 
+use forces::ForceError;
+use shell_data::hint::{Hint, OTHER_CHANNELS};
 use shell_data::wrench::Axes;
 
 /// The fewest periods of a log in a window.
@@ -99,4 +101,22 @@ pub enum TrialError {
         /// Which.
         what: &'static str,
     },
+}
+
+impl Hint for TrialError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::OutsideLog { .. } | Self::Gap { .. } => {
+                "times are in s on the log's clock; `shellcal info` tells from when to when it runs"
+            }
+            Self::Backward { .. } => "cut the log there: its parts are two recordings",
+            Self::Forces(ForceError::TareFrames { .. }) => {
+                "take fewer frames with `--tare`, or name a time with `--tare-time`"
+            }
+            Self::Channels { .. } => OTHER_CHANNELS,
+            Self::Nothing(_) => "forces need sensors and `--calibration`, energies need telemetry",
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }

@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
-use super::manifest::{ManifestProblem, Place, suggest};
+use super::manifest::{ManifestProblem, Place};
 use super::statistics::{Difference, Sample, Statistics};
+use shell_data::hint::did_you_mean;
 
 /// Values by condition.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,9 +94,7 @@ impl ValueTable {
         let header: Vec<String> = header.iter().map(str::to_owned).collect();
         let find = |name: &str| {
             header.iter().position(|column| column == name).ok_or_else(|| {
-                let hint = suggest(name, header.iter().map(String::as_str));
-                let hint =
-                    hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
+                let hint = did_you_mean(name, header.iter().map(String::as_str));
                 at(1, format!("no column `{name}`{hint}"))
             })
         };

@@ -4,6 +4,7 @@
 //! let go before the match is found. That is 8 bytes per value, 56 per row of the reference (64 with a sync
 //! signal) and 72 per frame of eight readings.
 
+use shell_data::hint::Hint;
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -56,6 +57,15 @@ pub enum AlignLogsError {
         /// Why.
         source: AlignError,
     },
+}
+
+impl Hint for AlignLogsError {
+    fn hint(&self) -> Option<String> {
+        match self {
+            Self::Log(error) => error.hint(),
+            Self::Align { source, .. } => source.hint(),
+        }
+    }
 }
 
 impl AlignLogsError {

@@ -7,6 +7,7 @@ use figures::WrenchTrace;
 use forces::drift::{Drift, FEWEST_RESTS};
 use forces::rests::{Level, Rest, RestFinder};
 use log_file::{ColumnRef, Log, LogError, ReadOptions, Wanted};
+use shell_data::hint::Hint;
 use shell_data::wrench::{AxisValues, PerAxis};
 
 /// The column that `record` writes the die's temperature into.
@@ -87,6 +88,20 @@ pub enum DriftError {
         /// What stands there.
         text: String,
     },
+}
+
+impl Hint for DriftError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Log(error) => return error.hint(),
+            Self::Channels(error) => return error.hint(),
+            Self::TooFewRests { .. } => {
+                "begin with the sensor at rest and unloaded, and let it rest for a second or more now and then"
+            }
+            Self::Temperature { .. } => "name the column of temperature with `--temperature`",
+        };
+        Some(text.to_owned())
+    }
 }
 
 /// Finds the rests of a log, and how its zero moves from one to the next, in one pass.

@@ -4,23 +4,21 @@ pub mod align;
 pub mod batch;
 pub mod bench;
 pub mod convert;
-pub mod doctor;
 pub mod drift;
 pub mod figures;
 pub mod fit;
 pub mod live;
-pub mod log_summary;
 pub mod merge;
 pub mod noise;
 pub mod partial;
 pub mod payload;
 pub mod report;
-pub mod sampling;
 pub mod selection;
 pub mod simulate;
 pub mod synthetic_trials;
 pub mod trial;
 
+use shell_data::hint::{Hint, OTHER_CHANNELS};
 use std::path::PathBuf;
 
 use calibration::FitError;
@@ -30,7 +28,6 @@ use shell_data::wrench::Axes;
 
 /// Why a task over logs could not be done.
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
 pub enum WorkflowError {
     /// A log cannot be read.
     #[error(transparent)]
@@ -59,6 +56,18 @@ pub enum WorkflowError {
     NoLogs,
 }
 
+impl Hint for WorkflowError {
+    fn hint(&self) -> Option<String> {
+        match self {
+            Self::Log(error) => error.hint(),
+            Self::Fit(error) => error.hint(),
+            Self::Channels(error) => error.hint(),
+            Self::Merge(error) => error.hint(),
+            Self::Axes { .. } | Self::NoLogs => None,
+        }
+    }
+}
+
 /// A log of another number of channels than the calibration, or than the first log.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{}` has `{found}` sensor channels, expected `{expected}`", path.display())]
@@ -69,6 +78,12 @@ pub struct ChannelMismatch {
     pub expected: usize,
     /// Channels of the log.
     pub found: usize,
+}
+
+impl Hint for ChannelMismatch {
+    fn hint(&self) -> Option<String> {
+        Some(OTHER_CHANNELS.to_owned())
+    }
 }
 
 /// The axes of the wrench that a fit to `train` is of, which all of them have; of the others in `test`,

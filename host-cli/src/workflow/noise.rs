@@ -9,6 +9,7 @@ use calibration::Calibration;
 use forces::ForcePipeline;
 use forces::rests::{ZeroMove, ZeroWatch};
 use log_file::{Log, LogError, ReadOptions, Wanted};
+use shell_data::hint::Hint;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
@@ -73,6 +74,17 @@ pub enum NoiseError {
         /// Frames found.
         found: u64,
     },
+}
+
+impl Hint for NoiseError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Log(error) => return error.hint(),
+            Self::Channels(error) => return error.hint(),
+            Self::TooFewFrames { .. } => "`shellcal info` tells the times of a log",
+        };
+        Some(text.to_owned())
+    }
 }
 
 /// Measures the scatter of the frames of a log, in one pass and constant memory.

@@ -12,7 +12,7 @@ use forces::{ForceOptions, LowPass, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::ChannelMismatch;
 use shellcal::workflow::convert::{
-    Columns, Conversion, ConvertError, ConvertOptions, ConvertSummary, convert,
+    Conversion, ConvertError, ConvertOptions, ConvertSummary, OutputPlan, TableColumns, convert,
 };
 use shellcal::workflow::selection::RowFilter;
 use system_tests::real_recording;
@@ -51,8 +51,13 @@ fn csv(directory: &Path, frames: usize, repeats: usize) -> PathBuf {
     path
 }
 
-const ALL: Columns =
-    Columns { time: true, axes: [true; 6], standard_errors: false, interval: None, flags: true };
+const ALL: TableColumns = TableColumns {
+    time: true,
+    axes: [true; 6],
+    standard_errors: false,
+    interval: None,
+    flags: true,
+};
 
 fn options() -> ConvertOptions {
     ConvertOptions {
@@ -87,7 +92,7 @@ fn run_on(
 ) -> Result<(String, ConvertSummary), ConvertError> {
     let mut out = Vec::new();
     let conversion = Conversion { log, calibration, options, read: ReadOptions::default() };
-    let summary = convert(&conversion, &mut out, None)?;
+    let summary = convert(&conversion, &OutputPlan::default(), &mut out, None)?;
     Ok((String::from_utf8(out).unwrap(), summary))
 }
 
@@ -141,7 +146,7 @@ fn the_result_is_the_same_for_any_threads_and_blocks() {
             let calibration = linear(3);
             let conversion =
                 Conversion { log: &log, calibration: &calibration, options: &options, read };
-            convert(&conversion, &mut out, None).unwrap();
+            convert(&conversion, &OutputPlan::default(), &mut out, None).unwrap();
             assert!(String::from_utf8(out).unwrap() == whole, "{threads} {bytes}");
         }
     }
@@ -221,7 +226,7 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
     let mut calibration = linear(3);
     let range = calibration::reading_ranges::ReadingRange { min: 50.0, max: 200.0 };
     calibration.valid_range = Some(vec![range; 3]);
-    let columns = Columns {
+    let columns = TableColumns {
         time: false,
         axes: [false; 6],
         standard_errors: false,
@@ -250,7 +255,7 @@ fn standard_errors_are_those_of_the_calibration() {
         shared: None,
         intervals: None,
     });
-    let columns = Columns { standard_errors: true, interval: Some(0.95), ..ALL };
+    let columns = TableColumns { standard_errors: true, interval: Some(0.95), ..ALL };
     let options = ConvertOptions { columns, ..options() };
     let (text, _) = run_on(&open(&path), &calibration, &options).unwrap();
     for (frame, row) in numbers(&text).iter().enumerate() {
@@ -272,12 +277,12 @@ fn the_trace_sees_every_frame() {
     let path = csv(directory.path(), 300, 1);
     let axes = [false, false, true, false, false, false];
     let columns =
-        Columns { time: false, axes, standard_errors: false, interval: None, flags: false };
+        TableColumns { time: false, axes, standard_errors: false, interval: None, flags: false };
     let options = ConvertOptions { columns, ..options() };
     let mut trace = WrenchTrace::new();
     let (log, calibration, read) = (open(&path), linear(3), ReadOptions::default());
     let conversion = Conversion { log: &log, calibration: &calibration, options: &options, read };
-    convert(&conversion, &mut Vec::new(), Some(&mut trace)).unwrap();
+    convert(&conversion, &OutputPlan::default(), &mut Vec::new(), Some(&mut trace)).unwrap();
     let figure = figures::trace_figure(figures::Size::Screen, "log", &trace);
     assert!(figure.svg().contains(">Fz (N)<"));
 }
@@ -304,7 +309,7 @@ fn what_cannot_be_done_is_said_by_name() {
         filter(low_pass(500.1, false)),
         ConvertError::Filter(FilterError::Cutoff { .. })
     ));
-    let errors = Columns { standard_errors: true, ..ALL };
+    let errors = TableColumns { standard_errors: true, ..ALL };
     let no_covariance = error(ConvertOptions { columns: errors, ..options() });
     assert!(matches!(no_covariance, ConvertError::NoCovariance));
     let other = run_on(&open(&path), &linear(8), &options()).unwrap_err();
@@ -319,7 +324,7 @@ fn what_cannot_be_done_is_said_by_name() {
 
     std::fs::write(&short, "s1,s2,s3\n1,2,3\n4,5,6\n").unwrap();
     let error =
-        run(&short, &ConvertOptions { columns: Columns { time: false, ..ALL }, ..options() });
+        run(&short, &ConvertOptions { columns: TableColumns { time: false, ..ALL }, ..options() });
     assert!(matches!(error.unwrap_err(), ConvertError::NoRate { .. }));
     std::fs::write(&short, "t_s,s1,s2,s3\n0,4e9,4e9,4e9\n").unwrap();
     let error = run_on(&open(&short), &calibration_that_overflows(), &self::options());

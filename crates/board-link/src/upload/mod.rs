@@ -3,6 +3,7 @@
 mod physics;
 
 use shared_proto::{AXES, CHANNELS, COUNTS_PER_LSB, Cubic, FEATURES};
+use shell_data::hint::Hint;
 
 use calibration::{Basis, Calibration, Kind, Polynomial};
 use shell_data::wrench::Axes;
@@ -36,6 +37,18 @@ pub enum NotForBoard {
     /// A number is not one that the board can compute with.
     #[error("a number of the calibration is too large for the board's single precision")]
     Overflow,
+}
+
+impl Hint for NotForBoard {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Basis { .. } => {
+                "fit one for the board with `shellcal fit --model cubic` or `physics`"
+            }
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }
 
 /// The same model in single precision, for readings in counts of which [`COUNTS_PER_LSB`] are a step

@@ -18,6 +18,7 @@ use super::{Role, Source};
 use calibration::exact::ExactError;
 use calibration::model::Model;
 use shell_data::ColumnNames;
+use shell_data::hint::Hint;
 use shell_data::wrench::Axes;
 
 /// The sums over some rows, with their origin.
@@ -117,6 +118,32 @@ pub enum MergeError {
     /// The sums of both together cannot be exact.
     #[error(transparent)]
     NotExact(#[from] ExactError),
+}
+
+impl Hint for MergeError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Model { .. } => "make both with the same `--model` and `--no-intercept`",
+            Self::Channels { .. } => "name the same sensor columns with `--sensors`",
+            Self::Twice(_) => {
+                "leave one of them out; `--skip-counted` leaves out partial fits that were delivered twice"
+            }
+            Self::Kind { .. } => {
+                "make all with `fit --partial --solver tsqr`, which keeps triangles of any numbers"
+            }
+            Self::Groups { .. } => "make all with `--groups`, or all without",
+            Self::GroupsAre { .. } => {
+                "make all with `--groups=file`, or all with `--groups=column`"
+            }
+            Self::Split { .. } => "make all with the same `--cv-seed`",
+            Self::SameName(_) => {
+                "groups are files: give them different names, such as those of their folders"
+            }
+            Self::TooManyGroups { .. } => "name a column of fewer groups with `--group`",
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }
 
 impl PartialFit {

@@ -23,6 +23,7 @@ pub mod triangles;
 
 use super::exact::{ExactError, SolveError};
 use crate::FitError;
+use shell_data::hint::Hint;
 
 /// Why a calibration cannot be validated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -73,6 +74,26 @@ pub enum ValidationError {
     /// None of the models can be fitted.
     #[error("the rows determine none of the models")]
     NoModel,
+}
+
+impl Hint for ValidationError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::TooFewGroups { .. } => {
+                "record more poses, give several logs, or name the column of groups with `--group`"
+            }
+            Self::TooManyGroups { .. } => {
+                "name the column of groups with `--group`, or deal them into K folds with `--cv=K`"
+            }
+            Self::Folds { .. } => "leave the number out to hold out one group at a time",
+            Self::Undetermined(_) | Self::NoModel => {
+                "record more poses, choose a smaller `--model`, or accept a damped answer with \
+                 `--ridge 1e-6`"
+            }
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }
 
 /// The first few of `labels`.

@@ -11,6 +11,8 @@
 //! sampling rate it has lost six digits. The state-variable form keeps them, has a gain of exactly
 //! one at zero frequency, and its state is the signal itself.
 
+use shell_data::hint::Hint;
+
 mod butterworth;
 mod memory;
 mod stream;
@@ -65,6 +67,21 @@ pub enum FilterError {
         /// The least that will do.
         needed: usize,
     },
+}
+
+impl Hint for FilterError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Cutoff { .. } => {
+                "the low-pass runs at the rate of the log's rows; choose a lower `--lowpass`"
+            }
+            Self::TooFewSamples { .. } => {
+                "filter forward only with `--causal`, or not at all with `--no-lowpass`"
+            }
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }
 
 /// A signal of whole numbers without any pattern to speak of, 200 samples between −50 and 50.

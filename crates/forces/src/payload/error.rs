@@ -1,5 +1,7 @@
 //! Why poses do not give a payload.
 
+use shell_data::hint::Hint;
+
 /// Poses that do not give what a sensor carries.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PayloadError {
@@ -39,4 +41,19 @@ pub enum PayloadError {
         /// The pose, from 1.
         pose: usize,
     },
+}
+
+impl Hint for PayloadError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::NoMass { .. } => {
+                "does gravity point down in its columns, and is the wrench the load on the sensor, not its reaction?"
+            }
+            Self::NotFinite { .. } => "leave the row out, or such rows with `--skip-bad-rows`",
+            _ => {
+                "record the sensor at rest in six directions or more: upright, upside down, on each side"
+            }
+        };
+        Some(text.to_owned())
+    }
 }

@@ -17,6 +17,7 @@
 //! Pure: no files, no printing.
 
 mod accelerometer;
+mod carried;
 mod error;
 mod fit;
 mod lag;
@@ -24,6 +25,7 @@ mod motion;
 mod vector;
 
 pub use accelerometer::{Accelerometer, frame_from_forces};
+pub use carried::CarriedLoad;
 pub use error::PayloadError;
 pub use fit::{LEAST_SPREAD, PayloadFit, Pose, fit};
 pub use lag::{Lag, find_lag};

@@ -3,7 +3,8 @@
 use csv::{ReaderBuilder, StringRecord, Trim};
 
 use super::entry::{Manifest, ManifestProblem, Place, Placed};
-use super::fields::{EntryFields, KEYS, REQUIRED, did_you_mean};
+use super::fields::{EntryFields, KEYS, REQUIRED};
+use shell_data::hint::did_you_mean;
 
 /// Other names that columns go by.
 const OTHER_NAMES: [(&str, &str); 9] = [

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
 use super::entry::{Entry, Manifest, ManifestProblem, Moment, Place};
-use super::fields::{did_you_mean, suggest};
+use shell_data::hint::{did_you_mean, suggest};
 
 /// A row that cannot be evaluated, by its number among the manifest's rows.
 #[derive(Clone, Debug, PartialEq)]

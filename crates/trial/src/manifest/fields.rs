@@ -92,18 +92,3 @@ impl EntryFields<'_> {
         }
     }
 }
-
-/// The known name that `name` is most like, if it is at all.
-pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let name = name.to_lowercase();
-    let likeness = |known: &str| strsim::jaro_winkler(&name, &known.to_lowercase());
-    let candidates = known.into_iter().map(|known| (likeness(known), known));
-    let best =
-        candidates.filter(|(likeness, _)| *likeness > 0.75).max_by(|a, b| a.0.total_cmp(&b.0));
-    best.map(|(_, known)| known)
-}
-
-/// `, did you mean …?` where a name is known that is like it.
-pub(super) fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    suggest(name, known).map_or_else(String::new, |known| format!(", did you mean `{known}`?"))
-}

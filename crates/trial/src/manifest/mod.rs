@@ -20,7 +20,6 @@ mod toml;
 
 pub use entry::{Entry, Manifest, ManifestProblem, Moment, Place, Placed};
 pub use faults::Fault;
-pub use fields::suggest;
 pub use shard::Shard;
 
 impl Manifest {

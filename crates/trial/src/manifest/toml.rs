@@ -6,8 +6,9 @@ use serde::Deserialize;
 use toml::{Spanned, Value};
 
 use super::entry::{Manifest, ManifestProblem, Place, Placed};
-use super::fields::{EntryFields, KEYS, did_you_mean};
+use super::fields::{EntryFields, KEYS};
 use crate::toml_place::{TomlError, parse as parse_toml};
+use shell_data::hint::did_you_mean;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -5,8 +5,10 @@ use std::io::{self, IsTerminal, Write};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
+use log_file::{Log, ReadOptions};
 use serde::Serialize;
 
+use crate::outcome::Outcome;
 use crate::tables::{self, TableForm};
 
 /// What help calls the options of every command, which stand at its end.
@@ -121,9 +123,18 @@ impl Printer {
         Ok(())
     }
 
-    /// Where a result goes that is a stream of bytes.
-    pub(crate) fn stream(&self) -> impl Write + use<> {
-        io::stdout().lock()
+    /// Prints the result of a command that is done: as one JSON document where that was asked for, otherwise as
+    /// `print` shows it.
+    pub(crate) fn finish(
+        &mut self,
+        value: &impl Serialize,
+        print: impl FnOnce(&mut Self) -> anyhow::Result<()>,
+    ) -> anyhow::Result<Outcome> {
+        match self.json() {
+            true => self.document(value)?,
+            false => print(self)?,
+        }
+        Ok(Outcome::Done)
     }
 
     /// Prints one line of a result that people read.
@@ -216,6 +227,20 @@ impl Printer {
     /// A progress bar over `bytes` on stderr; draws nothing when quiet or not on a terminal.
     pub(crate) fn progress(&self, label: &str, bytes: u64) -> ProgressBar {
         self.bar(label, bytes, "{msg} {wide_bar} {bytes}/{total_bytes} {eta}")
+    }
+
+    /// Does work that reads a log, with a progress bar over its bytes.
+    pub(crate) fn scan<T>(
+        &self,
+        log: &Log,
+        read: ReadOptions<'_>,
+        work: impl FnOnce(ReadOptions<'_>) -> T,
+    ) -> T {
+        let bar = self.progress(&log.path().display().to_string(), log.bytes());
+        let progress = |bytes| bar.set_position(bytes);
+        let done = work(ReadOptions { progress: Some(&progress), ..read });
+        bar.finish_and_clear();
+        done
     }
 
     /// The same over things that are counted.

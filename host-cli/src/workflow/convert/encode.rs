@@ -6,9 +6,9 @@ use table_file::write::mcap::{Channel, Chunk, ChunkBuilder, McapWriter, wrench_s
 use table_file::write::{MatWriter, NpyWriter, ParquetWriter, TableWriter, Values};
 
 use super::error::ConvertError;
-use super::format::OutputFormat;
 use super::frames::ConvertedFrames;
-use super::table::Table;
+use super::options::OutputFormat;
+use super::table::WrenchTable;
 
 /// The topics of a recording.
 const WRENCH_TOPIC: &str = "/wrench";
@@ -19,22 +19,22 @@ const PART_ROWS: usize = 1 << 16;
 
 /// What makes bytes of frames, on any thread.
 pub(super) struct Encoder<'a> {
-    pub(super) table: &'a Table,
+    pub(super) table: &'a WrenchTable,
     pub(super) format: &'a OutputFormat,
     /// The names of the readings, as the log has them.
     pub(super) channels: Vec<String>,
 }
 
 /// Some frames, as they are written.
-pub(super) enum Encoded {
+pub(super) enum EncodedFrames {
     Text(Vec<u8>),
-    Columns(Columns),
+    EncodedColumns(EncodedColumns),
     Chunk(Option<Chunk>),
 }
 
 /// Columns of numbers, then of text.
 #[derive(Default)]
-pub(super) struct Columns {
+pub(super) struct EncodedColumns {
     numbers: Vec<Vec<f64>>,
     texts: Vec<Vec<String>>,
 }
@@ -45,15 +45,15 @@ impl Encoder<'_> {
         matches!(self.format, OutputFormat::Mcap { .. })
     }
 
-    pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<Encoded, ConvertError> {
+    pub(super) fn encode(&self, frames: &ConvertedFrames) -> Result<EncodedFrames, ConvertError> {
         Ok(match self.format {
             OutputFormat::Csv => {
                 let mut text = Vec::new();
                 self.table.rows(frames, &mut text);
-                Encoded::Text(text)
+                EncodedFrames::Text(text)
             }
-            OutputFormat::Mcap { frame_id } => Encoded::Chunk(self.chunk(frames, frame_id)?),
-            _ => Encoded::Columns(Columns {
+            OutputFormat::Mcap { frame_id } => EncodedFrames::Chunk(self.chunk(frames, frame_id)?),
+            _ => EncodedFrames::EncodedColumns(EncodedColumns {
                 numbers: self.table.numbers(frames),
                 texts: {
                     let flags = |row: usize| self.table.flags(frames, row);
@@ -160,13 +160,13 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
 }
 
 /// Where encoded frames go, in order.
-pub(super) enum Output<'a> {
+pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    Table { writer: Box<dyn TableWriter + 'a>, waiting: Columns },
+    Table { writer: Box<dyn TableWriter + 'a>, waiting: EncodedColumns },
     Recording(McapWriter<&'a mut dyn Write>),
 }
 
-impl<'a> Output<'a> {
+impl<'a> EncodedOutput<'a> {
     /// Writes what comes before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
         let columns = || {
@@ -193,16 +193,16 @@ impl<'a> Output<'a> {
             OutputFormat::Matlab => Box::new(MatWriter::new(out, &columns())),
             OutputFormat::NumPy => Box::new(NpyWriter::new(out, &columns())),
         };
-        Ok(Self::Table { writer, waiting: Columns::default() })
+        Ok(Self::Table { writer, waiting: EncodedColumns::default() })
     }
 
-    pub(super) fn write(&mut self, encoded: Encoded) -> io::Result<()> {
+    pub(super) fn write(&mut self, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
-            (Self::Text(out), Encoded::Text(text)) => out.write_all(&text),
-            (Self::Recording(writer), Encoded::Chunk(chunk)) => {
+            (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),
+            (Self::Recording(writer), EncodedFrames::Chunk(chunk)) => {
                 chunk.map_or(Ok(()), |chunk| writer.write(&chunk))
             }
-            (Self::Table { writer, waiting }, Encoded::Columns(columns)) => {
+            (Self::Table { writer, waiting }, EncodedFrames::EncodedColumns(columns)) => {
                 waiting.append(columns);
                 if waiting.rows() >= PART_ROWS {
                     std::mem::take(waiting).write(&mut **writer)?;
@@ -226,7 +226,7 @@ impl<'a> Output<'a> {
     }
 }
 
-impl Columns {
+impl EncodedColumns {
     fn rows(&self) -> usize {
         self.numbers.first().map_or(self.texts.first().map_or(0, Vec::len), Vec::len)
     }

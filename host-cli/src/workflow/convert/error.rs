@@ -1,5 +1,6 @@
 //! Why a log cannot be converted.
 
+use shell_data::hint::Hint;
 use std::io;
 use std::path::Path;
 
@@ -52,9 +53,9 @@ pub enum ConvertError {
     TareFrames {
         /// The log.
         path: String,
-        /// ConvertedFrames asked for.
+        /// Frames asked for.
         wanted: usize,
-        /// ConvertedFrames in the log.
+        /// Frames in the log.
         found: usize,
     },
     /// A zero that follows the rests would take the weight for drift.
@@ -123,9 +124,33 @@ pub enum ConvertError {
     Output(#[from] io::Error),
 }
 
+impl Hint for ConvertError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Log(error) => return error.hint(),
+            Self::Channels(error) => return error.hint(),
+            Self::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
+            Self::RestsUnderLoad => {
+                "leave out `--tare rests`, or take the weight off by `payload subtract` first"
+            }
+            Self::RestsWithoutTime { .. } => "name it with `--time`, or tare on the first frames",
+            Self::TareTime { .. } => "`shellcal info` tells the times of a log",
+            Self::NoRate { .. } => {
+                "say how many rows there are in a second with `--rate`, or leave the filter out with `--no-lowpass`"
+            }
+            Self::Filter(error) => return error.hint(),
+            Self::NoCovariance => {
+                "leave out `--interval`, and `se` of `--columns`; `shellcal fit` puts a covariance into the calibration unless there are fewer than twice as many groups as features, or `--covariance none`"
+            }
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
+}
+
 impl ConvertError {
     /// What the pipeline says of the log at `path`.
-    pub(super) fn of_log(path: &Path, error: ForceError) -> Self {
+    pub(super) fn from_log(path: &Path, error: ForceError) -> Self {
         let path = path.display().to_string();
         match error {
             ForceError::TareFrames { wanted, found } => Self::TareFrames { path, wanted, found },

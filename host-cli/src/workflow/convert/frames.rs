@@ -1,6 +1,6 @@
 //! Some frames of a log, converted.
 
-use super::job::ConvertOptions;
+use super::options::ConvertOptions;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
 use forces::ForcePipeline;
@@ -53,7 +53,7 @@ pub(super) struct WatchedFrames {
 }
 
 /// What turns readings into frames.
-pub(super) struct Converter<'a> {
+pub(super) struct FrameConverter<'a> {
     pub(super) calibration: &'a Calibration,
     pub(super) pipeline: &'a ForcePipeline,
     /// What is taken off besides the load at each row.
@@ -126,7 +126,7 @@ impl WatchedFrames {
     }
 }
 
-impl Converter<'_> {
+impl FrameConverter<'_> {
     pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
         match self.pipeline.low_pass() {
             None => self.convert_used(block),

@@ -9,12 +9,10 @@
 //! back as many rows as it needs to see ahead, whatever the length of the log. It sees every row, also
 //! where only fresh ones are written: which rows are written does not change the forces.
 
-mod columns;
 mod encode;
 mod error;
-mod format;
 mod frames;
-mod job;
+mod options;
 mod summary;
 mod survey;
 mod table;
@@ -22,25 +20,25 @@ mod writer;
 
 use std::io::Write;
 
-pub use columns::Columns;
 pub use error::ConvertError;
-pub use format::{DEFAULT_FRAME_ID, OutputFormat, OutputPlan, UnknownExtension};
-pub use job::{Conversion, ConvertOptions};
+pub use options::{
+    Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, TableColumns,
+    UnknownExtension,
+};
 use summary::Totals;
-pub use summary::{AxisSummary, ConvertSummary};
+pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
 
 use super::check_channels;
-use super::payload::LoadSummary;
 use super::selection::RowFilter;
 use calibration::{Calibration, Kind};
-use encode::{Encoder, Output};
+use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
 use forces::rests::ZeroWatch;
-use frames::Converter;
+use frames::FrameConverter;
 use log_file::{Log, Meaning, Wanted};
 use shell_data::wrench::PerAxis;
 use survey::survey;
-use table::Table;
+use table::WrenchTable;
 use writer::Writer;
 
 /// How many standard errors an interval of this level reaches either way.
@@ -69,23 +67,11 @@ fn channel_names(log: &Log) -> Vec<String> {
     channels.into_iter().map(|(_, name)| name).collect()
 }
 
-/// Converts a log and writes the result to `out` as CSV; `trace` is given the wrench as well.
+/// Converts a log and writes the result to `out`, as `plan` says; `trace` is given the wrench as well.
 ///
 /// # Errors
 /// [`ConvertError`]; what has been written to `out` until then is not of use.
 pub fn convert(
-    conversion: &Conversion<'_>,
-    out: &mut dyn Write,
-    trace: Option<&mut WrenchTrace>,
-) -> Result<ConvertSummary, ConvertError> {
-    convert_to(conversion, &OutputPlan::default(), out, trace)
-}
-
-/// The same, to a file of any format, and with other columns of the log.
-///
-/// # Errors
-/// As [`convert`]; [`ConvertError::PartOfWrench`] where a recording would lack time or axes.
-pub fn convert_to(
     conversion: &Conversion<'_>,
     plan: &OutputPlan,
     out: &mut dyn Write,
@@ -121,15 +107,15 @@ pub fn convert_to(
         places.iter().map(|&at| log.columns()[at].name.clone()).collect()
     };
     let (kept, channels) = ([named(keep), named(keep_texts)], channel_names(log));
-    let table = Table::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
+    let table = WrenchTable::new(options.columns, factors.unwrap_or_default(), &kept, &channels);
     let encoder = Encoder { table: &table, format, channels };
     let keeps_readings = encoder.needs_readings();
     let repeats_are_frames = !log.repeats_are_stale() && options.rows == RowFilter::All;
     let watch = (time && options.load.is_none()).then_some(repeats_are_frames);
     let converter =
-        Converter { calibration, pipeline: &pipeline, zero, options, keeps_readings, watch };
+        FrameConverter { calibration, pipeline: &pipeline, zero, options, keeps_readings, watch };
     let mut zero_watch = ZeroWatch::default();
-    let output = Output::new(&encoder, out)?;
+    let output = EncodedOutput::new(&encoder, out)?;
     let totals = Totals::new(options.load.is_some());
     let mut writer =
         Writer::new(log.path(), &encoder, &pipeline, output, trace, calibration.axes, totals);

@@ -1,10 +1,10 @@
 //! What a conversion has done.
 
 use super::frames::ConvertedFrames;
-use crate::workflow::payload::LoadSummary;
-use crate::workflow::sampling::Rate;
 use crate::workflow::selection::{RowFilter, by_column};
+use forces::payload::Lag;
 use forces::rests::ZeroMove;
+use forces::sampling::Rate;
 use forces::{AppliedLowPass, TareResult};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
@@ -18,7 +18,7 @@ pub struct ConvertSummary {
     pub repeated_rows: u64,
     /// Rows that were wrong and left out.
     pub skipped_rows: u64,
-    /// ConvertedFrames written.
+    /// Frames written.
     pub frames: u64,
     /// Which rows these were.
     pub rows_used: RowFilter,
@@ -28,11 +28,11 @@ pub struct ConvertSummary {
     pub low_pass: Option<AppliedLowPass>,
     /// How the frames written follow one another, where they were filtered.
     pub sampling: Option<Rate>,
-    /// ConvertedFrames with a reading outside the range of the training data.
+    /// Frames with a reading outside the range of the training data.
     pub out_of_range_frames: u64,
-    /// ConvertedFrames with a saturated reading.
+    /// Frames with a saturated reading.
     pub saturated_frames: u64,
-    /// ConvertedFrames with a channel that the model left out.
+    /// Frames with a channel that the model left out.
     #[serde(skip_serializing_if = "is_zero")]
     pub left_out_frames: u64,
     /// Smallest, mean and largest value of each axis, N and N·m.
@@ -45,6 +45,20 @@ pub struct ConvertSummary {
     /// What the load that the sensor carries has left, where one was taken off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadSummary>,
+}
+
+/// What taking off a load has left.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct LoadSummary {
+    /// Whether inertia was taken off, too.
+    pub has_inertia: bool,
+    /// How late the clock of the motion was.
+    pub lag: Option<Lag>,
+    /// Rows so far from any sample of the motion that the load there is not known.
+    pub rows_without_motion: u64,
+    /// Standard deviation of the wrench that is left, N and N·m.
+    #[serde(serialize_with = "by_column")]
+    pub standard_deviation: AxisValues<f64>,
 }
 
 fn is_zero(count: &u64) -> bool {

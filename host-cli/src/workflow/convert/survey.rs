@@ -2,7 +2,7 @@
 //! has in it.
 
 use super::error::ConvertError;
-use super::job::Conversion;
+use super::options::Conversion;
 use crate::workflow::selection::{Stop, fresh_rows};
 use forces::{FirstRows, ForcePipeline, PipelineSetup, TareRule};
 use log_file::Wanted;
@@ -56,7 +56,7 @@ pub(super) fn survey(
         }
     }
     let finished = setup.finish(calibration);
-    let (pipeline, frames) = finished.map_err(|error| ConvertError::of_log(log.path(), error))?;
+    let (pipeline, frames) = finished.map_err(|error| ConvertError::from_log(log.path(), error))?;
     let zero = options.load.as_ref().map(|load| {
         let tared = frames.and_then(|frames| load.mean(&frames.times_s));
         tared.map_or(load.payload.bias(), |mean| mean.map(|load| -load))

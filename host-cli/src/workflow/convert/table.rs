@@ -1,12 +1,12 @@
-//! ConvertedFrames as CSV text.
+//! Converted frames as CSV text.
 
-use super::columns::Columns;
 use super::frames::ConvertedFrames;
+use super::options::TableColumns;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The writer of a table.
-pub(super) struct Table {
-    columns: Columns,
+pub(super) struct WrenchTable {
+    columns: TableColumns,
     axes: Vec<Axis>,
     /// How many standard errors an interval reaches.
     factors: PerAxis<f64>,
@@ -19,26 +19,26 @@ pub(super) struct Table {
 }
 
 /// What one column is made of.
-enum Column<'a> {
+enum WrittenColumn<'a> {
     Plain(&'a [f64]),
     /// Either end of an interval: a value, a standard error and how many of it.
     Bound(&'a [f64], &'a [f64], f64),
 }
 
-impl Column<'_> {
+impl WrittenColumn<'_> {
     fn at(&self, row: usize) -> f64 {
         match self {
-            Column::Plain(column) => column[row],
-            Column::Bound(column, errors, factor) => column[row] + factor * errors[row],
+            WrittenColumn::Plain(column) => column[row],
+            WrittenColumn::Bound(column, errors, factor) => column[row] + factor * errors[row],
         }
     }
 }
 
-impl Table {
+impl WrenchTable {
     /// `factors` are those of the interval, if there is to be one; `kept` are the log's columns of numbers
     /// and of text that are carried along, `channels` the names of the readings.
     pub(super) fn new(
-        columns: Columns,
+        columns: TableColumns,
         factors: PerAxis<f64>,
         kept: &[Vec<String>; 2],
         channels: &[String],
@@ -102,7 +102,8 @@ impl Table {
 
     /// The columns of numbers.
     pub(super) fn numbers(&self, frames: &ConvertedFrames) -> Vec<Vec<f64>> {
-        let values = |column: Column<'_>| (0..frames.len()).map(|row| column.at(row)).collect();
+        let values =
+            |column: WrittenColumn<'_>| (0..frames.len()).map(|row| column.at(row)).collect();
         self.columns_of(frames).into_iter().map(values).collect()
     }
 
@@ -132,26 +133,26 @@ impl Table {
         }
     }
 
-    fn columns_of<'a>(&self, frames: &'a ConvertedFrames) -> Vec<Column<'a>> {
-        let Columns { time, standard_errors, interval, .. } = self.columns;
+    fn columns_of<'a>(&self, frames: &'a ConvertedFrames) -> Vec<WrittenColumn<'a>> {
+        let TableColumns { time, standard_errors, interval, .. } = self.columns;
         let wrench = |axis: &Axis| -> &'a [f64] { &frames.wrench[axis.index()] };
         let error = |axis: &Axis| -> &'a [f64] { &frames.standard_errors[axis.index()] };
         let mut columns = Vec::new();
         if time {
-            columns.push(Column::Plain(&frames.time_s));
+            columns.push(WrittenColumn::Plain(&frames.time_s));
         }
-        columns.extend(self.axes.iter().map(|axis| Column::Plain(wrench(axis))));
+        columns.extend(self.axes.iter().map(|axis| WrittenColumn::Plain(wrench(axis))));
         if standard_errors {
-            columns.extend(self.axes.iter().map(|axis| Column::Plain(error(axis))));
+            columns.extend(self.axes.iter().map(|axis| WrittenColumn::Plain(error(axis))));
         }
         if interval.is_some() {
             for sign in [-1.0, 1.0] {
                 let factor = |axis: &Axis| sign * self.factors[axis.index()];
-                let bound = |axis| Column::Bound(wrench(axis), error(axis), factor(axis));
+                let bound = |axis| WrittenColumn::Bound(wrench(axis), error(axis), factor(axis));
                 columns.extend(self.axes.iter().map(bound));
             }
         }
-        columns.extend(frames.kept.iter().map(|column| Column::Plain(column)));
+        columns.extend(frames.kept.iter().map(|column| WrittenColumn::Plain(column)));
         columns
     }
 
@@ -218,9 +219,9 @@ mod tests {
         }
     }
 
-    fn written(columns: Columns) -> String {
+    fn written(columns: TableColumns) -> String {
         let mut text = Vec::new();
-        let table = Table::new(
+        let table = WrenchTable::new(
             columns,
             [2.0; 6],
             &Default::default(),
@@ -235,7 +236,7 @@ mod tests {
     fn columns_carry_their_units_and_numbers_read_back_as_the_same_bits() {
         let axes = [true; 6];
         let columns =
-            Columns { time: true, axes, standard_errors: true, interval: None, flags: true };
+            TableColumns { time: true, axes, standard_errors: true, interval: None, flags: true };
         let text = written(columns);
         let mut lines = text.lines();
         assert_eq!(
@@ -260,10 +261,15 @@ mod tests {
     #[test]
     fn only_the_columns_asked_for_are_written() {
         let axes = [false, false, true, false, false, false];
-        let columns =
-            Columns { time: false, axes, standard_errors: false, interval: None, flags: false };
+        let columns = TableColumns {
+            time: false,
+            axes,
+            standard_errors: false,
+            interval: None,
+            flags: false,
+        };
         assert_eq!(written(columns), "fz_n\n0.2\n-0.3333333333333333\n");
-        let columns = Columns { interval: Some(0.95), ..columns };
+        let columns = TableColumns { interval: Some(0.95), ..columns };
         let expected = "fz_n,fz_lower_n,fz_upper_n\n0.2,-0.8,1.2\n";
         assert!(written(columns).starts_with(expected), "{}", written(columns));
     }

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use super::encode::{Encoded, Encoder, Output};
+use super::encode::{EncodedFrames, EncodedOutput, Encoder};
 use super::error::ConvertError;
 use super::frames::{ConvertedFrames, ConvertedRows};
 use super::summary::Totals;
-use crate::workflow::sampling::{Rate, Sampling};
 use figures::WrenchTrace;
+use forces::sampling::{Rate, Sampling};
 use forces::{ForcePipeline, ForceStream};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -18,10 +18,10 @@ const LATE_S: f64 = 1.0;
 pub(super) struct Writer<'a> {
     path: &'a Path,
     encoder: &'a Encoder<'a>,
-    output: Output<'a>,
+    output: EncodedOutput<'a>,
     trace: Option<&'a mut WrenchTrace>,
     stream: ForceStream,
-    /// ConvertedFrames whose forces are not known yet.
+    /// Frames whose forces are not known yet.
     waiting: ConvertedFrames,
     /// Of every row whose force is not known yet, whether it is written.
     waiting_rows: Vec<bool>,
@@ -37,7 +37,7 @@ impl<'a> Writer<'a> {
         path: &'a Path,
         encoder: &'a Encoder<'a>,
         pipeline: &ForcePipeline,
-        output: Output<'a>,
+        output: EncodedOutput<'a>,
         trace: Option<&'a mut WrenchTrace>,
         axes: Axes,
         totals: Totals,
@@ -61,7 +61,7 @@ impl<'a> Writer<'a> {
     pub(super) fn write(
         &mut self,
         frames: &ConvertedFrames,
-        encoded: Encoded,
+        encoded: EncodedFrames,
     ) -> Result<(), ConvertError> {
         let path = || self.path.display().to_string();
         let added = self.totals.add(frames);

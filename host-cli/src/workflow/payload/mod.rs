@@ -1,13 +1,12 @@
 //! What a sensor carries: fitted to poses at rest, and taken off a run.
 
-mod carried;
 mod columns;
 mod motion;
 mod poses;
 
+use shell_data::hint::Hint;
 use std::path::PathBuf;
 
-pub use carried::{CarriedLoad, LoadSummary};
 pub use columns::MotionColumns;
 pub use motion::{find_motion_lag, read_motion};
 pub use poses::{FittedPayload, GravityFrom, fit_payload};
@@ -88,4 +87,31 @@ pub enum PayloadLogError {
         /// Why.
         error: MotionError,
     },
+}
+
+impl Hint for PayloadLogError {
+    fn hint(&self) -> Option<String> {
+        let text = match self {
+            Self::Log(error) => return error.hint(),
+            Self::Payload(error) => return error.hint(),
+            Self::NoMotion { .. }
+            | Self::OrientationColumns { .. }
+            | Self::AccelerationColumns { .. } => {
+                "name the columns with `--orientation` or `--accelerations`, in a run those of another log with \
+                 `--motion`"
+            }
+            Self::NoOrientation { .. } => {
+                "correct the row, or name the right columns with `--orientation`"
+            }
+            Self::AccelerationUnit { .. } => {
+                "scale them to m/s², or give orientations besides: then any unit will do"
+            }
+            Self::UnknownFrame { .. } => {
+                "fit the payload to poses that have accelerations, too, or name columns of `--orientation`"
+            }
+            Self::Motion { .. } => "`shellcal info` tells the times of a log",
+            _ => return None,
+        };
+        Some(text.to_owned())
+    }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::csv_columns::{Table, TableError};
+use super::csv_columns::{CsvTable, CsvTableError};
 
 /// The trials of one condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -37,9 +37,9 @@ pub enum ConditionChannel {
 /// order in which the conditions appear.
 ///
 /// # Errors
-/// [`TableError`] naming file, line and column.
-pub fn read_trials(path: &Path) -> Result<Vec<MeasuredCondition>, TableError> {
-    let mut table = Table::open(path)?;
+/// [`CsvTableError`] naming file, line and column.
+pub fn read_trials(path: &Path) -> Result<Vec<MeasuredCondition>, CsvTableError> {
+    let mut table = CsvTable::open(path)?;
     let condition = table.column(&["condition"])?;
     let drag = table.column(&["drag_mean_n"])?;
     let mut groups: Vec<(String, Vec<f64>, usize)> = Vec::new();
@@ -55,17 +55,17 @@ pub fn read_trials(path: &Path) -> Result<Vec<MeasuredCondition>, TableError> {
         }
     }
     let conditions: Vec<MeasuredCondition> =
-        groups.into_iter().filter_map(MeasuredCondition::of).collect();
+        groups.into_iter().filter_map(MeasuredCondition::new).collect();
     if conditions.is_empty() {
         let column = table.name(drag).to_owned();
-        return Err(TableError::Empty { path: table.path().to_path_buf(), column });
+        return Err(CsvTableError::Empty { path: table.path().to_path_buf(), column });
     }
     Ok(conditions)
 }
 
 impl MeasuredCondition {
     /// `None` if no trial has a drag.
-    fn of((name, drags, without_drag): (String, Vec<f64>, usize)) -> Option<Self> {
+    fn new((name, drags, without_drag): (String, Vec<f64>, usize)) -> Option<Self> {
         let trials = drags.len();
         let mean_drag_n = drags.iter().sum::<f64>() / trials as f64;
         let squares: f64 = drags.iter().map(|drag| (drag - mean_drag_n).powi(2)).sum();
@@ -78,7 +78,7 @@ impl MeasuredCondition {
 mod tests {
     use super::*;
 
-    fn read(text: &str) -> Result<Vec<MeasuredCondition>, TableError> {
+    fn read(text: &str) -> Result<Vec<MeasuredCondition>, CsvTableError> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
         read_trials(file.path())

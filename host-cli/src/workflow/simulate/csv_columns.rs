@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 /// A table that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum TableError {
+pub enum CsvTableError {
     /// It cannot be read as CSV.
     #[error("cannot read `{}`", path.display())]
     Read {
@@ -50,22 +50,22 @@ pub enum TableError {
 }
 
 /// A table with its header read.
-pub(super) struct Table {
+pub(super) struct CsvTable {
     path: PathBuf,
     reader: csv::Reader<std::fs::File>,
     header: Vec<String>,
 }
 
-/// A row of a [`Table`].
-pub(super) struct Record<'a> {
+/// A row of a [`CsvTable`].
+pub(super) struct CsvRecord<'a> {
     path: &'a Path,
     header: &'a [String],
     record: csv::StringRecord,
 }
 
-impl Table {
-    pub(super) fn open(path: &Path) -> Result<Self, TableError> {
-        let failed = |source| TableError::Read { path: path.to_path_buf(), source };
+impl CsvTable {
+    pub(super) fn open(path: &Path) -> Result<Self, CsvTableError> {
+        let failed = |source| CsvTableError::Read { path: path.to_path_buf(), source };
         let mut builder = csv::ReaderBuilder::new();
         builder.trim(csv::Trim::All).flexible(true);
         let mut reader = builder.from_path(path).map_err(failed)?;
@@ -76,13 +76,13 @@ impl Table {
     }
 
     /// The place and name of the first of `names` that is there.
-    pub(super) fn column(&self, names: &[&str]) -> Result<usize, TableError> {
+    pub(super) fn column(&self, names: &[&str]) -> Result<usize, CsvTableError> {
         let place = |name: &&str| self.header.iter().position(|h| h.eq_ignore_ascii_case(name));
         names.iter().find_map(place).ok_or_else(|| {
             let quoted = |names: &mut dyn Iterator<Item = &str>, between: &str| {
                 names.map(|name| format!("`{name}`")).collect::<Vec<_>>().join(between)
             };
-            TableError::NoColumn {
+            CsvTableError::NoColumn {
                 path: self.path.clone(),
                 wanted: quoted(&mut names.iter().copied(), " or "),
                 found: quoted(&mut self.header.iter().map(String::as_str), ", "),
@@ -98,30 +98,30 @@ impl Table {
         &self.path
     }
 
-    pub(super) fn next(&mut self) -> Result<Option<Record<'_>>, TableError> {
+    pub(super) fn next(&mut self) -> Result<Option<CsvRecord<'_>>, CsvTableError> {
         let mut record = csv::StringRecord::new();
         match self.reader.read_record(&mut record) {
-            Ok(true) => Ok(Some(Record { path: &self.path, header: &self.header, record })),
+            Ok(true) => Ok(Some(CsvRecord { path: &self.path, header: &self.header, record })),
             Ok(false) => Ok(None),
-            Err(source) => Err(TableError::Read { path: self.path.clone(), source }),
+            Err(source) => Err(CsvTableError::Read { path: self.path.clone(), source }),
         }
     }
 }
 
-impl Record<'_> {
+impl CsvRecord<'_> {
     pub(super) fn text(&self, column: usize) -> &str {
         self.record.get(column).unwrap_or_default()
     }
 
     /// `None` where nothing stands.
-    pub(super) fn number(&self, column: usize) -> Result<Option<f64>, TableError> {
+    pub(super) fn number(&self, column: usize) -> Result<Option<f64>, CsvTableError> {
         let text = self.text(column);
         if text.is_empty() {
             return Ok(None);
         }
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(Some(value)),
-            _ => Err(TableError::NotANumber {
+            _ => Err(CsvTableError::NotANumber {
                 path: self.path.to_path_buf(),
                 line: self.record.position().map_or(0, csv::Position::line),
                 column: self.header[column].clone(),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use beam_channel::{Model, Wall};
 
-use super::csv_columns::{Table, TableError};
+use super::csv_columns::{CsvTable, CsvTableError};
 use figures::ChannelCurve;
 
 /// Positions of a curve, beside those of its jumps.
@@ -41,7 +41,7 @@ pub fn curve(model: &Model, label: String, from_m: f64, to_m: f64) -> ChannelCur
 
 /// Where a body of which only the time is known was: at a steady speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Passage {
+pub struct SteadyPassage {
     /// Its speed in m/s.
     pub speed_m_s: f64,
     /// When it was at `entry_x_m`, in s; the time of the first row if not known.
@@ -54,9 +54,12 @@ pub struct Passage {
 /// body with a known passage, times in `t_s`. Rows that lack a value are left out.
 ///
 /// # Errors
-/// [`TableError`] naming file, line and column.
-pub fn read_trace(path: &Path, passage: Option<Passage>) -> Result<ChannelCurve, TableError> {
-    let mut table = Table::open(path)?;
+/// [`CsvTableError`] naming file, line and column.
+pub fn read_trace(
+    path: &Path,
+    passage: Option<SteadyPassage>,
+) -> Result<ChannelCurve, CsvTableError> {
+    let mut table = CsvTable::open(path)?;
     let place = table.column(if passage.is_some() { &["x_m", "t_s"] } else { &["x_m"] })?;
     let drag = table.column(&["drag_n", "fx_n"])?;
     let sign = if table.name(drag).eq_ignore_ascii_case("fx_n") { -1.0 } else { 1.0 };
@@ -68,9 +71,9 @@ pub fn read_trace(path: &Path, passage: Option<Passage>) -> Result<ChannelCurve,
     }
     let Some(&(first, _)) = points.first() else {
         let column = table.name(drag).to_owned();
-        return Err(TableError::Empty { path: table.path().to_path_buf(), column });
+        return Err(CsvTableError::Empty { path: table.path().to_path_buf(), column });
     };
-    if let Some(Passage { speed_m_s, entry_s, entry_x_m }) = passage
+    if let Some(SteadyPassage { speed_m_s, entry_s, entry_x_m }) = passage
         && table.name(place).eq_ignore_ascii_case("t_s")
     {
         let entry_s = entry_s.unwrap_or(first);
@@ -119,10 +122,10 @@ mod tests {
     fn a_trace_over_time_is_placed_by_its_speed() {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), "t_s,fx_n\n10,0\n12,-0.5\n").unwrap();
-        let passage = Passage { speed_m_s: 0.25, entry_s: None, entry_x_m: -0.05 };
+        let passage = SteadyPassage { speed_m_s: 0.25, entry_s: None, entry_x_m: -0.05 };
         let points = |passage| read_trace(file.path(), Some(passage)).unwrap().drag;
         assert_eq!(points(passage), [(-0.05, 0.0), (0.45, 0.5)]);
-        let later = Passage { entry_s: Some(12.0), ..passage };
+        let later = SteadyPassage { entry_s: Some(12.0), ..passage };
         assert_eq!(points(later), [(-0.55, 0.0), (-0.05, 0.5)]);
         assert!(read_trace(file.path(), None).is_err());
     }

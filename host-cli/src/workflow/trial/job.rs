@@ -1,6 +1,7 @@
 //! A log on which trials are evaluated.
 
 use log_file::{Log, LogError, ReadOptions};
+use shell_data::hint::Hint;
 use trial::{Instrument, NoWindow, TrialError, TrialOptions};
 
 /// A log, and how trials on it are evaluated.
@@ -35,4 +36,14 @@ pub enum TrialLogError {
     /// The window was to be found in forces, which need a calibration.
     #[error("without a calibration there is no drag to find the window in")]
     NoCalibration,
+}
+
+impl Hint for TrialLogError {
+    fn hint(&self) -> Option<String> {
+        match self {
+            Self::Log(error) => error.hint(),
+            Self::Trial(error) => error.hint(),
+            _ => None,
+        }
+    }
 }

@@ -1,9 +1,9 @@
 //! A trial's rows from its log: one pass, in which, without forces, of most rows the time alone is parsed.
 
 use super::job::{TrialJob, TrialLogError};
-use crate::workflow::sampling::Sampling;
 use calibration::Calibration;
 use forces::rests::{ZeroMove, ZeroWatch};
+use forces::sampling::Sampling;
 use forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
 use log_file::{ColumnRef, LogError, ReadSummary, Selection, Wanted};
 use shell_data::block::Block;

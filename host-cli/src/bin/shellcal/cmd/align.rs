@@ -1,20 +1,20 @@
 //! `shellcal align`: a reference's recording and a board log to one training log.
 
-use std::io::Write;
-
 use alignment::{Aligned, ClockMap, EdgeMatch, LeftOut, Quality};
 use anyhow::{Context, bail};
-use figures::{Format, match_figure};
-use log_file::{ColumnRef, Log, Mapping, ReadOptions};
+use figures::match_figure;
+use log_file::{ColumnRef, Format, Log, Mapping, TimeUnit};
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::align::{
     AlignLogsError, AlignOptions, AlignedLogs, WrittenRows, align_logs, write_training,
 };
 
+use super::choices::one_of;
 use super::figure_size::FigureSize;
 use super::frames::{FrameArgs, note_rows};
-use super::mapping::{FormatArg, MappingArgs, TimeUnitArg, parse_column};
+use super::mapping::{FORMATS, MappingArgs, TIME_UNITS, parse_column};
+use super::partial_output::Destination;
 use crate::files::{InputPath, OutputPath};
 use crate::hints;
 use crate::outcome::Outcome;
@@ -65,21 +65,21 @@ pub(crate) struct AlignArgs {
 #[command(next_help_heading = "Reading the reference")]
 struct ReferenceArgs {
     /// What kind of file the reference is [default: recognised]
-    #[arg(long, value_name = "FORMAT")]
-    reference_format: Option<FormatArg>,
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS))]
+    reference_format: Option<Format>,
 
     /// The time column of the reference: its name or place
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     reference_time: Option<ColumnRef>,
 
     /// The unit of that column, whatever its name says
-    #[arg(long, value_name = "UNIT")]
-    reference_time_unit: Option<TimeUnitArg>,
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&TIME_UNITS))]
+    reference_time_unit: Option<TimeUnit>,
 }
 
 /// What `--json` says.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+struct AlignReport<'a> {
     reference: String,
     log: String,
     output: Option<String>,
@@ -110,7 +110,7 @@ struct LoadMatch<'a> {
 }
 
 impl<'a> LoadMatch<'a> {
-    fn of(quality: &'a Quality) -> Self {
+    fn new(quality: &'a Quality) -> Self {
         let [white_offset_se_s, white_skew_se] = quality.white_se;
         Self {
             explained: quality.explained,
@@ -139,21 +139,19 @@ impl AlignArgs {
         if printer.json() && self.output.is_none() {
             bail!("`--json` needs `--output`: the training log would go to the same place");
         }
-        let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
         let (reference_mapping, log_mapping) = self.mappings()?;
         let reference = Log::open(&self.reference, &reference_mapping)?;
         let log = Log::open(&self.log, &log_mapping)?;
-        let mut output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
-        let plot = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let mut output = Destination::create(self.output.as_ref(), outputs)?;
+        let plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
 
         let rows = self.frames.rows(&log);
         let sync = self.sync.clone();
         let options = AlignOptions { exposure_s: self.averaging, rows, sync };
-        let bar = printer.progress("reading", reference.bytes().max(log.bytes()));
-        let progress = |bytes| bar.set_position(bytes);
-        let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
-        let logs = align_logs(&reference, &log, &options, &read);
-        bar.finish_and_clear();
+        let larger = if reference.bytes() > log.bytes() { &reference } else { &log };
+        let logs = printer.scan(larger, self.mapping.read_options(), |read| {
+            align_logs(&reference, &log, &options, &read)
+        });
         let AlignedLogs { aligned, reference: reference_read, board: log_read } = match logs {
             Err(error @ AlignLogsError::Align { .. }) if error.is_refusal() => {
                 let error = anyhow::Error::from(error);
@@ -171,24 +169,13 @@ impl AlignArgs {
         }
         note_left_out(printer, "reference", &aligned.reference_left_out);
         note_left_out(printer, "log", &aligned.board_left_out);
-        let rows = match &mut output {
-            Some(file) => write_training(&aligned, file)?,
-            None => {
-                let mut out = printer.stream();
-                let rows = write_training(&aligned, &mut out)?;
-                out.flush()?;
-                rows
-            }
-        };
-        if let (Some(mut file), Some(format)) = (plot, plot_format) {
+        let rows = write_training(&aligned, &mut output)?;
+        if let Some(plot) = plot {
             let quality = aligned.quality.as_ref().context(NO_PICTURE)?;
-            let figure = match_figure(self.figure_size.size(), &self.title(&aligned), quality);
-            file.write_all(&figure.render(format)?).context("cannot write the picture")?;
-            file.commit()?;
+            let figure = match_figure(plot.size, &self.title(&aligned), quality);
+            plot.write(&figure)?;
         }
-        if let Some(file) = output {
-            file.commit()?;
-        }
+        output.finish()?;
         self.report(printer, &aligned, rows)?;
         Ok(Outcome::Done)
     }
@@ -199,11 +186,11 @@ impl AlignArgs {
         let ReferenceArgs { reference_format, reference_time, reference_time_unit } =
             &self.of_reference;
         let reference = Mapping {
-            format: reference_format.map(Into::into),
+            format: *reference_format,
             wrench: all.wrench,
             moment_unit: all.moment_unit,
             time: reference_time.clone(),
-            time_unit: reference_time_unit.map(Into::into),
+            time_unit: *reference_time_unit,
             ..Mapping::default()
         };
         let log = Mapping {
@@ -244,7 +231,7 @@ impl AlignArgs {
         }
         self.report_edges(printer, aligned)?;
         if printer.json() {
-            return printer.document(&Report {
+            return printer.document(&AlignReport {
                 reference: self.reference.display().to_string(),
                 log: self.log.display().to_string(),
                 output: self.output.as_ref().map(|path| path.display().to_string()),
@@ -252,11 +239,21 @@ impl AlignArgs {
                 skew_ppm: 1e6 * clock.skew,
                 rows,
                 edges: aligned.edges.as_ref(),
-                loads: quality.map(LoadMatch::of),
+                loads: quality.map(LoadMatch::new),
                 reference_left_out: aligned.reference_left_out,
                 log_left_out: aligned.board_left_out,
             });
         }
+        self.print(printer, aligned, rows)
+    }
+
+    fn print(
+        &self,
+        printer: &mut Printer,
+        aligned: &Aligned,
+        rows: WrittenRows,
+    ) -> anyhow::Result<()> {
+        let clock = &aligned.clock;
         let offset = format!("offset at {:.3} s (ms)", clock.pivot_s);
         let table = [
             (offset, 1e3 * clock.offset_s, 1e3 * clock.offset_se_s, 4),
@@ -265,7 +262,7 @@ impl AlignArgs {
         let table = table.map(|(name, value, error, decimals)| {
             vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
         });
-        let explained = match quality {
+        let explained = match &aligned.quality {
             Some(quality) => format!(
                 "{} rows; the aligned reference explains {:.2} % of the readings; the second-best \
                  offset scores {:.0} % of the best",
@@ -286,9 +283,7 @@ impl AlignArgs {
         printer.table(&["reference minus log", "estimate", "standard error"], &table)?;
         printer.line(explained)
     }
-}
 
-impl AlignArgs {
     /// What the edges of a sync signal were, if one was named.
     fn report_edges(&self, printer: &mut Printer, aligned: &Aligned) -> anyhow::Result<()> {
         let Some(column) = &self.sync else { return Ok(()) };

@@ -4,14 +4,15 @@ use std::io::{Read, Write};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use board_link::{Client, Connection, PortOptions, Uplink, for_board, judge, serial_text};
+use board_link::{Client, PortOptions, Uplink, for_board, judge, serial_text};
 use calibration_file::CalibrationFile;
-use clap::{Subcommand, ValueEnum};
+use clap::Subcommand;
 use output_file::Outputs;
 use serde_json::json;
 use shared_proto::{Board, BoardId, CHANNELS, Command, Identity, ResetCause, Stream};
 
-use super::board_line::{set_baud, start_bootloader};
+use super::board_line::{BoardClient, set_baud, start_bootloader};
+use super::choices::one_of;
 use super::key_file;
 use super::serial::{FramingArg, SerialArgs};
 use crate::files::{InputPath, OutputPath};
@@ -47,11 +48,11 @@ pub(crate) struct BoardArgs {
     simulation: super::simulate_board::SimulationArgs,
 
     #[command(subcommand)]
-    action: Option<Action>,
+    action: Option<BoardAction>,
 }
 
 #[derive(Debug, Subcommand)]
-enum Action {
+enum BoardAction {
     /// What the board is
     Identify,
     /// How the board does
@@ -78,8 +79,8 @@ enum Action {
     /// Stream readings or wrenches converted on the board
     Mode {
         /// What to stream
-        #[arg(value_enum)]
-        stream: StreamArg,
+        #[arg(value_parser = one_of(&STREAMS))]
+        stream: Stream,
     },
     /// Take the mean wrench of the next frames as zero
     Zero {
@@ -129,13 +130,9 @@ enum KeyAction {
     Remove,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum StreamArg {
-    /// Readings
-    Raw,
-    /// Wrenches
-    Wrench,
-}
+/// What a board streams.
+const STREAMS: [(&str, &str, Stream); 2] =
+    [("raw", "Readings", Stream::Raw), ("wrench", "Wrenches", Stream::Wrench)];
 
 impl BoardArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
@@ -151,33 +148,52 @@ impl BoardArgs {
                  `sampling`, `mode`, `zero`, `upload`, `self-test`, `key`, `baud` or `bootloader`"
             ),
         };
+        match action {
+            BoardAction::Identify => print_identity(&self.client(port)?.identify()?, printer),
+            BoardAction::Status => print_status(&mut self.client(port)?, printer),
+            BoardAction::SelfTest => self_test(&mut self.client(port)?, printer),
+            action => {
+                self.change(port, action, printer, outputs)?;
+                printer.finish(&json!({ "done": true }), |printer| {
+                    printer.note("done");
+                    Ok(())
+                })
+            }
+        }
+    }
+
+    /// Does what changes the board.
+    fn change(
+        &self,
+        port: &str,
+        action: &BoardAction,
+        printer: &mut Printer,
+        outputs: &Outputs,
+    ) -> anyhow::Result<()> {
         let calibration = match action {
             // Before the port is touched: a file that cannot be used changes nothing.
-            Action::Upload { calibration } => {
+            BoardAction::Upload { calibration } => {
                 Some(for_board(&CalibrationFile::read(calibration)?.calibration)?)
             }
             _ => None,
         };
-        let mut client = self.connect(port, self.serial.baud, self.board)?;
+        let mut client = self.client(port)?;
         match action {
-            Action::Baud { rate } => {
+            BoardAction::Baud { rate } => {
                 if self.serial.port(port).is_tcp() {
                     anyhow::bail!("`{port}` is a connection over TCP, which has no rate");
                 }
                 let connect = |baud, board| self.connect(port, baud, board);
                 set_baud(client, [self.serial.baud, *rate], connect, printer)?;
             }
-            Action::Bootloader => start_bootloader(&mut client, port, printer)?,
-            Action::SelfTest => return self_test(&mut client, printer),
-            Action::Key { action } => set_key(&mut client, action, outputs)?,
-            Action::Identify => return print_identity(&client.identify()?, printer),
-            Action::Status => return print_status(&mut client, printer),
-            Action::Start => client.order(Command::Start)?,
-            Action::Stop => client.order(Command::Stop)?,
-            Action::Rate { hz } => {
+            BoardAction::Bootloader => start_bootloader(&mut client, port, printer)?,
+            BoardAction::Key { action } => set_key(&mut client, action, outputs)?,
+            BoardAction::Start => client.order(Command::Start)?,
+            BoardAction::Stop => client.order(Command::Stop)?,
+            BoardAction::Rate { hz } => {
                 client.order(Command::SetPeriod { period_us: (1e6 / hz).round() as u32 })?;
             }
-            Action::Sampling { conversions, settling } => {
+            BoardAction::Sampling { conversions, settling } => {
                 if let Some(conversions) = *conversions {
                     client.order(Command::SetOversampling { conversions })?;
                 }
@@ -185,24 +201,21 @@ impl BoardArgs {
                     client.order(Command::SetSettling { settling_us })?;
                 }
             }
-            Action::Mode { stream: StreamArg::Raw } => {
-                client.order(Command::SetStream(Stream::Raw))?;
-            }
-            Action::Mode { stream: StreamArg::Wrench } => {
-                client.order(Command::SetStream(Stream::Wrench))?;
-            }
-            Action::Zero { frames } => client.order(Command::Zero { frames: *frames })?,
-            Action::Upload { .. } => {
+            BoardAction::Mode { stream } => client.order(Command::SetStream(*stream))?,
+            BoardAction::Zero { frames } => client.order(Command::Zero { frames: *frames })?,
+            BoardAction::Upload { .. } => {
                 let calibration = calibration.context("no calibration to upload")?;
                 let crc = client.upload(&calibration)?;
                 printer.note(format!("the board has kept the calibration, CRC-32 {crc:#010x}"));
             }
+            // Answered without a change.
+            BoardAction::Identify | BoardAction::Status | BoardAction::SelfTest => {}
         }
-        match printer.json() {
-            true => printer.document(&json!({ "done": true }))?,
-            false => printer.note("done"),
-        }
-        Ok(Outcome::Done)
+        Ok(())
+    }
+
+    fn client(&self, port: &str) -> anyhow::Result<BoardClient> {
+        self.connect(port, self.serial.baud, self.board)
     }
 
     fn connect(
@@ -210,7 +223,7 @@ impl BoardArgs {
         name: &str,
         baud: u32,
         board: Option<BoardId>,
-    ) -> anyhow::Result<Client<Box<dyn Connection>>> {
+    ) -> anyhow::Result<BoardClient> {
         let framing = self.framing.framing().context(
             "the original board has no commands that this program sends; `record` reads it",
         )?;
@@ -289,17 +302,15 @@ fn print_identity(identity: &Identity, printer: &mut Printer) -> anyhow::Result<
         board => format!("{board:?}").to_lowercase(),
     };
     let max_rate_hz = 1e6 / f64::from(identity.min_period_us);
-    if printer.json() {
-        printer.document(&json!({
-            "board": board, "firmware": firmware, "serial": serial, "max_rate_hz": max_rate_hz,
-        }))?;
-    } else {
+    let document = json!({
+        "board": board, "firmware": firmware, "serial": serial, "max_rate_hz": max_rate_hz,
+    });
+    printer.finish(&document, |printer| {
         printer.line(format!("board     {board}"))?;
         printer.line(format!("firmware  {firmware}"))?;
         printer.line(format!("serial    {serial}"))?;
-        printer.line(format!("fastest   {max_rate_hz} Hz"))?;
-    }
-    Ok(Outcome::Done)
+        printer.line(format!("fastest   {max_rate_hz} Hz"))
+    })
 }
 
 fn print_status<P: Read + Write>(

@@ -9,7 +9,7 @@ use shared_proto::{BoardId, Command};
 
 use crate::printer::Printer;
 
-type BoardClient = Client<Box<dyn Connection>>;
+pub(super) type BoardClient = Client<Box<dyn Connection>>;
 
 /// How long a board gives a new rate to prove itself, with what a frame under way takes.
 const TRIAL: Duration = Duration::from_millis(3_500);

@@ -4,7 +4,21 @@ use calibration::Basis;
 use calibration::fit::ModelRule;
 use calibration::solver::SolverKind;
 use clap::ValueEnum;
-use clap::builder::PossibleValue;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+
+/// Reads one of some names, each with what help says of it, if anything, and the value that it stands for.
+pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
+    choices: &'static [(&'static str, &'static str, T)],
+) -> impl TypedValueParser<Value = T> {
+    let names = choices.iter().map(|&(name, help, _)| match help {
+        "" => PossibleValue::new(name),
+        help => PossibleValue::new(name).help(help),
+    });
+    PossibleValuesParser::new(names).try_map(move |text| {
+        let known = choices.iter().find(|(name, ..)| *name == text);
+        known.map(|(.., value)| *value).ok_or("no such name")
+    })
+}
 
 /// A family of features.
 #[derive(Clone, Copy, Debug)]

@@ -1,7 +1,6 @@
 //! `shellcal convert`: from logs of readings to tables of wrenches.
 
 use std::collections::HashSet;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -9,20 +8,21 @@ use calibration::Calibration;
 use calibration::uncertainty::HIGHEST_LEVEL;
 use calibration_file::CalibrationFile;
 use calibration_file::payload_file::PayloadFile;
-use figures::{Format, WrenchTrace, trace_figure};
+use figures::{WrenchTrace, trace_figure};
 use forces::{AppliedLowPass, RowRule};
-use log_file::{Log, Meaning, ReadOptions};
+use log_file::{Log, Meaning};
 use output_file::Outputs;
 use serde::Serialize;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
-    AxisSummary, Columns, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID,
-    OutputFormat, OutputPlan, convert_to,
+    AxisSummary, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, OutputFormat,
+    OutputPlan, TableColumns, convert,
 };
 
 use super::figure_size::FigureSize;
 use super::frames::{ForceArgs, FrameArgs, note_rows, warn_of_zero};
-use super::mapping::{Columns as ColumnList, MappingArgs, parse_columns, tell_remembered};
+use super::mapping::{ColumnList, MappingArgs, parse_columns, tell_remembered};
+use super::partial_output::Destination;
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputPath, OutputPlace};
 use crate::outcome::Outcome;
@@ -127,7 +127,6 @@ enum ColumnArg {
 impl ConvertArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let targets = self.targets(printer.json(), outputs)?;
-        let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
         let file = CalibrationFile::read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file)?;
         let calibration = file.calibration;
@@ -140,7 +139,7 @@ impl ConvertArgs {
         let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         tell_remembered(printer, &self.calibration, &mapping, &logs);
-        let mut plot = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?;
+        let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
 
         let mut conversions = Vec::new();
         for (log, target) in logs.iter().zip(targets) {
@@ -151,14 +150,13 @@ impl ConvertArgs {
             let options = ConvertOptions { load, ..self.options(log, &calibration) };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
             let summary = self.convert(conversion, &target, trace.as_mut(), printer, outputs)?;
-            if let (Some(trace), Some(format), Some(mut file)) = (trace, plot_format, plot.take()) {
-                let figure = trace_figure(self.figure_size.size(), &file_name(log), &trace);
-                file.write_all(&figure.render(format)?).context("cannot write the picture")?;
-                file.commit()?;
+            if let (Some(trace), Some(plot)) = (trace, plot.take()) {
+                let figure = trace_figure(plot.size, &file_name(log), &trace);
+                plot.write(&figure)?;
             }
             report(printer, log, &summary);
             self.motion.report(printer, log, &summary);
-            if let (Target::File(path), false) = (&target, printer.json()) {
+            if let (TableTarget::File(path), false) = (&target, printer.json()) {
                 printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
                 print_axes(printer, &summary)?;
             }
@@ -177,67 +175,65 @@ impl ConvertArgs {
     fn convert(
         &self,
         conversion: Conversion<'_>,
-        target: &Target,
+        target: &TableTarget,
         trace: Option<&mut WrenchTrace>,
         printer: &mut Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<ConvertSummary> {
         let log = conversion.log;
-        let bar = printer.progress(&log.path().display().to_string(), log.bytes());
-        let progress = |bytes| bar.set_position(bytes);
-        let read = ReadOptions { progress: Some(&progress), ..conversion.read };
-        let conversion = Conversion { read, ..conversion };
         let mut plan = OutputPlan::default();
         (plan.keep_texts, plan.keep) = self.kept(log)?;
-        let summary = match target {
-            Target::Stdout => {
-                let mut out = printer.stream();
-                let summary = convert_to(&conversion, &plan, &mut out, trace);
-                summary.and_then(|summary| Ok(out.flush().map(|()| summary)?))
-            }
-            Target::File(path) => {
-                plan.format = OutputFormat::of(path, &self.frame_id)?;
-                let mut file = outputs.create(path)?;
-                let summary = convert_to(&conversion, &plan, &mut file, trace)?;
-                file.commit()?;
-                Ok(summary)
+        let mut out = match target {
+            TableTarget::Stdout => Destination::Stdout,
+            TableTarget::File(path) => {
+                plan.format = OutputFormat::from_path(path, &self.frame_id)?;
+                Destination::File(outputs.create(path)?)
             }
         };
-        bar.finish_and_clear();
-        Ok(summary?)
+        let summary = printer.scan(log, conversion.read, |read| {
+            convert(&Conversion { read, ..conversion }, &plan, &mut out, trace)
+        })?;
+        out.finish()?;
+        Ok(summary)
     }
 
     /// Where each log's table goes; every clash is found here, before any work.
-    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<Target>> {
+    fn targets(&self, json: bool, outputs: &Outputs) -> anyhow::Result<Vec<TableTarget>> {
         if self.plot.is_some() && self.logs.len() > 1 {
             bail!("`--plot` draws one log, `{}` were given", self.logs.len());
         }
-        let targets: Vec<Target> = match (&self.output, &self.output_dir) {
+        let targets: Vec<TableTarget> = match (&self.output, &self.output_dir) {
             (Some(file), _) if file.as_os_str() == "-" && self.logs.len() == 1 => {
-                vec![Target::Stdout]
+                vec![TableTarget::Stdout]
             }
             (Some(file), _) if self.logs.len() == 1 => {
-                OutputFormat::of(file, &self.frame_id)?;
-                vec![Target::File(file.to_path_buf())]
+                OutputFormat::from_path(file, &self.frame_id)?;
+                vec![TableTarget::File(file.to_path_buf())]
             }
-            (None, None) if self.logs.len() == 1 => vec![Target::Stdout],
+            (None, None) if self.logs.len() == 1 => vec![TableTarget::Stdout],
             (_, Some(directory)) => {
                 std::fs::create_dir_all(directory)
                     .with_context(|| format!("cannot create `{}`", directory.display()))?;
-                self.logs.iter().map(|log| Target::File(directory.join(table_name(log)))).collect()
+                self.logs
+                    .iter()
+                    .map(|log| TableTarget::File(directory.join(table_name(log))))
+                    .collect()
             }
             _ => bail!("`{}` logs need `--output-dir` for their tables", self.logs.len()),
         };
-        if json && matches!(targets[..], [Target::Stdout]) {
+        if json && matches!(targets[..], [TableTarget::Stdout]) {
             bail!(
                 "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
             );
         }
         // Those in a folder are not named on the command line.
         if self.output_dir.is_some() {
-            targets.iter().filter_map(Target::path).try_for_each(|path| outputs.announce(path))?;
+            targets
+                .iter()
+                .filter_map(TableTarget::path)
+                .try_for_each(|path| outputs.announce(path))?;
         }
-        targets.iter().filter_map(Target::path).try_for_each(|path| outputs.probe(path))?;
+        targets.iter().filter_map(TableTarget::path).try_for_each(|path| outputs.probe(path))?;
         Ok(targets)
     }
 
@@ -275,9 +271,9 @@ impl ConvertArgs {
     }
 
     /// Everything that log and calibration have to give, or what was asked for by name.
-    fn columns(&self, log: &Log, calibration: &Calibration) -> Columns {
+    fn columns(&self, log: &Log, calibration: &Calibration) -> TableColumns {
         match &self.columns {
-            None => Columns {
+            None => TableColumns {
                 time: log.has_time(),
                 axes: Axis::ALL.map(|axis| calibration.axes.contains(axis)),
                 standard_errors: calibration.has_standard_errors(),
@@ -287,7 +283,7 @@ impl ConvertArgs {
             Some(columns) => {
                 let asked = |column| columns.contains(&column);
                 use ColumnArg::{Flags, Fx, Fy, Fz, Mx, My, Mz, Se, T};
-                Columns {
+                TableColumns {
                     time: asked(T),
                     axes: [Fx, Fy, Fz, Mx, My, Mz].map(asked),
                     standard_errors: asked(Se),
@@ -301,16 +297,16 @@ impl ConvertArgs {
 
 /// Where a table goes.
 #[derive(Debug)]
-enum Target {
+enum TableTarget {
     Stdout,
     File(PathBuf),
 }
 
-impl Target {
+impl TableTarget {
     fn path(&self) -> Option<&Path> {
         match self {
-            Target::Stdout => None,
-            Target::File(path) => Some(path),
+            TableTarget::Stdout => None,
+            TableTarget::File(path) => Some(path),
         }
     }
 }

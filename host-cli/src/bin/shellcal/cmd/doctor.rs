@@ -8,11 +8,12 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::Context;
 use board_link::{InterviewOptions, PortOptions, PortState, SystemFiles, Uplink, interview, ports};
 use calibration_file::CalibrationFile;
+use doctor::{
+    BoardObservations, Finding, FindingSeverity, check_board, check_port, examine_calibration,
+    examine_log,
+};
 use serde::Serialize;
 use shared_proto::{Framing, Protocol};
-use shellcal::workflow::doctor::{
-    BoardFacts, Finding, Severity, check_board, check_port, examine_calibration, examine_log,
-};
 
 use super::mapping::MappingArgs;
 use super::origin;
@@ -65,7 +66,7 @@ struct Examination {
 }
 
 #[derive(Debug, Serialize)]
-struct Report {
+struct Diagnosis {
     sound: bool,
     faults: usize,
     warnings: usize,
@@ -87,8 +88,8 @@ impl DoctorArgs {
             let all = examined.iter().flat_map(|one| &one.findings);
             all.filter(|finding| finding.severity == severity).count()
         };
-        let (faults, warnings) = (count(Severity::Fault), count(Severity::Warning));
-        let report = Report { sound: faults + warnings == 0, faults, warnings, examined };
+        let (faults, warnings) = (count(FindingSeverity::Fault), count(FindingSeverity::Warning));
+        let report = Diagnosis { sound: faults + warnings == 0, faults, warnings, examined };
         match printer.json() {
             true => printer.document(&report)?,
             false => report.print(printer)?,
@@ -153,7 +154,7 @@ impl DoctorArgs {
         let interview = interview(&options, &stop)?;
         let of = |file: &'_ CalibrationFile| file.origin.sensor_serial.clone();
         let label = calibration.and_then(of);
-        Ok(check_board(&BoardFacts {
+        Ok(check_board(&BoardObservations {
             interview: &interview,
             baud,
             protocol: match self.framing {
@@ -171,7 +172,7 @@ impl DoctorArgs {
         if found.is_empty() {
             let finding = Finding {
                 check: "no-port",
-                severity: Severity::Fault,
+                severity: FindingSeverity::Fault,
                 seen: "this computer has no serial port".to_owned(),
                 advice: Some(
                     "plug the adapter in; `shellcal board --simulate` is a board without one"
@@ -190,15 +191,15 @@ impl DoctorArgs {
     }
 }
 
-impl Report {
+impl Diagnosis {
     fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
         for one in &self.examined {
             printer.line(&one.name)?;
             for finding in &one.findings {
                 let (mark, tint) = match finding.severity {
-                    Severity::Fine => ("ok", Tint::Good),
-                    Severity::Warning => ("warning", Tint::Warning),
-                    Severity::Fault => ("FAULT", Tint::Bad),
+                    FindingSeverity::Fine => ("ok", Tint::Good),
+                    FindingSeverity::Warning => ("warning", Tint::Warning),
+                    FindingSeverity::Fault => ("FAULT", Tint::Bad),
                 };
                 let seen = format!("{}: {}", finding.check, finding.seen);
                 printer.tinted(&format!("  {mark:7}  "), tint, seen)?;

@@ -1,10 +1,10 @@
 //! `shellcal drift`: how the zero of an unloaded sensor moves.
 
 use calibration_file::CalibrationFile;
-use figures::{Axis, Chart, Figure, Format, Mark, Series, Size, Spacing, trace_figure};
+use figures::{Axis, Chart, Figure, Mark, Series, Size, Spacing, trace_figure};
 use forces::drift::{Drift, Trend};
 use forces::rests::{FALSE_ALARMS, ZeroChange, largest_change};
-use log_file::{ColumnRef, Log, ReadOptions};
+use log_file::{ColumnRef, Log};
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
@@ -68,7 +68,7 @@ impl DriftArgs {
             self.plot.is_none() || several == 1,
             "`--plot` draws one log, `{several}` were given"
         );
-        let plot_format = self.plot.as_ref().map(Format::of).transpose()?;
+        let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
         let file = self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
         let mapping = match &file {
             Some(file) => self.mapping.mapping_for(file)?,
@@ -85,27 +85,17 @@ impl DriftArgs {
                 tell_remembered(printer, calibration, &mapping, std::slice::from_ref(&log));
             }
             let name = path.display().to_string();
-            let bar = printer.progress(&name, log.bytes());
-            let progress = |bytes| bar.set_position(bytes);
-            let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
-            let summary = drift(&log, &options, self.frames.rows(&log), &read);
-            bar.finish_and_clear();
-            let summary = summary?;
-            if let (Some(path), Some(format)) = (&self.plot, plot_format) {
-                outputs.write(
-                    path,
-                    &figure(self.figure_size.size(), &name, &summary).render(format)?,
-                )?;
+            let summary = printer.scan(&log, self.mapping.read_options(), |read| {
+                drift(&log, &options, self.frames.rows(&log), &read)
+            })?;
+            if let Some(plot) = plot.take() {
+                let figure = figure(plot.size, &name, &summary);
+                plot.write(&figure)?;
             }
             let tare_holds = moved(&summary).is_none();
             drifts.push(LogDrift { log: name, tare_holds, summary });
         }
-        if printer.json() {
-            printer.document(&drifts)?;
-            return Ok(Outcome::Done);
-        }
-        drifts.iter().try_for_each(|drift| drift.print(printer))?;
-        Ok(Outcome::Done)
+        printer.finish(&drifts, |printer| drifts.iter().try_for_each(|drift| drift.print(printer)))
     }
 }
 

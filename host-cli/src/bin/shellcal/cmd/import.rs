@@ -42,7 +42,7 @@ pub(crate) struct ImportArgs {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct ImportedModel {
     model: String,
     channels: usize,
     features: usize,
@@ -65,17 +65,16 @@ impl ImportArgs {
         let polynomial = file.calibration.polynomial().expect("a matrix is one of a polynomial");
         let model = polynomial.model();
         let (channels, features) = (model.channels, model.term_count());
-        if printer.json() {
-            printer.document(&Report { model: model.name(), channels, features })?;
-        } else {
+        let imported = ImportedModel { model: model.name(), channels, features };
+        let outcome = printer.finish(&imported, |printer| {
             printer.line(format!(
                 "{}: {features} features of {channels} channels by 6 axes",
                 model.name()
-            ))?;
-        }
+            ))
+        })?;
         if !model.intercept {
             printer.note("without an intercept wrenches are right only after a tare");
         }
-        Ok(Outcome::Done)
+        Ok(outcome)
     }
 }

@@ -1,14 +1,14 @@
 //! `shellcal info`: what a log is, before anything is computed from it.
 
 use calibration::fit::{OutlierTest, Workers, find_outliers};
+use log_file::summary::{ColumnSummary, LogSummary};
 use log_file::{
-    Column, FileKind, Format, Log, LogError, Meaning, MomentUnit, ReadOptions, Wanted, read_dataset,
+    Column, FileKind, Format, Log, LogError, Meaning, MomentUnit, Wanted, read_dataset,
 };
 use serde::Serialize;
 use shell_data::wrench::Axis;
-use shellcal::workflow::log_summary::{ColumnSummary, LogSummary};
 
-use super::mapping::MappingArgs;
+use super::mapping::{FORMATS, MappingArgs};
 use super::outliers::{NamedOutliers, OutlierReport};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -38,17 +38,14 @@ impl InfoArgs {
             let log = Log::open(file, &mapping)?;
             infos.push(summary(&log, &self.mapping, printer)?);
         }
-        if printer.json() {
-            printer.document(&infos)?;
-            return Ok(Outcome::Done);
-        }
-        for (i, info) in infos.iter().enumerate() {
-            if i > 0 {
-                printer.line("")?;
-            }
-            info.print(printer)?;
-        }
-        Ok(Outcome::Done)
+        printer.finish(&infos, |printer| {
+            infos.iter().enumerate().try_for_each(|(i, info)| {
+                if i > 0 {
+                    printer.line("")?;
+                }
+                info.print(printer)
+            })
+        })
     }
 }
 
@@ -59,16 +56,14 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
         wrench: log.has_wrench(),
         ..Wanted::default()
     };
-    let bar = printer.progress(&log.path().display().to_string(), log.bytes());
-    let progress = |bytes| bar.set_position(bytes);
-    let options = ReadOptions { progress: Some(&progress), ..args.read_options() };
     let mut summary = LogSummary::default();
-    let read = log.read(&wanted, &options, std::mem::take, |block| {
-        summary.add(&block);
-        Ok::<(), LogError>(())
-    });
-    bar.finish_and_clear();
-    let mut info = Info::new(log, &summary, read?.skipped_rows);
+    let read = printer.scan(log, args.read_options(), |read| {
+        log.read(&wanted, &read, std::mem::take, |block| {
+            summary.add(&block);
+            Ok::<(), LogError>(())
+        })
+    })?;
+    let mut info = Info::new(log, &summary, read.skipped_rows);
     // Without a calibration there is nothing to judge rows by, and nothing to say.
     if log.has_wrench()
         && let Ok(found) = outliers(log, args)
@@ -348,13 +343,7 @@ impl ValueInfo {
 }
 
 fn format_name(format: Format) -> &'static str {
-    match format {
-        Format::Telemetry => "telemetry",
-        Format::Csv => "csv",
-        Format::Training => "training",
-        Format::Reference => "reference",
-        Format::Console => "console",
-    }
+    FORMATS.iter().find(|(.., known)| *known == format).map_or("", |(name, ..)| name)
 }
 
 /// What a column is taken for, with the unit that it is in.

@@ -15,24 +15,20 @@ impl LicencesArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let rows: Vec<Vec<String>> =
             NOTICES.lines().map(|line| line.split('\t').map(str::to_owned).collect()).collect();
-        if printer.json() {
-            let package = |row: &Vec<String>| json!({ "package": row[0], "version": row[1], "licence": row[2] });
-            printer.document(&json!({
-                "program": { "package": "shellcal", "version": env!("CARGO_PKG_VERSION"), "licence": env!("CARGO_PKG_LICENSE") },
-                "made_of": rows.iter().map(package).collect::<Vec<_>>(),
-            }))?;
-            return Ok(Outcome::Done);
-        }
-        printer.line(format!(
-            "shellcal {}: {}, at your choice; made of",
-            env!("CARGO_PKG_VERSION"),
-            env!("CARGO_PKG_LICENSE")
-        ))?;
-        printer.table(&["package", "version", "licence"], &rows)?;
-        printer.line(
-            "The texts are in the packages of a release and, for each package, at \
-             https://crates.io/crates/PACKAGE/VERSION.",
-        )?;
-        Ok(Outcome::Done)
+        let (version, licence) = (env!("CARGO_PKG_VERSION"), env!("CARGO_PKG_LICENSE"));
+        let package =
+            |row: &Vec<String>| json!({ "package": row[0], "version": row[1], "licence": row[2] });
+        let document = json!({
+            "program": { "package": "shellcal", "version": version, "licence": licence },
+            "made_of": rows.iter().map(package).collect::<Vec<_>>(),
+        });
+        printer.finish(&document, |printer| {
+            printer.line(format!("shellcal {version}: {licence}, at your choice; made of"))?;
+            printer.table(&["package", "version", "licence"], &rows)?;
+            printer.line(
+                "The texts are in the packages of a release and, for each package, at \
+                 https://crates.io/crates/PACKAGE/VERSION.",
+            )
+        })
     }
 }

@@ -6,6 +6,7 @@ use log_file::{ColumnRef, Format, Log, Mapping, MomentUnit, ReadOptions, TimeUni
 use shell_data::ColumnNames;
 use shell_data::wrench::{Axis, PerAxis};
 
+use super::choices::one_of;
 use crate::files::InputPath;
 use crate::printer::Printer;
 
@@ -14,8 +15,8 @@ use crate::printer::Printer;
 #[command(next_help_heading = "Reading logs")]
 pub(crate) struct MappingArgs {
     /// What kind of file the logs are [default: recognised]
-    #[arg(long, value_name = "FORMAT")]
-    pub(crate) format: Option<FormatArg>,
+    #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS))]
+    pub(crate) format: Option<Format>,
 
     /// Which matrix of a MATLAB file, sheet of a workbook or topic of a recording to read [default:
     /// the longest matrices, the first sheet, all topics]
@@ -24,7 +25,7 @@ pub(crate) struct MappingArgs {
 
     /// Sensor columns in channel order: names or places, `a,b,c` or `2-9`
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
-    pub(crate) sensors: Option<Columns>,
+    pub(crate) sensors: Option<ColumnList>,
 
     /// The wrench columns: names or places of all six in the order Fx to Mz, or of some, `fx=a,fz=b`
     #[arg(long, value_name = "COLUMNS", value_parser = parse_wrench)]
@@ -35,8 +36,8 @@ pub(crate) struct MappingArgs {
     pub(crate) time: Option<ColumnRef>,
 
     /// The unit of the time column, whatever its name says
-    #[arg(long, value_name = "UNIT")]
-    pub(crate) time_unit: Option<TimeUnitArg>,
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&TIME_UNITS))]
+    pub(crate) time_unit: Option<TimeUnit>,
 
     /// The column that names a row's group (pose, session, trial): its name or place
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
@@ -60,11 +61,11 @@ impl MappingArgs {
     pub(crate) fn mapping(&self) -> anyhow::Result<Mapping> {
         Ok(Mapping {
             table: self.table.clone(),
-            format: self.format.map(Format::from),
-            sensors: self.sensors.clone().map(|Columns(columns)| columns),
+            format: self.format,
+            sensors: self.sensors.clone().map(|ColumnList(columns)| columns),
             wrench: self.wrench.clone().map(|WrenchColumns(columns)| columns),
             time: self.time.clone(),
-            time_unit: self.time_unit.map(TimeUnit::from),
+            time_unit: self.time_unit,
             group: self.group.clone(),
             moment_unit: self.moment_unit.map(MomentUnit::from),
             usual: None,
@@ -134,9 +135,9 @@ pub(crate) struct WrenchColumns(PerAxis<Option<ColumnRef>>);
 
 /// A list of columns.
 #[derive(Clone, Debug)]
-pub(crate) struct Columns(Vec<ColumnRef>);
+pub(crate) struct ColumnList(Vec<ColumnRef>);
 
-impl Columns {
+impl ColumnList {
     /// The columns.
     pub(crate) fn references(&self) -> &[ColumnRef] {
         &self.0
@@ -148,50 +149,26 @@ impl Columns {
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum FormatArg {
-    /// Robot telemetry with `%` header lines
-    Telemetry,
-    /// Separated values, names in the first line
-    Csv,
-    /// No header: time, eight sensors, six wrench columns
-    Training,
-    /// Reference sensor: two columns to drop, time, six wrench columns, three accelerations
-    Reference,
-    /// Base-station console with received payloads
-    Console,
-}
+/// Kinds of log.
+pub(crate) const FORMATS: [(&str, &str, Format); 5] = [
+    ("telemetry", "Robot telemetry with `%` header lines", Format::Telemetry),
+    ("csv", "Separated values, names in the first line", Format::Csv),
+    ("training", "No header: time, eight sensors, six wrench columns", Format::Training),
+    (
+        "reference",
+        "Reference sensor: two columns to drop, time, six wrench columns, three accelerations",
+        Format::Reference,
+    ),
+    ("console", "Base-station console with received payloads", Format::Console),
+];
 
-impl From<FormatArg> for Format {
-    fn from(format: FormatArg) -> Self {
-        match format {
-            FormatArg::Telemetry => Format::Telemetry,
-            FormatArg::Csv => Format::Csv,
-            FormatArg::Training => Format::Training,
-            FormatArg::Reference => Format::Reference,
-            FormatArg::Console => Format::Console,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum TimeUnitArg {
-    S,
-    Ms,
-    Us,
-    Ns,
-}
-
-impl From<TimeUnitArg> for TimeUnit {
-    fn from(unit: TimeUnitArg) -> Self {
-        match unit {
-            TimeUnitArg::S => TimeUnit::Second,
-            TimeUnitArg::Ms => TimeUnit::Millisecond,
-            TimeUnitArg::Us => TimeUnit::Microsecond,
-            TimeUnitArg::Ns => TimeUnit::Nanosecond,
-        }
-    }
-}
+/// Units of time.
+pub(crate) const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
+    ("s", "", TimeUnit::Second),
+    ("ms", "", TimeUnit::Millisecond),
+    ("us", "", TimeUnit::Microsecond),
+    ("ns", "", TimeUnit::Nanosecond),
+];
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum MomentUnitArg {
@@ -223,7 +200,7 @@ pub(crate) fn parse_column(text: &str) -> Result<ColumnRef, String> {
 }
 
 /// Names and places separated by commas; `2-9` is the places 2 to 9.
-pub(crate) fn parse_columns(text: &str) -> Result<Columns, String> {
+pub(crate) fn parse_columns(text: &str) -> Result<ColumnList, String> {
     let mut columns = Vec::new();
     for item in text.split(',') {
         let ends = item.split_once('-').map(|(a, b)| (a.trim().parse(), b.trim().parse()));
@@ -237,7 +214,7 @@ pub(crate) fn parse_columns(text: &str) -> Result<Columns, String> {
             _ => columns.push(parse_column(item)?),
         }
     }
-    Ok(Columns(columns))
+    Ok(ColumnList(columns))
 }
 
 /// Six columns, or `fx=a,fz=b`: columns of axes that are named.
@@ -245,7 +222,7 @@ pub(crate) fn parse_wrench(text: &str) -> Result<WrenchColumns, String> {
     let items: Vec<&str> = text.split(',').collect();
     let named: Vec<(Axis, &str)> = items.iter().filter_map(|item| named_axis(item)).collect();
     if named.is_empty() {
-        let Columns(columns) = parse_columns(text)?;
+        let ColumnList(columns) = parse_columns(text)?;
         let found = columns.len();
         let six = columns.into_iter().map(Some).collect::<Vec<_>>().try_into();
         return six.map(WrenchColumns).map_err(|_| {
@@ -272,7 +249,7 @@ mod tests {
 
     #[test]
     fn columns_are_names_places_and_ranges() {
-        let Columns(columns) = parse_columns("a,3, s-1 ,5-7").unwrap();
+        let ColumnList(columns) = parse_columns("a,3, s-1 ,5-7").unwrap();
         let name = |name: &str| ColumnRef::Name(name.to_owned());
         let place = ColumnRef::Position;
         assert_eq!(columns, [name("a"), place(3), name("s-1"), place(5), place(6), place(7)]);

@@ -1,7 +1,7 @@
 //! `shellcal noise`: how much an unloaded sensor scatters.
 
 use calibration_file::CalibrationFile;
-use log_file::{Log, ReadOptions};
+use log_file::Log;
 use serde::Serialize;
 use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
 use shellcal::workflow::selection::TimeWindow;
@@ -41,7 +41,7 @@ pub(crate) struct NoiseArgs {
 
 /// What `--json` says of one log.
 #[derive(Debug, Serialize)]
-struct Noise {
+struct LogNoise {
     log: String,
     #[serde(flatten)]
     summary: NoiseSummary,
@@ -56,30 +56,20 @@ impl NoiseArgs {
         for path in &self.logs {
             let log = Log::open(path, &mapping)?;
             tell_remembered(printer, &self.calibration, &mapping, std::slice::from_ref(&log));
-            let bar = printer.progress(&path.display().to_string(), log.bytes());
-            let progress = |bytes| bar.set_position(bytes);
-            let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
             let options = NoiseOptions { rows: self.frames.rows(&log), window: self.window };
-            let summary = noise(&log, &calibration, &options, &read);
-            bar.finish_and_clear();
-            let summary = summary?;
+            let summary = printer.scan(&log, self.mapping.read_options(), |read| {
+                noise(&log, &calibration, &options, &read)
+            })?;
             let counts = [summary.rows, summary.repeated_rows, summary.skipped_rows];
             note_rows(printer, path, summary.rows_used, counts);
             warn_of_zero(printer, path, summary.zero.as_ref());
-            noises.push(Noise { log: path.display().to_string(), summary });
+            noises.push(LogNoise { log: path.display().to_string(), summary });
         }
-        if printer.json() {
-            printer.document(&noises)?;
-            return Ok(Outcome::Done);
-        }
-        for noise in &noises {
-            noise.print(printer)?;
-        }
-        Ok(Outcome::Done)
+        printer.finish(&noises, |printer| noises.iter().try_for_each(|noise| noise.print(printer)))
     }
 }
 
-impl Noise {
+impl LogNoise {
     fn print(&self, printer: &mut Printer) -> anyhow::Result<()> {
         printer.line(format!("{}: noise of {} frames", self.log, self.summary.frames))?;
         let axes = self.summary.axes.iter().map(|(axis, scatter)| {

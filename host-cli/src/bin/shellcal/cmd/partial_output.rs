@@ -1,11 +1,11 @@
-//! Where a partial fit is written: a file, or the standard output.
+//! Where a result is written: a file, or the standard output.
 
-use std::io::Write;
+use std::io::{self, Write};
 
 use calibration_file::PartialFit;
-use output_file::{AtomicFile, Outputs};
+use output_file::{AtomicFile, OutputError, Outputs};
 
-use crate::files::OutputOrStdout;
+use crate::files::{OutputOrStdout, OutputPath};
 use crate::printer::Printer;
 
 /// A destination that is open before the work begins.
@@ -30,15 +30,41 @@ impl Destination {
         Ok(Self::Stdout)
     }
 
-    pub(super) fn write(self, partial: &PartialFit, printer: &Printer) -> anyhow::Result<()> {
-        let document = partial.to_json();
+    /// The file at `path`, or without one the standard output.
+    pub(super) fn create(
+        path: Option<&OutputPath>,
+        outputs: &Outputs,
+    ) -> Result<Self, OutputError> {
+        path.map_or(Ok(Self::Stdout), |path| outputs.create(path).map(Self::File))
+    }
+
+    pub(super) fn write(mut self, partial: &PartialFit, _: &Printer) -> anyhow::Result<()> {
+        self.write_all(partial.to_json().as_bytes())?;
+        self.finish()
+    }
+
+    /// Puts the file in its place; all of it has been written.
+    pub(super) fn finish(mut self) -> anyhow::Result<()> {
         match self {
-            Self::File(mut file) => {
-                file.write_all(document.as_bytes())?;
-                file.commit()?;
-            }
-            Self::Stdout => printer.stream().write_all(document.as_bytes())?,
+            Self::File(file) => file.commit()?,
+            Self::Stdout => self.flush()?,
         }
         Ok(())
+    }
+}
+
+impl Write for Destination {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.write(bytes),
+            Self::Stdout => io::stdout().write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::File(file) => file.flush(),
+            Self::Stdout => io::stdout().flush(),
+        }
     }
 }

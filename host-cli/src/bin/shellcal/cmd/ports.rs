@@ -11,19 +11,17 @@ pub(crate) struct PortsArgs {}
 impl PortsArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let ports = ports()?;
-        if printer.json() {
-            printer.document(&ports)?;
-            return Ok(Outcome::Done);
-        }
-        if ports.is_empty() {
-            printer.note("no serial ports; is the adapter plugged in?");
-        }
-        for port in &ports {
-            let serial = port.serial.as_deref().map(|serial| format!("serial {serial}"));
-            let description = (!port.description.is_empty()).then(|| port.description.clone());
-            let parts = [Some(port.port.clone()), Some(port.kind.to_owned()), description, serial];
-            printer.line(parts.into_iter().flatten().collect::<Vec<_>>().join("  "))?;
-        }
-        Ok(Outcome::Done)
+        printer.finish(&ports, |printer| {
+            if ports.is_empty() {
+                printer.note("no serial ports; is the adapter plugged in?");
+            }
+            ports.iter().try_for_each(|port| {
+                let serial = port.serial.as_deref().map(|serial| format!("serial {serial}"));
+                let description = (!port.description.is_empty()).then(|| port.description.clone());
+                let parts =
+                    [Some(port.port.clone()), Some(port.kind.to_owned()), description, serial];
+                printer.line(parts.into_iter().flatten().collect::<Vec<_>>().join("  "))
+            })
+        })
     }
 }

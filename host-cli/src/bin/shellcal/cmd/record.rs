@@ -2,15 +2,13 @@
 
 use std::time::Duration;
 
-use anyhow::Context;
 use board_link::recording::{LiveForces, Losses, protocol_name};
 use board_link::{
-    Journal, Progress, RecordOptions, Recorded, RecordedBoard, Sinks, Source, Uplink, record,
+    Journal, Progress, RecordOptions, Recorded, RecordedBoard, Sinks, Source, record,
 };
 use calibration::Calibration;
 use calibration_file::CalibrationFile;
 use forces::{ForceOptions, LowPass, TareRule};
-use shared_proto::Framing;
 use shell_data::wrench::Axis;
 
 use super::frames::{describe_forces, parse_tare};
@@ -102,7 +100,7 @@ impl RecordArgs {
             protocol: self.framing.map(FramingArg::protocol),
             forces: calibration.map(|file| self.forces(file.calibration)),
             duration: self.duration,
-            start: self.uplink()?,
+            start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
             as_sampled: self.as_sampled,
         };
         if let Some(forces) = &options.forces {
@@ -145,15 +143,6 @@ impl RecordArgs {
             ..usual
         };
         LiveForces { calibration, options: options.causal() }
-    }
-
-    fn uplink(&self) -> anyhow::Result<Option<Uplink>> {
-        if !self.start {
-            return Ok(None);
-        }
-        let framing = self.framing.map_or(Some(Framing::Cobs), FramingArg::framing);
-        let framing = framing.context("`--start` is not for the original board")?;
-        Ok(Some(Uplink { framing, to: self.serial.to }))
     }
 }
 

@@ -1,9 +1,12 @@
 //! Arguments for a serial port, shared by the commands that talk to a board.
 
-use board_link::{FlowControl, PortOptions};
+use anyhow::Context;
+use board_link::{FlowControl, PortOptions, Uplink};
 use clap::ValueEnum;
 use shared_proto::xbee::Mode;
 use shared_proto::{Framing, Protocol};
+
+use super::choices::one_of;
 
 /// How to open a port
 #[derive(Debug, clap::Args)]
@@ -13,23 +16,20 @@ pub(crate) struct SerialArgs {
     pub(crate) baud: u32,
 
     /// Who may hold up whom
-    #[arg(long, value_name = "KIND", value_enum, default_value_t = Flow::None)]
-    pub(crate) flow_control: Flow,
+    #[arg(long, value_name = "KIND", value_parser = one_of(&FLOWS), default_value = "none")]
+    pub(crate) flow_control: FlowControl,
 
     /// Address of the board's XBee, for a base station in API mode
     #[arg(long, value_name = "ADDRESS", default_value = "0xFFFF", value_parser = parse_address)]
     pub(crate) to: u16,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Flow {
-    /// None
-    None,
-    /// RTS/CTS
-    Hardware,
-    /// XON/XOFF
-    Software,
-}
+/// Who may hold up whom.
+const FLOWS: [(&str, &str, FlowControl); 3] = [
+    ("none", "None", FlowControl::None),
+    ("hardware", "RTS/CTS", FlowControl::Hardware),
+    ("software", "XON/XOFF", FlowControl::Software),
+];
 
 /// How bytes are framed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -46,12 +46,14 @@ pub(crate) enum FramingArg {
 
 impl SerialArgs {
     pub(crate) fn port(&self, port: &str) -> PortOptions {
-        let flow_control = match self.flow_control {
-            Flow::None => FlowControl::None,
-            Flow::Hardware => FlowControl::Hardware,
-            Flow::Software => FlowControl::Software,
-        };
-        PortOptions { port: port.to_owned(), baud: self.baud, flow_control }
+        PortOptions { port: port.to_owned(), baud: self.baud, flow_control: self.flow_control }
+    }
+
+    /// The way to the board on which it is told to start.
+    pub(crate) fn uplink(&self, framing: Option<FramingArg>) -> anyhow::Result<Uplink> {
+        let framing = framing.map_or(Some(Framing::Cobs), FramingArg::framing);
+        let framing = framing.context("`--start` is not for the original board")?;
+        Ok(Uplink { framing, to: self.to })
     }
 }
 

@@ -106,10 +106,9 @@ impl SimulationArgs {
         };
         let _symlink = self.symlink.as_deref().map(|path| Symlink::make(path, board.port()));
         let _symlink = _symlink.transpose()?;
-        match printer.json() {
-            true => printer.document(&json!({ "port": board.port() }))?,
-            false => printer.line(format!("simulated board on {}", board.port()))?,
-        }
+        let outcome = printer.finish(&json!({ "port": board.port() }), |printer| {
+            printer.line(format!("simulated board on {}", board.port()))
+        })?;
         let started = Instant::now();
         let is_over = || self.duration.is_some_and(|duration| started.elapsed() >= duration);
         while !stop.load(Ordering::Relaxed) && !is_over() {
@@ -118,7 +117,7 @@ impl SimulationArgs {
         for (way, books) in ["to the host", "to the board"].into_iter().zip(board.books()) {
             printer.note(describe(way, &books));
         }
-        Ok(Outcome::Done)
+        Ok(outcome)
     }
 
     fn faults(&self) -> Faults {

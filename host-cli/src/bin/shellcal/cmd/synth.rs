@@ -2,14 +2,15 @@
 
 use std::io::{self, BufWriter, Write};
 
-use clap::{Subcommand, ValueEnum};
+use clap::Subcommand;
 use output_file::Outputs;
 use serde::Serialize;
 use simulation::sensor_model::{Kind, Recording, Settings};
-use simulation::synthetic_log;
+use simulation::synthetic_log::SyntheticLayout;
 
+use super::choices::one_of;
 use super::synth_pair::PairArgs;
-use super::synth_trial::{TrialArgs, TrialsArgs};
+use super::synth_trial::{SynthTrialArgs, TrialsArgs};
 use crate::files::OutputPath;
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -29,7 +30,7 @@ enum KindArgs {
     /// No load: noise and drift
     Zero(RecordingArgs),
     Pair(PairArgs),
-    Trial(Box<TrialArgs>),
+    Trial(Box<SynthTrialArgs>),
     Trials(TrialsArgs),
 }
 
@@ -68,37 +69,28 @@ struct RecordingArgs {
     elastic: bool,
 
     /// Columns and their names
-    #[arg(long, value_enum, default_value_t = LayoutArg::Shellcal)]
-    layout: LayoutArg,
+    #[arg(long, value_parser = one_of(&LAYOUTS), default_value = "shellcal")]
+    layout: SyntheticLayout,
 
     /// File to write (default: standard output)
     #[arg(long, short, value_name = "FILE")]
     output: Option<OutputPath>,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum LayoutArg {
-    /// t_s,s1..s8,fx_n..mz_nm,group (the pose; not in zero-load recordings)
-    Shellcal,
-    /// Timestamp,Fx..Mz,s0..s7
-    Peer,
-    /// No header; time, eight readings, six wrench columns
-    Training,
-}
-
-impl From<LayoutArg> for synthetic_log::SyntheticLayout {
-    fn from(layout: LayoutArg) -> Self {
-        match layout {
-            LayoutArg::Shellcal => Self::Shellcal,
-            LayoutArg::Peer => Self::Peer,
-            LayoutArg::Training => Self::Training,
-        }
-    }
-}
+/// Layouts of recordings.
+const LAYOUTS: [(&str, &str, SyntheticLayout); 3] = [
+    (
+        "shellcal",
+        "t_s,s1..s8,fx_n..mz_nm,group (the pose; not in zero-load recordings)",
+        SyntheticLayout::Shellcal,
+    ),
+    ("peer", "Timestamp,Fx..Mz,s0..s7", SyntheticLayout::Peer),
+    ("training", "No header; time, eight readings, six wrench columns", SyntheticLayout::Training),
+];
 
 /// What was made, for `--json`.
 #[derive(Serialize)]
-struct Summary<'a> {
+struct SynthSummary<'a> {
     file: &'a OutputPath,
     rows: u64,
     bytes: u64,
@@ -154,19 +146,11 @@ impl RecordingArgs {
         let (bytes, rows_saturated) = self.write(&mut out, kind, rows, recording, printer)?;
         out.commit()?;
         let Self { seed, unit_seed, .. } = *self;
-        if printer.json() {
-            printer.document(&Summary {
-                file: path,
-                rows,
-                bytes,
-                rows_saturated,
-                seed,
-                unit_seed,
-            })?;
-        } else {
+        let summary = SynthSummary { file: path, rows, bytes, rows_saturated, seed, unit_seed };
+        printer.finish(&summary, |printer| {
             printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
-        }
-        Ok(Outcome::Done)
+            Ok(())
+        })
     }
 
     /// Writes all rows; returns the bytes written and the rows with a saturated channel.
@@ -181,7 +165,7 @@ impl RecordingArgs {
         /// Rows between two looks at the progress bar, and bytes in such a stretch, about.
         const STRETCH: u64 = 1024;
         const ROW_BYTES: u64 = 100;
-        let layout = synthetic_log::SyntheticLayout::from(self.layout);
+        let layout = self.layout;
         let progress = printer.progress("making rows", rows.saturating_mul(ROW_BYTES));
         let mut text = Vec::new();
         let (mut bytes, mut rows_saturated) = (0, 0);

@@ -75,7 +75,7 @@ pub(crate) struct PairArgs {
 
 /// What is known of a pair.
 #[derive(Debug, Serialize)]
-struct Truth {
+struct PairTruth {
     /// t_reference = t_log · (1 + skew) + offset_s.
     offset_s: f64,
     skew_ppm: f64,
@@ -116,7 +116,7 @@ impl PairArgs {
         log.flush()?;
         reference.commit()?;
         log.commit()?;
-        let truth = Truth {
+        let truth = PairTruth {
             offset_s: self.offset,
             skew_ppm: self.skew,
             reference_rows,
@@ -128,9 +128,7 @@ impl PairArgs {
             text.push(b'\n');
             outputs.write(path, &text)?;
         }
-        if printer.json() {
-            printer.document(&truth)?;
-        } else {
+        printer.finish(&truth, |printer| {
             printer.line(format!(
                 "{reference_rows} synthetic rows in `{}`, {log_rows} in `{}`: offset {} s, \
                  skew {} ppm",
@@ -138,8 +136,7 @@ impl PairArgs {
                 self.log.display(),
                 self.offset,
                 self.skew
-            ))?;
-        }
-        Ok(Outcome::Done)
+            ))
+        })
     }
 }

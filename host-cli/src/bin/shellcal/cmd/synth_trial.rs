@@ -1,6 +1,6 @@
 //! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
 
-use std::io::{self, Write};
+use std::io;
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
@@ -10,6 +10,7 @@ use shellcal::workflow::synthetic_trials::{MANIFEST, SetTrial, truth_json, write
 use simulation::synthetic_trial::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
+use super::choices::one_of;
 use crate::files::{OutputPath, OutputPlace};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -33,7 +34,7 @@ Example:
 /// of `synth train`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = TRIAL_EXAMPLES)]
-pub(super) struct TrialArgs {
+pub(super) struct SynthTrialArgs {
     /// What the robot runs through: the channel's largest deflection
     #[arg(long, value_enum, value_name = "NAME", default_value = "3 cm")]
     condition: ConditionArg,
@@ -50,8 +51,8 @@ pub(super) struct TrialArgs {
     common: CommonArgs,
 
     /// How the encoders count
-    #[arg(long, value_enum, default_value_t = CounterArg::Long)]
-    counter: CounterArg,
+    #[arg(long, value_parser = one_of(&COUNTERS), default_value = "long")]
+    counter: Counter,
 
     /// Share of the rows that are missing, from 0 to 1
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
@@ -146,32 +147,19 @@ impl ValueEnum for ConditionArg {
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum CounterArg {
-    /// In 32 bits, on and on: the lab's format
-    Long,
-    /// In 32 bits, and wraps round after two seconds
-    LongWrapping,
-    /// From 0 to 65535 in each turn
-    Turn,
-}
-
-impl From<CounterArg> for Counter {
-    fn from(counter: CounterArg) -> Self {
-        match counter {
-            CounterArg::Long => Self::Long,
-            CounterArg::LongWrapping => Self::LongWrapping,
-            CounterArg::Turn => Self::Turn,
-        }
-    }
-}
+/// Ways to count.
+const COUNTERS: [(&str, &str, Counter); 3] = [
+    ("long", "In 32 bits, on and on: the lab's format", Counter::Long),
+    ("long-wrapping", "In 32 bits, and wraps round after two seconds", Counter::LongWrapping),
+    ("turn", "From 0 to 65535 in each turn", Counter::Turn),
+];
 
 /// What was made, for `--json`.
 #[derive(Serialize)]
 struct Made<'a> {
     file: &'a OutputPath,
     rows: u64,
-    truth: simulation::virtual_robot::Truth,
+    truth: &'a simulation::virtual_robot::Truth,
 }
 
 /// The set that was made, for `--json`.
@@ -195,13 +183,13 @@ impl CommonArgs {
     }
 }
 
-impl TrialArgs {
+impl SynthTrialArgs {
     pub(super) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let mut condition = self.condition.0;
         condition.drag_n = self.drag.unwrap_or(condition.drag_n);
         condition.lift_n = self.lift.unwrap_or(condition.lift_n);
         let trial = VirtualTrial::new(TrialSettings {
-            counter: self.counter.into(),
+            counter: self.counter,
             missing: self.missing,
             stall: self.stall,
             reversed: self.reversed,
@@ -213,10 +201,8 @@ impl TrialArgs {
             _ => TrialLayout::Full,
         };
         let truth = trial.truth();
-        let truth_file = self.truth.as_ref().map(|path| outputs.create(path)).transpose()?;
-        if let Some(mut file) = truth_file {
-            file.write_all(&truth_json(&truth))?;
-            file.commit()?;
+        if let Some(path) = &self.truth {
+            outputs.write(path, &truth_json(&truth))?;
         }
         let Some(path) = &self.output else {
             anyhow::ensure!(
@@ -229,9 +215,8 @@ impl TrialArgs {
         let mut out = outputs.create(path)?;
         let rows = write_log(&mut out, &trial, layout)?;
         out.commit()?;
-        if printer.json() {
-            printer.document(&Made { file: path, rows, truth })?;
-        } else {
+        let made = Made { file: path, rows, truth: &truth };
+        printer.finish(&made, |printer| {
             printer.line(format!(
                 "{rows} synthetic rows in `{}`: {}, in the channel from {} s to {} s, {} strides",
                 path.display(),
@@ -239,9 +224,8 @@ impl TrialArgs {
                 truth.t_enter_s,
                 truth.t_exit_s,
                 truth.strides.len()
-            ))?;
-        }
-        Ok(Outcome::Done)
+            ))
+        })
     }
 }
 
@@ -258,13 +242,8 @@ impl TrialsArgs {
         bar.finish_and_clear();
         let trials = trials?;
         let manifest = self.directory.join(MANIFEST).display().to_string();
-        if printer.json() {
-            printer.document(&MadeSet { manifest, trials: &trials })?;
-        } else {
-            let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
-            printer
-                .line(format!("{count} synthetic trials, {rows} rows; manifest `{}`", manifest))?;
-        }
-        Ok(Outcome::Done)
+        let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
+        let line = format!("{count} synthetic trials, {rows} rows; manifest `{manifest}`");
+        printer.finish(&MadeSet { manifest, trials: &trials }, |printer| printer.line(line))
     }
 }

@@ -9,7 +9,7 @@ use live_view::Picture;
 use live_view::web::{Server, Site};
 use serde::Serialize;
 
-use super::session::{Action, PERIOD, Session, Until};
+use super::session::{LiveAction, LiveSession, PERIOD, Until};
 
 const PAGE: &str = include_str!("../../../../../assets/live/page.html");
 const STYLE: &str = include_str!("../../../../../assets/live/live.css");
@@ -47,7 +47,11 @@ pub(super) fn start(at: SocketAddr) -> anyhow::Result<(Server, String)> {
 }
 
 /// Shows what comes until a signal or the end of the source ends it.
-pub(super) fn run(session: &mut Session, server: Server, until: &Until<'_>) -> anyhow::Result<()> {
+pub(super) fn run(
+    session: &mut LiveSession,
+    server: Server,
+    until: &Until<'_>,
+) -> anyhow::Result<()> {
     let mut due = Instant::now();
     while session.advance(until)? {
         while let Some(order) = server.next_order() {
@@ -72,16 +76,16 @@ pub(super) fn run(session: &mut Session, server: Server, until: &Until<'_>) -> a
     Ok(())
 }
 
-fn action(order: &str) -> Action {
+fn action(order: &str) -> LiveAction {
     match order {
-        "tare" => Action::Tare,
-        "untare" => Action::Untare,
-        "pause" => Action::Pause,
-        "zoom-in" => Action::ZoomIn,
-        "zoom-out" => Action::ZoomOut,
-        "mark" => Action::Mark,
+        "tare" => LiveAction::Tare,
+        "untare" => LiveAction::Untare,
+        "pause" => LiveAction::Pause,
+        "zoom-in" => LiveAction::ZoomIn,
+        "zoom-out" => LiveAction::ZoomOut,
+        "mark" => LiveAction::Mark,
         // The server takes no others.
-        _ => Action::Record,
+        _ => LiveAction::Record,
     }
 }
 

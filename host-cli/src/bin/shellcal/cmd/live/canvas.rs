@@ -3,7 +3,7 @@
 
 /// A grid of dots.
 #[derive(Debug)]
-pub(super) struct Canvas {
+pub(super) struct CharacterCanvas {
     columns: usize,
     /// Which dots of each cell are set, by the bits of Unicode's Braille patterns.
     cells: Vec<u8>,
@@ -16,7 +16,7 @@ const DOTS: [[u8; 2]; 4] = [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x8
 pub(super) const ACROSS: usize = 2;
 pub(super) const DOWN: usize = 4;
 
-impl Canvas {
+impl CharacterCanvas {
     /// Empty, of so many cells.
     pub(super) fn new(columns: usize, rows: usize) -> Self {
         Self { columns, cells: vec![0; columns * rows] }
@@ -67,7 +67,7 @@ mod tests {
 
     #[test]
     fn dots_are_those_of_unicode() {
-        let mut canvas = Canvas::new(2, 1);
+        let mut canvas = CharacterCanvas::new(2, 1);
         // U+28FF has all eight dots, U+2801 the upper left one.
         (0..4).for_each(|y| (0..2).for_each(|x| canvas.dot(x, y)));
         canvas.dot(2, 0);
@@ -77,7 +77,7 @@ mod tests {
         assert_eq!(canvas.character(0, 0, false), Some('\u{28FF}'));
         assert_eq!(canvas.character(1, 0, false), Some('\u{2801}'));
         assert_eq!(canvas.character(1, 0, true), Some('\''));
-        assert_eq!(Canvas::new(1, 1).character(0, 0, true), None);
+        assert_eq!(CharacterCanvas::new(1, 1).character(0, 0, true), None);
     }
 
     #[test]
@@ -85,10 +85,10 @@ mod tests {
         let lines: [((i64, i64), (i64, i64)); 4] =
             [((0, 0), (7, 3)), ((7, 3), (0, 0)), ((0, 3), (7, 0)), ((3, 0), (3, 3))];
         for (from, to) in lines {
-            let mut canvas = Canvas::new(4, 1);
+            let mut canvas = CharacterCanvas::new(4, 1);
             canvas.line(from, to);
             for (x, y) in [from, to] {
-                let mut end = Canvas::new(4, 1);
+                let mut end = CharacterCanvas::new(4, 1);
                 end.dot(x, y);
                 let at = x as usize / ACROSS;
                 assert!(canvas.cells[at] & end.cells[at] != 0, "{from:?} {to:?}");

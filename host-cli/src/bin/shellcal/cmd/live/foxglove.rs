@@ -7,14 +7,14 @@ use foxglove_view::FoxgloveServer;
 use live_view::LiveRow;
 use shell_data::wrench::Axes;
 
-use super::session::{PERIOD, Session, Until};
+use super::session::{LiveSession, PERIOD, Until};
 
 /// Where Foxglove looks unless it is told otherwise.
 pub(super) const LOOPBACK: &str = "127.0.0.1:8765";
 
 /// Sends what comes until a signal or the end of the source ends it.
 pub(super) fn run(
-    session: &mut Session,
+    session: &mut LiveSession,
     mut server: FoxgloveServer,
     axes: Axes,
     until: &Until<'_>,

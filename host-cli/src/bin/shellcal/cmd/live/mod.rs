@@ -14,9 +14,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use anyhow::Context;
 use board_link::recording::LiveForces;
-use board_link::{Journal, PortOptions, RecordOptions, Sinks, Source, Uplink, record};
+use board_link::{Journal, PortOptions, RecordOptions, Sinks, Source, record};
 use calibration_file::CalibrationFile;
 use forces::{ForceOptions, LowPass, TareRule};
 #[cfg(feature = "foxglove")]
@@ -25,7 +24,6 @@ use live_view::web::Server;
 use live_view::{LiveModel, LiveSetup};
 use log_file::Log;
 use serde_json::json;
-use shared_proto::Framing;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{Feed, LiveRows, play};
 
@@ -38,8 +36,8 @@ use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 use crate::signals;
-use session::{Logs, Session, Until};
-use view::Look;
+use session::{LiveSession, LogSeries, Until};
+use view::Appearance;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -142,7 +140,7 @@ pub(crate) struct LiveArgs {
 }
 
 /// Where a view is shown.
-enum Place {
+enum Display {
     Terminal,
     /// With the address to open.
     Browser(Server, String),
@@ -151,7 +149,7 @@ enum Place {
 }
 
 /// How a source has ended.
-type Ended = anyhow::Result<()>;
+type SourceEnd = anyhow::Result<()>;
 
 impl LiveArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
@@ -168,17 +166,11 @@ impl LiveArgs {
         let (feed, done) = (Feed::default(), Arc::new(AtomicBool::new(false)));
         let name = self.name.display().to_string();
         let is_port = is_port(&self.name);
-        let mut logs = match (is_port, &self.output) {
-            (true, path) => {
-                let path = path.as_ref().map(|path| path.to_path_buf());
-                Some(Logs::new(path, self.overwrite))
-            }
-            (false, None) => None,
-            (false, Some(_)) => anyhow::bail!("a log that is played is not recorded again"),
-        };
+        let mut logs = self.logs(is_port)?;
         // What cannot work is said before the screen is taken.
-        let place = self.place()?;
-        let first = logs.as_mut().filter(|_| self.output.is_some()).map(Logs::next).transpose()?;
+        let display = self.display()?;
+        let first =
+            logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::next).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
         let (source, recorded) = match is_port {
             true => (self.record(&name, forces, first, &feed, &done)?, Axes::ALL),
@@ -187,23 +179,27 @@ impl LiveArgs {
         // Without a calibration a wrench is the board's or the log's own.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(LiveSetup { ranges, window_s: self.window, axes });
-        let mut session = Session::new(model, rows, feed, logs, name, self.duration);
+        let mut session = LiveSession::new(model, rows, feed, logs, name, self.duration);
         let until = Until {
             is_stopped: &|| stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed),
             is_over: &|| source.is_finished(),
         };
-        let shown = match place {
-            Place::Terminal => {
+        let shown = match display {
+            Display::Terminal => {
                 let is_ascii = self.ascii || !view::is_utf8();
-                view::run(&mut session, Look { is_ascii, color: printer.is_colored() }, &until)
+                view::run(
+                    &mut session,
+                    Appearance { is_ascii, color: printer.is_colored() },
+                    &until,
+                )
             }
-            Place::Browser(server, address) => {
+            Display::Browser(server, address) => {
                 let danger = "whoever has its address can look on and end a recording";
                 announce(printer, server.address(), &address, danger)
                     .and_then(|()| browser::run(&mut session, server, &until))
             }
             #[cfg(feature = "foxglove")]
-            Place::Foxglove(server) => {
+            Display::Foxglove(server) => {
                 let address = format!("ws://{}", server.address());
                 announce(printer, server.address(), &address, "whoever reaches it can look on")
                     .and_then(|()| foxglove::run(&mut session, server, axes, &until))
@@ -223,15 +219,29 @@ impl LiveArgs {
         Ok(Outcome::Done)
     }
 
+    /// The logs that are written; `None` where nothing can be recorded.
+    fn logs(&self, is_port: bool) -> anyhow::Result<Option<LogSeries>> {
+        match (is_port, &self.output) {
+            (true, path) => {
+                let path = path.as_ref().map(|path| path.to_path_buf());
+                Ok(Some(LogSeries::new(path, self.overwrite)))
+            }
+            (false, None) => Ok(None),
+            (false, Some(_)) => anyhow::bail!("a log that is played is not recorded again"),
+        }
+    }
+
     /// Opens what it is shown in.
-    fn place(&self) -> anyhow::Result<Place> {
+    fn display(&self) -> anyhow::Result<Display> {
         #[cfg(feature = "foxglove")]
         if let Some(at) = self.foxglove {
-            return Ok(Place::Foxglove(FoxgloveServer::start(at, "shellcal", &self.frame_id)?));
+            return Ok(Display::Foxglove(FoxgloveServer::start(at, "shellcal", &self.frame_id)?));
         }
         match self.serve {
-            Some(at) => browser::start(at).map(|(server, address)| Place::Browser(server, address)),
-            None => view::require_terminal().map(|()| Place::Terminal),
+            Some(at) => {
+                browser::start(at).map(|(server, address)| Display::Browser(server, address))
+            }
+            None => view::require_terminal().map(|()| Display::Terminal),
         }
     }
 
@@ -255,16 +265,9 @@ impl LiveArgs {
         log: Option<Journal>,
         feed: &Feed,
         done: &Arc<AtomicBool>,
-    ) -> anyhow::Result<thread::JoinHandle<Ended>> {
+    ) -> anyhow::Result<thread::JoinHandle<SourceEnd>> {
         let options: PortOptions = self.serial.port(port);
-        let uplink = match self.start {
-            false => None,
-            true => {
-                let framing = self.framing.map_or(Some(Framing::Cobs), FramingArg::framing);
-                let framing = framing.context("`--start` is not for the original board")?;
-                Some(Uplink { framing, to: self.serial.to })
-            }
-        };
+        let uplink = self.start.then(|| self.serial.uplink(self.framing)).transpose()?;
         let options_of_recording = RecordOptions {
             protocol: self.framing.map(FramingArg::protocol),
             forces,
@@ -286,7 +289,7 @@ impl LiveArgs {
         &self,
         feed: &Feed,
         done: &Arc<AtomicBool>,
-    ) -> anyhow::Result<(thread::JoinHandle<Ended>, Axes)> {
+    ) -> anyhow::Result<(thread::JoinHandle<SourceEnd>, Axes)> {
         let log = Log::open(&self.name, &self.mapping.mapping()?)?;
         let (wants_readings, axes) = (self.calibration.is_some(), log.axes());
         let read = self.mapping.read_options();
@@ -315,7 +318,7 @@ fn announce(
 }
 
 /// A source that has failed ends the view, which would hide why.
-fn end_with<T, E: Into<anyhow::Error>>(result: Result<T, E>, done: &AtomicBool) -> Ended {
+fn end_with<T, E: Into<anyhow::Error>>(result: Result<T, E>, done: &AtomicBool) -> SourceEnd {
     match result {
         Ok(_) => Ok(()),
         Err(error) => {

@@ -5,11 +5,11 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
 
-use super::canvas::{ACROSS, Canvas, DOWN};
+use super::canvas::{ACROSS, CharacterCanvas, DOWN};
 
 /// All that is shown.
 #[derive(Debug)]
-pub(super) struct Screen<'a> {
+pub(super) struct LiveScreen<'a> {
     pub(super) model: &'a LiveModel,
     /// What it is of: the port, the log.
     pub(super) source: &'a str,
@@ -35,7 +35,7 @@ const LABEL: u16 = 16;
 
 const KEYS: &str = "t tare  T untare  space pause  +/- zoom  m mark  r record  q quit";
 
-impl Screen<'_> {
+impl LiveScreen<'_> {
     pub(super) fn draw(&self, buffer: &mut Buffer) {
         let Rect { width, height, .. } = buffer.area;
         if width < LEAST.0 || height < LEAST.1 {
@@ -131,7 +131,7 @@ impl Screen<'_> {
             }
         }
         let (columns, rows) = (usize::from(area.width - LABEL), usize::from(area.height));
-        let mut canvas = Canvas::new(columns, rows);
+        let mut canvas = CharacterCanvas::new(columns, rows);
         let last = (rows * DOWN - 1) as f64;
         let dot = |value: f64| (last * (high - value) / (high - low)).round() as i64;
         let mut before = None;
@@ -250,7 +250,7 @@ impl Screen<'_> {
         self.put(buffer, area.x, area.y, &title, dim);
         let area = Rect { y: area.y + 1, height: area.height - 1, ..area };
         let (columns, rows) = (usize::from(area.width), usize::from(area.height));
-        let mut canvas = Canvas::new(columns, rows);
+        let mut canvas = CharacterCanvas::new(columns, rows);
         let centre = ((columns * ACROSS / 2) as i64, (rows * DOWN / 2) as i64);
         // A cell is twice as high as wide, and has as many dots more, so that dots are square.
         let radius = centre.0.min(centre.1) as f64 - 1.0;
@@ -381,7 +381,7 @@ mod tests {
 
     fn screen(model: &LiveModel, size: (u16, u16), ascii: bool, color: bool) -> String {
         let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
-        let screen = Screen {
+        let screen = LiveScreen {
             model,
             source: "/dev/ttyUSB0",
             state: "cobs  00:00:10  100.0 Hz  1000 frames  3 missing",
@@ -449,8 +449,15 @@ mod tests {
             for (width, ascii) in [(60, false), (80, true), (200, false)] {
                 let mut buffer = Buffer::empty(Rect::new(0, 0, width, 24));
                 let (message, color) = ("", false);
-                let screen =
-                    Screen { model: &model, source: path, state, recording, message, ascii, color };
+                let screen = LiveScreen {
+                    model: &model,
+                    source: path,
+                    state,
+                    recording,
+                    message,
+                    ascii,
+                    color,
+                };
                 screen.draw(&mut buffer);
                 let header: String = (0..width).map(|x| buffer[(x, 0)].symbol()).collect();
                 let names = header.split("  ").filter(|part| part.contains("run-17.csv")).count();

@@ -17,7 +17,7 @@ pub(super) const PERIOD: Duration = Duration::from_micros(33_333);
 
 /// What a user can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Action {
+pub(super) enum LiveAction {
     Tare,
     Untare,
     Pause,
@@ -28,12 +28,12 @@ pub(super) enum Action {
 }
 
 /// A live view and what it is of.
-pub(super) struct Session {
+pub(super) struct LiveSession {
     pub(super) model: LiveModel,
     rows: LiveRows,
     feed: Feed,
     /// The logs that are written; `None` where nothing can be recorded.
-    logs: Option<Logs>,
+    logs: Option<LogSeries>,
     pub(super) name: String,
     duration: Option<Duration>,
     started: Instant,
@@ -57,14 +57,14 @@ pub(super) struct Until<'a> {
 
 /// The logs that one view writes, one after the other.
 #[derive(Debug)]
-pub(super) struct Logs {
+pub(super) struct LogSeries {
     path: Option<PathBuf>,
     overwrite: bool,
     written: Vec<String>,
     is_on: bool,
 }
 
-impl Logs {
+impl LogSeries {
     /// The first of them, if it has a name.
     pub(super) fn new(path: Option<PathBuf>, overwrite: bool) -> Self {
         Self { path, overwrite, written: Vec::new(), is_on: false }
@@ -108,12 +108,12 @@ fn numbered(base: &Path, number: usize) -> PathBuf {
     base.with_file_name(format!("{stem}-{number}{}", ending.unwrap_or_default()))
 }
 
-impl Session {
+impl LiveSession {
     pub(super) fn new(
         model: LiveModel,
         rows: LiveRows,
         feed: Feed,
-        logs: Option<Logs>,
+        logs: Option<LogSeries>,
         name: String,
         duration: Option<Duration>,
     ) -> Self {
@@ -156,20 +156,20 @@ impl Session {
 
     /// The log that is being written.
     pub(super) fn recording(&self) -> Option<&str> {
-        self.logs.as_ref().and_then(Logs::current)
+        self.logs.as_ref().and_then(LogSeries::current)
     }
 
-    pub(super) fn obey(&mut self, action: Action) {
+    pub(super) fn obey(&mut self, action: LiveAction) {
         self.message = match action {
-            Action::Tare => {
+            LiveAction::Tare => {
                 self.model.begin_tare();
                 "taring what is shown; a log keeps its own tare".to_owned()
             }
-            Action::Untare => {
+            LiveAction::Untare => {
                 self.model.end_tare();
                 "no tare but that of the calibration's first frames".to_owned()
             }
-            Action::Pause => {
+            LiveAction::Pause => {
                 self.model.toggle_pause();
                 self.feed.hold(self.model.is_paused());
                 let more = if self.logs.is_some() { "; recording goes on" } else { "" };
@@ -178,22 +178,22 @@ impl Session {
                     false => String::new(),
                 }
             }
-            Action::ZoomIn => {
+            LiveAction::ZoomIn => {
                 self.model.zoom_in();
                 String::new()
             }
-            Action::ZoomOut => {
+            LiveAction::ZoomOut => {
                 self.model.zoom_out();
                 String::new()
             }
-            Action::Mark => match self.model.mark() {
+            LiveAction::Mark => match self.model.mark() {
                 Some(mark) => {
                     self.feed.ask(Wish::Mark { index: mark.index, number: mark.number });
                     format!("mark {} at {:.3} s", mark.number, mark.time_s)
                 }
                 None => return,
             },
-            Action::Record => self.toggle_recording(),
+            LiveAction::Record => self.toggle_recording(),
         };
     }
 
@@ -267,13 +267,16 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("run.csv");
         std::fs::write(dir.path().join("run-2.csv"), "mine").unwrap();
-        let mut logs = Logs::new(Some(path.clone()), false);
+        let mut logs = LogSeries::new(Some(path.clone()), false);
         let mut journals = vec![logs.next().unwrap(), logs.next().unwrap()];
         let names: Vec<_> =
             logs.written.iter().map(Path::new).map(|p| p.file_name().unwrap()).collect();
         assert_eq!(names, ["run.csv", "run-3.csv"]);
         assert_eq!(std::fs::read(dir.path().join("run-2.csv")).unwrap(), b"mine");
         journals.clear();
-        assert!(Logs::new(Some(path), false).next().is_err(), "a name that was given is taken");
+        assert!(
+            LogSeries::new(Some(path), false).next().is_err(),
+            "a name that was given is taken"
+        );
     }
 }

@@ -13,15 +13,15 @@ use ratatui::crossterm::{cursor, execute};
 use ratatui::layout::{Rect, Size};
 use ratatui::{Terminal, TerminalOptions, Viewport};
 
-use super::screen::Screen;
-use super::session::{Action, PERIOD, Session, Until};
+use super::screen::LiveScreen;
+use super::session::{LiveAction, LiveSession, PERIOD, Until};
 
 /// The screen of a terminal that does not tell its size, as VT100 had it.
 const UNKNOWN_SIZE: Rect = Rect::new(0, 0, 80, 24);
 
 /// How a terminal is drawn on.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Look {
+pub(super) struct Appearance {
     pub(super) is_ascii: bool,
     pub(super) color: bool,
 }
@@ -45,9 +45,9 @@ pub(super) fn is_utf8() -> bool {
 }
 
 /// The terminal while it is drawn on; dropped, it is as it was.
-struct Stage(Terminal<CrosstermBackend<Stdout>>);
+struct RawTerminal(Terminal<CrosstermBackend<Stdout>>);
 
-impl Stage {
+impl RawTerminal {
     fn enter() -> anyhow::Result<Self> {
         enable_raw_mode().context("cannot take keys from the terminal")?;
         execute!(io::stdout(), EnterAlternateScreen, cursor::Hide)?;
@@ -61,7 +61,7 @@ impl Stage {
     }
 }
 
-impl Drop for Stage {
+impl Drop for RawTerminal {
     fn drop(&mut self) {
         // Nobody is left to tell.
         let _ = execute!(io::stdout(), LeaveAlternateScreen, cursor::Show);
@@ -70,12 +70,16 @@ impl Drop for Stage {
 }
 
 /// Shows what comes until a key, a signal or the end of the source ends it.
-pub(super) fn run(session: &mut Session, look: Look, until: &Until<'_>) -> anyhow::Result<()> {
-    let mut stage = Stage::enter()?;
+pub(super) fn run(
+    session: &mut LiveSession,
+    look: Appearance,
+    until: &Until<'_>,
+) -> anyhow::Result<()> {
+    let mut stage = RawTerminal::enter()?;
     let mut due = Instant::now();
     while session.advance(until)? {
         let state = session.state();
-        let screen = Screen {
+        let screen = LiveScreen {
             model: &session.model,
             source: &session.name,
             state: &state,
@@ -104,15 +108,15 @@ pub(super) fn run(session: &mut Session, look: Look, until: &Until<'_>) -> anyho
     Ok(())
 }
 
-fn action(key: &KeyEvent) -> Option<Action> {
+fn action(key: &KeyEvent) -> Option<LiveAction> {
     Some(match key.code {
-        KeyCode::Char('t') => Action::Tare,
-        KeyCode::Char('T') => Action::Untare,
-        KeyCode::Char(' ') => Action::Pause,
-        KeyCode::Char('+' | '=') => Action::ZoomIn,
-        KeyCode::Char('-') => Action::ZoomOut,
-        KeyCode::Char('m') => Action::Mark,
-        KeyCode::Char('r') => Action::Record,
+        KeyCode::Char('t') => LiveAction::Tare,
+        KeyCode::Char('T') => LiveAction::Untare,
+        KeyCode::Char(' ') => LiveAction::Pause,
+        KeyCode::Char('+' | '=') => LiveAction::ZoomIn,
+        KeyCode::Char('-') => LiveAction::ZoomOut,
+        KeyCode::Char('m') => LiveAction::Mark,
+        KeyCode::Char('r') => LiveAction::Record,
         _ => return None,
     })
 }

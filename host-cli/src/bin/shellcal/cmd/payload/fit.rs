@@ -27,7 +27,7 @@ const POOR_SPREAD: f64 = 100.0 * LEAST_SPREAD;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(crate) struct FitArgs {
+pub(crate) struct PayloadFitArgs {
     /// Logs of wrenches at rest
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
@@ -43,7 +43,7 @@ pub(crate) struct FitArgs {
     mapping: MappingArgs,
 }
 
-impl FitArgs {
+impl PayloadFitArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         let mapping = self.mapping.mapping()?;
         let open = |path: &InputPath| Log::open(path, &mapping);

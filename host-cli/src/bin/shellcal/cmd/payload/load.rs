@@ -3,12 +3,12 @@
 use anyhow::bail;
 use calibration::Calibration;
 use calibration_file::payload_file::PayloadFile;
-use forces::payload::STANDARD_GRAVITY_M_S2;
+use forces::payload::{CarriedLoad, STANDARD_GRAVITY_M_S2};
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::convert::ConvertSummary;
-use shellcal::workflow::payload::{CarriedLoad, MotionColumns, find_motion_lag, read_motion};
+use shellcal::workflow::payload::{MotionColumns, find_motion_lag, read_motion};
 
-use crate::cmd::mapping::{Columns, parse_columns};
+use crate::cmd::mapping::{ColumnList, parse_columns};
 use crate::files::InputPath;
 use crate::printer::Printer;
 
@@ -19,11 +19,11 @@ pub(in crate::cmd) struct MotionColumnArgs {
     /// Columns of orientation: 3 of gravity in the sensor's frame, 4 of a quaternion (x y z w) or 9 of a rotation
     /// matrix, row by row, to a frame whose z is up [default: by their names]
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
-    orientation: Option<Columns>,
+    orientation: Option<ColumnList>,
 
     /// Columns of acceleration along x, y, z [default: by their names]
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
-    accelerations: Option<Columns>,
+    accelerations: Option<ColumnList>,
 
     /// Gravity, m/s², where columns do not say it
     #[arg(long, value_name = "M/S²", default_value_t = STANDARD_GRAVITY_M_S2, value_parser = parse_gravity)]
@@ -48,7 +48,7 @@ pub(in crate::cmd) struct MotionArgs {
 
 impl MotionColumnArgs {
     pub(super) fn columns(&self) -> MotionColumns {
-        let references = |columns: &Option<Columns>| -> Option<Vec<ColumnRef>> {
+        let references = |columns: &Option<ColumnList>| -> Option<Vec<ColumnRef>> {
             columns.as_ref().map(|columns| columns.references().to_vec())
         };
         MotionColumns {

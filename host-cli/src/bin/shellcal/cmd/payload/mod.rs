@@ -13,17 +13,17 @@ use crate::printer::Printer;
 #[derive(Debug, clap::Args)]
 pub(crate) struct PayloadArgs {
     #[command(subcommand)]
-    action: Action,
+    action: PayloadAction,
 }
 
 #[derive(Debug, Subcommand)]
-enum Action {
+enum PayloadAction {
     /// Find mass, centre of mass and the sensor's zero from poses at rest
     ///
     /// A log of wrenches with the orientation of each row (`gx gy gz` of gravity in the sensor's frame,
     /// `r11` … `r33`, `qx qy qz qw`), accelerations (`ax ay az`), or both: then the frame, scale and offsets
     /// of the accelerometer are found, too. Every row is a pose, or every label of the group column.
-    Fit(fit::FitArgs),
+    Fit(fit::PayloadFitArgs),
 
     /// Take weight and inertia of a payload off a log of wrenches
     ///
@@ -34,8 +34,8 @@ enum Action {
 impl PayloadArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match &self.action {
-            Action::Fit(args) => args.run(printer, outputs),
-            Action::Subtract(args) => args.run(printer, outputs),
+            PayloadAction::Fit(args) => args.run(printer, outputs),
+            PayloadAction::Subtract(args) => args.run(printer, outputs),
         }
     }
 }

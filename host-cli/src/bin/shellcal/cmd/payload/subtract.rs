@@ -2,23 +2,22 @@
 //!
 //! A reference sensor is one whose six channels are the axes: what holds for readings, `convert` does.
 
-use std::io::Write;
-
 use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::PayloadFile;
 use forces::RowRule;
-use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, ReadOptions, Wanted};
+use log_file::{ColumnRef, Log, Mapping, Meaning, MomentUnit, Wanted};
 use output_file::Outputs;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::convert::{
-    Columns, Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, convert_to,
+    Conversion, ConvertOptions, DEFAULT_FRAME_ID, OutputFormat, OutputPlan, TableColumns, convert,
 };
 use shellcal::workflow::selection::RowFilter;
 
 use super::load::MotionArgs;
 use crate::cmd::frames::ForceArgs;
 use crate::cmd::mapping::MappingArgs;
+use crate::cmd::partial_output::Destination;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -63,7 +62,7 @@ impl SubtractArgs {
             anyhow::bail!("`--json` needs `--output`: the table would go to the same place");
         }
         let format = match &self.output {
-            Some(path) => OutputFormat::of(path, DEFAULT_FRAME_ID)?,
+            Some(path) => OutputFormat::from_path(path, DEFAULT_FRAME_ID)?,
             None => OutputFormat::Csv,
         };
         let file = PayloadFile::read(&self.payload)?;
@@ -75,7 +74,7 @@ impl SubtractArgs {
             rows: RowFilter::All,
             forces: self.forces.options_without_tare(RowRule::Time),
             load: Some(load),
-            columns: Columns {
+            columns: TableColumns {
                 time: true,
                 axes: [true; 6],
                 standard_errors: false,
@@ -85,26 +84,13 @@ impl SubtractArgs {
             full_scale: None,
         };
         let plan = OutputPlan { format, ..OutputPlan::default() };
-        let bar = printer.progress(&log.path().display().to_string(), log.bytes());
-        let progress = |bytes| bar.set_position(bytes);
-        let read = ReadOptions { progress: Some(&progress), ..read };
-        let conversion =
-            Conversion { log: &log, calibration: &calibration, options: &options, read };
-        let summary = match &self.output {
-            Some(path) => {
-                let mut file = outputs.create(path)?;
-                let summary = convert_to(&conversion, &plan, &mut file, None)?;
-                file.commit()?;
-                summary
-            }
-            None => {
-                let mut out = printer.stream();
-                let summary = convert_to(&conversion, &plan, &mut out, None)?;
-                out.flush()?;
-                summary
-            }
-        };
-        bar.finish_and_clear();
+        let mut out = Destination::create(self.output.as_ref(), outputs)?;
+        let (calibration, options) = (&calibration, &options);
+        let summary = printer.scan(&log, read, |read| {
+            let conversion = Conversion { log: &log, calibration, options, read };
+            convert(&conversion, &plan, &mut out, None)
+        })?;
+        out.finish()?;
         self.motion.report(printer, &log, &summary);
         if printer.json() {
             printer.document(&summary)?;

@@ -1,7 +1,7 @@
 //! The options of `shellcal simulate`.
 
 use beam_channel::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup};
-use shellcal::workflow::simulate::{GridAxis, Uncertain};
+use simulation::channel_study::{GridAxis, Uncertain};
 
 use super::quantity::{
     angle, grid_axis, length, positive_length, pressure, share, speed, uncertain,
@@ -41,7 +41,7 @@ pub(crate) struct SimulateArgs {
     pub(super) study: StudyArgs,
 
     #[command(flatten)]
-    pub(super) trials: TrialArgs,
+    pub(super) trials: MeasuredTrialArgs,
 }
 
 /// Body, beams and channel; by default those of the paper.
@@ -196,7 +196,7 @@ pub(super) struct StudyArgs {
 
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Measured trials")]
-pub(super) struct TrialArgs {
+pub(super) struct MeasuredTrialArgs {
     /// Table of trials with columns `condition` and `drag_mean_n`, as CSV: prints measured and
     /// simulated drag of every condition. A condition is a deflection (`3 cm`) or `free`
     #[arg(long, value_name = "FILE")]

@@ -2,7 +2,7 @@
 
 use beam_channel::Model;
 use serde::Serialize;
-use shellcal::workflow::simulate::{BeamRow, MonteCarlo, Summary, SweepRow, beam_rows};
+use simulation::channel_study::{BeamRow, ChannelSummary, MonteCarlo, SweepRow, beam_rows};
 
 use super::format::cm;
 use crate::printer::Printer;
@@ -11,7 +11,7 @@ use crate::printer::Printer;
 #[derive(Debug, Serialize)]
 pub(super) struct ChannelReport {
     #[serde(flatten)]
-    pub(super) summary: Summary,
+    pub(super) summary: ChannelSummary,
     /// The beams that touch at the position asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) at: Option<Position>,
@@ -43,7 +43,7 @@ impl ChannelReport {
                 beams: beam_rows(model, x_m).collect(),
             }
         });
-        Self { summary: Summary::of(model), at, uncertainty: None, positions: None }
+        Self { summary: ChannelSummary::new(model), at, uncertainty: None, positions: None }
     }
 
     pub(super) fn warn(&self, printer: &mut Printer) {
@@ -51,7 +51,7 @@ impl ChannelReport {
             printer.warning(format!("channel of {} cm: {remark}", cm(self.summary.width_m)));
         }
         // Half the width of the body, and what is left on either side of it.
-        let Summary { width_m, deflection_m, .. } = self.summary;
+        let ChannelSummary { width_m, deflection_m, .. } = self.summary;
         let (half_m, gap_m) = (deflection_m + width_m / 2.0, -deflection_m);
         if gap_m > half_m {
             printer.warning(format!(

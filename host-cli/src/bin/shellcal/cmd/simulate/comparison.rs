@@ -2,9 +2,8 @@
 
 use anyhow::bail;
 use serde::Serialize;
-use shellcal::workflow::simulate::{
-    ChannelDiagnostic, ConditionChannel, MeasuredCondition, Summary, read_trials,
-};
+use shellcal::workflow::simulate::{ConditionChannel, MeasuredCondition, read_trials};
+use simulation::channel_study::{ChannelDiagnostic, ChannelSummary};
 
 use super::args::{SimulateArgs, of_deflection, of_width};
 use super::format::{cm, or_dash};
@@ -14,7 +13,7 @@ use crate::printer::Printer;
 
 /// One condition, measured and simulated.
 #[derive(Debug, Serialize)]
-pub(super) struct Comparison {
+pub(super) struct ConditionComparison {
     #[serde(flatten)]
     measured: MeasuredCondition,
     /// None where the robot runs free.
@@ -29,7 +28,7 @@ pub(super) struct Comparison {
 
 impl SimulateArgs {
     /// The comparison, if one is asked for.
-    pub(super) fn compare(&self) -> anyhow::Result<Option<Vec<Comparison>>> {
+    pub(super) fn compare(&self) -> anyhow::Result<Option<Vec<ConditionComparison>>> {
         let Some(path) = &self.trials.compare else { return Ok(None) };
         let conditions = read_trials(path)?;
         for (name, _) in &self.trials.condition {
@@ -44,15 +43,16 @@ impl SimulateArgs {
             .map(Some)
     }
 
-    fn simulate(&self, measured: MeasuredCondition) -> anyhow::Result<Comparison> {
+    fn simulate(&self, measured: MeasuredCondition) -> anyhow::Result<ConditionComparison> {
         let base = self.geometry.setup();
         let setup = match self.channel_of(&measured.name)? {
             ConditionChannel::Free => None,
             ConditionChannel::Deflection(depth) => Some(of_deflection(&base, depth)),
             ConditionChannel::Width(width) => Some(of_width(&base, width)),
         };
-        let summary =
-            setup.map(|setup| model(&setup).map(|model| Summary::of(&model))).transpose()?;
+        let summary = setup
+            .map(|setup| model(&setup).map(|model| ChannelSummary::new(&model)))
+            .transpose()?;
         // A trial's mean is over its window, from the first contact to the last, not over the plateau.
         let simulated_drag_n = summary.as_ref().map_or(0.0, |summary| summary.crossing_drag_n);
         let over_prediction_n = simulated_drag_n - measured.mean_drag_n;
@@ -60,7 +60,14 @@ impl SimulateArgs {
         let ratio = is_drag.then(|| simulated_drag_n / measured.mean_drag_n);
         let width_m = setup.map(|setup| setup.channel.width_m);
         let remarks = summary.map_or_else(Vec::new, |summary| summary.remarks);
-        Ok(Comparison { measured, width_m, simulated_drag_n, over_prediction_n, ratio, remarks })
+        Ok(ConditionComparison {
+            measured,
+            width_m,
+            simulated_drag_n,
+            over_prediction_n,
+            ratio,
+            remarks,
+        })
     }
 
     /// The channel that a condition's name stands for.
@@ -83,7 +90,10 @@ impl SimulateArgs {
     }
 }
 
-pub(super) fn print(printer: &mut Printer, comparison: &[Comparison]) -> anyhow::Result<()> {
+pub(super) fn print(
+    printer: &mut Printer,
+    comparison: &[ConditionComparison],
+) -> anyhow::Result<()> {
     let rows: Vec<_> = comparison
         .iter()
         .map(|row| {
@@ -115,7 +125,7 @@ pub(super) fn print(printer: &mut Printer, comparison: &[Comparison]) -> anyhow:
 }
 
 /// What to know before trusting the comparison.
-pub(super) fn warn(printer: &mut Printer, comparison: &[Comparison]) {
+pub(super) fn warn(printer: &mut Printer, comparison: &[ConditionComparison]) {
     for row in comparison {
         for remark in &row.remarks {
             printer.warning(format!("condition `{}`: {remark}", row.measured.name));

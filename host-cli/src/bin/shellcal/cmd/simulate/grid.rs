@@ -5,7 +5,7 @@ use std::io::Write;
 use anyhow::ensure;
 use output_file::Outputs;
 use serde::Serialize;
-use shellcal::workflow::simulate::{Cell, GridAxis, Parameter, Summary, grid};
+use simulation::channel_study::{ChannelSummary, GridAxis, GridCell, Parameter, grid};
 
 use super::args::SimulateArgs;
 use super::format::or_dash;
@@ -23,7 +23,7 @@ const CHUNK: usize = 64;
 struct CellReport {
     parameters: serde_json::Map<String, serde_json::Value>,
     #[serde(flatten)]
-    summary: Option<Summary>,
+    summary: Option<ChannelSummary>,
     error: Option<String>,
 }
 
@@ -92,7 +92,7 @@ impl SimulateArgs {
     }
 }
 
-fn csv_row(cell: &Cell) -> String {
+fn csv_row(cell: &GridCell) -> String {
     let mut fields: Vec<String> = cell.values.iter().map(f64::to_string).collect();
     match &cell.outcome {
         Ok(summary) => {
@@ -110,10 +110,10 @@ fn csv_row(cell: &Cell) -> String {
     fields.join(",")
 }
 
-fn table_row(cell: &Cell) -> Vec<String> {
+fn table_row(cell: &GridCell) -> Vec<String> {
     let summary = cell.outcome.as_ref().ok();
     let figure =
-        |of: fn(&Summary) -> Option<f64>, decimals| or_dash(summary.and_then(of), decimals);
+        |of: fn(&ChannelSummary) -> Option<f64>, decimals| or_dash(summary.and_then(of), decimals);
     let mut row: Vec<String> = cell.values.iter().map(|value| rounded(*value)).collect();
     row.extend([
         figure(|summary| summary.mean_drag_n, 4),
@@ -130,7 +130,7 @@ fn rounded(value: f64) -> String {
     text.parse::<f64>().map_or(text, |value| value.to_string())
 }
 
-fn report(names: &[String], cell: Cell) -> CellReport {
+fn report(names: &[String], cell: GridCell) -> CellReport {
     let values = cell.values.iter().map(|&value| value.into());
     let parameters = names.iter().cloned().zip(values).collect();
     match cell.outcome {

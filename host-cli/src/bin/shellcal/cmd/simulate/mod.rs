@@ -13,14 +13,14 @@ use anyhow::Context;
 use beam_channel::{Model, Setup};
 use output_file::Outputs;
 use serde::Serialize;
-use shellcal::workflow::simulate::{Course, monte_carlo};
+use simulation::channel_study::{Course, monte_carlo};
 
 pub(crate) use args::SimulateArgs;
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;
 use channel::ChannelReport;
-use comparison::Comparison;
+use comparison::ConditionComparison;
 use outputs::SweepFiles;
 
 /// Room on either side of the contacts that a sweep shows by itself, in m.
@@ -31,12 +31,12 @@ const MOST_POSITIONS: f64 = 1e9;
 
 /// What `--json` says.
 #[derive(Debug, Serialize)]
-struct Document<'a> {
+struct SimulationDocument<'a> {
     #[serde(flatten)]
     setup: report::SetupReport,
     channels: &'a [ChannelReport],
     #[serde(skip_serializing_if = "Option::is_none")]
-    comparison: Option<&'a [Comparison]>,
+    comparison: Option<&'a [ConditionComparison]>,
 }
 
 impl SimulateArgs {
@@ -77,7 +77,7 @@ impl SimulateArgs {
         if printer.json() {
             let setup = report::SetupReport::new(&self.geometry.setup());
             let comparison = comparison.as_deref();
-            printer.document(&Document { setup, channels: &reports, comparison })?;
+            printer.document(&SimulationDocument { setup, channels: &reports, comparison })?;
             return Ok(Outcome::Done);
         }
         report::print_channels(printer, &reports)?;

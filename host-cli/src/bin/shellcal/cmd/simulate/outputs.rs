@@ -2,14 +2,15 @@
 
 use std::io::Write;
 
-use anyhow::Context;
 use beam_channel::Model;
-use figures::{Format, channel_figure};
+use figures::channel_figure;
 use output_file::{AtomicFile, Outputs};
-use shellcal::workflow::simulate::{Course, Passage, beam_rows, curve, read_trace};
+use shellcal::workflow::simulate::{SteadyPassage, curve, read_trace};
+use simulation::channel_study::{Course, beam_rows};
 
 use super::args::SweepArgs;
 use super::format::cm;
+use crate::cmd::figure_size::FigureFile;
 use crate::files::OutputPath;
 use crate::printer::Printer;
 
@@ -17,7 +18,7 @@ use crate::printer::Printer;
 pub(super) struct SweepFiles {
     sweep: Option<AtomicFile>,
     beams: Option<AtomicFile>,
-    plot: Option<(AtomicFile, Format)>,
+    plot: Option<FigureFile>,
 }
 
 /// Rows between two reports of progress.
@@ -25,7 +26,7 @@ const CHUNK: usize = 1024;
 
 impl SweepFiles {
     pub(super) fn open(args: &SweepArgs, outputs: &Outputs) -> anyhow::Result<Self> {
-        let format = args.plot.as_ref().map(Format::of).transpose()?;
+        let plot = args.figure_size.create(args.plot.as_ref(), outputs)?;
         let open =
             |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
         let (mut sweep, mut beams) = (open(&args.output)?, open(&args.beam_forces)?);
@@ -38,7 +39,7 @@ impl SweepFiles {
             let columns = "x_m,wall,beam,base_m,phi_rad,deflection_rad,fx_n,fy_n,mz_nm";
             writeln!(file, "width_m,{time}{columns}")?;
         }
-        Ok(Self { sweep, beams, plot: open(&args.plot)?.zip(format) })
+        Ok(Self { sweep, beams, plot })
     }
 
     /// Writes the rows of one channel.
@@ -90,7 +91,7 @@ impl SweepFiles {
         course: &Course,
         args: &SweepArgs,
     ) -> anyhow::Result<()> {
-        let Some((file, format)) = &mut self.plot else { return Ok(()) };
+        let Some(plot) = self.plot.take() else { return Ok(()) };
         let last = course.from_m + course.step_m * (course.count - 1) as f64;
         let mut curves: Vec<_> = models
             .iter()
@@ -100,7 +101,7 @@ impl SweepFiles {
             })
             .collect();
         let first_contact = models.iter().find_map(Model::extent_m).map_or(0.0, |[x, _]| x);
-        let passage = args.speed.map(|speed_m_s| Passage {
+        let passage = args.speed.map(|speed_m_s| SteadyPassage {
             speed_m_s,
             entry_s: args.entry,
             entry_x_m: first_contact,
@@ -110,16 +111,12 @@ impl SweepFiles {
         }
         let friction = models.first().map_or(0.0, |model| model.setup().beam.friction);
         let title = format!("Simulated drag, friction {friction}");
-        let figure = channel_figure(args.figure_size.size(), &title, &curves);
-        file.write_all(&figure.render(*format)?).context("cannot write the picture")?;
-        Ok(())
+        let figure = channel_figure(plot.size, &title, &curves);
+        plot.write(&figure)
     }
 
     pub(super) fn commit(self) -> anyhow::Result<()> {
-        let Self { sweep, beams, plot } = self;
-        for file in [sweep, beams, plot.map(|(file, _)| file)].into_iter().flatten() {
-            file.commit()?;
-        }
+        [self.sweep, self.beams].into_iter().flatten().try_for_each(AtomicFile::commit)?;
         Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! Numbers with units, as values of options.
 
-use shellcal::workflow::simulate::{Dimension, GridAxis, Parameter, Spread, Uncertain};
+use simulation::channel_study::{Dimension, GridAxis, Parameter, ParameterSpread, Uncertain};
 
 /// Values of one list or range at most, so that a slip of a digit does not fill the memory.
 const MOST_VALUES: f64 = 1e6;
@@ -11,14 +11,16 @@ pub(super) fn quantity(text: &str, dimension: Dimension) -> Result<f64, String> 
     let unit = dimension_units(dimension)
         .iter()
         .find_map(|unit| Some((text.strip_suffix(unit.0)?, unit.1)));
-    let (number, unit) = unit.unwrap_or((text, Scale::Power(0)));
+    let (number, unit) = unit.unwrap_or((text, UnitScale::Power(0)));
     let value = match unit {
         // As a decimal, so that `0.12mm` is the same number as `0.00012`.
-        Scale::Power(power) if !number.contains(['e', 'E']) => {
+        UnitScale::Power(power) if !number.contains(['e', 'E']) => {
             format!("{}e{power}", number.trim()).parse()
         }
-        Scale::Power(power) => number.trim().parse().map(|value: f64| value * 10_f64.powi(power)),
-        Scale::Degrees => number.trim().parse().map(f64::to_radians),
+        UnitScale::Power(power) => {
+            number.trim().parse().map(|value: f64| value * 10_f64.powi(power))
+        }
+        UnitScale::Degrees => number.trim().parse().map(f64::to_radians),
     };
     let wanted = match dimension {
         Dimension::Length => "a length such as `8cm`, `80mm` or `0.08` (m)",
@@ -30,15 +32,15 @@ pub(super) fn quantity(text: &str, dimension: Dimension) -> Result<f64, String> 
 }
 
 #[derive(Clone, Copy)]
-enum Scale {
+enum UnitScale {
     /// Of ten.
     Power(i32),
     Degrees,
 }
 
 /// Longer names first where one ends with another.
-fn dimension_units(dimension: Dimension) -> &'static [(&'static str, Scale)] {
-    use Scale::{Degrees, Power};
+fn dimension_units(dimension: Dimension) -> &'static [(&'static str, UnitScale)] {
+    use UnitScale::{Degrees, Power};
     match dimension {
         Dimension::Length => &[
             ("um", Power(-6)),
@@ -118,9 +120,9 @@ pub(super) fn grid_axis(text: &str) -> Result<GridAxis, String> {
 /// `NAME=SD`, or `NAME=SHARE%`.
 pub(super) fn uncertain(text: &str) -> Result<Uncertain, String> {
     let (parameter, sd) = named(text)?;
-    let (value, spread): (f64, fn(f64) -> Spread) = match sd.trim().strip_suffix('%') {
-        Some(share) => (quantity(share, Dimension::Number)? / 100.0, Spread::Relative),
-        None => (quantity(sd, parameter.dimension())?, Spread::Absolute),
+    let (value, spread): (f64, fn(f64) -> ParameterSpread) = match sd.trim().strip_suffix('%') {
+        Some(share) => (quantity(share, Dimension::Number)? / 100.0, ParameterSpread::Relative),
+        None => (quantity(sd, parameter.dimension())?, ParameterSpread::Absolute),
     };
     if value < 0.0 {
         return Err("a standard deviation is not negative".to_owned());
@@ -169,8 +171,8 @@ mod tests {
 
     #[test]
     fn a_spread_is_absolute_or_relative() {
-        assert_eq!(uncertain("thickness=5um").unwrap().spread, Spread::Absolute(5e-6));
-        assert_eq!(uncertain("modulus=10%").unwrap().spread, Spread::Relative(0.1));
+        assert_eq!(uncertain("thickness=5um").unwrap().spread, ParameterSpread::Absolute(5e-6));
+        assert_eq!(uncertain("modulus=10%").unwrap().spread, ParameterSpread::Relative(0.1));
         assert!(uncertain("modulus=-1%").is_err());
     }
 }

@@ -2,7 +2,7 @@
 
 use beam_channel::{Angle, Normal, Setup};
 use serde::Serialize;
-use shellcal::workflow::simulate::{DrawStatistics, Parameter};
+use simulation::channel_study::{DrawStatistics, Parameter};
 
 use super::channel::ChannelReport;
 use super::format::{cm, or_dash, percent};

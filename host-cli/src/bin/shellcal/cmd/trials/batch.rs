@@ -10,7 +10,7 @@ use trial::manifest::{Manifest, Shard};
 use trial::{ConditionRow, TrialOptions, TrialResult};
 
 use super::evaluation::{Equipment, EvaluationArgs};
-use super::outputs::OutputArgs;
+use super::outputs::ResultArgs;
 use super::{manifest, show, watch};
 use crate::files::InputPath;
 use crate::outcome::Outcome;
@@ -56,7 +56,7 @@ pub(crate) struct BatchArgs {
     watch: bool,
 
     #[command(flatten)]
-    output: OutputArgs,
+    output: ResultArgs,
 
     #[command(flatten)]
     evaluation: EvaluationArgs,
@@ -64,12 +64,12 @@ pub(crate) struct BatchArgs {
 
 /// What `--json` says.
 #[derive(Serialize)]
-struct Document<'a> {
+struct BatchDocument<'a> {
     manifest: &'a InputPath,
     calibration: Option<&'a InputPath>,
     profile: &'a trial::Profile,
     options: TrialOptions,
-    trials: Vec<TrialDocument<'a>>,
+    trials: Vec<BatchTrialDocument<'a>>,
     failures: Vec<FailureDocument<'a>>,
     excluded: usize,
     /// The name of the share, if not all trials were to be evaluated.
@@ -80,7 +80,7 @@ struct Document<'a> {
 }
 
 #[derive(Serialize)]
-struct TrialDocument<'a> {
+struct BatchTrialDocument<'a> {
     line: usize,
     checksum: Option<&'a str>,
     #[serde(flatten)]
@@ -96,7 +96,7 @@ struct FailureDocument<'a> {
 }
 
 /// What came of a run.
-struct Run {
+struct BatchRun {
     batch: Batch,
     conditions: Vec<ConditionRow>,
     /// What is likely wrong with the manifest.
@@ -164,7 +164,7 @@ impl BatchArgs {
         manifest: &Manifest,
         equipment: &Equipment,
         before: Option<&Batch>,
-    ) -> anyhow::Result<Run> {
+    ) -> anyhow::Result<BatchRun> {
         let figures = self.output.figure_folder(outputs)?;
         let rows = manifest.rows.len();
         let share = self.shard.map_or(rows, |shard| shard.rows(rows).len());
@@ -216,11 +216,16 @@ impl BatchArgs {
                 manifest.suspicious().iter().map(|problem| format!("{path}:{problem}")).collect()
             }
         };
-        Ok(Run { batch, conditions, warnings })
+        Ok(BatchRun { batch, conditions, warnings })
     }
 
-    fn show(&self, printer: &mut Printer, equipment: &Equipment, run: &Run) -> anyhow::Result<()> {
-        let Run { batch, conditions, warnings } = run;
+    fn show(
+        &self,
+        printer: &mut Printer,
+        equipment: &Equipment,
+        run: &BatchRun,
+    ) -> anyhow::Result<()> {
+        let BatchRun { batch, conditions, warnings } = run;
         let manifest = self.manifest.display();
         let results: Vec<_> = batch
             .trials
@@ -248,7 +253,7 @@ impl BatchArgs {
             printer.note(format!("{} trials are left out, as the manifest says", batch.excluded));
         }
         if printer.json() {
-            let trials = batch.trials.iter().map(|trial| TrialDocument {
+            let trials = batch.trials.iter().map(|trial| BatchTrialDocument {
                 line: trial.place.line,
                 checksum: trial.evaluated.checksum.as_deref(),
                 result: &trial.evaluated.result,
@@ -259,7 +264,7 @@ impl BatchArgs {
                 file: &failure.file,
                 message: &failure.message,
             });
-            return printer.document(&Document {
+            return printer.document(&BatchDocument {
                 manifest: &self.manifest,
                 calibration: self.evaluation.calibration_file(),
                 profile: &equipment.profile,

@@ -5,8 +5,9 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use calibration_file::input;
 use output_file::{OutputError, Outputs};
+use shell_data::hint::did_you_mean;
 use shellcal::workflow::batch::{self, Batch, BatchOptions};
-use trial::manifest::{Manifest, Place, suggest};
+use trial::manifest::{Manifest, Place};
 use trial::{TraceExtent, TrialOptions, TrialResult};
 
 use super::evaluation::{Equipment, EvaluationArgs};
@@ -37,8 +38,7 @@ pub(super) fn check_reference(manifest: &Manifest, reference: Option<&str>) -> a
     if names.contains(&reference) {
         return Ok(());
     }
-    let hint = suggest(reference, names);
-    let hint = hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
+    let hint = did_you_mean(reference, names);
     bail!("no trial has the condition `{reference}` of `--reference`{hint}")
 }
 

@@ -13,6 +13,7 @@ use trial::tables::{conditions_table, strides_table, trace_table, trials_table};
 use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 
 use super::manifest;
+use crate::cmd::choices::one_of;
 use crate::cmd::figure_size::FigureSize;
 use crate::files::OutputPlace;
 
@@ -34,7 +35,7 @@ fn table_files(directory: &Path, shard: Option<Shard>, extension: &str) -> Vec<P
 /// What is written, and where.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Results as files")]
-pub(crate) struct OutputArgs {
+pub(crate) struct ResultArgs {
     /// Write trials.csv, strides.csv and conditions.csv into a directory
     #[arg(long, value_name = "DIR")]
     csv: Option<OutputPlace>,
@@ -60,31 +61,18 @@ pub(crate) struct OutputArgs {
     figure_size: FigureSize,
 
     /// The formats of figures
-    #[arg(long, value_name = "FORMATS", value_enum, value_delimiter = ',', default_values_t = [FormatArg::Svg, FormatArg::Png], requires = "figures")]
-    figure_format: Vec<FormatArg>,
+    #[arg(long, value_name = "FORMATS", value_parser = one_of(&FORMATS), value_delimiter = ',', default_values = ["svg", "png"], requires = "figures")]
+    figure_format: Vec<Format>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum FormatArg {
-    /// Scalable, for print
-    Svg,
-    /// Scalable, with its letters, for LaTeX and Word
-    Pdf,
-    /// Pixels, for slides and messages
-    Png,
-}
+/// Formats of figures.
+const FORMATS: [(&str, &str, Format); 3] = [
+    ("svg", "Scalable, for print", Format::Svg),
+    ("pdf", "Scalable, with its letters, for LaTeX and Word", Format::Pdf),
+    ("png", "Pixels, for slides and messages", Format::Png),
+];
 
-impl From<FormatArg> for Format {
-    fn from(format: FormatArg) -> Self {
-        match format {
-            FormatArg::Svg => Self::Svg,
-            FormatArg::Pdf => Self::Pdf,
-            FormatArg::Png => Self::Png,
-        }
-    }
-}
-
-impl OutputArgs {
+impl ResultArgs {
     /// Makes the directories and finds out whether tables can be written, before any work.
     pub(crate) fn prepare(&self, outputs: &Outputs, shard: Option<Shard>) -> anyhow::Result<()> {
         if let Some(directory) = &self.traces {
@@ -106,8 +94,12 @@ impl OutputArgs {
         outputs: &'a Outputs,
     ) -> anyhow::Result<Option<FigureFolder<'a>>> {
         let Some(directory) = &self.figures else { return Ok(None) };
-        let formats: Vec<Format> = self.figure_format.iter().map(|&format| format.into()).collect();
-        Ok(Some(FigureFolder::create(outputs, directory, &formats, self.figure_size.size())?))
+        Ok(Some(FigureFolder::create(
+            outputs,
+            directory,
+            &self.figure_format,
+            self.figure_size.size(),
+        )?))
     }
 
     /// What has to be kept of a log for the outputs.

@@ -33,11 +33,11 @@ Examples:
 #[command(after_help = EXAMPLES)]
 pub(crate) struct PlotArgs {
     #[command(subcommand)]
-    kind: Kind,
+    kind: PlotKind,
 }
 
 #[derive(Debug, Subcommand)]
-enum Kind {
+enum PlotKind {
     /// Drag and lift against time, with entering, leaving and fully-inside times shaded
     Drag(OneArgs),
     /// Fx, Fy, Fz, leg angles and power against time
@@ -106,10 +106,10 @@ struct ManyArgs {
 impl PlotArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match &self.kind {
-            Kind::Drag(args) => args.run(printer, outputs, false),
-            Kind::Telemetry(args) => args.run(printer, outputs, true),
-            Kind::Phase(args) => args.run(printer, outputs, true),
-            Kind::Boxes(args) => args.run(printer, outputs, false),
+            PlotKind::Drag(args) => args.run(printer, outputs, false),
+            PlotKind::Telemetry(args) => args.run(printer, outputs, true),
+            PlotKind::Phase(args) => args.run(printer, outputs, true),
+            PlotKind::Boxes(args) => args.run(printer, outputs, false),
         }
     }
 }
@@ -212,12 +212,10 @@ fn write(
     row: Option<&TrialRow>,
 ) -> anyhow::Result<Outcome> {
     outputs.write(path, &figure.render(format)?)?;
-    if printer.json() {
-        let window = row.map(|row| [row.t_enter_s, row.t_exit_s]);
-        printer
-            .document(&serde_json::json!({ "file": path.to_string_lossy(), "window_s": window }))?;
-    } else {
+    let window = row.map(|row| [row.t_enter_s, row.t_exit_s]);
+    let document = serde_json::json!({ "file": path.to_string_lossy(), "window_s": window });
+    printer.finish(&document, |printer| {
         printer.note(format!("figure in `{}`", path.display()));
-    }
-    Ok(Outcome::Done)
+        Ok(())
+    })
 }

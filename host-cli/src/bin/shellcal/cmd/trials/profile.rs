@@ -11,11 +11,6 @@ pub(crate) struct ProfileArgs {}
 
 impl ProfileArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
-        if printer.json() {
-            printer.document(&Profile::velociroach())?;
-        } else {
-            printer.line(VELOCIROACH.trim_end())?;
-        }
-        Ok(Outcome::Done)
+        printer.finish(&Profile::velociroach(), |printer| printer.line(VELOCIROACH.trim_end()))
     }
 }

@@ -67,10 +67,7 @@ impl ReportArgs {
 
         let conditions = batch.statistics(self.reference.as_deref(), self.seed);
         let phases = batch.phases();
-        let mut inputs = vec![input("manifest", path)?];
-        for (role, file) in evaluation.files_by_role() {
-            inputs.push(input(role, file)?);
-        }
+        let mut inputs = self.inputs()?;
         inputs.extend(report::logs(&batch));
         let shown = path.display();
         let options = evaluation.options(&equipment, TraceExtent::Log);
@@ -113,22 +110,26 @@ impl ReportArgs {
         out.write_all(html.as_bytes())
             .with_context(|| format!("cannot write `{}`", self.output.display()))?;
         out.commit()?;
-        if printer.json() {
-            printer.document(&serde_json::json!({
-                "file": self.output,
-                "bytes": html.len(),
-                "trials": trials.len(),
-                "failures": failures.len(),
-            }))?;
-        } else {
+        let summary = serde_json::json!({
+            "file": self.output,
+            "bytes": html.len(),
+            "trials": trials.len(),
+            "failures": failures.len(),
+        });
+        let outcome = printer.finish(&summary, |printer| {
             let count = trials.len();
-            printer.line(format!("report on {count} trials in `{}`", self.output.display()))?;
-        }
-        Ok(if failed { Outcome::CheckFailed } else { Outcome::Done })
+            printer.line(format!("report on {count} trials in `{}`", self.output.display()))
+        })?;
+        Ok(if failed { Outcome::CheckFailed } else { outcome })
     }
-}
 
-/// A file with its checksum.
-fn input(role: &str, path: &Path) -> anyhow::Result<Input> {
-    report::input(role, path).with_context(|| format!("cannot read `{}`", path.display()))
+    /// The files but for the logs, with their checksums.
+    fn inputs(&self) -> anyhow::Result<Vec<Input>> {
+        let files = [("manifest", self.manifest.as_path())].into_iter();
+        let files = files.chain(self.evaluation.files_by_role());
+        let input = |(role, path): (&str, &Path)| {
+            report::input(role, path).with_context(|| format!("cannot read `{}`", path.display()))
+        };
+        files.map(input).collect()
+    }
 }

@@ -102,12 +102,12 @@ pub(super) fn conditions(printer: &mut Printer, rows: &[ConditionRow]) -> anyhow
 }
 
 /// The numbers of a condition.
-pub(super) type Numbers<'a> = (&'a str, &'a Statistics, Option<&'a Difference>);
+pub(super) type ConditionNumbers<'a> = (&'a str, &'a Statistics, Option<&'a Difference>);
 
 /// The numbers of some conditions, times `factor`.
 pub(super) fn statistics(
     printer: &mut Printer,
-    rows: &[Numbers<'_>],
+    rows: &[ConditionNumbers<'_>],
     factor: f64,
 ) -> anyhow::Result<()> {
     let mut header = vec![
@@ -127,7 +127,7 @@ pub(super) fn statistics(
         header.extend([name.as_str(), "its interval"]);
     }
     let decimals = decimals(rows.iter().map(|(_, s, _)| factor * s.mean));
-    let row = |(condition, s, difference): &Numbers<'_>| {
+    let row = |(condition, s, difference): &ConditionNumbers<'_>| {
         let range = |low, high| interval(Some(Interval { low, high }), factor, decimals);
         let mut cells = vec![
             (*condition).to_owned(),

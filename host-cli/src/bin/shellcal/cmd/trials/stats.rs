@@ -2,8 +2,8 @@
 
 use anyhow::{Context, bail};
 use calibration_file::input;
+use shell_data::hint::did_you_mean;
 use trial::ValueTable;
-use trial::manifest::suggest;
 
 use super::show;
 use crate::files::InputPath;
@@ -54,9 +54,7 @@ impl StatsArgs {
         if let Some(reference) = &self.reference {
             let names: Vec<&str> = table.conditions.iter().map(|(name, _)| &**name).collect();
             if !names.contains(&&**reference) {
-                let hint = suggest(reference, names);
-                let hint =
-                    hint.map_or_else(String::new, |hint| format!(", did you mean `{hint}`?"));
+                let hint = did_you_mean(reference, names);
                 bail!("no row has the condition `{reference}` of `--reference`{hint}");
             }
         }
@@ -66,21 +64,18 @@ impl StatsArgs {
             }
         }
         let rows = table.statistics(self.reference.as_deref(), self.seed);
-        if printer.json() {
-            printer.document(&rows)?;
-            return Ok(Outcome::Done);
-        }
-        for (at, quantity) in table.quantities.iter().enumerate() {
-            if at > 0 {
-                printer.line("")?;
-            }
-            printer.line(format!("{quantity} by {}", table.by))?;
-            let rows = rows.iter().filter(|row| row.quantity == *quantity);
-            let numbers: Vec<_> = rows
-                .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
-                .collect();
-            show::statistics(printer, &numbers, 1.0)?;
-        }
-        Ok(Outcome::Done)
+        printer.finish(&rows, |printer| {
+            table.quantities.iter().enumerate().try_for_each(|(at, quantity)| {
+                if at > 0 {
+                    printer.line("")?;
+                }
+                printer.line(format!("{quantity} by {}", table.by))?;
+                let rows = rows.iter().filter(|row| row.quantity == *quantity);
+                let numbers: Vec<_> = rows
+                    .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
+                    .collect();
+                show::statistics(printer, &numbers, 1.0)
+            })
+        })
     }
 }

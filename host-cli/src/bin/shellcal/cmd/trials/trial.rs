@@ -1,6 +1,6 @@
 //! `shellcal trial`: the results of one trial.
 
-use log_file::{Log, ReadOptions};
+use log_file::Log;
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
@@ -64,7 +64,7 @@ pub(crate) struct TrialArgs {
 
 /// What `--json` says.
 #[derive(Serialize)]
-struct Document<'a> {
+struct TrialDocument<'a> {
     #[serde(flatten)]
     result: &'a TrialResult,
     checksum: Option<&'a str>,
@@ -83,7 +83,6 @@ impl TrialArgs {
         let options = self.evaluation.options(&equipment, trace);
         let log = Log::open(&self.log, &equipment.mapping)?;
         let trace_file = self.trace.as_ref().map(|path| outputs.create(path)).transpose()?;
-        let read = self.evaluation.read_options();
         let name = self.log.display().to_string();
         let trial = Trial {
             velocity_m_s: self.velocity,
@@ -92,13 +91,10 @@ impl TrialArgs {
             ..Trial::of_window(name.clone(), (f64::NAN, f64::NAN))
         };
         let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
-        let bar = printer.progress(&name, log.bytes());
-        let progress = |bytes| bar.set_position(bytes);
-        let read = ReadOptions { progress: Some(&progress), ..read };
-        let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
-        let evaluated = evaluate_in_window(&job, trial, window);
-        bar.finish_and_clear();
-        let evaluated = evaluated?;
+        let evaluated = printer.scan(&log, self.evaluation.read_options(), |read| {
+            let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
+            evaluate_in_window(&job, trial, window)
+        })?;
         let result = &evaluated.result;
         if let (Some(mut file), Some(trace)) = (trace_file, &result.trace) {
             std::io::Write::write_all(&mut file, &trace_table(trace).to_csv())?;
@@ -109,17 +105,14 @@ impl TrialArgs {
         }
         self.evaluation.note_forces(printer, &options);
         show::diagnostics(printer, &[(name, result)]);
-        if printer.json() {
-            let checksum = evaluated.checksum.as_deref();
-            let profile = &equipment.profile;
-            printer.document(&Document { result, checksum, options, profile })?;
-            return Ok(Outcome::Done);
-        }
-        show::trials(printer, &[result])?;
-        if !result.stride_rows.is_empty() {
-            printer.line("")?;
-            show::strides(printer, &result.stride_rows)?;
-        }
-        Ok(Outcome::Done)
+        let (checksum, profile) = (evaluated.checksum.as_deref(), &equipment.profile);
+        printer.finish(&TrialDocument { result, checksum, options, profile }, |printer| {
+            show::trials(printer, &[result])?;
+            if !result.stride_rows.is_empty() {
+                printer.line("")?;
+                show::strides(printer, &result.stride_rows)?;
+            }
+            Ok(())
+        })
     }
 }

@@ -1,6 +1,5 @@
 //! `shellcal window`: when the robot was in the channel.
 
-use figures::Format;
 use figures::trial::window_figure;
 use log_file::Log;
 use output_file::Outputs;
@@ -42,7 +41,7 @@ pub(crate) struct WindowArgs {
 
 /// What `--json` says of a log.
 #[derive(Serialize)]
-struct Found {
+struct LogWindow {
     log: String,
     #[serde(flatten)]
     proposal: Option<Proposal>,
@@ -64,7 +63,7 @@ impl WindowArgs {
             "`--plot` draws one log, and there are {}",
             self.logs.len()
         );
-        let format = self.plot.as_ref().map(Format::of).transpose()?;
+        let mut plot = self.figure_size.create(self.plot.as_ref(), outputs)?;
         let options = self.evaluation.options(&equipment, TraceExtent::Log);
         let mut found = Vec::new();
         for path in &self.logs {
@@ -73,17 +72,11 @@ impl WindowArgs {
             let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
             let WindowSearch { time_s, drag_n, proposal } = search_window(&job)?;
             let name = path.display().to_string();
-            if let (Some(file), Some(format)) = (&self.plot, format) {
-                let figure = window_figure(
-                    self.figure_size.size(),
-                    &name,
-                    &time_s,
-                    &drag_n,
-                    proposal.as_ref(),
-                );
-                outputs.write(file, &figure.render(format)?)?;
+            if let Some(plot) = plot.take() {
+                let figure = window_figure(plot.size, &name, &time_s, &drag_n, proposal.as_ref());
+                plot.write(&figure)?;
             }
-            found.push(Found::new(name, proposal));
+            found.push(LogWindow::new(name, proposal));
         }
         let forces = options.forces.zero_phase();
         self.evaluation.note_forces(printer, &TrialOptions { forces, ..options });
@@ -92,7 +85,7 @@ impl WindowArgs {
         Ok(if refused { Outcome::CheckFailed } else { Outcome::Done })
     }
 
-    fn print(&self, printer: &mut Printer, found: &[Found]) -> anyhow::Result<()> {
+    fn print(&self, printer: &mut Printer, found: &[LogWindow]) -> anyhow::Result<()> {
         if printer.json() {
             return printer.document(&found);
         }
@@ -100,7 +93,7 @@ impl WindowArgs {
             ["log", "entry (s)", "± se", "exit (s)", "± se", "drag (N)", "± se", "confidence"];
         let rows: Vec<Vec<String>> = found
             .iter()
-            .filter_map(|Found { log, proposal, .. }| {
+            .filter_map(|LogWindow { log, proposal, .. }| {
                 let p = (*proposal)?;
                 let mut row = vec![log.clone()];
                 row.extend(
@@ -115,7 +108,7 @@ impl WindowArgs {
         if !rows.is_empty() {
             printer.table(&header, &rows)?;
         }
-        for Found { log, proposal, reason, .. } in found {
+        for LogWindow { log, proposal, reason, .. } in found {
             match (proposal, reason) {
                 (Some(proposal), _) if !proposal.is_good() => printer.warning(format!(
                     "{log}: the confidence is below {GOOD_CONFIDENCE}: look at it with `--plot`"
@@ -128,7 +121,7 @@ impl WindowArgs {
     }
 }
 
-impl Found {
+impl LogWindow {
     fn new(log: String, proposal: Result<Proposal, NoWindow>) -> Self {
         match proposal {
             Ok(proposal) => {

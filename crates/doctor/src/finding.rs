@@ -5,7 +5,7 @@ use serde::Serialize;
 /// How bad it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Severity {
+pub enum FindingSeverity {
     /// As it should be.
     Fine,
     /// May make results wrong, or makes them worse than they could be.
@@ -20,7 +20,7 @@ pub struct Finding {
     /// What was looked at, a name that does not change: `losses`, `channel-dead`.
     pub check: &'static str,
     /// How bad it is.
-    pub severity: Severity,
+    pub severity: FindingSeverity,
     /// What was seen.
     pub seen: String,
     /// What to do about it; `None` if nothing.
@@ -29,30 +29,30 @@ pub struct Finding {
 }
 
 impl Finding {
-    pub(super) fn fine(check: &'static str, seen: impl Into<String>) -> Self {
-        Self { check, severity: Severity::Fine, seen: seen.into(), advice: None }
+    pub(crate) fn fine(check: &'static str, seen: impl Into<String>) -> Self {
+        Self { check, severity: FindingSeverity::Fine, seen: seen.into(), advice: None }
     }
 
-    pub(super) fn warning(
+    pub(crate) fn warning(
         check: &'static str,
         seen: impl Into<String>,
         advice: impl Into<String>,
     ) -> Self {
         let (seen, advice) = (seen.into(), Some(advice.into()));
-        Self { check, severity: Severity::Warning, seen, advice }
+        Self { check, severity: FindingSeverity::Warning, seen, advice }
     }
 
-    pub(super) fn fault(
+    pub(crate) fn fault(
         check: &'static str,
         seen: impl Into<String>,
         advice: impl Into<String>,
     ) -> Self {
-        Self { severity: Severity::Fault, ..Self::warning(check, seen, advice) }
+        Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
     }
 }
 
 /// A share as people read it.
-pub(super) fn percent(share: f64) -> String {
+pub(crate) fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     match percent {
         0.0 => "0 %".to_owned(),

@@ -9,11 +9,11 @@ use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-use super::Finding;
-use super::channels::{check_channels, identical_in, outside, without_consequences};
-use super::finding::percent;
-use crate::workflow::log_summary::LogSummary;
+use crate::Finding;
+use crate::channels::{check_channels, identical_in, outside, without_consequences};
+use crate::finding::percent;
 use calibration_file::CalibrationFile;
+use log_file::summary::LogSummary;
 
 /// Jitter, as a share of the interval, from which forces between frames are not where they seem.
 const JITTER: f64 = 0.25;
@@ -39,7 +39,7 @@ const DRIFT_SCATTER: f64 = 4.0;
 
 /// What is known of a log.
 #[derive(Clone, Debug, Default)]
-pub struct LogFacts {
+pub struct LogObservations {
     /// Why it cannot be read at all.
     pub unreadable: Option<String>,
     /// Wrong rows, and what is wrong with the first.
@@ -57,12 +57,12 @@ pub struct LogFacts {
     /// Root mean square of the moments over that of the forces, m.
     pub lever_m: Option<f64>,
     /// What a calibration says of it.
-    pub calibrated: Option<CalibratedFacts>,
+    pub calibrated: Option<CalibratedObservations>,
 }
 
 /// What a calibration says of a log.
 #[derive(Clone, Debug, Default)]
-pub struct CalibratedFacts {
+pub struct CalibratedObservations {
     /// How many channels it is for.
     pub channels: usize,
     /// Rows outside the range of its training data.
@@ -86,7 +86,9 @@ pub fn examine_log(
 ) -> Vec<Finding> {
     let facts = match read_facts(path, mapping, read, calibration) {
         Ok(facts) => facts,
-        Err(error) => LogFacts { unreadable: Some(chain(&error)), ..LogFacts::default() },
+        Err(error) => {
+            LogObservations { unreadable: Some(chain(&error)), ..LogObservations::default() }
+        }
     };
     check_log(&facts, calibration.map(|file| &file.calibration))
 }
@@ -107,15 +109,15 @@ fn read_facts(
     mapping: &Mapping,
     read: &ReadOptions<'_>,
     calibration: Option<&CalibrationFile>,
-) -> Result<LogFacts, LogError> {
+) -> Result<LogObservations, LogError> {
     let log = Log::open(path, mapping)?;
     let strict = ReadOptions { skip_bad_rows: false, ..*read };
-    let first = match Collector::of(&log, calibration).read(&log, &strict) {
+    let first = match Collector::new(&log, calibration).read(&log, &strict) {
         Ok(facts) => return Ok(facts),
         Err(error) => chain(&error),
     };
     let lenient = ReadOptions { skip_bad_rows: true, ..*read };
-    let mut facts = Collector::of(&log, calibration).read(&log, &lenient)?;
+    let mut facts = Collector::new(&log, calibration).read(&log, &lenient)?;
     let rows = facts.bad_rows.map_or(1, |(rows, _)| rows);
     facts.bad_rows = Some((rows, first));
     Ok(facts)
@@ -123,7 +125,7 @@ fn read_facts(
 
 /// What is gathered from block to block.
 struct Collector<'a> {
-    facts: LogFacts,
+    facts: LogObservations,
     calibration: Option<&'a CalibrationFile>,
     /// The place of the column `missing`.
     missing: Option<usize>,
@@ -142,15 +144,15 @@ struct Collector<'a> {
 const STEP: usize = 64;
 
 impl<'a> Collector<'a> {
-    fn of(log: &Log, calibration: Option<&'a CalibrationFile>) -> Self {
+    fn new(log: &Log, calibration: Option<&'a CalibrationFile>) -> Self {
         let is_missing = |column: &log_file::Column| {
             column.name == "missing" && column.meaning == Meaning::Other
         };
         Self {
-            facts: LogFacts {
+            facts: LogObservations {
                 has_time: log.has_time(),
                 repeats_are_stale: log.repeats_are_stale(),
-                ..LogFacts::default()
+                ..LogObservations::default()
             },
             axes: log.axes(),
             calibration,
@@ -163,7 +165,7 @@ impl<'a> Collector<'a> {
         }
     }
 
-    fn read(mut self, log: &Log, options: &ReadOptions<'_>) -> Result<LogFacts, LogError> {
+    fn read(mut self, log: &Log, options: &ReadOptions<'_>) -> Result<LogObservations, LogError> {
         let wanted = Wanted {
             time: log.has_time(),
             readings: log.channels() > 0,
@@ -220,7 +222,7 @@ impl<'a> Collector<'a> {
         self.kept.rows += rows;
     }
 
-    fn finish(mut self, channels: usize) -> LogFacts {
+    fn finish(mut self, channels: usize) -> LogObservations {
         let constant = |channel: usize| self.facts.summary.readings[channel].is_constant();
         let pairs = self.identical.unwrap_or_default().into_iter();
         self.facts.identical = pairs.filter(|&(first, _)| !constant(first)).collect();
@@ -315,7 +317,7 @@ fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axi
 }
 
 /// What is wrong with a log.
-pub fn check_log(facts: &LogFacts, calibration: Option<&Calibration>) -> Vec<Finding> {
+pub fn check_log(facts: &LogObservations, calibration: Option<&Calibration>) -> Vec<Finding> {
     if let Some(why) = &facts.unreadable {
         let advice = "`docs/logs.md` has the formats that are read; `--sensors`, `--wrench` and \
                       `--time` name columns";
@@ -352,7 +354,7 @@ pub fn check_log(facts: &LogFacts, calibration: Option<&Calibration>) -> Vec<Fin
     without_consequences(findings)
 }
 
-fn check_length(facts: &LogFacts) -> Option<Finding> {
+fn check_length(facts: &LogObservations) -> Option<Finding> {
     let summary = &facts.summary;
     let frames = summary.rows - if facts.repeats_are_stale { summary.repeated_rows } else { 0 };
     (frames < TARE_FRAMES && !summary.readings.is_empty()).then(|| {
@@ -364,7 +366,7 @@ fn check_length(facts: &LogFacts) -> Option<Finding> {
     })
 }
 
-fn check_timing(facts: &LogFacts) -> Vec<Finding> {
+fn check_timing(facts: &LogObservations) -> Vec<Finding> {
     let summary = &facts.summary;
     let timing = &summary.timing;
     if !facts.has_time {
@@ -427,7 +429,7 @@ fn check_timing(facts: &LogFacts) -> Vec<Finding> {
 }
 
 /// Rows that are missing, by the log's own count where it has one, else by its clock.
-fn check_losses(facts: &LogFacts) -> Option<Finding> {
+fn check_losses(facts: &LogObservations) -> Option<Finding> {
     let rows = facts.summary.rows as f64;
     let gaps = facts.summary.timing.gaps();
     let missing = facts.missing.unwrap_or(gaps.missing_rows as f64);
@@ -443,7 +445,7 @@ fn check_losses(facts: &LogFacts) -> Option<Finding> {
     })
 }
 
-fn check_calibrated(facts: &CalibratedFacts, summary: &LogSummary) -> Vec<Finding> {
+fn check_calibrated(facts: &CalibratedObservations, summary: &LogSummary) -> Vec<Finding> {
     let channels = summary.readings.len();
     if channels != facts.channels {
         return vec![Finding::fault(

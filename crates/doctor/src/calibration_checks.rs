@@ -10,8 +10,8 @@ use calibration::{Calibration, Kind};
 use log_file::checksum::Checksum;
 use shell_data::wrench::{Axes, Axis};
 
-use super::Finding;
-use super::finding::percent;
+use crate::Finding;
+use crate::finding::percent;
 use calibration_file::{CalibrationFile, Diagnostics, Origin};
 
 /// Singular values that are so far apart leave some ten digits of a coefficient in doubt.
@@ -31,7 +31,7 @@ const SKIPPED: f64 = 0.01;
 
 /// What is known of a calibration file.
 #[derive(Debug)]
-pub struct CalibrationFacts<'a> {
+pub struct CalibrationObservations<'a> {
     /// The calibration.
     pub calibration: &'a Calibration,
     /// Where it comes from.
@@ -62,7 +62,7 @@ pub fn examine_calibration(
         let now = then.and_then(|_| checksum_of(&source.path));
         now.is_some_and(|now| Some(now.as_str()) != then)
     });
-    check_calibration(&CalibrationFacts {
+    check_calibration(&CalibrationObservations {
         calibration: &file.calibration,
         origin: &file.origin,
         age: age(&file.origin.date),
@@ -83,7 +83,7 @@ fn checksum_of(path: &Path) -> Option<String> {
 }
 
 /// What is wrong with a calibration.
-pub fn check_calibration(facts: &CalibrationFacts<'_>) -> Vec<Finding> {
+pub fn check_calibration(facts: &CalibrationObservations<'_>) -> Vec<Finding> {
     let name = facts.calibration.name();
     let mut findings = vec![Finding::fine(
         "calibration",
@@ -264,7 +264,7 @@ fn check_ranges(calibration: &Calibration) -> Vec<Finding> {
     findings
 }
 
-fn check_age(facts: &CalibrationFacts<'_>) -> Option<Finding> {
+fn check_age(facts: &CalibrationObservations<'_>) -> Option<Finding> {
     let days = |age: Duration| age.as_secs() / 86_400;
     match facts.age? {
         Ok(age) if age > OLD => Some(Finding::warning(

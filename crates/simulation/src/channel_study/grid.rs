@@ -3,7 +3,7 @@
 use beam_channel::{Setup, SetupError};
 
 use super::parameter::Parameter;
-use super::summary::{Summary, summarise};
+use super::summary::{ChannelSummary, summarise};
 
 /// A parameter and the values it takes.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,16 +16,16 @@ pub struct GridAxis {
 
 /// One combination.
 #[derive(Clone, Debug)]
-pub struct Cell {
+pub struct GridCell {
     /// A value of every axis.
     pub values: Vec<f64>,
     /// What it comes to.
-    pub outcome: Result<Summary, SetupError>,
+    pub outcome: Result<ChannelSummary, SetupError>,
 }
 
 /// Every combination of the values of `axes`, the last axis changing fastest; other parameters as
 /// in `setup`.
-pub fn grid<'a>(setup: &'a Setup, axes: &'a [GridAxis]) -> impl Iterator<Item = Cell> + 'a {
+pub fn grid<'a>(setup: &'a Setup, axes: &'a [GridAxis]) -> impl Iterator<Item = GridCell> + 'a {
     let count: usize = axes.iter().map(|axis| axis.values.len()).product();
     (0..count).map(move |mut number| {
         let mut values: Vec<f64> = axes
@@ -42,7 +42,7 @@ pub fn grid<'a>(setup: &'a Setup, axes: &'a [GridAxis]) -> impl Iterator<Item = 
         for (axis, &value) in axes.iter().zip(&values) {
             axis.parameter.set(&mut changed, value);
         }
-        Cell { values, outcome: summarise(&changed) }
+        GridCell { values, outcome: summarise(&changed) }
     })
 }
 

@@ -1,6 +1,72 @@
-//! The kinds of file that wrenches are written to.
+//! What is converted, how, and to which columns of which kind of file.
 
 use std::path::Path;
+
+use crate::workflow::selection::RowFilter;
+use calibration::Calibration;
+use forces::ForceOptions;
+use forces::payload::CarriedLoad;
+use log_file::{Log, ReadOptions};
+use shell_data::wrench::{Axes, Axis, PerAxis};
+
+/// What is done to the readings of a log.
+#[derive(Clone, Debug)]
+pub struct ConvertOptions {
+    /// Which rows are written.
+    pub rows: RowFilter,
+    /// How readings become forces.
+    pub forces: ForceOptions,
+    /// What the sensor carries, which is taken off before tare and low-pass.
+    pub load: Option<CarriedLoad>,
+    /// What is written of every frame.
+    pub columns: TableColumns,
+    /// The highest reading that the converter can give, in counts: a reading there, or at zero, is
+    /// saturated. `None` to leave saturation unflagged.
+    pub full_scale: Option<f64>,
+}
+
+/// A log, and what turns it into wrenches.
+#[derive(Clone, Copy)]
+pub struct Conversion<'a> {
+    /// The log.
+    pub log: &'a Log,
+    /// The calibration of its sensor.
+    pub calibration: &'a Calibration,
+    /// What is done.
+    pub options: &'a ConvertOptions,
+    /// How the log is read.
+    pub read: ReadOptions<'a>,
+}
+
+/// What is written of every frame, in this order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TableColumns {
+    /// Time in s.
+    pub time: bool,
+    /// The axes of the wrench, N and N·m.
+    pub axes: PerAxis<bool>,
+    /// The standard error of each axis written, N and N·m: that of the frame before filtering.
+    pub standard_errors: bool,
+    /// The prediction interval of each axis written, N and N·m: the level, between 0 and 1. About
+    /// the wrench as written, as wide as that of the frame before filtering.
+    pub interval: Option<f64>,
+    /// Which channels cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at
+    /// an end of the converter or on a plateau of its curve, `s3:left-out` not used by the model; empty
+    /// when all is well.
+    pub flags: bool,
+}
+
+impl TableColumns {
+    /// The axes that are written.
+    pub(super) fn axes(&self) -> Axes {
+        Axis::ALL.into_iter().filter(|axis| self.axes[axis.index()]).collect()
+    }
+
+    /// Whether standard errors are needed.
+    pub(super) fn need_errors(&self) -> bool {
+        self.standard_errors || self.interval.is_some()
+    }
+}
 
 /// A kind of file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -57,7 +123,7 @@ impl OutputFormat {
     ///
     /// # Errors
     /// [`UnknownExtension`].
-    pub fn of(path: &Path, frame_id: &str) -> Result<Self, UnknownExtension> {
+    pub fn from_path(path: &Path, frame_id: &str) -> Result<Self, UnknownExtension> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
         let known = EXTENSIONS.into_iter().find(|(known, _)| extension.as_deref() == Some(known));
         match known {
@@ -75,7 +141,7 @@ mod tests {
 
     #[test]
     fn files_are_what_their_names_say() {
-        let of = |path: &str| OutputFormat::of(Path::new(path), "base");
+        let of = |path: &str| OutputFormat::from_path(Path::new(path), "base");
         assert_eq!(of("a/b.CSV"), Ok(OutputFormat::Csv));
         assert_eq!(of("b.parquet"), Ok(OutputFormat::Parquet));
         assert_eq!(of("b.mcap"), Ok(OutputFormat::Mcap { frame_id: "base".to_owned() }));

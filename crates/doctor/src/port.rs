@@ -1,6 +1,6 @@
 //! Checks of a port before anything is sent.
 
-use super::Finding;
+use crate::Finding;
 use board_link::{LinkError, PortState};
 
 /// A longer wait holds up every frame of a slow stream: an adapter that passes bytes on every 16 ms gives
@@ -75,7 +75,7 @@ fn refused(port: &PortState, refusal: &LinkError) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::workflow::doctor::Severity;
+    use crate::FindingSeverity;
 
     fn port(refusal: Option<LinkError>) -> PortState {
         PortState { port: "/dev/ttyUSB0".to_owned(), refusal, ..PortState::default() }
@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn a_port_that_opens_at_once_is_fine() {
         let port = PortState { latency_ms: Some(1), ..port(None) };
-        assert!(check_port(&port).iter().all(|finding| finding.severity == Severity::Fine));
+        assert!(check_port(&port).iter().all(|finding| finding.severity == FindingSeverity::Fine));
     }
 
     #[test]
@@ -96,7 +96,7 @@ mod tests {
         let denied = port(Some(LinkError::Denied { port: named() }));
         let denied = PortState { group: Some("uucp".to_owned()), in_group: Some(false), ..denied };
         let [finding] = &check_port(&denied)[..] else { panic!("{denied:?}") };
-        assert_eq!((finding.check, finding.severity), ("port-permission", Severity::Fault));
+        assert_eq!((finding.check, finding.severity), ("port-permission", FindingSeverity::Fault));
         assert!(finding.advice.as_ref().unwrap().contains("usermod -aG uucp"), "{finding:?}");
         let finding = &check_port(&PortState { in_group: Some(true), ..denied })[0];
         assert!(finding.advice.as_ref().unwrap().contains("chmod"), "{finding:?}");
@@ -119,7 +119,7 @@ mod tests {
             ..port(None)
         };
         let finding = &check_port(&slow)[1];
-        assert_eq!((finding.check, finding.severity), ("latency-timer", Severity::Warning));
+        assert_eq!((finding.check, finding.severity), ("latency-timer", FindingSeverity::Warning));
         assert_eq!(finding.advice.as_deref(), Some("`echo 1 | sudo tee /sys/latency_timer`"));
     }
 }

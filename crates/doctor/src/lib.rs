@@ -8,18 +8,21 @@
 //! known and give [`Finding`]s, each with what was seen and what to do about it. [`examine_log`] and
 //! [`examine_calibration`] read files first; [`board_link::interview`] asks the board.
 //!
-//! A [`Severity::Fault`] makes results wrong or impossible. A [`Severity::Warning`] may, or makes them worse
-//! than they could be.
+//! A [`FindingSeverity::Fault`] makes results wrong or impossible. A [`FindingSeverity::Warning`] may, or makes
+//! them worse than they could be.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 mod board;
-mod calibration;
+mod calibration_checks;
 mod channels;
 mod finding;
 mod log;
 mod port;
 
-pub use board::{BoardFacts, check_board};
-pub use calibration::{CalibrationFacts, check_calibration, examine_calibration};
-pub use finding::{Finding, Severity};
-pub use log::{CalibratedFacts, LogFacts, check_log, examine_log};
+pub use board::{BoardObservations, check_board};
+pub use calibration_checks::{CalibrationObservations, check_calibration, examine_calibration};
+pub use finding::{Finding, FindingSeverity};
+pub use log::{CalibratedObservations, LogObservations, check_log, examine_log};
 pub use port::check_port;

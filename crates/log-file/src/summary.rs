@@ -1,4 +1,4 @@
-//! What a log is like: its timing, and the range and the suspicious values of its columns.
+//! Statistics of a scan through a log: its timing, and the range and the suspicious values of its columns.
 //!
 //! Blocks are added in file order; memory does not grow with their number. Says nothing about what
 //! the readings mean.
@@ -14,7 +14,7 @@ pub struct LogSummary {
     /// Rows whose readings equal those of the row before.
     pub repeated_rows: u64,
     /// Timing, if the log has time.
-    pub timing: Timing,
+    pub timing: LogTiming,
     /// The readings of each channel, in counts.
     pub readings: Vec<ColumnSummary>,
     /// The axes of the wrench, in N and N·m.
@@ -162,7 +162,7 @@ const QUIET_VALUES: usize = 4;
 
 /// The times of a log and the intervals from row to row.
 #[derive(Clone, Debug, Default)]
-pub struct Timing {
+pub struct LogTiming {
     /// The first time in s.
     pub start_s: Option<f64>,
     /// The last time in s.
@@ -175,7 +175,7 @@ pub struct Timing {
     pub equal_times: u64,
     /// The longest interval.
     pub longest: Option<SampleInterval>,
-    intervals: Histogram,
+    intervals: IntervalHistogram,
 }
 
 /// An interval between two rows.
@@ -198,7 +198,7 @@ pub struct Gaps {
     pub missing_rows: u64,
 }
 
-impl Timing {
+impl LogTiming {
     fn add(&mut self, time_s: &[f64], first_row: u64) {
         for (row, &time) in (first_row..).zip(time_s) {
             if let Some(before) = self.end_s {
@@ -270,12 +270,12 @@ const GAP: f64 = 1.5;
 
 /// Counts of whole numbers of µs: one bin for each up to 2¹⁶, then 2¹⁵ bins for each doubling.
 #[derive(Clone, Debug, Default)]
-struct Histogram {
+struct IntervalHistogram {
     counts: Vec<u64>,
     total: u64,
 }
 
-impl Histogram {
+impl IntervalHistogram {
     const BITS: u32 = 15;
 
     fn add(&mut self, value: u64) {
@@ -316,8 +316,8 @@ impl Histogram {
 mod tests {
     use super::*;
 
-    fn timing(time_s: &[f64]) -> Timing {
-        let mut timing = Timing::default();
+    fn timing(time_s: &[f64]) -> LogTiming {
+        let mut timing = LogTiming::default();
         timing.add(time_s, 0);
         timing
     }
@@ -352,7 +352,7 @@ mod tests {
     #[test]
     fn bins_hold_the_values_that_they_say_and_are_narrow() {
         for value in [0, 1, 65_535, 65_536, 65_537, 1_000_000, 86_400_000_000, u64::MAX >> 20] {
-            let mut histogram = Histogram::default();
+            let mut histogram = IntervalHistogram::default();
             histogram.add(value);
             let median = histogram.median().unwrap();
             let value = value as f64;

@@ -3,12 +3,12 @@
 use calibration::Calibration;
 use shell_data::wrench::PerAxis;
 
-use super::Finding;
-use super::finding::percent;
-use crate::workflow::log_summary::LogSummary;
+use crate::Finding;
+use crate::finding::percent;
+use log_file::summary::LogSummary;
 
 /// Fewer frames say nothing about a channel.
-pub(super) const ENOUGH_FRAMES: u64 = 20;
+pub(crate) const ENOUGH_FRAMES: u64 = 20;
 
 /// How many times as certain forces must be after an exchange of two channels. Noise and creep make some
 /// exchange or other a little better.
@@ -18,7 +18,7 @@ const UNLIKELY: f64 = 2.0;
 const OUTSIDE: [f64; 2] = [0.05, 0.5];
 
 /// Saturated, dead, quiet and swapped channels.
-pub(super) fn check_channels(
+pub(crate) fn check_channels(
     summary: &LogSummary,
     identical: &[(usize, usize)],
     calibration: Option<&Calibration>,
@@ -84,7 +84,7 @@ pub(super) fn check_channels(
 }
 
 /// Readings that are exchanged are found in more than one way, and leave their ranges: that is said once.
-pub(super) fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
+pub(crate) fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
     const SWAPPED: &str = "channels-swapped";
     if findings.iter().any(|finding| finding.check == SWAPPED) {
         let mut is_first = true;
@@ -139,7 +139,7 @@ fn swapped(summary: &LogSummary, calibration: &Calibration) -> Option<Finding> {
 }
 
 /// Rows outside the range of the training data.
-pub(super) fn outside(rows: u64, of: u64) -> Option<Finding> {
+pub(crate) fn outside(rows: u64, of: u64) -> Option<Finding> {
     let share = rows as f64 / of.max(1) as f64;
     let seen = format!("{} of the frames are outside the calibrated range", percent(share));
     let [some, most] = OUTSIDE;
@@ -153,7 +153,7 @@ pub(super) fn outside(rows: u64, of: u64) -> Option<Finding> {
 }
 
 /// Pairs of columns that are the same, of those in `before` if that is known.
-pub(super) fn identical_in(
+pub(crate) fn identical_in(
     columns: &[Vec<f64>],
     before: Option<Vec<(usize, usize)>>,
 ) -> Vec<(usize, usize)> {
@@ -167,7 +167,7 @@ pub(super) fn identical_in(
 }
 
 /// Pairs of columns that are the same, and change.
-pub(super) fn identical_columns(columns: &[Vec<f64>]) -> Vec<(usize, usize)> {
+pub(crate) fn identical_columns(columns: &[Vec<f64>]) -> Vec<(usize, usize)> {
     let changes = |column: &[f64]| column.iter().any(|value| *value != column[0]);
     let pairs = identical_in(columns, None).into_iter();
     pairs.filter(|&(first, _)| changes(&columns[first])).collect()

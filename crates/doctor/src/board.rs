@@ -4,18 +4,18 @@ use calibration::Calibration;
 use shared_proto::{Identity, Protocol, ResetCause, Status, Stream, crc32};
 use shell_data::block::Block;
 
-use super::Finding;
-use super::channels::{
+use crate::Finding;
+use crate::channels::{
     ENOUGH_FRAMES, check_channels, identical_columns, outside, without_consequences,
 };
-use super::finding::percent;
-use crate::workflow::log_summary::LogSummary;
+use crate::finding::percent;
 use board_link::recording::{BoardFrame, Measured, protocol_name};
 use board_link::{Heard, Interview, LinkError, Stretch, for_board, serial_text};
+use log_file::summary::LogSummary;
 
 /// What a board is checked against.
 #[derive(Clone, Copy, Debug)]
-pub struct BoardFacts<'a> {
+pub struct BoardObservations<'a> {
     /// What it said.
     pub interview: &'a Interview,
     /// The speed that was asked for, bits per second.
@@ -38,7 +38,7 @@ const MANY_LOST: f64 = 1e-2;
 const RATE_ERROR: f64 = 0.01;
 
 /// What is wrong with a board.
-pub fn check_board(facts: &BoardFacts<'_>) -> Vec<Finding> {
+pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = heard(facts);
     let Heard::Board { .. } = facts.interview.heard else { return findings };
     if let Some(trouble) = &facts.interview.trouble {
@@ -63,7 +63,7 @@ pub fn check_board(facts: &BoardFacts<'_>) -> Vec<Finding> {
     findings
 }
 
-fn heard(facts: &BoardFacts<'_>) -> Vec<Finding> {
+fn heard(facts: &BoardObservations<'_>) -> Vec<Finding> {
     let asked = facts.baud;
     match facts.interview.heard {
         Heard::Silence => vec![Finding::fault(
@@ -129,7 +129,7 @@ fn answerless(trouble: &LinkError) -> Finding {
     }
 }
 
-fn check_identity(identity: &Identity, facts: &BoardFacts<'_>) -> Vec<Finding> {
+fn check_identity(identity: &Identity, facts: &BoardObservations<'_>) -> Vec<Finding> {
     let text = |version: [u8; 3]| version.map(|part| part.to_string()).join(".");
     let (has, ours) = (text(identity.firmware), text(facts.firmware));
     let mut findings = vec![match identity.firmware < facts.firmware {
@@ -157,7 +157,7 @@ fn check_identity(identity: &Identity, facts: &BoardFacts<'_>) -> Vec<Finding> {
     findings
 }
 
-fn check_status(status: &Status, facts: &BoardFacts<'_>) -> Vec<Finding> {
+fn check_status(status: &Status, facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = vec![reset(status, facts)];
     findings.extend(calibrated(status, facts));
     if status.late > 0 {
@@ -191,7 +191,7 @@ fn check_status(status: &Status, facts: &BoardFacts<'_>) -> Vec<Finding> {
     findings
 }
 
-fn reset(status: &Status, facts: &BoardFacts<'_>) -> Finding {
+fn reset(status: &Status, facts: &BoardObservations<'_>) -> Finding {
     let words = || match facts.interview.last_words.as_deref() {
         Some(words) if !words.is_empty() => format!("; before it: {words}"),
         _ => String::new(),
@@ -213,7 +213,7 @@ fn reset(status: &Status, facts: &BoardFacts<'_>) -> Finding {
 }
 
 /// The calibration on the board beside the one of the file.
-fn calibrated(status: &Status, facts: &BoardFacts<'_>) -> Option<Finding> {
+fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding> {
     let is_streaming_wrenches = status.stream == Stream::Wrench;
     if !status.calibrated {
         return is_streaming_wrenches.then(|| {
@@ -240,7 +240,7 @@ fn calibrated(status: &Status, facts: &BoardFacts<'_>) -> Option<Finding> {
     })
 }
 
-fn check_stream(stretch: &Stretch, facts: &BoardFacts<'_>) -> Vec<Finding> {
+fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = lost(stretch);
     let summary = summary(&stretch.frames);
     let period_us = facts.interview.status.map(|status| f64::from(status.period_us));

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// A channel in a few figures. Two figures belong to the left and to the right wall.
 #[derive(Clone, Debug, Serialize)]
-pub struct Summary {
+pub struct ChannelSummary {
     /// Between the tips of opposite beams, in m.
     pub width_m: f64,
     /// How far a body in the middle pushes the tips aside at most, in m; negative if it passes free.
@@ -64,13 +64,13 @@ pub enum ChannelDiagnostic {
 ///
 /// # Errors
 /// [`SetupError`] if it makes no sense, or the body jams.
-pub fn summarise(setup: &Setup) -> Result<Summary, SetupError> {
-    Ok(Summary::of(&Model::new(setup)?))
+pub fn summarise(setup: &Setup) -> Result<ChannelSummary, SetupError> {
+    Ok(ChannelSummary::new(&Model::new(setup)?))
 }
 
-impl Summary {
+impl ChannelSummary {
     /// The figures of a model.
-    pub fn of(model: &Model) -> Self {
+    pub fn new(model: &Model) -> Self {
         let setup = model.setup();
         let sides = || Wall::BOTH.into_iter().filter_map(|wall| model.side(wall));
         let extent = model.extent_m();

@@ -4,7 +4,7 @@ use beam_channel::Setup;
 use serde::Serialize;
 
 use super::parameter::Parameter;
-use super::summary::{Summary, summarise};
+use super::summary::{ChannelSummary, summarise};
 use shell_data::random::{Purpose, Stream};
 
 /// A parameter that is not known exactly: normal about its value.
@@ -13,12 +13,12 @@ pub struct Uncertain {
     /// The parameter.
     pub parameter: Parameter,
     /// How well it is known.
-    pub spread: Spread,
+    pub spread: ParameterSpread,
 }
 
 /// A standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Spread {
+pub enum ParameterSpread {
     /// SI.
     Absolute(f64),
     /// As a share of the parameter's value.
@@ -77,7 +77,7 @@ pub fn monte_carlo(
         summaries.extend(summarise(&drawn(setup, uncertain, seed, draw)));
         progress(draw + 1);
     }
-    let over = |figure: fn(&Summary) -> Option<f64>| {
+    let over = |figure: fn(&ChannelSummary) -> Option<f64>| {
         DrawStatistics::of(summaries.iter().filter_map(figure).collect(), level)
     };
     MonteCarlo {
@@ -98,8 +98,8 @@ fn drawn(setup: &Setup, uncertain: &[Uncertain], seed: u64, draw: usize) -> Setu
     for Uncertain { parameter, spread } in uncertain {
         let value = parameter.get(setup);
         let sd = match *spread {
-            Spread::Absolute(sd) => sd,
-            Spread::Relative(share) => share * value.abs(),
+            ParameterSpread::Absolute(sd) => sd,
+            ParameterSpread::Relative(share) => share * value.abs(),
         };
         parameter.set(&mut drawn, value + sd * stream.normal());
     }
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     const FRICTION: Uncertain =
-        Uncertain { parameter: Parameter::Friction, spread: Spread::Absolute(0.05) };
+        Uncertain { parameter: Parameter::Friction, spread: ParameterSpread::Absolute(0.05) };
 
     #[test]
     fn a_figure_that_is_linear_in_a_parameter_has_its_distribution() {
@@ -171,7 +171,8 @@ mod tests {
 
     #[test]
     fn channels_that_make_no_sense_are_counted() {
-        let wild = Uncertain { parameter: Parameter::BeamLength, spread: Spread::Relative(1.0) };
+        let wild =
+            Uncertain { parameter: Parameter::BeamLength, spread: ParameterSpread::Relative(1.0) };
         let result = monte_carlo(&Setup::default(), &[wild], 200, 1, 0.9, &|_| ());
         // Below 5 mm the body jams: −0.81 s.d. and 21 % of the draws; five s.d. of their number.
         assert!((result.refused as f64 - 42.0).abs() < 29.0, "{}", result.refused);
