@@ -7,7 +7,11 @@
 
 pub mod radio;
 pub mod sensor_model;
-#[allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "a board on a pty or a port, in real time")]
+#[allow(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    reason = "a board on a pty or a port, in real time"
+)]
 pub mod simulated_board;
 pub mod synthetic_block;
 pub mod synthetic_log;
