@@ -19,7 +19,8 @@ const LIVE: &str = "live.png";
 
 /// The program as the tests build it: a figure has the same bytes in every profile.
 fn build_shellcal() -> Result<PathBuf> {
-    let build = ["build", "--package", "shellcal"];
+    // Of the workspace, as the tests: alone it has other features, and all would be built again.
+    let build = ["build", "--workspace", "--bin", "shellcal"];
     run("build shellcal", &mut cargo(&[&build[..], &PROFILE].concat()))?;
     Ok(target().join("checked").join("shellcal"))
 }

@@ -1,6 +1,7 @@
 //! What a client of Foxglove's protocol gets, written by hand from its specification ("Foxglove WebSocket Protocol",
 //! docs/ws-protocol) and RFC 6455.
 
+#![allow(clippy::disallowed_types, reason = "a viewer connects to the port")]
 #![allow(clippy::unwrap_used)]
 
 use std::io::{Read, Write};
