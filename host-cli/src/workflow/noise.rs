@@ -78,12 +78,13 @@ pub enum NoiseError {
 
 impl Hint for NoiseError {
     fn hint(&self) -> Option<String> {
-        let text = match self {
-            Self::Log(error) => return error.hint(),
-            Self::Channels(error) => return error.hint(),
-            Self::TooFewFrames { .. } => "`shellcal info` tells the times of a log",
-        };
-        Some(text.to_owned())
+        match self {
+            Self::Log(error) => error.hint(),
+            Self::Channels(error) => error.hint(),
+            Self::TooFewFrames { .. } => {
+                Some("`shellcal info` tells the times of a log".to_owned())
+            }
+        }
     }
 }
 
