@@ -1,12 +1,13 @@
 //! The figure of a body in a channel of beams: drag over position, and the beams that touch below.
 
 use super::figure::Figure;
+use super::histogram::ValueRange;
 use super::legend::Legend;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{Axis, Spacing};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, point};
+use super::svg::{Anchor, Canvas, Rect, Style, polyline};
 
 /// A line of the figure.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,14 +43,15 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
 
     let drags = || curves.iter().flat_map(|curve| &curve.drag);
     let counts = || curves.iter().flat_map(|curve| &curve.contacts);
-    let (from, to) = range(drags().map(|point| point.0));
-    let (least, greatest) = range(drags().map(|point| point.1).chain([0.0]));
-    let (_, most) = range(counts().map(|point| point.1).chain([1.0]));
-    let axis =
-        |name: &str, unit: &str, low, high| Axis::new(name, unit, Spacing::Linear, low, high);
-    let x = axis("position of the body's middle past the first beam", "m", from, to);
-    let drag = axis("drag", "N", least, greatest).padded(0.04);
-    let contacts = axis("beams per side", "", 0.0, most + 0.5);
+    let most = ValueRange::over(counts().map(|point| point.1).chain([1.0])).high;
+    let axis = |name: &str, unit: &str, ValueRange { low, high }: ValueRange| {
+        Axis::new(name, unit, Spacing::Linear, low, high)
+    };
+    let positions = ValueRange::over(drags().map(|point| point.0));
+    let x = axis("position of the body's middle past the first beam", "m", positions);
+    let forces = ValueRange::over(drags().map(|point| point.1).chain([0.0]));
+    let drag = axis("drag", "N", forces).padded(0.04);
+    let contacts = axis("beams per side", "", ValueRange { low: 0.0, high: most + 0.5 });
     let upper = Panel { area: upper, x: x.clone(), y: drag };
     let lower = Panel { area: lower, x, y: contacts };
     for (panel, of) in [(&upper, 0), (&lower, 1)] {
@@ -57,7 +59,13 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
         canvas.clipped(panel.area, |canvas| {
             for measured in [true, false] {
                 for (i, curve) in curves.iter().enumerate().filter(|c| c.1.measured == measured) {
-                    draw(canvas, panel, [&curve.drag, &curve.contacts][of], colour(i), measured);
+                    draw(
+                        canvas,
+                        panel,
+                        [&curve.drag, &curve.contacts][of],
+                        palette::series(i),
+                        measured,
+                    );
                 }
             }
         });
@@ -66,29 +74,16 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     canvas.frame(upper.area, palette::INK);
     lower.draw_frame(&mut canvas);
     legend.draw(&mut canvas, upper.area, bottom, |canvas, i, [from, to]| {
-        canvas.line(from, to, colour(i), if curves[i].measured { 0.8 } else { 1.6 });
+        canvas.line(from, to, palette::series(i), if curves[i].measured { 0.8 } else { 1.6 });
     });
     Figure::new(canvas.finish())
 }
 
 fn draw(canvas: &mut Canvas, panel: &Panel, points: &[(f64, f64)], colour: &str, measured: bool) {
-    let mut path = String::new();
-    for &(x, y) in points {
-        let (x, y) = panel.place(x, y);
-        path += if path.is_empty() { "M" } else { "L" };
-        path += &point(x, y);
-    }
-    if !path.is_empty() {
+    if !points.is_empty() {
+        let path = polyline(points.iter().map(|&(x, y)| panel.place(x, y)));
         canvas.stroke(&path, colour, if measured { 0.8 } else { 1.6 });
     }
-}
-
-fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
-}
-
-fn colour(curve: usize) -> &'static str {
-    palette::SERIES[curve % palette::SERIES.len()]
 }
 
 #[cfg(test)]
@@ -107,7 +102,7 @@ mod tests {
             channel_figure(Size::Screen, "drag", &[curve("3 cm", false), curve("run 1", true)]);
         let lines = |colour: &str| figure.svg().matches(&format!("stroke=\"{colour}\"")).count();
         // With the one in the legend.
-        assert_eq!((lines(colour(0)), lines(colour(1))), (3, 2));
+        assert_eq!((lines(palette::series(0)), lines(palette::series(1))), (3, 2));
         assert!(figure.svg().contains("run 1") && !figure.svg().contains("NaN"));
     }
 

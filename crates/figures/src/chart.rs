@@ -6,7 +6,7 @@ use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::Axis;
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, point};
+use super::svg::{Anchor, Canvas, Rect, Style, polyline};
 
 /// How the points of a series are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,13 +66,13 @@ impl Chart {
         panel.draw_grid(&mut canvas);
         canvas.clipped(area, |canvas| {
             for (i, series) in self.series.iter().enumerate() {
-                series.draw(canvas, &panel, colour(i));
+                series.draw(canvas, &panel, palette::series(i));
             }
         });
         panel.draw_frame(&mut canvas);
         legend.draw(&mut canvas, area, bottom, |canvas, i, [from, to]| {
             let middle = (f64::midpoint(from.0, to.0), from.1);
-            self.series[i].draw_marks(canvas, &[from, to], &[middle], colour(i));
+            self.series[i].draw_marks(canvas, &[from, to], &[middle], palette::series(i));
         });
         Figure::new(canvas.finish())
     }
@@ -92,14 +92,8 @@ impl Series {
         points: &[(f64, f64)],
         colour: &str,
     ) {
-        if self.mark != Mark::Points
-            && let Some((first, rest)) = line.split_first()
-        {
-            let mut path = format!("M{}", point(first.0, first.1));
-            for &(x, y) in rest {
-                path += &format!("L{}", point(x, y));
-            }
-            canvas.stroke(&path, colour, 1.6);
+        if self.mark != Mark::Points && !line.is_empty() {
+            canvas.stroke(&polyline(line.iter().copied()), colour, 1.6);
         }
         if self.mark != Mark::Line {
             for &centre in points {
@@ -107,10 +101,6 @@ impl Series {
             }
         }
     }
-}
-
-fn colour(series: usize) -> &'static str {
-    palette::SERIES[series % palette::SERIES.len()]
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Which loads a calibration was made from: forces against forces, moments against moments.
 
 use super::figure::Figure;
+use super::histogram::ValueRange;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{Axis as PlotAxis, Spacing};
@@ -33,12 +34,9 @@ pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure 
     for (at, pair) in PAIRS.into_iter().enumerate() {
         let axis = |axis: Axis| {
             let values = train.iter().chain(test).map(|load| load[axis.index()]);
-            let ends = values
-                .filter(|value| value.is_finite())
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-                    (low.min(value), high.max(value))
-                });
-            PlotAxis::new(axis.name(), axis.unit(), Spacing::Linear, ends.0, ends.1).padded(0.05)
+            let ValueRange { low, high } =
+                ValueRange::over(values.filter(|value| value.is_finite()));
+            PlotAxis::new(axis.name(), axis.unit(), Spacing::Linear, low, high).padded(0.05)
         };
         let area =
             Rect { left: LEFT_MARGIN + PITCH * at as f64, top: TOP, width: SIDE, height: SIDE };

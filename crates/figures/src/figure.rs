@@ -45,7 +45,7 @@ impl Format {
     ///
     /// # Errors
     /// [`PlotError::UnknownFormat`] if it is none of `svg`, `pdf` and `png`.
-    pub fn of(path: impl AsRef<Path>) -> Result<Self, PlotError> {
+    pub fn from_path(path: impl AsRef<Path>) -> Result<Self, PlotError> {
         let path = path.as_ref();
         match path.extension() {
             Some(extension) if extension.eq_ignore_ascii_case("svg") => Ok(Self::Svg),
@@ -112,13 +112,13 @@ mod tests {
 
     #[test]
     fn the_extension_names_the_format() {
-        assert_eq!(Format::of("fit.svg").unwrap(), Format::Svg);
-        assert_eq!(Format::of("fit.pdf").unwrap(), Format::Pdf);
-        assert_eq!(Format::of("a.b/FIT.PNG").unwrap(), Format::Png);
-        let error = Format::of("fit.jpg").unwrap_err();
+        assert_eq!(Format::from_path("fit.svg").unwrap(), Format::Svg);
+        assert_eq!(Format::from_path("fit.pdf").unwrap(), Format::Pdf);
+        assert_eq!(Format::from_path("a.b/FIT.PNG").unwrap(), Format::Png);
+        let error = Format::from_path("fit.jpg").unwrap_err();
         let expected =
             "cannot tell the picture format of `fit.jpg`: expected `.svg`, `.pdf` or `.png`";
         assert_eq!(error.to_string(), expected);
-        assert!(Format::of("svg").is_err());
+        assert!(Format::from_path("svg").is_err());
     }
 }

@@ -122,7 +122,7 @@ struct PanelGrid {
 }
 
 impl PanelGrid {
-    fn of(size: Size) -> Self {
+    fn new(size: Size) -> Self {
         let (width, columns) = (size.width(WIDTH), if size.is_narrow() { 2 } else { 3 });
         Self { width, columns, side: width / columns as f64 - MARGINS }
     }
@@ -145,7 +145,7 @@ pub fn fit_figure(
     train: &FitPlot,
     test: Option<&FitPlot>,
 ) -> Figure {
-    let grid = PanelGrid::of(size);
+    let grid = PanelGrid::new(size);
     let shown = test.unwrap_or(train);
     let bands = axes.count().div_ceil(grid.columns).max(1) as f64;
     let mut canvas = Canvas::sized(size, grid.width, TOP + bands * grid.block_height());
@@ -167,7 +167,7 @@ pub fn fit_figure(
         let merge = doublings(&axis.agreement, AGREEMENT_BINS, PLOT_WIDTH);
         axis.agreement.cells([merge; 2])
     });
-    let views = shown.axes.each_ref().map(ResidualView::of);
+    let views = shown.axes.each_ref().map(ResidualView::new);
     let places = || axes.iter().map(Axis::index);
     let cells = places().flat_map(|axis| &views[axis].cells);
     let colours = ColourScale::for_cells(places().flat_map(|axis| &agreement[axis]).chain(cells));
@@ -245,7 +245,7 @@ struct ResidualView {
 impl ResidualView {
     /// Everything, unless a few rows far out would flatten all others: then the middle 99.8 % and as
     /// much again on both sides, and the number of rows beyond.
-    fn of(data: &AxisPlot) -> Self {
+    fn new(data: &AxisPlot) -> Self {
         let histogram = &data.residual;
         let empty = ValueRange { low: -1.0, high: 1.0 };
         let [predicted, all] = histogram.ranges().unwrap_or([empty; 2]);
@@ -413,7 +413,7 @@ mod tests {
         let mut plot = plot(0..5000);
         let far = vec![vec![50.0; 3]; 6];
         plot.add(&far, &vec![vec![0.0; 3]; 6]);
-        let view = ResidualView::of(&plot.axes[0]);
+        let view = ResidualView::new(&plot.axes[0]);
         assert_eq!(view.beyond, 3);
         assert!(view.residual.high < 0.5, "{:?}", view.residual);
         assert!(fit_figure(Size::Screen, "fit", Axes::ALL, &plot, None).svg().contains("3 beyond"));

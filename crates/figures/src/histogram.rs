@@ -36,6 +36,11 @@ pub(super) struct ValueRange {
 impl ValueRange {
     const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
+    /// The range of some values; empty, with ends that are infinite, of none.
+    pub(super) fn over(values: impl IntoIterator<Item = f64>) -> Self {
+        values.into_iter().fold(Self::EMPTY, Self::including)
+    }
+
     fn including(self, value: f64) -> Self {
         Self { low: self.low.min(value), high: self.high.max(value) }
     }

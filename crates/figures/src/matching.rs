@@ -3,11 +3,12 @@
 
 use super::chart::Mark;
 use super::figure::Figure;
+use super::histogram::ValueRange;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{Axis, Spacing};
 use super::size::Size;
-use super::svg::{Anchor, Canvas, Rect, Style, point};
+use super::svg::{Anchor, Canvas, Rect, Style, polyline};
 use alignment::Quality;
 
 const WIDTH: f64 = 860.0;
@@ -30,8 +31,8 @@ pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     };
 
     let search = highest(&quality.search, SEARCH_POINTS);
-    let (first, last) = ends(search.iter().map(|&(offset_s, _)| offset_s));
-    let x = Axis::new("offset of the starts", "s", Spacing::Linear, first, last);
+    let offsets_s = ValueRange::over(search.iter().map(|&(offset_s, _)| offset_s));
+    let x = Axis::new("offset of the starts", "s", Spacing::Linear, offsets_s.low, offsets_s.high);
     let y = Axis::new("score", "", Spacing::Linear, 0.0, 1.05);
     let panel = Panel { area: area(0.0), x, y };
     draw(&mut canvas, &panel, &[(&search, Mark::Line)]);
@@ -40,13 +41,13 @@ pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
         quality.excerpt.points.iter().map(|point| (point[0], point[i])).collect()
     };
     let (readings, predicted) = (column(1), column(2));
-    let (from, to) = ends(readings.iter().map(|&(time_s, _)| time_s));
-    let (low, high) = ends(readings.iter().chain(&predicted).map(|&(_, value)| value));
+    let times_s = ValueRange::over(readings.iter().map(|&(time_s, _)| time_s));
+    let counts = ValueRange::over(readings.iter().chain(&predicted).map(|&(_, value)| value));
     let name = format!("channel {}", quality.excerpt.channel + 1);
     let panel = Panel {
         area: area(1.0),
-        x: Axis::new("board time", "s", Spacing::Linear, from, to),
-        y: Axis::new(&name, "counts", Spacing::Linear, low, high).padded(0.06),
+        x: Axis::new("board time", "s", Spacing::Linear, times_s.low, times_s.high),
+        y: Axis::new(&name, "counts", Spacing::Linear, counts.low, counts.high).padded(0.06),
     };
     draw(&mut canvas, &panel, &[(&readings, Mark::Points), (&predicted, Mark::Line)]);
     let (right, above) = (panel.area.right(), panel.area.top - 8.0);
@@ -62,20 +63,11 @@ fn draw(canvas: &mut Canvas, panel: &Panel, series: &[(&[(f64, f64)], Mark)]) {
             let placed = points.iter().map(|&(x, y)| panel.place(x, y));
             match mark {
                 Mark::Points => placed.for_each(|place| canvas.circle(place, 2.0, colour)),
-                _ => canvas.stroke(&path(placed), colour, 1.2),
+                _ => canvas.stroke(&polyline(placed), colour, 1.2),
             }
         }
     });
     panel.draw_frame(canvas);
-}
-
-fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
-    let mut path = String::new();
-    for (x, y) in points {
-        path.push(if path.is_empty() { 'M' } else { 'L' });
-        path.push_str(&point(x, y));
-    }
-    path
 }
 
 /// The highest point of each of `stretches` stretches: no peak is lost.
@@ -85,10 +77,6 @@ fn highest(points: &[(f64, f64)], stretches: usize) -> Vec<(f64, f64)> {
         stretch.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default()
     };
     points.chunks(length).map(best).collect()
-}
-
-fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
 }
 
 #[cfg(test)]

@@ -5,6 +5,11 @@
 pub(super) const SERIES: [&str; 7] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
 
+/// The colour of a series by its number; colours begin anew where they end.
+pub(super) fn series(number: usize) -> &'static str {
+    SERIES[number % SERIES.len()]
+}
+
 /// Text and frames.
 pub(super) const INK: &str = "#222222";
 /// Grid lines.

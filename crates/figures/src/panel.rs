@@ -32,27 +32,27 @@ impl Panel {
 
     /// Draws the grid lines: first of all, under the data.
     pub(super) fn draw_grid(&self, canvas: &mut Canvas) {
-        let Rect { left, top, .. } = self.area;
+        let top = self.area.top;
         let mut path = String::new();
         for tick in self.x_ticks().iter().filter(|tick| !tick.label.is_empty()) {
             let (x, _) = self.place(tick.value, self.y.range.0);
             path += &format!("M{}V{}", point(x, top), number(self.area.bottom()));
         }
-        for tick in self.y_ticks().iter().filter(|tick| !tick.label.is_empty()) {
-            let (_, y) = self.place(self.x.range.0, tick.value);
-            path += &format!("M{}H{}", point(left, y), number(self.area.right()));
-        }
-        canvas.stroke(&path, palette::GRID, 1.0);
+        canvas.stroke(&(path + &self.y_grid()), palette::GRID, 1.0);
     }
 
     /// Draws the grid lines across: where the other axis has names for values.
     pub(super) fn draw_y_grid(&self, canvas: &mut Canvas) {
+        canvas.stroke(&self.y_grid(), palette::GRID, 1.0);
+    }
+
+    fn y_grid(&self) -> String {
         let mut path = String::new();
         for tick in self.y_ticks().iter().filter(|tick| !tick.label.is_empty()) {
             let (_, y) = self.place(self.x.range.0, tick.value);
             path += &format!("M{}H{}", point(self.area.left, y), number(self.area.right()));
         }
-        canvas.stroke(&path, palette::GRID, 1.0);
+        path
     }
 
     /// Draws frame, ticks and labels: last of all, over the data.

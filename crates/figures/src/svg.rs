@@ -301,6 +301,16 @@ pub(super) fn point(x: f64, y: f64) -> String {
     format!("{} {}", number(x), number(y))
 }
 
+/// A line through points, in path syntax; empty without any.
+pub(super) fn polyline(points: impl IntoIterator<Item = (f64, f64)>) -> String {
+    let mut path = String::new();
+    for (x, y) in points {
+        path.push(if path.is_empty() { 'M' } else { 'L' });
+        path.push_str(&point(x, y));
+    }
+    path
+}
+
 /// Text as XML content; characters that XML cannot hold are replaced.
 fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());

@@ -76,8 +76,7 @@ impl Curve {
             let pairs = time.iter().copied().zip(values.iter().copied());
             pairs.filter(|(t, v)| t.is_finite() && v.is_finite())
         };
-        let start = ValueRange { low: f64::INFINITY, high: f64::NEG_INFINITY };
-        let range = finite().fold(start, |r, (t, _)| r.union(ValueRange { low: t, high: t }));
+        let range = ValueRange::over(finite().map(|(t, _)| t));
         if range.low > range.high {
             return;
         }

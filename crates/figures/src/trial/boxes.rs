@@ -2,6 +2,7 @@
 //! per stride.
 
 use super::super::figure::Figure;
+use super::super::histogram::ValueRange;
 use super::super::palette;
 use super::super::panel::{LEFT_MARGIN, Panel};
 use super::super::scale::{Axis, Spacing};
@@ -97,8 +98,7 @@ fn draw_boxes(
         let Statistics { whisker_low, whisker_high, outliers, mean, .. } = &row.statistics;
         outliers.iter().copied().chain([*whisker_low, *whisker_high, *mean])
     });
-    let (low, high) =
-        ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    let ValueRange { low, high } = ValueRange::over(ends);
     let panel = Panel {
         area,
         x: Axis::new("", "", Spacing::Linear, 0.0, boxes.len() as f64),
