@@ -101,7 +101,7 @@ impl BenchArgs {
         outputs: &Outputs,
     ) -> anyhow::Result<Vec<(ErrorKind, AtomicFile, Format)>> {
         let Some(path) = &self.plot else { return Ok(Vec::new()) };
-        let format = Format::of(path)?;
+        let format = Format::from_path(path)?;
         let open = |kind, path: &Path| anyhow::Ok((kind, outputs.create(path)?, format));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let extension = path.extension().unwrap_or_default().to_string_lossy();

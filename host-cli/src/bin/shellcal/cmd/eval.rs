@@ -97,7 +97,7 @@ impl EvalArgs {
         tell_remembered(printer, &self.calibration, &mapping, &logs);
         let axes = compared_axes(calibration.axes, &mut logs, printer)?;
         calibration.axes = axes;
-        let format = self.plot.as_ref().map(Format::of).transpose()?;
+        let format = self.plot.as_ref().map(Format::from_path).transpose()?;
         let output = self.plot.as_ref().map(|path| outputs.create(path)).transpose()?.zip(format);
         let mut plot = output.is_some().then(FitPlot::new);
 

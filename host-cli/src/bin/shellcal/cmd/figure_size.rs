@@ -48,7 +48,7 @@ impl FigureSize {
         outputs: &Outputs,
     ) -> anyhow::Result<Option<FigureFile>> {
         let Some(path) = path else { return Ok(None) };
-        let format = Format::of(path)?;
+        let format = Format::from_path(path)?;
         Ok(Some(FigureFile { file: outputs.create(path)?, format, size: self.size() }))
     }
 

@@ -64,7 +64,7 @@ impl<'a> FitPlan<'a> {
         let axes = agree_on_axes(&train, &mut test)?;
         let open =
             |path: &Option<OutputPath>| path.as_ref().map(|path| outputs.create(path)).transpose();
-        let format = args.plot.as_ref().map(Format::of).transpose()?;
+        let format = args.plot.as_ref().map(Format::from_path).transpose()?;
         let opened = Opened {
             dropped: open(&args.dropped)?,
             calibration: open(&args.output)?,

@@ -121,7 +121,7 @@ impl OneArgs {
         outputs: &Outputs,
         telemetry: bool,
     ) -> anyhow::Result<Outcome> {
-        let (format, size) = (Format::of(&self.output)?, self.figure_size.size());
+        let (format, size) = (Format::from_path(&self.output)?, self.figure_size.size());
         // A path that cannot be written is an error before the work.
         outputs.probe(&self.output)?;
         let equipment = self.evaluation.equipment()?;
@@ -167,7 +167,7 @@ impl ManyArgs {
         outputs: &Outputs,
         phase: bool,
     ) -> anyhow::Result<Outcome> {
-        let (format, size) = (Format::of(&self.output)?, self.figure_size.size());
+        let (format, size) = (Format::from_path(&self.output)?, self.figure_size.size());
         outputs.probe(&self.output)?;
         let equipment = self.evaluation.equipment()?;
         let manifest = manifest::read(&self.manifest, outputs)?;
