@@ -51,7 +51,7 @@ pub(super) fn pdf(drawing: &Drawing) -> Result<Vec<u8>, String> {
     let pages = file.objects.len() + 2;
     let width = number(drawing.width * points);
     let leaf = file.add(&format!(
-        "<< /Type /PdfPage /Parent {pages} 0 R /MediaBox [0 0 {width} {height}] /Contents {content} 0 R \
+        "<< /Type /Page /Parent {pages} 0 R /MediaBox [0 0 {width} {height}] /Contents {content} 0 R \
          /Resources << /Font << {fonts}>> >> >>"
     ));
     let pages = file.add(&format!("<< /Type /Pages /Kids [{leaf} 0 R] /Count 1 >>"));
@@ -385,6 +385,8 @@ mod tests {
         assert!(page.contains("0 -13 -13 0 5 "), "{page}");
         let leaf = objects.iter().find(|object| find(object, b"/MediaBox").is_some()).unwrap();
         assert!(find(leaf, b"[0 0 150 75]").is_some());
+        // ISO 32000-1, table 30: readers show no page of another type.
+        assert!(find(leaf, b"/Type /Page ").is_some());
     }
 
     #[test]
