@@ -227,7 +227,7 @@ impl Hint for LogError {
             }
             Self::Binary { .. } => {
                 "logs are text (telemetry, CSV, console), plain or compressed with gzip or zstd, or tables \
-                 in Parquet, Arrow, MATLAB, NumPy, Excel or MCAP"
+                 in Parquet, MATLAB, NumPy, Excel or MCAP"
             }
             Self::LineTooLong { .. } => "this does not look like a log; are its line ends missing?",
             Self::CarriageReturns { .. } => {
