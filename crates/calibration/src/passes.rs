@@ -173,7 +173,7 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
     let states = match threads.min(items.len()) {
         0 | 1 => vec![worker()],
         threads => std::thread::scope(|scope| {
-            let others: Vec<_> = (1..threads).map(|_| scope.spawn(&worker)).collect();
+            let others: Vec<_> = (1..threads).map(|_| scope.spawn(worker)).collect();
             let own = worker();
             let join = |other: std::thread::ScopedJoinHandle<'_, S>| {
                 other.join().unwrap_or_else(|panic| resume_unwind(panic))

@@ -15,6 +15,11 @@
 #![warn(missing_docs)]
 
 mod board;
+#[allow(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    reason = "sources of a calibration are files"
+)]
 mod calibration_checks;
 mod channels;
 mod finding;

@@ -1,6 +1,8 @@
 //! A file that pyarrow 26 wrote, with `write_page_checksum=True`: 24 rows of a number, a decimal, a list, and a
 //! number in two structs, of which the outer one is null in every third row.
 
+#![allow(clippy::disallowed_methods, reason = "tests read files")]
+
 use std::io::Read;
 use std::path::Path;
 

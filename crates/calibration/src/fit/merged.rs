@@ -20,6 +20,7 @@ use shell_data::wrench::{Axes, PerAxis};
 
 /// What is kept of rows, and apart by group.
 #[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one of them, for one call")]
 pub enum RowSums<'a> {
     /// Exact sums.
     Exact(&'a Moments, Option<(GroupKind, GroupedMoments)>),

@@ -11,13 +11,13 @@ use calibration_file::{CalibrationFileError, MergeError};
 use log_file::LogError;
 use output_file::OutputError;
 use shell_data::hint::Hint;
-use shellcal::workflow::WorkflowError;
 use shellcal::workflow::align::AlignLogsError;
 use shellcal::workflow::convert::ConvertError;
 use shellcal::workflow::drift::DriftError;
 use shellcal::workflow::noise::NoiseError;
 use shellcal::workflow::payload::PayloadLogError;
 use shellcal::workflow::trial::TrialLogError;
+use shellcal::workflow::{ChannelMismatch, WorkflowError};
 
 /// The next step after `error`, where one is known.
 pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
@@ -28,9 +28,10 @@ pub(crate) fn for_error(error: &anyhow::Error) -> Option<String> {
 }
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
-const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 16] = [
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 17] = [
     hint::<AlignLogsError>,
     hint::<CalibrationFileError>,
+    hint::<ChannelMismatch>,
     hint::<ConvertError>,
     hint::<DriftError>,
     hint::<FitError>,

@@ -8,7 +8,7 @@ mod report;
 
 use std::time::Instant;
 
-use calibration::fit::{FitMethod, HeldOut};
+use calibration::fit::{FitMethod, HeldOut, Warning};
 use clap::ValueEnum;
 use output_file::Outputs;
 
@@ -206,6 +206,9 @@ impl FitArgs {
                 physics::report(printer, &fitted, physics, &file, seconds)?;
             }
         }
+        // It is about the table.
+        let is_late = |warning: &&Warning| matches!(warning, Warning::OutOfRange { .. });
+        fitted.warnings.iter().filter(is_late).for_each(|late| printer.note(late.to_string()));
         Ok(Outcome::Done)
     }
 }

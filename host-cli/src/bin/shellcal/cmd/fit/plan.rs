@@ -5,7 +5,7 @@ use std::io::Write;
 
 use anyhow::Context;
 use calibration::fit::{
-    CovarianceRule, Fit, FitOptions, ModelRule, OutlierRule, Outliers, Workers,
+    CovarianceRule, Fit, FitOptions, ModelRule, OutlierRule, Outliers, Warning, Workers,
 };
 use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, matrix};
@@ -140,7 +140,8 @@ impl<'a> FitPlan<'a> {
             Some(Err(reason)) => printer.note(format!("physics was not weighed: {reason}")),
             None => {}
         }
-        for warning in &fitted.warnings {
+        let is_early = |warning: &&Warning| !matches!(warning, Warning::OutOfRange { .. });
+        for warning in fitted.warnings.iter().filter(is_early) {
             match warning.is_note() {
                 true => printer.note(warning.to_string()),
                 false => printer.warning(warning.to_string()),
