@@ -37,7 +37,7 @@ impl BoardFrames {
         }
         let channel = |c: usize| frames.readings.iter().skip(c).step_by(frames.channels).copied();
         frames.ranges =
-            (0..frames.channels).map(|c| ReadingReach::of(channel(c).collect())).collect();
+            (0..frames.channels).map(|c| ReadingReach::new(channel(c).collect())).collect();
         frames
     }
 

@@ -20,6 +20,7 @@ mod coarse;
 mod edges;
 mod error;
 mod frames;
+mod inner_products;
 mod kernel;
 mod normal;
 mod optics;
@@ -29,7 +30,6 @@ mod resample;
 mod response;
 mod trajectory;
 mod uncertainty;
-mod wide;
 
 pub use edges::{EdgeMatch, Edges, rising_edges};
 pub use error::AlignError;

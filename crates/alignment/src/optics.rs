@@ -39,7 +39,7 @@ pub(super) struct Straight {
 }
 
 impl ReadingReach {
-    pub(super) fn of(mut readings: Vec<f64>) -> Self {
+    pub(super) fn new(mut readings: Vec<f64>) -> Self {
         let Some(last) = readings.len().checked_sub(1) else {
             return Self { median: 0.0, reach: 1.0 };
         };
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn a_reading_is_bent_by_its_powers() {
-        let range = ReadingReach::of(vec![1.0, 4.0, 10.0, 3.0, 5.0]);
+        let range = ReadingReach::new(vec![1.0, 4.0, 10.0, 3.0, 5.0]);
         // Median 4, reach 6.
         let straight = range.straighten(7.0, &[0.2, -0.4, 0.0]);
         assert_eq!(straight.powers, [1.5, 0.75, 0.375]);
@@ -84,7 +84,7 @@ mod tests {
     fn damaged_readings_have_no_say_in_the_range_and_no_high_powers() {
         let mut readings: Vec<f64> = (0..1010).map(|k| f64::from(k % 101)).collect();
         readings[0] = 1e9;
-        let range = ReadingReach::of(readings);
+        let range = ReadingReach::new(readings);
         assert_eq!(range, ReadingReach { median: 50.0, reach: 50.0 });
         let straight = range.straighten(1e9, &[0.5, 0.0, 0.0]);
         assert_eq!((straight.powers, straight.gain), ([200.0, 400.0, 800.0], 1.0));
@@ -92,8 +92,8 @@ mod tests {
 
     #[test]
     fn a_channel_that_rests_stays_as_it_is() {
-        let range = ReadingReach::of(vec![5.0; 3]);
+        let range = ReadingReach::new(vec![5.0; 3]);
         assert_eq!(range.straighten(5.0, &[1.0; POWERS]).reading, 5.0);
-        assert_eq!(ReadingReach::of(vec![]).straighten(5.0, &[0.0; POWERS]).reading, 5.0);
+        assert_eq!(ReadingReach::new(vec![]).straighten(5.0, &[0.0; POWERS]).reading, 5.0);
     }
 }

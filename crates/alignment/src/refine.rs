@@ -30,12 +30,12 @@ use super::Excerpt;
 use super::choice::Candidates;
 use super::error::{AlignError, LEAST_OVERLAP_S};
 use super::frames::BoardFrames;
+use super::inner_products::dots;
 use super::normal::{GramSums, Projected, inverse};
 use super::optics::{Bend, POWERS, Straight};
 use super::response::{Family, MemoryModel};
 use super::trajectory::Trajectory;
 use super::uncertainty::{MatchedRow, ResidualSums};
-use super::wide::dots;
 
 /// Rows per Gram update.
 const BLOCK: usize = 256;

@@ -8,9 +8,9 @@
 //! at which the reference was really sampled. Where the kernel would reach over a gap, over rows
 //! out of range, or past an end there is no value.
 
+use super::inner_products::dots;
 use super::kernel::Kernel;
 use super::recording::Clean;
-use super::wide::dots;
 
 /// A gap is bridged up to this many periods of the sampling …
 const GAP_PERIODS: f64 = 2.5;

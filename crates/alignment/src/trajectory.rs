@@ -1,10 +1,10 @@
 //! The reference on a fine, even grid, and features of it between the grid points.
 
+use super::inner_products::combine;
 use super::kernel::Kernel;
 use super::recording::Clean;
 use super::resample::Resampler;
 use super::response::{MemoryModel, MemoryResponse};
-use super::wide::combine;
 
 /// Grid points per sample of the output rate: cubic interpolation then errs by less than 0.4 % at
 /// the cut-off and 1e-5 at a quarter of it.

@@ -2,9 +2,9 @@
 
 use faer::{Mat, MatRef};
 
+use super::inner_products::dots;
 use super::optics::Straight;
 use super::response::MemoryModel;
-use super::wide::dots;
 
 /// Residuals correlated over longer than this are drift, which the model has, s.
 const CORRELATED_S: f64 = 0.5;

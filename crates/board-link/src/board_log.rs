@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 use shared_proto::xbee::Address;
 
-use super::Journal;
+use super::AppendWriter;
 use super::record_error::RecordError;
 use crate::recording::{BoardFrame, HeardBoard, LiveForces, Losses, RowWriter, address_text};
 use shell_data::wrench::AxisValues;
@@ -28,7 +28,7 @@ pub struct RecordedBoard {
 pub(super) struct BoardLog {
     /// Of its module, behind a base station in API mode.
     pub(super) address: Option<Address>,
-    pub(super) log: Option<Journal>,
+    pub(super) log: Option<AppendWriter>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
     /// Marks that are not among the rows yet.
@@ -41,7 +41,7 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    pub(super) fn new(address: Option<Address>, log: Option<Journal>) -> Self {
+    pub(super) fn new(address: Option<Address>, log: Option<AppendWriter>) -> Self {
         Self {
             address,
             log,
@@ -92,7 +92,7 @@ impl BoardLog {
         self.finish()?;
         self.other_content = self.other_content();
         self.rows = None;
-        self.log.take().map_or(Ok(()), Journal::close)?;
+        self.log.take().map_or(Ok(()), AppendWriter::close)?;
         Ok(())
     }
 

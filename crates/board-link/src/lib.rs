@@ -6,10 +6,10 @@
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "opens ports, keeps time")]
 
+mod append_writer;
 mod board_log;
 mod client;
-mod interview;
-mod journal;
+mod handshake;
 mod port;
 mod port_state;
 mod record;
@@ -19,13 +19,13 @@ mod self_test;
 mod source;
 mod upload;
 
+pub use append_writer::AppendWriter;
 pub use board_log::RecordedBoard;
 pub use client::{Client, Uplink};
-pub use interview::{Heard, Interview, InterviewOptions, Stretch, interview};
-pub use journal::Journal;
+pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
 pub use port_state::{PortState, SystemFiles};
-pub use record::{Progress, RecordOptions, Recorded, Sinks, Watcher, Wish, record};
+pub use record::{Progress, RecordCommand, RecordOptions, Recorded, Sinks, Watcher, record};
 pub use record_error::RecordError;
 pub use self_test::{EmitterFault, judge};
 pub use source::Source;

@@ -46,7 +46,7 @@ impl Default for SystemFiles {
 
 impl PortState {
     /// Looks at a port, and opens it for a moment.
-    pub fn of(options: &PortOptions, system: &SystemFiles) -> Self {
+    pub fn new(options: &PortOptions, system: &SystemFiles) -> Self {
         let path = fs::canonicalize(&options.port).unwrap_or_else(|_| PathBuf::from(&options.port));
         let latency_file = latency_file(&path, system);
         let latency_ms = latency_file.as_deref().and_then(|file| {
@@ -147,7 +147,7 @@ mod tests {
         let system = SystemFiles { sys: at("sys"), proc: at("proc"), groups: at("group") };
         let port = at("adapter").display().to_string();
         let options = PortOptions { port, baud: 57_600, flow_control: FlowControl::None };
-        let state = PortState::of(&options, &system);
+        let state = PortState::new(&options, &system);
         assert_eq!(state.latency_ms, Some(16));
         assert_eq!((state.group.as_deref(), state.in_group), (Some("dialout"), Some(false)));
         // A file is no port.

@@ -7,11 +7,11 @@ use serde::Serialize;
 use shared_proto::xbee::Address;
 use shared_proto::{Boot, Command, Protocol};
 
+use super::append_writer::LogFolder;
 use super::board_log::{BoardLog, RecordedBoard};
-use super::journal::Place;
 use super::record_error::RecordError;
 use super::source::SourceInput;
-use super::{Journal, Source, Uplink};
+use super::{AppendWriter, Source, Uplink};
 use crate::recording::{
     BoardFrame, Boards, HeardBoard, LiveForces, Losses, NoFrame, Recognised, Recognition,
     protocol_name,
@@ -44,9 +44,9 @@ pub struct RecordOptions {
 #[derive(Debug, Default)]
 pub struct Sinks {
     /// The log; where several boards are heard, of the first of them. Those of others are made beside it.
-    pub log: Option<Journal>,
+    pub log: Option<AppendWriter>,
     /// The bytes as they arrive.
-    pub raw: Option<Journal>,
+    pub raw: Option<AppendWriter>,
     /// Who looks on.
     pub watcher: Option<Box<dyn Watcher>>,
 }
@@ -57,18 +57,18 @@ pub trait Watcher: std::fmt::Debug {
     fn see(&mut self, frames: &[BoardFrame]);
 
     /// What is to happen to the log from now on; asked about twice a second, until there is nothing more.
-    fn wish(&mut self) -> Option<Wish> {
+    fn next_command(&mut self) -> Option<RecordCommand> {
         None
     }
 }
 
 /// What a watcher wants.
 #[derive(Debug)]
-pub enum Wish {
+pub enum RecordCommand {
     /// A new log, in place of those that are being written; of several boards of the first, others beside it.
-    Record(Journal),
+    Record(AppendWriter),
     /// No log.
-    Rest,
+    StopLog,
     /// A flag on the first row, from the frame of this index on, that has not been written.
     Mark {
         /// The frame.
@@ -147,7 +147,7 @@ pub fn record(
     let mut session = RecordSession {
         stage: RecordStage::Recognising(Recognition::new(options.protocol)),
         options,
-        log_place: sinks.log.as_ref().map(Journal::place),
+        log_place: sinks.log.as_ref().map(AppendWriter::place),
         log: sinks.log,
         raw: sinks.raw,
         watcher: sinks.watcher,
@@ -169,10 +169,10 @@ pub fn record(
         Err(error) => Err(session.finish(source).err().filter(is_about_files).unwrap_or(error)),
     };
     let recorded = session.recorded(source);
-    let raw = session.raw.map_or(Ok(()), Journal::close);
+    let raw = session.raw.map_or(Ok(()), AppendWriter::close);
     let logs = session.logs.into_iter().filter_map(|board| board.log).chain(session.log);
     // All are closed, whatever becomes of one.
-    let logs: Vec<_> = logs.map(Journal::close).collect();
+    let logs: Vec<_> = logs.map(AppendWriter::close).collect();
     finished?;
     logs.into_iter().collect::<Result<(), _>>()?;
     raw?;
@@ -185,10 +185,10 @@ fn is_about_files(error: &RecordError) -> bool {
 
 /// The log of the next board: the one that was asked for, then others beside it.
 fn log_of(
-    first: &mut Option<Journal>,
-    place: Option<&Place>,
+    first: &mut Option<AppendWriter>,
+    place: Option<&LogFolder>,
     address: Option<Address>,
-) -> Result<Option<Journal>, RecordError> {
+) -> Result<Option<AppendWriter>, RecordError> {
     match (first.take(), place, address) {
         (Some(log), ..) => Ok(Some(log)),
         (None, Some(place), Some(address)) => Ok(Some(place.beside(address)?)),
@@ -201,10 +201,10 @@ struct RecordSession<'a> {
     stage: RecordStage,
     options: &'a RecordOptions,
     /// For the first board.
-    log: Option<Journal>,
+    log: Option<AppendWriter>,
     /// Where logs of other boards are made.
-    log_place: Option<Place>,
-    raw: Option<Journal>,
+    log_place: Option<LogFolder>,
+    raw: Option<AppendWriter>,
     watcher: Option<Box<dyn Watcher>>,
     /// Waiting frames of the first board that the watcher has seen.
     shown: usize,
@@ -353,21 +353,21 @@ impl RecordSession<'_> {
 
     /// Does what the watcher wants. A log ends with all that was seen before that.
     fn follow(&mut self) -> Result<(), RecordError> {
-        while let Some(wish) = self.watcher.as_mut().and_then(|watcher| watcher.wish()) {
-            let next = match wish {
-                Wish::Mark { index, number } => {
+        while let Some(command) = self.watcher.as_mut().and_then(|watcher| watcher.next_command()) {
+            let next = match command {
+                RecordCommand::Mark { index, number } => {
                     self.marks.push((index, number));
                     continue;
                 }
-                Wish::Record(journal) => Some(journal),
-                Wish::Rest => None,
+                RecordCommand::Record(writer) => Some(writer),
+                RecordCommand::StopLog => None,
             };
             self.flush()?;
             self.logs.iter_mut().try_for_each(BoardLog::close)?;
             if let Some(log) = self.log.take() {
                 log.close()?;
             }
-            self.log_place = next.as_ref().map(Journal::place);
+            self.log_place = next.as_ref().map(AppendWriter::place);
             self.log = next;
             for board in &mut self.logs {
                 board.log = log_of(&mut self.log, self.log_place.as_ref(), board.address)?;

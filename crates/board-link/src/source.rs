@@ -52,7 +52,7 @@ impl Source {
     /// [`LinkError`] if it cannot be opened now.
     pub fn port(options: PortOptions, reconnect: bool) -> Result<Self, LinkError> {
         let (port, now) = (Some(options.open()?), Instant::now());
-        Ok(Self::of(Inner::Port { port, options, reconnect, retry: now }))
+        Ok(Self::new(Inner::Port { port, options, reconnect, retry: now }))
     }
 
     /// Opens a file of raw bytes.
@@ -61,10 +61,10 @@ impl Source {
     /// [`LinkError::Replay`] if it cannot be opened.
     pub fn replay(path: &Path) -> Result<Self, LinkError> {
         let file = File::open(path).map_err(|error| replay_error(path.display(), &error))?;
-        Ok(Self::of(Inner::Replay { file, path: path.display().to_string() }))
+        Ok(Self::new(Inner::Replay { file, path: path.display().to_string() }))
     }
 
-    fn of(inner: Inner) -> Self {
+    fn new(inner: Inner) -> Self {
         Self { inner, started: Instant::now(), wall: SystemTime::now(), reconnections: 0 }
     }
 

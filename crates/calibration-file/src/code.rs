@@ -38,14 +38,14 @@ pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String
     let axes = file.calibration.axes;
     let (constants, body) = match (file.calibration.kind(), language) {
         (Kind::Polynomial(polynomial), language) => (
-            of_polynomial(polynomial, axes),
+            polynomial_constants(polynomial, axes),
             match language {
                 Language::Python => include_str!("../assets/export/polynomial.py"),
                 Language::Matlab => include_str!("../assets/export/polynomial.m"),
             },
         ),
         (Kind::Physics(physics), language) => (
-            of_physics(physics.model()),
+            physics_constants(physics.model()),
             match language {
                 Language::Python => include_str!("../assets/export/physics.py"),
                 Language::Matlab => include_str!("../assets/export/physics.m"),
@@ -70,7 +70,7 @@ fn head(file: &CalibrationFile) -> String {
     )
 }
 
-fn of_polynomial(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
+fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
     let model = polynomial.model();
     let none = model.channels as f64;
     let places = |term: &calibration::model::Term| {
@@ -96,7 +96,7 @@ fn of_polynomial(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
     ]
 }
 
-fn of_physics(model: &PhysicsModel) -> Vec<Constant> {
+fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     let of =
         |value: fn(&calibration::physics::Sensor) -> f64| model.sensors.iter().map(value).collect();
     let precision = model.load_precision.iter();

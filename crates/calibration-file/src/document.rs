@@ -49,7 +49,7 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
     to_json(&document)
 }
 
-/// Parses a document whose version is known to be [`SCHEMA_VERSION`] or [`FEWER_AXES_SCHEMA_VERSION`].
+/// Parses a document whose version is known to be [`SCHEMA_VERSION`] or `FEWER_AXES_SCHEMA_VERSION`.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     let document: PolynomialDocument = serde_json::from_slice(text)?;
     document.value().map_err(Problem::Inconsistent)

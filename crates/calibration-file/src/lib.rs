@@ -9,7 +9,7 @@
 //! | `made_by`, `date`, `sensor_serial` | program and version, UTC, the label of the sensor |
 //! | `model`, `terms` | features and intercept; the name of each term |
 //! | `scaling` | `z = (s − centre) / scale` for each channel, counts |
-//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m; documents of fewer than six axes have [`FEWER_AXES_SCHEMA_VERSION`], and whatever is given by axis has these alone |
+//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m; documents of fewer than six axes have `FEWER_AXES_SCHEMA_VERSION`, and whatever is given by axis has these alone |
 //! | `solver` | its name and the ridge parameter; absent for an imported matrix |
 //! | `diagnostics` | rows, condition number, rank, errors on training and test data; optional: held-out errors, model selection, excitation |
 //! | `covariance` | see [`calibration::uncertainty`] |
@@ -17,7 +17,7 @@
 //! | `sources` | files, their checksums and rows |
 //! | `columns` | optional: the columns of the training logs that were specified, by name, and their units; taken of other logs that have them |
 //!
-//! That of a physics model has [`PHYSICS_SCHEMA_VERSION`] and instead of terms, scaling, coefficients and
+//! That of a physics model has `PHYSICS_SCHEMA_VERSION` and instead of terms, scaling, coefficients and
 //! covariance:
 //!
 //! | field | content |

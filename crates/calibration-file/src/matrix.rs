@@ -189,7 +189,7 @@ fn named(
     let no_model = MatrixError::NoModel(coefficients.len());
     let model = model_of(&coefficients).ok_or(no_model)?;
     let ordered = model.terms().iter().map(|term| coefficients[term]).collect();
-    let mut calibration = of_raw_readings(model, ordered)?;
+    let mut calibration = from_raw_readings(model, ordered)?;
     calibration.axes = axes;
     Ok(calibration)
 }
@@ -234,11 +234,11 @@ pub(super) fn from_values(
         if axis.is_moment() { value / unit } else { value }
     };
     let coefficients = (0..features).map(|j| Axis::ALL.map(|axis| coefficient(j, axis))).collect();
-    of_raw_readings(model, coefficients)
+    from_raw_readings(model, coefficients)
 }
 
 /// The calibration of raw readings with these coefficients.
-fn of_raw_readings(
+fn from_raw_readings(
     model: Model,
     coefficients: Vec<PerAxis<f64>>,
 ) -> Result<Calibration, MatrixError> {

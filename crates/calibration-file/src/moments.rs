@@ -39,7 +39,7 @@ struct Integers {
 
 impl MomentsDocument {
     /// Of these axes alone.
-    pub(super) fn of(moments: &Moments, axes: Axes) -> Self {
+    pub(super) fn new(moments: &Moments, axes: Axes) -> Self {
         let stored = StoredMoments::of(moments, axes);
         let StoredMoments { basis, rows, channels, readings, wrench, squares, .. } = stored;
         let range = |range: StoredRange| {

@@ -40,7 +40,7 @@ pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> St
     })
 }
 
-/// Parses a document whose version is known to be [`PHYSICS_SCHEMA_VERSION`].
+/// Parses a document whose version is known to be `PHYSICS_SCHEMA_VERSION`.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     let document: PhysicsDocument = serde_json::from_slice(text)?;
     document.value().map_err(Problem::Inconsistent)

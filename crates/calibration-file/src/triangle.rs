@@ -22,7 +22,7 @@ pub(super) struct TriangleDocument {
 }
 
 impl TriangleDocument {
-    pub(super) fn of(rows: &FactoredRows, axes: Axes) -> Self {
+    pub(super) fn new(rows: &FactoredRows, axes: Axes) -> Self {
         Self {
             basis: Name::of(&rows.basis(), axes),
             rows: rows.rows(),

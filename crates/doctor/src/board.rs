@@ -10,14 +10,14 @@ use crate::channels::{
 };
 use crate::finding::percent;
 use board_link::recording::{BoardFrame, Measured, protocol_name};
-use board_link::{Heard, Interview, LinkError, Stretch, for_board, serial_text};
+use board_link::{Handshake, Heard, LinkError, Stretch, for_board, serial_text};
 use log_file::summary::LogSummary;
 
 /// What a board is checked against.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardObservations<'a> {
     /// What it said.
-    pub interview: &'a Interview,
+    pub handshake: &'a Handshake,
     /// The speed that was asked for, bits per second.
     pub baud: u32,
     /// The framing that was asked for.
@@ -40,18 +40,18 @@ const RATE_ERROR: f64 = 0.01;
 /// What is wrong with a board.
 pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = heard(facts);
-    let Heard::Board { .. } = facts.interview.heard else { return findings };
-    if let Some(trouble) = &facts.interview.trouble {
+    let Heard::Board { .. } = facts.handshake.heard else { return findings };
+    if let Some(trouble) = &facts.handshake.trouble {
         findings.push(answerless(trouble));
         return findings;
     }
-    if let Some(identity) = &facts.interview.identity {
+    if let Some(identity) = &facts.handshake.identity {
         findings.extend(check_identity(identity, facts));
     }
-    if let Some(status) = &facts.interview.status {
+    if let Some(status) = &facts.handshake.status {
         findings.extend(check_status(status, facts));
     }
-    match &facts.interview.stream {
+    match &facts.handshake.stream {
         Some(Ok(stretch)) => findings.extend(check_stream(stretch, facts)),
         Some(Err(error)) => findings.push(Finding::fault(
             "no-frames",
@@ -65,7 +65,7 @@ pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
 
 fn heard(facts: &BoardObservations<'_>) -> Vec<Finding> {
     let asked = facts.baud;
-    match facts.interview.heard {
+    match facts.handshake.heard {
         Heard::Silence => vec![Finding::fault(
             "silent",
             "not a byte arrives, at any speed",
@@ -192,7 +192,7 @@ fn check_status(status: &Status, facts: &BoardObservations<'_>) -> Vec<Finding> 
 }
 
 fn reset(status: &Status, facts: &BoardObservations<'_>) -> Finding {
-    let words = || match facts.interview.last_words.as_deref() {
+    let words = || match facts.handshake.last_words.as_deref() {
         Some(words) if !words.is_empty() => format!("; before it: {words}"),
         _ => String::new(),
     };
@@ -243,7 +243,7 @@ fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding>
 fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = lost(stretch);
     let summary = summary(&stretch.frames);
-    let period_us = facts.interview.status.map(|status| f64::from(status.period_us));
+    let period_us = facts.handshake.status.map(|status| f64::from(status.period_us));
     let interval_us = summary.timing.median_interval_s().map(|interval| interval * 1e6);
     if let (Some(set), Some(found)) = (period_us, interval_us) {
         let seen = format!("{:.2} Hz, set are {:.2} Hz", 1e6 / found, 1e6 / set);

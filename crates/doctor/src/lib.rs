@@ -6,7 +6,7 @@
 //!
 //! [`check_port`], [`check_board`], [`check_log`] and [`check_calibration`] are pure: they look at what is
 //! known and give [`Finding`]s, each with what was seen and what to do about it. [`examine_log`] and
-//! [`examine_calibration`] read files first; [`board_link::interview`] asks the board.
+//! [`examine_calibration`] read files first; [`board_link::handshake`] asks the board.
 //!
 //! A [`FindingSeverity::Fault`] makes results wrong or impossible. A [`FindingSeverity::Warning`] may, or makes
 //! them worse than they could be.

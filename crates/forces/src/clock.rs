@@ -52,7 +52,7 @@ impl ClockSearch {
         }
     }
 
-    /// Whether the clock is known: after [`CLOCK_ROWS`] rows, or the first later one that moves on.
+    /// Whether the clock is known: after `CLOCK_ROWS` rows, or the first later one that moves on.
     pub fn is_done(&self) -> bool {
         self.rows >= CLOCK_ROWS && !self.periods_s.is_empty()
     }

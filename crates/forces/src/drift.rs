@@ -1,13 +1,13 @@
 //! How the zero of an unloaded sensor moves: its trend against time and temperature, and its wander.
 //!
-//! Each [rest](crate::rests) is one observation, its mean; how its frames scatter says nothing of how
+//! Each [rest](crate::stationary) is one observation, its mean; how its frames scatter says nothing of how
 //! a trend was met. The standard error of a slope is that of least squares from the scatter of the rests
 //! about the line, times `√((1 + ρ)/(1 − ρ))` with ρ the correlation of neighbours in it, to which
 //! `(2 + 4ρ)/n` is added for what the line itself takes away. Independent rests keep within two standard
 //! errors of their true slope in 95 % of cases; a zero that wanders without aim (a random walk over 60 rests)
 //! stays within three of none in three of four, where plain least squares would say so in one of four.
 
-use crate::rests::{Level, ZeroChange};
+use crate::stationary::{Level, ZeroChange};
 use shell_data::statistics::RunningVariance;
 
 /// The fewest rests that a trend is told from.
@@ -44,7 +44,7 @@ pub struct Drift {
 impl Trend {
     /// Of the values `y` at `x`, in order; `None` for fewer than [`FEWEST_RESTS`], or where `x` does not
     /// change.
-    pub fn of(x: &[f64], y: &[f64]) -> Option<Self> {
+    pub fn fit(x: &[f64], y: &[f64]) -> Option<Self> {
         let (xs, ys) = (RunningVariance::of(x), RunningVariance::of(y));
         if x.len() < FEWEST_RESTS || xs.squares <= 0.0 || !xs.squares.is_finite() {
             return None;
@@ -69,14 +69,14 @@ impl Trend {
 impl Drift {
     /// Of one of `quantities` from its levels at the rests, with the middle of each, s, and its
     /// temperature, `None` where that is not known; `None` for fewer than [`FEWEST_RESTS`].
-    pub fn of(
+    pub fn fit(
         levels: &[Level],
         times_s: &[f64],
         temperatures: &[Option<f64>],
         quantities: usize,
     ) -> Option<Self> {
         let zeros: Vec<f64> = levels.iter().map(|level| level.mean).collect();
-        let per_s = Trend::of(times_s, &zeros)?;
+        let per_s = Trend::fit(times_s, &zeros)?;
         let known = temperatures.iter().zip(&zeros).filter_map(|(at, &zero)| Some(((*at)?, zero)));
         let (degrees, zeros_there): (Vec<f64>, Vec<f64>) = known.unzip();
         let all = RunningVariance::of(&zeros);
@@ -87,7 +87,7 @@ impl Drift {
             change: ZeroChange::new(first, last, quantities),
             wander: (all.squares / (all.count - 1) as f64 - by_noise).max(0.0).sqrt(),
             per_s,
-            per_degree: Trend::of(&degrees, &zeros_there),
+            per_degree: Trend::fit(&degrees, &zeros_there),
         })
     }
 }
@@ -100,11 +100,11 @@ mod tests {
     fn a_line_is_that_of_least_squares() {
         // numpy: slope 1.0135135, standard error 0.0468122; the residuals alternate (ρ = −0.774), so that
         // nothing is added. The printed digits.
-        let found = Trend::of(&[0.0, 1.0, 2.0, 3.0, 5.0], &[1.0, 1.9, 3.2, 3.8, 6.1]).unwrap();
+        let found = Trend::fit(&[0.0, 1.0, 2.0, 3.0, 5.0], &[1.0, 1.9, 3.2, 3.8, 6.1]).unwrap();
         assert!((found.slope - 1.013_513_5).abs() < 1e-7, "{found:?}");
         assert!((found.standard_error - 0.046_812_2).abs() < 1e-7, "{found:?}");
-        assert_eq!(Trend::of(&[1.0, 2.0], &[1.0, 2.0]), None);
-        assert_eq!(Trend::of(&[2.0; 4], &[1.0, 2.0, 3.0, 4.0]), None);
+        assert_eq!(Trend::fit(&[1.0, 2.0], &[1.0, 2.0]), None);
+        assert_eq!(Trend::fit(&[2.0; 4], &[1.0, 2.0, 3.0, 4.0]), None);
     }
 
     #[test]
@@ -126,7 +126,7 @@ mod tests {
                 at
             };
             let walk: Vec<f64> = times.iter().map(&mut step).collect();
-            let Trend { slope, standard_error, .. } = Trend::of(&times, &walk).unwrap();
+            let Trend { slope, standard_error, .. } = Trend::fit(&times, &walk).unwrap();
             slope.abs() < 3.0 * standard_error
         });
         let share = within.count() as f64 / 400.0;

@@ -12,10 +12,10 @@
 //! **Tare.** The mean wrench of the first 50 *fresh* frames, or of the fresh frames between two times.
 //! A row that repeats the frame before, as telemetry does until the sensor gives the next, is not a
 //! frame: it counts neither in the tare nor in its mean, whichever rows are written later. A tare can also
-//! follow the [rests]: straight from one to the next, or, while recording, that of the last.
+//! follow the [stationary intervals](stationary): straight from one to the next, or, while recording, that of the last.
 //!
 //! **Clock.** The grid of the low-pass has the usual period between rows, the median of the first
-//! [`CLOCK_ROWS`] rows. Each frame stands in the slot nearest to its own time, and a slot without a
+//! `CLOCK_ROWS` rows. Each frame stands in the slot nearest to its own time, and a slot without a
 //! frame holds the frame before. Repeated rows therefore change nothing, missing and uneven rows keep
 //! the cutoff in Hz true, and rows outnumber frames, so that no two frames share a slot.
 //! (The rate of fresh frames alone would fail on a sensor at rest, which repeats its readings.)
@@ -37,10 +37,10 @@ pub mod filter;
 mod options;
 pub mod payload;
 mod pipeline;
-pub mod rests;
 pub mod sampling;
 mod setup;
 mod signal;
+pub mod stationary;
 mod tare;
 
 pub use clock::{Clock, ClockSearch, Grid};

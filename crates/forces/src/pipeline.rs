@@ -6,8 +6,8 @@ use shell_data::wrench::{Axis, PerAxis};
 
 use super::clock::{Clock, Grid};
 use super::filter::FilterError;
-use super::rests::{Rest, RestZeros};
 use super::signal::{BlockPlan, SignalFilter};
+use super::stationary::{StationaryInterval, StationaryZeros};
 use super::{LowPass, RowRule, TareResult};
 
 /// From readings to forces, for one log.
@@ -16,7 +16,7 @@ pub struct ForcePipeline {
     pub(super) rule: RowRule,
     pub(super) tare: Option<Tare>,
     /// What is subtracted in place of the tare's mean, where the tare follows the rests.
-    pub(super) zeros: Option<RestZeros>,
+    pub(super) zeros: Option<StationaryZeros>,
     pub(super) tare_result: Option<TareResult>,
     pub(super) low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
@@ -69,7 +69,7 @@ impl ForcePipeline {
     }
 
     /// Follows another rest, if the tare does that, while a log is recorded.
-    pub fn follow(&mut self, calibration: &Calibration, rest: &Rest) {
+    pub fn follow(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
         if let Some(zeros) = &mut self.zeros {
             zeros.add(calibration, rest);
         }

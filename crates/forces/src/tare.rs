@@ -4,7 +4,7 @@ use calibration::Calibration;
 use calibration::uncertainty::Tare;
 use shell_data::wrench::AxisValues;
 
-use super::rests::{REST_FRAMES, RestFinder, RestZeros};
+use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryZeros};
 use super::{ForceError, RowRule, TareRule};
 
 /// Frames that are summed at once: fixed, so that the mean has the same bits however the log is cut.
@@ -25,7 +25,7 @@ pub(super) struct TareSearch {
     /// The frames themselves, if they are kept.
     frames: Option<TareFrames>,
     /// Where the tare follows them: the rests, and the zeros at these.
-    rests: Option<(RestFinder, RestZeros)>,
+    rests: Option<(StationaryFinder, StationaryZeros)>,
     /// Leave all rests but the first to somebody else.
     ends_at_first_rest: bool,
 }
@@ -88,7 +88,9 @@ impl TareSearch {
             seen_s: None,
             frames: keep_frames.then(TareFrames::default),
             rests: match rule {
-                TareRule::Rests { causal } => Some((RestFinder::default(), RestZeros::new(causal))),
+                TareRule::Rests { causal } => {
+                    Some((StationaryFinder::default(), StationaryZeros::new(causal)))
+                }
                 _ => None,
             },
             ends_at_first_rest: false,
@@ -127,7 +129,7 @@ impl TareSearch {
                 TareRule::Untared => return,
                 TareRule::First(frames) => self.is_done |= self.found >= frames,
                 TareRule::Between(_, end_s) => self.is_done |= time.is_none_or(|time| time > end_s),
-                TareRule::Rests { .. } if self.found >= REST_FRAMES => {
+                TareRule::Rests { .. } if self.found >= STATIONARY_FRAMES => {
                     self.is_done = self.ends_at_first_rest;
                     return;
                 }
@@ -143,7 +145,9 @@ impl TareSearch {
             self.take(calibration, rows, row);
             self.is_done = match self.rule {
                 TareRule::First(frames) => self.found >= frames,
-                TareRule::Rests { .. } => self.ends_at_first_rest && self.found >= REST_FRAMES,
+                TareRule::Rests { .. } => {
+                    self.ends_at_first_rest && self.found >= STATIONARY_FRAMES
+                }
                 _ => false,
             };
         }
@@ -207,8 +211,8 @@ impl TareSearch {
                 let (first_s, last_s) = self.seen_s.unwrap_or((f64::NAN, f64::NAN));
                 return Err(ForceError::TareTime { start_s, end_s, first_s, last_s });
             }
-            TareRule::Rests { .. } if found < REST_FRAMES => {
-                return Err(ForceError::TareFrames { wanted: REST_FRAMES, found });
+            TareRule::Rests { .. } if found < STATIONARY_FRAMES => {
+                return Err(ForceError::TareFrames { wanted: STATIONARY_FRAMES, found });
             }
             TareRule::First(_) | TareRule::Between(..) | TareRule::Rests { .. } => {}
         }
@@ -221,8 +225,8 @@ impl TareSearch {
             start_s: self.found_s.map(|(start, _)| start),
             end_s: self.found_s.map(|(_, end)| end),
             wrench: calibration.axes.values(&mean.wrench),
-            rests: zeros.as_ref().map(RestZeros::count),
-            last_rest_s: zeros.as_ref().and_then(RestZeros::end_s),
+            rests: zeros.as_ref().map(StationaryZeros::count),
+            last_rest_s: zeros.as_ref().and_then(StationaryZeros::end_s),
         });
         Ok(FoundTare { tare: self.mean, result, frames: self.frames, zeros })
     }
@@ -234,7 +238,7 @@ pub(super) struct FoundTare {
     pub(super) tare: Option<Tare>,
     pub(super) result: Option<TareResult>,
     pub(super) frames: Option<TareFrames>,
-    pub(super) zeros: Option<RestZeros>,
+    pub(super) zeros: Option<StationaryZeros>,
 }
 
 impl TareFrames {

@@ -158,7 +158,7 @@ impl LiveModel {
         self.history.push(row);
     }
 
-    /// Takes the mean wrench of the next [`TARE_ROWS`] rows as the zero of what is shown.
+    /// Takes the mean wrench of the next `TARE_ROWS` rows as the zero of what is shown.
     pub fn begin_tare(&mut self) {
         self.taring = Some((0, [0.0; 6]));
     }

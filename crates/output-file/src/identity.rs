@@ -17,7 +17,7 @@ pub(super) struct FileIdentity {
 
 impl FileIdentity {
     /// `None` for what is no file that could be replaced: devices, pipes, folders.
-    pub(super) fn of(path: &Path) -> Option<Self> {
+    pub(super) fn from_path(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok();
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
             return None;
@@ -114,8 +114,8 @@ mod tests {
         fs::create_dir(at("folder")).unwrap();
         let is = |a: &str, b: &str| {
             let mut files = Files::default();
-            files.insert(FileIdentity::of(&at(a)).unwrap(), ());
-            files.find(&FileIdentity::of(&at(b)).unwrap()).is_some()
+            files.insert(FileIdentity::from_path(&at(a)).unwrap(), ());
+            files.find(&FileIdentity::from_path(&at(b)).unwrap()).is_some()
         };
         assert!(is("a", "hard") && is("a", "soft") && is("a", "folder/../a"));
         assert!(is("new", "dangling") && is("new", "folder/../new"));
@@ -124,8 +124,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_replaced_has_no_identity() {
-        assert!(FileIdentity::of(Path::new("/dev/null")).is_none());
-        assert!(FileIdentity::of(Path::new("/")).is_none());
+        assert!(FileIdentity::from_path(Path::new("/dev/null")).is_none());
+        assert!(FileIdentity::from_path(Path::new("/")).is_none());
     }
 
     #[test]

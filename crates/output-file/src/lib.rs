@@ -110,7 +110,7 @@ impl Outputs {
     /// # Errors
     /// [`OutputError::IsInput`] if it is an output that was announced.
     pub fn protect(&self, path: &Path) -> Result<(), OutputError> {
-        let Some(identity) = FileIdentity::of(path) else { return Ok(()) };
+        let Some(identity) = FileIdentity::from_path(path) else { return Ok(()) };
         let mut known = self.known();
         if let Some(claim) = known.outputs.find(&identity) {
             let (path, input) = (claim.path.clone(), path.to_path_buf());
@@ -171,7 +171,7 @@ impl Outputs {
     }
 
     fn claim(&self, path: &Path, stage: OutputStage) -> Result<(), OutputError> {
-        let Some(identity) = FileIdentity::of(path) else { return Ok(()) };
+        let Some(identity) = FileIdentity::from_path(path) else { return Ok(()) };
         let mut known = self.known();
         if let Some(input) = known.inputs.find(&identity) {
             let (path, input) = (path.to_path_buf(), input.clone());

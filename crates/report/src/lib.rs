@@ -29,7 +29,7 @@ const PLOTLY_LICENCE: &str = include_str!("../assets/plotly-LICENSE.txt");
 impl Report<'_> {
     /// The report as the content of an HTML file.
     pub fn html(&self) -> String {
-        let numbers = numbers::ReportNumbers::of(self);
+        let numbers = numbers::ReportNumbers::new(self);
         let data = script_json(&numbers);
         let plotly = String::from_utf8(figures::decompressed(PLOTLY)).expect("an asset of text");
         let script = format!(

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use serde::{Serialize, Serializer};
 
-use super::units::Scale;
+use super::units::UnitScale;
 use super::{MOST_TRACES, Report};
 use figures::trial::{Passage, smoothed, stride_s};
 use trial::{ConditionRow, Interval, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
@@ -113,13 +113,13 @@ impl Serialize for Short {
 }
 
 impl ReportNumbers {
-    pub(super) fn of(report: &Report<'_>) -> Self {
+    pub(super) fn new(report: &Report<'_>) -> Self {
         let drawn = |(at, trial): (usize, &TrialResult)| {
             let trace =
                 trial.trace.as_ref().filter(|trace| at < MOST_TRACES && !trace.t_s.is_empty())?;
             let window = [trial.row.t_enter_s, trial.row.t_exit_s];
             let passage = Passage::new(window, report.robot_length_m, report.channel_length_m);
-            Some(TrialPlot::of(trace, &passage))
+            Some(TrialPlot::new(trace, &passage))
         };
         Self {
             effects: effects(report),
@@ -151,7 +151,7 @@ fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
         }
     };
     let shown: Vec<_> = rows.iter().filter_map(shown).collect();
-    let scale = Scale::of(quantity.unit(), shown.iter().map(|(_, _, mean, _)| *mean));
+    let scale = UnitScale::new(quantity.unit(), shown.iter().map(|(_, _, mean, _)| *mean));
     let numbers = |(name, trials, mean, interval): (String, usize, f64, Option<Interval>)| {
         let scaled = |value: f64| Short(scale.factor * value);
         let text = format!("{name} {} {}", scale.estimate(Some(mean), interval), scale.unit);
@@ -181,7 +181,7 @@ fn boxes(report: &Report<'_>) -> Vec<BoxPlot> {
             let ends = rows
                 .clone()
                 .flat_map(|row| [row.statistics.whisker_low, row.statistics.whisker_high]);
-            let Scale { factor, unit } = Scale::of(quantity.unit(), ends);
+            let UnitScale { factor, unit } = UnitScale::new(quantity.unit(), ends);
             let conditions: Vec<_> = rows
                 .map(|row| {
                     let (values, labels) = values(report.trials, &row.condition, quantity, per);
@@ -254,7 +254,7 @@ fn phases(report: &Report<'_>) -> Vec<PhasePlot> {
 }
 
 impl TrialPlot {
-    fn of(trace: &Trace, passage: &Passage) -> Self {
+    fn new(trace: &Trace, passage: &Passage) -> Self {
         let at = |column: &[f64], factor: f64| -> Option<Vec<Short>> {
             (!column.is_empty()).then(|| column.iter().map(|value| Short(factor * value)).collect())
         };

@@ -123,7 +123,7 @@ impl Telemetry {
     }
 
     /// The column of this name, given in lower case without spaces and punctuation.
-    pub fn of_name(plain: &str) -> Option<Self> {
+    pub fn from_name(plain: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|telemetry| telemetry.spellings().contains(&plain))
     }
 }
@@ -152,7 +152,7 @@ mod tests {
             ("Right Motor Power", Some(RightPower)),
             ("S1", None),
         ] {
-            assert_eq!(Telemetry::of_name(&plain(name)), expected, "{name}");
+            assert_eq!(Telemetry::from_name(&plain(name)), expected, "{name}");
         }
     }
 

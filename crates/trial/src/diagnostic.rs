@@ -6,7 +6,7 @@ use serde::{Serialize, Serializer};
 
 use super::window::Proposal;
 use forces::RowRule;
-use forces::rests::ZeroMove;
+use forces::stationary::ZeroMove;
 
 /// How much a diagnostic matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]

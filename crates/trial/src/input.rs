@@ -31,7 +31,7 @@ pub struct Trial {
 
 impl Trial {
     /// The trial of a log between two times, of which nothing else is said.
-    pub fn of_window(file: String, (t_enter_s, t_exit_s): (f64, f64)) -> Self {
+    pub fn from_window(file: String, (t_enter_s, t_exit_s): (f64, f64)) -> Self {
         Self {
             file,
             condition: String::new(),

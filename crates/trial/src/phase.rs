@@ -10,7 +10,7 @@ use shell_data::wrench::Axis;
 pub(crate) const PHASES: usize = 32;
 
 /// One force over the phase: mean and standard deviation from stride to stride, in N, one for each
-/// of [`PHASES`] equal stretches of the phase.
+/// of `PHASES` equal stretches of the phase.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseForce {
     /// Mean of the strides' means.
@@ -56,8 +56,8 @@ impl PhaseProfile {
         (!drags.is_empty()).then(|| Self {
             strides: drags.len(),
             phase_rad: (0..PHASES).map(phase).collect(),
-            drag: PhaseForce::of(&drags),
-            lift: PhaseForce::of(&lifts),
+            drag: PhaseForce::from_strides(&drags),
+            lift: PhaseForce::from_strides(&lifts),
         })
     }
 }
@@ -93,7 +93,7 @@ impl PhaseForce {
         RunningVariance { count: strides as u64, mean: self.mean_n[i], squares }
     }
 
-    fn of(strides: &[[f64; PHASES]]) -> Self {
+    fn from_strides(strides: &[[f64; PHASES]]) -> Self {
         let n = strides.len() as f64;
         let mean = |i: usize| strides.iter().map(|stride| stride[i]).sum::<f64>() / n;
         let mean_n: Vec<f64> = (0..PHASES).map(mean).collect();

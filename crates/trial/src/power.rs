@@ -40,12 +40,12 @@ impl Power {
         window: Range<usize>,
     ) -> Result<Self, Diagnostic> {
         let telemetry = PowerColumns { rows, profile };
-        if let Some(power) = Self::of_columns(POWERS.map(|kind| telemetry.in_si(kind))) {
+        if let Some(power) = Self::from_columns(POWERS.map(|kind| telemetry.in_si(kind))) {
             return Ok(power);
         }
         let currents = CURRENTS.map(|kind| telemetry.in_si(kind));
         let has_battery = rows.telemetry(Telemetry::Battery).is_some();
-        if has_battery && let Some(currents) = Self::of_columns(currents) {
+        if has_battery && let Some(currents) = Self::from_columns(currents) {
             let battery = telemetry.battery(window)?;
             let times =
                 |current: Vec<f64>| current.iter().zip(&battery).map(|(i, v)| i * v).collect();
@@ -56,7 +56,7 @@ impl Power {
     }
 
     /// Of columns for all, for the right and for the left motor, as far as they are there.
-    fn of_columns([total, right, left]: [Option<Vec<f64>>; 3]) -> Option<Self> {
+    fn from_columns([total, right, left]: [Option<Vec<f64>>; 3]) -> Option<Self> {
         let sides_w = right.zip(left).map(|(right, left)| [right, left]);
         let total_w = total.or_else(|| sides_w.as_ref().map(sum))?;
         Some(Self { total_w, sides_w })

@@ -226,7 +226,7 @@ fn bootstrap(
     let estimate = of(&means);
     let n = fewest as f64;
     let z = (n / (n - 1.0)).sqrt() * student_quantile(LEVEL, n - 1.0);
-    let influence = Influence::of(samples, &means, &of);
+    let influence = Influence::new(samples, &means, &of);
     let acceleration = influence.acceleration();
     // Where the bootstrap distribution of a mean is: its bias is its acceleration (Efron & Tibshirani,
     // §14.3), its quantiles those of Cornish and Fisher.
@@ -275,7 +275,7 @@ struct Influence {
 }
 
 impl Influence {
-    fn of(samples: &[&[(f64, usize)]], means: &[f64], of: &impl Fn(&[f64]) -> f64) -> Self {
+    fn new(samples: &[&[(f64, usize)]], means: &[f64], of: &impl Fn(&[f64]) -> f64) -> Self {
         let (mut squares, mut cubes) = (0.0, 0.0);
         for (i, clusters) in samples.iter().enumerate() {
             let (sum, n) = clusters.iter().fold((0.0, 0), |(s, n), &(a, b)| (s + a, n + b));

@@ -186,7 +186,7 @@ fn evaluate_entry(
         mass_kg: entry.mass_kg.as_ref().map(|placed| placed.value),
         channel_length_m: entry.channel_length_m.as_ref().map(|placed| placed.value),
         notes: entry.notes.clone(),
-        ..Trial::of_window(entry.file.value.clone(), (f64::NAN, f64::NAN))
+        ..Trial::from_window(entry.file.value.clone(), (f64::NAN, f64::NAN))
     };
     let job = TrialJob { log: &log, instrument, options: options.trial, read: *read };
     let evaluated = evaluate_in_window(&job, trial, window)?;

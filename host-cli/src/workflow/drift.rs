@@ -5,7 +5,7 @@ use crate::workflow::{ChannelMismatch, check_channels};
 use calibration::Calibration;
 use figures::WrenchTrace;
 use forces::drift::{Drift, FEWEST_RESTS};
-use forces::rests::{Level, Rest, RestFinder};
+use forces::stationary::{Level, StationaryFinder, StationaryInterval};
 use log_file::{ColumnRef, Log, LogError, ReadOptions, Wanted};
 use shell_data::hint::Hint;
 use shell_data::wrench::{AxisValues, PerAxis};
@@ -126,7 +126,7 @@ pub fn drift(
     if let Some(calibration) = options.calibration {
         check_channels(log, calibration.channels())?;
     }
-    let mut finder = RestFinder::default();
+    let mut finder = StationaryFinder::default();
     let mut observed = Observed::new(log.channels());
     let mut warmth = Warmth::default();
     let summary = log.read(
@@ -157,7 +157,7 @@ pub fn drift(
     let temperatures: Vec<Option<f64>> = times_s.iter().map(|&time| warmth.at(time)).collect();
     let calibration_axes = options.calibration.map(|calibration| calibration.axes);
     let quantities = calibration_axes.map_or(channels.len(), |axes| axes.iter().count());
-    let of = |levels: &Vec<Level>| Drift::of(levels, &times_s, &temperatures, quantities);
+    let of = |levels: &Vec<Level>| Drift::fit(levels, &times_s, &temperatures, quantities);
     let too_few = || DriftError::TooFewRests { path: path(), found: times_s.len() };
     let channel_drifts = channels.iter().map(of).collect::<Option<Vec<_>>>().ok_or_else(too_few)?;
     let axis_drifts = match calibration_axes {
@@ -203,13 +203,13 @@ impl Observed {
         Self { times_s: Vec::new(), axes: PerAxis::default(), channels }
     }
 
-    fn add(&mut self, calibration: Option<&Calibration>, rest: &Rest) {
+    fn add(&mut self, calibration: Option<&Calibration>, rest: &StationaryInterval) {
         self.times_s.push(rest.middle_s());
         for (levels, readings) in self.channels.iter_mut().zip(&rest.readings) {
-            levels.push(Level::of(readings, &rest.parts));
+            levels.push(Level::new(readings, &rest.parts));
         }
         if let Some(calibration) = calibration {
-            let wrench = Level::of_wrench(calibration, rest);
+            let wrench = Level::from_wrench(calibration, rest);
             self.axes.iter_mut().zip(wrench).for_each(|(levels, level)| levels.push(level));
         }
     }

@@ -7,7 +7,7 @@ use super::selection::{RowFilter, TimeWindow, by_column};
 use super::{ChannelMismatch, check_channels};
 use calibration::Calibration;
 use forces::ForcePipeline;
-use forces::rests::{ZeroMove, ZeroWatch};
+use forces::stationary::{ZeroMove, ZeroWatch};
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::hint::Hint;
 use shell_data::statistics::RunningVariance;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use calibration::Calibration;
 use calibration_file::CalibrationFile;
-use forces::rests::{FALSE_ALARMS, ZeroWatch};
+use forces::stationary::{FALSE_ALARMS, ZeroWatch};
 use serde_json::Value;
 use simulation::sensor_model::{Parameters, SensorModel};
 use system_tests::program::{self, ended, json, refused, succeed};

@@ -73,7 +73,7 @@ fn of_library(
     let opened = Log::open(&folder.join(log), &mapping).unwrap();
     let job = TrialJob { log: &opened, instrument, options, read };
     let times = WindowTimes { enter_s: Some(window.0), exit_s: Some(window.1) };
-    let trial = Trial::of_window(log.to_owned(), (f64::NAN, f64::NAN));
+    let trial = Trial::from_window(log.to_owned(), (f64::NAN, f64::NAN));
     let plotted = evaluate_in_window(&job, trial, times).unwrap().result.trace.unwrap();
 
     let text = format!("file,condition,t_enter_s,t_exit_s\n{log},3 cm,{},{}\n", window.0, window.1);

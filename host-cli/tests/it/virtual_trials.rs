@@ -35,7 +35,7 @@ impl Draws {
 
 fn a_trial([t_enter_s, t_exit_s]: [f64; 2]) -> Trial {
     let window = (t_enter_s, t_exit_s);
-    Trial { condition: "3 cm".to_owned(), ..Trial::of_window("trial.txt".to_owned(), window) }
+    Trial { condition: "3 cm".to_owned(), ..Trial::from_window("trial.txt".to_owned(), window) }
 }
 
 /// The telemetry of a trial as the evaluation takes it, without the readings.

@@ -2,7 +2,7 @@
 
 use super::reception::{BoardFrame, Measured};
 use calibration::Calibration;
-use forces::rests::RestFinder;
+use forces::stationary::StationaryFinder;
 use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup};
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, AxisValues, PerAxis};
@@ -23,7 +23,7 @@ pub struct RunningForces {
     options: ForceOptions,
     stage: ForceStage,
     /// The rests, where the tare follows them.
-    rests: Option<RestFinder>,
+    rests: Option<StationaryFinder>,
     newest: Option<PerAxis<f64>>,
 }
 
@@ -58,7 +58,7 @@ impl RunningForces {
     /// Nothing has come yet.
     pub fn new(live: LiveForces) -> Self {
         let options = live.options.causal();
-        let rests = options.tare.follows_rests().then(RestFinder::default);
+        let rests = options.tare.follows_rests().then(StationaryFinder::default);
         let setup = Box::new(PipelineSetup::while_recording(options));
         let stage =
             ForceStage::Setup { setup, times_s: Vec::new(), readings: vec![Vec::new(); CHANNELS] };
@@ -141,7 +141,7 @@ impl RunningForces {
 
 /// Lets a pipeline follow the rests that end among some frames, where its tare does that.
 fn follow(
-    rests: &mut Option<RestFinder>,
+    rests: &mut Option<StationaryFinder>,
     pipeline: &mut ForcePipeline,
     calibration: &Calibration,
     times_s: &[f64],

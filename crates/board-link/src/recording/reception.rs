@@ -212,7 +212,7 @@ impl Reception {
                         let step = before.map_or(0, |before| sample.dropped.wrapping_sub(before));
                         *dropped_on_board += u64::from(step);
                     }
-                    let mut frame = BoardFrame::of_sample(&sample, index, time_us, restarted);
+                    let mut frame = BoardFrame::from_sample(&sample, index, time_us, restarted);
                     frame.timing = *timing;
                     frame.health = health.take();
                     frame.edge = edges.give(sample.clock_us, time_us);
@@ -235,7 +235,7 @@ impl Reception {
             AnyDecoder::Original(decoder) => {
                 let mut index = decoder.scans.cast_signed();
                 decoder.feed(bytes, |scan| {
-                    frames.push(BoardFrame::of_scan(&scan, index, timeline));
+                    frames.push(BoardFrame::from_scan(&scan, index, timeline));
                     index += 1;
                 });
             }
@@ -246,8 +246,9 @@ impl Reception {
     pub fn finish(&mut self, frames: &mut Vec<BoardFrame>) {
         if let AnyDecoder::Original(decoder) = &mut self.decoder {
             let index = decoder.scans.cast_signed();
-            decoder
-                .finish(|scan| frames.push(BoardFrame::of_scan(&scan, index, &mut self.timeline)));
+            decoder.finish(|scan| {
+                frames.push(BoardFrame::from_scan(&scan, index, &mut self.timeline))
+            });
         }
     }
 
@@ -326,7 +327,7 @@ impl BoardFrame {
         }
     }
 
-    fn of_sample(sample: &Sample, index: i64, time_us: i64, restarted: bool) -> Self {
+    fn from_sample(sample: &Sample, index: i64, time_us: i64, restarted: bool) -> Self {
         let measured = match sample.values {
             Values::Readings(counts) => Measured::Readings(
                 counts.map(|counts| f64::from(counts) / f64::from(COUNTS_PER_LSB)),
@@ -337,7 +338,7 @@ impl BoardFrame {
         Self { saturated, dropped, restarted, ..Self::new(time_us, index, measured) }
     }
 
-    fn of_scan(scan: &skinproc::Scan, index: i64, timeline: &mut Timeline) -> Self {
+    fn from_scan(scan: &skinproc::Scan, index: i64, timeline: &mut Timeline) -> Self {
         let (time_us, restarted) =
             timeline.place(scan.clock_us, Arrival::InOrder { missing: 0 }, Silence::Short);
         let saturated = (0..CHANNELS)

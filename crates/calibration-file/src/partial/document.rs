@@ -2,7 +2,7 @@
 //!
 //! | field | content |
 //! |---|---|
-//! | `partial_schema_version` | [`PARTIAL_SCHEMA_VERSION`], with groups [`GROUPED_PARTIAL_SCHEMA_VERSION`]; [`FACTORED_PARTIAL_SCHEMA_VERSION`] of triangles |
+//! | `partial_schema_version` | `PARTIAL_SCHEMA_VERSION`, with groups `GROUPED_PARTIAL_SCHEMA_VERSION`; `FACTORED_PARTIAL_SCHEMA_VERSION` of triangles |
 //! | `made_by`, `date` | program and version, UTC |
 //! | `model` | features and intercept |
 //! | `skipped_rows`, `repeated_rows` | wrong rows left out, rows that repeat their readings |
@@ -137,7 +137,7 @@ impl PartialFit {
                 .then(|| self.axes.iter().map(|axis| axis.column().to_owned()).collect()),
             moments: moments(&self.sums, self.axes),
             triangle: triangle(&self.sums, self.axes),
-            groups: self.groups.as_ref().map(|groups| GroupsDocument::of(groups, self.axes)),
+            groups: self.groups.as_ref().map(|groups| GroupsDocument::new(groups, self.axes)),
         }))
     }
 }
@@ -186,7 +186,7 @@ impl PartialDocument {
 }
 
 impl GroupsDocument {
-    fn of(groups: &PartialGroups, axes: Axes) -> Self {
+    fn new(groups: &PartialGroups, axes: Axes) -> Self {
         let RandomSplit { folds, held_out, seed } = groups.split;
         let group = |group: &PartialGroup| GroupDocument {
             label: group.label.clone(),
@@ -200,7 +200,7 @@ impl GroupsDocument {
             random_folds: folds,
             held_out_folds: held_out,
             seed,
-            random: (groups.random.iter()).map(|sums| MomentsDocument::of(sums, axes)).collect(),
+            random: (groups.random.iter()).map(|sums| MomentsDocument::new(sums, axes)).collect(),
             sums: groups.groups.iter().map(group).collect(),
         }
     }
@@ -300,7 +300,7 @@ fn field(sums: &Sums) -> &'static str {
 
 fn moments(sums: &Sums, axes: Axes) -> Option<MomentsDocument> {
     match sums {
-        Sums::Exact(moments) => Some(MomentsDocument::of(moments, axes)),
+        Sums::Exact(moments) => Some(MomentsDocument::new(moments, axes)),
         Sums::Factored(_) => None,
     }
 }
@@ -308,7 +308,7 @@ fn moments(sums: &Sums, axes: Axes) -> Option<MomentsDocument> {
 fn triangle(sums: &Sums, axes: Axes) -> Option<TriangleDocument> {
     match sums {
         Sums::Exact(_) => None,
-        Sums::Factored(rows) => Some(TriangleDocument::of(rows, axes)),
+        Sums::Factored(rows) => Some(TriangleDocument::new(rows, axes)),
     }
 }
 

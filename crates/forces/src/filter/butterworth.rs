@@ -37,7 +37,7 @@ impl Butterworth {
     /// # Errors
     /// [`FilterError::Order`] outside 1..=16, [`FilterError::Rate`] unless positive and finite,
     /// [`FilterError::Cutoff`] unless between 0 and half the rate, both excluded;
-    /// [`FilterError::TooSlow`] below a share of [`LOWEST`](Self::LOWEST) of the rate.
+    /// [`FilterError::TooSlow`] below a share of `LOWEST`(Self::LOWEST) of the rate.
     pub fn low_pass(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
         if !(1..=Self::LARGEST_ORDER).contains(&order) {
             return Err(FilterError::Order { order });

@@ -259,7 +259,7 @@ fn meaning_of(name: &str, format: Format) -> Meaning {
     }
     // A reading may be in any unit.
     let name = without_unit(name);
-    if let Some(telemetry) = Telemetry::of_name(&name) {
+    if let Some(telemetry) = Telemetry::from_name(&name) {
         return Meaning::Telemetry(telemetry);
     }
     match numbered(&name, "sensor").or_else(|| numbered(&name, "s")) {

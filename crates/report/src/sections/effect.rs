@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::super::Report;
 use super::super::markup::{TableCell, escape, table};
 use super::super::numbers::{EffectPlot, QUANTITIES, ReportNumbers};
-use super::super::units::Scale;
+use super::super::units::UnitScale;
 use super::parts::{capital, plot_figure};
 use trial::{ConditionRow, Difference, Per, Quantity};
 
@@ -78,8 +78,8 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     html + &table("Mean per trial, with the half width of its 95 % interval", &header, &cells)
 }
 
-fn scale_of(rows: &[&ConditionRow], quantity: Quantity) -> Scale {
-    Scale::of(quantity.unit(), rows.iter().map(|row| row.statistics.mean))
+fn scale_of(rows: &[&ConditionRow], quantity: Quantity) -> UnitScale {
+    UnitScale::new(quantity.unit(), rows.iter().map(|row| row.statistics.mean))
 }
 
 /// A sentence for every quantity: how conditions differ from the reference.

@@ -33,7 +33,7 @@ use super::selection::RowFilter;
 use calibration::{Calibration, Kind};
 use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
-use forces::rests::ZeroWatch;
+use forces::stationary::ZeroWatch;
 use frames::FrameConverter;
 use log_file::{Log, Meaning, Wanted};
 use shell_data::wrench::PerAxis;

@@ -3,8 +3,8 @@
 use super::frames::ConvertedFrames;
 use crate::workflow::selection::{RowFilter, by_column};
 use forces::payload::Lag;
-use forces::rests::ZeroMove;
 use forces::sampling::Rate;
+use forces::stationary::ZeroMove;
 use forces::{AppliedLowPass, TareResult};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use board_link::recording::BoardFrame;
-use board_link::{Progress, Watcher, Wish};
+use board_link::{Progress, RecordCommand, Watcher};
 
 /// Frames that wait to be shown, at most: half a minute at 1 kHz.
 const WAITING: usize = 32_768;
@@ -27,7 +27,7 @@ struct State {
     /// Frames that were not shown because nobody fetched them.
     left_out: u64,
     progress: Option<Progress>,
-    wishes: VecDeque<Wish>,
+    commands: VecDeque<RecordCommand>,
 }
 
 impl Feed {
@@ -73,8 +73,8 @@ impl Feed {
     }
 
     /// Asks for something to happen to the log.
-    pub fn ask(&self, wish: Wish) {
-        self.with(|state| state.wishes.push_back(wish));
+    pub fn ask(&self, command: RecordCommand) {
+        self.with(|state| state.commands.push_back(command));
     }
 
     /// Holds a log that is played, or lets it go on.
@@ -102,8 +102,8 @@ impl Watcher for FeedWatcher {
         self.0.send(frames);
     }
 
-    fn wish(&mut self) -> Option<Wish> {
-        self.0.with(|state| state.wishes.pop_front())
+    fn next_command(&mut self) -> Option<RecordCommand> {
+        self.0.with(|state| state.commands.pop_front())
     }
 }
 

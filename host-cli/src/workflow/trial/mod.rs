@@ -99,7 +99,7 @@ pub fn evaluate_whole(job: &TrialJob<'_>) -> Result<Evaluated, TrialLogError> {
     let job = TrialJob { options, ..*job };
     let recorded = Recorded::read(&job, (f64::NEG_INFINITY, f64::INFINITY))?;
     let LogTimes { first_s, last_s, .. } = recorded.times;
-    let trial = Trial::of_window(job.log.path().display().to_string(), (first_s, last_s));
+    let trial = Trial::from_window(job.log.path().display().to_string(), (first_s, last_s));
     Ok(evaluated(&job, &trial, recorded)?.0)
 }
 

@@ -2,8 +2,8 @@
 
 use super::job::{TrialJob, TrialLogError};
 use calibration::Calibration;
-use forces::rests::{ZeroMove, ZeroWatch};
 use forces::sampling::Sampling;
+use forces::stationary::{ZeroMove, ZeroWatch};
 use forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
 use log_file::{ColumnRef, LogError, ReadSummary, Selection, Wanted};
 use shell_data::block::Block;

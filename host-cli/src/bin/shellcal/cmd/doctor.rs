@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use board_link::{InterviewOptions, PortOptions, PortState, SystemFiles, Uplink, interview, ports};
+use board_link::{HandshakeOptions, PortOptions, PortState, SystemFiles, Uplink, handshake, ports};
 use calibration_file::CalibrationFile;
 use doctor::{
     BoardObservations, Finding, FindingSeverity, check_board, check_port, examine_calibration,
@@ -126,7 +126,7 @@ impl DoctorArgs {
         printer: &mut Printer,
     ) -> anyhow::Result<Examination> {
         let options = self.serial.port(port);
-        let state = PortState::of(&options, &SystemFiles::default());
+        let state = PortState::new(&options, &SystemFiles::default());
         let mut findings = check_port(&state);
         if state.refusal.is_none() {
             let seconds = self.listen.as_secs_f64();
@@ -145,17 +145,17 @@ impl DoctorArgs {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let framing = self.framing.framing().unwrap_or(Framing::Cobs);
         let baud = port.baud;
-        let options = InterviewOptions {
+        let options = HandshakeOptions {
             port,
             uplink: Uplink { framing, to: self.serial.to },
             listen: self.listen,
             number: (now.as_millis() / 10) as u16,
         };
-        let interview = interview(&options, &stop)?;
+        let handshake = handshake(&options, &stop)?;
         let of = |file: &'_ CalibrationFile| file.origin.sensor_serial.clone();
         let label = calibration.and_then(of);
         Ok(check_board(&BoardObservations {
-            interview: &interview,
+            handshake: &handshake,
             baud,
             protocol: match self.framing {
                 FramingArg::Original => Protocol::Original,
@@ -183,7 +183,7 @@ impl DoctorArgs {
             return Ok(vec![Examination { name, kind: "port", findings: vec![finding] }]);
         }
         let examine = |port: &str| {
-            let state = PortState::of(&self.serial.port(port), &SystemFiles::default());
+            let state = PortState::new(&self.serial.port(port), &SystemFiles::default());
             let findings = check_port(&state);
             Examination { name: port.to_owned(), kind: "port", findings }
         };

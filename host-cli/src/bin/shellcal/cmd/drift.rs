@@ -3,7 +3,7 @@
 use calibration_file::CalibrationFile;
 use figures::{Axis, Chart, Figure, Mark, Series, Size, Spacing, trace_figure};
 use forces::drift::{Drift, Trend};
-use forces::rests::{FALSE_ALARMS, ZeroChange, largest_change};
+use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
 use log_file::{ColumnRef, Log};
 use output_file::Outputs;
 use serde::Serialize;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use forces::rests::ZeroMove;
+use forces::stationary::ZeroMove;
 use forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 use log_file::Log;
 use shellcal::workflow::selection::{RowFilter, TimeWindow};

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use board_link::recording::{LiveForces, Losses, protocol_name};
 use board_link::{
-    Journal, Progress, RecordOptions, Recorded, RecordedBoard, Sinks, Source, record,
+    AppendWriter, Progress, RecordOptions, Recorded, RecordedBoard, Sinks, Source, record,
 };
 use calibration::Calibration;
 use calibration_file::CalibrationFile;
@@ -112,10 +112,10 @@ impl RecordArgs {
             (None, Some(path)) => Source::replay(path)?,
             (None, None) => anyhow::bail!("neither a port nor a file to replay"),
         };
-        let journal = |path: &OutputPath| Journal::create(path, self.overwrite);
+        let writer = |path: &OutputPath| AppendWriter::create(path, self.overwrite);
         let sinks = Sinks {
-            log: self.output.as_ref().map(journal).transpose()?,
-            raw: self.raw.as_ref().map(journal).transpose()?,
+            log: self.output.as_ref().map(writer).transpose()?,
+            raw: self.raw.as_ref().map(writer).transpose()?,
             watcher: None,
         };
         let status = printer.status();

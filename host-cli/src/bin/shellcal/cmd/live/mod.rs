@@ -15,7 +15,7 @@ use std::thread;
 use std::time::Duration;
 
 use board_link::recording::LiveForces;
-use board_link::{Journal, PortOptions, RecordOptions, Sinks, Source, record};
+use board_link::{AppendWriter, PortOptions, RecordOptions, Sinks, Source, record};
 use calibration_file::CalibrationFile;
 use forces::{ForceOptions, LowPass, TareRule};
 #[cfg(feature = "foxglove")]
@@ -262,7 +262,7 @@ impl LiveArgs {
         &self,
         port: &str,
         forces: Option<LiveForces>,
-        log: Option<Journal>,
+        log: Option<AppendWriter>,
         feed: &Feed,
         done: &Arc<AtomicBool>,
     ) -> anyhow::Result<thread::JoinHandle<SourceEnd>> {

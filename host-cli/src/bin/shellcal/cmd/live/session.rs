@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use board_link::recording::protocol_name;
-use board_link::{Journal, Progress, Wish};
+use board_link::{AppendWriter, Progress, RecordCommand};
 use live_view::{LiveModel, LiveRow};
 use output_file::OutputError;
 use shellcal::workflow::live::{Feed, LiveRows};
@@ -71,24 +71,24 @@ impl LogSeries {
     }
 
     /// Makes the next: `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there.
-    pub(super) fn next(&mut self) -> anyhow::Result<Journal> {
+    pub(super) fn next(&mut self) -> anyhow::Result<AppendWriter> {
         let base = self.path.clone().unwrap_or_else(|| PathBuf::from("live.csv"));
         let mut number = self.written.len() + 1;
         loop {
             let path = numbered(&base, number);
             // A name that was given is meant; one that was made must not be in the way.
             let is_given = number == 1 && self.path.is_some();
-            match Journal::create(&path, self.overwrite && is_given) {
+            match AppendWriter::create(&path, self.overwrite && is_given) {
                 Err(OutputError::Failed { source, .. })
                     if !is_given && source.kind() == io::ErrorKind::AlreadyExists =>
                 {
                     number += 1;
                 }
-                journal => {
-                    let journal = journal?;
+                writer => {
+                    let writer = writer?;
                     self.written.push(path.display().to_string());
                     self.is_on = true;
-                    return Ok(journal);
+                    return Ok(writer);
                 }
             }
         }
@@ -188,7 +188,7 @@ impl LiveSession {
             }
             LiveAction::Mark => match self.model.mark() {
                 Some(mark) => {
-                    self.feed.ask(Wish::Mark { index: mark.index, number: mark.number });
+                    self.feed.ask(RecordCommand::Mark { index: mark.index, number: mark.number });
                     format!("mark {} at {:.3} s", mark.number, mark.time_s)
                 }
                 None => return,
@@ -204,12 +204,12 @@ impl LiveSession {
         if let Some(log) = logs.current() {
             let said = format!("recorded `{log}`");
             logs.is_on = false;
-            self.feed.ask(Wish::Rest);
+            self.feed.ask(RecordCommand::Rest);
             return said;
         }
         match logs.next() {
-            Ok(journal) => {
-                self.feed.ask(Wish::Record(journal));
+            Ok(writer) => {
+                self.feed.ask(RecordCommand::Record(writer));
                 format!("recording to `{}`", logs.current().unwrap_or_default())
             }
             Err(error) => format!("{error:#}"),
@@ -268,12 +268,12 @@ mod tests {
         let path = dir.path().join("run.csv");
         std::fs::write(dir.path().join("run-2.csv"), "mine").unwrap();
         let mut logs = LogSeries::new(Some(path.clone()), false);
-        let mut journals = vec![logs.next().unwrap(), logs.next().unwrap()];
+        let mut writers = vec![logs.next().unwrap(), logs.next().unwrap()];
         let names: Vec<_> =
             logs.written.iter().map(Path::new).map(|p| p.file_name().unwrap()).collect();
         assert_eq!(names, ["run.csv", "run-3.csv"]);
         assert_eq!(std::fs::read(dir.path().join("run-2.csv")).unwrap(), b"mine");
-        journals.clear();
+        writers.clear();
         assert!(
             LogSeries::new(Some(path), false).next().is_err(),
             "a name that was given is taken"

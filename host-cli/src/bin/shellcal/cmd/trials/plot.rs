@@ -130,7 +130,7 @@ impl OneArgs {
         let read = self.evaluation.read_options();
         let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
         let name = self.log.display().to_string();
-        let trial = Trial::of_window(name, (f64::NAN, f64::NAN));
+        let trial = Trial::from_window(name, (f64::NAN, f64::NAN));
         let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
         let result = evaluate_in_window(&job, trial, window)?.result;
         self.evaluation.note_forces(printer, &options);

@@ -88,7 +88,7 @@ impl TrialArgs {
             velocity_m_s: self.velocity,
             mass_kg: self.mass,
             channel_length_m: self.channel_length,
-            ..Trial::of_window(name.clone(), (f64::NAN, f64::NAN))
+            ..Trial::from_window(name.clone(), (f64::NAN, f64::NAN))
         };
         let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
         let evaluated = printer.scan(&log, self.evaluation.read_options(), |read| {

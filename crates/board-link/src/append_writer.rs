@@ -16,7 +16,7 @@ use shared_proto::xbee::Address;
 
 /// A growing file.
 #[derive(Debug)]
-pub struct Journal {
+pub struct AppendWriter {
     path: PathBuf,
     file: File,
     length: u64,
@@ -26,7 +26,7 @@ pub struct Journal {
     failed: bool,
 }
 
-impl Journal {
+impl AppendWriter {
     /// Makes the file. One that exists is left alone unless `overwrite`; devices and pipes are
     /// written to.
     ///
@@ -60,8 +60,8 @@ impl Journal {
     }
 
     /// Where logs of other boards are made.
-    pub(super) fn place(&self) -> Place {
-        Place { path: self.path.clone() }
+    pub(super) fn place(&self) -> LogFolder {
+        LogFolder { path: self.path.clone() }
     }
 
     /// Where a piece is put together that the next [`flush`](Self::flush) writes.
@@ -132,14 +132,14 @@ impl Journal {
 
 /// Where the logs of further boards are made.
 #[derive(Clone, Debug)]
-pub(super) struct Place {
+pub(super) struct LogFolder {
     path: PathBuf,
 }
 
-impl Place {
+impl LogFolder {
     /// A log whose name has the board's address in it: `log-2052.csv` beside `log.csv`; where there is
     /// one already, `log-2052-2.csv` and so on, for a recording that runs cannot ask.
-    pub(super) fn beside(&self, address: Address) -> Result<Journal, OutputError> {
+    pub(super) fn beside(&self, address: Address) -> Result<AppendWriter, OutputError> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
         let (address, dot) = (address_text(address), dot.unwrap_or_default());
@@ -148,7 +148,7 @@ impl Place {
             let number_text = if number == 1 { String::new() } else { format!("-{number}") };
             let path = self.path.with_file_name(format!("{stem}-{address}{number_text}{dot}"));
             if number == MOST_NAMES || !path.exists() {
-                return Journal::create(&path, false);
+                return AppendWriter::create(&path, false);
             }
             number += 1;
         }

@@ -3,11 +3,11 @@
 use calibration::Calibration;
 use shell_data::wrench::PerAxis;
 
-use super::Rest;
+use super::StationaryInterval;
 
 /// The zero at every time, from rests in their order.
 #[derive(Clone, Debug, PartialEq)]
-pub(in super::super) struct RestZeros {
+pub(in super::super) struct StationaryZeros {
     /// Hold the zero of the last rest that has ended, in place of a straight line between rests.
     causal: bool,
     knots: Vec<Knot>,
@@ -21,12 +21,12 @@ struct Knot {
     wrench: PerAxis<f64>,
 }
 
-impl RestZeros {
+impl StationaryZeros {
     pub(in super::super) fn new(causal: bool) -> Self {
         Self { causal, knots: Vec::new() }
     }
 
-    pub(in super::super) fn add(&mut self, calibration: &Calibration, rest: &Rest) {
+    pub(in super::super) fn add(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
         if let Some(tare) = calibration.tare(&rest.readings) {
             let (middle_s, end_s) = (rest.middle_s(), rest.end_s());
             self.knots.push(Knot { middle_s, end_s, wrench: tare.wrench });
@@ -74,11 +74,11 @@ mod tests {
             wrench: [fx, 0.0, 0.0, 0.0, 0.0, 0.0],
         };
         let knots = vec![knot(2.0, 1.0), knot(6.0, 3.0), knot(12.0, 0.0)];
-        let fx = |causal, time_s| RestZeros { causal, knots: knots.clone() }.at(time_s)[0];
+        let fx = |causal, time_s| StationaryZeros { causal, knots: knots.clone() }.at(time_s)[0];
         let straight = [0.0, 1.0, 3.0, 5.0, 7.0, 11.0, 20.0].map(|t| fx(false, t));
         assert_eq!(straight, [1.0, 1.0, 2.0, 3.0, 2.0, 0.0, 0.0]);
         let held = [0.0, 2.0, 5.9, 6.0, 11.9, 12.0, 20.0].map(|t| fx(true, t));
         assert_eq!(held, [1.0, 1.0, 1.0, 3.0, 3.0, 0.0, 0.0]);
-        assert_eq!(RestZeros::new(true).at(1.0), [0.0; 6]);
+        assert_eq!(StationaryZeros::new(true).at(1.0), [0.0; 6]);
     }
 }

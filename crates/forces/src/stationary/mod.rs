@@ -1,6 +1,6 @@
 //! Stretches in which the sensor is at rest and unloaded: where its zero can be seen.
 //!
-//! The first [`REST_FRAMES`] fresh frames of a log are one, by the same agreement as the usual tare. Later,
+//! The first `STATIONARY_FRAMES` fresh frames of a log are one, by the same agreement as the usual tare. Later,
 //! a stretch of as many frames or more, and of half a second at least, is one if in every channel
 //!
 //! - its readings scatter about their mean by no more than `QUIET` times what the first stretch's do,
@@ -13,8 +13,8 @@
 //! drift, and a load below a twentieth of what the log has seen by then for none: nothing in the readings tells
 //! them apart. Only the past is looked at, so that rests are the same while a log is recorded and afterwards.
 
+mod interval_zeros;
 mod watch;
-mod zeros;
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -23,11 +23,11 @@ use shell_data::statistics::RunningVariance;
 
 use super::options::DEFAULT_TARE_FRAMES;
 
+pub(super) use interval_zeros::StationaryZeros;
 pub use watch::{FALSE_ALARMS, Level, ZeroChange, ZeroMove, ZeroWatch, largest_change};
-pub(super) use zeros::RestZeros;
 
 /// The fewest frames of a rest: those of the usual tare.
-pub(crate) const REST_FRAMES: usize = DEFAULT_TARE_FRAMES;
+pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
 
 /// Parts of a rest. They tell how sure its mean is also where neighbouring frames have noise in common.
 pub const PARTS: usize = 5;
@@ -49,7 +49,7 @@ const PART_S: f64 = 0.085;
 
 /// A stretch at rest.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Rest {
+pub struct StationaryInterval {
     /// Time of each frame, s.
     pub times_s: Vec<f64>,
     /// Readings, counts, one column a channel.
@@ -58,7 +58,7 @@ pub struct Rest {
     pub parts: Vec<usize>,
 }
 
-impl Rest {
+impl StationaryInterval {
     /// Time of the first frame, s.
     pub fn start_s(&self) -> f64 {
         self.times_s.first().copied().unwrap_or(f64::NAN)
@@ -77,7 +77,7 @@ impl Rest {
 
 /// A part of what may be a rest.
 #[derive(Clone, Debug, PartialEq)]
-struct RestPart {
+struct StationaryPart {
     frames: usize,
     /// Of every channel.
     levels: Vec<RunningVariance>,
@@ -97,11 +97,11 @@ struct KnownZero {
 
 /// The search for rests, as far as a log has been read.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct RestFinder {
+pub struct StationaryFinder {
     /// Of every channel, once there was a rest.
     known: Vec<KnownZero>,
     /// The newest parts that have ended, [`PARTS`] at most.
-    parts: VecDeque<RestPart>,
+    parts: VecDeque<StationaryPart>,
     /// Their frames.
     ended: usize,
     /// Those frames, and the ones since: times, and a column of readings for each channel.
@@ -110,14 +110,14 @@ pub struct RestFinder {
     last_s: Option<f64>,
 }
 
-impl RestFinder {
+impl StationaryFinder {
     /// Takes the next fresh frames: their times, s, and their readings, one column a channel. The rests
     /// that end among them are handed to `found`, in order.
     pub fn look_at(
         &mut self,
         times_s: &[f64],
         readings: &[Vec<f64>],
-        found: &mut dyn FnMut(&Rest),
+        found: &mut dyn FnMut(&StationaryInterval),
     ) {
         self.readings.resize_with(readings.len(), Vec::new);
         let mut taken = 0;
@@ -132,7 +132,7 @@ impl RestFinder {
             let start = *self.times_s.get(self.ended).unwrap_or(&times_s[taken]);
             // The first rest is as short as a tare.
             let is_long = self.known.is_empty() || time - start >= PART_S;
-            if frames >= REST_FRAMES / PARTS && is_long {
+            if frames >= STATIONARY_FRAMES / PARTS && is_long {
                 self.extend(times_s, readings, taken..row + 1);
                 taken = row + 1;
                 if let Some(rest) = self.end_part() {
@@ -161,9 +161,10 @@ impl RestFinder {
     }
 
     /// Ends the current part, and with it a rest if it is the last of one.
-    fn end_part(&mut self) -> Option<Rest> {
+    fn end_part(&mut self) -> Option<StationaryInterval> {
         let levels = self.readings.iter().map(|column| RunningVariance::of(&column[self.ended..]));
-        let part = RestPart { frames: self.times_s.len() - self.ended, levels: levels.collect() };
+        let part =
+            StationaryPart { frames: self.times_s.len() - self.ended, levels: levels.collect() };
         for (known, level) in self.known.iter_mut().zip(&part.levels) {
             known.low = known.low.min(level.mean);
             known.high = known.high.max(level.mean);
@@ -200,7 +201,7 @@ impl RestFinder {
             return None;
         }
         self.ended = 0;
-        Some(Rest {
+        Some(StationaryInterval {
             times_s: std::mem::take(&mut self.times_s),
             readings: self.readings.iter_mut().map(std::mem::take).collect(),
             parts: self.parts.drain(..).map(|part| part.frames).collect(),
@@ -235,10 +236,10 @@ mod tests {
         let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
         let readings: Vec<f64> =
             times.iter().enumerate().map(|(i, &t)| 2000.0 + level(t) + 4.0 * noise(i)).collect();
-        let mut finder = RestFinder::default();
+        let mut finder = StationaryFinder::default();
         let mut found = Vec::new();
         for (times, readings) in times.chunks(piece).zip(readings.chunks(piece)) {
-            let take = &mut |rest: &Rest| found.push((rest.start_s(), rest.end_s()));
+            let take = &mut |rest: &StationaryInterval| found.push((rest.start_s(), rest.end_s()));
             finder.look_at(times, &[readings.to_vec()], take);
         }
         found
@@ -269,7 +270,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_is_set_back_parts_rests() {
-        let mut finder = RestFinder::default();
+        let mut finder = StationaryFinder::default();
         let times: Vec<f64> = (0..90).map(|i| f64::from(i % 45) / 100.0).collect();
         let readings = vec![vec![7.0; 90]];
         let mut found = 0;

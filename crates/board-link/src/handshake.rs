@@ -29,7 +29,7 @@ const ENOUGH: usize = 2048;
 
 /// How to ask.
 #[derive(Clone, Debug)]
-pub struct InterviewOptions {
+pub struct HandshakeOptions {
     /// The port and how it should be set.
     pub port: PortOptions,
     /// How the base station should be set.
@@ -61,7 +61,7 @@ pub enum Heard {
 
 /// All that a board said.
 #[derive(Debug)]
-pub struct Interview {
+pub struct Handshake {
     /// What came from the port.
     pub heard: Heard,
     /// What the board is.
@@ -89,9 +89,9 @@ pub struct Stretch {
 ///
 /// # Errors
 /// [`LinkError`] if the port cannot be opened or goes away.
-pub fn interview(options: &InterviewOptions, stop: &AtomicBool) -> Result<Interview, LinkError> {
+pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handshake, LinkError> {
     let heard = listen(options)?;
-    let mut found = Interview {
+    let mut found = Handshake {
         heard,
         identity: None,
         status: None,
@@ -145,7 +145,7 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-fn ask(client: &mut Client<Box<dyn Connection>>, found: &mut Interview) -> Result<(), LinkError> {
+fn ask(client: &mut Client<Box<dyn Connection>>, found: &mut Handshake) -> Result<(), LinkError> {
     found.identity = Some(client.identify()?);
     let status = client.status()?;
     found.status = Some(status);
@@ -156,7 +156,7 @@ fn ask(client: &mut Client<Box<dyn Connection>>, found: &mut Interview) -> Resul
 }
 
 /// What comes from the port as it should be set and, if that is no board, at other speeds.
-fn listen(options: &InterviewOptions) -> Result<Heard, LinkError> {
+fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
     let asked = options.port.baud;
     let others = BAUDS.into_iter().filter(|&baud| baud != asked && !options.port.is_tcp());
     let mut at_first = 0;

@@ -12,7 +12,7 @@ use calibration::uncertainty::student_quantile;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
-use super::{PARTS, Rest, RestFinder};
+use super::{PARTS, StationaryFinder, StationaryInterval};
 
 /// The share of logs with a still zero that are said to have one that moves, at most.
 pub const FALSE_ALARMS: f64 = 0.01;
@@ -55,7 +55,7 @@ pub struct ZeroMove {
 
 impl Level {
     /// Of the values at a rest's frames.
-    pub fn of(values: &[f64], parts: &[usize]) -> Self {
+    pub fn new(values: &[f64], parts: &[usize]) -> Self {
         let whole = RunningVariance::of(values);
         let mut means = Vec::with_capacity(parts.len());
         let mut rest = values;
@@ -74,10 +74,10 @@ impl Level {
     }
 
     /// The wrench over a rest.
-    pub fn of_wrench(calibration: &Calibration, rest: &Rest) -> PerAxis<Self> {
+    pub fn from_wrench(calibration: &Calibration, rest: &StationaryInterval) -> PerAxis<Self> {
         let mut wrench = PerAxis::default();
         calibration.wrench(&rest.readings, &mut wrench);
-        wrench.map(|values| Self::of(&values, &rest.parts))
+        wrench.map(|values| Self::new(&values, &rest.parts))
     }
 }
 
@@ -128,14 +128,14 @@ impl ZeroMove {
 /// Looks at the rests of a log as it is read.
 #[derive(Clone, Debug, Default)]
 pub struct ZeroWatch {
-    finder: RestFinder,
-    first: Option<Rest>,
-    last: Option<Rest>,
+    finder: StationaryFinder,
+    first: Option<StationaryInterval>,
+    last: Option<StationaryInterval>,
     rests: u64,
 }
 
 impl ZeroWatch {
-    /// Takes the next fresh frames, see [`RestFinder::look_at`].
+    /// Takes the next fresh frames, see [`StationaryFinder::look_at`].
     pub fn look_at(&mut self, times_s: &[f64], readings: &[Vec<f64>]) {
         let Self { finder, first, last, rests } = self;
         finder.look_at(times_s, readings, &mut |rest| {
@@ -150,7 +150,7 @@ impl ZeroWatch {
     /// How the zero has moved; `None` with fewer than two rests.
     pub fn finish(&self, calibration: &Calibration) -> Option<ZeroMove> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
-        let levels = [first, last].map(|rest| Level::of_wrench(calibration, rest));
+        let levels = [first, last].map(|rest| Level::from_wrench(calibration, rest));
         let count = calibration.axes.iter().count();
         let change = |axis: usize| ZeroChange::new(&levels[0][axis], &levels[1][axis], count);
         Some(ZeroMove {
@@ -183,7 +183,7 @@ mod tests {
     fn chance_alone_exceeds_the_limit_as_often_as_is_said() {
         let mut noise = Noise(1);
         let parts = [10; PARTS];
-        let mut level = || Level::of(&std::array::from_fn::<f64, 50, _>(|_| noise.next()), &parts);
+        let mut level = || Level::new(&std::array::from_fn::<f64, 50, _>(|_| noise.next()), &parts);
         // Without the noise of a frame in the limit what is left is the test.
         let alarm = |first: Level, last: Level| {
             ZeroChange::new(&Level { noise: 0.0, ..first }, &last, 1).has_moved()
@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn a_level_has_the_error_of_its_parts() {
-        let level = Level::of(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
+        let level = Level::new(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
         // Parts of 2, 3 and 4: variance 1 of three.
         assert_eq!((level.mean, level.standard_error), (3.0, (1.0_f64 / 3.0).sqrt()));
         assert_eq!(level.noise, (16.0_f64 / 6.0).sqrt());
