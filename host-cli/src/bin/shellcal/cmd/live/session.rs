@@ -204,7 +204,7 @@ impl LiveSession {
         if let Some(log) = logs.current() {
             let said = format!("recorded `{log}`");
             logs.is_on = false;
-            self.feed.ask(RecordCommand::Rest);
+            self.feed.ask(RecordCommand::StopLog);
             return said;
         }
         match logs.next() {
