@@ -75,8 +75,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         jobs.extend(python::jobs(python)?);
     }
     if parts.contains(&Part::Board) {
-        let mut command = Command::new(std::env::current_exe()?);
-        command.arg("firmware");
+        // Not this very program: the build above may have replaced its file.
+        let command = cargo(&["xtask", "firmware"]);
         jobs.push(Job { name: "what the board's images take".to_owned(), command });
     }
     jobs.extend(programs.iter().map(|program| program.job(&equipment)));
@@ -116,10 +116,6 @@ fn set_up_and_build(parts: &[Part]) -> Result<(Equipment, Vec<Program>)> {
             equipment.give("needs the flashed image", flashed::IMAGE, board?);
         }
         let programs = programs()?;
-        if has(Part::Python) {
-            let build = ["build", "--workspace", "--lib", "--bins"];
-            steps::run("extension of Python", &mut cargo(&[&build[..], &PROFILE].concat()))?;
-        }
         let joined = "an environment is set up without a panic";
         if let Some(python) = model_python.join().expect(joined)? {
             equipment.variables.push((flashed::PYTHON, python.into()));
@@ -173,11 +169,13 @@ struct Program {
     folder: PathBuf,
 }
 
-/// Builds all tests and returns their programs, those of the largest packages first.
+/// Builds all tests, the program and the extension of Python by one command, so that no crate is built twice,
+/// and returns the programs of the tests, those of the largest packages first.
 fn programs() -> Result<Vec<Program>> {
-    let build = ["test", "--workspace", "--no-run", "--message-format", "json-render-diagnostics"];
-    let mut build = cargo(&[&build[..], &PROFILE].concat());
-    eprintln!("\n==> tests: {}", steps::line(&build));
+    let build = ["build", "--workspace", "--lib", "--bins", "--tests"];
+    let format = ["--message-format", "json-render-diagnostics"];
+    let mut build = cargo(&[&build[..], &format, &PROFILE].concat());
+    eprintln!("\n==> build: {}", steps::line(&build));
     let built = build.stdin(Stdio::null()).stderr(Stdio::inherit()).output()?;
     ensure!(built.status.success(), "the tests do not compile");
     let messages = String::from_utf8(built.stdout)?;
