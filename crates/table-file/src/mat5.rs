@@ -12,7 +12,7 @@ use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
 
 const KIND: FileKind = FileKind::Matlab;
 
@@ -26,12 +26,12 @@ pub struct Array {
     pub name: String,
     /// Rows, columns, and further sides.
     pub size: Vec<usize>,
-    numbers: Option<Numbers>,
+    numbers: Option<MatNumbers>,
 }
 
 /// The numbers of an array as the file holds them, column by column.
 #[derive(Clone, Debug)]
-struct Numbers {
+struct MatNumbers {
     bytes: Arc<Vec<u8>>,
     range: Range<usize>,
     element: Element,
@@ -58,7 +58,7 @@ impl Array {
     }
 }
 
-impl Numbers {
+impl MatNumbers {
     fn len(&self) -> usize {
         self.range.len() / self.element.size()
     }
@@ -156,7 +156,7 @@ fn array(
                     "`{name}` holds elements of kind {kind}, which are not numbers"
                 ))
             })?;
-            Some(Numbers { bytes: Arc::clone(bytes), range, element, is_little })
+            Some(MatNumbers { bytes: Arc::clone(bytes), range, element, is_little })
         }
         false => None,
     };
@@ -234,7 +234,7 @@ struct MatTable {
     names: Option<Vec<String>>,
 }
 
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, TableError> {
+pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let file = File::open(path)?;
     let length = file.metadata()?.len();
     budget::within(KIND, || "the file".to_owned(), length, LONGEST)?;
@@ -291,12 +291,12 @@ fn names(array: &Array) -> Vec<String> {
     }
 }
 
-impl Layout for MatTable {
+impl ColumnLayout for MatTable {
     fn names(&self) -> Option<&[String]> {
         self.names.as_deref()
     }
 
-    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(MatRows { arrays: Arc::clone(&self.arrays), rows: self.rows, row: 0 }))
     }
 }
@@ -307,8 +307,8 @@ struct MatRows {
     row: usize,
 }
 
-impl Rows for MatRows {
-    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+impl RowStream for MatRows {
+    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
         let columns: usize = self.arrays.iter().map(|array| length_of(array).1).sum();
         let rows = self.row..self.rows.min(self.row + batch_rows(columns));
         if rows.is_empty() {
