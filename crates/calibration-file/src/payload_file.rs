@@ -7,6 +7,7 @@
 //! | `mass_kg`, `centre_m`, `force_bias_n`, `moment_bias_nm` | see [`Payload`] |
 //! | `standard_errors` | of each of these |
 //! | `residual_rms_n`, `residual_rms_nm`, `poses`, `spread_rad` | see [`PayloadFit`] |
+//! | `gravity_m_s2` | gravity that the mass was found with; 9.80665 where a document of before does not say it |
 //! | `accelerometer` | see [`Accelerometer`]; `null` where there was none |
 
 use std::path::{Path, PathBuf};
@@ -15,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::LARGEST;
 use crate::input::{self, DocumentKind};
-use forces::payload::{Accelerometer, Matrix, Payload, PayloadFit, Vector};
+use forces::payload::{Accelerometer, Matrix, Payload, PayloadFit, STANDARD_GRAVITY_M_S2, Vector};
 
 /// The version of the documents that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
@@ -67,8 +68,14 @@ struct PayloadDocument {
     residual_rms_n: f64,
     residual_rms_nm: f64,
     poses: usize,
+    #[serde(default = "standard_gravity")]
+    gravity_m_s2: f64,
     spread_rad: [f64; 2],
     accelerometer: Option<StoredAccelerometer>,
+}
+
+fn standard_gravity() -> f64 {
+    STANDARD_GRAVITY_M_S2
 }
 
 #[derive(Serialize, Deserialize)]
@@ -137,6 +144,7 @@ impl PayloadFile {
                 residual_rms_n: document.residual_rms_n,
                 residual_rms_nm: document.residual_rms_nm,
                 poses: document.poses,
+                gravity_m_s2: document.gravity_m_s2,
                 spread_rad: document.spread_rad,
             },
             accelerometer: document.accelerometer.map(|it| Accelerometer {
@@ -166,6 +174,7 @@ impl PayloadFile {
             residual_rms_n: self.fit.residual_rms_n,
             residual_rms_nm: self.fit.residual_rms_nm,
             poses: self.fit.poses,
+            gravity_m_s2: self.fit.gravity_m_s2,
             spread_rad: self.fit.spread_rad,
             accelerometer: self.accelerometer.map(|it| StoredAccelerometer {
                 matrix: it.matrix,
@@ -183,6 +192,10 @@ impl PayloadDocument {
         let StoredPayload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.payload;
         if !(*mass_kg > 0.0 && *mass_kg <= LARGEST) {
             return Err(format!("`mass_kg` is `{mass_kg}`, expected a positive number"));
+        }
+        if !(0.1..=30.0).contains(&self.gravity_m_s2) {
+            let found = self.gravity_m_s2;
+            return Err(format!("`gravity_m_s2` is `{found}`, expected m/s², from 0.1 to 30"));
         }
         let mut numbers: Vec<(&str, f64)> = Vec::new();
         for (name, vector) in [
@@ -236,6 +249,7 @@ mod tests {
                 residual_rms_n: 0.1,
                 residual_rms_nm: 0.01,
                 poses: 7,
+                gravity_m_s2: 9.82,
                 spread_rad: [0.5, 0.25],
             },
             accelerometer: Some(Accelerometer {

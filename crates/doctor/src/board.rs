@@ -278,7 +278,7 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding
     let calibration = facts.calibration.map(|(calibration, _)| calibration);
     let calibration =
         calibration.filter(|calibration| calibration.channels() == summary.readings.len());
-    findings.extend(check_channels(&summary, &identical(&stretch.frames), calibration));
+    findings.extend(check_channels(&summary, &[], &identical(&stretch.frames), calibration));
     let outside = calibration.and_then(|calibration| {
         outside(calibration.rows_out_of_range(&columns(&stretch.frames)), summary.rows)
     });

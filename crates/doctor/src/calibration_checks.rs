@@ -5,12 +5,14 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use calibration::reading_ranges::ReadingRange;
 use calibration::validation::excitation::Gap;
 use calibration::{Calibration, Kind};
 use log_file::checksum::Checksum;
 use shell_data::wrench::{Axes, Axis};
 
 use crate::Finding;
+use crate::channels::channel_name;
 use crate::finding::percent;
 use calibration_file::{CalibrationFile, Diagnostics, Origin};
 
@@ -22,6 +24,9 @@ const OVERFIT: f64 = 2.0;
 
 /// Rows per feature, fewer of which a fit follows rather than averages.
 const ROWS_PER_FEATURE: u64 = 10;
+
+/// A share of the variance of an axis, less of which a calibration should explain.
+const EXPLAINED: f64 = 0.9;
 
 /// A calibration that is older should be made again, or at least tested.
 const OLD: Duration = Duration::from_secs(365 * 86_400);
@@ -93,6 +98,7 @@ pub fn check_calibration(facts: &CalibrationObservations<'_>) -> Vec<Finding> {
         Some(known) => {
             findings.extend(check_fit(known, facts.calibration));
             findings.extend(check_errors(known, facts.calibration.axes));
+            findings.extend(check_explained(known, facts.calibration.axes));
             findings.extend(check_loads(known, facts.calibration.axes));
         }
         None => findings.push(Finding::warning(
@@ -101,7 +107,9 @@ pub fn check_calibration(facts: &CalibrationObservations<'_>) -> Vec<Finding> {
             "hold it against a log with `shellcal eval`",
         )),
     }
-    findings.extend(check_ranges(facts.calibration));
+    let columns = facts.origin.columns.as_ref();
+    let names = columns.and_then(|columns| columns.sensors.as_deref()).unwrap_or_default();
+    findings.extend(check_ranges(facts.calibration, names));
     if matches!(facts.calibration.kind(), Kind::Polynomial(_))
         && facts.calibration.covariance.is_none()
     {
@@ -135,7 +143,9 @@ fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
             "record loads on every axis and both ways, or take a smaller `--model`",
         ));
     }
+    // The features are a polynomial's: the physics model has none.
     match known.condition {
+        _ if features(calibration).is_none() => {}
         Some(condition) if condition <= CONDITION => {}
         condition => findings.push(Finding::warning(
             "condition",
@@ -203,6 +213,21 @@ fn check_errors(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
     findings
 }
 
+/// Axes of which the calibration explains little, even of its own training data.
+fn check_explained(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
+    let errors = known.test.as_ref().unwrap_or(&known.train);
+    let explained = |axis: Axis| errors[axis.index()].r_squared.map(|share| (axis, share));
+    let little = axes.iter().filter_map(explained).filter(|(_, share)| *share < EXPLAINED);
+    let finding = |(axis, share): (Axis, f64)| {
+        Finding::warning(
+            "explains-little",
+            format!("R² of {} is {share:.2}: it explains little of that axis", axis.name()),
+            "record larger loads on that axis, or do not use it; `shellcal fit --model auto` compares models",
+        )
+    };
+    little.map(finding).collect()
+}
+
 fn check_loads(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
     let gaps = known.excitation.iter().flat_map(|excitation| excitation.gaps(axes));
     let finding = |gap| match gap {
@@ -235,7 +260,7 @@ fn check_loads(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
     gaps.filter_map(finding).collect()
 }
 
-fn check_ranges(calibration: &Calibration) -> Vec<Finding> {
+fn check_ranges(calibration: &Calibration, names: &[String]) -> Vec<Finding> {
     let Some(ranges) = &calibration.valid_range else {
         return vec![Finding::warning(
             "no-range",
@@ -245,14 +270,14 @@ fn check_ranges(calibration: &Calibration) -> Vec<Finding> {
     };
     let mut findings = Vec::new();
     for (channel, range) in ranges.iter().enumerate() {
-        let name = format!("s{}", channel + 1);
+        let name = channel_name(names, channel);
         if range.is_constant() {
             findings.push(Finding::fault(
                 "channel-dead",
                 format!("{name} was {} in all of the training data", range.min),
                 "check that photointerrupter, and record again",
             ));
-        } else if range.min <= 0.0 || [4095.0, 65_535.0].contains(&range.max) {
+        } else if is_at_an_end(range) {
             findings.push(Finding::fault(
                 "channel-saturated",
                 format!("{name} was at an end of the converter's range in the training data"),
@@ -262,6 +287,13 @@ fn check_ranges(calibration: &Calibration) -> Vec<Finding> {
         }
     }
     findings
+}
+
+/// Whether the readings of a converter got to an end of its range. Volts and fractions have no such ends.
+fn is_at_an_end(range: &ReadingRange) -> bool {
+    let is_count = |value: f64| value >= 0.0 && value.fract() == 0.0;
+    let is_counts = is_count(range.min) && is_count(range.max) && range.max > 1.0;
+    is_counts && (range.min == 0.0 || [4095.0, 65_535.0].contains(&range.max))
 }
 
 fn check_age(facts: &CalibrationObservations<'_>) -> Option<Finding> {

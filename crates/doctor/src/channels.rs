@@ -18,8 +18,10 @@ const UNLIKELY: f64 = 2.0;
 const OUTSIDE: [f64; 2] = [0.05, 0.5];
 
 /// Saturated, dead, quiet and swapped channels.
+/// `names` are the channels' own; those that are missing are called s1, s2, ….
 pub(crate) fn check_channels(
     summary: &LogSummary,
+    names: &[String],
     identical: &[(usize, usize)],
     calibration: Option<&Calibration>,
 ) -> Vec<Finding> {
@@ -28,7 +30,7 @@ pub(crate) fn check_channels(
     }
     let mut findings = Vec::new();
     for (channel, column) in summary.readings.iter().enumerate() {
-        let name = format!("s{}", channel + 1);
+        let name = channel_name(names, channel);
         let saturated = column.saturated_rows();
         if column.is_constant() {
             let (seen, advice) = match saturated {
@@ -60,7 +62,7 @@ pub(crate) fn check_channels(
             findings.push(Finding::fault("channel-saturated", seen, advice));
         }
         if let Some(values) = column.quiet_values() {
-            let seen = format!("{name} takes {values} values and carries next to nothing");
+            let seen = format!("{name} is almost constant: {values} values");
             let advice = "press on the shell: if it stays so, its reflector is out of sight or its \
                           emitter is dark";
             findings.push(Finding::warning("channel-quiet", seen, advice));
@@ -69,18 +71,28 @@ pub(crate) fn check_channels(
     for &(first, second) in identical {
         findings.push(Finding::fault(
             "channels-identical",
-            format!("s{} and s{} are the same in every frame", first + 1, second + 1),
+            format!(
+                "{} and {} are the same in every frame",
+                channel_name(names, first),
+                channel_name(names, second)
+            ),
             "two inputs share a wire, or a column was copied",
         ));
     }
     if let Some(calibration) = calibration {
-        findings.extend(swapped(summary, calibration));
+        findings.extend(swapped(summary, names, calibration));
     }
     if findings.is_empty() {
         let channels = summary.readings.len();
         findings.push(Finding::fine("channels", format!("{channels} channels alive and in range")));
     }
     findings
+}
+
+/// The name of a channel as its log has it.
+pub(crate) fn channel_name(names: &[String], channel: usize) -> String {
+    let name = names.get(channel).filter(|name| !name.is_empty());
+    name.cloned().unwrap_or_else(|| format!("s{}", channel + 1))
 }
 
 /// Readings that are exchanged are found in more than one way, and leave their ranges: that is said once.
@@ -101,7 +113,7 @@ pub(crate) fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
 ///
 /// Eight channels see six loads: readings that no load makes lie far from all training data, which shows in
 /// the standard errors of their forces. Where an exchange of two channels brings them back, that is it.
-fn swapped(summary: &LogSummary, calibration: &Calibration) -> Option<Finding> {
+fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) -> Option<Finding> {
     if summary.readings.len() != calibration.channels() {
         return None;
     }
@@ -127,10 +139,10 @@ fn swapped(summary: &LogSummary, calibration: &Calibration) -> Option<Finding> {
     let (first, second, factor) = best;
     (factor > UNLIKELY).then(|| {
         let seen = format!(
-            "with s{} and s{} exchanged, forces are {factor:.1} times as certain: each reads what the \
+            "with {} and {} exchanged, forces are {factor:.1} times as certain: each reads what the \
              other should",
-            first + 1,
-            second + 1
+            channel_name(names, first),
+            channel_name(names, second)
         );
         let advice = "exchange their wires, or name the columns in the order of the calibration with \
                       `--sensors`";

@@ -25,9 +25,11 @@ mod channels;
 mod finding;
 mod log;
 mod port;
+mod poses;
 
 pub use board::{BoardObservations, check_board};
 pub use calibration_checks::{CalibrationObservations, check_calibration, examine_calibration};
 pub use finding::{Finding, FindingSeverity};
 pub use log::{CalibratedObservations, LogObservations, check_log, examine_log};
 pub use port::check_port;
+pub use poses::PoseJump;

@@ -10,8 +10,9 @@ use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use crate::Finding;
-use crate::channels::{check_channels, identical_in, outside, without_consequences};
+use crate::channels::{channel_name, check_channels, identical_in, outside, without_consequences};
 use crate::finding::percent;
+use crate::poses::{LabelledRows, PoseJump};
 use calibration_file::CalibrationFile;
 use log_file::summary::LogSummary;
 
@@ -44,14 +45,20 @@ pub struct LogObservations {
     pub unreadable: Option<String>,
     /// Wrong rows, and what is wrong with the first.
     pub bad_rows: Option<(u64, String)>,
+    /// The names of its channels.
+    pub channel_names: Vec<String>,
     /// Whether it has time.
     pub has_time: bool,
+    /// Whether it has the wrench of a reference.
+    pub has_wrench: bool,
     /// Whether equal readings in a row are one frame.
     pub repeats_are_stale: bool,
     /// Timing and columns.
     pub summary: LogSummary,
     /// Frames that did not arrive, by the column `missing`.
     pub missing: Option<f64>,
+    /// Poses of constant load in which the readings jump.
+    pub jumps: Vec<PoseJump>,
     /// Channels that are the same in every row.
     pub identical: Vec<(usize, usize)>,
     /// Root mean square of the moments over that of the forces, m.
@@ -132,6 +139,7 @@ struct Collector<'a> {
     /// Those of the log.
     axes: Axes,
     squares: [f64; 2],
+    labelled: LabelledRows,
     identical: Option<Vec<(usize, usize)>>,
     errors: PerAxis<AxisErrors>,
     /// Rows for the search for swapped channels.
@@ -150,7 +158,12 @@ impl<'a> Collector<'a> {
         };
         Self {
             facts: LogObservations {
+                channel_names: log.value_names()[..log.channels()]
+                    .iter()
+                    .map(|name| (*name).to_owned())
+                    .collect(),
                 has_time: log.has_time(),
+                has_wrench: log.has_wrench(),
                 repeats_are_stale: log.repeats_are_stale(),
                 ..LogObservations::default()
             },
@@ -158,6 +171,7 @@ impl<'a> Collector<'a> {
             calibration,
             missing: log.columns().iter().position(is_missing),
             squares: [0.0; 2],
+            labelled: LabelledRows::default(),
             identical: None,
             errors: PerAxis::default(),
             kept: Block::default(),
@@ -170,6 +184,7 @@ impl<'a> Collector<'a> {
             time: log.has_time(),
             readings: log.channels() > 0,
             wrench: log.has_wrench(),
+            groups: log.has_groups() && log.has_wrench(),
             others: self.missing.into_iter().collect(),
             ..Wanted::default()
         };
@@ -185,6 +200,7 @@ impl<'a> Collector<'a> {
 
     fn add(&mut self, block: &Block) {
         self.facts.summary.add(block);
+        self.labelled.add(block);
         if let [missing] = &block.others[..] {
             *self.facts.missing.get_or_insert(0.0) += missing.iter().sum::<f64>();
         }
@@ -226,6 +242,7 @@ impl<'a> Collector<'a> {
         let constant = |channel: usize| self.facts.summary.readings[channel].is_constant();
         let pairs = self.identical.unwrap_or_default().into_iter();
         self.facts.identical = pairs.filter(|&(first, _)| !constant(first)).collect();
+        self.facts.jumps = self.labelled.jumps();
         let [forces, moments] = self.squares;
         let is_known = forces > 0.0 && self.axes.are_all();
         self.facts.lever_m = is_known.then(|| (moments / forces).sqrt());
@@ -248,8 +265,7 @@ impl<'a> Collector<'a> {
         }
         let loads = file.origin.diagnostics.as_ref().and_then(|known| known.excitation.as_ref());
         if let Some(loads) = loads {
-            let largest = loads.axes.map(|axis| axis.max.abs().max(axis.min.abs()));
-            calibrated.drift = drift(&self.means, &largest);
+            calibrated.drift = drift(&self.means, &loads.largest_loads());
         }
         self.facts
     }
@@ -347,9 +363,23 @@ pub fn check_log(facts: &LogObservations, calibration: Option<&Calibration>) -> 
     }
     let of_its_size =
         calibration.filter(|calibration| calibration.channels() == facts.summary.readings.len());
-    findings.extend(check_channels(&facts.summary, &facts.identical, of_its_size));
+    let names = &facts.channel_names;
+    findings.extend(check_channels(&facts.summary, names, &facts.identical, of_its_size));
+    findings.extend(facts.jumps.iter().map(|jump| {
+        let [before, after] = jump.means;
+        Finding::warning(
+            "pose-jump",
+            format!(
+                "in pose `{}` {} jumps from {before:.1} to {after:.1} after {} rows; its load is constant",
+                jump.pose,
+                channel_name(names, jump.channel),
+                jump.rows_before
+            ),
+            "rows of another pose under this label, or the sensor slipped: take them out",
+        )
+    }));
     if let Some(calibrated) = &facts.calibrated {
-        findings.extend(check_calibrated(calibrated, &facts.summary));
+        findings.extend(check_calibrated(calibrated, &facts.summary, names));
     }
     without_consequences(findings)
 }
@@ -378,15 +408,25 @@ fn check_timing(facts: &LogObservations) -> Vec<Finding> {
     }
     let mut findings = Vec::new();
     if let Some(row) = timing.first_backward_row {
-        findings.push(Finding::fault(
-            "time-backward",
-            format!(
-                "time runs backwards {} times, first at row {}",
-                timing.backward_steps,
-                row + 1
+        let seen = format!(
+            "time runs backwards {} times, first at row {}",
+            timing.backward_steps,
+            row + 1
+        );
+        // A fit takes recordings that were put together as groups.
+        findings.push(match facts.has_wrench {
+            true => Finding::warning(
+                "time-backward",
+                seen,
+                "recordings that were put together, it seems: `fit` takes each as a group of its own; \
+                 `convert` needs `--no-lowpass`",
             ),
-            "recordings that were put together: take them apart; or a clock that was set",
-        ));
+            false => Finding::fault(
+                "time-backward",
+                seen,
+                "recordings that were put together: take them apart; or a clock that was set",
+            ),
+        });
     }
     if timing.equal_times > summary.rows / 100 {
         findings.push(Finding::warning(
@@ -445,7 +485,11 @@ fn check_losses(facts: &LogObservations) -> Option<Finding> {
     })
 }
 
-fn check_calibrated(facts: &CalibratedObservations, summary: &LogSummary) -> Vec<Finding> {
+fn check_calibrated(
+    facts: &CalibratedObservations,
+    summary: &LogSummary,
+    names: &[String],
+) -> Vec<Finding> {
     let channels = summary.readings.len();
     if channels != facts.channels {
         return vec![Finding::fault(
@@ -460,9 +504,9 @@ fn check_calibrated(facts: &CalibratedObservations, summary: &LogSummary) -> Vec
         findings.push(Finding::fault(
             "channels-swapped",
             format!(
-                "with s{} and s{} exchanged, the error is {factor:.1} times smaller",
-                first + 1,
-                second + 1
+                "with {} and {} exchanged, the error is {factor:.1} times smaller",
+                channel_name(names, first),
+                channel_name(names, second)
             ),
             "exchange their wires, or name the columns in the order of the calibration with `--sensors`",
         ));
@@ -471,7 +515,7 @@ fn check_calibrated(facts: &CalibratedObservations, summary: &LogSummary) -> Vec
             "error",
             format!("the error of {} is {ratio:.1} times that of the training data", axis.name()),
             "this is not the sensor that was calibrated, not as it was then, or beyond its range; \
-             `shellcal fit --outliers report` names rows that do not belong",
+             `shellcal fit --outliers report` names outliers",
         ));
     }
     for &(axis, moved, of) in &facts.drift {

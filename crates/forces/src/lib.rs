@@ -42,6 +42,7 @@ mod setup;
 mod signal;
 pub mod stationary;
 mod tare;
+mod tare_check;
 
 pub use clock::{Clock, ClockSearch, Grid};
 pub use error::ForceError;
@@ -49,3 +50,4 @@ pub use options::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule}
 pub use pipeline::{AppliedLowPass, ForcePipeline, ForceStream};
 pub use setup::PipelineSetup;
 pub use tare::{FirstRows, TareFrames, TareResult};
+pub use tare_check::TareDoubt;

@@ -2,7 +2,8 @@
 
 use calibration::Calibration;
 use calibration::uncertainty::Tare;
-use shell_data::wrench::AxisValues;
+use shell_data::statistics::RunningVariance;
+use shell_data::wrench::{AxisValues, PerAxis};
 
 use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryZeros};
 use super::{ForceError, RowRule, TareRule};
@@ -19,6 +20,7 @@ pub(super) struct TareSearch {
     /// Frames found that are not in `mean` yet: counts, one column a channel.
     chunk: Vec<Vec<f64>>,
     mean: Option<Tare>,
+    spread: PerAxis<RunningVariance>,
     found: usize,
     found_s: Option<(f64, f64)>,
     seen_s: Option<(f64, f64)>,
@@ -53,6 +55,9 @@ pub struct TareResult {
     /// Their mean wrench, which was subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub wrench: AxisValues<f64>,
+    /// The standard deviation of their wrenches about it, N and N·m.
+    #[serde(serialize_with = "by_column")]
+    pub sd: AxisValues<f64>,
     /// Where the tare follows the rests: how many there are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rests: Option<usize>,
@@ -83,6 +88,7 @@ impl TareSearch {
             is_done: rule == TareRule::Untared,
             chunk: Vec::new(),
             mean: None,
+            spread: PerAxis::default(),
             found: 0,
             found_s: None,
             seen_s: None,
@@ -188,6 +194,11 @@ impl TareSearch {
 
     fn add_chunk(&mut self, calibration: &Calibration) {
         let Some(next) = calibration.tare(&self.chunk) else { return };
+        let mut wrench = PerAxis::default();
+        calibration.wrench(&self.chunk, &mut wrench);
+        for (spread, axis) in self.spread.iter_mut().zip(&wrench) {
+            spread.merge(&RunningVariance::of(axis));
+        }
         self.chunk.iter_mut().for_each(Vec::clear);
         self.mean = Some(match self.mean.take() {
             None => next,
@@ -225,6 +236,7 @@ impl TareSearch {
             start_s: self.found_s.map(|(start, _)| start),
             end_s: self.found_s.map(|(_, end)| end),
             wrench: calibration.axes.values(&mean.wrench),
+            sd: calibration.axes.values(&self.spread.map(|axis| axis.rms_about_mean())),
             rests: zeros.as_ref().map(StationaryZeros::count),
             last_rest_s: zeros.as_ref().and_then(StationaryZeros::end_s),
         });

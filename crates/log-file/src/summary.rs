@@ -59,13 +59,16 @@ pub struct ColumnSummary {
     pub rows_at_max: u64,
     /// How often the greatest value below that occurs.
     pub rows_below_max: u64,
-    /// How often 0 occurs.
-    pub rows_at_zero: u64,
-    /// How often 4095 occurs, the full scale of 12 bits.
-    pub rows_at_12_bits: u64,
-    /// How often 65535 occurs, the full scale of 16 bits.
-    pub rows_at_16_bits: u64,
+    rows_at_zero: u64,
+    /// How often the full scale of 12 bits occurs.
+    rows_at_12_bits: u64,
+    rows_at_16_bits: u64,
     below_max: f64,
+    /// How often the column got to its greatest value from below the next lower one: flicker does not count.
+    rises_to_max: u64,
+    /// Whether all values are whole numbers from 0, as a converter gives them.
+    is_counts: bool,
+    last: f64,
     /// The first values that occur, one more than those of a quiet column.
     values: Vec<f64>,
     variance: RunningVariance,
@@ -83,6 +86,9 @@ impl Default for ColumnSummary {
             rows_at_12_bits: 0,
             rows_at_16_bits: 0,
             below_max: f64::NEG_INFINITY,
+            rises_to_max: 0,
+            is_counts: true,
+            last: f64::NAN,
             values: Vec::new(),
             variance: RunningVariance::default(),
         }
@@ -102,16 +108,20 @@ impl ColumnSummary {
             self.rows_at_zero += u64::from(value == 0.0);
             self.rows_at_12_bits += u64::from(value == 4095.0);
             self.rows_at_16_bits += u64::from(value == 65535.0);
+            self.is_counts &= value >= 0.0 && value.fract() == 0.0;
             if value > self.max {
                 (self.below_max, self.rows_below_max) = (self.max, self.rows_at_max);
                 (self.max, self.rows_at_max) = (value, 1);
+                self.rises_to_max = u64::from(self.last < self.below_max);
             } else if value == self.max {
                 self.rows_at_max += 1;
+                self.rises_to_max += u64::from(self.last < self.below_max);
             } else if value > self.below_max {
                 (self.below_max, self.rows_below_max) = (value, 1);
             } else if value == self.below_max {
                 self.rows_below_max += 1;
             }
+            self.last = value;
         }
         self.variance.merge(&RunningVariance::of(values));
         self.rows += values.len() as u64;
@@ -136,12 +146,13 @@ impl ColumnSummary {
     }
 
     /// Whether the column is cut off at its greatest value, wherever that is: it takes that value
-    /// in at least one row of a hundred and in twenty rows, and three times as often as the next
-    /// lower value that occurs. A signal that merely turns around there does not, nor is one that has
-    /// [few values](Self::quiet_values) anyway.
+    /// in at least one row of a hundred and in twenty rows, three times as often as the next
+    /// lower value that occurs, and gets there [three times](RISES) or more. A signal that merely turns around there
+    /// does not, nor does one that rests there in one pose; one of [few values](Self::quiet_values) is quiet.
     pub fn is_pinned_at_max(&self) -> bool {
         let often = self.rows_at_max >= 20 && self.rows_at_max >= self.rows / 100;
-        self.values.len() > QUIET_VALUES && often && self.rows_at_max >= 3 * self.rows_below_max
+        let returns = self.rises_to_max >= RISES && self.rows_at_max >= 3 * self.rows_below_max;
+        self.values.len() > QUIET_VALUES && often && returns
     }
 
     /// How many values there are, if they are more than one and so few that the column flickers rather
@@ -151,11 +162,25 @@ impl ColumnSummary {
         is_quiet.then_some(self.values.len())
     }
 
-    /// How many rows stand at the end of a converter's range: at 0, 4095 or 65535.
+    /// The ends of a converter's range, and how many rows stand there. None of a column whose values are not
+    /// counts: volts and fractions may well be 0.
+    pub fn rows_at_ends(&self) -> [(u16, u64); 3] {
+        let rows = [
+            (0, self.rows_at_zero),
+            (4095, self.rows_at_12_bits),
+            (u16::MAX, self.rows_at_16_bits),
+        ];
+        rows.map(|(end, rows)| (end, if self.is_counts { rows } else { 0 }))
+    }
+
+    /// How many rows stand at an end of a converter's range.
     pub fn saturated_rows(&self) -> u64 {
-        self.rows_at_zero + self.rows_at_12_bits + self.rows_at_16_bits
+        self.rows_at_ends().iter().map(|(_, rows)| rows).sum()
     }
 }
+
+/// A limit is met again and again; the highest of several poses is met once.
+const RISES: u64 = 3;
 
 /// A column of no more values than these flickers by its last digit.
 const QUIET_VALUES: usize = 4;
@@ -383,6 +408,26 @@ mod tests {
         let cut = column(&wave.map(|v| v.min(2300.0)).collect::<Vec<_>>());
         assert!(cut.is_pinned_at_max());
         assert_eq!(cut.max, 2300.0);
+    }
+
+    #[test]
+    fn the_highest_of_several_poses_is_no_limit() {
+        // Five poses of 200 rows; in the highest one row in ten flickers by a count.
+        let reading = |i: u32| match i / 200 {
+            2 if i % 10 != 0 => 900.0,
+            pose => 700.0 + 50.0 * f64::from(pose.min(4)) + f64::from(i % 7),
+        };
+        let poses = column(&(0..1000).map(reading).collect::<Vec<_>>());
+        assert_eq!((poses.max, poses.rows_at_max), (906.0, 28));
+        let rest = column(&(0..1000).map(|i| reading(i).min(900.0)).collect::<Vec<_>>());
+        assert!(rest.rows_at_max > 3 * rest.rows_below_max && !rest.is_pinned_at_max());
+    }
+
+    #[test]
+    fn only_counts_can_be_at_an_end_of_the_converter() {
+        assert_eq!(column(&[0.02, 0.0, -0.01, 0.0]).saturated_rows(), 0, "volts");
+        assert_eq!(column(&[0.02, 0.0, 1.0, 0.5]).saturated_rows(), 0, "fractions");
+        assert_eq!(column(&[20.0, 0.0, 1.0, 5.0]).saturated_rows(), 1, "counts");
     }
 
     #[test]

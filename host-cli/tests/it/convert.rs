@@ -405,3 +405,27 @@ fn the_labs_trial_is_converted_as_by_direct_evaluation() {
         }
     }
 }
+
+/// The frames of a training log are loaded from the first on: its zero would be some load.
+#[test]
+fn a_tare_under_load_is_told_or_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let data =
+        |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data").join(name);
+    let (train, zero) = (data("synthetic-train.csv"), data("synthetic-zero.csv"));
+    let (train, zero) = (train.display(), zero.display());
+    let run = |arguments: &str| system_tests::program::output(dir.path(), arguments);
+    let warned = |arguments: &str| {
+        let output = run(arguments);
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8_lossy(&output.stderr).contains("the frames of the tare are loaded")
+    };
+    assert!(run(&format!("fit {train} --model cubic -o cal.json")).status.success());
+    assert!(warned(&format!("convert cal.json {train} -o loaded.csv")));
+    assert!(!warned(&format!("convert cal.json {zero} -o zero.csv")));
+    assert!(!warned(&format!("convert cal.json {train} --no-tare -o untared.csv")));
+    let strict = run(&format!("convert cal.json {train} --strict -o strict.csv"));
+    assert_eq!(strict.status.code(), Some(2));
+    assert!(!dir.path().join("strict.csv").exists());
+    assert!(run(&format!("convert cal.json {zero} --strict -o strict.csv")).status.success());
+}

@@ -171,6 +171,9 @@ fn planted_faults_of_logs_are_found() {
     found("lossy.csv", &lossy, &[("losses", "fault")]);
     let set = zero().change("t_s", |row, t| if row < 250 { t } else { t - 20.0 });
     found("set.csv", &set, &[("time-backward", "fault")]);
+    // Training recordings that were put together are groups of a fit.
+    let joined = test().change("t_s", |row, t| if row < 400 { t } else { t - 40.0 });
+    found("joined.csv", &joined, &[("time-backward", "warning")]);
     let coarse = zero().change("t_s", |_, t| (t * 5.0).floor() / 5.0);
     found("coarse.csv", &coarse, &[("time-equal", "warning")]);
     // 10 Times of arrival in bursts, 11 no time at all.
@@ -289,4 +292,20 @@ fn what_is_not_there_cannot_be_looked_at() {
     assert_eq!(output.status.code(), Some(1));
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(said.contains("port-missing") && said.contains("shellcal ports"), "{said}");
+}
+
+/// Recordings of others that are as they should be, but for what their authors know of them.
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn findings_on_real_recordings_are_those_that_their_authors_would_agree_with() {
+    let dir = tempfile::tempdir().unwrap();
+    let others = |name: &str| system_tests::real_recording(&format!("others/{name}"));
+    // Poses that were put together, one of which begins with rows of another.
+    let poses = others("photointerrupters/poses.csv");
+    let (code, found, report) = examine(dir.path(), &poses.display().to_string());
+    assert_eq!(code, 0, "{report}");
+    let jumps: Vec<_> = found.iter().filter(|(check, _)| check == "pose-jump").collect();
+    assert_eq!(jumps.len(), 1, "{report}");
+    assert!(report.contains("in pose `7` s"), "{report}");
+    assert!(!found.iter().any(|(check, _)| check == "channel-saturated"), "{report}");
 }

@@ -282,6 +282,11 @@ impl AxisSums {
 }
 
 impl Excitation {
+    /// The largest load of each axis, either way, N and N·m.
+    pub fn largest_loads(&self) -> PerAxis<f64> {
+        self.axes.map(|axis| axis.max.abs().max(axis.min.abs()))
+    }
+
     /// What is missing on these axes.
     pub fn gaps(&self, axes: Axes) -> Vec<Gap> {
         let mut gaps = Vec::new();

@@ -46,6 +46,8 @@ pub struct PayloadFit {
     pub residual_rms_nm: f64,
     /// Poses.
     pub poses: usize,
+    /// Gravity as the poses had it, mean magnitude, m/s²: the mass is a force over this.
+    pub gravity_m_s2: f64,
     /// By how much gravity turned, root mean square: about the axis it turned about most, and about all
     /// others together, rad.
     pub spread_rad: [f64; 2],
@@ -132,6 +134,7 @@ pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
         residual_rms_n: (force_squares / (3.0 * n)).sqrt(),
         residual_rms_nm: (moment_squares / (3.0 * n)).sqrt(),
         poses: poses.len(),
+        gravity_m_s2: poses.iter().map(|pose| norm(pose.gravity_m_s2)).sum::<f64>() / n,
         spread_rad,
     })
 }

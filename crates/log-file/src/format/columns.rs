@@ -368,6 +368,11 @@ fn default_time_unit(format: LogFormat) -> TimeUnit {
     }
 }
 
+/// Whether a name ends in a unit.
+pub(super) fn names_a_unit(name: &str) -> bool {
+    !split_unit(name).1.is_empty()
+}
+
 /// `Mx (mN·m)` into `mx` and `mnm`.
 fn split_unit(name: &str) -> (String, String) {
     let name = name.trim();

@@ -3,7 +3,7 @@
 
 use memchr::memchr;
 
-use super::columns::{Column, ColumnRoles, ColumnsError, Meaning, recognise};
+use super::columns::{Column, ColumnRoles, ColumnsError, Meaning, names_a_unit, recognise};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use crate::error::LogError;
 use crate::parse::console;
@@ -96,6 +96,13 @@ pub(crate) fn recognise_layout(
     if let (true, Some(at)) = (has_dates, roles.time) {
         columns[at].meaning = Meaning::Time(TimeUnit::Second);
     }
+    if let (Some(at), None) = (roles.time, mapping.time_unit)
+        && columns[at].meaning == Meaning::Time(TimeUnit::Second)
+        && !names_a_unit(&columns[at].name)
+        && let Some(unit) = first_time.and_then(|field| epoch_unit(field))
+    {
+        columns[at].meaning = Meaning::Time(unit);
+    }
     Ok(FileLayout {
         format,
         separator,
@@ -106,6 +113,16 @@ pub(crate) fn recognise_layout(
         has_decimal_commas,
         has_dates,
     })
+}
+
+/// The unit of a clock that counts from 1970, by its digits: in the years 2001 to 2286 it has ten in s, thirteen in
+/// ms, and so on. Clocks that start with a recording do not say theirs.
+fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
+    let time = parse_field(first).ok()?;
+    let has_digits = |digits: i32| (10_f64.powi(digits - 1)..10_f64.powi(digits)).contains(&time);
+    let units =
+        [TimeUnit::Second, TimeUnit::Millisecond, TimeUnit::Microsecond, TimeUnit::Nanosecond];
+    units.into_iter().zip([10, 13, 16, 19]).find(|(_, digits)| has_digits(*digits)).map(|it| it.0)
 }
 
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -420,6 +437,21 @@ impl<'a> LayoutLine<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn clocks_from_1970_tell_their_unit_and_others_do_not() {
+        for (first, unit) in [
+            ("1762506123.5", Some(TimeUnit::Second)),
+            ("1762506123500", Some(TimeUnit::Millisecond)),
+            ("1762506123500123", Some(TimeUnit::Microsecond)),
+            ("1762506123500123456", Some(TimeUnit::Nanosecond)),
+            ("0.01", None),
+            ("10000", None),
+            ("x", None),
+        ] {
+            assert_eq!(epoch_unit(first.as_bytes()), unit, "{first}");
+        }
+    }
 
     #[test]
     fn the_separator_is_what_stands_between_the_fields() {

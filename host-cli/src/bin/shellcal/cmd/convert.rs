@@ -3,11 +3,11 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use calibration::Calibration;
 use calibration::uncertainty::HIGHEST_LEVEL;
-use calibration_file::CalibrationFile;
 use calibration_file::payload_file::PayloadFile;
+use calibration_file::{CalibrationFile, Diagnostics};
 use figures::{WrenchTrace, trace_figure};
 use forces::{AppliedLowPass, RowRule};
 use log_file::{Log, Meaning};
@@ -91,6 +91,11 @@ pub(crate) struct ConvertArgs {
     #[command(flatten)]
     forces: ForceArgs,
 
+    /// Refuse a log whose tare is loaded or not quiet, judged by the training data of the calibration [default:
+    /// warn]
+    #[arg(long, help_heading = "Taring")]
+    strict: bool,
+
     /// Take off weight and, with accelerations, inertia of what the sensor carries, before tare and low-pass:
     /// a file of `shellcal payload fit`
     #[arg(long, value_name = "PAYLOAD", help_heading = "Motion")]
@@ -129,7 +134,7 @@ impl ConvertArgs {
         let targets = self.targets(printer.json(), outputs)?;
         let file = CalibrationFile::read(&self.calibration)?;
         let mapping = self.mapping.mapping_for(&file)?;
-        let calibration = file.calibration;
+        let (calibration, diagnostics) = (file.calibration, file.origin.diagnostics);
         let payload = self.payload.as_ref().map(|path| PayloadFile::read(path)).transpose()?;
         if payload.is_none() && self.motion.is_given() {
             bail!(
@@ -149,7 +154,11 @@ impl ConvertArgs {
             let load = payload.as_ref().map(load).transpose()?;
             let options = ConvertOptions { load, ..self.options(log, &calibration) };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
-            let summary = self.convert(conversion, &target, trace.as_mut(), printer, outputs)?;
+            let check = |summary: &ConvertSummary, printer: &mut Printer| {
+                self.check_tare(log, summary, diagnostics.as_ref(), printer)
+            };
+            let summary =
+                self.convert(conversion, &target, trace.as_mut(), printer, outputs, &check)?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
                 let figure = trace_figure(plot.size, &file_name(log), &trace);
                 plot.write(&figure)?;
@@ -179,6 +188,7 @@ impl ConvertArgs {
         trace: Option<&mut WrenchTrace>,
         printer: &mut Printer,
         outputs: &Outputs,
+        check: &dyn Fn(&ConvertSummary, &mut Printer) -> anyhow::Result<()>,
     ) -> anyhow::Result<ConvertSummary> {
         let log = conversion.log;
         let mut plan = OutputPlan::default();
@@ -193,8 +203,32 @@ impl ConvertArgs {
         let summary = printer.scan(log, conversion.read, |read| {
             convert(&Conversion { read, ..conversion }, &plan, &mut out, trace)
         })?;
+        check(&summary, printer)?;
         out.finish()?;
         Ok(summary)
+    }
+
+    /// Warns of a tare that was not taken at rest, or refuses it.
+    fn check_tare(
+        &self,
+        log: &Log,
+        summary: &ConvertSummary,
+        diagnostics: Option<&Diagnostics>,
+        printer: &mut Printer,
+    ) -> anyhow::Result<()> {
+        let known = diagnostics.and_then(|it| Some((&it.train, it.excitation.as_ref()?)));
+        let doubt = summary.tare.as_ref().zip(known);
+        let Some(doubt) = doubt.and_then(|(tare, (errors, loads))| tare.doubt(errors, loads))
+        else {
+            return Ok(());
+        };
+        let text = format!("`{}`: {doubt}", log.path().display());
+        ensure!(
+            !self.strict,
+            "{text}; take frames at rest with `--tare-time`, or keep the zero of the calibration with `--no-tare`"
+        );
+        printer.warning(text);
+        Ok(())
     }
 
     /// Where each log's table goes; every clash is found here, before any work.

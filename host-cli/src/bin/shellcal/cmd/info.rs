@@ -303,6 +303,7 @@ impl ColumnInfo {
 
 impl ValueInfo {
     fn new(summary: &ColumnSummary, readings: bool) -> Self {
+        let [(_, at_zero), (_, at_12_bits), (_, at_16_bits)] = summary.rows_at_ends();
         Self {
             min: summary.min,
             mean: summary.mean(),
@@ -310,9 +311,9 @@ impl ValueInfo {
             sd: summary.sd(),
             constant: summary.is_constant(),
             limits: readings.then(|| LimitInfo {
-                rows_at_0: summary.rows_at_zero,
-                rows_at_4095: summary.rows_at_12_bits,
-                rows_at_65535: summary.rows_at_16_bits,
+                rows_at_0: at_zero,
+                rows_at_4095: at_12_bits,
+                rows_at_65535: at_16_bits,
                 rows_at_max: summary.rows_at_max,
                 pinned_at_max: summary.is_pinned_at_max(),
                 quiet_values: summary.quiet_values(),
@@ -323,10 +324,10 @@ impl ValueInfo {
     fn note(&self) -> String {
         let mut notes = Vec::new();
         if self.constant {
-            notes.push("constant: carries nothing".to_owned());
+            notes.push("constant".to_owned());
         }
         if let Some(values) = self.limits.as_ref().and_then(|limits| limits.quiet_values) {
-            notes.push(format!("quiet: {values} values, carries next to nothing"));
+            notes.push(format!("almost constant: {values} values"));
         }
         if let Some(limits) = &self.limits {
             let ends =

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use calibration_file::payload_file::PayloadFile;
-use forces::payload::{LEAST_SPREAD, Payload, PayloadFit};
+use forces::payload::{LEAST_SPREAD, Payload, PayloadFit, STANDARD_GRAVITY_M_S2};
 use log_file::Log;
 use output_file::Outputs;
 use shellcal::workflow::payload::{FittedPayload, GravityFrom, fit_payload};
@@ -49,7 +49,11 @@ impl PayloadFitArgs {
         let open = |path: &InputPath| Log::open(path, &mapping);
         let logs = self.logs.iter().map(open).collect::<Result<Vec<_>, _>>()?;
         let output = self.output.as_ref().map(|path| outputs.create(path)).transpose()?;
-        let found = fit_payload(&logs, &self.columns.columns(), &self.mapping.read_options())?;
+        let found = fit_payload(
+            &logs,
+            &self.columns.columns(STANDARD_GRAVITY_M_S2),
+            &self.mapping.read_options(),
+        )?;
         let paths = self.logs.iter().map(|path| path.to_path_buf());
         let file = PayloadFile {
             fit: found.fit,

@@ -3,7 +3,7 @@
 use anyhow::bail;
 use calibration::Calibration;
 use calibration_file::payload_file::PayloadFile;
-use forces::payload::{CarriedLoad, STANDARD_GRAVITY_M_S2};
+use forces::payload::CarriedLoad;
 use log_file::{ColumnRef, Log, Mapping, ReadOptions};
 use shellcal::workflow::convert::ConvertSummary;
 use shellcal::workflow::payload::{MotionColumns, find_motion_lag, read_motion};
@@ -25,9 +25,9 @@ pub(in crate::cmd) struct MotionColumnArgs {
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     accelerations: Option<ColumnList>,
 
-    /// Gravity, m/s², where columns do not say it
-    #[arg(long, value_name = "M/S²", default_value_t = STANDARD_GRAVITY_M_S2, value_parser = parse_gravity)]
-    gravity: f64,
+    /// Gravity, m/s², where columns do not say it [default: that of the payload file, else 9.80665]
+    #[arg(long, value_name = "M/S²", value_parser = parse_gravity)]
+    gravity: Option<f64>,
 }
 
 /// How a sensor moved in a run.
@@ -47,14 +47,15 @@ pub(in crate::cmd) struct MotionArgs {
 }
 
 impl MotionColumnArgs {
-    pub(super) fn columns(&self) -> MotionColumns {
+    /// `gravity_m_s2` is what is taken unless the user says otherwise.
+    pub(super) fn columns(&self, gravity_m_s2: f64) -> MotionColumns {
         let references = |columns: &Option<ColumnList>| -> Option<Vec<ColumnRef>> {
             columns.as_ref().map(|columns| columns.references().to_vec())
         };
         MotionColumns {
             orientation: references(&self.orientation),
             accelerations: references(&self.accelerations),
-            gravity_m_s2: self.gravity,
+            gravity_m_s2: self.gravity.unwrap_or(gravity_m_s2),
         }
     }
 }
@@ -76,7 +77,7 @@ impl MotionArgs {
         mapping: &Mapping,
     ) -> anyhow::Result<CarriedLoad> {
         let PayloadFile { fit, accelerometer, .. } = file;
-        let (payload, columns) = (fit.payload, self.columns.columns());
+        let (payload, columns) = (fit.payload, self.columns.columns(fit.gravity_m_s2));
         let Some(path) = &self.motion else {
             let (motion, has_inertia) = read_motion(log, &columns, accelerometer.as_ref(), read)?;
             return Ok(CarriedLoad { payload, motion, has_inertia, lag: None });

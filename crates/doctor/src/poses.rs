@@ -1,0 +1,187 @@
+//! Poses of constant load in which the readings jump: rows of another pose under this one's label.
+
+use shell_data::block::Block;
+use shell_data::statistics::RunningVariance;
+
+/// A load is constant if it varies by less than this share of its range over the log.
+const CONSTANT_LOAD: f64 = 0.01;
+
+/// A jump is at least this share of a channel's range over the log, and so many times its noise. Creep under a
+/// constant load is smaller, and comes slowly.
+const JUMP: f64 = 0.05;
+const NOISE: f64 = 10.0;
+
+/// Fewer rows on either side are no pose but a spike.
+const LEAST_ROWS: usize = 5;
+
+/// A log of more rows is not looked at: it is no set of poses.
+const MOST_ROWS: usize = 1_000_000;
+
+/// The rows of a log by the labels of its groups.
+#[derive(Debug, Default)]
+pub(crate) struct LabelledRows {
+    /// Label, readings and wrench, column by column, of each run of one label.
+    runs: Vec<(String, Vec<Vec<f64>>, Vec<Vec<f64>>)>,
+    rows: usize,
+}
+
+/// A jump of the readings under a constant load.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PoseJump {
+    /// The label of the pose.
+    pub pose: String,
+    /// Rows of the pose before the jump.
+    pub rows_before: usize,
+    /// The channel that jumps farthest for its range, from 0.
+    pub channel: usize,
+    /// Its mean before and after.
+    pub means: [f64; 2],
+}
+
+impl LabelledRows {
+    /// Adds the next rows of the log.
+    pub(crate) fn add(&mut self, block: &Block) {
+        self.rows += block.rows;
+        if self.rows > MOST_ROWS {
+            self.runs.clear();
+            return;
+        }
+        let mut start = 0;
+        for (label, rows) in &block.groups {
+            let range = start..start + rows;
+            start = range.end;
+            if self.runs.last().is_none_or(|(last, ..)| last != label) {
+                let columns = |of: &[Vec<f64>]| vec![Vec::new(); of.len()];
+                self.runs.push((label.clone(), columns(&block.readings), columns(&block.wrench)));
+            }
+            let Some((_, readings, wrench)) = self.runs.last_mut() else { continue };
+            for (kept, columns) in [(readings, &block.readings), (wrench, &block.wrench)] {
+                kept.iter_mut().zip(columns).for_each(|(kept, column)| {
+                    kept.extend_from_slice(&column[range.clone()]);
+                });
+            }
+        }
+    }
+
+    /// The jumps, one at most for each run of a label.
+    pub(crate) fn jumps(&self) -> Vec<PoseJump> {
+        let loads = ranges(self.runs.iter().map(|(_, _, wrench)| wrench));
+        let readings = ranges(self.runs.iter().map(|(_, readings, _)| readings));
+        let is_held = |wrench: &[Vec<f64>]| {
+            let within = ranges(std::iter::once(wrench));
+            !wrench.is_empty()
+                && std::iter::zip(&within, &loads)
+                    .all(|(within, all)| *within <= CONSTANT_LOAD * all)
+        };
+        let held = self.runs.iter().filter(|(_, _, wrench)| is_held(wrench));
+        held.filter_map(|(pose, columns, _)| jump(pose, columns, &readings)).collect()
+    }
+}
+
+/// Greatest less least value of each column over all runs.
+fn ranges<'a, C: AsRef<[Vec<f64>]> + 'a + ?Sized>(runs: impl Iterator<Item = &'a C>) -> Vec<f64> {
+    let mut ranges: Vec<[f64; 2]> = Vec::new();
+    for columns in runs {
+        ranges.resize(columns.as_ref().len(), [f64::INFINITY, f64::NEG_INFINITY]);
+        for ([low, high], column) in ranges.iter_mut().zip(columns.as_ref()) {
+            *low = column.iter().copied().fold(*low, f64::min);
+            *high = column.iter().copied().fold(*high, f64::max);
+        }
+    }
+    ranges.iter().map(|[low, high]| high - low).collect()
+}
+
+/// The jump of one pose: where two means explain the most of it, if they are far apart and the change is sudden.
+fn jump(pose: &str, columns: &[Vec<f64>], ranges: &[f64]) -> Option<PoseJump> {
+    let mut best: Option<(f64, PoseJump)> = None;
+    for (channel, (column, &range)) in columns.iter().zip(ranges).enumerate() {
+        let Some((at, means)) = split(column) else { continue };
+        let size = (means[1] - means[0]).abs();
+        let mean = |values: &[f64]| RunningVariance::of(values).mean;
+        let sudden =
+            (mean(&column[at..at + LEAST_ROWS]) - mean(&column[at - LEAST_ROWS..at])).abs();
+        let is_jump = size > JUMP * range && size > NOISE * noise(column) && sudden > size / 2.0;
+        if is_jump && best.as_ref().is_none_or(|(share, _)| size / range > *share) {
+            let jump = PoseJump { pose: pose.to_owned(), rows_before: at, channel, means };
+            best = Some((size / range, jump));
+        }
+    }
+    best.map(|(_, jump)| jump)
+}
+
+/// Where to cut a column so that the means of the parts explain the most of its variance, and these means.
+fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
+    let rows = column.len();
+    // About its mean, so that nothing is lost to rounding.
+    let mean = RunningVariance::of(column).mean;
+    let (mut sum, mut best) = (0.0, None);
+    for (at, value) in column.iter().enumerate() {
+        if (LEAST_ROWS..=rows.saturating_sub(LEAST_ROWS)).contains(&at) {
+            let explained = sum * sum * (1.0 / at as f64 + 1.0 / (rows - at) as f64);
+            if best.is_none_or(|(most, _, _)| explained > most) {
+                best = Some((explained, at, sum));
+            }
+        }
+        sum += value - mean;
+    }
+    let (_, at, sum) = best?;
+    Some((at, [mean + sum / at as f64, mean - sum / (rows - at) as f64]))
+}
+
+/// The standard deviation of a column that neighbouring rows tell: a jump hardly counts.
+fn noise(column: &[f64]) -> f64 {
+    let squares: f64 = column.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+    let mut noise = squares / (2 * (column.len() - 1).max(1)) as f64;
+    // The one difference that a jump makes.
+    let largest = column.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+    noise -= largest * largest / (2 * (column.len() - 1).max(1)) as f64;
+    noise.max(0.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Poses of 100 rows: a level of its own for each of two channels, noise of a count, load 0, 1, 2, ….
+    fn poses(change: impl Fn(usize, usize, usize) -> f64) -> Vec<PoseJump> {
+        let mut rows = LabelledRows::default();
+        for pose in 0..6 {
+            let column = |channel: usize| {
+                let value = |row: usize| {
+                    let level = (500 + 40 * ((pose * (channel + 2)) % 5)) as f64;
+                    level + (row * 7 % 3) as f64 - 1.0 + change(pose, channel, row)
+                };
+                (0..100).map(value).collect::<Vec<f64>>()
+            };
+            let block = Block {
+                rows: 100,
+                readings: vec![column(0), column(1)],
+                wrench: vec![vec![pose as f64; 100]],
+                groups: vec![(pose.to_string(), 100)],
+                ..Block::default()
+            };
+            rows.add(&block);
+        }
+        rows.jumps()
+    }
+
+    #[test]
+    fn rows_of_another_pose_are_found_where_they_end() {
+        let found = poses(|pose, channel, row| match (pose, channel, row) {
+            (3, 1, ..20) => 60.0,
+            _ => 0.0,
+        });
+        assert_eq!(found.len(), 1);
+        let PoseJump { pose, rows_before, channel, means: [before, after] } = &found[0];
+        assert_eq!((pose.as_str(), *rows_before, *channel), ("3", 20, 1));
+        // Twenty rows of noise of ±1.
+        assert!((before - after - 60.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn creep_noise_and_poses_that_differ_are_no_jumps() {
+        assert_eq!(poses(|_, _, _| 0.0), []);
+        assert_eq!(poses(|_, _, row| 30.0 * row as f64 / 100.0), [], "creep");
+        assert_eq!(poses(|_, _, row| if row == 50 { 90.0 } else { 0.0 }), [], "a spike");
+    }
+}
