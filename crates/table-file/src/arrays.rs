@@ -133,9 +133,8 @@ pub(crate) fn names(all: &[Columns]) -> Option<Vec<String>> {
     if let [Columns { count: 2.., .. }] = all {
         return None;
     }
-    let is_alone = |columns: &Columns| {
-        all.iter().filter(|other| other.leaf() == columns.leaf()).count() == 1
-    };
+    let is_alone =
+        |columns: &Columns| all.iter().filter(|other| other.leaf() == columns.leaf()).count() == 1;
     let is_short = all.iter().all(is_alone);
     let names = |columns: &Columns| {
         let name = if is_short { columns.leaf() } else { &columns.path }.to_owned();
@@ -152,7 +151,10 @@ pub(crate) fn names(all: &[Columns]) -> Option<Vec<String>> {
 ///
 /// # Errors
 /// [`TableError::Choice`] if there is none.
-pub(crate) fn arrays_of_log(arrays: &[Array], name: Option<&str>) -> Result<Vec<Array>, TableError> {
+pub(crate) fn arrays_of_log(
+    arrays: &[Array],
+    name: Option<&str>,
+) -> Result<Vec<Array>, TableError> {
     let (arrays, columns): (Vec<&Array>, Vec<Columns>) =
         arrays.iter().filter_map(|array| Some((array, array.columns()?))).unzip();
     let wanted = columns_of_log(FileKind::Matlab, &columns, name)?;

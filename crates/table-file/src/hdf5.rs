@@ -54,11 +54,8 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
     let file = hdf5_pure::File::open_streaming(path).map_err(unreadable)?;
     let mut found = DataSets { is_by_row, ..DataSets::default() };
     found.add(&file.root(), "", DEPTH)?;
-    let columns: Vec<Columns> = found
-        .sets
-        .iter()
-        .filter_map(|(path, size)| Columns::new(path.clone(), size))
-        .collect();
+    let columns: Vec<Columns> =
+        found.sets.iter().filter_map(|(path, size)| Columns::new(path.clone(), size)).collect();
     let wanted = columns_of_log(KIND, &columns, part)?;
     let names = names(&wanted.iter().map(|&at| columns[at].clone()).collect::<Vec<_>>());
     let sets = wanted.into_iter().map(|at| found.sets[at].clone()).collect();

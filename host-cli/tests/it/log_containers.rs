@@ -9,8 +9,7 @@ use system_tests::program;
 use system_tests::random::Random;
 
 /// The folders of the files.
-const FOLDERS: [&str; 8] =
-    ["text", "packed", "parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap"];
+const FOLDERS: [&str; 8] = ["text", "packed", "parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap"];
 
 fn seeds() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/log-file/fuzz/seeds")
@@ -261,7 +260,8 @@ fn faults_are_named_by_row_and_column() {
     // 24 rows of 8 become so many that no memory holds them.
     let sides = |rows: u64| [rows.to_le_bytes(), 8_u64.to_le_bytes()].concat();
     let mut claims = seed("hdf5/by_shape.h5");
-    let found: Vec<usize> = (0..claims.len()).filter(|&at| claims[at..].starts_with(&sides(24))).collect();
+    let found: Vec<usize> =
+        (0..claims.len()).filter(|&at| claims[at..].starts_with(&sides(24))).collect();
     found.iter().for_each(|&at| claims[at..at + 16].copy_from_slice(&sides(1 << 40)));
     let complaint = said("c.h5", &claims, &[]);
     assert!(complaint.contains("`cells` takes 70368744177664 bytes, more than"), "{complaint}");

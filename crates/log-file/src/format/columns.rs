@@ -591,7 +591,10 @@ mod tests {
         assert_eq!(error, ColumnsError::Missing(vec!["column 3".to_owned()]));
         // A matrix is all its columns, unless one has its name.
         let mapping = Mapping { sensors: Some(refs("b,a")), ..Mapping::default() };
-        assert_eq!(recognise(names("a1,a2,b,b1,a3"), &[], Format::Csv, &mapping).unwrap().1.sensors, [2, 0, 1, 4]);
+        assert_eq!(
+            recognise(names("a1,a2,b,b1,a3"), &[], Format::Csv, &mapping).unwrap().1.sensors,
+            [2, 0, 1, 4]
+        );
     }
 
     #[test]

@@ -13,7 +13,9 @@ pub(crate) fn columns_of(names: &[String], name: &str) -> Vec<String> {
 /// and no name tells: of two matrices the one of six columns is the wrench, the other the readings.
 pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     let mut mapping = mapping.for_columns(names);
+    // `a1` is the first column of `a`, not `a11` that of `a1`.
     let first = names.iter().filter_map(|name| name.strip_suffix('1'));
+    let first = first.filter(|name| !names.iter().any(|other| other == name));
     let matrices: Vec<Vec<String>> =
         first.map(|name| columns_of(names, name)).filter(|columns| columns.len() > 1).collect();
     let has_meaning =
@@ -22,11 +24,13 @@ pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     if is_specified || names.iter().any(has_meaning) {
         return mapping;
     }
-    let references = |columns: &[String]| columns.iter().cloned().map(ColumnRef::Name).collect();
+    let references = |columns: &[String]| -> Vec<ColumnRef> {
+        columns.iter().cloned().map(ColumnRef::Name).collect()
+    };
     if let [one, other] = matrices.as_slice()
         && let (wrench, readings) = if one.len() == 6 { (one, other) } else { (other, one) }
         && readings.len() != 6
-        && let Ok(wrench) = <[ColumnRef; 6]>::try_from::<Vec<ColumnRef>>(references(wrench))
+        && let Ok(wrench) = <[ColumnRef; 6]>::try_from(references(wrench))
     {
         mapping.wrench = Some(wrench.map(Some));
         mapping.sensors = Some(references(readings));
