@@ -55,7 +55,7 @@ pub use contact::Contact;
 pub use error::SetupError;
 pub use force::BeamForce;
 pub use model::{Model, Total};
-pub use plateau::{Extreme, Plateau, Turn};
+pub use plateau::{BeamPlateau, Extreme, Turn};
 pub use setup::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup};
 pub use side::Side;
 pub use wall::Wall;

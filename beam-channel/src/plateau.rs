@@ -11,7 +11,7 @@ use crate::{Model, Side};
 
 /// The drag of a body that is wholly among the beams.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plateau {
+pub struct BeamPlateau {
     /// Where the body's middle is when the first beam slips off and when the last is touched,
     /// in m. The drag has seen all its values only if they are one spacing apart or more.
     pub extent_m: [f64; 2],
@@ -58,7 +58,7 @@ const SAMPLES: u32 = 16;
 impl Model {
     /// The plateau of the drag; `None` if the body touches no beam or is never wholly among the
     /// beams: the channel is shorter than it.
-    pub fn plateau(&self) -> Option<Plateau> {
+    pub fn plateau(&self) -> Option<BeamPlateau> {
         let channel = &self.setup().channel;
         let last = self.base_m(channel.beams - 1);
         let ends = self.solved().map(|(_, side)| [-side.release_m(), last - side.engagement_m()]);
@@ -70,7 +70,7 @@ impl Model {
         let passages: f64 = self.solved().map(|(_, side)| self.passage(side)).sum();
         let mean_drag_n = self.weight() * passages / channel.pitch_m;
         let limit = |drag_n| Extreme { drag_n, x_m: start, turn: Turn::Limit };
-        let mut plateau = Plateau {
+        let mut plateau = BeamPlateau {
             extent_m,
             mean_drag_n,
             peak: limit(f64::NEG_INFINITY),
@@ -175,7 +175,7 @@ impl Smooth<'_> {
         self.model.solved().map(|(_, side)| of(side)).sum()
     }
 
-    fn count(&self, plateau: &mut Plateau) {
+    fn count(&self, plateau: &mut BeamPlateau) {
         for (i, side) in self.model.solved() {
             let (first, end) = self.touching(side);
             let touching = (end - first).max(0.0) as u32;
@@ -184,7 +184,7 @@ impl Smooth<'_> {
         }
     }
 
-    fn search(&self, plateau: &mut Plateau) {
+    fn search(&self, plateau: &mut BeamPlateau) {
         for x in [self.from, self.to] {
             plateau.offer(Extreme { drag_n: self.drag(x), x_m: x, turn: Turn::Limit });
         }
@@ -208,7 +208,7 @@ impl Smooth<'_> {
     }
 }
 
-impl Plateau {
+impl BeamPlateau {
     fn offer(&mut self, extreme: Extreme) {
         if extreme.drag_n > self.peak.drag_n {
             self.peak = extreme;

@@ -109,12 +109,12 @@ impl Arrays<'_, '_> {
 }
 
 /// Which rows of the arrays.
-enum Places {
+enum RowIndices {
     Range(Range<usize>),
     Each(Vec<usize>),
 }
 
-impl Places {
+impl RowIndices {
     fn len(&self) -> usize {
         match self {
             Self::Range(rows) => rows.len(),
@@ -133,8 +133,8 @@ impl Places {
 
 impl Arrays<'_, '_> {
     /// Where some of the rows are.
-    fn places(&self, rows: Range<usize>) -> Places {
-        let Weights::Repeats(ends) = &self.weights else { return Places::Range(rows) };
+    fn places(&self, rows: Range<usize>) -> RowIndices {
+        let Weights::Repeats(ends) = &self.weights else { return RowIndices::Range(rows) };
         let mut row = ends.partition_point(|&end| end <= rows.start as u64);
         let place = |at: usize| {
             while ends[row] <= at as u64 {
@@ -142,7 +142,7 @@ impl Arrays<'_, '_> {
             }
             row
         };
-        Places::Each(rows.map(place).collect())
+        RowIndices::Each(rows.map(place).collect())
     }
 
     /// What tells these rows from others, as checksums tell files.
@@ -187,10 +187,10 @@ fn put(row: ArrayView1<'_, f64>, bytes: &mut [u8]) {
 }
 
 /// Some rows of an array as columns, each one run of memory.
-fn columns(array: &ArrayView2<'_, f64>, rows: &Places, out: &mut Vec<Vec<f64>>) {
+fn columns(array: &ArrayView2<'_, f64>, rows: &RowIndices, out: &mut Vec<Vec<f64>>) {
     match rows {
-        Places::Range(rows) => range_of_columns(array, rows.clone(), out),
-        Places::Each(rows) => {
+        RowIndices::Range(rows) => range_of_columns(array, rows.clone(), out),
+        RowIndices::Each(rows) => {
             out.resize_with(array.ncols(), Vec::new);
             for (column, from) in out.iter_mut().zip(array.columns()) {
                 column.clear();

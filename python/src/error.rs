@@ -16,14 +16,14 @@ use shellcal::workflow::WorkflowError;
 #[derive(Debug)]
 pub(crate) enum Failure {
     /// As a library says it.
-    Told(Told),
+    Told(PythonMessage),
     /// As Python says it, such as an interrupt.
     Python(PyErr),
 }
 
 /// An error in words, and where it is.
 #[derive(Debug, Default)]
-pub(crate) struct Told {
+pub(crate) struct PythonMessage {
     /// The class of `shellcal._errors`.
     pub(crate) class: &'static str,
     pub(crate) message: String,
@@ -33,7 +33,7 @@ pub(crate) struct Told {
     pub(crate) hint: Option<&'static str>,
 }
 
-impl Told {
+impl PythonMessage {
     /// An error of this class, with its causes.
     fn of(class: &'static str, error: &dyn Error) -> Self {
         let mut message = error.to_string();
@@ -57,15 +57,15 @@ impl From<PyErr> for Failure {
     }
 }
 
-impl From<Told> for Failure {
-    fn from(told: Told) -> Self {
+impl From<PythonMessage> for Failure {
+    fn from(told: PythonMessage) -> Self {
         Self::Told(told)
     }
 }
 
 impl From<LogError> for Failure {
     fn from(error: LogError) -> Self {
-        let told = Told::of("LogError", &error);
+        let told = PythonMessage::of("LogError", &error);
         let hint = match &error {
             LogError::Gzip { .. } => Some("copy the file again: it is cut short or damaged"),
             LogError::MissingColumns { .. } => {
@@ -82,7 +82,7 @@ impl From<LogError> for Failure {
             }
             _ => None,
         };
-        let told = Told { hint, ..told };
+        let told = PythonMessage { hint, ..told };
         let told = match &error {
             LogError::Row { path, place, problem } => {
                 let column = match problem {
@@ -92,7 +92,7 @@ impl From<LogError> for Failure {
                     | RowProblem::EmptyField { field } => Some(field.column as u64 + 1),
                     _ => None,
                 };
-                Told { line: place.number(), column, ..told.in_file(path) }
+                PythonMessage { line: place.number(), column, ..told.in_file(path) }
             }
             LogError::CarriageReturns { path, place }
             | LogError::LineTooLong { path, place, .. }
@@ -100,7 +100,7 @@ impl From<LogError> for Failure {
             | LogError::LayoutMismatch { path, place, .. }
             | LogError::MissingColumns { path, place, .. }
             | LogError::DuplicateColumn { path, place, .. } => {
-                Told { line: place.number(), ..told.in_file(path) }
+                PythonMessage { line: place.number(), ..told.in_file(path) }
             }
             LogError::Io { path, .. }
             | LogError::Gzip { path, .. }
@@ -116,25 +116,26 @@ impl From<LogError> for Failure {
 
 impl From<CalibrationFileError> for Failure {
     fn from(error: CalibrationFileError) -> Self {
-        let told = Told::of("DocumentError", &error).in_file(&error.path);
+        let told = PythonMessage::of("DocumentError", &error).in_file(&error.path);
         placed(told, &error.problem).into()
     }
 }
 
 impl From<Problem> for Failure {
     fn from(problem: Problem) -> Self {
-        placed(Told::of("DocumentError", &problem), &problem).into()
+        placed(PythonMessage::of("DocumentError", &problem), &problem).into()
     }
 }
 
-fn placed(told: Told, problem: &Problem) -> Told {
+fn placed(told: PythonMessage, problem: &Problem) -> PythonMessage {
     match problem {
         Problem::NotJson { line, column, .. } | Problem::Field { line, column, .. } => {
-            Told { line: Some(*line as u64), column: Some(*column as u64), ..told }
+            PythonMessage { line: Some(*line as u64), column: Some(*column as u64), ..told }
         }
-        Problem::SchemaVersion { .. } => {
-            Told { hint: Some("use the version of shellcal that wrote it, or a later one"), ..told }
-        }
+        Problem::SchemaVersion { .. } => PythonMessage {
+            hint: Some("use the version of shellcal that wrote it, or a later one"),
+            ..told
+        },
         _ => told,
     }
 }
@@ -154,7 +155,7 @@ impl From<MergeError> for Failure {
             MergeError::SameName(_) => Some("groups are files: give them different names"),
             _ => None,
         };
-        Told { hint, ..Told::of(class, &error) }.into()
+        PythonMessage { hint, ..PythonMessage::of(class, &error) }.into()
     }
 }
 
@@ -164,14 +165,14 @@ impl From<WorkflowError> for Failure {
             WorkflowError::Log(error) => error.into(),
             WorkflowError::Merge(error) => error.into(),
             WorkflowError::Fit(error) => error.into(),
-            error => Told::of("FitError", &error).into(),
+            error => PythonMessage::of("FitError", &error).into(),
         }
     }
 }
 
 impl From<FitError> for Failure {
     fn from(error: FitError) -> Self {
-        Told { hint: hint_after(&error), ..Told::of("FitError", &error) }.into()
+        PythonMessage { hint: hint_after(&error), ..PythonMessage::of("FitError", &error) }.into()
     }
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use calibration::Kind;
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
-use calibration_file::{CalibrationFile, CalibrationFileError, Role, Source};
+use calibration_file::{CalibrationFile, CalibrationFileError, Role, SourceFile};
 use figures::{FitPlot, Size, fit_figure};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
@@ -13,7 +13,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::fit::{FileFacts, calibration_file};
 
 use crate::arrays::{Arrays, Weights, range_of_columns};
-use crate::error::{Failure, Told};
+use crate::error::{Failure, PythonMessage};
 use crate::interrupt::without_lock;
 use crate::options;
 
@@ -54,8 +54,8 @@ fn over_rows<T: Send>(
 }
 
 /// Where a calibration of arrays says that it comes from.
-fn source(rows: &Arrays<'_, '_>) -> Vec<Source> {
-    vec![Source {
+fn source(rows: &Arrays<'_, '_>) -> Vec<SourceFile> {
+    vec![SourceFile {
         role: Role::Train,
         path: "<array>".into(),
         checksum: Some(rows.checksum()),
@@ -170,7 +170,11 @@ impl Fitted {
     /// How many standard errors either way an interval of this level reaches, per axis.
     fn interval_factors(&self, level: f64) -> Result<Vec<f64>, Failure> {
         let axes = self.0.calibration.axes;
-        let refused = |message: String| Told { class: "FitError", message, ..Told::default() };
+        let refused = |message: String| PythonMessage {
+            class: "FitError",
+            message,
+            ..PythonMessage::default()
+        };
         match self.0.calibration.kind() {
             Kind::Polynomial(_) => match &self.0.calibration.covariance {
                 Some(covariance) => {

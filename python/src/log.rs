@@ -4,24 +4,25 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use log_file::{
-    ColumnRef, Format, Log, Mapping, Meaning, MomentUnit, ReadOptions, TimeUnit, Wanted, named_axis,
+    ColumnRef, Log, LogFormat, Mapping, Meaning, MomentUnit, ReadOptions, TimeUnit, Wanted,
+    named_axis,
 };
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
-use crate::error::{Failure, Told};
+use crate::error::{Failure, PythonMessage};
 use crate::interrupt::without_lock;
 
 /// What the user says of the columns, by the names of the options.
-pub(crate) type Columns = BTreeMap<String, String>;
+pub(crate) type OptionColumns = BTreeMap<String, String>;
 
 /// How logs are read: what the columns are, bad rows left out, threads.
-pub(crate) type Reading = (Columns, bool, usize);
+pub(crate) type ReadRules = (OptionColumns, bool, usize);
 
 /// Names and columns, the group of each row with the labels, rows that were skipped and repeated.
-type Read<'py> = (
+type ReadArrays<'py> = (
     Vec<(String, Bound<'py, PyArray1<f64>>)>,
     Option<(Bound<'py, PyArray1<u32>>, Vec<String>)>,
     (String, u64, u64),
@@ -32,8 +33,8 @@ type Read<'py> = (
 pub(crate) fn read_log<'py>(
     py: Python<'py>,
     path: PathBuf,
-    reading: Reading,
-) -> Result<Read<'py>, Failure> {
+    reading: ReadRules,
+) -> Result<ReadArrays<'py>, Failure> {
     let (names, skip_bad_rows, threads) = reading;
     let mapping = mapping(&names)?;
     let (columns, groups, about) = without_lock(py, None, |_| {
@@ -102,21 +103,25 @@ impl Labels {
 }
 
 /// What the user says of the columns.
-pub(crate) fn mapping(names: &Columns) -> Result<Mapping, Failure> {
+pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, Failure> {
     let mut mapping = Mapping::default();
     for (option, text) in names {
         let refused = |expected: &str| {
             let message = format!("{option} is `{text}`, expected {expected}");
-            Failure::from(Told { class: "OptionError", message, ..Told::default() })
+            Failure::from(PythonMessage {
+                class: "OptionError",
+                message,
+                ..PythonMessage::default()
+            })
         };
         match option.as_str() {
             "format" => {
                 mapping.format = Some(match text.as_str() {
-                    "telemetry" => Format::Telemetry,
-                    "csv" => Format::Csv,
-                    "training" => Format::Training,
-                    "reference" => Format::Reference,
-                    "console" => Format::Console,
+                    "telemetry" => LogFormat::Telemetry,
+                    "csv" => LogFormat::Csv,
+                    "training" => LogFormat::Training,
+                    "reference" => LogFormat::Reference,
+                    "console" => LogFormat::Console,
                     _ => {
                         return Err(refused(
                             "`telemetry`, `csv`, `training`, `reference` or `console`",

@@ -4,7 +4,7 @@ use calibration::Basis;
 use calibration::fit::{CovarianceRule, ModelRule};
 use calibration::solver::SolverKind;
 
-use crate::error::{Failure, Told};
+use crate::error::{Failure, PythonMessage};
 
 pub(crate) fn model(name: &str) -> Result<ModelRule, Failure> {
     let found = match name {
@@ -34,5 +34,5 @@ pub(crate) fn covariance(name: &str) -> Result<CovarianceRule, Failure> {
 
 fn unknown(option: &str, found: &str, expected: &str) -> Failure {
     let message = format!("{option} is `{found}`, expected one of `{expected}`");
-    Told { class: "OptionError", message, ..Told::default() }.into()
+    PythonMessage { class: "OptionError", message, ..PythonMessage::default() }.into()
 }

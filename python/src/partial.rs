@@ -7,7 +7,7 @@ use calibration::fit::{
 };
 use calibration::validation::grouped::{Apart, GroupKind, GroupedMoments, RandomSplit};
 use calibration::{Basis, FitError, Model};
-use calibration_file::{PartialFit, PartialGroups, PartialStream, Role, Source, Sums};
+use calibration_file::{PartialFit, PartialGroups, PartialStream, Role, SourceFile, Sums};
 use log_file::{Log, ReadOptions};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -16,10 +16,10 @@ use shellcal::workflow::merge;
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
 
 use crate::arrays::{Arrays, Weights};
-use crate::error::{Failure, Told};
+use crate::error::{Failure, PythonMessage};
 use crate::fitted::Fitted;
 use crate::interrupt::without_lock;
-use crate::log::{Reading, mapping};
+use crate::log::{ReadRules, mapping};
 use crate::options;
 
 /// The exact sums over some rows.
@@ -68,7 +68,7 @@ impl Partial {
             let model = Model { basis, intercept, channels: total.channels() };
             let mut partial = PartialFit::new(model, Sums::Exact(total));
             (partial.made_by, partial.date) = made;
-            partial.sources = vec![Source {
+            partial.sources = vec![SourceFile {
                 role: Role::Train,
                 path: name,
                 checksum: Some(rows.checksum()),
@@ -94,7 +94,7 @@ impl Partial {
         paths: Vec<PathBuf>,
         what: What,
         fresh: bool,
-        reading: Reading,
+        reading: ReadRules,
         made: (String, String),
     ) -> Result<Self, Failure> {
         let (model, intercept, kept, seed) = what;
@@ -107,7 +107,12 @@ impl Partial {
             Some("column") => Some(KeptGroups::By(GroupKind::Column)),
             Some(found) => {
                 let message = format!("groups is `{found}`, expected `auto`, `file` or `column`");
-                return Err(Told { class: "OptionError", message, ..Told::default() }.into());
+                return Err(PythonMessage {
+                    class: "OptionError",
+                    message,
+                    ..PythonMessage::default()
+                }
+                .into());
             }
         };
         let options = PartialOptions {
@@ -186,7 +191,7 @@ impl Partial {
     /// Name, checksum and rows of each source.
     fn sources(&mut self) -> Vec<(PathBuf, Option<String>, u64)> {
         self.0.put_in_order();
-        let source = |of: &Source| (of.path.clone(), of.checksum.clone(), of.rows);
+        let source = |of: &SourceFile| (of.path.clone(), of.checksum.clone(), of.rows);
         self.0.sources.iter().map(source).collect()
     }
 

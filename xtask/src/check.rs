@@ -15,7 +15,7 @@ use crate::{book, dependencies, pictures, python};
 pub(crate) struct Args {
     /// Only these [default: all]
     #[arg(value_enum)]
-    parts: Vec<Part>,
+    parts: Vec<CheckPart>,
 
     /// Let every fuzz target run for so long, on other inputs each time [default: 4000 inputs, always the
     /// same, so that a change fails by what it does]
@@ -24,7 +24,7 @@ pub(crate) struct Args {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum Part {
+enum CheckPart {
     /// Formatting
     Format,
     /// Lints, all of which are errors
@@ -86,20 +86,20 @@ pub(crate) const NEEDS: [Need; 5] = [FORMATTER, LINTER, FUZZER, WINDOWS, AARCH64
 
 /// Runs all that is asked for, to its end, and tells what has failed.
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let all = Part::value_variants();
+    let all = CheckPart::value_variants();
     let parts = if args.parts.is_empty() { all } else { &args.parts };
     let mut failed = Vec::new();
     for part in parts {
         let done = match part {
-            Part::Format => format(),
-            Part::Lints => lints(),
-            Part::Dependencies => dependencies::check(),
-            Part::Systems => systems(),
-            Part::Fuzz => fuzz(args.fuzz_seconds),
-            Part::Docs => docs(),
-            Part::Book => book::build(),
-            Part::Pictures => pictures::check(),
-            Part::Package => step("package", &mut Command::new(workspace().join(PACKAGE))),
+            CheckPart::Format => format(),
+            CheckPart::Lints => lints(),
+            CheckPart::Dependencies => dependencies::check(),
+            CheckPart::Systems => systems(),
+            CheckPart::Fuzz => fuzz(args.fuzz_seconds),
+            CheckPart::Docs => docs(),
+            CheckPart::Book => book::build(),
+            CheckPart::Pictures => pictures::check(),
+            CheckPart::Package => step("package", &mut Command::new(workspace().join(PACKAGE))),
         };
         if let Err(error) = done {
             eprintln!("error: {error:#}");

@@ -16,7 +16,7 @@ pub(crate) struct Job {
 
 /// How a job ended.
 #[derive(Debug)]
-pub(crate) struct Ended {
+pub(crate) struct EndedJob {
     pub(crate) name: String,
     pub(crate) succeeded: bool,
     /// What it has printed, errors last.
@@ -24,7 +24,7 @@ pub(crate) struct Ended {
 }
 
 /// Runs all jobs, the first ones first, `at_once` at a time. The output of one that fails is printed as it ends.
-pub(crate) fn run(jobs: Vec<Job>, at_once: usize) -> Result<Vec<Ended>> {
+pub(crate) fn run(jobs: Vec<Job>, at_once: usize) -> Result<Vec<EndedJob>> {
     let total = jobs.len();
     let queue = Mutex::new(VecDeque::from(jobs));
     let ended = Mutex::new(Vec::new());
@@ -44,7 +44,7 @@ pub(crate) fn run(jobs: Vec<Job>, at_once: usize) -> Result<Vec<Ended>> {
             let result = if succeeded { "ok" } else { "FAILED" };
             let (count, taken) = (ended.len() + 1, start.elapsed().as_secs_f64());
             println!("{count:>3} of {total}  {result:<6} {taken:>6.1} s  {name}");
-            ended.push(Ended { name, succeeded, output });
+            ended.push(EndedJob { name, succeeded, output });
         }
         Ok(())
     };

@@ -70,7 +70,7 @@ fn photograph_live(
     live.current_dir(workspace().join("calibration-data"));
     live.args(["live", "synthetic-test.csv", "--calibration"]).arg(calibration);
     live.args(["--no-tare", "--speed", "4", "--window", "60", "--serve"]);
-    let mut server = Server(live.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?);
+    let mut server = PageServer(live.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?);
     let mut line = String::new();
     BufReader::new(server.0.stdout.as_mut().context("no output")?).read_line(&mut line)?;
     let address = line.trim_end().strip_prefix("live at ").with_context(|| line.clone())?;
@@ -85,9 +85,9 @@ fn photograph_live(
 }
 
 /// The program that serves the page; it ends with the task.
-struct Server(Child);
+struct PageServer(Child);
 
-impl Drop for Server {
+impl Drop for PageServer {
     fn drop(&mut self) {
         _ = self.0.kill();
         _ = self.0.wait();

@@ -14,7 +14,7 @@ use serde_json::Value;
 use system_tests::{emulation, flashed};
 
 use crate::image::{Board, Image};
-use crate::jobs::{self, Ended, Job};
+use crate::jobs::{self, EndedJob, Job};
 use crate::need::Need;
 use crate::steps::{self, PROFILE, REAL_DATA, cargo, real_data, target};
 use crate::{emulator, model, python, setup, toolchain};
@@ -60,7 +60,7 @@ pub(crate) const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
 
 /// What the tests have at hand.
 #[derive(Default)]
-struct Equipment {
+struct TestEquipment {
     /// Reasons to ignore a test that do not hold.
     met: Vec<&'static str>,
     variables: Vec<(&'static str, OsString)>,
@@ -96,7 +96,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 /// Sets up the environments of Python while the compiler is at work.
-fn set_up_and_build(parts: &[Part]) -> Result<(Equipment, Vec<Program>)> {
+fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     let needs = parts.iter().flat_map(|part| part.needs());
     let missing: Vec<_> = needs.filter_map(|need| need.meet().err()).collect();
     if !missing.is_empty() {
@@ -104,7 +104,7 @@ fn set_up_and_build(parts: &[Part]) -> Result<(Equipment, Vec<Program>)> {
         bail!("not all is here that the tests need; `--without` leaves out a part of them");
     }
     let has = |part| parts.contains(&part);
-    let mut equipment = Equipment::default();
+    let mut equipment = TestEquipment::default();
     thread::scope(|scope| {
         let model_python = scope.spawn(|| has(Part::Board).then(model::set_up).transpose());
         let python = scope.spawn(|| has(Part::Python).then(python::set_up).transpose());
@@ -126,7 +126,7 @@ fn set_up_and_build(parts: &[Part]) -> Result<(Equipment, Vec<Program>)> {
     })
 }
 
-impl Equipment {
+impl TestEquipment {
     /// A variable that names what tests need.
     fn give(&mut self, reason: &'static str, variable: &'static str, value: impl Into<OsString>) {
         self.met.push(reason);
@@ -202,7 +202,7 @@ fn programs() -> Result<Vec<Program>> {
 
 impl Program {
     /// All tests but those that are ignored, in the surroundings that cargo gives them.
-    fn job(&self, equipment: &Equipment) -> Job {
+    fn job(&self, equipment: &TestEquipment) -> Job {
         let mut command = Command::new(&self.file);
         command.current_dir(&self.folder).env("CARGO_MANIFEST_DIR", &self.folder);
         command.envs(equipment.variables.iter().map(|(name, value)| (name, value)));
@@ -210,7 +210,7 @@ impl Program {
     }
 
     /// Those that were ignored for reasons that do not hold.
-    fn job_of_ignored(&self, said: &str, equipment: &Equipment) -> Option<Job> {
+    fn job_of_ignored(&self, said: &str, equipment: &TestEquipment) -> Option<Job> {
         let met = ignored(said).filter(|(_, reason)| equipment.met.contains(reason));
         let names: Vec<&str> = met.map(|(name, _)| name).collect();
         let mut job = self.job(equipment);
@@ -226,7 +226,7 @@ fn ignored(said: &str) -> impl Iterator<Item = (&str, &str)> {
 }
 
 /// Prints how many tests have passed, and which were left out; an error where one has failed.
-fn report(ended: &[Ended], without: &[Part]) -> Result<()> {
+fn report(ended: &[EndedJob], without: &[Part]) -> Result<()> {
     let failed: Vec<_> = ended.iter().filter(|it| !it.succeeded).map(|it| &*it.name).collect();
     let count = |what: &str| ended.iter().map(|it| counted(&it.output, what)).sum::<u64>();
     let (passed, failures) = (count("passed"), count("failed"));

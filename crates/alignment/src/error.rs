@@ -1,6 +1,6 @@
 //! Why two recordings could not be lined up.
 
-use super::recording::Side;
+use super::recording::RecordingSide;
 use shell_data::hint::Hint;
 
 /// The least time that both recordings must cover, s.
@@ -13,7 +13,7 @@ pub enum AlignError {
     #[error("{side}: columns of {found} rows beside {expected} times")]
     Shape {
         /// Which recording.
-        side: Side,
+        side: RecordingSide,
         /// The number of times.
         expected: usize,
         /// The first other length; 0 if there are no columns.
@@ -23,7 +23,7 @@ pub enum AlignError {
     #[error("{side}: time does not go forward in {rows} of {of} rows")]
     TimeGoesBack {
         /// Which recording.
-        side: Side,
+        side: RecordingSide,
         /// Rows that are not later than all before them.
         rows: usize,
         /// All rows.
@@ -35,7 +35,7 @@ pub enum AlignError {
     )]
     TooShort {
         /// Which recording.
-        side: Side,
+        side: RecordingSide,
         /// Rows that can be used.
         rows: usize,
         /// Time from the first to the last, s.
@@ -47,7 +47,7 @@ pub enum AlignError {
     #[error("{side}: no column changes")]
     Constant {
         /// Which recording.
-        side: Side,
+        side: RecordingSide,
     },
     /// No offset makes the two recordings agree.
     #[error(
@@ -97,7 +97,7 @@ pub enum AlignError {
     )]
     TooManyEdges {
         /// Which recording.
-        side: Side,
+        side: RecordingSide,
         /// How many.
         edges: usize,
         /// The most that are taken.

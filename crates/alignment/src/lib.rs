@@ -36,7 +36,7 @@ pub use error::AlignError;
 use error::LEAST_OVERLAP_S;
 pub use kernel::Kernel;
 use kernel::STOPBAND_DB;
-pub use recording::{LeftOut, Recording, Side};
+pub use recording::{LeftOut, Recording, RecordingSide};
 
 use coarse::Match;
 use frames::BoardFrames;
@@ -199,8 +199,9 @@ fn clean(
     board: Recording,
     options: Options,
 ) -> Result<(Clean, Clean), AlignError> {
-    let reference = Clean::new(reference, Side::Reference, LEAST_OVERLAP_S, false)?;
-    let board = Clean::new(board, Side::Board, LEAST_OVERLAP_S, options.repeats_are_stale)?;
+    let reference = Clean::new(reference, RecordingSide::Reference, LEAST_OVERLAP_S, false)?;
+    let board =
+        Clean::new(board, RecordingSide::Board, LEAST_OVERLAP_S, options.repeats_are_stale)?;
     Ok((reference, board))
 }
 
@@ -257,7 +258,7 @@ fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), Align
             Err(error) => refused = refused.or(Some(error)),
         }
     }
-    Err(refused.unwrap_or(AlignError::Constant { side: Side::Board }))
+    Err(refused.unwrap_or(AlignError::Constant { side: RecordingSide::Board }))
 }
 
 /// How much the readings change in a stretch, relative to what they do overall.

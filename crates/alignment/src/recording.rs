@@ -6,18 +6,18 @@ use super::error::AlignError;
 
 /// One of the two recordings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum RecordingSide {
     /// The reference sensor's.
     Reference,
     /// The board's.
     Board,
 }
 
-impl fmt::Display for Side {
+impl fmt::Display for RecordingSide {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Side::Reference => "reference",
-            Side::Board => "board log",
+            RecordingSide::Reference => "reference",
+            RecordingSide::Board => "board log",
         })
     }
 }
@@ -73,7 +73,7 @@ pub(super) struct Clean {
 impl Clean {
     pub(super) fn new(
         recording: Recording,
-        side: Side,
+        side: RecordingSide,
         needed_s: f64,
         all_repeats: bool,
     ) -> Result<Self, AlignError> {

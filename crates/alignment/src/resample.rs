@@ -105,12 +105,12 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::super::kernel::STOPBAND_DB;
-    use super::super::{Recording, Side};
+    use super::super::{Recording, RecordingSide};
     use super::*;
 
     fn clean(time_s: Vec<f64>, value: impl Fn(f64) -> f64) -> Clean {
         let columns = vec![time_s.iter().map(|&t| value(t)).collect()];
-        Clean::new(Recording { time_s, columns }, Side::Reference, 0.1, false).unwrap()
+        Clean::new(Recording { time_s, columns }, RecordingSide::Reference, 0.1, false).unwrap()
     }
 
     fn even(rate_hz: f64) -> Vec<f64> {

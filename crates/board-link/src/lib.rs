@@ -25,7 +25,9 @@ pub use client::{Client, Uplink};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
 pub use port_state::{PortState, SystemFiles};
-pub use record::{Progress, RecordCommand, RecordOptions, Recorded, Sinks, Watcher, record};
+pub use record::{
+    RecordCommand, RecordOptions, Recorded, RecordingProgress, Sinks, Watcher, record,
+};
 pub use record_error::RecordError;
 pub use self_test::{EmitterFault, judge};
 pub use source::Source;

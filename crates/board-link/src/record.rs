@@ -13,7 +13,7 @@ use super::record_error::RecordError;
 use super::source::SourceInput;
 use super::{AppendWriter, Source, Uplink};
 use crate::recording::{
-    BoardFrame, Boards, HeardBoard, LiveForces, Losses, NoFrame, Recognised, Recognition,
+    BoardFrame, Boards, HeardBoard, LiveForces, Losses, NoFrame, RecognisedProtocol, Recognition,
     protocol_name,
 };
 use shell_data::wrench::AxisValues;
@@ -80,7 +80,7 @@ pub enum RecordCommand {
 
 /// How a recording is going.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Progress {
+pub struct RecordingProgress {
     /// Time since its start.
     pub elapsed: Duration,
     /// Frames per second since the report before.
@@ -142,7 +142,7 @@ pub fn record(
     sinks: Sinks,
     options: &RecordOptions,
     stop: &AtomicBool,
-    observe: &mut dyn FnMut(&Progress),
+    observe: &mut dyn FnMut(&RecordingProgress),
 ) -> Result<Recorded, RecordError> {
     let mut session = RecordSession {
         stage: RecordStage::Recognising(Recognition::new(options.protocol)),
@@ -225,7 +225,7 @@ impl RecordSession<'_> {
         &mut self,
         source: &mut Source,
         stop: &AtomicBool,
-        observe: &mut dyn FnMut(&Progress),
+        observe: &mut dyn FnMut(&RecordingProgress),
     ) -> Result<(), RecordError> {
         let mut buffer = vec![0; 1 << 14];
         let (mut flushed_at, mut observed) = (Duration::ZERO, 0);
@@ -295,13 +295,13 @@ impl RecordSession<'_> {
 
     fn recognised(
         &mut self,
-        recognised: Result<Option<Recognised>, NoFrame>,
+        recognised: Result<Option<RecognisedProtocol>, NoFrame>,
         source: &Source,
     ) -> Result<(), RecordError> {
         let source_name = || source.name().to_owned();
         let recognised = recognised
             .map_err(|problem| RecordError::NoFrame { source_name: source_name(), problem })?;
-        if let Some(Recognised { protocol, bytes }) = recognised {
+        if let Some(RecognisedProtocol { protocol, bytes }) = recognised {
             let mut boards = Box::new(Boards::new(protocol));
             boards.feed(&bytes);
             self.stage = RecordStage::Receiving(protocol, boards);
@@ -413,9 +413,9 @@ impl RecordSession<'_> {
         }
     }
 
-    fn progress(&self, source: &Source, rate_hz: f64) -> Progress {
+    fn progress(&self, source: &Source, rate_hz: f64) -> RecordingProgress {
         let (protocol, losses) = self.state();
-        Progress {
+        RecordingProgress {
             elapsed: source.elapsed(),
             rate_hz,
             frames: self.frames(),

@@ -188,7 +188,7 @@ fn is_power_of_two(value: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Diagnostics, Origin, Role, SolverRecord, Source};
+    use super::super::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
     use super::*;
     use calibration::model::{Basis, Model};
     use calibration::quality::AxisQuality;
@@ -232,7 +232,7 @@ mod tests {
                 selection: None,
                 excitation: None,
             }),
-            sources: vec![Source {
+            sources: vec![SourceFile {
                 role: Role::Train,
                 path: "train.csv".into(),
                 checksum: Some("xxh128:00".into()),

@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// What a document is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FileKind {
+pub enum DocumentKind {
     /// JSON: calibrations and partial fits.
     Json,
     /// Lines of text: tables, manifests, profiles.
@@ -18,24 +18,24 @@ pub enum FileKind {
     Matrix,
 }
 
-impl FileKind {
+impl DocumentKind {
     /// The most bytes that are read.
     pub const fn budget(self) -> u64 {
         match self {
             // A calibration of the largest model with a covariance by groups.
-            FileKind::Json => 512 << 20,
+            DocumentKind::Json => 512 << 20,
             // A table of some million rows.
-            FileKind::Text => 256 << 20,
+            DocumentKind::Text => 256 << 20,
             // The largest model takes 200 kB.
-            FileKind::Matrix => 16 << 20,
+            DocumentKind::Matrix => 16 << 20,
         }
     }
 
     /// What is wrong with how it begins.
     fn check(self, first: &[u8]) -> Result<(), &'static str> {
         match self {
-            FileKind::Json | FileKind::Text if first.contains(&0) => Err("it is not text"),
-            FileKind::Matrix if first.starts_with(&[0; 16]) => Err("it is empty but for zeros"),
+            DocumentKind::Json | DocumentKind::Text if first.contains(&0) => Err("it is not text"),
+            DocumentKind::Matrix if first.starts_with(&[0; 16]) => Err("it is empty but for zeros"),
             _ => Ok(()),
         }
     }
@@ -45,7 +45,7 @@ impl FileKind {
 ///
 /// # Errors
 /// What the system says; `InvalidData` if it is too long or begins as no such document does.
-pub fn read(path: &Path, document: FileKind) -> io::Result<Vec<u8>> {
+pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
     let refuse = |why: String| Err(io::Error::new(io::ErrorKind::InvalidData, why));
     let file = File::open(path)?;
     let (length, budget) = (file.metadata()?.len(), document.budget());
@@ -60,7 +60,7 @@ pub fn read(path: &Path, document: FileKind) -> io::Result<Vec<u8>> {
         return refuse(why.to_owned());
     }
     let first = bytes.trim_ascii_start().first();
-    if document == FileKind::Json && first != Some(&b'{') {
+    if document == DocumentKind::Json && first != Some(&b'{') {
         // The beginning is enough to say what is wrong with it.
         return Ok(bytes);
     }
@@ -76,7 +76,7 @@ pub fn read(path: &Path, document: FileKind) -> io::Result<Vec<u8>> {
 /// # Errors
 /// As for [`read`]; `InvalidData` if it is not UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
-    let bytes = read(path, FileKind::Text)?;
+    let bytes = read(path, DocumentKind::Text)?;
     String::from_utf8(bytes).map_err(|error| {
         let line =
             1 + memchr::memchr_iter(b'\n', &error.as_bytes()[..error.utf8_error().valid_up_to()])
@@ -94,13 +94,13 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("file");
         for (bytes, document, is_right) in [
-            (&b"{}"[..], FileKind::Json, true),
-            (b"\n {", FileKind::Json, true),
-            (b"", FileKind::Json, true),
-            (b"{\0", FileKind::Json, false),
-            (b"a,b\n", FileKind::Text, true),
-            (b"a\0", FileKind::Text, false),
-            (b"MATLAB\0", FileKind::Matrix, true),
+            (&b"{}"[..], DocumentKind::Json, true),
+            (b"\n {", DocumentKind::Json, true),
+            (b"", DocumentKind::Json, true),
+            (b"{\0", DocumentKind::Json, false),
+            (b"a,b\n", DocumentKind::Text, true),
+            (b"a\0", DocumentKind::Text, false),
+            (b"MATLAB\0", DocumentKind::Matrix, true),
         ] {
             std::fs::write(&path, bytes).unwrap();
             let read = read(&path, document);
@@ -114,7 +114,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("file");
         File::create(&path).unwrap().set_len(10 << 30).unwrap();
-        for document in [FileKind::Json, FileKind::Text, FileKind::Matrix] {
+        for document in [DocumentKind::Json, DocumentKind::Text, DocumentKind::Matrix] {
             let error = read(&path, document).unwrap_err().to_string();
             assert!(error.contains("longer than the"), "{error}");
         }
@@ -123,7 +123,7 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn an_endless_device_is_refused_at_once() {
-        for document in [FileKind::Json, FileKind::Text, FileKind::Matrix] {
+        for document in [DocumentKind::Json, DocumentKind::Text, DocumentKind::Matrix] {
             assert!(read(Path::new("/dev/zero"), document).is_err());
         }
     }

@@ -49,10 +49,10 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use self::matrix::MatrixError;
-pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
+pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
 pub use self::partial::{MergeError, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums};
 use calibration::{Calibration, Kind};
-use input::FileKind;
+use input::DocumentKind;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The largest number that a document may have: squares and products of such are still numbers.
@@ -198,7 +198,7 @@ impl CalibrationFile {
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
         let text =
-            input::read(path, FileKind::Json).map_err(|error| problem(Problem::Io(error)))?;
+            input::read(path, DocumentKind::Json).map_err(|error| problem(Problem::Io(error)))?;
         Self::parse(&text).map_err(problem)
     }
 
@@ -236,7 +236,7 @@ impl CalibrationFile {
     ) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
         let bytes =
-            input::read(path, FileKind::Matrix).map_err(|error| problem(Problem::Io(error)))?;
+            input::read(path, DocumentKind::Matrix).map_err(|error| problem(Problem::Io(error)))?;
         let calibration = if matlab::is_matlab(&bytes) {
             matlab::parse(&bytes, options)
         } else if bytes.contains(&0) {
@@ -247,7 +247,7 @@ impl CalibrationFile {
         };
         let calibration = calibration.map_err(|error| problem(Problem::Matrix(error)))?;
         let rows = calibration.polynomial().map_or(0, |p| p.coefficients().len()) as u64;
-        let source = Source { role: Role::Matrix, path: path.into(), checksum: None, rows };
+        let source = SourceFile { role: Role::Matrix, path: path.into(), checksum: None, rows };
         let origin = Origin { sources: vec![source], ..Origin::default() };
         Ok(Self { calibration, origin })
     }

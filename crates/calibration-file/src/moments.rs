@@ -11,14 +11,14 @@ use super::stored::{Name, Stored};
 pub(super) struct MomentsDocument {
     basis: Name<Basis>,
     rows: u64,
-    channels: Vec<ChannelRange>,
+    channels: Vec<WrittenRange>,
     readings: Vec<String>,
     wrench: Vec<Integers>,
     squares: Vec<Integers>,
 }
 
 #[derive(Serialize, Deserialize)]
-struct ChannelRange {
+struct WrittenRange {
     unit: Unit,
     lowest: i64,
     highest: i64,
@@ -44,7 +44,7 @@ impl MomentsDocument {
         let StoredMoments { basis, rows, channels, readings, wrench, squares, .. } = stored;
         let range = |range: StoredRange| {
             let StoredRange { twos, fives, lowest, highest } = range;
-            ChannelRange { unit: Unit { twos, fives }, lowest, highest }
+            WrittenRange { unit: Unit { twos, fives }, lowest, highest }
         };
         let integers = |stored: Vec<StoredIntegers>| {
             stored
@@ -64,7 +64,7 @@ impl MomentsDocument {
     /// # Errors
     /// What does not fit together.
     pub(super) fn value(self, axes: Axes) -> Result<Moments, String> {
-        let range = |ChannelRange { unit: Unit { twos, fives }, lowest, highest }| StoredRange {
+        let range = |WrittenRange { unit: Unit { twos, fives }, lowest, highest }| StoredRange {
             twos,
             fives,
             lowest,

@@ -25,7 +25,7 @@ pub struct Origin {
     /// How well the fit went; `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
     /// The files it was made from.
-    pub sources: Vec<Source>,
+    pub sources: Vec<SourceFile>,
     /// Which of their columns are what, where that was specified.
     pub columns: Option<ColumnNames>,
 }
@@ -68,7 +68,7 @@ pub struct Diagnostics {
 
 /// A file that a calibration was made from.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Source {
+pub struct SourceFile {
     /// What it was used for.
     pub role: Role,
     /// The file as it was named.

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::LARGEST;
-use crate::input::{self, FileKind};
+use crate::input::{self, DocumentKind};
 use forces::payload::{Accelerometer, Matrix, Payload, PayloadFit, Vector};
 
 /// The version of the documents that this program writes and reads.
@@ -99,7 +99,7 @@ impl PayloadFile {
     /// [`PayloadFileError`] with line and column.
     pub fn read(path: &Path) -> Result<Self, PayloadFileError> {
         let problem = |problem| PayloadFileError { path: path.to_path_buf(), problem };
-        let text = input::read(path, FileKind::Json)
+        let text = input::read(path, DocumentKind::Json)
             .map_err(|error| problem(format!("cannot read it: {error}")))?;
         Self::parse(&text).map_err(problem)
     }

@@ -23,7 +23,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use shell_data::wrench::{Axes, Axis, MomentUnit, PerAxis};
 use shell_data::{ColumnNames, TimeUnit};
 
-use super::origin::{Diagnostics, Origin, Role, SolverRecord, Source};
+use super::origin::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
 
 /// What a document holds of a value.
 pub trait Stored: Sized {
@@ -245,7 +245,7 @@ stored!(StoredDiagnostics of Diagnostics {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     excitation: Option<StoredExcitation>,
 });
-stored!(StoredSource of Source {
+stored!(StoredSource of SourceFile {
     role: Role,
     path: StoredPath,
     checksum: Option<String>,

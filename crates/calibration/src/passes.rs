@@ -154,7 +154,8 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
         threads => threads,
     };
     let next = AtomicUsize::new(0);
-    let folded = Mutex::new(InOrder { next: 0, waiting: BTreeMap::new(), fold, outcome: Ok(()) });
+    let folded =
+        Mutex::new(OrderedFold { next: 0, waiting: BTreeMap::new(), fold, outcome: Ok(()) });
     let worker = || {
         let mut state = init();
         loop {
@@ -186,14 +187,14 @@ pub(crate) fn each<I: Sync, S: Send, T: Send>(
 }
 
 /// Results that are folded in order and come in any.
-struct InOrder<T, F> {
+struct OrderedFold<T, F> {
     next: usize,
     waiting: BTreeMap<usize, Result<T, FitError>>,
     fold: F,
     outcome: Result<(), FitError>,
 }
 
-impl<T, F: FnMut(T) -> Result<(), FitError>> InOrder<T, F> {
+impl<T, F: FnMut(T) -> Result<(), FitError>> OrderedFold<T, F> {
     /// Adds the result of the item at a place; `false` if no more are wanted.
     fn add(&mut self, place: usize, result: Result<T, FitError>) -> bool {
         self.waiting.insert(place, result);

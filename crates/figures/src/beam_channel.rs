@@ -5,7 +5,7 @@ use super::histogram::ValueRange;
 use super::legend::Legend;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{Axis, Spacing};
+use super::scale::{PlotAxis, Spacing};
 use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, polyline};
 
@@ -45,7 +45,7 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     let counts = || curves.iter().flat_map(|curve| &curve.contacts);
     let most = ValueRange::over(counts().map(|point| point.1).chain([1.0])).high;
     let axis = |name: &str, unit: &str, ValueRange { low, high }: ValueRange| {
-        Axis::new(name, unit, Spacing::Linear, low, high)
+        PlotAxis::new(name, unit, Spacing::Linear, low, high)
     };
     let positions = ValueRange::over(drags().map(|point| point.0));
     let x = axis("position of the body's middle past the first beam", "m", positions);

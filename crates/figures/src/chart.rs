@@ -4,13 +4,13 @@ use super::figure::Figure;
 use super::legend::Legend;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::Axis;
+use super::scale::PlotAxis;
 use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, polyline};
 
 /// How the points of a series are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mark {
+pub enum ChartMark {
     /// As a line through the points, in their order.
     Line,
     /// As points.
@@ -28,7 +28,7 @@ pub struct Series {
     /// axis, are left out.
     pub points: Vec<(f64, f64)>,
     /// How it is drawn.
-    pub mark: Mark,
+    pub mark: ChartMark,
 }
 
 /// One pair of axes with any number of series and a legend beside it.
@@ -37,9 +37,9 @@ pub struct Chart {
     /// Title over the picture.
     pub title: String,
     /// Horizontal axis.
-    pub x: Axis,
+    pub x: PlotAxis,
     /// Vertical axis.
-    pub y: Axis,
+    pub y: PlotAxis,
     /// What is drawn, first below.
     pub series: Vec<Series>,
 }
@@ -92,10 +92,10 @@ impl Series {
         points: &[(f64, f64)],
         colour: &str,
     ) {
-        if self.mark != Mark::Points && !line.is_empty() {
+        if self.mark != ChartMark::Points && !line.is_empty() {
             canvas.stroke(&polyline(line.iter().copied()), colour, 1.6);
         }
-        if self.mark != Mark::Line {
+        if self.mark != ChartMark::Line {
             for &centre in points {
                 canvas.circle(centre, 3.2, colour);
             }
@@ -110,11 +110,11 @@ mod tests {
 
     #[test]
     fn points_that_cannot_be_placed_are_left_out() {
-        let axis = || Axis::new("rows", "", Spacing::Log, 1.0, 1000.0);
+        let axis = || PlotAxis::new("rows", "", Spacing::Log, 1.0, 1000.0);
         let series = Series {
             label: "a < b".into(),
             points: vec![(1.0, 10.0), (0.0, 10.0), (10.0, f64::NAN), (100.0, -1.0), (1e3, 1e3)],
-            mark: Mark::Both,
+            mark: ChartMark::Both,
         };
         let chart = Chart { title: "t".into(), x: axis(), y: axis(), series: vec![series] };
         let figure = chart.figure(Size::Screen);

@@ -4,7 +4,7 @@ use super::figure::Figure;
 use super::histogram::ValueRange;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{Axis as PlotAxis, Spacing};
+use super::scale::{PlotAxis, Spacing};
 use super::svg::{Anchor, Canvas, Rect, Style};
 use shell_data::wrench::{Axis, PerAxis};
 

@@ -8,7 +8,7 @@ use super::histogram::{Histogram2d, HistogramCell, ValueRange};
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::plateau::{LoadPlateau, draw_plateaus, plateaus};
-use super::scale::{Axis as PlotAxis, Spacing, decimal};
+use super::scale::{PlotAxis, Spacing, decimal};
 use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, number, point};
 use shell_data::wrench::{Axes, Axis, PerAxis};

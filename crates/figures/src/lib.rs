@@ -38,13 +38,13 @@ use std::io::Read;
 use ruzstd::decoding::StreamingDecoder;
 
 pub use beam_channel::{ChannelCurve, channel_figure};
-pub use chart::{Chart, Mark, Series};
+pub use chart::{Chart, ChartMark, Series};
 pub use coverage::coverage_figure;
 pub use figure::{Figure, Format, PlotError};
 pub use fit::{FitPlot, fit_figure};
 pub use histogram::Histogram2d;
 pub use matching::match_figure;
-pub use scale::{Axis, Spacing};
+pub use scale::{PlotAxis, Spacing};
 pub use size::Size;
 pub use trace::{WrenchTrace, trace_figure};
 

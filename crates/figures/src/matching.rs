@@ -1,12 +1,12 @@
 //! How well two recordings match: the search over all offsets, and readings beside what the aligned
 //! reference predicts.
 
-use super::chart::Mark;
+use super::chart::ChartMark;
 use super::figure::Figure;
 use super::histogram::ValueRange;
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{Axis, Spacing};
+use super::scale::{PlotAxis, Spacing};
 use super::size::Size;
 use super::svg::{Anchor, Canvas, Rect, Style, polyline};
 use alignment::Quality;
@@ -32,10 +32,11 @@ pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
 
     let search = highest(&quality.search, SEARCH_POINTS);
     let offsets_s = ValueRange::over(search.iter().map(|&(offset_s, _)| offset_s));
-    let x = Axis::new("offset of the starts", "s", Spacing::Linear, offsets_s.low, offsets_s.high);
-    let y = Axis::new("score", "", Spacing::Linear, 0.0, 1.05);
+    let x =
+        PlotAxis::new("offset of the starts", "s", Spacing::Linear, offsets_s.low, offsets_s.high);
+    let y = PlotAxis::new("score", "", Spacing::Linear, 0.0, 1.05);
     let panel = Panel { area: area(0.0), x, y };
-    draw(&mut canvas, &panel, &[(&search, Mark::Line)]);
+    draw(&mut canvas, &panel, &[(&search, ChartMark::Line)]);
 
     let column = |i: usize| -> Vec<(f64, f64)> {
         quality.excerpt.points.iter().map(|point| (point[0], point[i])).collect()
@@ -46,23 +47,23 @@ pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     let name = format!("channel {}", quality.excerpt.channel + 1);
     let panel = Panel {
         area: area(1.0),
-        x: Axis::new("board time", "s", Spacing::Linear, times_s.low, times_s.high),
-        y: Axis::new(&name, "counts", Spacing::Linear, counts.low, counts.high).padded(0.06),
+        x: PlotAxis::new("board time", "s", Spacing::Linear, times_s.low, times_s.high),
+        y: PlotAxis::new(&name, "counts", Spacing::Linear, counts.low, counts.high).padded(0.06),
     };
-    draw(&mut canvas, &panel, &[(&readings, Mark::Points), (&predicted, Mark::Line)]);
+    draw(&mut canvas, &panel, &[(&readings, ChartMark::Points), (&predicted, ChartMark::Line)]);
     let (right, above) = (panel.area.right(), panel.area.top - 8.0);
     let legend = Style::LABEL.anchored(Anchor::End);
     canvas.text((right, above), "points: readings; line: the aligned reference, mapped", legend);
     Figure::new(canvas.finish())
 }
 
-fn draw(canvas: &mut Canvas, panel: &Panel, series: &[(&[(f64, f64)], Mark)]) {
+fn draw(canvas: &mut Canvas, panel: &Panel, series: &[(&[(f64, f64)], ChartMark)]) {
     panel.draw_grid(canvas);
     canvas.clipped(panel.area, |canvas| {
         for (colour, (points, mark)) in palette::SERIES.iter().zip(series) {
             let placed = points.iter().map(|&(x, y)| panel.place(x, y));
             match mark {
-                Mark::Points => placed.for_each(|place| canvas.circle(place, 2.0, colour)),
+                ChartMark::Points => placed.for_each(|place| canvas.circle(place, 2.0, colour)),
                 _ => canvas.stroke(&polyline(placed), colour, 1.2),
             }
         }

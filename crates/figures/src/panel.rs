@@ -1,15 +1,15 @@
 //! One pair of axes with its frame, grid and labels.
 
 use super::palette;
-use super::scale::{Axis, Tick};
+use super::scale::{PlotAxis, Tick};
 use super::svg::{Anchor, Canvas, Rect, Style, number, point};
 
 /// A pair of axes and the rectangle that they span.
 #[derive(Clone, Debug)]
 pub(super) struct Panel {
     pub(super) area: Rect,
-    pub(super) x: Axis,
-    pub(super) y: Axis,
+    pub(super) x: PlotAxis,
+    pub(super) y: PlotAxis,
 }
 
 /// Room for tick labels and title left of a panel.

@@ -11,7 +11,7 @@ pub enum Spacing {
 
 /// An axis of a panel.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
+pub struct PlotAxis {
     /// What is shown: "measured Fx".
     pub quantity: String,
     /// Its unit, empty where there is none.
@@ -30,7 +30,7 @@ pub(super) struct Tick {
     pub(super) label: String,
 }
 
-impl Axis {
+impl PlotAxis {
     /// An axis over `low..=high`.
     ///
     /// A range that cannot be drawn is put right: turned round if reversed, widened if empty, and
@@ -197,12 +197,12 @@ mod tests {
 
     use super::*;
 
-    fn labels(axis: &Axis, count: usize) -> Vec<String> {
+    fn labels(axis: &PlotAxis, count: usize) -> Vec<String> {
         axis.ticks(count).into_iter().map(|tick| tick.label).filter(|l| !l.is_empty()).collect()
     }
 
-    fn linear(low: f64, high: f64) -> Axis {
-        Axis::new("force", "N", Spacing::Linear, low, high)
+    fn linear(low: f64, high: f64) -> PlotAxis {
+        PlotAxis::new("force", "N", Spacing::Linear, low, high)
     }
 
     #[test]
@@ -219,15 +219,15 @@ mod tests {
         assert_eq!(labels(&axis, 4), ["−2", "−1", "0", "1", "2"]);
         assert_eq!(linear(0.0, 2e6).title(), "force (10⁶ N)");
         assert_eq!(linear(0.0, 2.0).title(), "force (N)");
-        assert_eq!(Axis::new("rows", "", Spacing::Linear, 0.0, 5.0).title(), "rows");
+        assert_eq!(PlotAxis::new("rows", "", Spacing::Linear, 0.0, 5.0).title(), "rows");
     }
 
     #[test]
     fn log_ticks_stand_at_powers_of_ten() {
-        let axis = Axis::new("rows", "", Spacing::Log, 1.0, 1e6);
+        let axis = PlotAxis::new("rows", "", Spacing::Log, 1.0, 1e6);
         assert_eq!(labels(&axis, 6), ["1", "10", "100", "1000", "10⁴", "10⁵", "10⁶"]);
         assert_eq!(labels(&axis, 3), ["1", "100", "10⁴", "10⁶"]);
-        let narrow = Axis::new("time", "s", Spacing::Log, 0.04, 0.6);
+        let narrow = PlotAxis::new("time", "s", Spacing::Log, 0.04, 0.6);
         assert_eq!(labels(&narrow, 4), ["0.05", "0.1", "0.2", "0.5"]);
     }
 
@@ -235,7 +235,7 @@ mod tests {
         #[test]
         fn any_range_gives_a_few_distinct_ticks_within_it(low: f64, high: f64, log: bool) {
             let spacing = if log { Spacing::Log } else { Spacing::Linear };
-            let axis = Axis::new("q", "", spacing, low, high);
+            let axis = PlotAxis::new("q", "", spacing, low, high);
             let (low, high) = axis.range;
             prop_assert!(low < high && low.is_finite() && high.is_finite());
             let ticks = axis.ticks(5);

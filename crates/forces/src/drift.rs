@@ -7,7 +7,7 @@
 //! errors of their true slope in 95 % of cases; a zero that wanders without aim (a random walk over 60 rests)
 //! stays within three of none in three of four, where plain least squares would say so in one of four.
 
-use crate::stationary::{Level, ZeroChange};
+use crate::stationary::{QuietLevel, ZeroChange};
 use shell_data::statistics::RunningVariance;
 
 /// The fewest rests that a trend is told from.
@@ -70,7 +70,7 @@ impl Drift {
     /// Of one of `quantities` from its levels at the rests, with the middle of each, s, and its
     /// temperature, `None` where that is not known; `None` for fewer than [`FEWEST_RESTS`].
     pub fn fit(
-        levels: &[Level],
+        levels: &[QuietLevel],
         times_s: &[f64],
         temperatures: &[Option<f64>],
         quantities: usize,
@@ -80,7 +80,7 @@ impl Drift {
         let known = temperatures.iter().zip(&zeros).filter_map(|(at, &zero)| Some(((*at)?, zero)));
         let (degrees, zeros_there): (Vec<f64>, Vec<f64>) = known.unzip();
         let all = RunningVariance::of(&zeros);
-        let squares = |level: &Level| level.standard_error * level.standard_error;
+        let squares = |level: &QuietLevel| level.standard_error * level.standard_error;
         let by_noise = levels.iter().map(squares).sum::<f64>() / levels.len() as f64;
         let (first, last) = (levels.first()?, levels.last()?);
         Some(Self {

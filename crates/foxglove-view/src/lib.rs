@@ -15,7 +15,7 @@ use foxglove::{
     WebSocketServerHandle,
 };
 use serde_json::{Map, Value, json};
-use table_file::write::mcap::{Channel, wrench_stamped};
+use table_file::write::mcap::{McapChannel, wrench_stamped};
 
 const WRENCH_TOPIC: &str = "/wrench";
 const DETAILS_TOPIC: &str = "/wrench/details";
@@ -89,7 +89,7 @@ impl FoxgloveServer {
 }
 
 fn wrench_channel(context: &Arc<Context>) -> Arc<RawChannel> {
-    let Channel { topic, schema, encoding, .. } = Channel::wrench(WRENCH_TOPIC);
+    let McapChannel { topic, schema, encoding, .. } = McapChannel::wrench(WRENCH_TOPIC);
     let schema = schema.map(|[name, language, text]| Schema::new(name, language, text.as_bytes()));
     channel(context, &topic, encoding, schema)
 }

@@ -107,7 +107,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
         /// Where it starts.
-        place: Place,
+        place: LogPosition,
         /// The longest line that is read.
         limit: usize,
     },
@@ -117,7 +117,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
         /// The first such line.
-        place: Place,
+        place: LogPosition,
     },
     /// A telemetry log whose `%` lines name no columns.
     #[error("`{}`: no `%` line names the columns, separated by `|`", path.display())]
@@ -135,7 +135,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
         /// The first row.
-        place: Place,
+        place: LogPosition,
         /// How many columns it has.
         found: usize,
     },
@@ -148,9 +148,9 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
         /// The first row.
-        place: Place,
+        place: LogPosition,
         /// The requested format.
-        format: crate::format::mapping::Format,
+        format: crate::format::mapping::LogFormat,
         /// How many columns that has.
         expected: usize,
         /// How many columns there are.
@@ -168,7 +168,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
         /// Where the columns are named.
-        place: Place,
+        place: LogPosition,
         /// The missing columns.
         missing: Vec<String>,
         /// The columns of the log.
@@ -183,7 +183,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
         /// Where the columns are named.
-        place: Place,
+        place: LogPosition,
         /// The meaning of both.
         meaning: String,
         /// Their places, from 0.
@@ -197,7 +197,7 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
         /// Where it is.
-        place: Place,
+        place: LogPosition,
         /// What is wrong with it.
         problem: RowProblem,
     },
@@ -275,7 +275,7 @@ fn nearest_columns(missing: &[String], found: &[String]) -> Option<String> {
 
 /// Where in a file something is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum LogPosition {
     /// In a line of text, from 1.
     Line(u64),
     /// In a row of a table, from 1.
@@ -284,7 +284,7 @@ pub enum Place {
     Names,
 }
 
-impl Place {
+impl LogPosition {
     /// The number of the line or row.
     pub fn number(self) -> Option<u64> {
         match self {
@@ -294,7 +294,7 @@ impl Place {
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for LogPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Line(line) => write!(f, "line {line}"),

@@ -1,6 +1,6 @@
 //! Logs: recordings of readings, wrenches and robot telemetry as files, read as a stream.
 //!
-//! [`Log::open`] reads the first lines and recognises the [`Format`] and the meaning of the columns;
+//! [`Log::open`] reads the first lines and recognises the [`LogFormat`] and the meaning of the columns;
 //! a [`Mapping`] supplies what cannot be recognised. [`Log::read`] then streams the rows as
 //! [`Block`]s in SI units. It parses only the columns that are [`Wanted`], on one thread per core,
 //! in memory that does not grow with the file. Files compressed with gzip or Zstandard are unpacked on
@@ -56,14 +56,14 @@ mod read;
 mod stream;
 pub mod summary;
 
-pub use error::{Field, LogError, Place, RowMismatch, RowProblem};
+pub use error::{Field, LogError, LogPosition, RowMismatch, RowProblem};
 pub use format::columns::{Column, Meaning};
-pub use format::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit, named_axis};
+pub use format::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit, named_axis};
 pub use log::Log;
 pub use read::all::{read_all, threads_for};
 pub use read::dataset::read_dataset;
 pub use read::request::{ReadOptions, Wanted};
-pub use read::selection::Selection;
+pub use read::selection::RowSelection;
 pub use shell_data::ReadSummary;
 pub use stream::pipeline;
 pub use table_file::{FileKind, TableError};

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::error::LogError;
 use crate::format::columns::{Column, ColumnsError, Meaning, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
-use crate::format::mapping::{ColumnRef, Format, Mapping};
+use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::read::request::Wanted;
 use crate::stream::chunk::{CHUNK_BYTES, ChunkStream};
 use crate::stream::source::{ByteStream, LogSource};
@@ -48,7 +48,7 @@ impl Log {
             let places = |from: usize, count: usize| {
                 (from + 1..=from + count).map(ColumnRef::Position).collect::<Vec<_>>()
             };
-            mapping.format = mapping.format.or(Some(Format::Csv));
+            mapping.format = mapping.format.or(Some(LogFormat::Csv));
             if mapping.sensors.is_none() && mapping.time.is_none() {
                 mapping.sensors = Some(places(0, readings));
             }
@@ -68,7 +68,7 @@ impl Log {
         path: &Path,
         write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
     ) -> Result<Self, LogError> {
-        let mapping = Mapping { format: Some(Format::Csv), ..Mapping::default() };
+        let mapping = Mapping { format: Some(LogFormat::Csv), ..Mapping::default() };
         Self::of(LogSource::of_text(path, write)?, &mapping)
     }
 
@@ -106,7 +106,7 @@ impl Log {
     }
 
     /// Its format.
-    pub fn format(&self) -> Format {
+    pub fn format(&self) -> LogFormat {
         self.layout.format
     }
 
@@ -260,7 +260,7 @@ impl Log {
     /// Whether equal readings in a row are one frame logged repeatedly: the robot's telemetry runs
     /// faster than the sensor. Elsewhere they can be honest samples.
     pub fn repeats_are_stale(&self) -> bool {
-        self.layout.format == Format::Telemetry
+        self.layout.format == LogFormat::Telemetry
     }
 
     /// Where the columns are that a user points to, from 0.

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::outliers::Outliers;
+use super::outliers::OutlierTable;
 use calibration::quality::AxisQuality;
 use calibration::validation::cross_validation::CrossValidation;
 use shell_data::wrench::{Axes, PerAxis};
@@ -48,7 +48,7 @@ pub struct Report<'a> {
     /// What went in.
     pub inputs: &'a [Input],
     /// Rows in the windows with a reading that cannot be trusted; `None` without forces.
-    pub doubtful: Option<Outliers>,
+    pub doubtful: Option<OutlierTable>,
     /// Warnings that are not of one trial.
     pub warnings: &'a [String],
 }

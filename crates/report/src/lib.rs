@@ -19,7 +19,7 @@ pub use content::{CalibrationFacts, CalibrationSource, Heading, Input, Report};
 pub use markup::figure;
 use markup::script_json;
 pub use of_calibration::{CalibrationReport, FewGroups, GroupRow, Intervals};
-pub use outliers::{OutlierRow, Outliers};
+pub use outliers::{OutlierRow, OutlierTable};
 use page::ReportPage;
 
 const SCRIPT: &str = include_str!("../assets/report.js");

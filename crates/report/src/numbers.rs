@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use serde::{Serialize, Serializer};
 
-use super::units::UnitScale;
+use super::units::ColumnUnit;
 use super::{MOST_TRACES, Report};
 use figures::trial::{Passage, smoothed, stride_s};
 use trial::{ConditionRow, Interval, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialResult};
@@ -151,7 +151,7 @@ fn effects(report: &Report<'_>) -> Vec<EffectPlot> {
         }
     };
     let shown: Vec<_> = rows.iter().filter_map(shown).collect();
-    let scale = UnitScale::new(quantity.unit(), shown.iter().map(|(_, _, mean, _)| *mean));
+    let scale = ColumnUnit::new(quantity.unit(), shown.iter().map(|(_, _, mean, _)| *mean));
     let numbers = |(name, trials, mean, interval): (String, usize, f64, Option<Interval>)| {
         let scaled = |value: f64| Short(scale.factor * value);
         let text = format!("{name} {} {}", scale.estimate(Some(mean), interval), scale.unit);
@@ -181,7 +181,7 @@ fn boxes(report: &Report<'_>) -> Vec<BoxPlot> {
             let ends = rows
                 .clone()
                 .flat_map(|row| [row.statistics.whisker_low, row.statistics.whisker_high]);
-            let UnitScale { factor, unit } = UnitScale::new(quantity.unit(), ends);
+            let ColumnUnit { factor, unit } = ColumnUnit::new(quantity.unit(), ends);
             let conditions: Vec<_> = rows
                 .map(|row| {
                     let (values, labels) = values(report.trials, &row.condition, quantity, per);

@@ -4,7 +4,7 @@ use super::markup::{TableCell, escape, table};
 
 /// Rows that are not to be trusted.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Outliers {
+pub struct OutlierTable {
     /// As many of them as are shown.
     pub rows: Vec<OutlierRow>,
     /// All of them.
@@ -24,7 +24,7 @@ pub struct OutlierRow {
     pub what: String,
 }
 
-impl Outliers {
+impl OutlierTable {
     /// A sentence about them, and a table of the rows.
     pub(super) fn html(&self, sentence: &str, caption: &str) -> String {
         if self.count == 0 {

@@ -5,14 +5,14 @@ use trial::Interval;
 
 /// The unit of a column: a prefix is chosen for all of its values together.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct UnitScale {
+pub(super) struct ColumnUnit {
     /// What values in the SI unit are multiplied with.
     pub(super) factor: f64,
     /// The unit with its prefix, empty for pure numbers.
     pub(super) unit: String,
 }
 
-impl UnitScale {
+impl ColumnUnit {
     /// The scale on which the largest of some values has one to three digits before the point.
     pub(super) fn new(unit: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let finite = values.into_iter().filter(|value| value.is_finite());
@@ -71,17 +71,17 @@ mod tests {
 
     #[test]
     fn a_column_has_one_unit_that_suits_its_largest_value() {
-        let unit = |values: &[f64]| UnitScale::new("J", values.iter().copied()).unit;
+        let unit = |values: &[f64]| ColumnUnit::new("J", values.iter().copied()).unit;
         assert_eq!(unit(&[5.5e-6, -2e-6]), "µJ");
         assert_eq!(unit(&[5.5e-6, -0.012]), "mJ");
         assert_eq!([unit(&[0.0]), unit(&[3.0, f64::NAN]), unit(&[-4e3])], ["J", "J", "kJ"]);
-        assert_eq!(UnitScale::new("", [1e-5]), UnitScale { factor: 1.0, unit: String::new() });
-        assert_eq!(UnitScale::new("J", [2e-3]).name("drag energy"), "drag energy (mJ)");
+        assert_eq!(ColumnUnit::new("", [1e-5]), ColumnUnit { factor: 1.0, unit: String::new() });
+        assert_eq!(ColumnUnit::new("J", [2e-3]).name("drag energy"), "drag energy (mJ)");
     }
 
     #[test]
     fn an_interval_has_two_digits_and_says_where_its_sides_differ() {
-        let scale = UnitScale::new("J", [0.012]);
+        let scale = ColumnUnit::new("J", [0.012]);
         let of = |value, low, high| scale.estimate(Some(value), Some(Interval { low, high }));
         assert_eq!(of(0.0123, 0.0119, 0.0127), "12.30 ± 0.40");
         assert_eq!(of(-0.0123, -0.0143, -0.0113), "\u{2212}12.3 +1.0 \u{2212}2.0");

@@ -43,12 +43,12 @@ pub enum Purpose {
 
 /// A stream of random numbers.
 #[derive(Clone, Debug)]
-pub struct Stream {
+pub struct RandomStream {
     generator: ChaCha8Rng,
     spare: Option<f64>,
 }
 
-impl Stream {
+impl RandomStream {
     /// The stream of `seed` for `purpose`; `index` tells apart the streams of one purpose.
     pub fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
         let mut key = [0; 32];
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn normal_deviates_have_the_moments_of_the_normal_distribution() {
-        let mut stream = Stream::new(3, Purpose::Readings, 0);
+        let mut stream = RandomStream::new(3, Purpose::Readings, 0);
         let mut sums = [0.0; 4];
         for _ in 0..DRAWS {
             let x = stream.normal();
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn normal_deviates_fill_the_tails_as_they_should() {
-        let mut stream = Stream::new(4, Purpose::Readings, 0);
+        let mut stream = RandomStream::new(4, Purpose::Readings, 0);
         let beyond = (0..DRAWS).filter(|_| stream.normal().abs() > 3.0).count() as f64;
         // P(|x| > 3) = erfc(3/√2) = 0.002699796; binomial, five standard deviations.
         let expected = 0.002_699_796 * DRAWS as f64;
@@ -118,14 +118,14 @@ mod tests {
 
     #[test]
     fn pairs_of_deviates_are_not_correlated() {
-        let mut stream = Stream::new(5, Purpose::Readings, 0);
+        let mut stream = RandomStream::new(5, Purpose::Readings, 0);
         let sum: f64 = (0..DRAWS).map(|_| stream.normal() * stream.normal()).sum();
         assert!((sum / DRAWS as f64).abs() < 5.0 / f64::sqrt(DRAWS as f64));
     }
 
     #[test]
     fn purposes_and_indices_draw_different_numbers() {
-        let first = |purpose, index| Stream::new(1, purpose, index).uniform();
+        let first = |purpose, index| RandomStream::new(1, purpose, index).uniform();
         let a = first(Purpose::Unit, 0);
         assert_eq!(a, first(Purpose::Unit, 0));
         assert_ne!(a, first(Purpose::Unit, 1));

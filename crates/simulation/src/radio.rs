@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 
 /// How a link fails; without any it is perfect.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -70,7 +70,7 @@ pub struct Delivery {
 #[derive(Clone, Debug)]
 pub struct Radio {
     faults: Faults,
-    random: Stream,
+    random: RandomStream,
     /// By time of arrival, then in the order in which they were queued.
     on_the_way: BTreeMap<(u64, u64), Delivery>,
     queued: u64,
@@ -111,7 +111,7 @@ impl Radio {
         faults.check()?;
         Ok(Self {
             faults,
-            random: Stream::new(seed, Purpose::Radio, 0),
+            random: RandomStream::new(seed, Purpose::Radio, 0),
             on_the_way: BTreeMap::new(),
             queued: 0,
             in_burst: false,

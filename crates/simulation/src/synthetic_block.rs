@@ -1,6 +1,6 @@
 //! Rows of the sensor model in memory, as a log reader would hand them over.
 
-use crate::sensor_model::{Kind, Recording, Settings};
+use crate::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
 
@@ -12,12 +12,12 @@ const BLOCK_ROWS: usize = 6_000;
 /// # Panics
 /// Never: these settings are valid.
 pub fn training(rows: usize) -> Vec<Block> {
-    let recording = Recording::new(Settings::of(Kind::Training));
+    let recording = SensorRecording::new(RecordingSettings::of(RecordingKind::Training));
     blocks(recording.expect("valid settings"), rows)
 }
 
 /// The first `rows` rows of a recording.
-pub fn blocks(recording: Recording, rows: usize) -> Vec<Block> {
+pub fn blocks(recording: SensorRecording, rows: usize) -> Vec<Block> {
     let mut samples = recording.take(rows);
     let mut blocks = Vec::new();
     for start in (0..rows).step_by(BLOCK_ROWS) {

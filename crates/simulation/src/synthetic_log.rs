@@ -5,7 +5,7 @@
 
 use std::io::{self, Write};
 
-use crate::sensor_model::{Kind, Sample, SimulatedFrame};
+use crate::sensor_model::{RecordingKind, SensorSample, SimulatedFrame};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Which columns a log has, in which order and under which names.
@@ -24,7 +24,7 @@ impl SyntheticLayout {
     ///
     /// # Errors
     /// Whatever `out` says.
-    pub fn write_header(self, out: &mut impl Write, kind: Kind) -> io::Result<()> {
+    pub fn write_header(self, out: &mut impl Write, kind: RecordingKind) -> io::Result<()> {
         match self {
             SyntheticLayout::Shellcal => {
                 write!(out, "t_s")?;
@@ -34,7 +34,7 @@ impl SyntheticLayout {
                 for axis in Axis::ALL {
                     write!(out, ",{}", axis.column())?;
                 }
-                writeln!(out, "{}", if kind == Kind::Zero { "" } else { ",group" })
+                writeln!(out, "{}", if kind == RecordingKind::Zero { "" } else { ",group" })
             }
             SyntheticLayout::Peer => {
                 write!(out, "Timestamp")?;
@@ -54,13 +54,18 @@ impl SyntheticLayout {
     ///
     /// # Errors
     /// Whatever `out` says.
-    pub fn write_row(self, out: &mut impl Write, kind: Kind, sample: &Sample) -> io::Result<()> {
+    pub fn write_row(
+        self,
+        out: &mut impl Write,
+        kind: RecordingKind,
+        sample: &SensorSample,
+    ) -> io::Result<()> {
         write!(out, "{:.6}", sample.time_s)?;
         match self {
             SyntheticLayout::Shellcal => {
                 write_readings(out, &sample.frame)?;
                 write_wrench(out, &sample.wrench)?;
-                if kind != Kind::Zero {
+                if kind != RecordingKind::Zero {
                     write!(out, ",{}", sample.pose)?;
                 }
             }

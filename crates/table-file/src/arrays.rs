@@ -7,7 +7,7 @@ use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
 
 /// An array.
 #[derive(Clone, Debug)]
@@ -16,12 +16,12 @@ pub struct Array {
     pub name: String,
     /// Rows, columns, and further sides.
     pub size: Vec<usize>,
-    pub(crate) numbers: Option<Numbers>,
+    pub(crate) numbers: Option<ArrayNumbers>,
 }
 
 /// The numbers of an array as the file holds them.
 #[derive(Clone, Debug)]
-pub(crate) struct Numbers {
+pub(crate) struct ArrayNumbers {
     pub(crate) bytes: Arc<Vec<u8>>,
     pub(crate) range: Range<usize>,
     pub(crate) element: Element,
@@ -44,14 +44,14 @@ impl Array {
     }
 
     /// Its columns; `None` where it has further sides, or is no array of real numbers.
-    fn columns(&self) -> Option<Columns> {
-        let columns = Columns::new(self.name.clone(), &self.size)?;
+    fn columns(&self) -> Option<ArrayColumns> {
+        let columns = ArrayColumns::new(self.name.clone(), &self.size)?;
         let cells = columns.rows.checked_mul(columns.count)?;
         (cells == self.numbers.as_ref()?.len()).then_some(columns)
     }
 }
 
-impl Numbers {
+impl ArrayNumbers {
     fn len(&self) -> usize {
         self.range.len() / self.element.size()
     }
@@ -64,14 +64,14 @@ impl Numbers {
 
 /// The columns that an array is in a table.
 #[derive(Clone, Debug)]
-pub(crate) struct Columns {
+pub(crate) struct ArrayColumns {
     /// The name of the array, after those of the groups that it is in: `group/array`.
     path: String,
     pub(crate) rows: usize,
     pub(crate) count: usize,
 }
 
-impl Columns {
+impl ArrayColumns {
     /// A matrix of these sides, or a vector; a single row is taken for a column.
     pub(crate) fn new(path: String, size: &[usize]) -> Option<Self> {
         let (rows, count) = match *size {
@@ -104,10 +104,10 @@ impl Columns {
 /// [`TableError::Choice`] if there are none of the name, and what else keeps them from being a table.
 pub(crate) fn columns_of_log(
     kind: FileKind,
-    all: &[Columns],
+    all: &[ArrayColumns],
     name: Option<&str>,
 ) -> Result<Vec<usize>, TableError> {
-    let is_named = |columns: &Columns| name.is_none_or(|name| columns.is_of(name));
+    let is_named = |columns: &ArrayColumns| name.is_none_or(|name| columns.is_of(name));
     let is_wanted = |&at: &usize| !all[at].is_empty() && is_named(&all[at]);
     let named: Vec<usize> = (0..all.len()).filter(is_wanted).collect();
     let Some(longest) = named.iter().map(|&at| all[at].rows).max() else {
@@ -129,14 +129,15 @@ pub(crate) fn columns_of_log(
 }
 
 /// The names of the columns of a table; `None` for a matrix alone, whose columns have none.
-pub(crate) fn names(all: &[Columns]) -> Option<Vec<String>> {
-    if let [Columns { count: 2.., .. }] = all {
+pub(crate) fn names(all: &[ArrayColumns]) -> Option<Vec<String>> {
+    if let [ArrayColumns { count: 2.., .. }] = all {
         return None;
     }
-    let is_alone =
-        |columns: &Columns| all.iter().filter(|other| other.leaf() == columns.leaf()).count() == 1;
+    let is_alone = |columns: &ArrayColumns| {
+        all.iter().filter(|other| other.leaf() == columns.leaf()).count() == 1
+    };
     let is_short = all.iter().all(is_alone);
-    let names = |columns: &Columns| {
+    let names = |columns: &ArrayColumns| {
         let name = if is_short { columns.leaf() } else { &columns.path }.to_owned();
         match columns.count {
             1 => vec![name],
@@ -155,7 +156,7 @@ pub(crate) fn arrays_of_log(
     arrays: &[Array],
     name: Option<&str>,
 ) -> Result<Vec<Array>, TableError> {
-    let (arrays, columns): (Vec<&Array>, Vec<Columns>) =
+    let (arrays, columns): (Vec<&Array>, Vec<ArrayColumns>) =
         arrays.iter().filter_map(|array| Some((array, array.columns()?))).unzip();
     let wanted = columns_of_log(FileKind::Matlab, &columns, name)?;
     Ok(wanted.into_iter().map(|at| arrays[at].clone()).collect())
@@ -164,42 +165,43 @@ pub(crate) fn arrays_of_log(
 /// Arrays that are a table.
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayTable {
-    arrays: Arc<Vec<(Array, Columns)>>,
+    arrays: Arc<Vec<(Array, ArrayColumns)>>,
     names: Option<Vec<String>>,
 }
 
 impl ArrayTable {
     /// Of arrays of one length.
     pub(crate) fn new(arrays: Vec<Array>) -> Self {
-        let arrays: Vec<(Array, Columns)> = arrays
+        let arrays: Vec<(Array, ArrayColumns)> = arrays
             .into_iter()
             .filter_map(|array| {
                 let columns = array.columns()?;
                 Some((array, columns))
             })
             .collect();
-        let columns: Vec<Columns> = arrays.iter().map(|(_, columns)| columns.clone()).collect();
+        let columns: Vec<ArrayColumns> =
+            arrays.iter().map(|(_, columns)| columns.clone()).collect();
         Self { arrays: Arc::new(arrays), names: names(&columns) }
     }
 }
 
-impl Layout for ArrayTable {
+impl ColumnLayout for ArrayTable {
     fn names(&self) -> Option<&[String]> {
         self.names.as_deref()
     }
 
-    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(ArrayRows { arrays: Arc::clone(&self.arrays), row: 0 }))
     }
 }
 
 struct ArrayRows {
-    arrays: Arc<Vec<(Array, Columns)>>,
+    arrays: Arc<Vec<(Array, ArrayColumns)>>,
     row: usize,
 }
 
-impl Rows for ArrayRows {
-    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+impl RowStream for ArrayRows {
+    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
         let count: usize = self.arrays.iter().map(|(_, columns)| columns.count).sum();
         let all = self.arrays.first().map_or(0, |(_, columns)| columns.rows);
         let rows = self.row..all.min(self.row + batch_rows(count));

@@ -2,7 +2,7 @@
 
 /// What is left of a slice.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Bytes<'a> {
+pub(crate) struct ByteReader<'a> {
     pub(crate) rest: &'a [u8],
 }
 
@@ -16,7 +16,7 @@ macro_rules! little_endian {
     )*};
 }
 
-impl<'a> Bytes<'a> {
+impl<'a> ByteReader<'a> {
     pub(crate) fn new(rest: &'a [u8]) -> Self {
         Self { rest }
     }

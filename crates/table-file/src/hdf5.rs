@@ -10,12 +10,12 @@ use hdf5_pure::{
     AttrValue, Dataset, Datatype, DatatypeByteOrder, Error, FloatingPointLayout, Group,
 };
 
-use crate::arrays::{Array, ArrayTable, Columns, Numbers, columns_of_log, names};
+use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayTable, columns_of_log, names};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Layout, Rows};
+use crate::rows::{ColumnLayout, RowStream};
 
 const KIND: FileKind = FileKind::Hdf5;
 
@@ -47,15 +47,18 @@ struct Hdf5Table {
     names: Option<Vec<String>>,
 }
 
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, TableError> {
+pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let mut head = Vec::new();
     fs::File::open(path)?.take(MATLAB.len() as u64).read_to_end(&mut head)?;
     let is_by_row = head != MATLAB;
     let file = hdf5_pure::File::open_streaming(path).map_err(unreadable)?;
     let mut found = DataSets { is_by_row, ..DataSets::default() };
     found.add(&file.root(), "", DEPTH)?;
-    let columns: Vec<Columns> =
-        found.sets.iter().filter_map(|(path, size)| Columns::new(path.clone(), size)).collect();
+    let columns: Vec<ArrayColumns> = found
+        .sets
+        .iter()
+        .filter_map(|(path, size)| ArrayColumns::new(path.clone(), size))
+        .collect();
     let wanted = columns_of_log(KIND, &columns, part)?;
     let names = names(&wanted.iter().map(|&at| columns[at].clone()).collect::<Vec<_>>());
     let sets = wanted.into_iter().map(|at| found.sets[at].clone()).collect();
@@ -159,12 +162,12 @@ fn element(set: &Dataset) -> Option<(Element, bool)> {
     }
 }
 
-impl Layout for Hdf5Table {
+impl ColumnLayout for Hdf5Table {
     fn names(&self) -> Option<&[String]> {
         self.names.as_deref()
     }
 
-    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         let file = hdf5_pure::File::open_streaming(&self.path).map_err(unreadable)?;
         let limit = ANY.saturating_add(file.file_size().saturating_mul(RATIO));
         let mut left = limit.min(budget::IN_MEMORY);
@@ -183,7 +186,7 @@ impl Layout for Hdf5Table {
             let bytes = Arc::new(set.read_raw().map_err(unreadable)?);
             let range = 0..bytes.len();
             let is_by_row = self.is_by_row;
-            let numbers = Some(Numbers { bytes, range, element, is_little, is_by_row });
+            let numbers = Some(ArrayNumbers { bytes, range, element, is_little, is_by_row });
             Ok(Array { name: path.clone(), size: size.clone(), numbers })
         };
         let arrays = self.sets.iter().map(read).collect::<Result<Vec<_>, TableError>>()?;

@@ -8,12 +8,12 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayTable, Numbers, arrays_of_log};
+use crate::arrays::{Array, ArrayNumbers, ArrayTable, arrays_of_log};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::Layout;
+use crate::rows::ColumnLayout;
 
 const KIND: FileKind = FileKind::Matlab;
 
@@ -105,7 +105,7 @@ fn array(
                 ))
             })?;
             let bytes = Arc::clone(bytes);
-            Some(Numbers { bytes, range, element, is_little, is_by_row: false })
+            Some(ArrayNumbers { bytes, range, element, is_little, is_by_row: false })
         }
         false => None,
     };
@@ -158,7 +158,7 @@ fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
     })
 }
 
-/// Numbers of an element: MATLAB writes whole numbers in fewer bytes than a double has.
+/// ArrayNumbers of an element: MATLAB writes whole numbers in fewer bytes than a double has.
 fn element(kind: u32) -> Option<Element> {
     Some(match kind {
         1 => Element::Signed(1),
@@ -176,7 +176,7 @@ fn element(kind: u32) -> Option<Element> {
 }
 
 /// The arrays of a file that make up a log.
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, TableError> {
+pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let file = File::open(path)?;
     let length = file.metadata()?.len();
     budget::within(KIND, || "the file".to_owned(), length, budget::IN_MEMORY)?;

@@ -9,13 +9,13 @@ use crate::write::{Cells, parquet_file};
 
 /// Columns of one length, each with a name that carries its unit.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Table {
-    columns: Vec<(String, Column)>,
+pub struct NamedTable {
+    columns: Vec<(String, NamedColumn)>,
 }
 
 /// A column.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Column {
+pub enum NamedColumn {
     /// Names and remarks.
     Text(Vec<String>),
     /// Numbers, some of which may be missing.
@@ -26,7 +26,7 @@ pub enum Column {
     Count(Vec<Option<u64>>),
 }
 
-impl Column {
+impl NamedColumn {
     fn len(&self) -> usize {
         match self {
             Self::Text(values) => values.len(),
@@ -46,13 +46,13 @@ impl Column {
     }
 }
 
-impl Table {
+impl NamedTable {
     /// A table of these columns.
     ///
     /// # Panics
     /// If they differ in length.
-    pub fn new<'a>(columns: impl IntoIterator<Item = (&'a str, Column)>) -> Self {
-        let named = |(name, column): (&str, Column)| (name.to_owned(), column);
+    pub fn new<'a>(columns: impl IntoIterator<Item = (&'a str, NamedColumn)>) -> Self {
+        let named = |(name, column): (&str, NamedColumn)| (name.to_owned(), column);
         let columns: Vec<_> = columns.into_iter().map(named).collect();
         let table = Self { columns };
         assert!(table.columns.iter().all(|(_, column)| column.len() == table.rows()), "one length");
@@ -77,15 +77,15 @@ impl Table {
                     text.push(b',');
                 }
                 match column {
-                    Column::Text(values) => write_text(&values[row], &mut text),
-                    Column::Full(values) => {
+                    NamedColumn::Text(values) => write_text(&values[row], &mut text),
+                    NamedColumn::Full(values) => {
                         text.extend_from_slice(digits.format(values[row]).as_bytes());
                     }
-                    Column::Number(values) => {
+                    NamedColumn::Number(values) => {
                         let value = values[row].map(|value| digits.format(value));
                         text.extend_from_slice(value.unwrap_or_default().as_bytes());
                     }
-                    Column::Count(values) => {
+                    NamedColumn::Count(values) => {
                         let value = values[row].map(|value| value.to_string());
                         text.extend_from_slice(value.unwrap_or_default().as_bytes());
                     }
@@ -123,12 +123,12 @@ mod tests {
 
     use super::*;
 
-    fn table() -> Table {
-        Table::new([
-            ("file", Column::Text(vec!["a, \"b\"".to_owned(), String::new()])),
-            ("drag_n", Column::Number(vec![Some(0.1), None])),
-            ("t_s", Column::Full(vec![1.0, -1e-300])),
-            ("rows", Column::Count(vec![None, Some(7)])),
+    fn table() -> NamedTable {
+        NamedTable::new([
+            ("file", NamedColumn::Text(vec!["a, \"b\"".to_owned(), String::new()])),
+            ("drag_n", NamedColumn::Number(vec![Some(0.1), None])),
+            ("t_s", NamedColumn::Full(vec![1.0, -1e-300])),
+            ("rows", NamedColumn::Count(vec![None, Some(7)])),
         ])
     }
 
@@ -147,9 +147,9 @@ mod tests {
         let many = 70_000;
         let names = (0..many).map(|row| format!("trial {}", row / 1000));
         let drag = (0..many).map(|row| (row % 3 > 0).then_some(f64::from(row) / 7.0));
-        let long = Table::new([
-            ("file", Column::Text(names.collect())),
-            ("drag_n", Column::Number(drag.collect())),
+        let long = NamedTable::new([
+            ("file", NamedColumn::Text(names.collect())),
+            ("drag_n", NamedColumn::Number(drag.collect())),
         ]);
         let file = tempfile::NamedTempFile::new().unwrap();
         for (table, line) in [(table(), 1), (long, 65_537)] {

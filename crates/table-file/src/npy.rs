@@ -12,7 +12,7 @@ use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::python_literal::{self, Literal};
-use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
 
 const KIND: FileKind = FileKind::NumPy;
 
@@ -24,7 +24,7 @@ struct Npy {
     start: u64,
     rows: u64,
     row_bytes: u64,
-    columns: Vec<Place>,
+    columns: Vec<ValueOffset>,
     names: Option<Vec<String>>,
     /// Column after column, not row after row.
     by_column: bool,
@@ -32,15 +32,15 @@ struct Npy {
 
 /// Where the value of a column is in a row, and what it is.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct ValueOffset {
     offset: usize,
-    kind: Kind,
+    kind: NumberKind,
     is_little: bool,
 }
 
 /// What a value is.
 #[derive(Clone, Copy, Debug)]
-enum Kind {
+enum NumberKind {
     Number(Element),
     Truth,
     /// As many bytes.
@@ -51,7 +51,7 @@ enum Kind {
     Time(i64),
 }
 
-impl Kind {
+impl NumberKind {
     fn size(self) -> usize {
         match self {
             Self::Number(element) => element.size(),
@@ -63,7 +63,7 @@ impl Kind {
     }
 }
 
-pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
+pub(crate) fn open(path: &Path) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let mut file = File::open(path)?;
     let cut = |error| KIND.unread(error, "its header is cut off");
     let mut start = [0; 10];
@@ -145,17 +145,19 @@ fn shape(shape: &Literal) -> Option<Vec<u64>> {
 
 fn places(
     offset: usize,
-    kind: Kind,
+    kind: NumberKind,
     is_little: bool,
     count: u64,
-) -> Result<Vec<Place>, TableError> {
+) -> Result<Vec<ValueOffset>, TableError> {
     let count = usize::try_from(count).unwrap_or(usize::MAX);
     budget::check_columns(KIND, count)?;
-    Ok((0..count).map(|i| Place { offset: offset + i * kind.size(), kind, is_little }).collect())
+    Ok((0..count)
+        .map(|i| ValueOffset { offset: offset + i * kind.size(), kind, is_little })
+        .collect())
 }
 
 /// The columns of a record, their names, and its size.
-fn record(fields: &[Literal]) -> Result<(Vec<Place>, Vec<String>, u64), TableError> {
+fn record(fields: &[Literal]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), TableError> {
     let (mut columns, mut names, mut offset) = (Vec::new(), Vec::new(), 0);
     for field in fields {
         let Literal::List(parts) = field else { return Err(KIND.damaged("a field is no tuple")) };
@@ -189,7 +191,7 @@ fn record(fields: &[Literal]) -> Result<(Vec<Place>, Vec<String>, u64), TableErr
 }
 
 /// The type that `<f8`, `|b1`, `<M8[ns]` and the like mean, and its order of bytes.
-fn kind(name: &str) -> Result<(Kind, bool), TableError> {
+fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
     let wrong = || KIND.unsupported(format!("values of type `{name}`"));
     let order = name.chars().next().ok_or_else(wrong)?;
     let (is_little, name_of) = match order {
@@ -205,29 +207,29 @@ fn kind(name: &str) -> Result<(Kind, bool), TableError> {
             "ns" => 1_000_000_000,
             _ => return Err(wrong()),
         };
-        return Ok((Kind::Time(per_second), is_little));
+        return Ok((NumberKind::Time(per_second), is_little));
     }
     let size: u16 = name_of.get(1..).and_then(|size| size.parse().ok()).ok_or_else(wrong)?;
     let kind = match (name_of.as_bytes()[0], size) {
-        (b'f', 2) => Kind::Number(Element::Half),
-        (b'f', 4) => Kind::Number(Element::Single),
-        (b'f', 8) => Kind::Number(Element::Double),
-        (b'i', 1 | 2 | 4 | 8) => Kind::Number(Element::Signed(size as u8)),
-        (b'u', 1 | 2 | 4 | 8) => Kind::Number(Element::Unsigned(size as u8)),
-        (b'b' | b'?', 1) => Kind::Truth,
-        (b'S' | b'a', 1..) => Kind::Bytes(usize::from(size)),
-        (b'U', 1..=4096) => Kind::Characters(usize::from(size)),
+        (b'f', 2) => NumberKind::Number(Element::Half),
+        (b'f', 4) => NumberKind::Number(Element::Single),
+        (b'f', 8) => NumberKind::Number(Element::Double),
+        (b'i', 1 | 2 | 4 | 8) => NumberKind::Number(Element::Signed(size as u8)),
+        (b'u', 1 | 2 | 4 | 8) => NumberKind::Number(Element::Unsigned(size as u8)),
+        (b'b' | b'?', 1) => NumberKind::Truth,
+        (b'S' | b'a', 1..) => NumberKind::Bytes(usize::from(size)),
+        (b'U', 1..=4096) => NumberKind::Characters(usize::from(size)),
         _ => return Err(wrong()),
     };
     Ok((kind, is_little))
 }
 
-impl Layout for Npy {
+impl ColumnLayout for Npy {
     fn names(&self) -> Option<&[String]> {
         self.names.as_deref()
     }
 
-    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         let mut file = BufReader::with_capacity(1 << 16, File::open(&self.path)?);
         file.seek(SeekFrom::Start(self.start))?;
         Ok(Box::new(NpyRows { npy: self.clone(), file, row: 0, bytes: Vec::new() }))
@@ -242,8 +244,8 @@ struct NpyRows {
     bytes: Vec<u8>,
 }
 
-impl Rows for NpyRows {
-    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+impl RowStream for NpyRows {
+    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
         let columns = self.npy.columns.len();
         // Texts take more than numbers.
         let fitting = ((1 << 20) / self.npy.row_bytes.max(1)).max(1);
@@ -279,16 +281,16 @@ impl Rows for NpyRows {
     }
 }
 
-impl Place {
+impl ValueOffset {
     fn cell(&self, bytes: &[u8]) -> Cell {
         match self.kind {
-            Kind::Number(element) => element.cell(bytes, self.is_little),
-            Kind::Truth => Cell::Whole(i64::from(bytes[0] != 0)),
-            Kind::Bytes(_) => {
+            NumberKind::Number(element) => element.cell(bytes, self.is_little),
+            NumberKind::Truth => Cell::Whole(i64::from(bytes[0] != 0)),
+            NumberKind::Bytes(_) => {
                 let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |at| at + 1);
                 Cell::Text(String::from_utf8_lossy(&bytes[..end]).into_owned())
             }
-            Kind::Characters(_) => {
+            NumberKind::Characters(_) => {
                 let character =
                     |bytes: &[u8]| match Element::Unsigned(4).cell(bytes, self.is_little) {
                         Cell::Whole(code) => u32::try_from(code).ok().and_then(char::from_u32),
@@ -298,7 +300,7 @@ impl Place {
                     bytes.chunks_exact(4).map(|bytes| character(bytes).unwrap_or('\u{fffd}'));
                 Cell::Text(text.collect::<String>().trim_end_matches('\0').to_owned())
             }
-            Kind::Time(per_second) => match Element::Signed(8).cell(bytes, self.is_little) {
+            NumberKind::Time(per_second) => match Element::Signed(8).cell(bytes, self.is_little) {
                 // Not a time.
                 Cell::Whole(i64::MIN) => Cell::Missing,
                 Cell::Whole(units) => Cell::Text(iso_of(units, per_second)),

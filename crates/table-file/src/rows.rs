@@ -19,7 +19,7 @@ pub enum Cell {
 }
 
 /// Some rows, column by column.
-pub(crate) type Batch = Vec<Vec<Cell>>;
+pub(crate) type RowBatch = Vec<Vec<Cell>>;
 
 /// How many rows of so many columns are read at a time.
 pub(crate) fn batch_rows(columns: usize) -> usize {
@@ -38,7 +38,7 @@ pub enum Numbering {
 }
 
 /// What a format knows of one of its files.
-pub(crate) trait Layout: fmt::Debug + Send + Sync {
+pub(crate) trait ColumnLayout: fmt::Debug + Send + Sync {
     /// The names of the columns; `None` where they have none, or the rows hold them.
     fn names(&self) -> Option<&[String]>;
 
@@ -55,26 +55,26 @@ pub(crate) trait Layout: fmt::Debug + Send + Sync {
     }
 
     /// The rows, from the first on.
-    fn rows(&self) -> Result<Box<dyn Rows>, TableError>;
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError>;
 
     /// The parts that the rows are stored in, where they can be read apart from each other.
-    fn parts(&self) -> Option<Box<dyn Parts>> {
+    fn parts(&self) -> Option<Box<dyn RowParts>> {
         None
     }
 }
 
 /// Rows in parts, any of which can be read without those before it.
-pub(crate) trait Parts: Send + Sync {
+pub(crate) trait RowParts: Send + Sync {
     /// How many there are.
     fn count(&self) -> usize;
 
     /// The rows of one.
-    fn rows(&self, part: usize) -> Result<Box<dyn Rows>, TableError>;
+    fn rows(&self, part: usize) -> Result<Box<dyn RowStream>, TableError>;
 }
 
 /// A stream of rows.
-pub(crate) trait Rows: Send {
+pub(crate) trait RowStream: Send {
     /// Puts the next rows into `batch`; `false` if there are no more. Columns may differ in number
     /// from one batch to the next, but are all of one length.
-    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError>;
+    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError>;
 }

@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Layout, Numbering};
+use crate::rows::{ColumnLayout, Numbering};
 use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 
 /// A table in a file.
 #[derive(Clone, Debug)]
 pub struct Table {
-    pub(crate) layout: Arc<dyn Layout>,
+    pub(crate) layout: Arc<dyn ColumnLayout>,
     kind: FileKind,
 }
 
@@ -22,7 +22,7 @@ impl Table {
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
     pub fn open(path: &Path, kind: FileKind, part: Option<&str>) -> Result<Self, TableError> {
-        let layout: Arc<dyn Layout> = match kind {
+        let layout: Arc<dyn ColumnLayout> = match kind {
             FileKind::Hdf5 => hdf5::open(path, part)?,
             FileKind::Matlab => mat5::open(path, part)?,
             FileKind::Mcap => mcap::open(path, part)?,

@@ -1,7 +1,7 @@
 //! The compact protocol of Thrift ("Thrift Compact protocol encoding"), which Parquet's metadata is
 //! written in, as values whose fields are looked up by number.
 
-use crate::bytes::Bytes;
+use crate::bytes::ByteReader;
 
 /// A value.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,11 +47,11 @@ impl Value {
 }
 
 /// Reads a struct; `None` where it is damaged or cut off.
-pub(crate) fn read(bytes: &mut Bytes<'_>) -> Option<Value> {
+pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Value> {
     structure(bytes, DEPTH)
 }
 
-fn structure(bytes: &mut Bytes<'_>, depth: usize) -> Option<Value> {
+fn structure(bytes: &mut ByteReader<'_>, depth: usize) -> Option<Value> {
     let depth = depth.checked_sub(1)?;
     let (mut fields, mut number) = (Vec::new(), 0_i16);
     loop {
@@ -72,7 +72,7 @@ fn structure(bytes: &mut Bytes<'_>, depth: usize) -> Option<Value> {
     }
 }
 
-fn value(bytes: &mut Bytes<'_>, kind: u8, depth: usize) -> Option<Value> {
+fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
     Some(match kind {
         // In a list.
         1 | 2 => Value::Truth(bytes.u8()? == 1),
@@ -129,14 +129,14 @@ mod tests {
     fn fields_are_found_by_number() {
         // 1: i32 = −1, 4: list<i32> = [1, 2], 20 (long form): binary "ab", 21: true.
         let bytes = [0x15, 0x01, 0x39, 0x25, 0x02, 0x04, 0x08, 0x28, 0x02, b'a', b'b', 0x11, 0];
-        let value = read(&mut Bytes::new(&bytes)).unwrap();
+        let value = read(&mut ByteReader::new(&bytes)).unwrap();
         assert_eq!(value.whole(1), Some(-1));
         assert_eq!(value.list(4), Some(&[Value::Whole(1), Value::Whole(2)][..]));
         assert_eq!(value.text(20).as_deref(), Some("ab"));
         assert_eq!(value.field(21), Some(&Value::Truth(true)));
         for length in 0..bytes.len() {
-            assert_eq!(read(&mut Bytes::new(&bytes[..length])), None);
+            assert_eq!(read(&mut ByteReader::new(&bytes[..length])), None);
         }
-        assert_eq!(read(&mut Bytes::new(&[0x1c; 1000])), None, "nested without end");
+        assert_eq!(read(&mut ByteReader::new(&[0x1c; 1000])), None, "nested without end");
     }
 }

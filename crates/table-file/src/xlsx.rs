@@ -11,9 +11,9 @@ use crate::budget;
 use crate::calendar::iso_of;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Batch, Cell, Layout, Numbering, Rows};
-use crate::xml::{Element, Event, Xml};
-use crate::zip::{Content, Entry, entries};
+use crate::rows::{Cell, ColumnLayout, Numbering, RowBatch, RowStream};
+use crate::xml::{Xml, XmlElement, XmlEvent};
+use crate::zip::{EntryContent, ZipEntry, entries};
 
 const KIND: FileKind = FileKind::Xlsx;
 
@@ -24,13 +24,13 @@ const LAST_ROW: u64 = 1 << 20;
 #[derive(Debug)]
 struct Sheet {
     path: PathBuf,
-    entry: Entry,
-    shared: Arc<Shared>,
+    entry: ZipEntry,
+    shared: Arc<SharedParts>,
 }
 
 /// What the sheets of a workbook share.
 #[derive(Debug, Default)]
-struct Shared {
+struct SharedParts {
     texts: Vec<String>,
     /// The styles of dates and times.
     dates: HashSet<usize>,
@@ -41,8 +41,8 @@ struct Shared {
 /// Calls `take` with every event of a file in the archive.
 fn each(
     path: &Path,
-    entry: &Entry,
-    mut take: impl FnMut(Event) -> Result<(), TableError>,
+    entry: &ZipEntry,
+    mut take: impl FnMut(XmlEvent) -> Result<(), TableError>,
 ) -> Result<(), TableError> {
     let wrong = |what: String| KIND.damaged(format!("`{}`: {what}", entry.name));
     let mut xml = Xml::new(entry.open(path)?);
@@ -52,7 +52,7 @@ fn each(
     Ok(())
 }
 
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, TableError> {
+pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let files = entries(path)?;
     let find = |name: &str| {
         let name = name.trim_start_matches('/');
@@ -61,9 +61,9 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
     let workbook =
         find("xl/workbook.xml").ok_or_else(|| KIND.damaged("it has no `xl/workbook.xml`"))?;
     let mut sheets: Vec<(String, String)> = Vec::new();
-    let mut shared = Shared::default();
+    let mut shared = SharedParts::default();
     each(path, workbook, |event| {
-        let Event::Start(element) = event else { return Ok(()) };
+        let XmlEvent::Start(element) = event else { return Ok(()) };
         let is_true = |value: String| value == "1" || value == "true";
         match element.name.as_str() {
             "sheet" => sheets.extend(element.attribute("name").zip(element.attribute("id"))),
@@ -89,7 +89,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
     let mut target = None;
     if let Some(relations) = find("xl/_rels/workbook.xml.rels") {
         each(path, relations, |event| {
-            if let Event::Start(element) = event
+            if let XmlEvent::Start(element) = event
                 && element.attribute("Id").as_ref() == Some(id)
             {
                 target = element.attribute("Target");
@@ -109,21 +109,21 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
     Ok(Arc::new(Sheet { path: path.to_owned(), entry, shared: Arc::new(shared) }))
 }
 
-fn shared_texts(path: &Path, entry: &Entry) -> Result<Vec<String>, TableError> {
+fn shared_texts(path: &Path, entry: &ZipEntry) -> Result<Vec<String>, TableError> {
     let mut texts = Vec::new();
     let (mut text, mut is_text, mut is_phonetic) = (String::new(), false, false);
     let mut bytes = 0;
     each(path, entry, |event| {
         match event {
-            Event::Start(element) => match element.name.as_str() {
+            XmlEvent::Start(element) => match element.name.as_str() {
                 "si" => text.clear(),
                 "t" => is_text = true,
                 "rPh" => is_phonetic = true,
                 _ => {}
             },
-            Event::Text(part) if is_text && !is_phonetic => text.push_str(&part),
-            Event::Text(_) => {}
-            Event::End(name) => match name.as_str() {
+            XmlEvent::Text(part) if is_text && !is_phonetic => text.push_str(&part),
+            XmlEvent::Text(_) => {}
+            XmlEvent::End(name) => match name.as_str() {
                 "si" => {
                     bytes += (text.len() + size_of::<String>()) as u64;
                     texts.push(std::mem::take(&mut text));
@@ -145,12 +145,12 @@ fn shared_texts(path: &Path, entry: &Entry) -> Result<Vec<String>, TableError> {
 }
 
 /// The numbers of the styles that show dates or times.
-fn dates(path: &Path, entry: &Entry) -> Result<HashSet<usize>, TableError> {
+fn dates(path: &Path, entry: &ZipEntry) -> Result<HashSet<usize>, TableError> {
     let (mut formats, mut dates) = (HashSet::new(), HashSet::new());
     let (mut in_cells, mut style) = (false, 0);
     each(path, entry, |event| {
         match event {
-            Event::Start(element) => match element.name.as_str() {
+            XmlEvent::Start(element) => match element.name.as_str() {
                 "numFmt" => {
                     let code = element.attribute("formatCode").unwrap_or_default();
                     if is_date(&code) {
@@ -168,7 +168,7 @@ fn dates(path: &Path, entry: &Entry) -> Result<HashSet<usize>, TableError> {
                 }
                 _ => {}
             },
-            Event::End(name) if name == "cellXfs" => in_cells = false,
+            XmlEvent::End(name) if name == "cellXfs" => in_cells = false,
             _ => {}
         }
         budget::check(KIND, || "its styles".to_owned(), 64 * style as u64, entry.stored_bytes())
@@ -194,7 +194,7 @@ fn is_date(code: &str) -> bool {
     }) && !code.eq_ignore_ascii_case("general")
 }
 
-impl Layout for Sheet {
+impl ColumnLayout for Sheet {
     fn names(&self) -> Option<&[String]> {
         None
     }
@@ -203,7 +203,7 @@ impl Layout for Sheet {
         Numbering::Sheet
     }
 
-    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(SheetRows {
             name: self.entry.name.clone(),
             xml: Xml::new(self.entry.open(&self.path)?),
@@ -217,8 +217,8 @@ impl Layout for Sheet {
 
 struct SheetRows {
     name: String,
-    xml: Xml<Content>,
-    shared: Arc<Shared>,
+    xml: Xml<EntryContent>,
+    shared: Arc<SharedParts>,
     /// The last row that was given.
     row: u64,
     /// A row that is further down.
@@ -227,8 +227,8 @@ struct SheetRows {
     width: usize,
 }
 
-impl Rows for SheetRows {
-    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+impl RowStream for SheetRows {
+    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
         // One row at a time: rows differ in length.
         let (row, cells) = match self.waiting.take() {
             Some(waiting) => waiting,
@@ -266,7 +266,7 @@ impl SheetRows {
             let event = self.xml.next().map_err(|what| wrong(&self.name, what))?;
             let Some(event) = event else { return Ok(None) };
             match event {
-                Event::Start(element) => match element.name.as_str() {
+                XmlEvent::Start(element) => match element.name.as_str() {
                     "row" => {
                         if let Some(given) = element.attribute("r") {
                             let given =
@@ -292,12 +292,12 @@ impl SheetRows {
                     }
                     _ => {}
                 },
-                Event::Text(text) => {
+                XmlEvent::Text(text) => {
                     if let Some(cell) = cell.as_mut().filter(|cell| cell.is_open) {
                         cell.text.push_str(&text);
                     }
                 }
-                Event::End(name) => match name.as_str() {
+                XmlEvent::End(name) => match name.as_str() {
                     "v" | "t" => {
                         if let Some(cell) = &mut cell {
                             cell.is_open = false;
@@ -336,7 +336,7 @@ struct OpenCell {
 
 impl OpenCell {
     /// `None` if it stands before the cell that comes next, or too far to the right.
-    fn new(element: &Element, next: usize) -> Option<Self> {
+    fn new(element: &XmlElement, next: usize) -> Option<Self> {
         let column = match element.attribute("r") {
             None => next,
             Some(place) => {
@@ -357,7 +357,7 @@ impl OpenCell {
         })
     }
 
-    fn value(self, shared: &Shared) -> Result<Cell, String> {
+    fn value(self, shared: &SharedParts) -> Result<Cell, String> {
         let number =
             || self.text.trim().parse::<f64>().map_err(|_| format!("no number: `{}`", self.text));
         Ok(match self.kind.as_str() {

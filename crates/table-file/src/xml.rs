@@ -5,16 +5,16 @@ use std::io::{BufRead, BufReader, Read};
 
 /// What stands in a document.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Event {
+pub(crate) enum XmlEvent {
     /// The start of an element; one that ends at once is followed by its end.
-    Start(Element),
+    Start(XmlElement),
     End(String),
     Text(String),
 }
 
 /// The name of an element, and its attributes as they stand.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Element {
+pub(crate) struct XmlElement {
     pub(crate) name: String,
     attributes: String,
 }
@@ -39,9 +39,9 @@ impl<R: Read> Xml<R> {
     }
 
     /// The next event; what is wrong is said in words.
-    pub(crate) fn next(&mut self) -> Result<Option<Event>, String> {
+    pub(crate) fn next(&mut self) -> Result<Option<XmlEvent>, String> {
         if let Some(name) = self.end.take() {
-            return Ok(Some(Event::End(name)));
+            return Ok(Some(XmlEvent::End(name)));
         }
         loop {
             self.buffer.clear();
@@ -49,7 +49,9 @@ impl<R: Read> Xml<R> {
                 self.until(b'<')?;
                 self.in_tag = self.buffer.pop_if(|byte| *byte == b'<').is_some();
                 if !self.buffer.is_empty() {
-                    return Ok(Some(Event::Text(unescape(&String::from_utf8_lossy(&self.buffer)))));
+                    return Ok(Some(XmlEvent::Text(unescape(&String::from_utf8_lossy(
+                        &self.buffer,
+                    )))));
                 }
                 if !self.in_tag {
                     return Ok(None);
@@ -74,7 +76,7 @@ impl<R: Read> Xml<R> {
     }
 
     /// The tag whose `<` has been read; `None` if it is none that matters.
-    fn tag(&mut self) -> Result<Option<Event>, String> {
+    fn tag(&mut self) -> Result<Option<XmlEvent>, String> {
         let count = |bytes: &[u8], quote| bytes.iter().filter(|byte| **byte == quote).count();
         loop {
             let before = self.buffer.len();
@@ -98,23 +100,23 @@ impl<R: Read> Xml<R> {
         let text = String::from_utf8_lossy(&self.buffer);
         let tag = text.strip_suffix('>').unwrap_or(&text);
         if let Some(text) = tag.strip_prefix("![CDATA[").and_then(|tag| tag.strip_suffix("]]")) {
-            return Ok(Some(Event::Text(text.to_owned())));
+            return Ok(Some(XmlEvent::Text(text.to_owned())));
         }
         if tag.starts_with(['!', '?']) {
             return Ok(None);
         }
         if let Some(name) = tag.strip_prefix('/') {
-            return Ok(Some(Event::End(local(name.trim()))));
+            return Ok(Some(XmlEvent::End(local(name.trim()))));
         }
         let (tag, ends) = tag.strip_suffix('/').map_or((tag, false), |tag| (tag, true));
         let (name, attributes) = tag.split_once(|c: char| c.is_whitespace()).unwrap_or((tag, ""));
-        let element = Element { name: local(name), attributes: attributes.to_owned() };
+        let element = XmlElement { name: local(name), attributes: attributes.to_owned() };
         self.end = ends.then(|| element.name.clone());
-        Ok(Some(Event::Start(element)))
+        Ok(Some(XmlEvent::Start(element)))
     }
 }
 
-impl Element {
+impl XmlElement {
     /// The value of an attribute, whose name may come from a namespace.
     pub(crate) fn attribute(&self, name: &str) -> Option<String> {
         let mut rest = self.attributes.as_str();
@@ -186,14 +188,14 @@ mod tests {
         while let Some(event) = xml.next().unwrap() {
             events.push(event);
         }
-        let Event::Start(cell) = &events[0] else { panic!("{events:?}") };
+        let XmlEvent::Start(cell) = &events[0] else { panic!("{events:?}") };
         assert_eq!(cell.name, "c");
         assert_eq!(cell.attribute("r").as_deref(), Some("B5"));
         assert_eq!(cell.attribute("t").as_deref(), Some("s>"));
         assert_eq!(cell.attribute("u"), None);
-        assert_eq!(events[2], Event::Text("1 < 2!".to_owned()));
-        assert_eq!(events[5], Event::End("f".to_owned()));
-        assert_eq!(events[6], Event::Text("<&".to_owned()));
+        assert_eq!(events[2], XmlEvent::Text("1 < 2!".to_owned()));
+        assert_eq!(events[5], XmlEvent::End("f".to_owned()));
+        assert_eq!(events[6], XmlEvent::Text("<&".to_owned()));
         assert_eq!(events.len(), 8);
     }
 

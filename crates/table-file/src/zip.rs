@@ -7,7 +7,7 @@ use std::path::Path;
 use flate2::bufread::DeflateDecoder;
 
 use crate::budget;
-use crate::bytes::{Bytes, part};
+use crate::bytes::{ByteReader, part};
 use crate::error::TableError;
 use crate::kind::FileKind;
 
@@ -15,7 +15,7 @@ const KIND: FileKind = FileKind::Xlsx;
 
 /// A file in an archive.
 #[derive(Clone, Debug)]
-pub(crate) struct Entry {
+pub(crate) struct ZipEntry {
     pub(crate) name: String,
     method: u16,
     is_encrypted: bool,
@@ -29,7 +29,7 @@ pub(crate) struct Entry {
 const END: u64 = 22 + 0xffff;
 
 /// The files of an archive.
-pub(crate) fn entries(path: &Path) -> Result<Vec<Entry>, TableError> {
+pub(crate) fn entries(path: &Path) -> Result<Vec<ZipEntry>, TableError> {
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
     let start = length.saturating_sub(END);
@@ -38,7 +38,7 @@ pub(crate) fn entries(path: &Path) -> Result<Vec<Entry>, TableError> {
     (&mut file).take(END).read_to_end(&mut end)?;
     let cut = || KIND.damaged("it is cut off: the directory of the archive is missing");
     let at = end.windows(4).rposition(|window| window == b"PK\x05\x06").ok_or_else(cut)?;
-    let mut record = Bytes::new(&end[at + 4..]);
+    let mut record = ByteReader::new(&end[at + 4..]);
     if record.rest.len() < 18 {
         return Err(cut());
     }
@@ -56,14 +56,14 @@ pub(crate) fn entries(path: &Path) -> Result<Vec<Entry>, TableError> {
     let mut directory = vec![0; bytes];
     file.read_exact(&mut directory)?;
     let mut entries = Vec::new();
-    let mut rest = Bytes::new(&directory);
+    let mut rest = ByteReader::new(&directory);
     while !rest.rest.is_empty() {
         entries.push(entry(&mut rest).ok_or_else(|| KIND.damaged("the directory of the archive"))?);
     }
     Ok(entries)
 }
 
-fn entry(bytes: &mut Bytes<'_>) -> Option<Entry> {
+fn entry(bytes: &mut ByteReader<'_>) -> Option<ZipEntry> {
     if bytes.take(4)? != b"PK\x01\x02" {
         return None;
     }
@@ -79,7 +79,7 @@ fn entry(bytes: &mut Bytes<'_>) -> Option<Entry> {
     bytes.take(comment)?;
     let long = Long { extra, size, packed, start };
     let (packed, start) = long.resolve()?;
-    Some(Entry { name, method, is_encrypted: flags & 1 == 1, packed, start })
+    Some(ZipEntry { name, method, is_encrypted: flags & 1 == 1, packed, start })
 }
 
 /// Lengths of 32 bits, which stand in an extra field where they are too long.
@@ -93,12 +93,12 @@ struct Long<'a> {
 impl Long<'_> {
     /// The length in the archive, and where it starts.
     fn resolve(&self) -> Option<(u64, u64)> {
-        let mut fields = Bytes::new(self.extra);
-        let mut long = Bytes::new(&[]);
+        let mut fields = ByteReader::new(self.extra);
+        let mut long = ByteReader::new(&[]);
         while let (Some(kind), Some(length)) = (fields.u16(), fields.u16()) {
             let content = fields.take(usize::from(length))?;
             if kind == 1 {
-                long = Bytes::new(content);
+                long = ByteReader::new(content);
             }
         }
         let mut value = |short: u32| match short {
@@ -110,9 +110,9 @@ impl Long<'_> {
     }
 }
 
-impl Entry {
+impl ZipEntry {
     /// Its content as a stream, which may be of any length.
-    pub(crate) fn open(&self, path: &Path) -> Result<Content, TableError> {
+    pub(crate) fn open(&self, path: &Path) -> Result<EntryContent, TableError> {
         let wrong = || KIND.damaged(format!("`{}` in the archive", self.name));
         if self.is_encrypted {
             return Err(KIND.unsupported("it is encrypted"));
@@ -122,7 +122,7 @@ impl Entry {
         let mut header = [0; 30];
         file.seek(SeekFrom::Start(self.start))?;
         file.read_exact(&mut header).map_err(|_| wrong())?;
-        let sizes = part(&header, 26, 4).map(Bytes::new);
+        let sizes = part(&header, 26, 4).map(ByteReader::new);
         let sizes = sizes.and_then(|mut sizes| sizes.u16().zip(sizes.u16())).ok_or_else(wrong)?;
         let data = self.start + 30 + u64::from(sizes.0) + u64::from(sizes.1);
         let is_there = data.checked_add(self.packed).is_some_and(|end| end <= length);
@@ -132,8 +132,8 @@ impl Entry {
         file.seek(SeekFrom::Start(data))?;
         let packed = BufReader::with_capacity(1 << 16, file.take(self.packed));
         match self.method {
-            0 => Ok(Content::Stored(packed)),
-            8 => Ok(Content::Deflated(Box::new(DeflateDecoder::new(packed)))),
+            0 => Ok(EntryContent::Stored(packed)),
+            8 => Ok(EntryContent::Deflated(Box::new(DeflateDecoder::new(packed)))),
             method => {
                 let what = format!("`{}` is compressed by method {method}", self.name);
                 Err(KIND.unsupported(what))
@@ -148,12 +148,12 @@ impl Entry {
 }
 
 /// The content of a file in an archive.
-pub(crate) enum Content {
+pub(crate) enum EntryContent {
     Stored(BufReader<std::io::Take<File>>),
     Deflated(Box<DeflateDecoder<BufReader<std::io::Take<File>>>>),
 }
 
-impl Read for Content {
+impl Read for EntryContent {
     fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
         match self {
             Self::Stored(stream) => stream.read(buffer),

@@ -31,7 +31,7 @@ pub struct Profile {
     /// Its body.
     pub robot: Robot,
     /// What it runs through.
-    pub channel: Channel,
+    pub channel: TrialChannel,
 }
 
 /// The value of one count in each telemetry column.
@@ -78,7 +78,7 @@ pub struct Robot {
 /// The channel of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Channel {
+pub struct TrialChannel {
     /// Its length, m.
     pub length_m: f64,
 }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::diagnostic::Diagnostic;
 use super::phase::PhaseProfile;
-use super::statistics::{Difference, Interval, Statistics};
+use super::statistics::{Interval, MeanDifference, Statistics};
 use super::trace::Trace;
 
 /// The results of one trial. What the log or the calibration does not allow is `None`, and
@@ -111,7 +111,7 @@ pub struct ConditionRow {
     #[serde(flatten)]
     pub statistics: Statistics,
     /// Its mean less that of the reference condition, if one was named and this is another.
-    pub difference: Option<Difference>,
+    pub difference: Option<MeanDifference>,
 }
 
 /// Of what statistics are.

@@ -17,7 +17,7 @@ use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use calibration::uncertainty::student_quantile;
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 
 /// How often a sample is drawn again.
 pub(crate) const RESAMPLES: usize = 4000;
@@ -39,7 +39,7 @@ const MOST_DRAWN: usize = 5000;
 
 /// Values of one quantity in one condition.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Sample {
+pub struct ValueSample {
     values: Vec<f64>,
     /// Sum and number of the values that belong together.
     clusters: Vec<(f64, usize)>,
@@ -83,7 +83,7 @@ pub struct Statistics {
 
 /// How far a mean is from that of a reference condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Difference {
+pub struct MeanDifference {
     /// The reference.
     pub reference: String,
     /// The mean less that of the reference.
@@ -92,7 +92,7 @@ pub struct Difference {
     pub mean_95: Option<Interval>,
 }
 
-impl Sample {
+impl ValueSample {
     /// Values that have nothing to do with each other, one a trial. Values that are not finite are
     /// left out.
     pub fn independent(values: impl IntoIterator<Item = f64>) -> Self {
@@ -148,11 +148,11 @@ impl Sample {
 
     /// How far the mean is from that of `reference`, which is called `name`; `None` if either has no
     /// values.
-    pub fn difference(&self, reference: &Self, name: &str, seed: u64) -> Option<Difference> {
+    pub fn difference(&self, reference: &Self, name: &str, seed: u64) -> Option<MeanDifference> {
         if self.values.is_empty() || reference.values.is_empty() {
             return None;
         }
-        Some(Difference {
+        Some(MeanDifference {
             reference: name.to_owned(),
             mean: mean(&self.clusters) - mean(&reference.clusters),
             mean_95: interval(&[(1.0, &self.clusters), (-1.0, &reference.clusters)], seed),
@@ -238,7 +238,7 @@ fn bootstrap(
         };
         return Interval { low: end(-z), high: end(z) };
     }
-    let mut stream = Stream::new(seed, Purpose::Bootstrap, 0);
+    let mut stream = RandomStream::new(seed, Purpose::Bootstrap, 0);
     let mut again = |clusters: &&[(f64, usize)]| {
         let (mut sum, mut n) = (0.0, 0);
         for _ in 0..clusters.len() {
@@ -311,7 +311,7 @@ mod tests {
     use super::*;
 
     fn of(values: &[f64]) -> Statistics {
-        Sample::independent(values.iter().copied()).statistics(1).unwrap()
+        ValueSample::independent(values.iter().copied()).statistics(1).unwrap()
     }
 
     /// `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
@@ -347,7 +347,7 @@ mod tests {
         let s = of(&[5.0]);
         assert_eq!((s.n, s.mean, s.sd, s.mean_95), (1, 5.0, None, None));
         assert_eq!((s.q1, s.whisker_high), (5.0, 5.0));
-        assert_eq!(Sample::independent([f64::NAN]).statistics(1), None);
+        assert_eq!(ValueSample::independent([f64::NAN]).statistics(1), None);
         assert_eq!(of(&[1.0, 2.0, 3.0, 4.0]).mean_95, None);
         let s = of(&[2.0; 5]);
         assert_eq!((s.sd, s.mean_95), (Some(0.0), Some(Interval { low: 2.0, high: 2.0 })));
@@ -356,7 +356,7 @@ mod tests {
     /// Of many normal values the interval is the textbook's, `mean ± 1.96·sd/√n`.
     #[test]
     fn the_interval_of_many_values_is_that_of_the_normal_distribution() {
-        let mut stream = Stream::new(9, Purpose::Readings, 0);
+        let mut stream = RandomStream::new(9, Purpose::Readings, 0);
         let values: Vec<f64> = (0..2000).map(|_| 3.0 + stream.normal()).collect();
         let s = of(&values);
         let Interval { low, high } = s.mean_95.unwrap();
@@ -367,11 +367,11 @@ mod tests {
     }
 
     /// The share of 10,000 samples of so many values whose interval holds their mean.
-    fn coverage(trials: usize, mean: f64, mut value: impl FnMut(&mut Stream) -> f64) -> f64 {
-        let mut stream = Stream::new(8, Purpose::Readings, 0);
+    fn coverage(trials: usize, mean: f64, mut value: impl FnMut(&mut RandomStream) -> f64) -> f64 {
+        let mut stream = RandomStream::new(8, Purpose::Readings, 0);
         let held = (0..10_000).filter(|_| {
             let values = (0..trials).map(|_| value(&mut stream));
-            let s = Sample::independent(values.collect::<Vec<_>>());
+            let s = ValueSample::independent(values.collect::<Vec<_>>());
             interval(&[(1.0, &s.clusters)], 1).is_some_and(|i| i.low < mean && mean < i.high)
         });
         held.count() as f64 / 10_000.0
@@ -383,9 +383,10 @@ mod tests {
         for trials in [5, 6, 7] {
             // Binomial, some four standard deviations of 0.22 %, about 95 % of normal values, which is
             // exact; of values as skew as Erlang's of order 4 (skewness 1) it is some 93 %.
-            let normal = coverage(trials, 0.0, Stream::normal);
+            let normal = coverage(trials, 0.0, RandomStream::normal);
             assert!((0.94..0.96).contains(&normal), "{trials}: {normal}");
-            let erlang = |stream: &mut Stream| -(0..4).map(|_| stream.uniform().ln()).sum::<f64>();
+            let erlang =
+                |stream: &mut RandomStream| -(0..4).map(|_| stream.uniform().ln()).sum::<f64>();
             let skew = coverage(trials, 4.0, erlang);
             assert!((0.92..0.95).contains(&skew), "{trials}: {skew}");
         }
@@ -401,7 +402,7 @@ mod tests {
     /// Exponential values: the skewness of the mean of 40 must show.
     #[test]
     fn intervals_hold_the_mean_of_a_skew_distribution() {
-        let mut stream = Stream::new(2, Purpose::Readings, 0);
+        let mut stream = RandomStream::new(2, Purpose::Readings, 0);
         let held = (0..400).filter(|_| {
             let s = of(&(0..40).map(|_| -stream.uniform().ln()).collect::<Vec<_>>());
             s.mean_95.is_some_and(|i| i.low < 1.0 && 1.0 < i.high)
@@ -413,8 +414,8 @@ mod tests {
 
     #[test]
     fn strides_of_one_trial_are_drawn_together() {
-        let mut stream = Stream::new(3, Purpose::Readings, 0);
-        let (mut clustered, mut alone) = (Sample::default(), Sample::default());
+        let mut stream = RandomStream::new(3, Purpose::Readings, 0);
+        let (mut clustered, mut alone) = (ValueSample::default(), ValueSample::default());
         for _ in 0..20 {
             // Ten strides all alike: no more known than from one.
             let level = stream.normal();
@@ -430,16 +431,16 @@ mod tests {
 
     #[test]
     fn the_difference_of_a_sample_shifted_is_the_shift() {
-        let mut stream = Stream::new(4, Purpose::Readings, 0);
+        let mut stream = RandomStream::new(4, Purpose::Readings, 0);
         let a: Vec<f64> = (0..30).map(|_| stream.normal()).collect();
         let b: Vec<f64> = (0..50).map(|_| 2.0 + 3.0 * stream.normal()).collect();
         let se = (1.0 / 30.0_f64 + 9.0 / 50.0).sqrt();
-        let [a, b] = [a, b].map(Sample::independent);
+        let [a, b] = [a, b].map(ValueSample::independent);
         let d = b.difference(&a, "a", 1).unwrap();
         let Interval { low, high } = d.mean_95.unwrap();
         assert!(low < 2.0 && 2.0 < high && d.reference == "a");
         // Sample standard deviations of 30 and 50 values scatter by some 13 %; three times that.
         assert!(((high - low) / (2.0 * 1.96 * se) - 1.0).abs() < 0.4);
-        assert_eq!(a.difference(&Sample::default(), "b", 1), None);
+        assert_eq!(a.difference(&ValueSample::default(), "b", 1), None);
     }
 }

@@ -5,23 +5,25 @@ use super::results::{ConditionRow, StrideRow, TrialResult, TrialRow};
 use super::statistics::Interval;
 use super::trace::Trace;
 use shell_data::wrench::Axis;
-use table_file::named_table::{Column, Table};
+use table_file::named_table::{NamedColumn, NamedTable};
 
 /// One row a trial.
-pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> Table {
+pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> NamedTable {
     let rows = || results.clone().map(|result| &result.row);
-    let text = |of: fn(&TrialRow) -> &str| Column::Text(rows().map(|r| of(r).to_owned()).collect());
-    let number = |of: fn(&TrialRow) -> f64| Column::Number(rows().map(|r| Some(of(r))).collect());
-    let maybe = |of: fn(&TrialRow) -> Option<f64>| Column::Number(rows().map(of).collect());
-    let count = |of: fn(&TrialRow) -> Option<u64>| Column::Count(rows().map(of).collect());
+    let text =
+        |of: fn(&TrialRow) -> &str| NamedColumn::Text(rows().map(|r| of(r).to_owned()).collect());
+    let number =
+        |of: fn(&TrialRow) -> f64| NamedColumn::Number(rows().map(|r| Some(of(r))).collect());
+    let maybe = |of: fn(&TrialRow) -> Option<f64>| NamedColumn::Number(rows().map(of).collect());
+    let count = |of: fn(&TrialRow) -> Option<u64>| NamedColumn::Count(rows().map(of).collect());
     let low = |interval: Option<Interval>| interval.map(|interval| interval.low);
     let high = |interval: Option<Interval>| interval.map(|interval| interval.high);
     let ends = |end: &dyn Fn(Option<Interval>) -> Option<f64>,
                 of: fn(&TrialRow) -> Option<Interval>| {
-        Column::Number(rows().map(|row| end(of(row))).collect())
+        NamedColumn::Number(rows().map(|row| end(of(row))).collect())
     };
     let warnings = results.clone().map(|result| joined(&result.diagnostics)).collect();
-    Table::new([
+    NamedTable::new([
         ("file", text(|r| &r.file)),
         ("condition", text(|r| &r.condition)),
         ("t_enter_s", number(|r| r.t_enter_s)),
@@ -44,12 +46,12 @@ pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) 
         ("specific_resistance", maybe(|r| r.specific_resistance)),
         ("strides", count(|r| r.strides)),
         ("stride_frequency_hz", maybe(|r| r.stride_frequency_hz)),
-        ("warnings", Column::Text(warnings)),
+        ("warnings", NamedColumn::Text(warnings)),
     ])
 }
 
 /// One row a stride.
-pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> Table {
+pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone) -> NamedTable {
     let rows = || {
         let of_trial = |result: &'a TrialResult| {
             result.stride_rows.iter().map(move |stride| (&result.row, stride))
@@ -57,23 +59,23 @@ pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone)
         results.clone().flat_map(of_trial)
     };
     let text = |of: fn(&TrialRow) -> &str| {
-        Column::Text(rows().map(|(trial, _)| of(trial).to_owned()).collect())
+        NamedColumn::Text(rows().map(|(trial, _)| of(trial).to_owned()).collect())
     };
     let number = |of: fn(&StrideRow) -> f64| {
-        Column::Number(rows().map(|(_, stride)| Some(of(stride))).collect())
+        NamedColumn::Number(rows().map(|(_, stride)| Some(of(stride))).collect())
     };
     let maybe = |of: fn(&StrideRow) -> Option<f64>| {
-        Column::Number(rows().map(|(_, stride)| of(stride)).collect())
+        NamedColumn::Number(rows().map(|(_, stride)| of(stride)).collect())
     };
     let count = |of: fn(&StrideRow) -> u64| {
-        Column::Count(rows().map(|(_, stride)| Some(of(stride))).collect())
+        NamedColumn::Count(rows().map(|(_, stride)| Some(of(stride))).collect())
     };
     let enter = rows().map(|(trial, _)| Some(trial.t_enter_s)).collect();
-    Table::new([
+    NamedTable::new([
         ("file", text(|r| &r.file)),
         ("condition", text(|r| &r.condition)),
         // Which trial it is, where a log has several.
-        ("t_enter_s", Column::Number(enter)),
+        ("t_enter_s", NamedColumn::Number(enter)),
         ("stride", count(|r| r.stride)),
         ("t_start_s", number(|r| r.t_start_s)),
         ("t_end_s", number(|r| r.t_end_s)),
@@ -89,12 +91,13 @@ pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult> + Clone)
 }
 
 /// One row for each quantity of each condition.
-pub fn conditions_table(rows: &[ConditionRow]) -> Table {
-    let text = |of: &dyn Fn(&ConditionRow) -> String| Column::Text(rows.iter().map(of).collect());
+pub fn conditions_table(rows: &[ConditionRow]) -> NamedTable {
+    let text =
+        |of: &dyn Fn(&ConditionRow) -> String| NamedColumn::Text(rows.iter().map(of).collect());
     let number =
-        |of: fn(&ConditionRow) -> Option<f64>| Column::Number(rows.iter().map(of).collect());
+        |of: fn(&ConditionRow) -> Option<f64>| NamedColumn::Number(rows.iter().map(of).collect());
     let count = |of: fn(&ConditionRow) -> usize| {
-        Column::Count(rows.iter().map(|row| Some(of(row) as u64)).collect())
+        NamedColumn::Count(rows.iter().map(|row| Some(of(row) as u64)).collect())
     };
     let outliers = |row: &ConditionRow| {
         let outliers = row.statistics.outliers.iter().map(f64::to_string);
@@ -103,7 +106,7 @@ pub fn conditions_table(rows: &[ConditionRow]) -> Table {
     let reference = |row: &ConditionRow| {
         row.difference.as_ref().map(|difference| difference.reference.clone()).unwrap_or_default()
     };
-    Table::new([
+    NamedTable::new([
         ("condition", text(&|row| row.condition.clone())),
         ("per", text(&|row| row.per.name().to_owned())),
         ("quantity", text(&|row| row.quantity.column().to_owned())),
@@ -127,7 +130,7 @@ pub fn conditions_table(rows: &[ConditionRow]) -> Table {
 }
 
 /// One row for each row of the log.
-pub fn trace_table(trace: &Trace) -> Table {
+pub fn trace_table(trace: &Trace) -> NamedTable {
     let axes = Axis::ALL.into_iter().map(|axis| (axis.column(), &trace.wrench[axis.index()]));
     let others = [
         ("right_leg_rad", &trace.right_leg_rad),
@@ -138,7 +141,7 @@ pub fn trace_table(trace: &Trace) -> Table {
     ];
     let columns = std::iter::once(("t_s", &trace.t_s)).chain(axes).chain(others);
     let columns = columns.filter(|(_, column)| !column.is_empty());
-    Table::new(columns.map(|(name, column)| (name, Column::Full(column.clone()))))
+    NamedTable::new(columns.map(|(name, column)| (name, NamedColumn::Full(column.clone()))))
 }
 
 fn joined(diagnostics: &[Diagnostic]) -> String {

@@ -158,12 +158,12 @@ fn half_width(parts: &[VariancePart]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shell_data::random::{Purpose, Stream};
+    use shell_data::random::{Purpose, RandomStream};
 
     /// An autoregressive signal, whose variance of the mean is `σ²/(1 − φ)²/n` for long ones.
     #[test]
     fn the_variance_of_a_mean_allows_for_what_neighbours_have_in_common() {
-        let mut stream = Stream::new(5, Purpose::Readings, 0);
+        let mut stream = RandomStream::new(5, Purpose::Readings, 0);
         for (phi, share) in [(0.0, 1.0), (0.5, 0.8)] {
             let mut found = 0.0;
             for _ in 0..200 {

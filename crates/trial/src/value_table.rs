@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
-use super::manifest::{ManifestProblem, Place};
-use super::statistics::{Difference, Sample, Statistics};
+use super::manifest::{CellPosition, ManifestProblem};
+use super::statistics::{MeanDifference, Statistics, ValueSample};
 use shell_data::hint::did_you_mean;
 
 /// Values by condition.
@@ -17,7 +17,7 @@ pub struct ValueTable {
     /// Cells of each quantity that are empty, and so missing.
     pub empty: Vec<usize>,
     /// The conditions in the order in which they are first named, with one sample a quantity.
-    pub conditions: Vec<(String, Vec<Sample>)>,
+    pub conditions: Vec<(String, Vec<ValueSample>)>,
 }
 
 /// The numbers of a quantity in a condition.
@@ -31,7 +31,7 @@ pub struct ValueRow {
     #[serde(flatten)]
     pub statistics: Statistics,
     /// Its mean less that of the reference, if one was named and this is another.
-    pub difference: Option<Difference>,
+    pub difference: Option<MeanDifference>,
 }
 
 /// The rows of each trial, by its name.
@@ -81,7 +81,7 @@ impl ValueTable {
         of: Option<&[String]>,
     ) -> Result<Self, ManifestProblem> {
         let at = |line: usize, message: String| ManifestProblem {
-            place: Place { line, column: 1 },
+            place: CellPosition { line, column: 1 },
             message,
         };
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -125,7 +125,7 @@ impl ValueTable {
         }
         let grouped = group(&rows, by, trial);
         let sample = |trials: &Trials<'_>, column: usize| {
-            let mut sample = Sample::default();
+            let mut sample = ValueSample::default();
             for (_, rows) in trials {
                 sample.add_cluster(rows.iter().filter_map(|row| number(&row[column])));
             }

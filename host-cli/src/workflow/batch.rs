@@ -7,10 +7,10 @@ use super::trial::{Evaluated, TrialJob, TrialLogError, WindowTimes, evaluate_in_
 use log_file::pipeline::{self, Pieces};
 use log_file::{Log, LogError, Mapping, ReadOptions};
 use output_file::OutputError;
-use trial::manifest::{Entry, Manifest, ManifestProblem, Moment, Place, Shard};
+use trial::manifest::{CellPosition, Entry, Manifest, ManifestProblem, Moment, Shard};
 use trial::{
-    ConditionRow, Instrument, Per, PhaseProfile, Quantity, Sample, Trial, TrialError, TrialOptions,
-    TrialResult,
+    ConditionRow, Instrument, Per, PhaseProfile, Quantity, Trial, TrialError, TrialOptions,
+    TrialResult, ValueSample,
 };
 
 /// How a batch is run.
@@ -48,20 +48,20 @@ pub struct Batch {
 #[derive(Clone, Debug)]
 pub struct BatchTrial {
     /// Where the row is.
-    pub place: Place,
+    pub place: CellPosition,
     /// The log.
     pub path: PathBuf,
     /// Its results, and what the log was.
     pub evaluated: Evaluated,
     entry: Entry,
-    stamp: Stamp,
+    stamp: FileStamp,
 }
 
 /// A row that could not be evaluated.
 #[derive(Clone, Debug)]
 pub struct Failure {
     /// Where in the manifest.
-    pub place: Place,
+    pub place: CellPosition,
     /// The log, as the manifest names it; empty if it does not.
     pub file: String,
     /// Why.
@@ -69,17 +69,17 @@ pub struct Failure {
 }
 
 /// What tells that a file is still the same: when it was written, and how long it is.
-pub type Stamp = Option<(SystemTime, u64)>;
+pub type FileStamp = Option<(SystemTime, u64)>;
 
 /// The stamp of a file; `None` if there is no such file.
-pub fn stamp(path: &Path) -> Stamp {
+pub fn stamp(path: &Path) -> FileStamp {
     let metadata = std::fs::metadata(path).ok()?;
     Some((metadata.modified().ok()?, metadata.len()))
 }
 
 /// Why a row could not be evaluated.
 #[derive(Debug, thiserror::Error)]
-enum RowError {
+enum TrialRowError {
     #[error("{}", .0.message)]
     Manifest(ManifestProblem),
     #[error(transparent)]
@@ -98,7 +98,7 @@ pub fn run(
     folder: &Path,
     instrument: Instrument<'_>,
     options: &BatchOptions<'_>,
-    keep: impl Fn(Place, &mut TrialResult) -> Result<(), OutputError> + Sync,
+    keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
     let mut rows: Vec<Result<&Entry, ManifestProblem>> =
         manifest.rows.iter().map(|row| row.as_ref().map_err(ManifestProblem::clone)).collect();
@@ -110,19 +110,20 @@ pub fn run(
     let share = options.shard.map_or(0..rows.len(), |shard| shard.rows(rows.len()));
     let mut numbers = RowNumbers { next: share.start, end: share.end };
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
-    let work = |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, (usize, RowError)>> {
-        let number = *number;
-        let evaluated = match &rows[number] {
-            Ok(entry) if entry.exclude => return None,
-            Ok(entry) => evaluate_entry(entry, folder, instrument, options, &read),
-            Err(problem) => Err(RowError::Manifest(problem.clone())),
+    let work =
+        |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, (usize, TrialRowError)>> {
+            let number = *number;
+            let evaluated = match &rows[number] {
+                Ok(entry) if entry.exclude => return None,
+                Ok(entry) => evaluate_entry(entry, folder, instrument, options, &read),
+                Err(problem) => Err(TrialRowError::Manifest(problem.clone())),
+            };
+            let kept = evaluated.and_then(|mut trial| {
+                keep(trial.place, &mut trial.evaluated.result)?;
+                Ok(trial)
+            });
+            Some(kept.map_err(|error| (number, error)))
         };
-        let kept = evaluated.and_then(|mut trial| {
-            keep(trial.place, &mut trial.evaluated.result)?;
-            Ok(trial)
-        });
-        Some(kept.map_err(|error| (number, error)))
-    };
     let fold = |outcome| {
         match outcome {
             None => batch.excluded += 1,
@@ -170,7 +171,7 @@ fn evaluate_entry(
     instrument: Instrument<'_>,
     options: &BatchOptions<'_>,
     read: &ReadOptions<'_>,
-) -> Result<BatchTrial, RowError> {
+) -> Result<BatchTrial, TrialRowError> {
     let path = folder.join(&entry.file.value);
     let stamp = stamp(&path);
     let same = |trial: &&BatchTrial| trial.entry == *entry && trial.stamp == stamp;
@@ -197,12 +198,12 @@ fn evaluate_entry(
 fn failure(
     row: &Result<&Entry, ManifestProblem>,
     parsed: &Result<Entry, ManifestProblem>,
-    error: &RowError,
+    error: &TrialRowError,
 ) -> Failure {
     let file = parsed.as_ref().map(|entry| entry.file.value.clone()).unwrap_or_default();
     let place = match (row, error) {
         (Err(problem), _) => problem.place,
-        (Ok(entry), RowError::Trial(TrialLogError::Trial(error))) => match error {
+        (Ok(entry), TrialRowError::Trial(TrialLogError::Trial(error))) => match error {
             TrialError::OutsideLog { enter, first, .. } if enter < first => entry.enter.place,
             TrialError::OutsideLog { .. } | TrialError::ExitBeforeEntry { .. } => entry.exit.place,
             TrialError::Gap { .. } => entry.enter.place,
@@ -210,7 +211,7 @@ fn failure(
         },
         (
             Ok(entry),
-            RowError::Trial(
+            TrialRowError::Trial(
                 TrialLogError::Window(_) | TrialLogError::NoForces | TrialLogError::NoCalibration,
             ),
         ) => entry.enter.place,
@@ -274,9 +275,9 @@ impl Batch {
     }
 
     /// The values of a quantity in a condition; strides of a trial belong together.
-    pub fn sample(&self, condition: &str, per: Per, quantity: Quantity) -> Sample {
+    pub fn sample(&self, condition: &str, per: Per, quantity: Quantity) -> ValueSample {
         let results = self.trials.iter().map(|trial| &trial.evaluated.result);
-        let mut sample = Sample::default();
+        let mut sample = ValueSample::default();
         for result in results.filter(|result| result.row.condition == condition) {
             match per {
                 Per::Trial => sample.add_cluster(quantity.of_trial(&result.row)),

@@ -19,7 +19,7 @@ use calibration::features::Features;
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, Solution, SolverKind};
 use calibration::{Basis, FitError, Model};
-use figures::{Axis, Chart, Figure, Mark, Series, Size, Spacing};
+use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing};
 use shell_data::block::Block;
 
 /// What an `f64` cannot show: errors below this count as this.
@@ -307,7 +307,7 @@ pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
             .flat_map(|bench| of_bench(bench).filter(|m| m.solver == *name))
             .filter_map(point)
             .collect(),
-        mark: Mark::Points,
+        mark: ChartMark::Points,
     };
     let front_of = |bench: &ModelBench| {
         let placed: Vec<_> = of_bench(bench).map(point).collect();
@@ -318,7 +318,7 @@ pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
             .filter_map(|(p, on_front)| p.filter(|_| on_front))
             .collect();
         points.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        Series { label: format!("front of {}", bench.model), points, mark: Mark::Line }
+        Series { label: format!("front of {}", bench.model), points, mark: ChartMark::Line }
     };
     let series: Vec<Series> =
         names.iter().map(of_solver).chain(benches.iter().map(front_of)).collect();
@@ -326,7 +326,7 @@ pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
     let axis = |quantity: &str, unit: &str, of: fn(&(f64, f64)) -> f64| {
         let low = points().map(of).fold(f64::INFINITY, f64::min);
         let high = points().map(of).fold(0.0, f64::max);
-        Axis::new(quantity, unit, Spacing::Log, low, high).padded(0.06)
+        PlotAxis::new(quantity, unit, Spacing::Log, low, high).padded(0.06)
     };
     let quantity = match kind {
         ErrorKind::Coefficients => "largest relative error of a coefficient",

@@ -5,7 +5,7 @@ use crate::workflow::{ChannelMismatch, check_channels};
 use calibration::Calibration;
 use figures::WrenchTrace;
 use forces::drift::{Drift, FEWEST_RESTS};
-use forces::stationary::{Level, StationaryFinder, StationaryInterval};
+use forces::stationary::{QuietLevel, StationaryFinder, StationaryInterval};
 use log_file::{ColumnRef, Log, LogError, ReadOptions, Wanted};
 use shell_data::hint::Hint;
 use shell_data::wrench::{AxisValues, PerAxis};
@@ -157,7 +157,7 @@ pub fn drift(
     let temperatures: Vec<Option<f64>> = times_s.iter().map(|&time| warmth.at(time)).collect();
     let calibration_axes = options.calibration.map(|calibration| calibration.axes);
     let quantities = calibration_axes.map_or(channels.len(), |axes| axes.iter().count());
-    let of = |levels: &Vec<Level>| Drift::fit(levels, &times_s, &temperatures, quantities);
+    let of = |levels: &Vec<QuietLevel>| Drift::fit(levels, &times_s, &temperatures, quantities);
     let too_few = || DriftError::TooFewRests { path: path(), found: times_s.len() };
     let channel_drifts = channels.iter().map(of).collect::<Option<Vec<_>>>().ok_or_else(too_few)?;
     let axis_drifts = match calibration_axes {
@@ -172,7 +172,7 @@ pub fn drift(
         None => Some([at, at]),
         Some([low, high]) => Some([low.min(at), high.max(at)]),
     };
-    let means = |levels: &Vec<Level>| levels.iter().map(|level| level.mean).collect();
+    let means = |levels: &Vec<QuietLevel>| levels.iter().map(|level| level.mean).collect();
     Ok(DriftSummary {
         rows: summary.rows,
         skipped_rows: summary.skipped_rows,
@@ -193,8 +193,8 @@ pub fn drift(
 /// Levels at the rests, column by column.
 struct Observed {
     times_s: Vec<f64>,
-    axes: PerAxis<Vec<Level>>,
-    channels: Vec<Vec<Level>>,
+    axes: PerAxis<Vec<QuietLevel>>,
+    channels: Vec<Vec<QuietLevel>>,
 }
 
 impl Observed {
@@ -206,10 +206,10 @@ impl Observed {
     fn add(&mut self, calibration: Option<&Calibration>, rest: &StationaryInterval) {
         self.times_s.push(rest.middle_s());
         for (levels, readings) in self.channels.iter_mut().zip(&rest.readings) {
-            levels.push(Level::new(readings, &rest.parts));
+            levels.push(QuietLevel::new(readings, &rest.parts));
         }
         if let Some(calibration) = calibration {
-            let wrench = Level::from_wrench(calibration, rest);
+            let wrench = QuietLevel::from_wrench(calibration, rest);
             self.axes.iter_mut().zip(wrench).for_each(|(levels, level)| levels.push(level));
         }
     }

@@ -3,7 +3,7 @@
 use super::{WorkflowError, agree_on_axes, check_logs};
 use calibration::Calibration;
 use calibration::fit::{Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, may_have_plateaus};
-use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, Source};
+use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, SourceFile};
 use figures::FitPlot;
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use shell_data::ColumnNames;
@@ -124,7 +124,7 @@ pub struct FileFacts {
     /// The label of the sensor.
     pub sensor_serial: Option<String>,
     /// What it was made from.
-    pub sources: Vec<Source>,
+    pub sources: Vec<SourceFile>,
     /// The columns of training logs that were named.
     pub columns: Option<ColumnNames>,
 }
@@ -171,7 +171,7 @@ pub fn sources(
     (train, test): (&[Log], &[Log]),
     data: &FitData,
     fit: &Fit,
-) -> Result<Vec<Source>, WorkflowError> {
+) -> Result<Vec<SourceFile>, WorkflowError> {
     let tests: Vec<u64> = fit.tests.iter().map(|test| test.rows).collect();
     let mut files = Vec::new();
     for (role, logs, read, rows) in [
@@ -181,10 +181,10 @@ pub fn sources(
         for ((log, read), &rows) in logs.iter().zip(read).zip(rows) {
             let checksum = read.summary.checksum.clone();
             let has_checksum = checksum.is_some();
-            files.push(Source { role, path: log.path().into(), checksum, rows });
+            files.push(SourceFile { role, path: log.path().into(), checksum, rows });
             if let Some(path) = log.beside() {
                 let checksum = if has_checksum { log.checksum_beside()? } else { None };
-                files.push(Source { role: Role::Wrench, path: path.into(), checksum, rows });
+                files.push(SourceFile { role: Role::Wrench, path: path.into(), checksum, rows });
             }
         }
     }

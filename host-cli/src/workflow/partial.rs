@@ -11,7 +11,7 @@ use calibration::validation::grouped::{
     Apart, BlockGroups, GroupKind, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
 };
 use calibration::{Basis, FitError, Model};
-use calibration_file::{PartialFit, PartialGroups, Role, Source, Sums};
+use calibration_file::{PartialFit, PartialGroups, Role, SourceFile, Sums};
 use log_file::{Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 
@@ -44,7 +44,7 @@ pub enum KeptGroups {
 }
 
 /// What was kept of some logs.
-struct Kept {
+struct KeptLogs {
     total: Sums,
     groups: Vec<(String, Sums)>,
     random: (RandomSplit, Vec<Moments>),
@@ -72,7 +72,7 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         Some(_) => random_split(RANDOM_FOLDS, options.seed),
         None => RandomSplit::default(),
     };
-    let stream = Stream {
+    let stream = BlockStream {
         logs,
         basis: options.basis,
         by: group_by.unwrap_or(GroupKind::File),
@@ -86,7 +86,7 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
             sums => sums,
         },
     };
-    let Kept { total, groups, random, first_in, summaries } = kept?;
+    let KeptLogs { total, groups, random, first_in, summaries } = kept?;
     let model =
         Model { basis: options.basis, intercept: options.intercept, channels: total.channels() };
     let mut partial = PartialFit::new(model, total);
@@ -98,20 +98,25 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         let rows = if options.fresh { summary.rows - summary.repeated_rows } else { summary.rows };
         let checksum = summary.checksum.clone();
         let path = log.path().into();
-        partial.sources.push(Source { role: Role::Train, path, checksum, rows });
+        partial.sources.push(SourceFile { role: Role::Train, path, checksum, rows });
     }
     // After the logs, which groups name by their places.
     for (log, summary) in logs.iter().zip(&summaries) {
         if let Some(path) = log.beside() {
             let (path, checksum) = (path.into(), log.checksum_beside()?);
-            partial.sources.push(Source { role: Role::Wrench, path, checksum, rows: summary.rows });
+            partial.sources.push(SourceFile {
+                role: Role::Wrench,
+                path,
+                checksum,
+                rows: summary.rows,
+            });
         }
     }
     Ok(partial)
 }
 
 /// Logs that are read block by block.
-struct Stream<'a> {
+struct BlockStream<'a> {
     logs: &'a [Log],
     basis: Basis,
     by: GroupKind,
@@ -119,7 +124,7 @@ struct Stream<'a> {
     read: ReadOptions<'a>,
 }
 
-impl Stream<'_> {
+impl BlockStream<'_> {
     /// The number of channels, if all logs have as many, and features are not too many.
     fn channels(&self) -> Result<usize, WorkflowError> {
         let channels = check_logs(self.logs, &[], &self.wanted())?.channels();
@@ -144,7 +149,7 @@ impl Stream<'_> {
     }
 
     /// The exact sums by group.
-    fn sum(&self, split: RandomSplit) -> Result<Kept, WorkflowError> {
+    fn sum(&self, split: RandomSplit) -> Result<KeptLogs, WorkflowError> {
         let channels = self.channels()?;
         let mut sums = GroupSums::new(self.basis, channels, Apart::Groups, split);
         let empty = sums.worker();
@@ -168,7 +173,7 @@ impl Stream<'_> {
         let total = grouped.total().ok_or(FitError::NoRows)?.clone();
         let GroupedMoments { groups, random, .. } = grouped;
         let exact = |(label, moments): (String, Moments)| (label, Sums::Exact(moments));
-        Ok(Kept {
+        Ok(KeptLogs {
             total: Sums::Exact(total),
             groups: groups.into_iter().map(exact).collect(),
             random: (split, random),
@@ -178,7 +183,7 @@ impl Stream<'_> {
     }
 
     /// Triangles by group.
-    fn factor(&self) -> Result<Kept, WorkflowError> {
+    fn factor(&self) -> Result<KeptLogs, WorkflowError> {
         self.channels()?;
         let sample = Wanted { readings: true, ..Wanted::default() };
         let sample = self.logs.first().ok_or(WorkflowError::NoLogs)?.sample(&sample)?;
@@ -200,7 +205,7 @@ impl Stream<'_> {
         let total = groups.total().ok_or(FitError::NoRows)?;
         let FactoredGroups { groups } = groups;
         let groups = groups.into_iter().map(|(label, rows)| (label, Sums::Factored(rows)));
-        Ok(Kept {
+        Ok(KeptLogs {
             total: Sums::Factored(total),
             groups: groups.collect(),
             // Rows are not dealt at random: their triangle would have to be made without each fold.

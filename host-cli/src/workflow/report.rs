@@ -9,7 +9,9 @@ use calibration::fit::GroupErrors;
 use calibration_file::{CalibrationFile, Role};
 use forces::RowRule;
 use log_file::{Log, LogError, Mapping, ReadOptions, checksum};
-use report::{CalibrationFacts, CalibrationSource, GroupRow, Input, OutlierRow, Outliers, figure};
+use report::{
+    CalibrationFacts, CalibrationSource, GroupRow, Input, OutlierRow, OutlierTable, figure,
+};
 use trial::{Diagnostic, Instrument, Profile, TrialOptions};
 
 /// A file with its checksum.
@@ -52,12 +54,12 @@ pub fn doubtful(
     instrument: Instrument<'_>,
     options: TrialOptions,
     read: ReadOptions<'_>,
-) -> Result<Option<Outliers>, LogError> {
+) -> Result<Option<OutlierTable>, LogError> {
     if instrument.calibration.is_none() {
         return Ok(None);
     }
     let read = ReadOptions { checksum: false, progress: None, ..read };
-    let mut all = Outliers::default();
+    let mut all = OutlierTable::default();
     for trial in &batch.trials {
         let result = &trial.evaluated.result;
         let is_doubt = |diagnostic: &Diagnostic| {

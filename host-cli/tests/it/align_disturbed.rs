@@ -1,6 +1,6 @@
 //! Recordings as they are: with losses, gaps, repeats, uneven clocks, ends of the range, and some
 //! that do not belong together.
-use alignment::{AlignError, Options, Recording, Side, align};
+use alignment::{AlignError, Options, Recording, RecordingSide, align};
 use simulation::sensor_model::PairSettings;
 use system_tests::random::Random;
 
@@ -210,25 +210,31 @@ fn recordings_that_are_none_are_refused_by_name() {
     let empty = Recording::default();
     assert!(matches!(
         refuse(&empty, &board),
-        AlignError::Shape { side: Side::Reference, found: 0, .. }
+        AlignError::Shape { side: RecordingSide::Reference, found: 0, .. }
     ));
     let mut ragged = board.clone();
     ragged.columns[3].pop();
-    assert!(matches!(refuse(&reference, &ragged), AlignError::Shape { side: Side::Board, .. }));
+    assert!(matches!(
+        refuse(&reference, &ragged),
+        AlignError::Shape { side: RecordingSide::Board, .. }
+    ));
     let mut short = board.clone();
     keep_rows(&mut short, |_, t| t < 2.0);
-    assert!(matches!(refuse(&reference, &short), AlignError::TooShort { side: Side::Board, .. }));
+    assert!(matches!(
+        refuse(&reference, &short),
+        AlignError::TooShort { side: RecordingSide::Board, .. }
+    ));
     let mut constant = board.clone();
     constant.columns.iter_mut().for_each(|column| column.fill(7.0));
     assert!(matches!(
         refuse(&reference, &constant),
-        AlignError::Constant { side: Side::Board } | AlignError::TooShort { .. }
+        AlignError::Constant { side: RecordingSide::Board } | AlignError::TooShort { .. }
     ));
     let mut backward = reference.clone();
     backward.time_s.reverse();
     assert!(matches!(
         refuse(&backward, &board),
-        AlignError::TimeGoesBack { side: Side::Reference, .. }
+        AlignError::TimeGoesBack { side: RecordingSide::Reference, .. }
     ));
     let mut nothing = board;
     nothing.columns.iter_mut().for_each(|column| column.fill(f64::NAN));

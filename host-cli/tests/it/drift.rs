@@ -9,7 +9,7 @@ use calibration::Calibration;
 use calibration_file::CalibrationFile;
 use forces::stationary::{FALSE_ALARMS, ZeroWatch};
 use serde_json::Value;
-use simulation::sensor_model::{Parameters, SensorModel};
+use simulation::sensor_model::{SensorModel, SensorParameters};
 use system_tests::program::{self, ended, json, refused, succeed};
 
 use crate::support::recording::column;
@@ -18,7 +18,7 @@ const RATE_HZ: f64 = 100.0;
 
 /// The shipped unit, without light and warmth of its own but this rise of temperature, without hysteresis.
 fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
-    let mut unit = Parameters::nominal().unit(1);
+    let mut unit = SensorParameters::nominal().unit(1);
     unit.make_elastic();
     unit.surroundings.start_k = 0.0;
     unit.surroundings.ambient = 0.0;
@@ -126,7 +126,7 @@ fn slopes_are_those_of_the_warm_up() {
     for (channel, drift) in channels.iter().enumerate() {
         // Truth: the mean of a second at the end less that of one at the start, from the model without
         // noise, per K in between.
-        let mut quiet = Parameters::nominal().unit(1);
+        let mut quiet = SensorParameters::nominal().unit(1);
         quiet.make_elastic();
         quiet.scale_noise(0.0);
         quiet.adc_bits = 16;

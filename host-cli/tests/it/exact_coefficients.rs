@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use calibration::exact::{Accumulator, Fit, Moments};
+use calibration::exact::{Accumulator, ExactFit, Moments};
 use calibration::model::{Basis, Model};
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
@@ -19,7 +19,7 @@ fn moments(rows: &Rows, basis: Basis) -> Moments {
 }
 
 /// The worst relative error of a coefficient.
-fn worst(rows: &Rows, model: &Model, fit: &Fit) -> f64 {
+fn worst(rows: &Rows, model: &Model, fit: &ExactFit) -> f64 {
     let exact = solve(rows, model, &fit.centre, &fit.scale);
     let computed: Vec<[f64; 6]> =
         fit.coefficients.iter().map(|row| row.map(|c| c.to_f64())).collect();

@@ -1,7 +1,7 @@
 //! What the exact sums promise: the same bits in any order, certain rank, honest refusal.
 
 use calibration::exact::{
-    Accumulator, ExactError, ExactRankLoss, Fit, MAX_ROWS, Moments, SolveError, StoredMoments,
+    Accumulator, ExactError, ExactFit, ExactRankLoss, MAX_ROWS, Moments, SolveError, StoredMoments,
 };
 use calibration::model::{Basis, Model};
 use calibration::reading_ranges::ReadingRanges;
@@ -44,12 +44,12 @@ fn pick(columns: &Columns, order: &[usize]) -> Columns {
     columns.iter().map(|column| order.iter().map(|&row| column[row]).collect()).collect()
 }
 
-fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<Fit, SolveError> {
+fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<ExactFit, SolveError> {
     let channels = (0..).take_while(|&i| moments.range(i).is_some()).count();
     moments.solve(&Model { basis, intercept, channels }, 0.0)
 }
 
-fn bits(fit: &Fit) -> Vec<[(u64, u64); 6]> {
+fn bits(fit: &ExactFit) -> Vec<[(u64, u64); 6]> {
     let of =
         |c: calibration::double_double::DoubleDouble| (c.to_f64().to_bits(), c.tail().to_bits());
     fit.coefficients.iter().map(|row| row.map(of)).collect()

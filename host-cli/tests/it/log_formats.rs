@@ -5,7 +5,8 @@ use std::io::Write;
 use std::path::Path;
 
 use log_file::{
-    ColumnRef, Format, Log, LogError, Mapping, MomentUnit, Place, ReadOptions, ReadSummary, Wanted,
+    ColumnRef, Log, LogError, LogFormat, LogPosition, Mapping, MomentUnit, ReadOptions,
+    ReadSummary, Wanted,
 };
 use shell_data::block::Block;
 
@@ -98,7 +99,7 @@ fn telemetry_has_its_columns_named_by_the_last_header_line() {
          % time | Right Leg Pos | GryoY | S1 | S2\n\
          302,51799024,-360,1011,1329\n1303,51799036,-361,1011,1329\n2304,5,-361,1010,1329\n",
     );
-    assert_eq!((log.format(), log.channels()), (Format::Telemetry, 2));
+    assert_eq!((log.format(), log.channels()), (LogFormat::Telemetry, 2));
     assert!(log.repeats_are_stale());
     let (block, summary) = read_with(&log, &all(&log), &ReadOptions::default());
     assert_eq!((summary.rows, summary.repeated_rows), (3, 1));
@@ -116,7 +117,10 @@ fn telemetry_without_sensors_has_time_and_other_columns() {
     let (block, _) = read_with(&log, &wanted, &ReadOptions::default());
     assert_eq!((block.time_s, block.others), (vec![0.001], vec![vec![882.0]]));
     let error = log.require(&Wanted { readings: true, ..Wanted::default() }).unwrap_err();
-    assert!(matches!(error, LogError::MissingColumns { place: Place::Line(1), .. }), "{error}");
+    assert!(
+        matches!(error, LogError::MissingColumns { place: LogPosition::Line(1), .. }),
+        "{error}"
+    );
 }
 
 #[test]
@@ -157,7 +161,7 @@ fn separators_line_ends_and_byte_order_marks_make_no_difference() {
 fn the_training_file_has_fifteen_columns_in_a_known_order() {
     let row = "1.25,1,2,3,4,5,6,7,8,0.1,0.2,0.3,400,500,600\n";
     let (_file, log) = open(row);
-    assert_eq!(log.format(), Format::Training);
+    assert_eq!(log.format(), LogFormat::Training);
     let block = read(&log);
     assert_eq!(block.time_s, [1.25]);
     assert_eq!(block.readings.concat(), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]);
@@ -171,9 +175,9 @@ fn the_training_file_has_fifteen_columns_in_a_known_order() {
 fn the_reference_file_drops_two_columns_which_need_not_be_numbers() {
     for (header, lead) in [("", "a,b"), ("", "1,2"), ("x,y,t,a,b,c,d,e,f,g,h,i\n", "a,b")] {
         let text = format!("{header}{lead},0.5,1,2,3,4,5,6,9,9,9\n");
-        let format = Some(Format::Reference).filter(|_| !header.is_empty());
+        let format = Some(LogFormat::Reference).filter(|_| !header.is_empty());
         let (_file, log) = open_with(&text, &Mapping { format, ..Mapping::default() });
-        assert_eq!((log.format(), log.channels()), (Format::Reference, 0));
+        assert_eq!((log.format(), log.channels()), (LogFormat::Reference, 0));
         let wanted = Wanted { time: true, wrench: true, ..Wanted::default() };
         let (block, _) = read_with(&log, &wanted, &ReadOptions::default());
         assert_eq!(block.time_s, [0.5]);
@@ -189,7 +193,7 @@ fn the_console_log_gives_the_scans_among_the_talk() {
         "Setting up serial ...\r\n{scan}\r\nx = 1\r\nSRC: 0x2052 |  [71, 2, 8, 2]\r\n{scan}"
     );
     let (_file, log) = open(&text);
-    assert_eq!((log.format(), log.channels()), (Format::Console, 8));
+    assert_eq!((log.format(), log.channels()), (LogFormat::Console, 8));
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
     let (block, _) = read_with(&log, &wanted, &ReadOptions::default());
     assert_eq!(block.time_s, [1.0, 1.0]);

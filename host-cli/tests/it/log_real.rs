@@ -1,6 +1,6 @@
 //! The readers on the real recordings, where this machine has them.
 
-use log_file::{Format, Log, LogError, Mapping, ReadOptions, ReadSummary, Wanted};
+use log_file::{Log, LogError, LogFormat, Mapping, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 use system_tests::real_recording;
 
@@ -22,7 +22,7 @@ const TRIAL: &str =
 fn the_trial_log_has_its_rows_and_three_quarters_of_them_repeat() {
     let path = real_recording(TRIAL);
     let log = Log::open(&path, &Mapping::default()).unwrap();
-    assert_eq!(log.format(), Format::Telemetry);
+    assert_eq!(log.format(), LogFormat::Telemetry);
     assert_eq!((log.columns().len(), log.channels()), (24, 8));
     assert!(log.has_time() && !log.has_wrench() && log.repeats_are_stale());
     let wanted = Wanted { time: true, readings: true, others: vec![1, 15], ..Wanted::default() };
@@ -44,7 +44,7 @@ fn the_trial_log_has_its_rows_and_three_quarters_of_them_repeat() {
 fn the_training_set_has_its_rows_in_si_units() {
     let path = real_recording("skinproc/behavior4_2Hz.csv");
     let log = Log::open(&path, &Mapping::default()).unwrap();
-    assert_eq!((log.format(), log.channels()), (Format::Training, 8));
+    assert_eq!((log.format(), log.channels()), (LogFormat::Training, 8));
     let wanted = Wanted { time: true, readings: true, wrench: true, ..Wanted::default() };
     let (blocks, summary) = read(&log, &wanted);
     assert_eq!(summary.rows, 959);
@@ -59,7 +59,7 @@ fn the_console_log_has_the_frames_that_the_base_station_printed() {
     let path = real_recording("skinproc/stream_log_excerpt.txt");
     // All in one block.
     let log = Log::open(&path, &Mapping::default()).unwrap().with_chunk_bytes(1 << 22);
-    assert_eq!((log.format(), log.channels()), (Format::Console, 8));
+    assert_eq!((log.format(), log.channels()), (LogFormat::Console, 8));
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
     let (blocks, summary) = read(&log, &wanted);
     assert_eq!((summary.rows, blocks.len()), (150, 1));

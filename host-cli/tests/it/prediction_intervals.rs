@@ -14,7 +14,7 @@ use log_file::{ColumnRef, Log, LogError, Mapping, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 use shellcal::workflow::fit::fit;
-use simulation::sensor_model::{Kind, Recording, Sample, Settings};
+use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording, SensorSample};
 use simulation::synthetic_log::SyntheticLayout;
 use system_tests::random::Random;
 use system_tests::real_recording;
@@ -24,9 +24,9 @@ const POSE_ROWS: usize = 20;
 
 /// One session on one instrument, its poses dealt at random into as many to train on and to test
 /// on.
-fn session(seed: u64, poses: usize) -> (Vec<Sample>, Vec<Sample>) {
-    let recording = Recording::new(Settings {
-        kind: Kind::Training,
+fn session(seed: u64, poses: usize) -> (Vec<SensorSample>, Vec<SensorSample>) {
+    let recording = SensorRecording::new(RecordingSettings {
+        kind: RecordingKind::Training,
         rate_hz: 10.0,
         start_time_s: 0.0,
         seed,
@@ -47,12 +47,12 @@ fn session(seed: u64, poses: usize) -> (Vec<Sample>, Vec<Sample>) {
         .partition(|sample| trained.contains(&sample.pose))
 }
 
-fn log(folder: &Path, samples: &[Sample]) -> PathBuf {
+fn log(folder: &Path, samples: &[SensorSample]) -> PathBuf {
     let path = folder.join("train.csv");
     let mut out = BufWriter::new(File::create(&path).unwrap());
-    SyntheticLayout::Shellcal.write_header(&mut out, Kind::Training).unwrap();
+    SyntheticLayout::Shellcal.write_header(&mut out, RecordingKind::Training).unwrap();
     for sample in samples {
-        SyntheticLayout::Shellcal.write_row(&mut out, Kind::Training, sample).unwrap();
+        SyntheticLayout::Shellcal.write_row(&mut out, RecordingKind::Training, sample).unwrap();
     }
     out.flush().unwrap();
     path
@@ -78,7 +78,7 @@ fn coverage(
     })
 }
 
-fn coverage_of_samples(calibration: &Calibration, samples: &[Sample]) -> PerAxis<f64> {
+fn coverage_of_samples(calibration: &Calibration, samples: &[SensorSample]) -> PerAxis<f64> {
     let readings: Vec<Vec<f64>> = (0..8)
         .map(|i| samples.iter().map(|sample| f64::from(sample.frame.readings[i])).collect())
         .collect();

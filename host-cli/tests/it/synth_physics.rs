@@ -3,12 +3,13 @@
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 use simulation::sensor_model::{
-    Channel, Kind, ModelError, Parameters, Recording, Sample, SensorModel, Settings, SimulatedFrame,
+    ModelError, RecordingKind, RecordingSettings, SensorChannel, SensorModel, SensorParameters,
+    SensorRecording, SensorSample, SimulatedFrame,
 };
 
 /// The drawing without noise, drift, creep and hysteresis, at 16 bits.
-fn ideal() -> Parameters {
-    let mut drawing = Parameters::nominal();
+fn ideal() -> SensorParameters {
+    let mut drawing = SensorParameters::nominal();
     drawing.scale_noise(0.0);
     drawing.creep.fraction = 0.0;
     drawing.hysteresis.fraction = 0.0;
@@ -19,7 +20,7 @@ fn ideal() -> Parameters {
     drawing
 }
 
-fn frame(unit: &Parameters, wrench: [f64; 6]) -> SimulatedFrame {
+fn frame(unit: &SensorParameters, wrench: [f64; 6]) -> SimulatedFrame {
     SensorModel::new(unit, 1).expect("a unit that can be modelled").sample(0.0, &wrench)
 }
 
@@ -81,7 +82,7 @@ fn readings_at_rest_are_those_of_gain_and_gap() {
 #[test]
 fn noise_has_the_mean_and_the_variance_of_its_three_parts() {
     let mut unit = ideal();
-    unit.noise = Parameters::nominal().noise;
+    unit.noise = SensorParameters::nominal().noise;
     let expected = f64::from(frame(&ideal(), [0.0; 6]).readings[0]) / 65536.0;
     let mut model = SensorModel::new(&unit, 5).unwrap();
     let n = 40_000;
@@ -151,8 +152,8 @@ fn warming_up_dims_the_channels_as_the_coefficient_says() {
 
 #[test]
 fn units_differ_by_the_spread_and_have_their_names() {
-    let drawing = Parameters::nominal();
-    let units: Vec<Parameters> = (0..200).map(|seed| drawing.unit(seed)).collect();
+    let drawing = SensorParameters::nominal();
+    let units: Vec<SensorParameters> = (0..200).map(|seed| drawing.unit(seed)).collect();
     assert_eq!(units[7], drawing.unit(7));
     assert_ne!(units[7], units[8]);
     let gains: Vec<f64> = units.iter().flat_map(|unit| unit.channels).map(|c| c.gain).collect();
@@ -167,9 +168,12 @@ fn units_differ_by_the_spread_and_have_their_names() {
 
 #[test]
 fn recordings_are_made_row_by_row_whatever_their_length() {
-    let rows: Vec<Sample> =
-        Recording::new(Settings::of(Kind::Training)).unwrap().take(700).collect();
-    let again = Recording::new(Settings::of(Kind::Training)).unwrap();
+    let rows: Vec<SensorSample> =
+        SensorRecording::new(RecordingSettings::of(RecordingKind::Training))
+            .unwrap()
+            .take(700)
+            .collect();
+    let again = SensorRecording::new(RecordingSettings::of(RecordingKind::Training)).unwrap();
     assert!(rows.iter().copied().eq(again.take(700)));
     assert_eq!(rows[0].pose, 0);
     assert_eq!(rows[600].pose, 3);
@@ -178,18 +182,18 @@ fn recordings_are_made_row_by_row_whatever_their_length() {
 #[test]
 fn seeds_and_kinds_change_a_recording() {
     let sum = |settings| -> u64 {
-        let rows = Recording::new(settings).unwrap().skip(100).take(10);
+        let rows = SensorRecording::new(settings).unwrap().skip(100).take(10);
         rows.flat_map(|s| s.frame.readings).map(u64::from).sum()
     };
-    let base = Settings::of(Kind::Training);
+    let base = RecordingSettings::of(RecordingKind::Training);
     let all = [
         base,
-        Settings::of(Kind::Test),
-        Settings::of(Kind::Zero),
-        Settings { seed: 2, ..base },
-        Settings { unit_seed: 2, ..base },
-        Settings { noise_scale: 3.0, ..base },
-        Settings { adc_bits: 16, ..base },
+        RecordingSettings::of(RecordingKind::Test),
+        RecordingSettings::of(RecordingKind::Zero),
+        RecordingSettings { seed: 2, ..base },
+        RecordingSettings { unit_seed: 2, ..base },
+        RecordingSettings { noise_scale: 3.0, ..base },
+        RecordingSettings { adc_bits: 16, ..base },
     ]
     .map(sum);
     for (i, a) in all.iter().enumerate() {
@@ -199,21 +203,30 @@ fn seeds_and_kinds_change_a_recording() {
 
 #[test]
 fn settings_that_describe_no_recording_are_refused() {
-    let refused = |settings| Recording::new(settings).unwrap_err();
-    let base = Settings::of(Kind::Training);
+    let refused = |settings| SensorRecording::new(settings).unwrap_err();
+    let base = RecordingSettings::of(RecordingKind::Training);
     for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert!(matches!(refused(Settings { rate_hz, ..base }), ModelError::Timing { .. }));
+        assert!(matches!(
+            refused(RecordingSettings { rate_hz, ..base }),
+            ModelError::Timing { .. }
+        ));
     }
     let start_time_s = f64::NAN;
-    assert!(matches!(refused(Settings { start_time_s, ..base }), ModelError::Timing { .. }));
+    assert!(matches!(
+        refused(RecordingSettings { start_time_s, ..base }),
+        ModelError::Timing { .. }
+    ));
     for noise_scale in [-1.0, f64::NAN, f64::INFINITY] {
-        let error = refused(Settings { noise_scale, ..base });
+        let error = refused(RecordingSettings { noise_scale, ..base });
         assert!(matches!(error, ModelError::NoiseScale { .. }));
     }
     for adc_bits in [0, 7, 17, u32::MAX] {
-        assert_eq!(refused(Settings { adc_bits, ..base }), ModelError::AdcBits { bits: adc_bits });
+        assert_eq!(
+            refused(RecordingSettings { adc_bits, ..base }),
+            ModelError::AdcBits { bits: adc_bits }
+        );
     }
-    let mut loose = Parameters::nominal();
+    let mut loose = SensorParameters::nominal();
     loose.springs.iter_mut().for_each(|spring| spring.position_m = [0.0; 3]);
     assert_eq!(SensorModel::new(&loose, 1).unwrap_err(), ModelError::LoosePlate);
 }
@@ -229,7 +242,7 @@ fn a_wrench_that_is_not_finite_saturates_one_frame_and_no_more() {
 
 #[test]
 fn any_finite_wrench_gives_readings_in_range() {
-    let mut model = SensorModel::new(&Parameters::nominal().unit(1), 1).unwrap();
+    let mut model = SensorModel::new(&SensorParameters::nominal().unit(1), 1).unwrap();
     for size in [1e-300, 1.0, 30.0, 1e3, 1e6, 1e9, f64::MAX] {
         for sign in [1.0, -1.0] {
             let frame = model.sample(0.0, &[sign * size; 6]);
@@ -241,7 +254,7 @@ fn any_finite_wrench_gives_readings_in_range() {
 
 #[test]
 fn channels_lie_on_the_board_and_every_gap_can_open_and_close() {
-    for Channel { reflector, .. } in Parameters::nominal().channels {
+    for SensorChannel { reflector, .. } in SensorParameters::nominal().channels {
         // The board is 5 cm square; the response peaks at 0.7 mm.
         assert!(reflector.position_m.iter().all(|p| p.abs() <= 0.025));
         assert!(reflector.gap_m > 0.7e-3);
@@ -249,9 +262,11 @@ fn channels_lie_on_the_board_and_every_gap_can_open_and_close() {
 }
 
 /// Cubic features with an intercept, and the wrench.
-fn problem(kind: Kind, rows: usize) -> (Mat<f64>, Mat<f64>) {
-    let samples: Vec<Sample> =
-        Recording::new(Settings::of(kind)).expect("a recording").take(rows).collect();
+fn problem(kind: RecordingKind, rows: usize) -> (Mat<f64>, Mat<f64>) {
+    let samples: Vec<SensorSample> = SensorRecording::new(RecordingSettings::of(kind))
+        .expect("a recording")
+        .take(rows)
+        .collect();
     let features = Mat::from_fn(rows, 25, |row, column| {
         if column == 24 {
             return 1.0;
@@ -264,7 +279,7 @@ fn problem(kind: Kind, rows: usize) -> (Mat<f64>, Mat<f64>) {
 
 #[test]
 fn a_cubic_calibration_errs_and_rests_as_the_paper_found() {
-    let (features, wrench) = problem(Kind::Training, 77_522);
+    let (features, wrench) = problem(RecordingKind::Training, 77_522);
     let coefficients = features.qr().solve_lstsq(&wrench);
     let rms = |kind, rows| -> [f64; 3] {
         let (features, wrench) = problem(kind, rows);
@@ -273,12 +288,12 @@ fn a_cubic_calibration_errs_and_rests_as_the_paper_found() {
     };
     // The paper: 0.118, 0.122, 0.126 N on 19,932 test samples. Within a fifth.
     for (axis, (rms, paper)) in
-        rms(Kind::Test, 19_932).into_iter().zip([0.118, 0.122, 0.126]).enumerate()
+        rms(RecordingKind::Test, 19_932).into_iter().zip([0.118, 0.122, 0.126]).enumerate()
     {
         assert!((rms / paper - 1.0).abs() < 0.2, "axis {axis}: {rms} N, paper {paper} N");
     }
     // The paper's zero-load noise: 0.040, 0.015, 0.048 N.
-    let (features, _) = problem(Kind::Zero, 5000);
+    let (features, _) = problem(RecordingKind::Zero, 5000);
     let forces = &features * &coefficients;
     for axis in 0..3 {
         let column: Vec<f64> = forces.col(axis).iter().copied().collect();

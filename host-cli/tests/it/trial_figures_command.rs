@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Output;
 
 use log_file::checksum;
-use log_file::{Format, Log, Mapping};
+use log_file::{Log, LogFormat, Mapping};
 use serde_json::Value;
 use system_tests::program;
 
@@ -50,7 +50,7 @@ fn a_synthetic_trial_is_a_telemetry_log_and_the_same_every_time() {
     assert!(printed.as_bytes() == read("a.txt"));
 
     let log = Log::open(&path.join("a.txt"), &Mapping::default()).unwrap();
-    assert_eq!((log.format(), log.channels(), log.columns().len()), (Format::Telemetry, 8, 24));
+    assert_eq!((log.format(), log.channels(), log.columns().len()), (LogFormat::Telemetry, 8, 24));
     let truth: Value = serde_json::from_slice(&read("a.json")).unwrap();
     let rows = printed.lines().filter(|line| !line.starts_with('%')).count() as f64;
     // 1 kHz (a row every 1001 µs) until 0.8 s after the robot has left the channel.
@@ -75,9 +75,9 @@ fn what_a_synthetic_trial_is_made_without_is_not_in_it() {
     };
     let (_, _, _, all) = columns(&[]);
     let (format, channels, count, _) = columns(&["--no-sensors"]);
-    assert_eq!((format, channels, count), (Format::Telemetry, 0, 16));
+    assert_eq!((format, channels, count), (LogFormat::Telemetry, 0, 16));
     let (format, channels, count, frames) = columns(&["--no-telemetry"]);
-    assert_eq!((format, channels, count), (Format::Csv, 8, 9));
+    assert_eq!((format, channels, count), (LogFormat::Csv, 8, 9));
     assert!((all / frames - 10.0).abs() < 0.05);
     let (_, _, _, kept) = columns(&["--missing", "0.1"]);
     // Binomial: five standard deviations of √(9000 · 0.09) rows.

@@ -7,15 +7,15 @@ use calibration::validation::grouped::{Apart, GroupSums, RandomSplit};
 use calibration::{Basis, Calibration, Model};
 use forces::{FirstRows, PipelineSetup};
 use shell_data::block::Block;
-use simulation::sensor_model::{Kind, Recording, Settings};
+use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use trial::{Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialRows, evaluate};
 
 /// A cubic calibration of unit `seed` on a recording of `rows` rows, and the share of the loads'
 /// variance that it leaves unexplained.
 fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
-    let recording = Recording::new(Settings {
-        kind: Kind::Training,
+    let recording = SensorRecording::new(RecordingSettings {
+        kind: RecordingKind::Training,
         rate_hz: 100.0,
         start_time_s: 0.0,
         seed: 7 * seed + 3,

@@ -11,9 +11,9 @@ use shell_data::telemetry::Telemetry;
 use shellcal::workflow::fit::fit;
 use shellcal::workflow::synthetic_trials::write_log;
 use shellcal::workflow::trial::{TrialJob, evaluate_log, search_window};
-use simulation::sensor_model::{Parameters, SensorModel};
+use simulation::sensor_model::{SensorModel, SensorParameters};
 use simulation::synthetic_trial::TrialLayout;
-use simulation::virtual_robot::{ChannelForces, Counter, Side, TrialSettings, VirtualTrial};
+use simulation::virtual_robot::{ChannelForces, Counter, LegSide, TrialSettings, VirtualTrial};
 use system_tests::random::Random;
 use trial::{
     Instrument, LogTimes, Profile, Trial, TrialInput, TrialOptions, TrialResult, TrialRows,
@@ -120,7 +120,7 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
         let starts =
             found.iter().map(|stride| stride.t_start_s).chain([found[found.len() - 1].t_end_s]);
         for (time_s, turn_s) in starts.zip(truth) {
-            let angle = |time_s| trial.gait().angle_rad(Side::Right, time_s);
+            let angle = |time_s| trial.gait().angle_rad(LegSide::Right, time_s);
             let off = (angle(time_s) - angle(turn_s)).abs() / TAU * 65536.0;
             // Of the rows before the end of a turn one may be ahead by five standard deviations of
             // the noise, and by half a step of the encoder; a line between rows leaves the curve by
@@ -139,7 +139,7 @@ const LOADS: [[f64; 2]; 6] =
 /// The calibration that a unit would have without any error of the calibration itself: fitted to its
 /// own frames, without noise, under loads that are known and like those of trials.
 fn true_calibration(unit_seed: u64) -> Calibration {
-    let mut unit = Parameters::nominal().unit(unit_seed);
+    let mut unit = SensorParameters::nominal().unit(unit_seed);
     unit.scale_noise(0.0);
     unit.make_elastic();
     let mut sensor = SensorModel::new(&unit, 99).unwrap();

@@ -1,7 +1,7 @@
 //! The beam channel against the whole of a reference solution in 40-digit arithmetic, of which `beam-channel`'s
 //! own tests hold the main figures.
 
-use beam_channel::{Angle, Channel, Model, Normal, Plateau, Setup, Turn, Wall};
+use beam_channel::{Angle, BeamPlateau, Channel, Model, Normal, Setup, Turn, Wall};
 use serde_json::Value;
 use system_tests::{program, real_recording};
 
@@ -140,7 +140,7 @@ fn pulled_work(setup: &Setup, first_touch_rad: f64) -> f64 {
     2.0 * sum * step / 3.0
 }
 
-fn plateau_of(setup: &Setup, change: &dyn Fn(&mut Setup)) -> Plateau {
+fn plateau_of(setup: &Setup, change: &dyn Fn(&mut Setup)) -> BeamPlateau {
     let mut changed = *setup;
     change(&mut changed);
     Model::new(&changed).unwrap().plateau().unwrap()

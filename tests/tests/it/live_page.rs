@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
 use simulation::radio::Faults;
-use simulation::simulated_board::{Load, Settings, SimulatedBoard};
+use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::browser::Browser;
 use system_tests::chromium;
 use system_tests::program::{Recording, command, interrupt, run, run_patiently};
@@ -24,7 +24,7 @@ struct Board {
 impl Board {
     fn start(dir: &Path) -> Self {
         let from_ms = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64() * 1e3;
-        let board = SimulatedBoard::start(Settings {
+        let board = SimulatedBoard::start(BoardSettings {
             load: Load::hands(2),
             seed: 2,
             unit_seed: 1,

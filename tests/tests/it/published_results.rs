@@ -10,12 +10,12 @@ use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::fit::fit;
 use shellcal::workflow::noise::{NoiseOptions, noise};
 use shellcal::workflow::selection::RowFilter;
-use simulation::sensor_model::{Kind, Recording, Settings};
+use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use simulation::synthetic_log::SyntheticLayout;
 
 /// A recording of the simulated instrument, written as a log and opened as one.
-fn log(directory: &Path, kind: Kind, seed: u64, rows: usize) -> Log {
-    let settings = Settings {
+fn log(directory: &Path, kind: RecordingKind, seed: u64, rows: usize) -> Log {
+    let settings = RecordingSettings {
         kind,
         rate_hz: 100.0,
         start_time_s: 0.0,
@@ -28,7 +28,7 @@ fn log(directory: &Path, kind: Kind, seed: u64, rows: usize) -> Log {
     let path = directory.join(format!("{seed}.csv"));
     let mut file = BufWriter::new(File::create(&path).unwrap());
     SyntheticLayout::Shellcal.write_header(&mut file, kind).unwrap();
-    for sample in Recording::new(settings).unwrap().take(rows) {
+    for sample in SensorRecording::new(settings).unwrap().take(rows) {
         SyntheticLayout::Shellcal.write_row(&mut file, kind, &sample).unwrap();
     }
     file.flush().unwrap();
@@ -38,9 +38,9 @@ fn log(directory: &Path, kind: Kind, seed: u64, rows: usize) -> Log {
 #[test]
 fn at_the_papers_size_errors_and_noise_are_of_the_papers_order() {
     let directory = tempfile::tempdir().unwrap();
-    let train = log(directory.path(), Kind::Training, 1, 77_522);
-    let test = log(directory.path(), Kind::Test, 2, 19_932);
-    let zero = log(directory.path(), Kind::Zero, 3, 5_000);
+    let train = log(directory.path(), RecordingKind::Training, 1, 77_522);
+    let test = log(directory.path(), RecordingKind::Test, 2, 19_932);
+    let zero = log(directory.path(), RecordingKind::Zero, 3, 5_000);
     let fitted = fit(&[train], &[test], &FitOptions::default()).unwrap();
     assert_eq!(fitted.rows, 77_522);
 

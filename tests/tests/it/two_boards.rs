@@ -9,7 +9,7 @@ use serialport::{SerialPort, TTYPort};
 use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
 use simulation::radio::Faults;
 use simulation::sensor_model::LoadTable;
-use simulation::simulated_board::{Load, Settings, SimulatedBoard};
+use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::program::{Recording, finish, interrupt, run, start, wait_for_rows};
 
 const ADDRESSES: [u16; 2] = [0x2052, 0x2053];
@@ -19,7 +19,7 @@ const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
 /// A board under a force that never changes, without noise: all its frames are alike.
 fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
     let load = LoadTable::new([(0.0, [0.0, 0.0, fz_n, 0.0, 0.0, 0.0])]).unwrap();
-    let settings = Settings {
+    let settings = BoardSettings {
         load: Load::Table(load),
         seed: 1,
         unit_seed,

@@ -14,7 +14,7 @@
 
 mod matching;
 
-use super::{AlignError, ClockMap, Side};
+use super::{AlignError, ClockMap, RecordingSide};
 use matching::Pairing;
 
 /// Standard deviation of the skew before anything is known: the board has a clock without a crystal, good
@@ -72,9 +72,10 @@ impl Edges {
         mut self,
         by_loads: Option<ClockMap>,
     ) -> Result<(ClockMap, EdgeMatch), AlignError> {
-        for (side, times) in
-            [(Side::Reference, &mut self.reference_s), (Side::Board, &mut self.board_s)]
-        {
+        for (side, times) in [
+            (RecordingSide::Reference, &mut self.reference_s),
+            (RecordingSide::Board, &mut self.board_s),
+        ] {
             times.retain(|time_s| time_s.is_finite());
             times.sort_unstable_by(f64::total_cmp);
             if times.len() > MOST_EDGES {

@@ -136,7 +136,7 @@ fn signals_that_have_nothing_in_common_are_refused() {
     assert!(matches!(apart, Err(AlignError::EdgesUnclear { .. })), "{apart:?}");
     let many = edges(vec![0.0; 5_000], vec![1.0]).clocks(None);
     assert!(
-        matches!(many, Err(AlignError::TooManyEdges { side: Side::Reference, .. })),
+        matches!(many, Err(AlignError::TooManyEdges { side: RecordingSide::Reference, .. })),
         "{many:?}"
     );
 }

@@ -28,7 +28,7 @@ pub use boards::{Boards, HeardBoard};
 pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces};
 pub use reception::{BoardFrame, Content, Losses, Measured, Reception};
-pub use recognition::{NoFrame, Recognised, Recognition};
+pub use recognition::{NoFrame, RecognisedProtocol, Recognition};
 pub use rows::{RowWriter, UnsuitableCalibration};
 
 /// What the bytes of a stream are, [`shared_proto::Protocol`] with names for people.

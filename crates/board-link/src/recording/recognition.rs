@@ -27,7 +27,7 @@ pub struct Recognition {
 
 /// A protocol, and the bytes that it was recognised by, which are still to be decoded.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Recognised {
+pub struct RecognisedProtocol {
     /// The protocol.
     pub protocol: Protocol,
     /// All bytes since the start of the stream.
@@ -82,7 +82,11 @@ impl Recognition {
     ///
     /// # Errors
     /// [`NoFrame`] once there is little hope.
-    pub fn feed(&mut self, bytes: &[u8], now: Duration) -> Result<Option<Recognised>, NoFrame> {
+    pub fn feed(
+        &mut self,
+        bytes: &[u8],
+        now: Duration,
+    ) -> Result<Option<RecognisedProtocol>, NoFrame> {
         self.bytes.extend_from_slice(bytes);
         if self.bytes.is_empty() {
             return Ok(None);
@@ -105,14 +109,14 @@ impl Recognition {
     ///
     /// # Errors
     /// [`NoFrame`].
-    pub fn finish(&mut self) -> Result<Option<Recognised>, NoFrame> {
+    pub fn finish(&mut self) -> Result<Option<RecognisedProtocol>, NoFrame> {
         match self.bytes.is_empty() {
             true => Ok(None),
             false => self.recognise()?.ok_or_else(|| self.no_frame()).map(Some),
         }
     }
 
-    fn recognise(&mut self) -> Result<Option<Recognised>, NoFrame> {
+    fn recognise(&mut self) -> Result<Option<RecognisedProtocol>, NoFrame> {
         let found = match self.asked_for {
             Some(protocol) => Some(protocol).filter(|&protocol| speaks(protocol, &self.bytes)),
             None => detect(&self.bytes),
@@ -121,7 +125,7 @@ impl Recognition {
         if let Some(version) = other_version(protocol, &self.bytes) {
             return Err(NoFrame::OtherVersion { version });
         }
-        Ok(Some(Recognised { protocol, bytes: std::mem::take(&mut self.bytes) }))
+        Ok(Some(RecognisedProtocol { protocol, bytes: std::mem::take(&mut self.bytes) }))
     }
 
     fn no_frame(&self) -> NoFrame {

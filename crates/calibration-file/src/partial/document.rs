@@ -99,7 +99,7 @@ impl PartialFit {
     /// [`CalibrationFileError`] if it cannot be read or is no partial fit of a known version.
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
         let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let text = input::read(path, input::FileKind::Json)
+        let text = input::read(path, input::DocumentKind::Json)
             .map_err(|error| problem(Problem::Io(error)))?;
         Self::parse(&text).map_err(problem)
     }

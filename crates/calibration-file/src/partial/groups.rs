@@ -11,7 +11,7 @@ use calibration::exact::Moments;
 use calibration::factored::FactoredGroups;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 
-use super::{MergeError, PartialFit, Source, Sums};
+use super::{MergeError, PartialFit, SourceFile, Sums};
 
 /// The sums of a partial fit, apart by group.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,7 +83,7 @@ impl PartialGroups {
     pub(super) fn add(
         &mut self,
         other: &Self,
-        sources: &[Source],
+        sources: &[SourceFile],
         own: usize,
     ) -> Result<(), MergeError> {
         let places: HashMap<String, usize> =
@@ -112,7 +112,7 @@ impl PartialGroups {
 }
 
 /// What sources are ordered by.
-fn rank(source: &Source) -> (&Path, Option<&str>) {
+fn rank(source: &SourceFile) -> (&Path, Option<&str>) {
     (&source.path, source.checksum.as_deref())
 }
 
@@ -152,7 +152,7 @@ impl PartialFit {
     /// groups no figure depends on an order, and the sources stay as they were merged.
     pub fn put_in_order(&mut self) {
         let Some(groups) = &mut self.groups else { return };
-        let mut sources: Vec<(usize, Source)> = self.sources.drain(..).enumerate().collect();
+        let mut sources: Vec<(usize, SourceFile)> = self.sources.drain(..).enumerate().collect();
         sources.sort_by(|(_, a), (_, b)| rank(a).cmp(&rank(b)));
         let mut now_at = vec![0; sources.len()];
         for (now, (before, source)) in sources.into_iter().enumerate() {

@@ -14,7 +14,7 @@ mod sums;
 pub use self::groups::{PartialGroup, PartialGroups};
 pub use self::stream::PartialStream;
 pub use self::sums::Sums;
-use super::{Role, Source};
+use super::{Role, SourceFile};
 use calibration::exact::ExactError;
 use calibration::model::Model;
 use shell_data::ColumnNames;
@@ -35,7 +35,7 @@ pub struct PartialFit {
     /// Rows whose readings repeat those of the row before.
     pub repeated_rows: u64,
     /// The files it was made from.
-    pub sources: Vec<Source>,
+    pub sources: Vec<SourceFile>,
     /// Which of their columns are what, where that was specified of all of them alike.
     pub columns: Option<ColumnNames>,
     /// The axes of the wrench that were summed.
@@ -213,8 +213,8 @@ impl PartialFit {
         !other.sources.is_empty() && other.sources.iter().all(|source| self.has_counted(source))
     }
 
-    fn has_counted(&self, source: &Source) -> bool {
-        let is_same = |known: &Source| known.checksum == source.checksum;
+    fn has_counted(&self, source: &SourceFile) -> bool {
+        let is_same = |known: &SourceFile| known.checksum == source.checksum;
         source.checksum.is_some() && self.sources.iter().any(is_same)
     }
 }

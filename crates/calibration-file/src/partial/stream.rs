@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::super::{CalibrationFileError, Problem};
 use super::PartialFit;
 use super::document::END;
-use crate::input::FileKind;
+use crate::input::DocumentKind;
 
 /// The partial fits of a stream.
 #[derive(Debug)]
@@ -34,7 +34,7 @@ impl<R: BufRead> PartialStream<R> {
     /// Reads the next document whole; false at the end of the stream.
     fn read_document(&mut self) -> io::Result<bool> {
         self.document.clear();
-        let mut rest = (&mut self.reader).take(FileKind::Json.budget() + 1);
+        let mut rest = (&mut self.reader).take(DocumentKind::Json.budget() + 1);
         while rest.read_until(b'\n', &mut self.document)? > 0 {
             // Blank lines between documents are part of none.
             if self.document.trim_ascii().is_empty() {
@@ -50,9 +50,11 @@ impl<R: BufRead> PartialStream<R> {
                 return Ok(true);
             }
         }
-        if self.document.len() as u64 > FileKind::Json.budget() {
-            let message =
-                format!("it is longer than the {} MB that are read", FileKind::Json.budget() >> 20);
+        if self.document.len() as u64 > DocumentKind::Json.budget() {
+            let message = format!(
+                "it is longer than the {} MB that are read",
+                DocumentKind::Json.budget() >> 20
+            );
             return Err(io::Error::new(io::ErrorKind::InvalidData, message));
         }
         Ok(!self.document.trim_ascii().is_empty())
@@ -81,7 +83,7 @@ impl<R: BufRead> Iterator for PartialStream<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Role, Source, Sums};
+    use crate::{Role, SourceFile, Sums};
     use calibration::exact::Accumulator;
     use calibration::model::{Basis, Model};
 
@@ -93,7 +95,7 @@ mod tests {
         let mut partial = PartialFit::new(model, Sums::Exact(sums.finish().unwrap()));
         let path = "log.csv".into();
         partial.sources =
-            vec![Source { role: Role::Train, path, checksum: None, rows: rows as u64 }];
+            vec![SourceFile { role: Role::Train, path, checksum: None, rows: rows as u64 }];
         partial
     }
 

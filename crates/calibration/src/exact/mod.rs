@@ -20,7 +20,7 @@ mod sums;
 pub use self::error::{ExactError, MAX_ROWS};
 pub use self::moments::{Moments, StoredIntegers, StoredMoments, StoredMomentsError, StoredRange};
 pub use self::solve::{
-    ExactRankLoss, Fit, GroupScatterError, HeldOutErrors, NewGroup, PartMoments,
+    ExactFit, ExactRankLoss, GroupScatterError, HeldOutErrors, NewGroup, PartMoments,
     PartitionedMoments, Relation, SolveError,
 };
 pub use self::sums::{Accumulator, Adder};

@@ -12,7 +12,7 @@ use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
 use crate::solver::Solution;
-use crate::triangle::{Ridge, Triangle, Workspace};
+use crate::triangle::{RFactor, Ridge, Workspace};
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -21,14 +21,14 @@ use shell_data::wrench::{Axis, PerAxis};
 pub struct FactoredRows {
     features: Features,
     ranges: ReadingRanges,
-    triangle: Triangle,
+    triangle: RFactor,
 }
 
 impl FactoredRows {
     /// No rows; features of readings standardised by `scaling`, which is best that of a sample.
     pub fn new(basis: Basis, scaling: Scaling) -> Self {
         let model = Model { basis, intercept: true, channels: scaling.channels() };
-        let triangle = Triangle::new(model.term_count(), Axis::ALL.len());
+        let triangle = RFactor::new(model.term_count(), Axis::ALL.len());
         let ranges = ReadingRanges::new(model.channels);
         Self { features: Features::new(model, scaling), ranges, triangle }
     }
@@ -48,7 +48,7 @@ impl FactoredRows {
         }
         let upper = |i: usize, j: usize| columns[j].get(i).copied().unwrap_or(0.0);
         let whole = Mat::from_fn(order, order, upper);
-        empty.triangle = Triangle::of_parts(empty.features.len(), ranges.rows, whole);
+        empty.triangle = RFactor::of_parts(empty.features.len(), ranges.rows, whole);
         Some(Self { ranges, ..empty })
     }
 

@@ -52,13 +52,13 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
 }
 
 /// The choice of a model, the solver, what it found, and the errors on the training rows.
-type Solved = (ModelChoice, SolverKind, Solution, ReadingRanges, PerAxis<AxisQuality>);
+type MergedSolution = (ModelChoice, SolverKind, Solution, ReadingRanges, PerAxis<AxisQuality>);
 
 fn solve_exactly(
     total: &Moments,
     groups: Option<(GroupKind, GroupedMoments)>,
     options: &FitOptions<'_>,
-) -> Result<Solved, FitError> {
+) -> Result<MergedSolution, FitError> {
     let choice = match groups {
         Some((by, sums)) => options.decide(options.open(Some(by.into())), sums)?,
         None => options.without_groups()?,
@@ -81,7 +81,7 @@ fn solve_triangle(
     total: &FactoredRows,
     groups: Option<(GroupKind, FactoredGroups)>,
     options: &FitOptions<'_>,
-) -> Result<Solved, FitError> {
+) -> Result<MergedSolution, FitError> {
     let choice = match groups {
         Some((by, groups)) => choose_triangles(by, groups, options)?,
         None => options.without_groups()?,

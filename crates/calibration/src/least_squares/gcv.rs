@@ -16,7 +16,7 @@
 use faer::Mat;
 
 use crate::triangle::LeastSquaresError;
-use crate::triangle::Triangle;
+use crate::triangle::RFactor;
 
 /// Points per factor of ten of the first search.
 const PER_DECADE: usize = 8;
@@ -25,7 +25,7 @@ const RANGE: (f64, f64) = (-20.0, 4.0);
 
 /// The λ at which the criterion is smallest; zero where that is at the lower end of the search.
 pub(super) fn lambda(
-    triangle: &Triangle,
+    triangle: &RFactor,
     free_column: Option<usize>,
 ) -> Result<f64, LeastSquaresError> {
     let criterion = Criterion::new(triangle, free_column)?;
@@ -55,7 +55,7 @@ struct Criterion {
 }
 
 impl Criterion {
-    fn new(triangle: &Triangle, free_column: Option<usize>) -> Result<Self, LeastSquaresError> {
+    fn new(triangle: &RFactor, free_column: Option<usize>) -> Result<Self, LeastSquaresError> {
         let (r, z) = triangle.damped_parts(crate::triangle::Ridge::NONE);
         let (p, q) = z.shape();
         let free = usize::from(free_column.is_some());
@@ -69,7 +69,7 @@ impl Criterion {
         let order: Vec<usize> =
             free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
         let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);
-        let (turned, z) = Triangle::of_rows(&moved, &z).damped_parts(crate::triangle::Ridge::NONE);
+        let (turned, z) = RFactor::of_rows(&moved, &z).damped_parts(crate::triangle::Ridge::NONE);
         let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
         let norms: Vec<f64> = order.iter().map(|&j| unit(r.col(j).norm_l2())).collect();
         let m = p - free;

@@ -21,15 +21,15 @@ pub(super) struct Wide<'a> {
 /// `xᵀy` as if computed in double-double and rounded last: compensated summation (Ogita, Rump and
 /// Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
 pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
-    arch().dispatch(Dot { x, y })
+    arch().dispatch(CompensatedDot { x, y })
 }
 
-struct Dot<'a> {
+struct CompensatedDot<'a> {
     x: Wide<'a>,
     y: Wide<'a>,
 }
 
-impl WithSimd for Dot<'_> {
+impl WithSimd for CompensatedDot<'_> {
     type Output = DoubleDouble;
 
     #[inline(always)]
@@ -76,17 +76,17 @@ fn lanes<const X: bool, const Y: bool>(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble
 
 /// `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
 pub(super) fn add_multiple(heads: &mut [f64], tails: &mut [f64], c: DoubleDouble, x: Wide<'_>) {
-    arch().dispatch(AddMultiple { heads, tails, c, x });
+    arch().dispatch(CompensatedAdd { heads, tails, c, x });
 }
 
-struct AddMultiple<'a> {
+struct CompensatedAdd<'a> {
     heads: &'a mut [f64],
     tails: &'a mut [f64],
     c: DoubleDouble,
     x: Wide<'a>,
 }
 
-impl WithSimd for AddMultiple<'_> {
+impl WithSimd for CompensatedAdd<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! The pass that leaves the triangle of [`triangle`](crate::triangle).
 
 use super::rows::{Reduction, RowChunk, Shape};
-use crate::triangle::{Triangle, Workspace};
+use crate::triangle::{RFactor, Workspace};
 
 /// Householder QR over row blocks.
 pub(super) struct FormTriangle {
@@ -9,19 +9,19 @@ pub(super) struct FormTriangle {
 }
 
 impl Reduction for FormTriangle {
-    type Partial = Triangle;
+    type Partial = RFactor;
     type Scratch = Workspace;
     const WIDE: bool = false;
 
-    fn empty(&self) -> Triangle {
-        Triangle::new(self.shape.features, self.shape.outputs)
+    fn empty(&self) -> RFactor {
+        RFactor::new(self.shape.features, self.shape.outputs)
     }
 
     fn scratch(&self) -> Workspace {
         Workspace::new(self.shape.features, self.shape.outputs)
     }
 
-    fn absorb(&self, partial: &mut Triangle, chunk: &RowChunk<'_>, scratch: &mut Workspace) {
+    fn absorb(&self, partial: &mut RFactor, chunk: &RowChunk<'_>, scratch: &mut Workspace) {
         let step = scratch.rows();
         for start in (0..chunk.rows).step_by(step) {
             let rows = step.min(chunk.rows - start);
@@ -33,7 +33,7 @@ impl Reduction for FormTriangle {
         }
     }
 
-    fn merge(&self, earlier: &mut Triangle, later: Triangle) {
+    fn merge(&self, earlier: &mut RFactor, later: RFactor) {
         earlier.merge(&later);
     }
 }

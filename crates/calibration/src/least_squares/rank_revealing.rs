@@ -8,17 +8,14 @@ use faer::linalg::triangular_solve;
 use faer::prelude::*;
 use faer::{Mat, Par};
 
-use crate::triangle::Triangle;
+use crate::triangle::RFactor;
 use crate::triangle::{LeastSquares, LeastSquaresError, Ridge};
 
 /// Solves by QR with column pivoting of the equilibrated triangle.
 ///
-/// Rank is decided as in [`Triangle::solve`], by singular values: the diagonal that pivoting leaves
+/// Rank is decided as in [`RFactor::solve`], by singular values: the diagonal that pivoting leaves
 /// may stay large while the smallest singular value does not (Golub & Van Loan 4e, §5.4.2).
-pub(super) fn pivoted(
-    triangle: &Triangle,
-    ridge: Ridge,
-) -> Result<LeastSquares, LeastSquaresError> {
+pub(super) fn pivoted(triangle: &RFactor, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
     let mut solved = triangle.solve(ridge)?;
     let (r, z) = triangle.damped_parts(ridge);
     let p = r.ncols();
@@ -42,7 +39,7 @@ pub(super) fn pivoted(
 /// in the answer, which then is the shortest of those that fit the others best; `rank` tells how
 /// many were kept.
 pub(super) fn svd(
-    triangle: &Triangle,
+    triangle: &RFactor,
     ridge: Ridge,
     truncate: Option<f64>,
 ) -> Result<LeastSquares, LeastSquaresError> {
@@ -101,7 +98,7 @@ fn by_singular_values(
             weight * svd.V()[(feature, row)] / norms[feature]
         });
         let nothing = Mat::zeros(p, 0);
-        let (triangle, _) = Triangle::of_rows(&root, &nothing).damped_parts(Ridge::NONE);
+        let (triangle, _) = RFactor::of_rows(&root, &nothing).damped_parts(Ridge::NONE);
         solved.factor =
             Mat::from_fn(p, p, |i, j| if i <= j { triangle[(p - 1 - j, p - 1 - i)] } else { 0.0 });
         solved.condition = largest / values.get(rank.max(1) - 1).copied().unwrap_or(largest);
@@ -110,7 +107,7 @@ fn by_singular_values(
     if solved.coefficients.is_all_finite() { Ok(solved) } else { Err(LeastSquaresError::NotFinite) }
 }
 
-fn with_residuals_of(mut solved: LeastSquares, triangle: &Triangle) -> LeastSquares {
+fn with_residuals_of(mut solved: LeastSquares, triangle: &RFactor) -> LeastSquares {
     solved.residual_products = triangle.residual_products(solved.coefficients.as_ref());
     solved
 }

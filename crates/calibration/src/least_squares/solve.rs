@@ -7,7 +7,7 @@ use super::rows::Rows;
 use super::wide_gram::FormWideGram;
 use super::wide_qr::FactorWide;
 use super::{gcv, huber, rank_revealing, refinement};
-use crate::triangle::{LeastSquares, LeastSquaresError, Ridge, Triangle};
+use crate::triangle::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 
 /// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`.
 ///
@@ -55,7 +55,7 @@ pub(crate) fn ridge_by_gcv<R: Rows>(
 /// # Errors
 /// [`LeastSquaresError`] as [`solve`].
 pub(crate) fn solve_triangle(
-    triangle: &Triangle,
+    triangle: &RFactor,
     method: Method,
     ridge: Ridge,
 ) -> Result<(LeastSquares, f64), LeastSquaresError> {
@@ -74,7 +74,7 @@ pub(crate) fn solve_triangle(
 ///
 /// # Errors
 /// If rows cannot be read.
-pub(crate) fn triangle<R: Rows>(rows: &mut R) -> Result<Triangle, R::Error> {
+pub(crate) fn triangle<R: Rows>(rows: &mut R) -> Result<RFactor, R::Error> {
     let shape = rows.shape();
     rows.pass(&FormTriangle { shape })
 }

@@ -24,7 +24,7 @@ pub(super) struct Factored {
 
 /// Rows to be eliminated, column by column.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Columns {
+pub(super) struct PendingRows {
     rows: usize,
     heads: Vec<f64>,
     tails: Vec<f64>,
@@ -32,7 +32,7 @@ pub(super) struct Columns {
 
 impl Reduction for FactorWide {
     type Partial = Factored;
-    type Scratch = Columns;
+    type Scratch = PendingRows;
     const WIDE: bool = true;
 
     fn empty(&self) -> Factored {
@@ -40,11 +40,11 @@ impl Reduction for FactorWide {
         Factored { shape: self.shape, rows: 0, r: WideMatrix::zeros(columns, columns) }
     }
 
-    fn scratch(&self) -> Columns {
-        Columns::default()
+    fn scratch(&self) -> PendingRows {
+        PendingRows::default()
     }
 
-    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>, scratch: &mut Columns) {
+    fn absorb(&self, partial: &mut Factored, chunk: &RowChunk<'_>, scratch: &mut PendingRows) {
         scratch.rows = chunk.rows;
         scratch.heads.clear();
         scratch.tails.clear();
@@ -61,7 +61,7 @@ impl Reduction for FactorWide {
     fn merge(&self, earlier: &mut Factored, later: Factored) {
         let columns = self.shape.columns();
         let elements = || (0..columns).flat_map(|j| later.r.column(j));
-        earlier.eliminate(&mut Columns {
+        earlier.eliminate(&mut PendingRows {
             rows: columns,
             heads: elements().map(|e| e.to_f64()).collect(),
             tails: elements().map(|e| e.tail()).collect(),
@@ -75,9 +75,9 @@ impl Factored {
     ///
     /// Column `k` of the stack has a diagonal element and the rows below the triangle, and nothing
     /// between them; its reflector touches just these rows.
-    fn eliminate(&mut self, rows: &mut Columns) {
+    fn eliminate(&mut self, rows: &mut PendingRows) {
         let n = self.shape.columns();
-        let Columns { rows: height, heads, tails } = rows;
+        let PendingRows { rows: height, heads, tails } = rows;
         let height = *height;
         if height == 0 {
             return;
@@ -124,7 +124,8 @@ impl Factored {
                 self.r.column(j).iter().map(|&e| e * e).sum::<DoubleDouble>().sqrt().to_f64()
             };
             let n = self.shape.columns();
-            let mut penalty = Columns { rows: p, heads: vec![0.0; p * n], tails: vec![0.0; p * n] };
+            let mut penalty =
+                PendingRows { rows: p, heads: vec![0.0; p * n], tails: vec![0.0; p * n] };
             for j in (0..p).filter(|&j| ridge.free_column != Some(j)) {
                 let norm = norm(j);
                 let norm = if norm > 0.0 { norm } else { 1.0 };

@@ -9,7 +9,7 @@ use crate::features::Features;
 use crate::least_squares::{self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Shape};
 use crate::passes::{Pass, Rows};
 use crate::reading_ranges::ReadingRanges;
-use crate::triangle::Triangle;
+use crate::triangle::RFactor;
 use crate::{FitError, Model};
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
@@ -127,7 +127,7 @@ pub fn fit_by(
 ///
 /// # Errors
 /// [`FitError`] if a reading or a wrench is not finite.
-pub(crate) fn triangle(features: &Features, block: &Block) -> Result<Triangle, FitError> {
+pub(crate) fn triangle(features: &Features, block: &Block) -> Result<RFactor, FitError> {
     let mut rows = FeatureRows { rows: &block.into(), features, ranges: None };
     least_squares::triangle(&mut rows).map_err(|stopped| match stopped {
         Stopped::Reading(error) => error,

@@ -8,7 +8,7 @@ use faer::linalg::matmul::matmul;
 use faer::prelude::*;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, Par};
 
-use super::r_factor::Triangle;
+use super::r_factor::RFactor;
 use crate::vectors::{add_multiple, dot};
 
 /// Bytes of a row block: each reflector goes over it, so it should stay in the cache next to a core.
@@ -29,7 +29,7 @@ pub struct Workspace {
     update: Mat<f64>,
 }
 
-impl Triangle {
+impl RFactor {
     /// Adds `rows` rows, at most [`Workspace::rows`].
     ///
     /// `fill` is given the columns of `[X | Y]`, column `j` at `[j·stride ..][..rows]`, and writes
@@ -50,7 +50,7 @@ impl Triangle {
     ///
     /// # Panics
     /// If the two are of different shapes.
-    pub fn merge(&mut self, later: &Triangle) {
+    pub fn merge(&mut self, later: &RFactor) {
         assert_eq!((self.features, self.r.shape()), (later.features, later.r.shape()));
         if self.rows == 0 {
             self.clone_from(later);

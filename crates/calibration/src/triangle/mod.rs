@@ -23,5 +23,5 @@ mod solve;
 
 pub use self::householder::Workspace;
 pub use self::outcome::{LeastSquares, LeastSquaresError, Ridge};
-pub use self::r_factor::Triangle;
+pub use self::r_factor::RFactor;
 pub use self::solve::least_squares;

@@ -4,14 +4,14 @@ use faer::{Mat, MatRef};
 
 /// What is kept of the rows seen so far.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Triangle {
+pub struct RFactor {
     pub(super) features: usize,
     pub(super) rows: u64,
     /// Upper triangular of order p + q.
     pub(super) r: Mat<f64>,
 }
 
-impl Triangle {
+impl RFactor {
     /// No rows yet of `features` columns of `X` and `outputs` columns of `Y`.
     pub fn new(features: usize, outputs: usize) -> Self {
         let order = features + outputs;
@@ -23,7 +23,7 @@ impl Triangle {
         self.rows
     }
 
-    /// That of so many rows, of an upper triangular matrix of order p + q: [`Triangle::whole`].
+    /// That of so many rows, of an upper triangular matrix of order p + q: [`RFactor::whole`].
     ///
     /// # Panics
     /// If the matrix is not square, or smaller than there are features.

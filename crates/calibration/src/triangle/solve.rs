@@ -5,9 +5,9 @@ use faer::{Mat, MatRef, Par};
 
 use super::householder::{Workspace, contiguous};
 use super::outcome::{LeastSquares, LeastSquaresError, Ridge};
-use super::r_factor::Triangle;
+use super::r_factor::RFactor;
 
-impl Triangle {
+impl RFactor {
     /// That of the rows of matrices no taller than wide.
     pub(crate) fn of_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
         let mut triangle = Self::new(x.ncols(), y.ncols());
@@ -59,7 +59,7 @@ impl Triangle {
         Ok(solved)
     }
 
-    /// As [`Triangle::solve`], whatever rounding has left of the coefficients: something to begin
+    /// As [`RFactor::solve`], whatever rounding has left of the coefficients: something to begin
     /// with.
     pub(crate) fn solve_roughly(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
@@ -161,7 +161,7 @@ impl Triangle {
     fn damped(&self, norms: &[f64], ridge: Ridge) -> Mat<f64> {
         let mut damped = self.clone();
         if ridge.lambda > 0.0 {
-            let mut penalty = Triangle::new(self.features, self.r.nrows() - self.features);
+            let mut penalty = RFactor::new(self.features, self.r.nrows() - self.features);
             for (j, &norm) in norms.iter().enumerate() {
                 let norm = if norm > 0.0 { norm } else { 1.0 };
                 if ridge.free_column != Some(j) {
@@ -178,7 +178,7 @@ impl Triangle {
 /// Solves `min ‖X·C − Y‖` for dense `X` (n × p) and `Y` (n × q).
 ///
 /// # Errors
-/// As [`Triangle::solve`].
+/// As [`RFactor::solve`].
 ///
 /// # Panics
 /// If `x` and `y` differ in their number of rows.
@@ -189,7 +189,7 @@ pub fn least_squares(
 ) -> Result<LeastSquares, LeastSquaresError> {
     assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
     let mut workspace = Workspace::new(x.ncols(), y.ncols());
-    let mut triangle = Triangle::new(x.ncols(), y.ncols());
+    let mut triangle = RFactor::new(x.ncols(), y.ncols());
     let step = workspace.rows();
     for start in (0..x.nrows()).step_by(step) {
         let rows = step.min(x.nrows() - start);
@@ -348,7 +348,7 @@ mod tests {
             let (x, y) = (noise(400, 7, seed), noise(400, 3, seed + 1));
             let whole = least_squares(x.as_ref(), y.as_ref(), Ridge::NONE).unwrap();
             let part = |from: usize, rows: usize| {
-                let (mut triangle, mut workspace) = (Triangle::new(7, 3), Workspace::new(7, 3));
+                let (mut triangle, mut workspace) = (RFactor::new(7, 3), Workspace::new(7, 3));
                 triangle.absorb(rows, &mut workspace, |columns, stride| {
                     for (j, column) in columns.chunks_mut(stride).enumerate() {
                         let source = if j < 7 { x.col(j) } else { y.col(j - 7) };

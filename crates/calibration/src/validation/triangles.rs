@@ -17,7 +17,7 @@ use crate::features::Features;
 use crate::model::{Basis, Model};
 use crate::passes::Rows;
 use crate::solver::{Centring, triangle};
-use crate::triangle::{Ridge, Triangle};
+use crate::triangle::{RFactor, Ridge};
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
@@ -50,12 +50,12 @@ pub fn select(
         }
         let features = Features::new(model, scaling.clone());
         let free_column = intercept.then(|| features.len() - 1);
-        let triangles: Vec<Triangle> = folds
+        let triangles: Vec<RFactor> = folds
             .iter()
             .map(|fold| triangle(&features, fold))
             .collect::<Result<_, _>>()
             .map_err(rows)?;
-        let rest: Vec<Triangle> =
+        let rest: Vec<RFactor> =
             (0..triangles.len()).map(|fold| all_but(&triangles, fold)).collect();
         Ok(Some(Box::new(move |lambda| {
             let ridge = Ridge { lambda, free_column };
@@ -67,15 +67,15 @@ pub fn select(
 }
 
 /// The triangle of the rows of all folds but one.
-fn all_but(triangles: &[Triangle], fold: usize) -> Triangle {
+fn all_but(triangles: &[RFactor], fold: usize) -> RFactor {
     let mut others = triangles.iter().enumerate().filter(|(at, _)| *at != fold).map(|(_, of)| of);
-    let mut rest = others.next().cloned().unwrap_or_else(|| Triangle::new(0, 0));
+    let mut rest = others.next().cloned().unwrap_or_else(|| RFactor::new(0, 0));
     others.for_each(|other| rest.merge(other));
     rest
 }
 
 /// The errors on a fold of the fit to the rest; `None` where that cannot be.
-fn errors_on(fold: &Triangle, rest: &Triangle, ridge: Ridge) -> Option<PerAxis<HeldOutErrors>> {
+fn errors_on(fold: &RFactor, rest: &RFactor, ridge: Ridge) -> Option<PerAxis<HeldOutErrors>> {
     let coefficients = rest.solve(ridge).ok()?.coefficients;
     let products = fold.residual_products(coefficients.as_ref());
     let sums = ridge.free_column.map(|ones| fold.sums_of_residuals(coefficients.as_ref(), ones));

@@ -5,7 +5,7 @@ use super::super::figure::Figure;
 use super::super::histogram::ValueRange;
 use super::super::palette;
 use super::super::panel::{LEFT_MARGIN, Panel};
-use super::super::scale::{Axis, Spacing};
+use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::super::svg::{Anchor, Canvas, Rect, Style, number, point};
 use super::{TOP, WIDTH, canvas, draw_title, empty_figure};
@@ -101,8 +101,8 @@ fn draw_boxes(
     let ValueRange { low, high } = ValueRange::over(ends);
     let panel = Panel {
         area,
-        x: Axis::new("", "", Spacing::Linear, 0.0, boxes.len() as f64),
-        y: Axis::new(quantity.name(), unit, Spacing::Linear, factor * low, factor * high)
+        x: PlotAxis::new("", "", Spacing::Linear, 0.0, boxes.len() as f64),
+        y: PlotAxis::new(quantity.name(), unit, Spacing::Linear, factor * low, factor * high)
             .padded(0.08),
     };
     panel.draw_y_grid(canvas);

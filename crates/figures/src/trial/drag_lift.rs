@@ -2,7 +2,7 @@
 
 use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
-use super::super::scale::{Axis, Spacing};
+use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::{
     DASHED, LegendKey, PALE, Passage, SOLID, TOP, canvas, draw_legend, draw_lines, draw_title,
@@ -36,8 +36,8 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
     let (low, high) = range_with_zero(&raw);
     let panel = Panel {
         area: wide_area(size, TOP, HEIGHT),
-        x: Axis::new("time", "s", Spacing::Linear, first, last),
-        y: Axis::new("force", "N", Spacing::Linear, low, high).padded(0.06),
+        x: PlotAxis::new("time", "s", Spacing::Linear, first, last),
+        y: PlotAxis::new("force", "N", Spacing::Linear, low, high).padded(0.06),
     };
     let mut canvas = canvas(size, TOP + HEIGHT + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);

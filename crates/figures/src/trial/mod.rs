@@ -186,7 +186,7 @@ mod tests {
     use super::super::lettering;
     use super::super::svg::DrawnShape;
     use super::*;
-    use trial::{ConditionRow, Per, PhaseProfile, Quantity, Sample};
+    use trial::{ConditionRow, Per, PhaseProfile, Quantity, ValueSample};
 
     fn trace() -> Trace {
         let t_s: Vec<f64> = (0..4000).map(|i| 1e-3 * f64::from(i)).collect();
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn a_box_has_its_quartiles_and_whiskers_at_their_values() {
-        let mut sample = Sample::default();
+        let mut sample = ValueSample::default();
         [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].into_iter().for_each(|value| sample.add_cluster([value]));
         let statistics = sample.statistics(1).unwrap();
         let row = ConditionRow {
@@ -328,7 +328,7 @@ mod tests {
         let passage = Passage::new([0.5, 3.5], Some(0.18), 0.28);
         let phases = PhaseProfile::new([(&trace(), [0.5, 2.0])]).unwrap();
         let phases = ["free", "3 cm"].map(|name| (name.to_owned(), phases.clone()));
-        let mut sample = Sample::default();
+        let mut sample = ValueSample::default();
         [1.0, 2.0, 3.0, 4.0, 5.0, 30.0].into_iter().for_each(|value| sample.add_cluster([value]));
         let statistics = sample.statistics(1).unwrap();
         let mut boxes = Vec::new();

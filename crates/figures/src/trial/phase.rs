@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use super::super::figure::Figure;
 use super::super::palette;
 use super::super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::super::scale::{Axis, Spacing};
+use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::super::svg::{Anchor, Canvas, Rect, Style, point};
 use super::{LegendKey, SOLID, TOP, WIDTH, canvas, draw_legend, draw_title, empty_figure};
@@ -43,8 +43,8 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
             };
             let panel = Panel {
                 area,
-                x: Axis::new("right leg angle", "rad", Spacing::Linear, 0.0, TAU),
-                y: Axis::new(quantity, "N", Spacing::Linear, low, high).padded(0.04),
+                x: PlotAxis::new("right leg angle", "rad", Spacing::Linear, 0.0, TAU),
+                y: PlotAxis::new(quantity, "N", Spacing::Linear, low, high).padded(0.04),
             };
             draw_panel(&mut canvas, &panel, &profile.phase_rad, force);
             let label = format!("{name}: {} strides", profile.strides);

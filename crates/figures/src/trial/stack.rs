@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
-use super::super::scale::{Axis, Spacing};
+use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::{
     Curve, CurvePen, DASHED, LegendKey, Passage, SOLID, TOP, canvas, draw_legend, draw_lines,
@@ -52,7 +52,7 @@ pub fn stack_figure(
     }
     let mut canvas = canvas(size, bottom + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);
-    let time = Axis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]);
+    let time = PlotAxis::new("time", "s", Spacing::Linear, range_s[0], range_s[1]);
     for (i, (row, &top)) in panels.iter().zip(&tops).enumerate() {
         let area = wide_area(size, top, HEIGHT);
         let panel = Panel { area, x: time.clone(), y: row.y_axis() };
@@ -74,12 +74,12 @@ pub fn stack_figure(
 
 impl StackRow<'_> {
     /// A whole turn for angles; else what the lines cover, with zero.
-    fn y_axis(&self) -> Axis {
+    fn y_axis(&self) -> PlotAxis {
         let (name, unit) = self.axis;
         let (low, high) = range_with_zero(self.lines.iter().map(|(line, _)| line));
         match unit == "rad" {
-            true => Axis::new(name, unit, Spacing::Linear, 0.0, TAU),
-            false => Axis::new(name, unit, Spacing::Linear, low, high).padded(0.06),
+            true => PlotAxis::new(name, unit, Spacing::Linear, 0.0, TAU),
+            false => PlotAxis::new(name, unit, Spacing::Linear, low, high).padded(0.06),
         }
     }
 }

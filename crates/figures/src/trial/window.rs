@@ -2,7 +2,7 @@
 
 use super::super::figure::Figure;
 use super::super::panel::{BOTTOM_MARGIN, Panel};
-use super::super::scale::{Axis, Spacing};
+use super::super::scale::{PlotAxis, Spacing};
 use super::super::size::Size;
 use super::super::svg::{Anchor, Style, number};
 use super::{
@@ -30,8 +30,8 @@ pub fn window_figure(
     let (low, high) = range_with_zero([&drag]);
     let panel = Panel {
         area: wide_area(size, TOP, HEIGHT),
-        x: Axis::new("time", "s", Spacing::Linear, first, last),
-        y: Axis::new("drag (−Fx)", "N", Spacing::Linear, low, high).padded(0.06),
+        x: PlotAxis::new("time", "s", Spacing::Linear, first, last),
+        y: PlotAxis::new("drag (−Fx)", "N", Spacing::Linear, low, high).padded(0.06),
     };
     let mut canvas = canvas(size, TOP + HEIGHT + BOTTOM_MARGIN + 4.0);
     draw_title(&mut canvas, title);

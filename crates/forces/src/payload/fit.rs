@@ -26,7 +26,7 @@ pub const LEAST_SPREAD: f64 = 1e-3;
 
 /// A sensor at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pose {
+pub struct PayloadPose {
     /// What it measures, N and N·m.
     pub wrench: PerAxis<f64>,
     /// Gravity in its frame, m/s².
@@ -55,30 +55,31 @@ pub struct PayloadFit {
 ///
 /// # Errors
 /// [`PayloadError`].
-pub fn fit(poses: &[Pose]) -> Result<PayloadFit, PayloadError> {
+pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     if poses.len() < LEAST_POSES {
         return Err(PayloadError::TooFewPoses { found: poses.len(), needed: LEAST_POSES });
     }
     let is_finite =
-        |pose: &Pose| pose.wrench.iter().chain(&pose.gravity_m_s2).all(|v| v.is_finite());
+        |pose: &PayloadPose| pose.wrench.iter().chain(&pose.gravity_m_s2).all(|v| v.is_finite());
     if let Some(bad) = poses.iter().position(|pose| !is_finite(pose)) {
         return Err(PayloadError::NotFinite { pose: bad + 1 });
     }
     let n = poses.len() as f64;
-    let force = |pose: &Pose| [pose.wrench[0], pose.wrench[1], pose.wrench[2]];
-    let moment = |pose: &Pose| [pose.wrench[3], pose.wrench[4], pose.wrench[5]];
+    let force = |pose: &PayloadPose| [pose.wrench[0], pose.wrench[1], pose.wrench[2]];
+    let moment = |pose: &PayloadPose| [pose.wrench[3], pose.wrench[4], pose.wrench[5]];
     let gravity = mean(poses.iter().map(|pose| pose.gravity_m_s2));
     let (mean_force, mean_moment) = (mean(poses.iter().map(force)), mean(poses.iter().map(moment)));
-    let turn = |pose: &Pose| subtract(pose.gravity_m_s2, gravity);
+    let turn = |pose: &PayloadPose| subtract(pose.gravity_m_s2, gravity);
     let spread_rad = spread(poses.iter().map(turn), poses.iter().map(|pose| pose.gravity_m_s2));
     check_spread(spread_rad)?;
 
     let squares: f64 = poses.iter().map(|pose| dot(turn(pose), turn(pose))).sum();
-    let pull = |pose: &Pose| dot(turn(pose), subtract(force(pose), mean_force));
+    let pull = |pose: &PayloadPose| dot(turn(pose), subtract(force(pose), mean_force));
     let mass_kg = poses.iter().map(pull).sum::<f64>() / squares;
     let force_bias_n = subtract(mean_force, scaled(gravity, mass_kg));
-    let left =
-        |pose: &Pose| subtract(force(pose), add(scaled(pose.gravity_m_s2, mass_kg), force_bias_n));
+    let left = |pose: &PayloadPose| {
+        subtract(force(pose), add(scaled(pose.gravity_m_s2, mass_kg), force_bias_n))
+    };
     let force_squares: f64 = poses.iter().map(|pose| dot(left(pose), left(pose))).sum();
     let force_variance = force_squares / (3.0 * n - 4.0);
     let mass_error = (force_variance / squares).sqrt();
@@ -88,7 +89,7 @@ pub fn fit(poses: &[Pose]) -> Result<PayloadFit, PayloadError> {
     }
     let force_bias_error = gravity.map(|g| (force_variance * (1.0 / n + g * g / squares)).sqrt());
 
-    let weight = |pose: &Pose| scaled(turn(pose), mass_kg);
+    let weight = |pose: &PayloadPose| scaled(turn(pose), mass_kg);
     let mut normal = [[0.0; 3]; 3];
     let mut right = [0.0; 3];
     for pose in poses {
@@ -103,7 +104,7 @@ pub fn fit(poses: &[Pose]) -> Result<PayloadFit, PayloadError> {
     let centre_m = times(&covariance, right);
     let mean_weight = scaled(gravity, mass_kg);
     let moment_bias_nm = subtract(mean_moment, cross(centre_m, mean_weight));
-    let left = |pose: &Pose| {
+    let left = |pose: &PayloadPose| {
         let lever = cross(centre_m, scaled(pose.gravity_m_s2, mass_kg));
         subtract(moment(pose), add(lever, moment_bias_nm))
     };
@@ -178,7 +179,7 @@ pub(super) fn check_spread([along, beside]: [f64; 2]) -> Result<(), PayloadError
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shell_data::random::{Purpose, Stream};
+    use shell_data::random::{Purpose, RandomStream};
 
     const TRUTH: Payload = Payload {
         mass_kg: 0.4,
@@ -187,9 +188,9 @@ mod tests {
         moment_bias_nm: [0.1, 0.2, -0.3],
     };
 
-    fn pose(gravity_m_s2: Vector) -> Pose {
+    fn pose(gravity_m_s2: Vector) -> PayloadPose {
         let (load, bias) = (TRUTH.load(gravity_m_s2), TRUTH.bias());
-        Pose { wrench: std::array::from_fn(|axis| load[axis] + bias[axis]), gravity_m_s2 }
+        PayloadPose { wrench: std::array::from_fn(|axis| load[axis] + bias[axis]), gravity_m_s2 }
     }
 
     fn directions() -> Vec<Vector> {
@@ -215,7 +216,7 @@ mod tests {
 
     #[test]
     fn a_body_is_found_again() {
-        let poses: Vec<Pose> = directions().into_iter().map(pose).collect();
+        let poses: Vec<PayloadPose> = directions().into_iter().map(pose).collect();
         let fitted = fit(&poses).unwrap();
         for (found, truth) in numbers(&fitted.payload).into_iter().zip(numbers(&TRUTH)) {
             // A few dozen operations on numbers of order ten.
@@ -226,7 +227,7 @@ mod tests {
 
     #[test]
     fn standard_errors_are_the_scatter_of_fits() {
-        let mut noise = Stream::new(7, Purpose::Reference, 0);
+        let mut noise = RandomStream::new(7, Purpose::Reference, 0);
         let (draws, mut found, mut said) = (2000, Vec::new(), [0.0; 10]);
         for _ in 0..draws {
             let noisy = directions().into_iter().map(|g| {
@@ -260,11 +261,13 @@ mod tests {
         let line = [pose([0.0, 0.0, 9.81]), pose([0.0, 0.0, -9.81])].repeat(3);
         assert!(fit(&line).unwrap_err().to_string().contains("along that one"));
         // A plane is enough.
-        let plane: Vec<Pose> = (0..8).map(|i| at(f64::from(i))).collect();
+        let plane: Vec<PayloadPose> = (0..8).map(|i| at(f64::from(i))).collect();
         let fitted = fit(&plane).unwrap();
         assert!((fitted.payload.centre_m[0] - TRUTH.centre_m[0]).abs() < 1e-13);
-        let upwards: Vec<Pose> =
-            plane.iter().map(|p| Pose { gravity_m_s2: p.gravity_m_s2.map(|g| -g), ..*p }).collect();
+        let upwards: Vec<PayloadPose> = plane
+            .iter()
+            .map(|p| PayloadPose { gravity_m_s2: p.gravity_m_s2.map(|g| -g), ..*p })
+            .collect();
         assert!(matches!(fit(&upwards), Err(PayloadError::NoMass { .. })));
         let mut bad = plane;
         bad[2].wrench[4] = f64::NAN;

@@ -99,7 +99,7 @@ fn remaining(payload: &Payload, motion: &Motion, rows: &[(f64, Vector)], lag_s: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shell_data::random::{Purpose, Stream};
+    use shell_data::random::{Purpose, RandomStream};
 
     const PAYLOAD: Payload = Payload {
         mass_kg: 0.5,
@@ -114,7 +114,7 @@ mod tests {
     }
 
     fn run(lag_s: f64, seed: u64) -> Option<Lag> {
-        let mut noise = Stream::new(seed, Purpose::Reference, 0);
+        let mut noise = RandomStream::new(seed, Purpose::Reference, 0);
         let samples: Vec<f64> = (0..2500).map(|i| f64::from(i) * 0.004).collect();
         let measured: Vec<Vector> = samples.iter().map(|t| gravity(t - lag_s)).collect();
         let motion = Motion::new(&samples, &measured).unwrap();
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn a_run_at_rest_tells_no_lag() {
-        let mut noise = Stream::new(9, Purpose::Reference, 0);
+        let mut noise = RandomStream::new(9, Purpose::Reference, 0);
         let times: Vec<f64> = (0..5000).map(|i| f64::from(i) / 500.0).collect();
         let mut rest = || times.iter().map(|_| 0.05 * noise.normal()).collect::<Vec<f64>>();
         let forces = [rest(), rest(), rest()];

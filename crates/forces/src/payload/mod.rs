@@ -27,7 +27,7 @@ mod vector;
 pub use accelerometer::{Accelerometer, frame_from_forces};
 pub use carried::CarriedLoad;
 pub use error::PayloadError;
-pub use fit::{LEAST_SPREAD, PayloadFit, Pose, fit};
+pub use fit::{LEAST_SPREAD, PayloadFit, PayloadPose, fit};
 pub use lag::{Lag, find_lag};
 pub use motion::{Motion, MotionError};
 pub use vector::{Matrix, Vector, norm};

@@ -24,7 +24,7 @@ use shell_data::statistics::RunningVariance;
 use super::options::DEFAULT_TARE_FRAMES;
 
 pub(super) use interval_zeros::StationaryZeros;
-pub use watch::{FALSE_ALARMS, Level, ZeroChange, ZeroMove, ZeroWatch, largest_change};
+pub use watch::{FALSE_ALARMS, QuietLevel, ZeroChange, ZeroMove, ZeroWatch, largest_change};
 
 /// The fewest frames of a rest: those of the usual tare.
 pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;

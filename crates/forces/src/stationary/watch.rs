@@ -19,7 +19,7 @@ pub const FALSE_ALARMS: f64 = 0.01;
 
 /// A quantity over a rest, in its own unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Level {
+pub struct QuietLevel {
     /// Its mean.
     pub mean: f64,
     /// The noise of a frame: root of the mean square distance from the mean.
@@ -53,7 +53,7 @@ pub struct ZeroMove {
     pub axes: AxisValues<ZeroChange>,
 }
 
-impl Level {
+impl QuietLevel {
     /// Of the values at a rest's frames.
     pub fn new(values: &[f64], parts: &[usize]) -> Self {
         let whole = RunningVariance::of(values);
@@ -83,7 +83,7 @@ impl Level {
 
 impl ZeroChange {
     /// From the first rest to the last, one of `quantities` that are looked at.
-    pub fn new(first: &Level, last: &Level, quantities: usize) -> Self {
+    pub fn new(first: &QuietLevel, last: &QuietLevel, quantities: usize) -> Self {
         let level = 1.0 - FALSE_ALARMS / quantities.max(1) as f64;
         let t = student_quantile(level, 2.0 * (PARTS - 1) as f64);
         let by_chance = t * first.standard_error.hypot(last.standard_error);
@@ -150,7 +150,7 @@ impl ZeroWatch {
     /// How the zero has moved; `None` with fewer than two rests.
     pub fn finish(&self, calibration: &Calibration) -> Option<ZeroMove> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
-        let levels = [first, last].map(|rest| Level::from_wrench(calibration, rest));
+        let levels = [first, last].map(|rest| QuietLevel::from_wrench(calibration, rest));
         let count = calibration.axes.iter().count();
         let change = |axis: usize| ZeroChange::new(&levels[0][axis], &levels[1][axis], count);
         Some(ZeroMove {
@@ -183,10 +183,11 @@ mod tests {
     fn chance_alone_exceeds_the_limit_as_often_as_is_said() {
         let mut noise = Noise(1);
         let parts = [10; PARTS];
-        let mut level = || Level::new(&std::array::from_fn::<f64, 50, _>(|_| noise.next()), &parts);
+        let mut level =
+            || QuietLevel::new(&std::array::from_fn::<f64, 50, _>(|_| noise.next()), &parts);
         // Without the noise of a frame in the limit what is left is the test.
-        let alarm = |first: Level, last: Level| {
-            ZeroChange::new(&Level { noise: 0.0, ..first }, &last, 1).has_moved()
+        let alarm = |first: QuietLevel, last: QuietLevel| {
+            ZeroChange::new(&QuietLevel { noise: 0.0, ..first }, &last, 1).has_moved()
         };
         let alarms = (0..20_000).filter(|_| alarm(level(), level())).count() as f64 / 20_000.0;
         // Three standard deviations of a share of 20,000.
@@ -195,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_level_has_the_error_of_its_parts() {
-        let level = Level::new(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
+        let level = QuietLevel::new(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
         // Parts of 2, 3 and 4: variance 1 of three.
         assert_eq!((level.mean, level.standard_error), (3.0, (1.0_f64 / 3.0).sqrt()));
         assert_eq!(level.noise, (16.0_f64 / 6.0).sqrt());

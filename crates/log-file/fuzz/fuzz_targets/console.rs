@@ -3,10 +3,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use log_file::Format;
+use log_file::LogFormat;
 use log_file_fuzz::read_log;
 
 fuzz_target!(|bytes: &[u8]| {
     let Some((&cut, bytes)) = bytes.split_first() else { return };
-    read_log(bytes, Some(Format::Console), usize::from(cut) + 1);
+    read_log(bytes, Some(LogFormat::Console), usize::from(cut) + 1);
 });

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use log_file::{Format, Log, LogError, Mapping, Meaning, ReadOptions, ReadSummary, Wanted};
+use log_file::{LogFormat, Log, LogError, Mapping, Meaning, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 
 /// Reads `bytes` as a log of a format, in pieces of a few bytes and whole: the rows, how many were
@@ -10,7 +10,7 @@ use shell_data::block::Block;
 ///
 /// How many rows repeat the one before is not compared: of the lines before a piece no more are kept
 /// than the piece before it has, so pieces of a few bytes do not always know that row.
-pub fn read_log(bytes: &[u8], format: Option<Format>, piece: usize) {
+pub fn read_log(bytes: &[u8], format: Option<LogFormat>, piece: usize) {
     let path = file(bytes);
     let mapping = Mapping { format, ..Mapping::default() };
     let Ok(log) = Log::open(&path, &mapping) else { return };

@@ -3,7 +3,7 @@
 //! Names are compared without case, spaces and punctuation. A unit may follow a name: `fx_n`,
 //! `Mx (mN·m)`, `time_us`.
 
-use super::mapping::{ColumnRef, Format, Mapping, MomentUnit, TimeUnit};
+use super::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit};
 use super::matrices;
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axis, PerAxis};
@@ -68,7 +68,7 @@ pub(crate) enum ColumnsError {
 pub(crate) fn recognise(
     names: Vec<String>,
     units: &[String],
-    format: Format,
+    format: LogFormat,
     mapping: &Mapping,
 ) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
     let with_unit = |(at, name): (usize, &String)| match units.get(at) {
@@ -105,7 +105,7 @@ pub(crate) fn recognise(
 fn apply_mapping(
     names: &[String],
     named: &[Meaning],
-    format: Format,
+    format: LogFormat,
     mapping: &Mapping,
     meanings: &mut [Meaning],
 ) -> Result<Option<usize>, ColumnsError> {
@@ -251,7 +251,7 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Colu
 /// Names of a group column, most wanted first.
 const GROUPS: [&str; 4] = ["group", "session", "pose", "trial"];
 
-pub(crate) fn meaning_of(name: &str, format: Format) -> Meaning {
+pub(crate) fn meaning_of(name: &str, format: LogFormat) -> Meaning {
     let (stem, unit) = split_unit(name);
     if GROUPS.contains(&plain(name).as_str()) {
         return Meaning::Group;
@@ -376,9 +376,9 @@ fn wrench_meaning(axis: Axis, milli: bool) -> Meaning {
 }
 
 /// The robot's telemetry counts µs; a time column that does not say is in s.
-fn default_time_unit(format: Format) -> TimeUnit {
+fn default_time_unit(format: LogFormat) -> TimeUnit {
     match format {
-        Format::Telemetry | Format::Console => TimeUnit::Microsecond,
+        LogFormat::Telemetry | LogFormat::Console => TimeUnit::Microsecond,
         _ => TimeUnit::Second,
     }
 }
@@ -421,7 +421,7 @@ mod tests {
     }
 
     fn csv(line: &str) -> Result<(Vec<Column>, ColumnRoles), ColumnsError> {
-        recognise(names(line), &[], Format::Csv, &Mapping::default())
+        recognise(names(line), &[], LogFormat::Csv, &Mapping::default())
     }
 
     fn refs(line: &str) -> Vec<ColumnRef> {
@@ -451,7 +451,7 @@ mod tests {
         };
         let mapping = Mapping { usual: Some(usual), ..Mapping::default() };
         let open = |line: &str, mapping: &Mapping| {
-            recognise(names(line), &[], Format::Csv, mapping).unwrap()
+            recognise(names(line), &[], LogFormat::Csv, mapping).unwrap()
         };
         let (columns, roles) = open("clock,a,b,u,v,w,p,q,r,run", &mapping);
         assert_eq!(roles.sensors, [2, 1]);
@@ -496,9 +496,9 @@ mod tests {
             ("VBatt", Meaning::Telemetry(Telemetry::Battery)),
             ("voltage", Other),
         ] {
-            assert_eq!(meaning_of(name, Format::Csv), meaning, "{name}");
+            assert_eq!(meaning_of(name, LogFormat::Csv), meaning, "{name}");
         }
-        assert_eq!(meaning_of("time", Format::Telemetry), Time(TimeUnit::Microsecond));
+        assert_eq!(meaning_of("time", LogFormat::Telemetry), Time(TimeUnit::Microsecond));
     }
 
     #[test]
@@ -553,7 +553,7 @@ mod tests {
             ..Mapping::default()
         };
         let line = names("clock,time,s1,a,b,run,group");
-        let (columns, roles) = recognise(line, &[], Format::Csv, &mapping).unwrap();
+        let (columns, roles) = recognise(line, &[], LogFormat::Csv, &mapping).unwrap();
         assert_eq!(roles.sensors, [4, 3]);
         assert_eq!(roles.time, Some(0));
         assert_eq!(roles.group, Some(5));
@@ -574,7 +574,7 @@ mod tests {
             let mapping = Mapping { group, ..Mapping::default() };
             let line = names("t,s1,s2,Fx,Fy,Fz,Mx,My,Mz,run,pose");
             let at = line.iter().position(|column| column == name).unwrap();
-            let (columns, roles) = recognise(line, &[], Format::Csv, &mapping).unwrap();
+            let (columns, roles) = recognise(line, &[], LogFormat::Csv, &mapping).unwrap();
             assert_eq!(roles.group, Some(at), "{name}");
             assert_eq!(columns[at].meaning, meaning, "{name}");
             assert_eq!((roles.sensors.len(), roles.wrench[5]), (2, Some(8)), "{name}");
@@ -584,15 +584,15 @@ mod tests {
     #[test]
     fn a_mapped_column_that_is_not_there_is_named() {
         let mapping = Mapping { sensors: Some(refs("a,x,y")), ..Mapping::default() };
-        let error = recognise(names("a,b"), &[], Format::Csv, &mapping).unwrap_err();
+        let error = recognise(names("a,b"), &[], LogFormat::Csv, &mapping).unwrap_err();
         assert_eq!(error, ColumnsError::Missing(vec!["x".to_owned(), "y".to_owned()]));
         let mapping = Mapping { time: Some(ColumnRef::Position(3)), ..Mapping::default() };
-        let error = recognise(names("a,b"), &[], Format::Csv, &mapping).unwrap_err();
+        let error = recognise(names("a,b"), &[], LogFormat::Csv, &mapping).unwrap_err();
         assert_eq!(error, ColumnsError::Missing(vec!["column 3".to_owned()]));
         // A matrix is all its columns, unless one has its name.
         let mapping = Mapping { sensors: Some(refs("b,a")), ..Mapping::default() };
         assert_eq!(
-            recognise(names("a1,a2,b,b1,a3"), &[], Format::Csv, &mapping).unwrap().1.sensors,
+            recognise(names("a1,a2,b,b1,a3"), &[], LogFormat::Csv, &mapping).unwrap().1.sensors,
             [2, 0, 1, 4]
         );
     }
@@ -600,14 +600,14 @@ mod tests {
     #[test]
     fn a_column_mapped_twice_is_an_error() {
         let mapping = Mapping { sensors: Some(refs("a,a")), ..Mapping::default() };
-        assert!(recognise(names("a,b"), &[], Format::Csv, &mapping).is_err());
+        assert!(recognise(names("a,b"), &[], LogFormat::Csv, &mapping).is_err());
     }
 
     #[test]
     fn the_user_decides_the_unit_of_moments() {
         let mapping =
             Mapping { moment_unit: Some(MomentUnit::MillinewtonMetre), ..Mapping::default() };
-        let (columns, _) = recognise(names("Mx,my_nm,Fx"), &[], Format::Csv, &mapping).unwrap();
+        let (columns, _) = recognise(names("Mx,my_nm,Fx"), &[], LogFormat::Csv, &mapping).unwrap();
         assert_eq!(columns[0].meaning, wrench_meaning(Axis::Mx, true));
         assert_eq!(columns[1].meaning, wrench_meaning(Axis::My, true));
         assert_eq!(columns[2].meaning, wrench_meaning(Axis::Fx, false));

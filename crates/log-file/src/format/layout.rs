@@ -4,7 +4,7 @@
 use memchr::memchr;
 
 use super::columns::{Column, ColumnRoles, ColumnsError, Meaning, recognise};
-use super::mapping::{Format, Mapping, TimeUnit};
+use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::matrices::by_shape;
 use crate::error::LogError;
 use crate::parse::console;
@@ -21,7 +21,7 @@ pub(crate) const HEAD_BYTES: u64 = 1 << 16;
 /// The layout of a log.
 #[derive(Debug)]
 pub(crate) struct FileLayout {
-    pub(crate) format: Format,
+    pub(crate) format: LogFormat,
     pub(crate) separator: u8,
     pub(crate) columns: Vec<Column>,
     pub(crate) roles: ColumnRoles,
@@ -38,7 +38,7 @@ pub(crate) struct FileLayout {
 impl FileLayout {
     /// The clock, where it is one of 32 bits that comes round: the robot's, in µs.
     pub(crate) fn clock(&self) -> Option<ClockTurns> {
-        let column = self.roles.time.filter(|_| self.format == Format::Telemetry)?;
+        let column = self.roles.time.filter(|_| self.format == LogFormat::Telemetry)?;
         let in_us = self.columns[column].meaning.per_si_unit() == 1e6;
         in_us.then(|| ClockTurns::new(self.separator, column))
     }
@@ -46,7 +46,7 @@ impl FileLayout {
 
 /// What the lines before the rows say.
 struct Header {
-    format: Format,
+    format: LogFormat,
     separator: u8,
     names: Vec<String>,
     /// What a line below the names says of them; empty if there is none.
@@ -95,7 +95,8 @@ pub(crate) fn recognise_layout(
                 names: Box::new(columns.map(|at| names[at].clone())),
             },
         })?;
-    let first = Line::first_with_text(head, rows_start, 1).map(|line| fields(line.text, separator));
+    let first =
+        LayoutLine::first_with_text(head, rows_start, 1).map(|line| fields(line.text, separator));
     let first_time = roles.time.and_then(|at| first.as_ref()?.get(at));
     let has_dates = first_time.is_some_and(|field| parse_date(field).is_ok());
     if let (true, Some(at)) = (has_dates, roles.time) {
@@ -122,19 +123,19 @@ fn read_header(
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
     let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
-    let first = Line::first_with_text(head, start, 1);
+    let first = LayoutLine::first_with_text(head, start, 1);
     let Some(first) = first else { return Err(LogError::NoRows { path: source.path.clone() }) };
     first.check(source, head, whole)?;
     let format = match mapping.format {
         Some(format) => format,
-        None if source.as_table().is_some() => Format::Csv,
-        None if first.text.starts_with(b"%") => Format::Telemetry,
-        None if is_console(head) => Format::Console,
-        None => Format::Csv,
+        None if source.as_table().is_some() => LogFormat::Csv,
+        None if first.text.starts_with(b"%") => LogFormat::Telemetry,
+        None if is_console(head) => LogFormat::Console,
+        None => LogFormat::Csv,
     };
     match format {
-        Format::Telemetry => telemetry_header(source, head, &first),
-        Format::Console => Ok(Header {
+        LogFormat::Telemetry => telemetry_header(source, head, &first),
+        LogFormat::Console => Ok(Header {
             format,
             separator: b',',
             names: console_names(),
@@ -143,14 +144,18 @@ fn read_header(
             names_line: first.number,
             has_decimal_commas: false,
         }),
-        Format::Csv | Format::Training | Format::Reference => {
+        LogFormat::Csv | LogFormat::Training | LogFormat::Reference => {
             separated_header(source, head, &first, mapping)
         }
     }
 }
 
 /// Telemetry: the last line with `|` among those that start with `%` names the columns.
-fn telemetry_header(source: &LogSource, head: &[u8], first: &Line<'_>) -> Result<Header, LogError> {
+fn telemetry_header(
+    source: &LogSource,
+    head: &[u8],
+    first: &LayoutLine<'_>,
+) -> Result<Header, LogError> {
     let mut names = None;
     let mut line = Some(*first);
     let mut rows_start = head.len();
@@ -162,12 +167,12 @@ fn telemetry_header(source: &LogSource, head: &[u8], first: &Line<'_>) -> Result
         if this.text.contains(&b'|') {
             names = Some(this);
         }
-        line = Line::after(head, &this);
+        line = LayoutLine::after(head, &this);
     }
     let names = names.ok_or_else(|| LogError::NoColumnNames { path: source.path.clone() })?;
     let text = String::from_utf8_lossy(names.text);
     Ok(Header {
-        format: Format::Telemetry,
+        format: LogFormat::Telemetry,
         separator: b',',
         names: text.trim_start_matches('%').split('|').map(|name| name.trim().to_owned()).collect(),
         units: Vec::new(),
@@ -181,12 +186,12 @@ fn telemetry_header(source: &LogSource, head: &[u8], first: &Line<'_>) -> Result
 fn separated_header(
     source: &LogSource,
     head: &[u8],
-    first: &Line<'_>,
+    first: &LayoutLine<'_>,
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
     let table_names = source.as_whole_table().and_then(Table::names);
     let separator = if source.as_whole_table().is_some() { b',' } else { separator(first.text) };
-    let fields = |line: &Line<'_>| fields(line.text, separator);
+    let fields = |line: &LayoutLine<'_>| fields(line.text, separator);
     let has_commas = separator != b',';
     let is_numeric = |fields: &[Vec<u8>]| {
         let is_number = |field: &&Vec<u8>| {
@@ -203,7 +208,7 @@ fn separated_header(
         fields.iter().map(text).collect::<Vec<_>>()
     };
     let mut header = Header {
-        format: mapping.format.unwrap_or(Format::Csv),
+        format: mapping.format.unwrap_or(LogFormat::Csv),
         separator,
         names: Vec::new(),
         units: Vec::new(),
@@ -213,11 +218,11 @@ fn separated_header(
     };
     let named_above = (!has_names).then(|| names_in_comment(head, first, separator, found.len()));
     let fixed = match (mapping.format, found.len()) {
-        (Some(Format::Training), _) => Some((Format::Training, training_names())),
-        (Some(Format::Reference), _) => Some((Format::Reference, reference_names())),
+        (Some(LogFormat::Training), _) => Some((LogFormat::Training, training_names())),
+        (Some(LogFormat::Reference), _) => Some((LogFormat::Reference, reference_names())),
         _ if has_names || named_above.as_ref().is_some_and(Option::is_some) => None,
-        (None, 15) => Some((Format::Training, training_names())),
-        (None, 12) => Some((Format::Reference, reference_names())),
+        (None, 15) => Some((LogFormat::Training, training_names())),
+        (None, 12) => Some((LogFormat::Reference, reference_names())),
         _ => None,
     };
     if let Some((format, names)) = fixed {
@@ -238,11 +243,11 @@ fn separated_header(
     if has_names {
         header.names = table_names.map_or_else(|| texts(found), <[String]>::to_vec);
         // A line of units is one of texts above one of numbers.
-        let second = Line::after(head, first).map(|line| (line, fields(&line)));
+        let second = LayoutLine::after(head, first).map(|line| (line, fields(&line)));
         if let Some((line, units)) = second.filter(|_| table_names.is_none())
             && units.len() == header.names.len()
             && !units.iter().any(|field| is_number(field) || is_number(&with_points(field)))
-            && Line::after(head, &line).is_some_and(|third| is_numeric(&fields(&third)))
+            && LayoutLine::after(head, &line).is_some_and(|third| is_numeric(&fields(&third)))
         {
             header.units = texts(units);
             header.rows_start = line.next;
@@ -265,7 +270,7 @@ fn separated_header(
 /// its line.
 fn names_in_comment(
     head: &[u8],
-    first: &Line<'_>,
+    first: &LayoutLine<'_>,
     separator: u8,
     columns: usize,
 ) -> Option<(u64, Vec<String>)> {
@@ -284,8 +289,9 @@ fn names_in_comment(
 const LOOKED_AT: usize = 16;
 
 /// Whether some field of the first rows is a number once its comma is a point, and none else.
-fn has_decimal_commas(head: &[u8], first: &Line<'_>, separator: u8) -> bool {
-    let lines = std::iter::successors(Some(*first), |line| Line::after(head, line)).take(LOOKED_AT);
+fn has_decimal_commas(head: &[u8], first: &LayoutLine<'_>, separator: u8) -> bool {
+    let lines =
+        std::iter::successors(Some(*first), |line| LayoutLine::after(head, line)).take(LOOKED_AT);
     let is_decimal = |field: &Vec<u8>| {
         field.contains(&b',') && !is_number(field) && is_number(&with_points(field))
     };
@@ -376,14 +382,14 @@ fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
 
 /// A line of the head.
 #[derive(Clone, Copy)]
-struct Line<'a> {
+struct LayoutLine<'a> {
     text: &'a [u8],
     start: usize,
     next: usize,
     number: u64,
 }
 
-impl<'a> Line<'a> {
+impl<'a> LayoutLine<'a> {
     /// Whether it is a line by itself, and there to its end.
     fn check(&self, source: &LogSource, head: &[u8], whole: bool) -> Result<(), LogError> {
         let (path, place) = (source.path.clone(), source.place(self.number));

@@ -7,7 +7,7 @@ use std::fmt;
 
 /// The kinds of log that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub enum LogFormat {
     /// The lab's robot telemetry: `%` header lines, the last of which names the columns.
     Telemetry,
     /// Separated values with a header line.
@@ -27,14 +27,14 @@ pub enum Format {
     Console,
 }
 
-impl fmt::Display for Format {
+impl fmt::Display for LogFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Format::Telemetry => "robot telemetry",
-            Format::Csv => "CSV with a header",
-            Format::Training => "training CSV without a header",
-            Format::Reference => "reference sensor CSV",
-            Format::Console => "base-station console log",
+            LogFormat::Telemetry => "robot telemetry",
+            LogFormat::Csv => "CSV with a header",
+            LogFormat::Training => "training CSV without a header",
+            LogFormat::Reference => "reference sensor CSV",
+            LogFormat::Console => "base-station console log",
         })
     }
 }
@@ -70,7 +70,7 @@ pub struct Mapping {
     /// The matrix, sheet or topic to read of a file that can hold several.
     pub table: Option<String>,
     /// The format of the file.
-    pub format: Option<Format>,
+    pub format: Option<LogFormat>,
     /// The sensor columns, in channel order.
     pub sensors: Option<Vec<ColumnRef>>,
     /// The wrench columns, of the axes that there are, in the order Fx … Mz.

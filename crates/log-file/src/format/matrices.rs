@@ -1,7 +1,7 @@
 //! Columns of matrices: `a1`, `a2`, … of a matrix `a` in a MATLAB or HDF5 file.
 
 use super::columns::{Meaning, meaning_of};
-use super::mapping::{ColumnRef, Format, Mapping};
+use super::mapping::{ColumnRef, LogFormat, Mapping};
 
 /// The names of the columns of a matrix `name`, as far as there are any.
 pub(crate) fn columns_of(names: &[String], name: &str) -> Vec<String> {
@@ -18,8 +18,9 @@ pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     let first = first.filter(|name| !names.iter().any(|other| other == name));
     let matrices: Vec<Vec<String>> =
         first.map(|name| columns_of(names, name)).filter(|columns| columns.len() > 1).collect();
-    let has_meaning =
-        |name: &String| !matches!(meaning_of(name, Format::Csv), Meaning::Other | Meaning::Time(_));
+    let has_meaning = |name: &String| {
+        !matches!(meaning_of(name, LogFormat::Csv), Meaning::Other | Meaning::Time(_))
+    };
     let is_specified = mapping.sensors.is_some() || mapping.wrench.is_some();
     if is_specified || names.iter().any(has_meaning) {
         return mapping;

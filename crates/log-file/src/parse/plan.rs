@@ -6,7 +6,7 @@ use super::console;
 use super::parsed_rows::ParsedRows;
 use super::rows::{ColumnUse, RowError, RowPlan};
 use crate::format::layout::FileLayout;
-use crate::format::mapping::Format;
+use crate::format::mapping::LogFormat;
 use crate::read::request::Wanted;
 use crate::stream::chunk::Chunk;
 use crate::stream::clock_turns;
@@ -105,7 +105,7 @@ impl ReadPlan {
             others: outputs(true, &wanted.others),
             texts: wanted.texts.len(),
             rows: match layout.format {
-                Format::Console => RowSyntax::Console(places),
+                LogFormat::Console => RowSyntax::Console(places),
                 _ => RowSyntax::Separated(RowPlan {
                     separator: layout.separator,
                     uses: column_uses(
@@ -117,7 +117,7 @@ impl ReadPlan {
                     group: roles.group.filter(|_| wanted.groups),
                     texts: wanted.texts.clone(),
                     largest_reading: match layout.format {
-                        Format::Telemetry => LARGEST_LOGGED,
+                        LogFormat::Telemetry => LARGEST_LOGGED,
                         _ => LARGEST_READING,
                     },
                     names: layout.columns.iter().map(|column| column.name.clone()).collect(),

@@ -4,7 +4,7 @@ use std::io::{Read, Seek, SeekFrom};
 
 use super::request::Wanted;
 use crate::error::LogError;
-use crate::format::mapping::Format;
+use crate::format::mapping::LogFormat;
 use crate::log::Log;
 use crate::parse::number::parse_field;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
@@ -42,7 +42,7 @@ impl Log {
     /// [`LogError`] if the file cannot be read.
     pub fn are_texts(&self, places: &[usize]) -> Result<Vec<bool>, LogError> {
         // A console has numbers alone.
-        if self.format() == Format::Console {
+        if self.format() == LogFormat::Console {
             return Ok(vec![false; places.len()]);
         }
         let sample = self.sample(&Wanted { texts: places.to_vec(), ..Wanted::default() })?;

@@ -12,7 +12,7 @@ use shell_data::ReadSummary;
 use shell_data::block::Block;
 
 /// A choice of the rows that are read, see [`Log::read_where`].
-pub trait Selection {
+pub trait RowSelection {
     /// The errors that end the reading.
     type Error: From<LogError>;
 
@@ -38,7 +38,7 @@ impl Log {
     ///
     /// # Errors
     /// As [`Log::read`]; and what `selection` returns, which ends the reading.
-    pub fn read_where<S: Selection>(
+    pub fn read_where<S: RowSelection>(
         &self,
         wanted: &Wanted,
         options: &ReadOptions<'_>,

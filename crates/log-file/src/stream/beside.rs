@@ -102,15 +102,15 @@ fn is_number(field: &[u8], separator: u8) -> bool {
 /// The text of two files.
 #[derive(Debug)]
 pub(crate) struct Joined<R> {
-    first: Lines<R>,
-    second: Lines<R>,
+    first: CompanionLines<R>,
+    second: CompanionLines<R>,
     sides: Option<Sides>,
     line: u64,
 }
 
 impl<R: Read> Joined<R> {
     pub(crate) fn new(first: R, second: R) -> Self {
-        let (first, second) = (Lines::new(first), Lines::new(second));
+        let (first, second) = (CompanionLines::new(first), CompanionLines::new(second));
         Self { first, second, sides: None, line: 0 }
     }
 
@@ -151,12 +151,12 @@ impl<R: Read> TextSource for Joined<R> {
 
 /// The lines of a file, one at a time.
 #[derive(Debug)]
-pub(crate) struct Lines<R> {
+pub(crate) struct CompanionLines<R> {
     stream: BufReader<R>,
     pub(crate) line: Vec<u8>,
 }
 
-impl<R: Read> Lines<R> {
+impl<R: Read> CompanionLines<R> {
     pub(crate) fn new(stream: R) -> Self {
         Self { stream: BufReader::with_capacity(TEXT_BYTES, stream), line: Vec::new() }
     }

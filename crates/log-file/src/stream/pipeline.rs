@@ -122,20 +122,20 @@ fn on_threads(workers: usize, worker: &(dyn Fn() + Sync), caller: &mut dyn FnMut
 }
 
 struct Queue<'a, P: Pieces, T> {
-    source: Mutex<Source<'a, P>>,
-    progress: Mutex<Progress<T, P::Error>>,
+    source: Mutex<PieceSource<'a, P>>,
+    progress: Mutex<PipelineProgress<T, P::Error>>,
     changed: Condvar,
     /// How many results may wait.
     room: usize,
 }
 
 /// The pieces, and the number of the next one.
-struct Source<'a, P> {
+struct PieceSource<'a, P> {
     pieces: &'a mut P,
     next: usize,
 }
 
-struct Progress<T, E> {
+struct PipelineProgress<T, E> {
     finished: InOrder<Result<T, E>>,
     /// The number of pieces, once it is known.
     pieces: Option<usize>,
@@ -193,16 +193,16 @@ enum Finished<T, E> {
 impl<'a, P: Pieces, T> Queue<'a, P, T> {
     fn new(pieces: &'a mut P, room: usize) -> Self {
         let progress =
-            Progress { finished: InOrder::new(), pieces: None, stopped: false, waiting: 0 };
+            PipelineProgress { finished: InOrder::new(), pieces: None, stopped: false, waiting: 0 };
         Self {
-            source: Mutex::new(Source { pieces, next: 0 }),
+            source: Mutex::new(PieceSource { pieces, next: 0 }),
             progress: Mutex::new(progress),
             changed: Condvar::new(),
             room,
         }
     }
 
-    fn progress(&self) -> MutexGuard<'_, Progress<T, P::Error>> {
+    fn progress(&self) -> MutexGuard<'_, PipelineProgress<T, P::Error>> {
         lock(&self.progress)
     }
 
@@ -288,7 +288,7 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
     }
 
     /// Changes the progress and wakes the threads that wait for that, if there are any.
-    fn change<R>(&self, change: impl FnOnce(&mut Progress<T, P::Error>) -> R) -> R {
+    fn change<R>(&self, change: impl FnOnce(&mut PipelineProgress<T, P::Error>) -> R) -> R {
         let mut progress = self.progress();
         let result = change(&mut progress);
         let waiting = progress.waiting;
@@ -302,8 +302,8 @@ impl<'a, P: Pieces, T> Queue<'a, P, T> {
     /// Waits for a change.
     fn wait<'s>(
         &self,
-        mut progress: MutexGuard<'s, Progress<T, P::Error>>,
-    ) -> MutexGuard<'s, Progress<T, P::Error>> {
+        mut progress: MutexGuard<'s, PipelineProgress<T, P::Error>>,
+    ) -> MutexGuard<'s, PipelineProgress<T, P::Error>> {
         progress.waiting += 1;
         let mut progress = self.changed.wait(progress).unwrap_or_else(PoisonError::into_inner);
         progress.waiting -= 1;

@@ -18,12 +18,12 @@ use flate2::bufread::MultiGzDecoder;
 use table_file::{FileKind, Numbering, Recognised, Table, TableError, TableText};
 use tempfile::TempPath;
 
-use super::beside::{Joined, Lines, RowMismatch, Sides};
+use super::beside::{CompanionLines, Joined, RowMismatch, Sides};
 use super::text_stream::TextStream;
 use super::utf16::Utf16;
 use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
-use crate::error::{LogError, Place};
+use crate::error::{LogError, LogPosition};
 
 /// A file to be read from its start any number of times.
 #[derive(Clone, Debug)]
@@ -168,7 +168,7 @@ impl LogSource {
     pub(crate) fn sides(&self) -> Result<Option<Sides>, LogError> {
         let Some(beside) = &self.beside else { return Ok(None) };
         let first_line = |source: &Self, stream: ByteStream| {
-            let mut lines = Lines::new(stream);
+            let mut lines = CompanionLines::new(stream);
             lines.next(1).map_err(|error| source.error(error))?;
             Ok::<_, LogError>(lines.line)
         };
@@ -298,12 +298,12 @@ impl LogSource {
     }
 
     /// What a line of the text, from 1, is in the file.
-    pub(crate) fn place(&self, line: u64) -> Place {
+    pub(crate) fn place(&self, line: u64) -> LogPosition {
         match (self.as_table().map(Table::numbering), line) {
-            (None, line) => Place::Line(line),
-            (Some(Numbering::Named), 0 | 1) => Place::Names,
-            (Some(Numbering::Named), line) => Place::Row(line - 1),
-            (Some(_), line) => Place::Row(line),
+            (None, line) => LogPosition::Line(line),
+            (Some(Numbering::Named), 0 | 1) => LogPosition::Names,
+            (Some(Numbering::Named), line) => LogPosition::Row(line - 1),
+            (Some(_), line) => LogPosition::Row(line),
         }
     }
 

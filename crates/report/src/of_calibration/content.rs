@@ -1,6 +1,6 @@
 //! What the report of a calibration is made from.
 
-use super::super::outliers::Outliers;
+use super::super::outliers::OutlierTable;
 use super::super::{CalibrationFacts, Heading};
 use calibration::validation::excitation::Excitation;
 use calibration::validation::selection::Selection;
@@ -39,7 +39,7 @@ pub struct CalibrationReport<'a> {
     /// Errors by group of the test logs.
     pub test_groups: &'a [GroupRow],
     /// Rows that do not belong; `None` where nobody looked.
-    pub outliers: Option<Outliers>,
+    pub outliers: Option<OutlierTable>,
     /// Predicted against measured.
     pub figure: &'a Figure,
     /// The loads of training and test rows.

@@ -1,6 +1,6 @@
 //! What a calibration must not be used for, as far as its own fit tells.
 
-use super::super::units::UnitScale;
+use super::super::units::ColumnUnit;
 use super::{CalibrationReport, FewGroups};
 use calibration::validation::cross_validation::CrossValidation;
 use shell_data::wrench::Axis;
@@ -39,7 +39,7 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
     if let Some(excitation) = report.excitation {
         let range = |axis: Axis| {
             let of = &excitation.axes[axis.index()];
-            let scale = UnitScale::new(axis.unit(), [of.min, of.max]);
+            let scale = ColumnUnit::new(axis.unit(), [of.min, of.max]);
             format!("{} {} {}", axis.name(), scale.range(of.min, of.max), scale.unit)
         };
         limits.push(format!(

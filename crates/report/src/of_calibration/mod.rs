@@ -12,7 +12,7 @@ use super::markup::{TableCell, escape, figure, table};
 use super::page::{PageSection, ReportPage};
 use super::sections::calibration::{errors_table, scales, sources_table};
 use super::sections::parts::{drawing, facts_table, folded};
-use super::units::UnitScale;
+use super::units::ColumnUnit;
 use calibration::validation::selection::{Candidate, Selection};
 use shell_data::wrench::{Axes, Axis};
 
@@ -69,7 +69,7 @@ fn answer(report: &CalibrationReport<'_>) -> String {
         (None, None) => "the training data alone, which flatters",
     };
     let each = |axes: &[Axis], value: &dyn Fn(Axis) -> f64, sign: &str| {
-        let scale = UnitScale::new(axes[0].unit(), axes.iter().map(|&axis| value(axis)));
+        let scale = ColumnUnit::new(axes[0].unit(), axes.iter().map(|&axis| value(axis)));
         let one = |axis: &Axis| {
             let value = scale.value(Some(value(*axis)));
             format!("{} {sign}<strong>{value}</strong>", axis.name())

@@ -1,7 +1,7 @@
 //! What converted the readings.
 
 use super::super::markup::{TableCell, table};
-use super::super::units::UnitScale;
+use super::super::units::ColumnUnit;
 use super::super::{CalibrationFacts, CalibrationSource, Report};
 use super::parts::facts_table;
 use shell_data::wrench::Axis;
@@ -70,7 +70,7 @@ pub(crate) fn errors_table(calibration: &CalibrationFacts<'_>) -> String {
 }
 
 /// The unit of forces and that of moments that suit some figures.
-pub(crate) fn scales(of: impl Fn(Axis) -> Vec<f64>) -> [UnitScale; 2] {
+pub(crate) fn scales(of: impl Fn(Axis) -> Vec<f64>) -> [ColumnUnit; 2] {
     [&Axis::ALL[..3], &Axis::ALL[3..]]
-        .map(|axes| UnitScale::new(axes[0].unit(), axes.iter().flat_map(|&axis| of(axis))))
+        .map(|axes| ColumnUnit::new(axes[0].unit(), axes.iter().flat_map(|&axis| of(axis))))
 }

@@ -3,7 +3,7 @@
 use super::super::Report;
 use super::super::markup::{TableCell, figure, table};
 use super::super::numbers::{BoxPlot, PhasePlot, ReportNumbers};
-use super::super::units::UnitScale;
+use super::super::units::ColumnUnit;
 use super::parts::{capital, folded, plot_figure};
 use trial::{ConditionRow, Per, Quantity};
 
@@ -22,7 +22,7 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
             continue;
         }
         let scale =
-            UnitScale::new(quantity.unit(), of_quantity.iter().map(|row| row.statistics.mean));
+            ColumnUnit::new(quantity.unit(), of_quantity.iter().map(|row| row.statistics.mean));
         let has_reference = report.conditions.iter().any(|row| row.difference.is_some());
         let cells = |row: &&ConditionRow| condition_cells(row, &scale, has_reference);
         let rows: Vec<Vec<TableCell>> = of_quantity.iter().map(cells).collect();
@@ -48,7 +48,7 @@ pub(super) fn conditions(report: &Report<'_>, numbers: &ReportNumbers) -> String
 }
 
 /// What answers, with intervals.
-fn condition_cells(row: &ConditionRow, scale: &UnitScale, has_reference: bool) -> Vec<TableCell> {
+fn condition_cells(row: &ConditionRow, scale: &ColumnUnit, has_reference: bool) -> Vec<TableCell> {
     let s = &row.statistics;
     let mut cells = vec![
         TableCell::Text(row.condition.clone()),
@@ -67,7 +67,7 @@ fn condition_cells(row: &ConditionRow, scale: &UnitScale, has_reference: bool) -
 }
 
 /// How the values lie.
-fn spread_cells(row: &ConditionRow, scale: &UnitScale) -> Vec<TableCell> {
+fn spread_cells(row: &ConditionRow, scale: &ColumnUnit) -> Vec<TableCell> {
     let s = &row.statistics;
     vec![
         TableCell::Text(row.condition.clone()),

@@ -5,9 +5,9 @@ use std::fmt::Write;
 use super::super::Report;
 use super::super::markup::{TableCell, escape, table};
 use super::super::numbers::{EffectPlot, QUANTITIES, ReportNumbers};
-use super::super::units::UnitScale;
+use super::super::units::ColumnUnit;
 use super::parts::{capital, plot_figure};
-use trial::{ConditionRow, Difference, Per, Quantity};
+use trial::{ConditionRow, MeanDifference, Per, Quantity};
 
 pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     let rows = |quantity: Quantity| -> Vec<&ConditionRow> {
@@ -78,15 +78,15 @@ pub(super) fn effect(report: &Report<'_>, numbers: &ReportNumbers) -> String {
     html + &table("Mean per trial, with the half width of its 95 % interval", &header, &cells)
 }
 
-fn scale_of(rows: &[&ConditionRow], quantity: Quantity) -> UnitScale {
-    UnitScale::new(quantity.unit(), rows.iter().map(|row| row.statistics.mean))
+fn scale_of(rows: &[&ConditionRow], quantity: Quantity) -> ColumnUnit {
+    ColumnUnit::new(quantity.unit(), rows.iter().map(|row| row.statistics.mean))
 }
 
 /// A sentence for every quantity: how conditions differ from the reference.
 fn answers<'a>(
     quantities: &[Quantity],
     rows: impl Fn(Quantity) -> Vec<&'a ConditionRow>,
-    reference: &Difference,
+    reference: &MeanDifference,
 ) -> String {
     let mut html = String::new();
     for &quantity in quantities {

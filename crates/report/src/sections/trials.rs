@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::super::markup::{TableCell, escape, figure, table};
 use super::super::numbers::{ReportNumbers, TrialPlot};
-use super::super::units::UnitScale;
+use super::super::units::ColumnUnit;
 use super::super::{MOST_TRACES, Report};
 use super::parts::{folded, plot_figure};
 use trial::{StrideRow, TrialResult, TrialRow};
@@ -73,7 +73,7 @@ fn trial_plots(at: usize, row: &TrialRow, plot: &TrialPlot) -> String {
 /// What answers, and, folded, what it was computed from. Every column has the unit that suits it.
 fn trial_tables(trials: &[TrialResult]) -> String {
     let scale = |unit: &str, value: fn(&TrialRow) -> Option<f64>| {
-        UnitScale::new(unit, trials.iter().filter_map(|trial| value(&trial.row)))
+        ColumnUnit::new(unit, trials.iter().filter_map(|trial| value(&trial.row)))
     };
     let drag = scale("N", |row| row.drag_mean_n);
     let lift = scale("N", |row| row.lift_mean_n);
@@ -128,8 +128,8 @@ fn strides(strides: &[StrideRow]) -> String {
     if strides.is_empty() {
         return String::new();
     }
-    let energy = UnitScale::new("J", strides.iter().filter_map(|row| row.drag_energy_j));
-    let electrical = UnitScale::new("J", strides.iter().filter_map(|row| row.electrical_energy_j));
+    let energy = ColumnUnit::new("J", strides.iter().filter_map(|row| row.drag_energy_j));
+    let electrical = ColumnUnit::new("J", strides.iter().filter_map(|row| row.electrical_energy_j));
     let names = [energy.name("drag energy"), electrical.name("electrical energy")];
     let header = [
         ("stride", false),

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::parameter::Parameter;
 use super::summary::{ChannelSummary, summarise};
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 
 /// A parameter that is not known exactly: normal about its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,7 +93,7 @@ pub fn monte_carlo(
 }
 
 fn drawn(setup: &Setup, uncertain: &[Uncertain], seed: u64, draw: usize) -> Setup {
-    let mut stream = Stream::new(seed, Purpose::BeamChannel, draw as u64);
+    let mut stream = RandomStream::new(seed, Purpose::BeamChannel, draw as u64);
     let mut drawn = *setup;
     for Uncertain { parameter, spread } in uncertain {
         let value = parameter.get(setup);

@@ -14,7 +14,7 @@ use std::f64::consts::{PI, TAU};
 
 use shell_data::wrench::PerAxis;
 
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 
 /// Seconds from one contact to the next.
 pub(crate) const POSE_S: f64 = 2.0;
@@ -33,7 +33,7 @@ const TAP_S: f64 = 0.08;
 pub struct LoadScript {
     poses: Option<(Purpose, u64)>,
     first: [f64; 2],
-    current: Option<(u64, Pose)>,
+    current: Option<(u64, ShellContact)>,
 }
 
 impl LoadScript {
@@ -53,7 +53,7 @@ impl LoadScript {
     }
 
     fn new(purpose: Purpose, seed: u64) -> Self {
-        let mut stream = Stream::new(seed, purpose, u64::MAX);
+        let mut stream = RandomStream::new(seed, purpose, u64::MAX);
         let first = std::array::from_fn(|_| stream.uniform());
         Self { poses: Some((purpose, seed)), first, current: None }
     }
@@ -74,7 +74,9 @@ impl LoadScript {
         let number = Self::pose_number(time_s);
         let pose = match self.current {
             Some((current, pose)) if current == number => pose,
-            _ => Pose::new(&mut Stream::new(seed, purpose, number), number, self.first),
+            _ => {
+                ShellContact::new(&mut RandomStream::new(seed, purpose, number), number, self.first)
+            }
         };
         self.current = Some((number, pose));
         pose.wrench_at(time_s - number as f64 * POSE_S)
@@ -83,7 +85,7 @@ impl LoadScript {
 
 /// One contact, from touch to release.
 #[derive(Clone, Copy, Debug)]
-struct Pose {
+struct ShellContact {
     point_m: [f64; 3],
     force_n: [f64; 3],
     couple_nm: [f64; 3],
@@ -99,8 +101,8 @@ struct Sway {
     phase_rad: f64,
 }
 
-impl Pose {
-    fn new(stream: &mut Stream, number: u64, first: [f64; 2]) -> Self {
+impl ShellContact {
+    fn new(stream: &mut RandomStream, number: u64, first: [f64; 2]) -> Self {
         // Roberts' R₂: multiples of 1/ρ and 1/ρ², ρ³ = ρ + 1.
         let step = |k: usize, ratio: f64| (first[k] + number as f64 * ratio) % 1.0;
         let azimuth = TAU * step(0, 0.754_877_666_246_692_7);

@@ -8,7 +8,7 @@
 //!
 //! [`SensorModel`] takes a time and a wrench and gives a [`SimulatedFrame`], one after another, with no
 //! memory but that of the springs; [`LoadScript`] says which wrench, [`ReferenceSensor`] what a
-//! reference sensor makes of it, and [`Recording`] puts them together row by row.
+//! reference sensor makes of it, and [`SensorRecording`] puts them together row by row.
 //!
 //! Everything is a function of parameters and seeds, to the last bit and on every machine: random
 //! numbers from ChaCha, elementary functions from `libm`, sums in a fixed order.
@@ -31,15 +31,17 @@ pub use geometry::Reflector;
 pub use load::LoadScript;
 pub use load_table::{BadLoad, LoadTable};
 pub use pair::{Pair, PairSettings};
-pub use parameters::{Channel, Noise, Parameters, Reference, Spread, Surroundings};
-pub use recording::{Kind, Recording, Sample, Settings};
+pub use parameters::{
+    Reference, SensorChannel, SensorNoise, SensorParameters, Surroundings, UnitSpread,
+};
+pub use recording::{RecordingKind, RecordingSettings, SensorRecording, SensorSample};
 pub use reference::ReferenceSensor;
 pub use response::Response;
 use springs::compliance;
 pub use springs::{Creep, Displacement, Hysteresis, Spring, stiffness};
 
 use geometry::RigidMotion;
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 use springs::Suspension;
 
 use shell_data::wrench::PerAxis;
@@ -110,30 +112,30 @@ pub const LIMIT: f64 = 1e6;
 /// One instrument during one recording.
 #[derive(Clone, Debug)]
 pub struct SensorModel {
-    channels: [Channel; 8],
+    channels: [SensorChannel; 8],
     normals: [[f64; 3]; 8],
     response: Response,
     suspension: Suspension,
     surroundings: Surroundings,
     start_k: f64,
     ambient: [f64; 8],
-    noise: Noise,
+    noise: SensorNoise,
     full_scale: f64,
-    random: Stream,
+    random: RandomStream,
 }
 
 impl SensorModel {
-    /// The instrument that `unit` describes ([`Parameters::unit`]), in the recording that `seed`
+    /// The instrument that `unit` describes ([`SensorParameters::unit`]), in the recording that `seed`
     /// names, with no load so far.
     ///
     /// # Errors
     /// [`ModelError`] if the springs leave the plate loose or the converter cannot be modelled.
-    pub fn new(unit: &Parameters, seed: u64) -> Result<Self, ModelError> {
+    pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, ModelError> {
         if !(8..=16).contains(&unit.adc_bits) {
             return Err(ModelError::AdcBits { bits: unit.adc_bits });
         }
         let compliance = compliance(&stiffness(&unit.springs)).ok_or(ModelError::LoosePlate)?;
-        let mut session = Stream::new(seed, Purpose::Session, 0);
+        let mut session = RandomStream::new(seed, Purpose::Session, 0);
         Ok(Self {
             channels: unit.channels,
             normals: unit.channels.map(|channel| channel.reflector.normal()),
@@ -144,7 +146,7 @@ impl SensorModel {
             ambient: std::array::from_fn(|_| unit.surroundings.ambient * session.normal()),
             noise: unit.noise,
             full_scale: f64::from(1_u32 << unit.adc_bits),
-            random: Stream::new(seed, Purpose::Readings, 0),
+            random: RandomStream::new(seed, Purpose::Readings, 0),
         })
     }
 

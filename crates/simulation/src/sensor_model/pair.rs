@@ -7,8 +7,10 @@
 //!
 //! The load is a function of reference time. The board's clock shows 0 at its first frame.
 
-use super::{LoadScript, ModelError, Parameters, ReferenceSensor, SensorModel, SimulatedFrame};
-use shell_data::random::{Purpose, Stream};
+use super::{
+    LoadScript, ModelError, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame,
+};
+use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
 /// The springs are followed at this rate at least, Hz.
@@ -46,7 +48,7 @@ pub struct PairSettings {
 #[derive(Clone, Debug)]
 pub struct Pair {
     settings: PairSettings,
-    unit: Parameters,
+    unit: SensorParameters,
     load: LoadScript,
 }
 
@@ -80,7 +82,7 @@ impl Pair {
         if !(settings.noise_scale.is_finite() && settings.noise_scale >= 0.0) {
             return Err(ModelError::NoiseScale { factor: settings.noise_scale });
         }
-        let mut unit = Parameters::nominal().unit(settings.unit_seed);
+        let mut unit = SensorParameters::nominal().unit(settings.unit_seed);
         unit.scale_noise(settings.noise_scale);
         let load = match settings.loaded {
             true => LoadScript::training(settings.seed),
@@ -116,7 +118,7 @@ impl Pair {
         let PairSettings { seed, duration_s, board_rate_hz, offset_s, skew, loss, .. } =
             self.settings;
         let mut sensor = SensorModel::new(&self.unit, seed)?;
-        let mut losses = Stream::new(seed, Purpose::Losses, 0);
+        let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
         let mut load = self.load.clone();
         let parts = (SPRINGS_HZ / board_rate_hz).ceil().clamp(1.0, 1e3) as u64;
         let pair = self.clone();

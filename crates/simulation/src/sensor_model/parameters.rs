@@ -1,14 +1,14 @@
 //! Every number of the sensor model, with where it comes from.
 //!
-//! [`Parameters::nominal`] is the drawing; [`Parameters::unit`] is one instrument built from it.
+//! [`SensorParameters::nominal`] is the drawing; [`SensorParameters::unit`] is one instrument built from it.
 
 use super::geometry::Reflector;
 use super::springs::{Creep, Hysteresis, Spring};
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 
 /// One photointerrupter with its reflector.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Channel {
+pub struct SensorChannel {
     /// Where it looks and at what.
     pub reflector: Reflector,
     /// Reading at the optimum distance, as a fraction of the full scale.
@@ -21,7 +21,7 @@ pub struct Channel {
 
 /// Random noise of a reading; the parts add as variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noise {
+pub struct SensorNoise {
     /// Of amplifier and converter, as a fraction of the full scale.
     pub read: f64,
     /// Shot noise: variance over signal, both as fractions of the full scale.
@@ -60,7 +60,7 @@ pub struct Reference {
 
 /// How much one unit differs from the drawing (standard deviations).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spread {
+pub struct UnitSpread {
     /// Spring stiffness, relative.
     pub stiffness: f64,
     /// Position of a photointerrupter and gap at rest, m.
@@ -77,7 +77,7 @@ pub struct Spread {
 
 /// The sensor model's numbers.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameters {
+pub struct SensorParameters {
     /// The springs that carry the reflector plate; the frame's origin is at their centre.
     pub springs: [Spring; 4],
     /// Their creep.
@@ -85,9 +85,9 @@ pub struct Parameters {
     /// Their hysteresis.
     pub hysteresis: Hysteresis,
     /// The eight channels: four flat, two tilted about y, two tilted about x.
-    pub channels: [Channel; 8],
+    pub channels: [SensorChannel; 8],
     /// Noise of the readings.
-    pub noise: Noise,
+    pub noise: SensorNoise,
     /// Light and warmth.
     pub surroundings: Surroundings,
     /// Resolution of the converter, bits.
@@ -95,14 +95,14 @@ pub struct Parameters {
     /// The reference sensor.
     pub reference: Reference,
     /// Unit-to-unit spread.
-    pub spread: Spread,
+    pub spread: UnitSpread,
 }
 
 /// One step of the original board's 12-bit converter, as a fraction of its full scale.
 const LSB_12: f64 = 1.0 / 4096.0;
 const MM: f64 = 1e-3;
 
-impl Parameters {
+impl SensorParameters {
     /// The instrument as drawn.
     ///
     /// Sources, and what is assumed where there is none:
@@ -134,7 +134,7 @@ impl Parameters {
             position_m: [x * MM, y * MM, 0.0],
             stiffness_n_per_m: [2400.0, 2400.0, 6000.0],
         };
-        let channel = |[x, y]: [f64; 2], tilt_x_deg: f64, tilt_y_deg: f64| Channel {
+        let channel = |[x, y]: [f64; 2], tilt_x_deg: f64, tilt_y_deg: f64| SensorChannel {
             reflector: Reflector {
                 position_m: [x * MM, y * MM],
                 gap_m: 1.2 * MM,
@@ -159,7 +159,7 @@ impl Parameters {
                 channel([20.0, 0.0], 30.0, 0.0),
                 channel([-20.0, 0.0], 30.0, 0.0),
             ],
-            noise: Noise { read: 2.5 * LSB_12, shot: 1.0 / 8e5, emitter: 2e-4 },
+            noise: SensorNoise { read: 2.5 * LSB_12, shot: 1.0 / 8e5, emitter: 2e-4 },
             surroundings: Surroundings {
                 ambient: 2.0 * LSB_12,
                 start_k: 0.5,
@@ -174,7 +174,7 @@ impl Parameters {
                 turn_rad: 0.005,
                 shift_m: 0.3 * MM,
             },
-            spread: Spread {
+            spread: UnitSpread {
                 stiffness: 0.05,
                 position_m: 0.05 * MM,
                 tilt_rad: 0.01,
@@ -188,7 +188,7 @@ impl Parameters {
     /// The unit that `unit_seed` names: this drawing with the spread drawn from normal
     /// distributions, cut off at three standard deviations (what is outside fails inspection).
     pub fn unit(&self, unit_seed: u64) -> Self {
-        let mut stream = Stream::new(unit_seed, Purpose::Unit, 0);
+        let mut stream = RandomStream::new(unit_seed, Purpose::Unit, 0);
         let mut deviate = |scale: f64| scale * stream.normal().clamp(-3.0, 3.0);
         let mut unit = self.clone();
         for spring in &mut unit.springs {
@@ -221,7 +221,7 @@ impl Parameters {
     /// Scales every random noise, of the readings and of the reference sensor: 0 leaves none, 1 is
     /// as it was. Quantisation, drift, creep and hysteresis stay.
     pub fn scale_noise(&mut self, factor: f64) {
-        let Noise { read, shot, emitter } = &mut self.noise;
+        let SensorNoise { read, shot, emitter } = &mut self.noise;
         *read *= factor;
         *shot *= factor * factor;
         *emitter *= factor;

@@ -2,11 +2,13 @@
 
 use shell_data::wrench::PerAxis;
 
-use super::{LoadScript, ModelError, Parameters, ReferenceSensor, SensorModel, SimulatedFrame};
+use super::{
+    LoadScript, ModelError, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame,
+};
 
 /// What is done to the shell during a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum RecordingKind {
     /// Loads to calibrate on.
     Training,
     /// Other loads, to test a calibration on.
@@ -17,9 +19,9 @@ pub enum Kind {
 
 /// How a recording is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct RecordingSettings {
     /// What is done to the shell.
-    pub kind: Kind,
+    pub kind: RecordingKind,
     /// Samples per second.
     pub rate_hz: f64,
     /// Time of the first row, s.
@@ -36,9 +38,9 @@ pub struct Settings {
     pub elastic: bool,
 }
 
-impl Settings {
+impl RecordingSettings {
     /// What is made of that kind where nothing else is asked for.
-    pub const fn of(kind: Kind) -> Self {
+    pub const fn of(kind: RecordingKind) -> Self {
         Self {
             kind,
             rate_hz: 100.0,
@@ -54,7 +56,7 @@ impl Settings {
 
 /// One row of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
+pub struct SensorSample {
     /// Time, s.
     pub time_s: f64,
     /// The instrument's frame.
@@ -67,15 +69,15 @@ pub struct Sample {
 
 /// An endless recording, row by row.
 #[derive(Clone, Debug)]
-pub struct Recording {
-    settings: Settings,
+pub struct SensorRecording {
+    settings: RecordingSettings,
     load: LoadScript,
     sensor: SensorModel,
     reference: ReferenceSensor,
     row: u64,
 }
 
-impl Recording {
+impl SensorRecording {
     /// Sets everything up for the first row.
     ///
     /// Recordings of different kinds differ in everything but the instrument, also where their
@@ -84,15 +86,15 @@ impl Recording {
     /// # Errors
     /// [`ModelError`] if the rate is not above 0, a time is not finite or the converter cannot be
     /// modelled.
-    pub fn new(settings: Settings) -> Result<Self, ModelError> {
-        let Settings { kind, rate_hz, start_time_s, seed, noise_scale, .. } = settings;
+    pub fn new(settings: RecordingSettings) -> Result<Self, ModelError> {
+        let RecordingSettings { kind, rate_hz, start_time_s, seed, noise_scale, .. } = settings;
         if !(rate_hz.is_finite() && rate_hz > 0.0 && start_time_s.is_finite()) {
             return Err(ModelError::Timing { rate_hz, start_time_s });
         }
         if !(noise_scale.is_finite() && noise_scale >= 0.0) {
             return Err(ModelError::NoiseScale { factor: noise_scale });
         }
-        let mut drawing = Parameters::nominal();
+        let mut drawing = SensorParameters::nominal();
         drawing.adc_bits = settings.adc_bits;
         let mut unit = drawing.unit(settings.unit_seed);
         unit.scale_noise(noise_scale);
@@ -100,9 +102,9 @@ impl Recording {
             unit.make_elastic();
         }
         let (load, session) = match kind {
-            Kind::Training => (LoadScript::training(seed), 0),
-            Kind::Test => (LoadScript::test(seed), 1),
-            Kind::Zero => (LoadScript::zero(), 2),
+            RecordingKind::Training => (LoadScript::training(seed), 0),
+            RecordingKind::Test => (LoadScript::test(seed), 1),
+            RecordingKind::Zero => (LoadScript::zero(), 2),
         };
         // The two highest bits of a seed are free in practice: they make room for the kind.
         let session_seed = seed.rotate_left(2) ^ session;
@@ -116,14 +118,14 @@ impl Recording {
     }
 }
 
-impl Iterator for Recording {
-    type Item = Sample;
+impl Iterator for SensorRecording {
+    type Item = SensorSample;
 
-    fn next(&mut self) -> Option<Sample> {
+    fn next(&mut self) -> Option<SensorSample> {
         let elapsed_s = self.row as f64 / self.settings.rate_hz;
         self.row += 1;
         let wrench = self.load.wrench_at(elapsed_s);
-        Some(Sample {
+        Some(SensorSample {
             time_s: self.settings.start_time_s + elapsed_s,
             frame: self.sensor.sample(elapsed_s, &wrench),
             wrench: self.reference.sample(&wrench),

@@ -7,7 +7,7 @@ use shell_data::wrench::PerAxis;
 
 use super::geometry::RigidMotion;
 use super::parameters::Reference;
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 
 /// A reference sensor, mounted for one recording.
 #[derive(Clone, Debug)]
@@ -16,13 +16,13 @@ pub struct ReferenceSensor {
     turn: RigidMotion,
     shift_m: [f64; 3],
     zero: PerAxis<f64>,
-    noise: Stream,
+    noise: RandomStream,
 }
 
 impl ReferenceSensor {
     /// Mounts the sensor for the recording that `seed` names.
     pub fn new(parameters: &Reference, seed: u64) -> Self {
-        let mut mounting = Stream::new(seed, Purpose::Mounting, 0);
+        let mut mounting = RandomStream::new(seed, Purpose::Mounting, 0);
         let mut draw = |scale: f64| scale * mounting.normal();
         let [x, y, z] = std::array::from_fn(|_| draw(parameters.turn_rad));
         let shift_m = std::array::from_fn(|_| draw(parameters.shift_m));
@@ -32,7 +32,7 @@ impl ReferenceSensor {
             turn: RigidMotion::new(&[0.0, 0.0, 0.0, x, y, z]),
             shift_m,
             zero,
-            noise: Stream::new(seed, Purpose::Reference, 0),
+            noise: RandomStream::new(seed, Purpose::Reference, 0),
         }
     }
 
@@ -58,10 +58,10 @@ impl ReferenceSensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor_model::Parameters;
+    use crate::sensor_model::SensorParameters;
 
     fn ideal() -> Reference {
-        let nominal = Parameters::nominal().reference;
+        let nominal = SensorParameters::nominal().reference;
         Reference { noise: [0.0; 2], zero: [0.0; 2], turn_rad: 0.0, shift_m: 0.0, ..nominal }
     }
 

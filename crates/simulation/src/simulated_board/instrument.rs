@@ -52,27 +52,27 @@ impl Load {
 }
 
 /// Eight photointerrupters of the sensor model.
-pub struct Instrument {
+pub struct SimulatedInstrument {
     sensor: SensorModel,
     load: Load,
     clock: PacedClock,
     lit: Option<usize>,
 }
 
-impl fmt::Debug for Instrument {
+impl fmt::Debug for SimulatedInstrument {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Instrument").field("load", &self.load).finish_non_exhaustive()
     }
 }
 
-impl Instrument {
+impl SimulatedInstrument {
     /// An instrument under a load, whose conversions take time on `clock`.
     pub fn new(sensor: SensorModel, load: Load, clock: PacedClock) -> Self {
         Self { sensor, load, clock, lit: None }
     }
 }
 
-impl FrontEnd for Instrument {
+impl FrontEnd for SimulatedInstrument {
     /// As on the SkinProc board.
     const CONVERSION_NS: u32 = 3_250;
 

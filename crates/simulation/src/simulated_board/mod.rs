@@ -17,7 +17,7 @@ mod socket;
 mod sync_script;
 
 pub use clock::PacedClock;
-pub use instrument::{Instrument, Load};
+pub use instrument::{Load, SimulatedInstrument};
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
@@ -31,13 +31,13 @@ use firmware::{
 use shared_proto::{Board, Identity, ResetCause};
 
 use crate::radio::{BadFault, Books, Faults, Radio};
-use crate::sensor_model::{ModelError, Parameters, SensorModel};
+use crate::sensor_model::{ModelError, SensorModel, SensorParameters};
 use line::{LineReceiver, LineSender, SerialLine};
 use sync_script::SyncScript;
 
 /// A board to simulate.
 #[derive(Clone, Debug)]
-pub struct Settings {
+pub struct BoardSettings {
     /// What is done to the shell.
     pub load: Load,
     /// Names the recording: noise, light, warmth and faults.
@@ -88,7 +88,7 @@ impl SimulatedBoard {
     /// # Errors
     /// [`SimulationError`].
     #[cfg(unix)]
-    pub fn start(settings: Settings) -> Result<Self, SimulationError> {
+    pub fn start(settings: BoardSettings) -> Result<Self, SimulationError> {
         Self::on(settings, |radios| Ok(SerialLine::open(radios)?))
     }
 
@@ -96,21 +96,21 @@ impl SimulatedBoard {
     ///
     /// # Errors
     /// [`SimulationError`].
-    pub fn listen(settings: Settings, at: SocketAddr) -> Result<Self, SimulationError> {
+    pub fn listen(settings: BoardSettings, at: SocketAddr) -> Result<Self, SimulationError> {
         Self::on(settings, |radios| {
             SerialLine::listen(at, radios).map_err(|reason| SimulationError::Listen { at, reason })
         })
     }
 
     fn on(
-        settings: Settings,
+        settings: BoardSettings,
         line: impl FnOnce(&[Arc<Mutex<Radio>>; 2]) -> Result<SerialLine, SimulationError>,
     ) -> Result<Self, SimulationError> {
-        let Settings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
+        let BoardSettings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
         if !(noise_scale.is_finite() && noise_scale >= 0.0) {
             return Err(ModelError::NoiseScale { factor: noise_scale }.into());
         }
-        let mut unit = Parameters::nominal().unit(unit_seed);
+        let mut unit = SensorParameters::nominal().unit(unit_seed);
         unit.scale_noise(noise_scale);
         let sensor = SensorModel::new(&unit, seed)?;
         // The two ways of the radio fail independently.
@@ -119,7 +119,7 @@ impl SimulatedBoard {
         let SerialLine { port, sender, receiver } = line(&radios)?;
         thread::spawn(move || {
             let clock = PacedClock::start();
-            let front_end = Instrument::new(sensor, load, clock.clone());
+            let front_end = SimulatedInstrument::new(sensor, load, clock.clone());
             let sync_input = SyncScript::new(clock.clone(), &sync_s);
             pollster::block_on(board(unit_seed, front_end, sync_input, clock, receiver, sender));
         });
@@ -149,7 +149,7 @@ fn serial(unit_seed: u64) -> [u8; 12] {
 
 async fn board(
     unit_seed: u64,
-    front_end: Instrument,
+    front_end: SimulatedInstrument,
     sync_input: SyncScript,
     clock: PacedClock,
     receiver: LineReceiver,

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::gait::smooth_step;
-use shell_data::random::Stream;
+use shell_data::random::RandomStream;
 use shell_data::wrench::PerAxis;
 
 /// A channel of beams, by the level of its forces.
@@ -82,7 +82,7 @@ impl BeamContact {
         window_s: [f64; 2],
         entering: f64,
         velocity_m_s: f64,
-        random: &mut Stream,
+        random: &mut RandomStream,
     ) -> Self {
         let mut wave = |size: f64, rate: f64| Wave {
             size: size * random.between(0.8, 1.2),
@@ -144,7 +144,7 @@ mod tests {
     fn the_mean_drag_and_lift_are_those_of_the_condition() {
         let condition = ChannelForces::named("3 cm").unwrap();
         for seed in 0..20 {
-            let mut random = Stream::new(seed, Purpose::Trial, 0);
+            let mut random = RandomStream::new(seed, Purpose::Trial, 0);
             let contact = BeamContact::new(condition, [1.0, 7.0], 0.39, 0.047, &mut random);
             let mean = |axis: usize| {
                 (0..6000)

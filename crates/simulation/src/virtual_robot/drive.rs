@@ -11,8 +11,8 @@
 //! V = V₀ − r ΣI − (what has been drained), solved for V, as it is linear in it.
 
 use super::Constants;
-use super::gait::{Gait, Side};
-use shell_data::random::Stream;
+use super::gait::{Gait, LegSide};
+use shell_data::random::RandomStream;
 
 /// Full duty, counts.
 const FULL_DUTY: f64 = 4096.0;
@@ -46,9 +46,9 @@ impl Drive {
         gait: &Gait,
         start_s: f64,
         times_s: &[f64],
-        random: &mut Stream,
+        random: &mut RandomStream,
     ) -> Self {
-        let duty = Side::BOTH.map(|side| {
+        let duty = LegSide::BOTH.map(|side| {
             let at = |&time_s: &f64| {
                 let scatter = random.normal();
                 if time_s < start_s {
@@ -67,12 +67,12 @@ impl Drive {
     }
 
     /// Duty of a motor from row `row` on, counts.
-    pub(super) fn duty(&self, side: Side, row: usize) -> f64 {
+    pub(super) fn duty(&self, side: LegSide, row: usize) -> f64 {
         self.duty[side as usize][row]
     }
 
     /// Back EMF of a motor, V.
-    pub(super) fn back_emf_v(gait: &Gait, side: Side, time_s: f64) -> f64 {
+    pub(super) fn back_emf_v(gait: &Gait, side: LegSide, time_s: f64) -> f64 {
         BACK_EMF_V_S * gait.speed_rad_s(side, time_s)
     }
 
@@ -81,7 +81,7 @@ impl Drive {
         let drained_v = DRAIN_V_S * (time_s - self.start_s).max(0.0);
         // I = |d| (V − e)/R for each, V = V₀ − r ΣI.
         let (mut conductance, mut from_emf) = (0.0, 0.0);
-        for side in Side::BOTH {
+        for side in LegSide::BOTH {
             let share = self.duty(side, row).abs() / FULL_DUTY / self.resistance_ohm;
             conductance += share;
             from_emf += share * Self::back_emf_v(gait, side, time_s);
@@ -96,7 +96,7 @@ impl Drive {
             let overhead_v = battery_v - Self::back_emf_v(gait, side, time_s);
             (self.duty(side, row) / FULL_DUTY * battery_v * overhead_v / self.resistance_ohm).abs()
         };
-        Side::BOTH.into_iter().map(of).sum()
+        LegSide::BOTH.into_iter().map(of).sum()
     }
 }
 

@@ -12,7 +12,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use shell_data::random::Stream;
+use shell_data::random::RandomStream;
 
 /// Time from standstill to full speed, s.
 const SPIN_UP_S: f64 = 0.06;
@@ -40,16 +40,16 @@ struct Leg {
 
 /// Right or left, in the order of the telemetry's columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum LegSide {
     /// The leg that strides are counted on.
     Right,
     /// The other.
     Left,
 }
 
-impl Side {
+impl LegSide {
     /// Both, in the order of the telemetry's columns.
-    pub const BOTH: [Side; 2] = [Side::Right, Side::Left];
+    pub const BOTH: [LegSide; 2] = [LegSide::Right, LegSide::Left];
 }
 
 impl Gait {
@@ -58,7 +58,7 @@ impl Gait {
         stride_hz: f64,
         start_s: f64,
         stall_s: Option<[f64; 2]>,
-        random: &mut Stream,
+        random: &mut RandomStream,
     ) -> Self {
         let first_rad = random.between(0.0, TAU);
         let mut leg = |offset_rad| Leg {
@@ -71,17 +71,17 @@ impl Gait {
     }
 
     /// The angle of a leg at `time_s`, rad, unwrapped.
-    pub fn angle_rad(&self, side: Side, time_s: f64) -> f64 {
+    pub fn angle_rad(&self, side: LegSide, time_s: f64) -> f64 {
         self.leg(side).angle_rad(self.drive_rad(time_s))
     }
 
     /// Its speed, rad/s.
-    pub(crate) fn speed_rad_s(&self, side: Side, time_s: f64) -> f64 {
+    pub(crate) fn speed_rad_s(&self, side: LegSide, time_s: f64) -> f64 {
         TAU * self.stride_hz * self.share(time_s) * self.leg(side).slope(self.drive_rad(time_s))
     }
 
     /// What the controller asks of a leg, rad.
-    pub(super) fn commanded_rad(&self, side: Side, time_s: f64) -> f64 {
+    pub(super) fn commanded_rad(&self, side: LegSide, time_s: f64) -> f64 {
         self.drive_rad(time_s) + self.leg(side).offset_rad
     }
 
@@ -98,7 +98,7 @@ impl Gait {
 
     /// When the angle of a leg first reaches `angle_rad`, s, to a nanosecond; `None` if not before
     /// `end_s` or already at the start.
-    pub(crate) fn time_of(&self, side: Side, angle_rad: f64, end_s: f64) -> Option<f64> {
+    pub(crate) fn time_of(&self, side: LegSide, angle_rad: f64, end_s: f64) -> Option<f64> {
         let (mut low, mut high) = (self.start_s, end_s);
         let reached = |time_s: f64| self.angle_rad(side, time_s) >= angle_rad;
         if reached(low) || !reached(high) {
@@ -117,7 +117,7 @@ impl Gait {
         TAU * self.stride_hz * (ramp(self.start_s) - lost)
     }
 
-    fn leg(&self, side: Side) -> &Leg {
+    fn leg(&self, side: LegSide) -> &Leg {
         &self.legs[side as usize]
     }
 }
@@ -155,13 +155,13 @@ mod tests {
     use shell_data::random::Purpose;
 
     fn gait() -> Gait {
-        Gait::new(13.0, 1.0, Some([2.0, 2.4]), &mut Stream::new(1, Purpose::Trial, 0))
+        Gait::new(13.0, 1.0, Some([2.0, 2.4]), &mut RandomStream::new(1, Purpose::Trial, 0))
     }
 
     #[test]
     fn speed_is_the_slope_of_the_angle_and_never_negative() {
         let gait = gait();
-        for side in Side::BOTH {
+        for side in LegSide::BOTH {
             for step in 0..4000 {
                 let (t, h) = (0.0007 + 1e-3 * f64::from(step), 1e-5);
                 let slope = (gait.angle_rad(side, t + h) - gait.angle_rad(side, t - h)) / (2.0 * h);
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn a_stalled_leg_stands_and_goes_on_where_it_stood() {
         let gait = gait();
-        let angle = |t| gait.angle_rad(Side::Right, t);
+        let angle = |t| gait.angle_rad(LegSide::Right, t);
         assert_eq!(angle(0.0), angle(1.0));
         assert_eq!(angle(2.1), angle(2.39));
         assert!(angle(2.6) > angle(2.39) + 10.0);
@@ -190,11 +190,11 @@ mod tests {
         let gait = gait();
         for turn in 1..50 {
             let angle = TAU * f64::from(turn);
-            let time_s = gait.time_of(Side::Right, angle, 10.0).unwrap();
+            let time_s = gait.time_of(LegSide::Right, angle, 10.0).unwrap();
             // A nanosecond at 90 rad/s.
-            assert!((gait.angle_rad(Side::Right, time_s) - angle).abs() < 2e-7);
+            assert!((gait.angle_rad(LegSide::Right, time_s) - angle).abs() < 2e-7);
         }
-        assert_eq!(gait.time_of(Side::Right, 1e4, 10.0), None);
-        assert_eq!(gait.time_of(Side::Right, 0.0, 10.0), None);
+        assert_eq!(gait.time_of(LegSide::Right, 1e4, 10.0), None);
+        assert_eq!(gait.time_of(LegSide::Right, 0.0, 10.0), None);
     }
 }

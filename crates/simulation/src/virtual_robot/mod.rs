@@ -27,16 +27,16 @@ pub(crate) mod telemetry;
 mod truth;
 
 pub use channel::ChannelForces;
-pub use gait::{Gait, Side};
+pub use gait::{Gait, LegSide};
 pub use telemetry::{COLUMNS, TelemetryRow};
 pub use truth::{StrideTruth, Truth};
 
 use std::f64::consts::TAU;
 
-use crate::sensor_model::{ModelError, Parameters, SensorModel, SimulatedFrame};
+use crate::sensor_model::{ModelError, SensorModel, SensorParameters, SimulatedFrame};
 use channel::BeamContact;
 use drive::Drive;
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
 /// Rows of the telemetry come this often, s: 1 kHz, as in the real log.
@@ -213,7 +213,7 @@ impl VirtualTrial {
         check(&settings)?;
         let constants = Constants::VELOCIROACH;
         let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
-        let mut random = Stream::new(seed, Purpose::Trial, 0);
+        let mut random = RandomStream::new(seed, Purpose::Trial, 0);
         let usual_w = drive::usual_power_w(&constants, stride_hz);
         let usual_m_s = usual_w / (constants.weight_n() * condition.specific_resistance);
         let velocity_m_s = usual_m_s * (1.0 + 0.03 * random.normal().clamp(-3.0, 3.0));
@@ -229,7 +229,7 @@ impl VirtualTrial {
         let contact = BeamContact::new(condition, window_s, entering, velocity_m_s, &mut random);
         let rows = ((exit_s + AFTERWARDS_S - FIRST_S) / ROW_S).ceil() as u64;
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
-        let mut controller = Stream::new(seed, Purpose::Controller, 0);
+        let mut controller = RandomStream::new(seed, Purpose::Controller, 0);
         let drive = Drive::new(&constants, &gait, lead_in_s, &times_s, &mut controller);
         // Whole turns: the encoder's zero is a place on the leg. Two seconds of running, about.
         let span = TURN * (2.0 * stride_hz) as i64;
@@ -275,7 +275,7 @@ impl VirtualTrial {
 
     /// The wrench on the shell at `time_s`, N and N·m.
     pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
-        let leg_rad = self.gait.angle_rad(Side::Right, time_s);
+        let leg_rad = self.gait.angle_rad(LegSide::Right, time_s);
         self.contact.wrench_at(time_s, leg_rad, self.gait.share(time_s))
     }
 
@@ -284,7 +284,7 @@ impl VirtualTrial {
     /// # Errors
     /// [`ModelError`] if the sensor cannot be modelled.
     pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, ModelError> {
-        let mut unit = Parameters::nominal().unit(self.settings.unit_seed);
+        let mut unit = SensorParameters::nominal().unit(self.settings.unit_seed);
         unit.scale_noise(self.settings.noise_scale);
         if self.settings.elastic {
             unit.make_elastic();

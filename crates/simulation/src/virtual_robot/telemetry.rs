@@ -1,10 +1,10 @@
 //! What the robot writes down: integers, in the columns of the lab's telemetry.
 
 use super::drive::Drive;
-use super::{Counter, Side, VirtualTrial};
+use super::{Counter, LegSide, VirtualTrial};
 use super::{GRAVITY, RAD_PER_COUNT, TURN};
 use crate::sensor_model::ModelError;
-use shell_data::random::{Purpose, Stream};
+use shell_data::random::{Purpose, RandomStream};
 
 /// The columns, as the lab names them.
 pub const COLUMNS: [&str; 24] = [
@@ -57,8 +57,8 @@ impl VirtualTrial {
     /// [`ModelError`] if the sensor cannot be modelled.
     pub fn rows(&self) -> Result<impl Iterator<Item = TelemetryRow>, ModelError> {
         let seed = self.settings.seed;
-        let mut noise = Stream::new(seed, Purpose::Telemetry, 0);
-        let mut losses = Stream::new(seed, Purpose::Losses, 0);
+        let mut noise = RandomStream::new(seed, Purpose::Telemetry, 0);
+        let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
         let mut frames = self.frames()?.peekable();
         // Before its first frame the sensor shows what it had before: the same, but for noise.
         let mut readings = frames.peek().map(|(_, frame)| frame.readings).unwrap_or_default();
@@ -79,14 +79,14 @@ impl VirtualTrial {
         &self,
         row: usize,
         time_s: f64,
-        noise: &mut Stream,
+        noise: &mut RandomStream,
         values: &mut TelemetryRow,
     ) {
         let scale = self.settings.noise_scale;
         let (gait, drive) = (&self.gait, &self.drive);
         let counts = |value: f64| value.round() as i64;
         values[0] = counts(1e6 * time_s);
-        for (i, side) in Side::BOTH.into_iter().enumerate() {
+        for (i, side) in LegSide::BOTH.into_iter().enumerate() {
             let angle = gait.angle_rad(side, time_s) / RAD_PER_COUNT;
             let read = angle + self.settings.encoder_noise * noise.normal();
             values[1 + i] = self.count(side, ENCODER_STEP * (read / ENCODER_STEP).round());
@@ -95,7 +95,7 @@ impl VirtualTrial {
             let emf = Drive::back_emf_v(gait, side, time_s) * 1024.0 / 3.3 * 15.0 / 47.0;
             values[13 + i] = counts(emf + scale * BACK_EMF_NOISE / 1.7 * noise.normal());
         }
-        let leg = gait.angle_rad(Side::Right, time_s);
+        let leg = gait.angle_rad(LegSide::Right, time_s);
         let running = gait.share(time_s);
         for axis in 0..3 {
             let phase = libm::sin(leg + axis as f64);
@@ -112,8 +112,8 @@ impl VirtualTrial {
     }
 
     /// An angle in counts as the encoder shows it.
-    fn count(&self, side: Side, angle: f64) -> i64 {
-        let backwards = self.settings.reversed && side == Side::Right;
+    fn count(&self, side: LegSide, angle: f64) -> i64 {
+        let backwards = self.settings.reversed && side == LegSide::Right;
         let turned = if backwards { -angle } else { angle }.round() as i64;
         let count = self.first_count + turned;
         match self.settings.counter {
@@ -130,10 +130,10 @@ impl VirtualTrial {
         let offset = if self.settings.reversed { first } else { -first }.rem_euclid(TURN);
         let angle = |turn: i64| (offset + turn * TURN) as f64 * RAD_PER_COUNT;
         let turn_of = |time_s: f64| {
-            let counts = self.gait.angle_rad(Side::Right, time_s) / RAD_PER_COUNT;
+            let counts = self.gait.angle_rad(LegSide::Right, time_s) / RAD_PER_COUNT;
             (counts - offset as f64) / TURN as f64
         };
         let turns = turn_of(0.0).floor() as i64..=turn_of(end_s).ceil() as i64;
-        turns.filter_map(|turn| self.gait.time_of(Side::Right, angle(turn), end_s)).collect()
+        turns.filter_map(|turn| self.gait.time_of(LegSide::Right, angle(turn), end_s)).collect()
     }
 }

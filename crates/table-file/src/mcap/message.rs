@@ -2,12 +2,12 @@
 
 use serde_json::Value;
 
-use crate::bytes::Bytes;
+use crate::bytes::ByteReader;
 use crate::rows::Cell;
 
 /// How messages of a topic are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum FieldKind {
     /// `geometry_msgs/WrenchStamped` as ROS 2 sends it (CDR), or ROS 1.
     WrenchStamped {
         is_ros1: bool,
@@ -31,7 +31,7 @@ const AXES: [&str; 6] = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 /// How deep JSON may be nested.
 const DEPTH: usize = 8;
 
-impl Kind {
+impl FieldKind {
     /// `None` where such messages are not read.
     pub(super) fn of(schema: &str, encoding: &str) -> Option<Self> {
         let is_ros1 = match encoding {
@@ -70,7 +70,7 @@ impl Kind {
 
 /// Force and torque, after a header or not.
 fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
-    let mut bytes = Bytes::new(data);
+    let mut bytes = ByteReader::new(data);
     // CDR begins with the order of bytes; all that ROS runs on has the lowest first.
     if !is_ros1 && !matches!(bytes.take(4)?, [0, 1, _, _]) {
         return None;

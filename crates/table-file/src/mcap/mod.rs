@@ -11,12 +11,12 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use self::message::Kind;
-use self::records::{Record, Records};
+use self::message::FieldKind;
+use self::records::{McapRecord, Records};
 use crate::budget;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Batch, Cell, Layout, Rows, batch_rows};
+use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
 
 const KIND: FileKind = FileKind::Mcap;
 
@@ -25,7 +25,7 @@ const WAITING: usize = 4096;
 
 /// A table in a recording.
 #[derive(Debug)]
-struct Recording {
+struct McapRecording {
     path: PathBuf,
     topics: Arc<Vec<Topic>>,
     names: Vec<String>,
@@ -39,13 +39,13 @@ struct Topic {
     /// One number for each channel.
     channels: Vec<u16>,
     name: String,
-    kind: Kind,
+    kind: FieldKind,
     /// The names of its columns, the first of which is at `start`.
     columns: Vec<String>,
     start: usize,
 }
 
-pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, TableError> {
+pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let mut records = Records::open(path)?;
     let mut schemas = HashMap::new();
     let mut topics: Vec<Topic> = Vec::new();
@@ -53,11 +53,11 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
     let mut by_stamp = false;
     while let Some(record) = records.next()? {
         match record {
-            Record::Schema { id, name } => drop(schemas.insert(id, name)),
-            Record::Channel { id, schema, topic, encoding } => {
+            McapRecord::Schema { id, name } => drop(schemas.insert(id, name)),
+            McapRecord::Channel { id, schema, topic, encoding } => {
                 let schema = schemas.get(&schema).map_or("", String::as_str);
                 let known = topics.iter_mut().find(|known| known.name == topic);
-                match (known, Kind::of(schema, &encoding)) {
+                match (known, FieldKind::of(schema, &encoding)) {
                     (Some(known), Some(kind)) if known.kind == kind => known.channels.push(id),
                     (_, Some(kind)) => {
                         let (columns, start) = (Vec::new(), 0);
@@ -82,7 +82,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
                     budget::check_columns(KIND, others.len())?;
                 }
             }
-            Record::Message { channel, log_time, data } => {
+            McapRecord::Message { channel, log_time, data } => {
                 let topic = topics.iter_mut().find(|topic| topic.channels.contains(&channel));
                 let Some(topic) = topic.filter(|topic| topic.columns.is_empty()) else { continue };
                 let message =
@@ -111,7 +111,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
     }
     let wrenches: Vec<String> = topics
         .iter()
-        .filter(|topic| topic.kind != Kind::Json)
+        .filter(|topic| topic.kind != FieldKind::Json)
         .map(|topic| topic.name.clone())
         .collect();
     if wrenches.len() > 1 {
@@ -130,7 +130,7 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn Layout>, T
     if names[1..].iter().any(is_time) {
         "log_time".clone_into(&mut names[0]);
     }
-    Ok(Arc::new(Recording { path: path.to_owned(), topics: Arc::new(topics), names, by_stamp }))
+    Ok(Arc::new(McapRecording { path: path.to_owned(), topics: Arc::new(topics), names, by_stamp }))
 }
 
 fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
@@ -142,12 +142,12 @@ fn seconds(ns: u64) -> String {
     format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }
 
-impl Layout for Recording {
+impl ColumnLayout for McapRecording {
     fn names(&self) -> Option<&[String]> {
         Some(&self.names)
     }
 
-    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         Ok(Box::new(RecordingRows {
             records: Records::open(&self.path)?,
             topics: Arc::clone(&self.topics),
@@ -164,16 +164,16 @@ struct RecordingRows {
     columns: usize,
     by_stamp: bool,
     /// Rows that some topics have not given a message for, by log time.
-    waiting: BTreeMap<u64, Waiting>,
+    waiting: BTreeMap<u64, WaitingRows>,
 }
 
-struct Waiting {
+struct WaitingRows {
     cells: Vec<Cell>,
     given: Vec<bool>,
 }
 
-impl Rows for RecordingRows {
-    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+impl RowStream for RecordingRows {
+    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
         batch.resize_with(self.columns, Vec::new);
         batch.iter_mut().for_each(Vec::clear);
         let rows = batch_rows(self.columns);
@@ -185,12 +185,12 @@ impl Rows for RecordingRows {
                 }
                 return Ok(!batch[0].is_empty());
             };
-            let Record::Message { channel, log_time, data } = record else { continue };
+            let McapRecord::Message { channel, log_time, data } = record else { continue };
             let topics = Arc::clone(&self.topics);
             let at = topics.iter().position(|topic| topic.channels.contains(&channel));
             let Some(at) = at else { continue };
             self.add(&topics[at], at, log_time, &data)?;
-            let is_whole = |row: &Waiting| row.given.iter().all(|given| *given);
+            let is_whole = |row: &WaitingRows| row.given.iter().all(|given| *given);
             if self.waiting.get(&log_time).is_some_and(is_whole)
                 && let Some(row) = self.waiting.remove(&log_time)
             {
@@ -217,7 +217,7 @@ impl RecordingRows {
         let row = self.waiting.entry(log_time).or_insert_with(|| {
             let mut cells = vec![Cell::Missing; columns];
             cells[0] = Cell::Text(seconds(log_time));
-            Waiting { cells, given: vec![false; topics] }
+            WaitingRows { cells, given: vec![false; topics] }
         });
         if std::mem::replace(&mut row.given[at], true) {
             return Err(KIND.unsupported(format!(

@@ -6,12 +6,12 @@ use std::path::Path;
 
 use super::KIND;
 use crate::budget::{self, Unpacked};
-use crate::bytes::Bytes;
+use crate::bytes::ByteReader;
 use crate::codec::{Codec, unpack};
 use crate::error::TableError;
 
 /// A record that says something about messages.
-pub(super) enum Record {
+pub(super) enum McapRecord {
     Schema { id: u16, name: String },
     Channel { id: u16, schema: u16, topic: String, encoding: String },
     Message { channel: u16, log_time: u64, data: Vec<u8> },
@@ -57,11 +57,11 @@ impl Records {
     }
 
     /// The next record of interest; `None` at the end of the messages.
-    pub(super) fn next(&mut self) -> Result<Option<Record>, TableError> {
+    pub(super) fn next(&mut self) -> Result<Option<McapRecord>, TableError> {
         loop {
             if let Some(rest) = self.chunk.get(self.in_chunk..).filter(|rest| !rest.is_empty()) {
                 let cut = || KIND.damaged(format!("a record in the chunk before byte {}", self.at));
-                let mut bytes = Bytes::new(rest);
+                let mut bytes = ByteReader::new(rest);
                 let kind = bytes.u8().ok_or_else(cut)?;
                 let length = bytes.u64().and_then(|length| usize::try_from(length).ok());
                 let content = length.and_then(|length| bytes.take(length)).ok_or_else(cut)?;
@@ -82,12 +82,12 @@ impl Records {
     }
 
     /// The next record outside chunks, if it is of interest.
-    fn next_at_top(&mut self) -> Result<Option<Record>, TableError> {
+    fn next_at_top(&mut self) -> Result<Option<McapRecord>, TableError> {
         let at = self.at;
         let mut head = [0; 9];
         self.read(&mut head)?;
         let kind = head[0];
-        let length = Bytes::new(&head[1..]).u64().unwrap_or(u64::MAX);
+        let length = ByteReader::new(&head[1..]).u64().unwrap_or(u64::MAX);
         if length > self.length - self.at {
             return Err(KIND.damaged(format!("it is cut off in the record at byte {at}")));
         }
@@ -129,7 +129,7 @@ fn chunk(
     count: impl FnOnce(u64) -> Result<(), TableError>,
 ) -> Result<Vec<u8>, TableError> {
     let wrong = || KIND.damaged(format!("the chunk at byte {at}"));
-    let mut bytes = Bytes::new(content);
+    let mut bytes = ByteReader::new(content);
     bytes.take(16).ok_or_else(wrong)?;
     let size = bytes.u64().ok_or_else(wrong)?;
     let checksum = bytes.u32().ok_or_else(wrong)?;
@@ -155,11 +155,11 @@ fn chunk(
 }
 
 /// A record, `Some(None)` if it is of no interest, `None` if it is damaged.
-fn record(kind: u8, content: &[u8]) -> Option<Option<Record>> {
-    let mut bytes = Bytes::new(content);
+fn record(kind: u8, content: &[u8]) -> Option<Option<McapRecord>> {
+    let mut bytes = ByteReader::new(content);
     Some(match kind {
-        0x03 => Some(Record::Schema { id: bytes.u16()?, name: bytes.text()?.to_owned() }),
-        0x04 => Some(Record::Channel {
+        0x03 => Some(McapRecord::Schema { id: bytes.u16()?, name: bytes.text()?.to_owned() }),
+        0x04 => Some(McapRecord::Channel {
             id: bytes.u16()?,
             schema: bytes.u16()?,
             topic: bytes.text()?.to_owned(),
@@ -168,7 +168,7 @@ fn record(kind: u8, content: &[u8]) -> Option<Option<Record>> {
         0x05 => {
             let (channel, _sequence) = (bytes.u16()?, bytes.u32()?);
             let (log_time, _published) = (bytes.u64()?, bytes.u64()?);
-            Some(Record::Message { channel, log_time, data: bytes.rest.to_vec() })
+            Some(McapRecord::Message { channel, log_time, data: bytes.rest.to_vec() })
         }
         _ => None,
     })

@@ -1,7 +1,7 @@
 //! The encodings of values and levels in a page ("Parquet encoding definitions"), decoded as far as
 //! they are asked for: a few bytes can stand for any number of values.
 
-use crate::bytes::Bytes;
+use crate::bytes::ByteReader;
 
 /// Integers of a fixed width: runs of one value, and values packed bit by bit.
 #[derive(Clone, Debug)]
@@ -9,11 +9,11 @@ pub(crate) struct Hybrid {
     bytes: Vec<u8>,
     at: usize,
     width: u32,
-    run: Run,
+    run: EncodedRun,
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Run {
+enum EncodedRun {
     /// A value, so many times.
     Same(u64, u64),
     /// So many values from this bit on.
@@ -23,18 +23,18 @@ enum Run {
 impl Hybrid {
     /// `None` if there is no such width.
     pub(crate) fn new(bytes: Vec<u8>, width: u32) -> Option<Self> {
-        (width <= 32).then_some(Self { bytes, at: 0, width, run: Run::Same(0, 0) })
+        (width <= 32).then_some(Self { bytes, at: 0, width, run: EncodedRun::Same(0, 0) })
     }
 
     pub(crate) fn next(&mut self) -> Option<u64> {
         loop {
             match &mut self.run {
-                Run::Same(0, _) | Run::Packed(0, _) => self.next_run()?,
-                Run::Same(left, value) => {
+                EncodedRun::Same(0, _) | EncodedRun::Packed(0, _) => self.next_run()?,
+                EncodedRun::Same(left, value) => {
                     *left -= 1;
                     return Some(*value);
                 }
-                Run::Packed(left, bit) => {
+                EncodedRun::Packed(left, bit) => {
                     *left -= 1;
                     let start = *bit;
                     *bit += self.width as usize;
@@ -45,7 +45,7 @@ impl Hybrid {
     }
 
     fn next_run(&mut self) -> Option<()> {
-        let mut rest = Bytes::new(self.bytes.get(self.at..)?);
+        let mut rest = ByteReader::new(self.bytes.get(self.at..)?);
         let before = rest.rest.len();
         let head = rest.varint()?;
         self.run = match head & 1 {
@@ -55,7 +55,7 @@ impl Hybrid {
                 {
                     value |= u64::from(*byte) << (8 * place);
                 }
-                Run::Same(head >> 1, value)
+                EncodedRun::Same(head >> 1, value)
             }
             _ => {
                 let start = self.at + before - rest.rest.len();
@@ -67,7 +67,7 @@ impl Hybrid {
                     0 => (head >> 1).saturating_mul(8),
                     width => 8 * bytes as u64 / u64::from(width),
                 };
-                Run::Packed(there, 8 * start)
+                EncodedRun::Packed(there, 8 * start)
             }
         };
         self.at += before - rest.rest.len();
@@ -106,7 +106,7 @@ pub(super) struct Delta {
 
 impl Delta {
     pub(super) fn new(bytes: Vec<u8>) -> Option<Self> {
-        let mut head = Bytes::new(&bytes);
+        let mut head = ByteReader::new(&bytes);
         let block = usize::try_from(head.varint()?).ok()?;
         let miniblocks = usize::try_from(head.varint()?).ok()?;
         let left = head.varint()?;
@@ -156,7 +156,7 @@ impl Delta {
             self.miniblock += 1;
         }
         if self.miniblock >= self.miniblocks {
-            let mut rest = Bytes::new(self.bytes.get(self.at..)?);
+            let mut rest = ByteReader::new(self.bytes.get(self.at..)?);
             self.least = rest.zigzag()?;
             self.widths = rest.take(self.miniblocks)?.to_vec();
             self.at = self.bytes.len() - rest.rest.len();

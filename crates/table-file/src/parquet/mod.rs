@@ -19,11 +19,11 @@ use std::sync::Arc;
 use self::page::ColumnReader;
 use self::schema::Leaf;
 use crate::budget::{self, Unpacked};
-use crate::bytes::Bytes;
+use crate::bytes::ByteReader;
 use crate::codec::Codec;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Batch, Cell, Layout, Parts, Rows, batch_rows};
+use crate::rows::{Cell, ColumnLayout, RowBatch, RowParts, RowStream, batch_rows};
 use crate::thrift::{self, Value};
 
 const KIND: FileKind = FileKind::Parquet;
@@ -47,18 +47,18 @@ struct ParquetTable {
 #[derive(Debug)]
 struct RowGroup {
     rows: u64,
-    chunks: Vec<Chunk>,
+    chunks: Vec<ColumnChunk>,
 }
 
 /// The pages of a column in a row group.
 #[derive(Clone, Copy, Debug)]
-struct Chunk {
+struct ColumnChunk {
     codec: Codec,
     start: u64,
     bytes: u64,
 }
 
-pub(crate) fn open(path: &Path) -> Result<Arc<dyn Layout>, TableError> {
+pub(crate) fn open(path: &Path) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
     let footer = footer(&mut file, length)?;
@@ -102,7 +102,7 @@ fn footer(file: &mut File, length: u64) -> Result<Value, TableError> {
     file.seek(SeekFrom::Start(start))?;
     let mut footer = vec![0; size];
     file.read_exact(&mut footer)?;
-    thrift::read(&mut Bytes::new(&footer)).ok_or_else(|| KIND.damaged("its footer"))
+    thrift::read(&mut ByteReader::new(&footer)).ok_or_else(|| KIND.damaged("its footer"))
 }
 
 fn row_group(
@@ -146,12 +146,12 @@ fn row_group(
                 return Err(KIND.unsupported(what));
             }
         };
-        Ok(Chunk { codec, start, bytes })
+        Ok(ColumnChunk { codec, start, bytes })
     });
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }
 
-impl Layout for ParquetTable {
+impl ColumnLayout for ParquetTable {
     fn names(&self) -> Option<&[String]> {
         Some(&self.names)
     }
@@ -160,12 +160,12 @@ impl Layout for ParquetTable {
         self.leaves.get(column)?.kind.opaque()
     }
 
-    fn rows(&self) -> Result<Box<dyn Rows>, TableError> {
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
         let all = 0..self.groups.len();
         Ok(Box::new(ParquetRows::open(self, all, Unpacked::default())?))
     }
 
-    fn parts(&self) -> Option<Box<dyn Parts>> {
+    fn parts(&self) -> Option<Box<dyn RowParts>> {
         Some(Box::new(ParquetGroups { table: self.clone(), unpacked: Unpacked::default() }))
     }
 }
@@ -177,19 +177,19 @@ struct ParquetGroups {
     unpacked: Unpacked,
 }
 
-impl Parts for ParquetGroups {
+impl RowParts for ParquetGroups {
     fn count(&self) -> usize {
         self.table.groups.len()
     }
 
-    fn rows(&self, group: usize) -> Result<Box<dyn Rows>, TableError> {
+    fn rows(&self, group: usize) -> Result<Box<dyn RowStream>, TableError> {
         let groups = group..group + 1;
         Ok(Box::new(ParquetRows::open(&self.table, groups, self.unpacked.clone())?))
     }
 }
 
 /// The file, and what has been made of it.
-struct Source {
+struct ParquetSource {
     file: File,
     length: u64,
     /// What the pages of other columns hold.
@@ -197,7 +197,7 @@ struct Source {
     unpacked: Unpacked,
 }
 
-impl Source {
+impl ParquetSource {
     fn open(path: &Path, unpacked: Unpacked) -> Result<Self, TableError> {
         let file = File::open(path)?;
         let length = file.metadata()?.len();
@@ -206,7 +206,7 @@ impl Source {
 }
 
 struct ParquetRows {
-    source: Source,
+    source: ParquetSource,
     leaves: Arc<Vec<Leaf>>,
     groups: Arc<Vec<RowGroup>>,
     next_groups: Range<usize>,
@@ -223,7 +223,7 @@ impl ParquetRows {
         unpacked: Unpacked,
     ) -> Result<Self, TableError> {
         Ok(Self {
-            source: Source::open(&table.path, unpacked)?,
+            source: ParquetSource::open(&table.path, unpacked)?,
             leaves: Arc::clone(&table.leaves),
             groups: Arc::clone(&table.groups),
             next_groups: groups,
@@ -233,8 +233,8 @@ impl ParquetRows {
     }
 }
 
-impl Rows for ParquetRows {
-    fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+impl RowStream for ParquetRows {
+    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
         while self.rows_left == 0 {
             let next = self.next_groups.next();
             let Some(group) = next.and_then(|group| self.groups.get(group)) else {

@@ -4,10 +4,10 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 
 use super::encoding::{Delta, Hybrid};
-use super::schema::{Kind, Leaf, Physical};
-use super::{Chunk, KIND, Source};
+use super::schema::{Leaf, Physical, PhysicalType};
+use super::{ColumnChunk, KIND, ParquetSource};
 use crate::budget;
-use crate::bytes::Bytes;
+use crate::bytes::ByteReader;
 use crate::calendar::iso_of;
 use crate::codec::{Codec, unpack};
 use crate::element::{Element, half};
@@ -32,11 +32,11 @@ pub(super) struct ColumnReader {
 struct Page {
     left: u64,
     levels: Option<Hybrid>,
-    values: Values,
+    values: PageValues,
     bytes: u64,
 }
 
-enum Values {
+enum PageValues {
     Plain(Vec<u8>, usize),
     Bits(Vec<u8>, usize),
     Runs(Hybrid),
@@ -62,7 +62,7 @@ const DICTIONARY: i64 = 2;
 const DATA_2: i64 = 3;
 
 impl ColumnReader {
-    pub(super) fn new(chunk: Chunk) -> Self {
+    pub(super) fn new(chunk: ColumnChunk) -> Self {
         Self {
             codec: chunk.codec,
             at: chunk.start,
@@ -81,7 +81,7 @@ impl ColumnReader {
     /// Adds the next cells.
     pub(super) fn read(
         &mut self,
-        source: &mut Source,
+        source: &mut ParquetSource,
         leaf: &Leaf,
         count: usize,
         cells: &mut Vec<Cell>,
@@ -105,10 +105,10 @@ impl ColumnReader {
         Ok(())
     }
 
-    fn next_page(&mut self, source: &mut Source, leaf: &Leaf) -> Result<(), TableError> {
+    fn next_page(&mut self, source: &mut ParquetSource, leaf: &Leaf) -> Result<(), TableError> {
         self.page = None;
         let name = &leaf.name;
-        let Source { file, length: stored, held: others, unpacked } = source;
+        let ParquetSource { file, length: stored, held: others, unpacked } = source;
         let (stored, others) = (*stored, *others);
         let head = self.head(file, name)?;
         unpacked.add(KIND, head.unpacked, stored)?;
@@ -140,7 +140,7 @@ impl ColumnReader {
                     others + self.dictionary_bytes,
                     stored,
                 )?;
-                let mut plain = Values::Plain(bytes, 0);
+                let mut plain = PageValues::Plain(bytes, 0);
                 self.dictionary.clear();
                 for _ in 0..values {
                     let value = plain.next(leaf, &[]).ok_or_else(wrong)?;
@@ -157,7 +157,7 @@ impl ColumnReader {
                                 KIND.unsupported(format!("column `{name}`: levels as bits"))
                             );
                         }
-                        let length = Bytes::new(&bytes).u32().ok_or_else(wrong)? as usize;
+                        let length = ByteReader::new(&bytes).u32().ok_or_else(wrong)? as usize;
                         let level_bytes = bytes.get(4..).and_then(|rest| rest.get(..length));
                         let level_bytes = level_bytes.ok_or_else(wrong)?.to_vec();
                         bytes.drain(..4 + length);
@@ -207,7 +207,7 @@ impl ColumnReader {
             let mut bytes = vec![0; there.min(most) as usize];
             file.seek(SeekFrom::Start(self.at))?;
             file.read_exact(&mut bytes)?;
-            let mut rest = Bytes::new(&bytes);
+            let mut rest = ByteReader::new(&bytes);
             let Some(head) = thrift::read(&mut rest) else { continue };
             let taken = (bytes.len() - rest.rest.len()) as u64;
             let size = |number| head.whole(number).and_then(|size| u64::try_from(size).ok());
@@ -236,27 +236,27 @@ impl ColumnReader {
         bytes: Vec<u8>,
         encoding: Option<i64>,
         leaf: &Leaf,
-    ) -> Result<Values, TableError> {
+    ) -> Result<PageValues, TableError> {
         let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
         let is_whole = matches!(leaf.physical, Physical::Int32 | Physical::Int64);
         Ok(match encoding {
-            Some(0) if leaf.physical == Physical::Boolean => Values::Bits(bytes, 0),
-            Some(0) => Values::Plain(bytes, 0),
+            Some(0) if leaf.physical == Physical::Boolean => PageValues::Bits(bytes, 0),
+            Some(0) => PageValues::Plain(bytes, 0),
             Some(2 | 8) => match bytes.split_first() {
                 // A page without values.
-                None => Values::Plain(bytes, 0),
+                None => PageValues::Plain(bytes, 0),
                 Some((&width, rest)) => {
-                    Values::Indices(Hybrid::new(rest.to_vec(), width.into()).ok_or_else(wrong)?)
+                    PageValues::Indices(Hybrid::new(rest.to_vec(), width.into()).ok_or_else(wrong)?)
                 }
             },
             Some(3) if leaf.physical == Physical::Boolean => {
                 let runs = bytes.get(4..).ok_or_else(wrong)?.to_vec();
-                Values::Runs(Hybrid::new(runs, 1).ok_or_else(wrong)?)
+                PageValues::Runs(Hybrid::new(runs, 1).ok_or_else(wrong)?)
             }
-            Some(5) if is_whole => Values::Delta(Delta::new(bytes).ok_or_else(wrong)?),
+            Some(5) if is_whole => PageValues::Delta(Delta::new(bytes).ok_or_else(wrong)?),
             Some(9) if size(leaf.physical).is_some() => {
                 let count = bytes.len() / size(leaf.physical).unwrap_or(1);
-                Values::Split(bytes, count, 0)
+                PageValues::Split(bytes, count, 0)
             }
             other => {
                 let name = match other {
@@ -288,14 +288,14 @@ fn size(physical: Physical) -> Option<usize> {
     }
 }
 
-impl Values {
+impl PageValues {
     fn next(&mut self, leaf: &Leaf, dictionary: &[Cell]) -> Option<Cell> {
         match self {
             Self::Plain(bytes, at) => {
                 let size = match size(leaf.physical) {
                     Some(size) => size,
                     None => {
-                        let length = Bytes::new(bytes.get(*at..)?).u32()?;
+                        let length = ByteReader::new(bytes.get(*at..)?).u32()?;
                         *at += 4;
                         usize::try_from(length).ok()?
                     }
@@ -340,25 +340,25 @@ fn cell(bytes: &[u8], leaf: &Leaf) -> Cell {
     match (leaf.kind, leaf.physical) {
         (_, Physical::Float) => whole(Element::Single),
         (_, Physical::Double) => whole(Element::Double),
-        (Kind::Half, _) => match bytes {
+        (PhysicalType::Half, _) => match bytes {
             &[low, high] => Cell::Real(half(u16::from_le_bytes([low, high]))),
             _ => Cell::Missing,
         },
-        (Kind::Text, _) => Cell::Text(String::from_utf8_lossy(bytes).into_owned()),
-        (Kind::Unsigned, _) => whole(Element::Unsigned(size)),
+        (PhysicalType::Text, _) => Cell::Text(String::from_utf8_lossy(bytes).into_owned()),
+        (PhysicalType::Unsigned, _) => whole(Element::Unsigned(size)),
         (_, Physical::Int96) => {
             // Nanoseconds of the day, and the Julian day, of which 2,440,588 began in 1970.
-            let mut rest = Bytes::new(bytes);
+            let mut rest = ByteReader::new(bytes);
             let (of_day, day) = (rest.i64().unwrap_or(0), rest.i32().unwrap_or(0));
             let seconds = (i64::from(day) - 2_440_588) * 86_400;
             let at = seconds.saturating_mul(1_000_000_000).saturating_add(of_day);
             Cell::Text(iso_of(at, 1_000_000_000))
         }
-        (Kind::Time(per_second), _) => match whole(Element::Signed(size)) {
+        (PhysicalType::Time(per_second), _) => match whole(Element::Signed(size)) {
             Cell::Whole(units) => Cell::Text(iso_of(units, per_second)),
             cell => cell,
         },
-        (Kind::Days, _) => match whole(Element::Signed(size)) {
+        (PhysicalType::Days, _) => match whole(Element::Signed(size)) {
             Cell::Whole(days) => Cell::Text(iso_of(days.saturating_mul(86_400), 1)),
             cell => cell,
         },

@@ -10,7 +10,7 @@ use crate::thrift::Value;
 pub(super) struct Leaf {
     /// Its path in the tree, joined by dots.
     pub(super) name: String,
-    pub(super) kind: Kind,
+    pub(super) kind: PhysicalType,
     /// How a value is stored.
     pub(super) physical: Physical,
     /// Its definition level where there is a value: how many of its path may be absent.
@@ -31,7 +31,7 @@ pub(super) enum Physical {
 
 /// What the values of a column mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum PhysicalType {
     /// A number as it is stored.
     Number,
     Unsigned,
@@ -44,7 +44,7 @@ pub(super) enum Kind {
     Opaque(&'static str),
 }
 
-impl Kind {
+impl PhysicalType {
     pub(super) fn opaque(self) -> Option<&'static str> {
         match self {
             Self::Opaque(what) => Some(what),
@@ -122,45 +122,46 @@ fn add<'a>(
         }
         _ => return Err(KIND.damaged(format!("column `{}` has no type", here.path))),
     };
-    let kind = if here.is_repeated { Kind::Opaque("list") } else { kind(element, physical) };
+    let kind =
+        if here.is_repeated { PhysicalType::Opaque("list") } else { kind(element, physical) };
     leaves.push(Leaf { name: here.path, kind, physical, levels: here.levels });
     Ok(())
 }
 
-fn kind(element: &Value, physical: Physical) -> Kind {
+fn kind(element: &Value, physical: Physical) -> PhysicalType {
     let logical = element.field(10);
     let has = |number| logical.is_some_and(|logical| logical.field(number).is_some());
     let converted = element.whole(6);
     if converted == Some(5) || has(5) {
-        return Kind::Opaque("decimal");
+        return PhysicalType::Opaque("decimal");
     }
     match physical {
-        Physical::Boolean | Physical::Float | Physical::Double => Kind::Number,
-        Physical::Int96 => Kind::Time(1_000_000_000),
+        Physical::Boolean | Physical::Float | Physical::Double => PhysicalType::Number,
+        Physical::Int96 => PhysicalType::Time(1_000_000_000),
         Physical::Bytes => match converted {
-            Some(0 | 4 | 19) => Kind::Text,
-            _ if has(1) || has(4) || has(12) => Kind::Text,
+            Some(0 | 4 | 19) => PhysicalType::Text,
+            _ if has(1) || has(4) || has(12) => PhysicalType::Text,
             // Some writers do not say that their bytes are text.
-            None if logical.is_none() => Kind::Text,
-            _ => Kind::Opaque("binary"),
+            None if logical.is_none() => PhysicalType::Text,
+            _ => PhysicalType::Opaque("binary"),
         },
-        Physical::Fixed(2) if has(15) => Kind::Half,
-        Physical::Fixed(_) => Kind::Opaque("binary"),
+        Physical::Fixed(2) if has(15) => PhysicalType::Half,
+        Physical::Fixed(_) => PhysicalType::Opaque("binary"),
         Physical::Int32 | Physical::Int64 => {
             let unit = logical.and_then(|it| it.field(8)).and_then(|it| it.field(2));
             let unit = unit.and_then(|unit| (1..=3).find(|&number| unit.field(number).is_some()));
             let unsigned = logical.and_then(|it| it.field(10)).and_then(|it| it.field(2));
             match converted {
-                _ if has(6) => Kind::Days,
-                _ if has(7) => Kind::Opaque("time of day"),
-                _ if unit.is_some() => Kind::Time(1000_i64.pow(unit.unwrap_or(1) as u32)),
-                _ if unsigned == Some(&Value::Truth(false)) => Kind::Unsigned,
-                Some(6) => Kind::Days,
-                Some(7 | 8) => Kind::Opaque("time of day"),
-                Some(9) => Kind::Time(1_000),
-                Some(10) => Kind::Time(1_000_000),
-                Some(11..=14) => Kind::Unsigned,
-                _ => Kind::Number,
+                _ if has(6) => PhysicalType::Days,
+                _ if has(7) => PhysicalType::Opaque("time of day"),
+                _ if unit.is_some() => PhysicalType::Time(1000_i64.pow(unit.unwrap_or(1) as u32)),
+                _ if unsigned == Some(&Value::Truth(false)) => PhysicalType::Unsigned,
+                Some(6) => PhysicalType::Days,
+                Some(7 | 8) => PhysicalType::Opaque("time of day"),
+                Some(9) => PhysicalType::Time(1_000),
+                Some(10) => PhysicalType::Time(1_000_000),
+                Some(11..=14) => PhysicalType::Unsigned,
+                _ => PhysicalType::Number,
             }
         }
     }

@@ -7,7 +7,7 @@ use std::io::{self, Read};
 
 use self::parts::TextOfParts;
 use crate::error::TableError;
-use crate::rows::{Batch, Cell, Parts, Rows};
+use crate::rows::{Cell, RowBatch, RowParts, RowStream};
 use crate::table::Table;
 
 /// Reads as the text of a CSV file: a line of names, if the table has any, and a line for each row.
@@ -15,16 +15,16 @@ use crate::table::Table;
 ///
 /// Errors of the table are in the errors of reading, as [`TableError`].
 pub struct TableText {
-    source: Source,
+    source: TextInput,
     text: Vec<u8>,
     at: usize,
     ended: bool,
 }
 
 /// Where the text comes from.
-enum Source {
+enum TextInput {
     /// Rows, one batch after the other.
-    Rows(Box<dyn Rows>, Batch),
+    Rows(Box<dyn RowStream>, RowBatch),
     /// Parts that other threads read.
     Parts(TextOfParts),
 }
@@ -57,7 +57,7 @@ impl Table {
         match parts {
             Some(parts) => Ok(TableText::from_parts(text, parts, threads)),
             None => {
-                let source = Source::Rows(self.layout.rows()?, Batch::new());
+                let source = TextInput::Rows(self.layout.rows()?, RowBatch::new());
                 Ok(TableText { source, text, at: 0, ended: false })
             }
         }
@@ -66,8 +66,8 @@ impl Table {
 
 impl TableText {
     /// The line of names, then all parts.
-    fn from_parts(names: Vec<u8>, parts: Box<dyn Parts>, threads: usize) -> Self {
-        let source = Source::Parts(TextOfParts::new(parts, threads));
+    fn from_parts(names: Vec<u8>, parts: Box<dyn RowParts>, threads: usize) -> Self {
+        let source = TextInput::Parts(TextOfParts::new(parts, threads));
         Self { source, text: names, at: 0, ended: false }
     }
 
@@ -78,14 +78,14 @@ impl TableText {
         // Set until the next rows are there: there are none after an error.
         self.ended = true;
         let is_there = match &mut self.source {
-            Source::Rows(rows, batch) => {
+            TextInput::Rows(rows, batch) => {
                 let is_there = rows.next(batch)?;
                 if is_there {
                     write_rows(batch, &mut self.text);
                 }
                 is_there
             }
-            Source::Parts(parts) => parts.next(&mut self.text)?,
+            TextInput::Parts(parts) => parts.next(&mut self.text)?,
         };
         self.ended = !is_there;
         Ok(())
@@ -93,7 +93,7 @@ impl TableText {
 }
 
 /// Adds a line for each row.
-fn write_rows(batch: &Batch, text: &mut Vec<u8>) {
+fn write_rows(batch: &RowBatch, text: &mut Vec<u8>) {
     let rows = batch.first().map_or(0, Vec::len);
     let mut digits = zmij::Buffer::new();
     for row in 0..rows {

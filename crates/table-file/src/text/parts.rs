@@ -14,26 +14,26 @@ use std::thread::JoinHandle;
 
 use super::write_rows;
 use crate::error::TableError;
-use crate::rows::{Batch, Parts};
+use crate::rows::{RowBatch, RowParts};
 
 /// How many pieces of text may wait in all; one takes about half a megabyte.
 const WAITING_PIECES: usize = 48;
 
 /// A piece of text, or `None` at the end of a part.
-type Piece = Result<Option<Vec<u8>>, TableError>;
+type TextPiece = Result<Option<Vec<u8>>, TableError>;
 
 /// The text of all parts, piece by piece. Threads are started when the first piece is asked for.
 pub(super) struct TextOfParts {
-    parts: Arc<dyn Parts>,
+    parts: Arc<dyn RowParts>,
     threads: usize,
     /// The part whose text is taken.
     current: usize,
-    pieces: Vec<Receiver<Piece>>,
+    pieces: Vec<Receiver<TextPiece>>,
     workers: Vec<JoinHandle<()>>,
 }
 
 impl TextOfParts {
-    pub(super) fn new(parts: Box<dyn Parts>, threads: usize) -> Self {
+    pub(super) fn new(parts: Box<dyn RowParts>, threads: usize) -> Self {
         let threads = threads.min(parts.count());
         let (pieces, workers) = (Vec::new(), Vec::new());
         Self { parts: parts.into(), threads, current: 0, pieces, workers }
@@ -84,7 +84,7 @@ impl Drop for TextOfParts {
 }
 
 /// Makes text of every `step`th part from `first` on, until an error or until nobody wants more.
-fn work(parts: &dyn Parts, first: usize, step: usize, pieces: &SyncSender<Piece>) {
+fn work(parts: &dyn RowParts, first: usize, step: usize, pieces: &SyncSender<TextPiece>) {
     for part in (first..parts.count()).step_by(step) {
         let send = |text| pieces.send(Ok(Some(text))).is_ok();
         let end = match write_part(parts, part, send) {
@@ -101,11 +101,11 @@ fn work(parts: &dyn Parts, first: usize, step: usize, pieces: &SyncSender<Piece>
 
 /// Makes text of a part; `false` if `send` wants no more.
 fn write_part(
-    parts: &dyn Parts,
+    parts: &dyn RowParts,
     part: usize,
     send: impl Fn(Vec<u8>) -> bool,
 ) -> Result<bool, TableError> {
-    let (mut rows, mut batch) = (parts.rows(part)?, Batch::new());
+    let (mut rows, mut batch) = (parts.rows(part)?, RowBatch::new());
     while rows.next(&mut batch)? {
         let mut text = Vec::new();
         write_rows(&batch, &mut text);
@@ -123,7 +123,7 @@ mod tests {
 
     use super::*;
     use crate::kind::FileKind;
-    use crate::rows::{Cell, Rows};
+    use crate::rows::{Cell, RowStream};
     use crate::text::TableText;
 
     /// Parts of so many batches of a thousand rows each; the last one is damaged, if that is asked.
@@ -141,20 +141,20 @@ mod tests {
         is_damaged: bool,
     }
 
-    impl Parts for Numbers {
+    impl RowParts for Numbers {
         fn count(&self) -> usize {
             self.batches.len()
         }
 
-        fn rows(&self, part: usize) -> Result<Box<dyn Rows>, TableError> {
+        fn rows(&self, part: usize) -> Result<Box<dyn RowStream>, TableError> {
             self.begun.fetch_add(1, Ordering::Relaxed);
             let is_damaged = self.is_damaged && part + 1 == self.batches.len();
             Ok(Box::new(Batches { part, next: 0, end: self.batches[part], is_damaged }))
         }
     }
 
-    impl Rows for Batches {
-        fn next(&mut self, batch: &mut Batch) -> Result<bool, TableError> {
+    impl RowStream for Batches {
+        fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
             if self.next == self.end {
                 return match self.is_damaged {
                     true => Err(FileKind::Parquet.damaged("the last part")),

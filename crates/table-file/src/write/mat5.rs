@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::{Columns, TableWriter, Values};
+use super::{ColumnValues, Columns, TableWriter};
 
 /// Writes a `.mat` file, when all rows are there.
 pub struct MatWriter<W> {
@@ -80,7 +80,7 @@ fn variable(name: &str) -> String {
 }
 
 impl<W: Write> TableWriter for MatWriter<W> {
-    fn write(&mut self, columns: &[Values<'_>]) -> io::Result<()> {
+    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()> {
         self.columns.add(columns);
         Ok(())
     }

@@ -7,7 +7,7 @@ use std::io::{self, Write};
 
 /// What a channel carries.
 #[derive(Clone, Debug)]
-pub struct Channel {
+pub struct McapChannel {
     /// Its topic.
     pub topic: String,
     /// The schema of its messages: its name, its language, and what it says.
@@ -18,7 +18,7 @@ pub struct Channel {
     pub metadata: Vec<(&'static str, String)>,
 }
 
-impl Channel {
+impl McapChannel {
     /// Wrenches as ROS 2 has them.
     pub fn wrench(topic: &str) -> Self {
         Self {
@@ -92,7 +92,7 @@ const INDEX_BYTES: usize = 16;
 /// A chunk that is ready to be written. Nothing is compressed, as ROS 2 records by default: LZ4 takes
 /// longer than all that is done to make the messages.
 #[derive(Debug)]
-pub struct Chunk {
+pub struct McapChunk {
     records: Vec<u8>,
     checksum: u32,
     index: Vec<Index>,
@@ -154,13 +154,13 @@ impl ChunkBuilder {
     }
 
     /// What is to be written of them; `None` if there are no messages.
-    pub fn finish(self) -> Option<Chunk> {
+    pub fn finish(self) -> Option<McapChunk> {
         let checksum = crc32fast::hash(&self.records);
-        Some(Chunk { times: self.times?, records: self.records, checksum, index: self.index })
+        Some(McapChunk { times: self.times?, records: self.records, checksum, index: self.index })
     }
 }
 
-impl Chunk {
+impl McapChunk {
     /// What stands before the messages.
     fn head(&self) -> Vec<u8> {
         let bytes = self.records.len() as u64;
@@ -182,7 +182,7 @@ impl Chunk {
 pub struct McapWriter<W> {
     out: W,
     at: u64,
-    channels: Vec<Channel>,
+    channels: Vec<McapChannel>,
     counts: Vec<u64>,
     times: Option<(u64, u64)>,
     chunks: Vec<Vec<u8>>,
@@ -193,7 +193,7 @@ impl<W: Write> McapWriter<W> {
     ///
     /// # Errors
     /// What the system says.
-    pub fn new(out: W, library: &str, channels: Vec<Channel>) -> io::Result<Self> {
+    pub fn new(out: W, library: &str, channels: Vec<McapChannel>) -> io::Result<Self> {
         let counts = vec![0; channels.len()];
         let mut writer = Self { out, at: 0, channels, counts, times: None, chunks: Vec::new() };
         writer.bytes(b"\x89MCAP0\r\n")?;
@@ -213,7 +213,7 @@ impl<W: Write> McapWriter<W> {
     }
 
     fn schemas(&self) -> Vec<u8> {
-        let schema = |(place, channel): (usize, &Channel)| {
+        let schema = |(place, channel): (usize, &McapChannel)| {
             let schema = channel.schema?;
             let mut content = (place as u16 + 1).to_le_bytes().to_vec();
             schema.iter().for_each(|part| text(&mut content, part));
@@ -223,7 +223,7 @@ impl<W: Write> McapWriter<W> {
     }
 
     fn channels(&self) -> Vec<u8> {
-        let channel = |(place, channel): (usize, &Channel)| {
+        let channel = |(place, channel): (usize, &McapChannel)| {
             let number = place as u16 + 1;
             // No schema is that of number 0.
             let schema = if channel.schema.is_some() { number } else { 0 };
@@ -246,7 +246,7 @@ impl<W: Write> McapWriter<W> {
     ///
     /// # Errors
     /// What the system says.
-    pub fn write(&mut self, chunk: &Chunk) -> io::Result<()> {
+    pub fn write(&mut self, chunk: &McapChunk) -> io::Result<()> {
         let start = self.at;
         self.bytes(&chunk.head())?;
         self.bytes(&chunk.records)?;

@@ -17,14 +17,14 @@ pub use parquet::{Cells, ParquetWriter, parquet_file};
 
 /// Some rows of a column.
 #[derive(Clone, Copy, Debug)]
-pub enum Values<'a> {
+pub enum ColumnValues<'a> {
     /// Numbers.
     Numbers(&'a [f64]),
     /// Texts.
     Texts(&'a [String]),
 }
 
-impl Values<'_> {
+impl ColumnValues<'_> {
     fn len(&self) -> usize {
         match self {
             Self::Numbers(values) => values.len(),
@@ -39,7 +39,7 @@ pub trait TableWriter {
     ///
     /// # Errors
     /// What the system says.
-    fn write(&mut self, columns: &[Values<'_>]) -> io::Result<()>;
+    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()>;
 
     /// Writes what is left, and the end.
     ///
@@ -57,13 +57,13 @@ struct Columns {
 
 impl Columns {
     /// Adds rows; a column is in the one list or in the other.
-    fn add(&mut self, columns: &[Values<'_>]) {
+    fn add(&mut self, columns: &[ColumnValues<'_>]) {
         self.numbers.resize_with(columns.len(), Vec::new);
         self.texts.resize_with(columns.len(), Vec::new);
         for (place, values) in columns.iter().enumerate() {
             match values {
-                Values::Numbers(values) => self.numbers[place].extend_from_slice(values),
-                Values::Texts(values) => self.texts[place].extend_from_slice(values),
+                ColumnValues::Numbers(values) => self.numbers[place].extend_from_slice(values),
+                ColumnValues::Texts(values) => self.texts[place].extend_from_slice(values),
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::{Columns, TableWriter, Values};
+use super::{ColumnValues, Columns, TableWriter};
 
 /// Writes an `.npy` file, when all rows are there.
 pub struct NpyWriter<W> {
@@ -19,7 +19,7 @@ impl<W: Write> NpyWriter<W> {
 }
 
 impl<W: Write> TableWriter for NpyWriter<W> {
-    fn write(&mut self, columns: &[Values<'_>]) -> io::Result<()> {
+    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()> {
         self.columns.add(columns);
         Ok(())
     }

@@ -7,7 +7,7 @@
 use std::io::{self, Write};
 
 use super::thrift::{Fields, structure, varint};
-use super::{TableWriter, Values};
+use super::{ColumnValues, TableWriter};
 
 const MAGIC: &[u8] = b"PAR1";
 
@@ -45,11 +45,11 @@ pub enum Cells<'a> {
     Texts(&'a [String]),
 }
 
-impl<'a> From<Values<'a>> for Cells<'a> {
-    fn from(values: Values<'a>) -> Self {
+impl<'a> From<ColumnValues<'a>> for Cells<'a> {
+    fn from(values: ColumnValues<'a>) -> Self {
         match values {
-            Values::Numbers(values) => Self::Numbers(values),
-            Values::Texts(values) => Self::Texts(values),
+            ColumnValues::Numbers(values) => Self::Numbers(values),
+            ColumnValues::Texts(values) => Self::Texts(values),
         }
     }
 }
@@ -73,19 +73,19 @@ impl Cells<'_> {
         }
     }
 
-    fn kind(self) -> Kind {
+    fn kind(self) -> ColumnType {
         match self {
-            Self::Numbers(_) => Kind { physical: DOUBLE, repetition: REQUIRED },
-            Self::OptionalNumbers(_) => Kind { physical: DOUBLE, repetition: OPTIONAL },
-            Self::OptionalCounts(_) => Kind { physical: INT64, repetition: OPTIONAL },
-            Self::Texts(_) => Kind { physical: BYTE_ARRAY, repetition: REQUIRED },
+            Self::Numbers(_) => ColumnType { physical: DOUBLE, repetition: REQUIRED },
+            Self::OptionalNumbers(_) => ColumnType { physical: DOUBLE, repetition: OPTIONAL },
+            Self::OptionalCounts(_) => ColumnType { physical: INT64, repetition: OPTIONAL },
+            Self::Texts(_) => ColumnType { physical: BYTE_ARRAY, repetition: REQUIRED },
         }
     }
 }
 
 /// What a column is in the schema.
 #[derive(Clone, Copy, Debug)]
-struct Kind {
+struct ColumnType {
     physical: i32,
     repetition: i32,
 }
@@ -111,7 +111,7 @@ pub fn parquet_file(columns: &[(&str, Cells<'_>)]) -> io::Result<Vec<u8>> {
 pub struct ParquetWriter<W> {
     out: W,
     at: u64,
-    columns: Vec<(String, Kind)>,
+    columns: Vec<(String, ColumnType)>,
     rows: u64,
     /// What the footer says of each row group.
     groups: Vec<Vec<u8>>,
@@ -128,7 +128,7 @@ impl<W: Write> ParquetWriter<W> {
         Self::of_kinds(out, columns.collect())
     }
 
-    fn of_kinds(mut out: W, columns: Vec<(String, Kind)>) -> io::Result<Self> {
+    fn of_kinds(mut out: W, columns: Vec<(String, ColumnType)>) -> io::Result<Self> {
         out.write_all(MAGIC)?;
         Ok(Self { out, at: MAGIC.len() as u64, columns, rows: 0, groups: Vec::new() })
     }
@@ -139,7 +139,7 @@ impl<W: Write> ParquetWriter<W> {
         let (mut rows, mut chunks) = (0, Vec::new());
         for cells in columns {
             rows = cells.len() as i64;
-            let chunk = Chunk::new(cells)?;
+            let chunk = EncodedChunk::new(cells)?;
             self.out.write_all(&chunk.bytes)?;
             chunks.push((self.at as i64, chunk));
             self.at += chunks.last().map_or(0, |(_, chunk)| chunk.bytes.len() as u64);
@@ -195,8 +195,8 @@ impl<W: Write> ParquetWriter<W> {
 }
 
 impl<W: Write> TableWriter for ParquetWriter<W> {
-    fn write(&mut self, columns: &[Values<'_>]) -> io::Result<()> {
-        match columns.first().map_or(0, Values::len) {
+    fn write(&mut self, columns: &[ColumnValues<'_>]) -> io::Result<()> {
+        match columns.first().map_or(0, ColumnValues::len) {
             0 => Ok(()),
             _ => self.group(columns.iter().map(|&values| values.into())),
         }
@@ -214,14 +214,14 @@ impl<W: Write> TableWriter for ParquetWriter<W> {
 }
 
 /// The page of a column in a row group, with its head.
-struct Chunk {
+struct EncodedChunk {
     bytes: Vec<u8>,
     unpacked_bytes: i64,
     codec: i32,
     missing: i64,
 }
 
-impl Chunk {
+impl EncodedChunk {
     fn new(cells: Cells<'_>) -> io::Result<Self> {
         let mut values = Vec::new();
         let (mut missing, mut codec) = (0, UNCOMPRESSED);
@@ -272,7 +272,7 @@ impl Chunk {
     }
 
     /// What the footer says of it, where it begins at a position in the file.
-    fn describe(&self, fields: &mut Fields<'_>, name: &str, kind: Kind, at: i64, rows: i64) {
+    fn describe(&self, fields: &mut Fields<'_>, name: &str, kind: ColumnType, at: i64, rows: i64) {
         fields.int(1, kind.physical);
         fields.ints(2, &[PLAIN, RUNS]);
         fields.texts_of_one(3, name);

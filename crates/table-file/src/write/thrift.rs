@@ -107,7 +107,7 @@ fn zigzag(bytes: &mut Vec<u8>, value: i64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bytes::Bytes;
+    use crate::bytes::ByteReader;
     use crate::thrift::{Value, read};
 
     #[test]
@@ -121,7 +121,7 @@ mod tests {
             fields.structure(18, |fields| fields.texts_of_one(3, "ab"));
             fields.ints(19, &[-7; 20]);
         });
-        let value = read(&mut Bytes::new(&bytes)).unwrap();
+        let value = read(&mut ByteReader::new(&bytes)).unwrap();
         assert_eq!(value.whole(1), Some(i32::MIN.into()));
         let found: Vec<_> = value.list(2).unwrap().iter().map(|it| it.whole(15).unwrap()).collect();
         assert_eq!(found, numbers);

@@ -2,7 +2,7 @@
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use super::entry::{Manifest, ManifestProblem, Place, Placed};
+use super::entry::{CellPosition, Manifest, ManifestProblem, Placed};
 use super::fields::{EntryFields, KEYS, REQUIRED};
 use shell_data::hint::did_you_mean;
 
@@ -37,7 +37,9 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     let mut manifest = Manifest::default();
     loop {
         let read = reader.read_record(&mut record);
-        if !read.map_err(|error| problem_at(Place { line: 1, column: 1 }, error.to_string()))? {
+        if !read
+            .map_err(|error| problem_at(CellPosition { line: 1, column: 1 }, error.to_string()))?
+        {
             break;
         }
         let start = record.position().map_or(0, |position| position.byte() as usize);
@@ -49,13 +51,13 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
         }
     }
     if keys.is_none() {
-        let place = Place { line: 1, column: 1 };
+        let place = CellPosition { line: 1, column: 1 };
         return Err(problem_at(place, "the manifest is empty".to_owned()));
     }
     Ok(manifest)
 }
 
-fn problem_at(place: Place, message: String) -> ManifestProblem {
+fn problem_at(place: CellPosition, message: String) -> ManifestProblem {
     ManifestProblem { place, message }
 }
 
@@ -139,9 +141,9 @@ impl Lexed {
     }
 
     /// Where field `i` starts; where the last one does if there is none.
-    fn field(&self, i: usize) -> Place {
+    fn field(&self, i: usize) -> CellPosition {
         let last = self.columns.last().copied().unwrap_or(1);
-        Place { line: self.line, column: self.columns.get(i).copied().unwrap_or(last) }
+        CellPosition { line: self.line, column: self.columns.get(i).copied().unwrap_or(last) }
     }
 }
 

@@ -15,7 +15,7 @@ pub struct Manifest {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// Where it starts.
-    pub place: Place,
+    pub place: CellPosition,
     /// The log, relative to the manifest's folder.
     pub file: Placed<String>,
     /// The condition.
@@ -47,7 +47,7 @@ pub enum Moment {
 
 /// A line and a column of a manifest, from 1; columns in characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
+pub struct CellPosition {
     /// The line.
     pub line: usize,
     /// The column.
@@ -60,7 +60,7 @@ pub struct Placed<T> {
     /// The value.
     pub value: T,
     /// Where it stands.
-    pub place: Place,
+    pub place: CellPosition,
 }
 
 /// What is wrong at some place of a manifest.
@@ -68,12 +68,12 @@ pub struct Placed<T> {
 #[error("{place}: {message}")]
 pub struct ManifestProblem {
     /// Where.
-    pub place: Place,
+    pub place: CellPosition,
     /// What.
     pub message: String,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for CellPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.line, self.column)
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-use super::entry::{Entry, Manifest, ManifestProblem, Moment, Place};
+use super::entry::{CellPosition, Entry, Manifest, ManifestProblem, Moment};
 use shell_data::hint::{did_you_mean, suggest};
 
 /// A row that cannot be evaluated, by its number among the manifest's rows.
@@ -57,7 +57,7 @@ impl Manifest {
         if self.conditions.is_some() {
             return Vec::new();
         }
-        let mut seen: BTreeMap<&str, (usize, Place)> = BTreeMap::new();
+        let mut seen: BTreeMap<&str, (usize, CellPosition)> = BTreeMap::new();
         for (_, entry) in self.entries() {
             seen.entry(&entry.condition.value).or_insert((0, entry.condition.place)).0 += 1;
         }

@@ -1,10 +1,10 @@
 //! The fields of an entry, from text.
 
-use super::entry::{Entry, ManifestProblem, Moment, Place, Placed};
+use super::entry::{CellPosition, Entry, ManifestProblem, Moment, Placed};
 
 /// What is left of an entry's fields once they are read.
 pub(super) struct EntryFields<'a> {
-    pub(super) place: Place,
+    pub(super) place: CellPosition,
     pub(super) get: &'a dyn Fn(&str) -> Option<Placed<String>>,
 }
 

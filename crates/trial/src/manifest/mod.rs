@@ -18,7 +18,7 @@ mod fields;
 mod shard;
 mod toml;
 
-pub use entry::{Entry, Manifest, ManifestProblem, Moment, Place, Placed};
+pub use entry::{CellPosition, Entry, Manifest, ManifestProblem, Moment, Placed};
 pub use faults::Fault;
 pub use shard::Shard;
 
@@ -31,7 +31,7 @@ impl Manifest {
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { toml::parse(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
-            let place = Place { line: 1, column: 1 };
+            let place = CellPosition { line: 1, column: 1 };
             return Err(ManifestProblem {
                 place,
                 message: "the manifest has no trials".to_owned(),

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
-use super::entry::{Manifest, ManifestProblem, Place, Placed};
+use super::entry::{CellPosition, Manifest, ManifestProblem, Placed};
 use super::fields::{EntryFields, KEYS};
 use crate::toml_place::{TomlError, parse as parse_toml};
 use shell_data::hint::did_you_mean;
@@ -20,12 +20,12 @@ struct TomlManifest {
 
 pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     let document: TomlManifest = parse_toml(text).map_err(|error| {
-        let place = Place { line: error.line, column: error.column };
+        let place = CellPosition { line: error.line, column: error.column };
         ManifestProblem { place, message: error.message }
     })?;
     let place = |byte: usize| {
         let TomlError { line, column, .. } = TomlError::at(text, byte, String::new());
-        Place { line, column }
+        CellPosition { line, column }
     };
     let row = |trial: &Spanned<BTreeMap<String, Spanned<Value>>>| {
         let at = place(trial.span().start);
@@ -90,7 +90,7 @@ conditon = "free"
         let first = manifest.rows[0].clone().unwrap();
         assert_eq!((first.condition.value.as_str(), first.exclude), ("3", true));
         assert_eq!(first.exit.value, Moment::At(2.5));
-        assert_eq!(first.exit.place, Place { line: 8, column: 12 });
+        assert_eq!(first.exit.place, CellPosition { line: 8, column: 12 });
         let problem = |row: usize| manifest.rows[row].clone().unwrap_err().to_string();
         assert_eq!(problem(1), "15:12: `t_exit_s` is `soon`, expected a time in s or `auto`");
         assert_eq!(problem(2), "19:12: unknown key `conditon`, did you mean `condition`?");

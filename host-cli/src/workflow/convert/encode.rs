@@ -2,8 +2,8 @@
 
 use std::io::{self, Write};
 
-use table_file::write::mcap::{Channel, Chunk, ChunkBuilder, McapWriter, wrench_stamped};
-use table_file::write::{MatWriter, NpyWriter, ParquetWriter, TableWriter, Values};
+use table_file::write::mcap::{ChunkBuilder, McapChannel, McapChunk, McapWriter, wrench_stamped};
+use table_file::write::{ColumnValues, MatWriter, NpyWriter, ParquetWriter, TableWriter};
 
 use super::error::ConvertError;
 use super::frames::ConvertedFrames;
@@ -29,7 +29,7 @@ pub(super) struct Encoder<'a> {
 pub(super) enum EncodedFrames {
     Text(Vec<u8>),
     EncodedColumns(EncodedColumns),
-    Chunk(Option<Chunk>),
+    Chunk(Option<McapChunk>),
 }
 
 /// Columns of numbers, then of text.
@@ -69,7 +69,7 @@ impl Encoder<'_> {
         &self,
         frames: &ConvertedFrames,
         frame_id: &str,
-    ) -> Result<Option<Chunk>, ConvertError> {
+    ) -> Result<Option<McapChunk>, ConvertError> {
         let numbers = self.table.numbers(frames);
         // Time and wrench are in messages of their own.
         let names: Vec<String> = self.table.names().into_iter().skip(7).collect();
@@ -184,8 +184,10 @@ impl<'a> EncodedOutput<'a> {
             }
             OutputFormat::Mcap { .. } => {
                 let details = encoder.details_schema();
-                let channels =
-                    vec![Channel::wrench(WRENCH_TOPIC), Channel::json(DETAILS_TOPIC, details)];
+                let channels = vec![
+                    McapChannel::wrench(WRENCH_TOPIC),
+                    McapChannel::json(DETAILS_TOPIC, details),
+                ];
                 let library = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
                 return Ok(Self::Recording(McapWriter::new(out, library, channels)?));
             }
@@ -246,9 +248,9 @@ impl EncodedColumns {
         if self.rows() == 0 {
             return Ok(());
         }
-        let mut values: Vec<Values<'_>> =
-            self.numbers.iter().map(|column| Values::Numbers(column)).collect();
-        values.extend(self.texts.iter().map(|column| Values::Texts(column)));
+        let mut values: Vec<ColumnValues<'_>> =
+            self.numbers.iter().map(|column| ColumnValues::Numbers(column)).collect();
+        values.extend(self.texts.iter().map(|column| ColumnValues::Texts(column)));
         writer.write(&values)
     }
 }

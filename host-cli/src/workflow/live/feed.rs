@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use board_link::recording::BoardFrame;
-use board_link::{Progress, RecordCommand, Watcher};
+use board_link::{RecordCommand, RecordingProgress, Watcher};
 
 /// Frames that wait to be shown, at most: half a minute at 1 kHz.
 const WAITING: usize = 32_768;
@@ -16,17 +16,17 @@ pub struct Feed(Arc<Shared>);
 
 #[derive(Debug, Default)]
 struct Shared {
-    state: Mutex<State>,
+    state: Mutex<FeedState>,
     /// Set while a log is not to be played on.
     held: AtomicBool,
 }
 
 #[derive(Debug, Default)]
-struct State {
+struct FeedState {
     frames: VecDeque<BoardFrame>,
     /// Frames that were not shown because nobody fetched them.
     left_out: u64,
-    progress: Option<Progress>,
+    progress: Option<RecordingProgress>,
     commands: VecDeque<RecordCommand>,
 }
 
@@ -63,12 +63,12 @@ impl Feed {
     }
 
     /// Says how the recording goes.
-    pub fn report(&self, progress: &Progress) {
+    pub fn report(&self, progress: &RecordingProgress) {
         self.with(|state| state.progress = Some(progress.clone()));
     }
 
     /// How the recording goes.
-    pub fn progress(&self) -> Option<Progress> {
+    pub fn progress(&self) -> Option<RecordingProgress> {
         self.with(|state| state.progress.clone())
     }
 
@@ -87,7 +87,7 @@ impl Feed {
         self.0.held.load(Ordering::Relaxed)
     }
 
-    fn with<T>(&self, act: impl FnOnce(&mut State) -> T) -> T {
+    fn with<T>(&self, act: impl FnOnce(&mut FeedState) -> T) -> T {
         // A thread that has ended badly has left the state whole: nothing in here can fail half way.
         act(&mut self.0.state.lock().unwrap_or_else(PoisonError::into_inner))
     }

@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use super::PayloadLogError;
 use super::columns::{MotionColumns, require};
 use forces::payload::{
-    Accelerometer, PayloadFit, Pose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces, norm,
+    Accelerometer, PayloadFit, PayloadPose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces,
+    norm,
 };
 use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::block::Block;
@@ -134,10 +135,10 @@ pub fn fit_payload(
     } else {
         return Err(PayloadLogError::NoMotion { path: first.path().to_path_buf() });
     };
-    let poses: Vec<Pose> = sums
+    let poses: Vec<PayloadPose> = sums
         .iter()
         .zip(gravity)
-        .map(|(sum, gravity_m_s2)| Pose { wrench: sum.wrench, gravity_m_s2 })
+        .map(|(sum, gravity_m_s2)| PayloadPose { wrench: sum.wrench, gravity_m_s2 })
         .collect();
     let fit = fit(&poses)?;
     Ok(FittedPayload { fit, accelerometer, gravity_from, is_grouped, rows, skipped_rows })

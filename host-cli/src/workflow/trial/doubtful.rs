@@ -33,7 +33,7 @@ pub enum Doubt {
 }
 
 /// A row that was found, before its line is looked up.
-struct Found {
+struct DoubtfulValue {
     place: u64,
     row: usize,
     time_s: f64,
@@ -64,7 +64,7 @@ pub fn doubtful_rows(
     };
     let are_stale = log.repeats_are_stale();
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
-    let look = |block: &mut Block| -> Vec<Found> {
+    let look = |block: &mut Block| -> Vec<DoubtfulValue> {
         let fresh = if are_stale { block.fresh_rows() } else { vec![true; block.rows] };
         let is_meant =
             |row: &usize| fresh[*row] && (window_s[0]..=window_s[1]).contains(&block.time_s[*row]);
@@ -72,7 +72,7 @@ pub fn doubtful_rows(
             let readings = block.readings.iter().enumerate().filter_map(|(channel, column)| {
                 doubt(channel, column[row]).map(|doubt| (channel, column[row], doubt))
             });
-            Found {
+            DoubtfulValue {
                 place: block.place,
                 row,
                 time_s: block.time_s[row],
@@ -89,7 +89,7 @@ pub fn doubtful_rows(
         first.extend(found.into_iter().take(room));
         Ok::<_, LogError>(())
     })?;
-    let named = first.into_iter().map(|Found { place, row, time_s, readings }| {
+    let named = first.into_iter().map(|DoubtfulValue { place, row, time_s, readings }| {
         let line = log.line_of_row(&wanted, place, row)?;
         Ok(DoubtfulRow { line, time_s, readings })
     });

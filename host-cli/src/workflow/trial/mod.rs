@@ -5,7 +5,7 @@ mod job;
 mod reading;
 
 use log_file::ReadOptions;
-use reading::Recorded;
+use reading::RecordedTrial;
 use trial::{
     Diagnostic, LogTimes, NoWindow, Proposal, Trace, TraceExtent, Trial, TrialError, TrialOptions,
     TrialResult, check_window, propose_window,
@@ -53,7 +53,7 @@ pub struct WindowSearch {
 /// # Errors
 /// [`TrialLogError`] if the log cannot be read or the trial not be evaluated on it.
 pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, TrialLogError> {
-    let recorded = Recorded::read(job, (trial.t_enter_s, trial.t_exit_s))?;
+    let recorded = RecordedTrial::read(job, (trial.t_enter_s, trial.t_exit_s))?;
     // What is wrong with the window says more than that there are no rows in it.
     check_window(trial, &recorded.times)?;
     let mut evaluated = evaluated(job, trial, recorded)?;
@@ -97,7 +97,7 @@ pub fn evaluate_in_window(
 pub fn evaluate_whole(job: &TrialJob<'_>) -> Result<Evaluated, TrialLogError> {
     let options = TrialOptions { trace: TraceExtent::Log, ..job.options };
     let job = TrialJob { options, ..*job };
-    let recorded = Recorded::read(&job, (f64::NEG_INFINITY, f64::INFINITY))?;
+    let recorded = RecordedTrial::read(&job, (f64::NEG_INFINITY, f64::INFINITY))?;
     let LogTimes { first_s, last_s, .. } = recorded.times;
     let trial = Trial::from_window(job.log.path().display().to_string(), (first_s, last_s));
     Ok(evaluated(&job, &trial, recorded)?.0)
@@ -127,10 +127,10 @@ pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, TrialLogError> 
 fn evaluated(
     job: &TrialJob<'_>,
     trial: &Trial,
-    recorded: Recorded,
+    recorded: RecordedTrial,
 ) -> Result<(Evaluated, u64), TrialError> {
     let mut result = recorded.evaluate(job, trial)?;
-    let Recorded { times, summary, zero, .. } = recorded;
+    let RecordedTrial { times, summary, zero, .. } = recorded;
     result.diagnostics.extend(zero.and_then(Diagnostic::moved_zero));
     let evaluated = Evaluated { result, times, rows: summary.rows, checksum: summary.checksum };
     Ok((evaluated, summary.skipped_rows))

@@ -5,7 +5,7 @@ use calibration::Calibration;
 use forces::sampling::Sampling;
 use forces::stationary::{ZeroMove, ZeroWatch};
 use forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
-use log_file::{ColumnRef, LogError, ReadSummary, Selection, Wanted};
+use log_file::{ColumnRef, LogError, ReadSummary, RowSelection, Wanted};
 use shell_data::block::Block;
 use shell_data::telemetry::Telemetry;
 use trial::{
@@ -17,7 +17,7 @@ use trial::{
 const MARGIN_S: f64 = 1.0;
 
 /// What was taken from a log.
-pub(super) struct Recorded {
+pub(super) struct RecordedTrial {
     pub(super) times: LogTimes,
     pub(super) summary: ReadSummary,
     /// How the zero has moved, where the tare does not follow it.
@@ -26,7 +26,7 @@ pub(super) struct Recorded {
     forces: Option<(ForcePipeline, Option<TareFrames>)>,
 }
 
-impl Recorded {
+impl RecordedTrial {
     /// Reads what a window (s) needs.
     pub(super) fn read(job: &TrialJob<'_>, window: (f64, f64)) -> Result<Self, TrialLogError> {
         let mut reading = Reading::new(job, window)?;
@@ -168,7 +168,7 @@ impl<'a> Reading<'a> {
     }
 }
 
-impl Selection for Reading<'_> {
+impl RowSelection for Reading<'_> {
     type Error = TrialLogError;
 
     fn is_of_interest(&mut self, times: &[f64]) -> Result<bool, TrialLogError> {

@@ -90,7 +90,7 @@ type Index = HashMap<Monomial, usize, BuildHasherDefault<Multiplicative>>;
 
 /// One dense block of products of features.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Group {
+pub(crate) struct ProductGroup {
     /// Features on the left.
     pub(crate) left: Vec<usize>,
     /// Features on the right: consecutive ones.
@@ -115,7 +115,7 @@ pub(crate) struct MomentLayout {
     /// channel.
     pub(crate) recipe: Vec<(Option<usize>, usize)>,
     /// The blocks of products.
-    pub(crate) groups: Vec<Group>,
+    pub(crate) groups: Vec<ProductGroup>,
     /// Where each channel alone stands among the features.
     singles: Vec<usize>,
     monomials: Vec<Monomial>,
@@ -228,12 +228,12 @@ fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
 }
 
 /// Powers up to the third of each channel, and products of powers of two channels.
-fn powers(channels: usize) -> Vec<Group> {
+fn powers(channels: usize) -> Vec<ProductGroup> {
     (0..channels)
         .flat_map(|i| {
-            let own = Group { left: vec![3 * i + 2], right: 3 * i..3 * i + 3 };
+            let own = ProductGroup { left: vec![3 * i + 2], right: 3 * i..3 * i + 3 };
             let others =
-                Group { left: (3 * i..3 * i + 3).collect(), right: 3 * i + 3..3 * channels };
+                ProductGroup { left: (3 * i..3 * i + 3).collect(), right: 3 * i + 3..3 * channels };
             [own, others]
         })
         .filter(|group| !group.right.is_empty())
@@ -241,7 +241,7 @@ fn powers(channels: usize) -> Vec<Group> {
 }
 
 /// All products up to `degree`, see the module.
-fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<Group> {
+fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<ProductGroup> {
     let whole = |term: &Term| term.factors().len() == degree;
     (0..channels)
         .map(|k| {
@@ -250,7 +250,7 @@ fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<Group> {
             let left = (0..features.len()).filter(|&f| ends_here(&features[f])).collect();
             // In lexicographic order the features that begin at k or later are the last ones.
             let first = features.iter().position(begins_later).unwrap_or(features.len());
-            Group { left, right: first..features.len() }
+            ProductGroup { left, right: first..features.len() }
         })
         .collect()
 }

@@ -81,7 +81,7 @@ impl Bordered {
     /// # Errors
     /// The column at which the matrix turned out not to be positive definite.
     pub(crate) fn factor(&mut self) -> Result<(), usize> {
-        arch().dispatch(CholeskyFactor(self))
+        arch().dispatch(BorderedFactor(self))
     }
 
     #[inline(always)]
@@ -135,9 +135,9 @@ impl Bordered {
 
 // What follows is inlined whole into code for the widest vectors of the machine; closures are not.
 
-struct CholeskyFactor<'a>(&'a mut Bordered);
+struct BorderedFactor<'a>(&'a mut Bordered);
 
-impl NullaryFnOnce for CholeskyFactor<'_> {
+impl NullaryFnOnce for BorderedFactor<'_> {
     type Output = Result<(), usize>;
 
     #[inline(always)]

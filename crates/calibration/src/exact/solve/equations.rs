@@ -5,7 +5,7 @@ use num_bigint::BigInt;
 use num_traits::Zero;
 
 use super::cholesky::{AxisRow, Bordered, LANES};
-use super::fit::{CholeskyFactor, CountedFeatures, Fit, SolveError};
+use super::fit::{CholeskyFactor, CountedFeatures, ExactFit, SolveError};
 use super::multipliers::Multipliers;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
@@ -66,7 +66,7 @@ impl<'a> Equations<'a> {
         }
     }
 
-    pub(crate) fn solve(self, ridge: f64, rank: usize) -> Result<Fit, SolveError> {
+    pub(crate) fn solve(self, ridge: f64, rank: usize) -> Result<ExactFit, SolveError> {
         let size = self.terms.len();
         let mut bordered = Bordered::zero(size, 6);
         let mut penalties = vec![DoubleDouble::ZERO; size];
@@ -211,7 +211,7 @@ impl<'a> Equations<'a> {
         residuals: &[AxisRow],
         condition: f64,
         rank: usize,
-    ) -> Result<Fit, SolveError> {
+    ) -> Result<ExactFit, SolveError> {
         let unit = |i: usize| self.moments.channels[i].unit;
         let exponents: Vec<i32> = (self.terms.iter().zip(&self.columns))
             .map(|(term, &column)| {
@@ -245,7 +245,7 @@ impl<'a> Equations<'a> {
             })
         });
         let channels = 0..self.model.channels;
-        Ok(Fit {
+        Ok(ExactFit {
             model: self.model,
             rows: self.moments.rows,
             centre: channels

@@ -12,7 +12,7 @@ use shell_data::wrench::PerAxis;
 /// Coefficients, and what the sums say about them. Features are in the order of [`Model::terms`],
 /// axes in that of [`shell_data::wrench::Axis::ALL`].
 #[derive(Clone, Debug)]
-pub struct Fit {
+pub struct ExactFit {
     /// The features.
     pub model: Model,
     /// Rows fitted.
@@ -85,11 +85,11 @@ pub(crate) struct CountedFeatures {
     pub(crate) centre: Vec<i64>,
     /// The power of two that the rest is divided by.
     pub(crate) reach: Vec<i32>,
-    /// How much larger a feature of [`Fit`] is than one of these: one where units are powers of two.
+    /// How much larger a feature of [`ExactFit`] is than one of these: one where units are powers of two.
     pub(crate) stretch: Vec<DoubleDouble>,
 }
 
-impl Fit {
+impl ExactFit {
     /// The fraction of the variance of each axis that the fit explains; `None` for an axis that
     /// does not vary.
     pub fn r_squared(&self) -> PerAxis<Option<f64>> {

@@ -17,7 +17,7 @@
 use pulp::NullaryFnOnce;
 
 use super::cholesky::{AxisRow, Bordered, ElementLanes, LANES};
-use super::fit::{Fit, SolveError};
+use super::fit::{ExactFit, SolveError};
 use super::partition::{EquationScales, PartMoments, PartitionedMoments, counted_coefficients};
 use super::symmetric::Symmetric;
 use crate::double_double::DoubleDouble;
@@ -118,7 +118,7 @@ impl PartitionedMoments<'_> {
     }
 
     /// The errors on a part of a fit that has an origin and units of its own.
-    fn errors_of(&self, fit: &Fit, part: &Moments) -> PerAxis<HeldOutErrors> {
+    fn errors_of(&self, fit: &ExactFit, part: &Moments) -> PerAxis<HeldOutErrors> {
         let scales = self.scales_of(fit);
         let coefficients = counted_coefficients(fit);
         scales.errors(&scales.part(&part.in_units_of(self.total)), &coefficients)

@@ -15,7 +15,7 @@ mod scales;
 mod solver;
 mod symmetric;
 
-pub use self::fit::{Fit, SolveError};
+pub use self::fit::{ExactFit, SolveError};
 pub use self::group_scatter::GroupScatterError;
 pub use self::held_out::HeldOutErrors;
 pub use self::new_groups::NewGroup;

@@ -2,7 +2,7 @@
 //! coefficients from part to part, are computed from.
 
 use super::cholesky::AxisRow;
-use super::fit::{Fit, SolveError};
+use super::fit::{ExactFit, SolveError};
 use super::scales::contains;
 use crate::double_double::DoubleDouble;
 use crate::exact::moments::layout::pair;
@@ -75,7 +75,7 @@ impl<'a> PartitionedMoments<'a> {
 
     /// The scales of a fit that has an origin and units of its own: its features as they are counted,
     /// in N and N·m.
-    pub(crate) fn scales_of(&self, fit: &Fit) -> EquationScales {
+    pub(crate) fn scales_of(&self, fit: &ExactFit) -> EquationScales {
         let reach = |&c: &u8| fit.counted.reach[usize::from(c)];
         let reach = |term: &Term| term.factors().iter().map(reach).sum();
         EquationScales {
@@ -127,7 +127,7 @@ impl EquationScales {
 }
 
 /// The coefficients of a fit for features as they are counted, axes as lanes.
-pub(crate) fn counted_coefficients(fit: &Fit) -> Vec<AxisRow> {
+pub(crate) fn counted_coefficients(fit: &ExactFit) -> Vec<AxisRow> {
     let row = |(row, &stretch): (&PerAxis<DoubleDouble>, &DoubleDouble)| -> AxisRow {
         std::array::from_fn(|i| row.get(i).map_or(DoubleDouble::ZERO, |&c| c * stretch))
     };

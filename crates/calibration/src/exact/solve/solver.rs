@@ -11,7 +11,7 @@
 //!    κ(X) < 10¹⁵.
 
 use super::equations::Equations;
-use super::fit::{Fit, SolveError};
+use super::fit::{ExactFit, SolveError};
 use super::rank::rank_loss;
 use super::scales::contains;
 use crate::exact::moments::product_sums::Moments;
@@ -27,7 +27,7 @@ impl Moments {
     ///
     /// # Errors
     /// [`SolveError`] if the rows do not determine the coefficients.
-    pub fn solve(&self, model: &Model, ridge: f64) -> Result<Fit, SolveError> {
+    pub fn solve(&self, model: &Model, ridge: f64) -> Result<ExactFit, SolveError> {
         let terms = model.terms();
         if !(ridge >= 0.0 && ridge.is_finite()) {
             return Err(SolveError::Ridge(ridge));

@@ -67,7 +67,7 @@ impl Symmetric {
 
     /// `b − A·x`.
     pub(crate) fn residual(&self, b: &[AxisRow], x: &[AxisRow]) -> Vec<AxisRow> {
-        arch().dispatch(Residual { matrix: self, b, x })
+        arch().dispatch(ExactResidual { matrix: self, b, x })
     }
 
     /// `x` with `A·x = b`, to about 20 digits; `None` if that cannot be computed this way.
@@ -111,13 +111,13 @@ impl Symmetric {
     }
 }
 
-struct Residual<'a> {
+struct ExactResidual<'a> {
     matrix: &'a Symmetric,
     b: &'a [AxisRow],
     x: &'a [AxisRow],
 }
 
-impl NullaryFnOnce for Residual<'_> {
+impl NullaryFnOnce for ExactResidual<'_> {
     type Output = Vec<AxisRow>;
 
     #[inline(always)]

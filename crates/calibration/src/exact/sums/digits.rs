@@ -15,7 +15,7 @@ use num_bigint::BigInt;
 use num_traits::ToPrimitive;
 
 use super::kernel::ROWS;
-use super::limbs::{Limbs, Places};
+use super::limbs::{BinaryPlaces, Limbs};
 use crate::decimal_step::DecimalStep;
 use crate::exact::moments::rounding::power_of_two;
 use crate::exact::moments::scaled_integers::join;
@@ -23,7 +23,7 @@ use crate::exact::moments::scaled_integers::join;
 /// What is known of the numbers of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Numbers {
-    places: Places,
+    places: BinaryPlaces,
     /// What they are multiples of, if anything.
     step: Option<DecimalStep>,
     /// The largest magnitude.
@@ -33,11 +33,11 @@ pub(crate) struct Numbers {
 impl Numbers {
     /// No numbers, or zeros only.
     pub(crate) const NONE: Self =
-        Self { places: Places::NONE, step: Some(DecimalStep::NONE), largest: 0.0 };
+        Self { places: BinaryPlaces::NONE, step: Some(DecimalStep::NONE), largest: 0.0 };
 
     pub(crate) fn of(values: &[f64]) -> Self {
         let largest = values.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
-        Self { places: Places::of(values), step: DecimalStep::of(values), largest }
+        Self { places: BinaryPlaces::of(values), step: DecimalStep::of(values), largest }
     }
 
     /// What is known of both.

@@ -41,7 +41,12 @@ pub(crate) fn products<S: Simd>(
 }
 
 #[inline(always)]
-fn strip<S: Simd, const L: usize>(simd: S, left: [&Column; L], right: &[f64], out: &mut [f64]) {
+fn strip<S: Simd, const L: usize>(
+    simd: S,
+    left: [&ColumnBlock; L],
+    right: &[f64],
+    out: &mut [f64],
+) {
     let rights = right.len() / ROWS;
     let mut r = 0;
     while r < rights {
@@ -67,7 +72,7 @@ fn strip<S: Simd, const L: usize>(simd: S, left: [&Column; L], right: &[f64], ou
 #[inline(always)]
 fn tile<S: Simd, const L: usize, const R: usize>(
     simd: S,
-    left: [&Column; L],
+    left: [&ColumnBlock; L],
     right: &[f64],
     first: usize,
     out: &mut [f64],
@@ -96,10 +101,10 @@ fn tile<S: Simd, const L: usize, const R: usize>(
 }
 
 /// One column. Its length is part of its type, so that loops over columns check no bounds.
-type Column = [f64; ROWS];
+type ColumnBlock = [f64; ROWS];
 
 #[inline(always)]
-fn column(columns: &[f64], index: usize) -> &Column {
+fn column(columns: &[f64], index: usize) -> &ColumnBlock {
     columns[index * ROWS..].first_chunk().expect("as many columns as are asked for")
 }
 

@@ -138,14 +138,14 @@ fn bits_of(value: u64) -> u32 {
 
 /// The binary places that a set of numbers covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Places {
+pub(crate) struct BinaryPlaces {
     /// All are multiples of `2^low`.
     low: i32,
     /// All are below `2^high` in magnitude.
     high: i32,
 }
 
-impl Places {
+impl BinaryPlaces {
     /// No places: zero only.
     pub(crate) const NONE: Self = Self { low: i32::MAX, high: i32::MIN };
 
@@ -287,7 +287,7 @@ mod tests {
             numbers in prop::collection::vec(-1e6..1e6_f64, ROWS),
             width in 8u32..30,
         ) {
-            let limbs = Places::of(&numbers).limbs(width).unwrap();
+            let limbs = BinaryPlaces::of(&numbers).limbs(width).unwrap();
             let mut out = vec![0.0; limbs.count * ROWS];
             prop_assert!(limbs.cut(&numbers, &mut out));
             for (row, &number) in numbers.iter().enumerate() {
@@ -304,7 +304,7 @@ mod tests {
 
     #[test]
     fn numbers_that_do_not_fit_are_noticed() {
-        let limbs = Places::of(&[1.0, 7.0]).limbs(4).unwrap();
+        let limbs = BinaryPlaces::of(&[1.0, 7.0]).limbs(4).unwrap();
         let mut out = vec![0.0; limbs.count * ROWS];
         let cut = |x: f64, out: &mut [f64]| limbs.cut(&[x; ROWS], out);
         assert!(cut(-5.0, &mut out));
@@ -315,10 +315,10 @@ mod tests {
 
     #[test]
     fn places_of_subnormal_and_of_no_numbers() {
-        assert_eq!(Places::of(&[0.0, -0.0]), Places::NONE);
-        assert_eq!(Places::of(&[5e-324]), Places { low: -1074, high: -1073 });
-        assert_eq!(Places::of(&[-6.0, 0.5]), Places { low: -1, high: 3 });
-        assert_eq!(Places::NONE.limbs(20), Some(Limbs { unit: 0, width: 20, count: 0 }));
-        assert_eq!(Places::of(&[1.0, 1e-200]).limbs(20), None);
+        assert_eq!(BinaryPlaces::of(&[0.0, -0.0]), BinaryPlaces::NONE);
+        assert_eq!(BinaryPlaces::of(&[5e-324]), BinaryPlaces { low: -1074, high: -1073 });
+        assert_eq!(BinaryPlaces::of(&[-6.0, 0.5]), BinaryPlaces { low: -1, high: 3 });
+        assert_eq!(BinaryPlaces::NONE.limbs(20), Some(Limbs { unit: 0, width: 20, count: 0 }));
+        assert_eq!(BinaryPlaces::of(&[1.0, 1e-200]).limbs(20), None);
     }
 }

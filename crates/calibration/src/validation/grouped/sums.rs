@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::moments::GroupedMoments;
 use super::random_split::RandomSplit;
-use super::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS, RowSet};
+use super::worker::{Apart, BlockGroups, GroupWorker, MAX_GROUPS, SummedRows};
 use crate::exact::Moments;
 use crate::model::Basis;
 use crate::validation::ValidationError;
@@ -87,10 +87,10 @@ impl GroupSums {
         Ok(grouped)
     }
 
-    fn add_moments(&mut self, rows: RowSet, moments: Moments) -> Result<(), ValidationError> {
+    fn add_moments(&mut self, rows: SummedRows, moments: Moments) -> Result<(), ValidationError> {
         let sums = match rows {
-            RowSet::Fold(fold) => &mut self.folds[fold],
-            RowSet::Group(label) => {
+            SummedRows::Fold(fold) => &mut self.folds[fold],
+            SummedRows::Group(label) => {
                 let group = self.group(&label)?;
                 &mut self.groups[group].1
             }

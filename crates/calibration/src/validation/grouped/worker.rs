@@ -36,14 +36,14 @@ pub struct GroupWorker {
     adder: Adder,
     indices: HashMap<Arc<str>, usize>,
     /// The sums of the random folds, then those of the groups in the order of their first rows.
-    sums: Vec<(RowSet, Accumulator)>,
+    sums: Vec<(SummedRows, Accumulator)>,
     /// The sums in working form, by index, in the order of these.
     open: VecDeque<usize>,
 }
 
 /// The rows that are summed together.
 #[derive(Clone, Debug)]
-pub(super) enum RowSet {
+pub(super) enum SummedRows {
     /// Those of a random fold.
     Fold(usize),
     /// Those with a label.
@@ -58,13 +58,13 @@ pub struct BlockGroups {
     pub(super) labels: Vec<Arc<str>>,
     /// Where groups are dealt into sets: a hash of each group.
     pub(super) dealt: Vec<u64>,
-    pub(super) settled: Vec<(RowSet, Moments)>,
+    pub(super) settled: Vec<(SummedRows, Moments)>,
 }
 
 impl GroupWorker {
     pub(super) fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
         let adder = Adder::new(basis, channels);
-        let fold = |fold| (RowSet::Fold(fold), adder.begin());
+        let fold = |fold| (SummedRows::Fold(fold), adder.begin());
         let sums = (0..random.held_out).map(fold).collect();
         Self {
             channels,
@@ -119,7 +119,7 @@ impl GroupWorker {
     /// The sums that have not been handed over.
     pub(super) fn finish(
         mut self,
-    ) -> impl Iterator<Item = Result<(RowSet, Moments), ValidationError>> {
+    ) -> impl Iterator<Item = Result<(SummedRows, Moments), ValidationError>> {
         let sums = std::mem::take(&mut self.sums);
         sums.into_iter().map(move |(rows, sums)| Ok((rows, self.adder.finish(sums)?)))
     }
@@ -134,7 +134,7 @@ impl GroupWorker {
         }
         let (index, label) = (self.sums.len(), Arc::<str>::from(label));
         self.indices.insert(label.clone(), index);
-        self.sums.push((RowSet::Group(label.clone()), self.adder.begin()));
+        self.sums.push((SummedRows::Group(label.clone()), self.adder.begin()));
         Ok((index, label))
     }
 
@@ -144,7 +144,7 @@ impl GroupWorker {
         index: usize,
         columns: &[&[f64]],
         rows: &[usize],
-    ) -> Result<Option<(RowSet, Moments)>, ValidationError> {
+    ) -> Result<Option<(SummedRows, Moments)>, ValidationError> {
         if columns.iter().all(|column| column.len() == rows.len()) {
             return self.add_columns(index, columns);
         }
@@ -158,7 +158,7 @@ impl GroupWorker {
         &mut self,
         index: usize,
         columns: &[C],
-    ) -> Result<Option<(RowSet, Moments)>, ValidationError> {
+    ) -> Result<Option<(SummedRows, Moments)>, ValidationError> {
         let sums = &mut self.sums[index].1;
         let was_open = sums.is_open();
         let (readings, wrench) = columns.split_at(self.channels);

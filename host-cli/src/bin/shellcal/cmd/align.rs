@@ -3,7 +3,7 @@
 use alignment::{Aligned, ClockMap, EdgeMatch, LeftOut, Quality};
 use anyhow::{Context, bail};
 use figures::match_figure;
-use log_file::{ColumnRef, Format, Log, Mapping, TimeUnit};
+use log_file::{ColumnRef, Log, LogFormat, Mapping, TimeUnit};
 use output_file::Outputs;
 use serde::Serialize;
 use shellcal::workflow::align::{
@@ -66,7 +66,7 @@ pub(crate) struct AlignArgs {
 struct ReferenceArgs {
     /// What kind of file the reference is [default: recognised]
     #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS))]
-    reference_format: Option<Format>,
+    reference_format: Option<LogFormat>,
 
     /// The time column of the reference: its name or place
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]

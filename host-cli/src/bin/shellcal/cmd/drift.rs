@@ -1,7 +1,7 @@
 //! `shellcal drift`: how the zero of an unloaded sensor moves.
 
 use calibration_file::CalibrationFile;
-use figures::{Axis, Chart, Figure, Mark, Series, Size, Spacing, trace_figure};
+use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_figure};
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
 use log_file::{ColumnRef, Log};
@@ -191,11 +191,11 @@ fn figure(size: Size, name: &str, summary: &DriftSummary) -> Figure {
         .channel_changes()
         .into_iter()
         .enumerate()
-        .map(|(i, points)| Series { label: format!("s{}", i + 1), points, mark: Mark::Line })
+        .map(|(i, points)| Series { label: format!("s{}", i + 1), points, mark: ChartMark::Line })
         .collect();
     let values = || series.iter().flat_map(|series| series.points.iter().map(|point| point.1));
     let (low, high) = (values().fold(0.0, f64::min), values().fold(0.0, f64::max));
-    let x = Axis::new("time", "s", Spacing::Linear, summary.first_s, summary.last_s);
-    let y = Axis::new("change of the zero", "counts", Spacing::Linear, low, high);
+    let x = PlotAxis::new("time", "s", Spacing::Linear, summary.first_s, summary.last_s);
+    let y = PlotAxis::new("change of the zero", "counts", Spacing::Linear, low, high);
     Chart { title, x, y, series }.figure(size)
 }

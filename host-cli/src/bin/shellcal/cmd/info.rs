@@ -3,7 +3,7 @@
 use calibration::fit::{OutlierTest, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary};
 use log_file::{
-    Column, FileKind, Format, Log, LogError, Meaning, MomentUnit, Wanted, read_dataset,
+    Column, FileKind, Log, LogError, LogFormat, Meaning, MomentUnit, Wanted, read_dataset,
 };
 use serde::Serialize;
 use shell_data::wrench::Axis;
@@ -342,7 +342,7 @@ impl ValueInfo {
     }
 }
 
-fn format_name(format: Format) -> &'static str {
+fn format_name(format: LogFormat) -> &'static str {
     FORMATS.iter().find(|(.., known)| *known == format).map_or("", |(name, ..)| name)
 }
 

@@ -2,7 +2,7 @@
 
 use calibration_file::CalibrationFile;
 use clap::ValueEnum;
-use log_file::{ColumnRef, Format, Log, Mapping, MomentUnit, ReadOptions, TimeUnit, named_axis};
+use log_file::{ColumnRef, Log, LogFormat, Mapping, MomentUnit, ReadOptions, TimeUnit, named_axis};
 use shell_data::ColumnNames;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -16,7 +16,7 @@ use crate::printer::Printer;
 pub(crate) struct MappingArgs {
     /// What kind of file the logs are [default: recognised]
     #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS))]
-    pub(crate) format: Option<Format>,
+    pub(crate) format: Option<LogFormat>,
 
     /// Which matrix of a MATLAB or HDF5 file, sheet of a workbook or topic of a recording to read
     /// [default: the longest matrices, the first sheet, all topics]
@@ -151,16 +151,16 @@ impl ColumnList {
 }
 
 /// Kinds of log.
-pub(crate) const FORMATS: [(&str, &str, Format); 5] = [
-    ("telemetry", "Robot telemetry with `%` header lines", Format::Telemetry),
-    ("csv", "Separated values, names in the first line", Format::Csv),
-    ("training", "No header: time, eight sensors, six wrench columns", Format::Training),
+pub(crate) const FORMATS: [(&str, &str, LogFormat); 5] = [
+    ("telemetry", "Robot telemetry with `%` header lines", LogFormat::Telemetry),
+    ("csv", "Separated values, names in the first line", LogFormat::Csv),
+    ("training", "No header: time, eight sensors, six wrench columns", LogFormat::Training),
     (
         "reference",
         "Reference sensor: two columns to drop, time, six wrench columns, three accelerations",
-        Format::Reference,
+        LogFormat::Reference,
     ),
-    ("console", "Base-station console with received payloads", Format::Console),
+    ("console", "Base-station console with received payloads", LogFormat::Console),
 ];
 
 /// Units of time.

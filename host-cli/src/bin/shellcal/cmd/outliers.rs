@@ -80,14 +80,14 @@ impl NamedOutliers {
     }
 
     /// The rows for a report.
-    pub(super) fn rows(&self, left_out: bool) -> report::Outliers {
+    pub(super) fn rows(&self, left_out: bool) -> report::OutlierTable {
         let row = |(row, name): (&Outlier, &RowName)| report::OutlierRow {
             file: name.file.clone(),
             line: name.line,
             what: row.why(&name.columns),
         };
         let rows = self.found.rows.iter().zip(&self.names).take(LISTED).map(row).collect();
-        report::Outliers { rows, count: self.count(), left_out }
+        report::OutlierTable { rows, count: self.count(), left_out }
     }
 
     /// Lists the rows with why they were left out.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use board_link::recording::{LiveForces, Losses, protocol_name};
 use board_link::{
-    AppendWriter, Progress, RecordOptions, Recorded, RecordedBoard, Sinks, Source, record,
+    AppendWriter, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks, Source, record,
 };
 use calibration::Calibration;
 use calibration_file::CalibrationFile;
@@ -119,7 +119,7 @@ impl RecordArgs {
             watcher: None,
         };
         let status = printer.status();
-        let mut show = |progress: &Progress| {
+        let mut show = |progress: &RecordingProgress| {
             status.set_message(describe(progress, terminal_width()));
             status.tick();
         };
@@ -147,8 +147,8 @@ impl RecordArgs {
 }
 
 /// The line that is shown while it runs.
-fn describe(progress: &Progress, width: usize) -> String {
-    let Progress { elapsed, rate_hz, frames, bytes, waiting, ref losses, .. } = *progress;
+fn describe(progress: &RecordingProgress, width: usize) -> String {
+    let RecordingProgress { elapsed, rate_hz, frames, bytes, waiting, ref losses, .. } = *progress;
     let time = clock(elapsed);
     if !progress.connected {
         return format!("{time}  port is gone, waiting for it; {frames} frames so far");

@@ -12,7 +12,7 @@ use serde_json::json;
 use shell_data::wrench::{Axes, PerAxis};
 use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
-use simulation::simulated_board::{Load, Settings, SimulatedBoard};
+use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
 use crate::files::{InputPath, OutputPlace};
 use crate::outcome::Outcome;
@@ -92,7 +92,7 @@ impl SimulationArgs {
             None => Load::hands(self.seed),
         };
         let stop = signals::stop_flag()?;
-        let settings = Settings {
+        let settings = BoardSettings {
             load,
             seed: self.seed,
             unit_seed: self.unit_seed,
@@ -136,12 +136,12 @@ impl SimulationArgs {
 }
 
 #[cfg(unix)]
-fn on_a_pty(settings: Settings) -> anyhow::Result<SimulatedBoard> {
+fn on_a_pty(settings: BoardSettings) -> anyhow::Result<SimulatedBoard> {
     Ok(SimulatedBoard::start(settings)?)
 }
 
 #[cfg(not(unix))]
-fn on_a_pty(_: Settings) -> anyhow::Result<SimulatedBoard> {
+fn on_a_pty(_: BoardSettings) -> anyhow::Result<SimulatedBoard> {
     anyhow::bail!(
         "this system has no ports that a program can make: `--listen 127.0.0.1:5000`, and \
          `tcp://127.0.0.1:5000` for the port in other commands"

@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Write};
 use clap::Subcommand;
 use output_file::Outputs;
 use serde::Serialize;
-use simulation::sensor_model::{Kind, Recording, Settings};
+use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use simulation::synthetic_log::SyntheticLayout;
 
 use super::choices::one_of;
@@ -103,12 +103,12 @@ impl SynthArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
         match &self.kind {
             // The paper's sizes; for noise, less than a minute.
-            KindArgs::Train(args) => args.run(Kind::Training, 77_522, printer, outputs),
-            KindArgs::Test(args) => args.run(Kind::Test, 19_932, printer, outputs),
+            KindArgs::Train(args) => args.run(RecordingKind::Training, 77_522, printer, outputs),
+            KindArgs::Test(args) => args.run(RecordingKind::Test, 19_932, printer, outputs),
             KindArgs::Pair(args) => args.run(printer, outputs),
             KindArgs::Trial(args) => args.run(printer, outputs),
             KindArgs::Trials(args) => args.run(printer, outputs),
-            KindArgs::Zero(args) => args.run(Kind::Zero, 5_000, printer, outputs),
+            KindArgs::Zero(args) => args.run(RecordingKind::Zero, 5_000, printer, outputs),
         }
     }
 }
@@ -116,13 +116,13 @@ impl SynthArgs {
 impl RecordingArgs {
     fn run(
         &self,
-        kind: Kind,
+        kind: RecordingKind,
         default_rows: u64,
         printer: &mut Printer,
         outputs: &Outputs,
     ) -> anyhow::Result<Outcome> {
         let rows = self.rows.unwrap_or(default_rows);
-        let recording = Recording::new(Settings {
+        let recording = SensorRecording::new(RecordingSettings {
             kind,
             rate_hz: self.rate,
             start_time_s: self.start_time,
@@ -157,9 +157,9 @@ impl RecordingArgs {
     fn write(
         &self,
         out: &mut impl Write,
-        kind: Kind,
+        kind: RecordingKind,
         rows: u64,
-        recording: Recording,
+        recording: SensorRecording,
         printer: &Printer,
     ) -> io::Result<(u64, u64)> {
         /// Rows between two looks at the progress bar, and bytes in such a stretch, about.

@@ -6,7 +6,7 @@ use calibration::physics::PhysicsValidation;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration_file::CalibrationFile;
 use figures::{Size, coverage_figure, fit_figure};
-use report::{CalibrationReport, FewGroups, Heading, Intervals, Outliers};
+use report::{CalibrationReport, FewGroups, Heading, Intervals, OutlierTable};
 use shell_data::dataset::Dataset;
 use shellcal::workflow::report::{calibration_facts, group_rows};
 
@@ -75,7 +75,7 @@ impl FitPlan<'_> {
     }
 
     /// What a report says of outliers: those that were left out, or were named.
-    fn outlier_rows(&self, told: &Told) -> Option<Outliers> {
+    fn outlier_rows(&self, told: &Told) -> Option<OutlierTable> {
         let Told { named, dropped } = told;
         let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
         match self.args.outliers.unwrap_or(OutliersArg::Report) {
@@ -84,7 +84,7 @@ impl FitPlan<'_> {
             OutliersArg::Report => dropped
                 .filter(|dropped| dropped.count > 0)
                 .or_else(|| named.as_ref().map(|named| named.rows(false)))
-                .or_else(|| Some(Outliers::default())),
+                .or_else(|| Some(OutlierTable::default())),
         }
     }
 }

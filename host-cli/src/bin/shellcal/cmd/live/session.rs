@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use board_link::recording::protocol_name;
-use board_link::{AppendWriter, Progress, RecordCommand};
+use board_link::{AppendWriter, RecordCommand, RecordingProgress};
 use live_view::{LiveModel, LiveRow};
 use output_file::OutputError;
 use shellcal::workflow::live::{Feed, LiveRows};
@@ -225,7 +225,7 @@ impl LiveSession {
             };
         }
         let Some(progress) = self.feed.progress() else { return "waiting".to_owned() };
-        let Progress { rate_hz, frames, bytes, ref losses, .. } = progress;
+        let RecordingProgress { rate_hz, frames, bytes, ref losses, .. } = progress;
         let time = clock(progress.elapsed);
         match progress.protocol {
             _ if !progress.connected => format!("{time}  port is gone, waiting for it"),

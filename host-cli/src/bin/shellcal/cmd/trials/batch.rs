@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use output_file::Outputs;
 use serde::Serialize;
-use shellcal::workflow::batch::{self, Batch, BatchOptions, Stamp, stamp};
+use shellcal::workflow::batch::{self, Batch, BatchOptions, FileStamp, stamp};
 use trial::manifest::{Manifest, Shard};
 use trial::{ConditionRow, TrialOptions, TrialResult};
 
@@ -112,11 +112,11 @@ impl BatchArgs {
         if printer.json() {
             bail!("`--watch` prints tables again and again, `--json` one document");
         }
-        let mut before: Option<(Vec<Stamp>, Batch)> = None;
+        let mut before: Option<(Vec<FileStamp>, Batch)> = None;
         let files = || self.watched();
         watch::run(printer, files, |printer| {
             outputs.renew();
-            let equipment: Vec<Stamp> = self.evaluation.files().map(stamp).collect();
+            let equipment: Vec<FileStamp> = self.evaluation.files().map(stamp).collect();
             // Under another calibration or profile all results are others.
             let kept = before.take().filter(|(files, _)| *files == equipment);
             match self.once(printer, outputs, kept.as_ref().map(|(_, batch)| batch)) {

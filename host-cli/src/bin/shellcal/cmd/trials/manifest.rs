@@ -7,7 +7,7 @@ use calibration_file::input;
 use output_file::{OutputError, Outputs};
 use shell_data::hint::did_you_mean;
 use shellcal::workflow::batch::{self, Batch, BatchOptions};
-use trial::manifest::{Manifest, Place};
+use trial::manifest::{CellPosition, Manifest};
 use trial::{TraceExtent, TrialOptions, TrialResult};
 
 use super::evaluation::{Equipment, EvaluationArgs};
@@ -48,7 +48,7 @@ pub(super) fn folder(path: &Path) -> &Path {
 }
 
 /// The name that files about a trial start with: that of its log, and its line in the manifest.
-pub(super) fn stem(place: Place, result: &TrialResult) -> String {
+pub(super) fn stem(place: CellPosition, result: &TrialResult) -> String {
     let stem = Path::new(&result.row.file).file_stem().unwrap_or_default().to_string_lossy();
     format!("{stem}.{}", place.line)
 }
@@ -61,7 +61,7 @@ pub(super) fn evaluate(
     manifest: &Manifest,
     evaluation: &EvaluationArgs,
     equipment: &Equipment,
-    keep: impl Fn(Place, &mut TrialResult) -> Result<(), OutputError> + Sync,
+    keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
     let bar = printer.progress_of("trials", manifest.rows.len() as u64);
     let progress = |done: usize| bar.set_position(done as u64);

@@ -7,8 +7,8 @@ use figures::Format;
 use output_file::{OutputError, Outputs};
 use shellcal::workflow::batch::Batch;
 use shellcal::workflow::figures::{FigureFolder, reduce_trace};
-use table_file::named_table::Table;
-use trial::manifest::{Place, Shard};
+use table_file::named_table::NamedTable;
+use trial::manifest::{CellPosition, Shard};
 use trial::tables::{conditions_table, strides_table, trace_table, trials_table};
 use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 
@@ -116,7 +116,7 @@ impl ResultArgs {
     pub(crate) fn write_trial(
         &self,
         outputs: &Outputs,
-        place: Place,
+        place: CellPosition,
         result: &mut TrialResult,
         figures: Option<&FigureFolder<'_>>,
         profile: &Profile,
@@ -136,7 +136,7 @@ impl ResultArgs {
     fn write_trace(
         &self,
         outputs: &Outputs,
-        place: Place,
+        place: CellPosition,
         result: &TrialResult,
     ) -> Result<(), OutputError> {
         let (Some(directory), Some(trace)) = (&self.traces, &result.trace) else {
@@ -162,7 +162,7 @@ impl ResultArgs {
             return Ok(());
         }
         let results = batch.trials.iter().map(|trial| &trial.evaluated.result);
-        let tables: [Table; 3] =
+        let tables: [NamedTable; 3] =
             [trials_table(results.clone()), strides_table(results), conditions_table(conditions)];
         if let Some(directory) = &self.csv {
             for (file, table) in table_files(directory, shard, "csv").iter().zip(&tables) {

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use trial::{
-    ConditionRow, Diagnostic, Difference, Interval, Per, Quantity, Severity, Statistics, StrideRow,
-    TrialResult, TrialRow,
+    ConditionRow, Diagnostic, Interval, MeanDifference, Per, Quantity, Severity, Statistics,
+    StrideRow, TrialResult, TrialRow,
 };
 
 use crate::printer::Printer;
@@ -102,7 +102,7 @@ pub(super) fn conditions(printer: &mut Printer, rows: &[ConditionRow]) -> anyhow
 }
 
 /// The numbers of a condition.
-pub(super) type ConditionNumbers<'a> = (&'a str, &'a Statistics, Option<&'a Difference>);
+pub(super) type ConditionNumbers<'a> = (&'a str, &'a Statistics, Option<&'a MeanDifference>);
 
 /// The numbers of some conditions, times `factor`.
 pub(super) fn statistics(

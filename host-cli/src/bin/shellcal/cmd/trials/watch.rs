@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use shellcal::workflow::batch::{Stamp, stamp};
+use shellcal::workflow::batch::{FileStamp, stamp};
 
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -17,7 +17,7 @@ pub(super) fn run(
     files: impl Fn() -> Vec<PathBuf>,
     mut job: impl FnMut(&mut Printer),
 ) -> anyhow::Result<Outcome> {
-    let stamps = |files: &[PathBuf]| -> Vec<Stamp> {
+    let stamps = |files: &[PathBuf]| -> Vec<FileStamp> {
         files.iter().map(PathBuf::as_path).map(stamp).collect()
     };
     loop {
