@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use hdf5_pure::{
-    AttrValue, Dataset, Datatype, DatatypeByteOrder, Error, FloatingPointLayout, Group,
+    AttrValue, Dataset, Datatype, DatatypeByteOrder, Error, FloatingPointLayout, FormatError, Group,
 };
 
 use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayTable, columns_of_log, names};
@@ -52,6 +52,9 @@ pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayo
     fs::File::open(path)?.take(MATLAB.len() as u64).read_to_end(&mut head)?;
     let is_by_row = head != MATLAB;
     let file = hdf5_pure::File::open_streaming(path).map_err(unreadable)?;
+    if file.file_size() < file.superblock().eof_address {
+        return Err(KIND.damaged("it is cut off"));
+    }
     let mut found = DataSets { is_by_row, ..DataSets::default() };
     found.add(&file.root(), "", DEPTH)?;
     let columns: Vec<ArrayColumns> = found
@@ -194,10 +197,22 @@ impl ColumnLayout for Hdf5Table {
     }
 }
 
-/// The error of what the reader refuses: it has one for all, which is the file's fault.
+/// The error of what the reader refuses.
 fn unreadable(error: Error) -> TableError {
+    use FormatError::{
+        InvalidLayoutVersion, UnsupportedExternalStorage, UnsupportedFilter, UnsupportedVersion,
+        UnsupportedVirtualLayout,
+    };
     match error {
         Error::Io(error) => KIND.unread(error, "it is cut off"),
+        // Of a version that is newer than the reader.
+        Error::Format(
+            error @ (InvalidLayoutVersion(_)
+            | UnsupportedExternalStorage
+            | UnsupportedFilter(_)
+            | UnsupportedVersion(_)
+            | UnsupportedVirtualLayout),
+        ) => KIND.unsupported(error.to_string()),
         error => KIND.damaged(error.to_string()),
     }
 }

@@ -169,11 +169,37 @@ fn matrices_are_readings_and_wrench_by_their_names_or_their_shapes() {
         ..Mapping::default()
     };
     let log = Log::open(&path, &mapping).unwrap();
-    assert_eq!((log.channels(), log.axes().len()), (8, 6));
+    assert_eq!((log.channels(), log.axes().iter().count()), (8, 6));
     assert_eq!(by_shape.readings.len(), 8);
     let path = seeds().join("hdf5/gzip.h5");
     let of_group = Mapping { table: Some("run".to_owned()), ..Mapping::default() };
     assert_eq!(Log::open(&path, &of_group).unwrap().channels(), 8);
+}
+
+/// Recordings of a capacitive sensor, as published and as CSV with all digits.
+#[test]
+#[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
+fn published_hdf5_recordings_are_those_of_their_csv() {
+    let name = "others/coinft/CFT24_calibrationData_20251219_110601_train";
+    let open = |extension: &str| {
+        let path = system_tests::real_recording(&format!("{name}.{extension}"));
+        Log::open(&path, &Mapping::default()).unwrap()
+    };
+    let rows = |log: Log| {
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        log_file::read_dataset(&[(&log, wanted)], &ReadOptions::default()).unwrap()
+    };
+    let [hdf5, csv] = ["h5", "csv.gz"].map(|extension| {
+        let data = rows(open(extension));
+        let mut columns = vec![Vec::new(); 18];
+        for (_, block) in data.blocks() {
+            let of_block = block.rows.readings.iter().chain(&block.rows.wrench);
+            columns.iter_mut().zip(of_block).for_each(|(all, more)| all.extend_from_slice(more));
+        }
+        columns
+    });
+    assert_eq!((hdf5.len(), hdf5[0].len()), (18, 2676));
+    assert!(hdf5 == csv);
 }
 
 /// One thousand files of every layout with bytes changed, removed or repeated: each is read or refused.
