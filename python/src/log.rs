@@ -158,11 +158,15 @@ pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, Failure> {
     Ok(mapping)
 }
 
-/// Six columns, or `fx=a,fz=b`: columns of axes that are named.
+/// Six columns, the name of a matrix of six, or `fx=a,fz=b`: columns of axes that are named.
 fn wrench(text: &str) -> Option<PerAxis<Option<ColumnRef>>> {
     let items = || text.split(',');
     if !items().any(|item| named_axis(item).is_some()) {
-        let six = <[ColumnRef; 6]>::try_from(list(text)).ok()?;
+        let columns = match list(text).as_slice() {
+            [ColumnRef::Name(matrix)] => ColumnRef::columns_of_matrix(matrix, 6),
+            columns => columns.to_vec(),
+        };
+        let six = <[ColumnRef; 6]>::try_from(columns).ok()?;
         return Some(six.map(Some));
     }
     let mut columns: PerAxis<Option<ColumnRef>> = PerAxis::default();

@@ -1,6 +1,6 @@
 """Writes one recording in every kind of file that is read, by the programs that people write them with.
 
-    pip install numpy scipy polars pyarrow openpyxl mcap-ros2-support
+    pip install numpy scipy polars pyarrow openpyxl mcap-ros2-support h5py
     python make_seeds.py
 
 The files are seeds of the fuzz targets, and what host-cli/tests/it/log_containers.rs compares.
@@ -11,6 +11,7 @@ import gzip
 import json
 import pathlib
 
+import h5py
 import numpy as np
 import openpyxl
 import polars as pl
@@ -117,6 +118,54 @@ scipy.io.savemat(at("matlab", "matrix_compressed.mat"), {"data": matrix}, do_com
 scipy.io.savemat(
     at("matlab", "vectors.mat"), {"t": time, "s": readings.astype(np.int16), "rate": 100.0, "note": "x"} | columns
 )
+# Every layout of a data set, index of its pieces, filter and order of bytes.
+for name, version, kind, how in [
+    ("contiguous", "earliest", "<f8", {}),
+    ("big_endian", "v110", ">f8", {}),
+    ("chunked", "earliest", "<f8", {"chunks": True}),
+    ("gzip", "earliest", "<f8", {"compression": "gzip"}),
+    ("gzip_shuffle", "v110", "<f8", {"compression": "gzip", "shuffle": True}),
+    ("one_piece", "v110", "<f8", {"chunks": True, "fletcher32": True}),
+    ("fixed_array", "v110", "<f8", {"chunks": 7, "compression": "gzip"}),
+    ("growing", "v110", "<f8", {"chunks": 7, "maxshape": None, "shuffle": True}),
+]:
+    with h5py.File(at("hdf5", f"{name}.h5"), "w", libver=(version, "v114")) as file:
+        run = file.create_group("run") if name == "gzip" else file
+        for column, values in ({"t": time, "s": readings} | columns).items():
+            values = np.asarray(values)
+            options = dict(how)
+            if options.get("chunks") == 7:
+                options["chunks"] = (7,) + tuple(min(5, side) for side in values.shape[1:])
+            if "maxshape" in options:
+                options["maxshape"] = (None,) + values.shape[1:]
+            of = "u2" if column == "s" else kind
+            run.create_dataset(column, data=values.astype(kind[0] + of[-2:]), **options)
+        run.attrs["rate"] = 100.0
+        run.create_dataset("note", data="made by hand")
+        run.create_dataset("matrix_of_fit", data=np.eye(8, 6))
+with h5py.File(at("hdf5", "by_shape.h5"), "w") as file:
+    file["t"], file["cells"], file["ft"] = time, readings, wrench
+with h5py.File(at("hdf5", "compact.h5"), "w") as file:
+    plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    plist.set_layout(h5py.h5d.COMPACT)
+    for column, values in ({"t": time, "s": readings} | columns).items():
+        values = np.ascontiguousarray(values, dtype="<f8")
+        space = h5py.h5s.create_simple(values.shape)
+        made = h5py.h5d.create(file.id, column.encode(), h5py.h5t.IEEE_F64LE, space, plist)
+        made.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
+# MATLAB writes matrices column by column, and texts as numbers.
+with h5py.File(at("hdf5", "matlab73.mat"), "w", userblock_size=512) as file:
+    for column, values, kind in [
+        ("t", time, "double"),
+        ("s", readings.astype(np.int16), "int16"),
+        ("note", np.arange(ROWS, dtype=np.uint16), "char"),
+        *((axis, columns[axis], "double") for axis in AXES),
+    ]:
+        stored = file.create_dataset(column, data=np.atleast_2d(values.T), compression="gzip")
+        stored.attrs["MATLAB_class"] = np.bytes_(kind)
+with open(at("hdf5", "matlab73.mat"), "r+b") as file:
+    text = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Sun Nov 22 10:00:00 2026 HDF5 schema 1.00 ."
+    file.write(text.ljust(116) + bytes(8) + b"\0\x02IM")
 np.save(at("numpy", "matrix.npy"), matrix)
 np.save(at("numpy", "by_column.npy"), np.asfortranarray(matrix))
 fields = [("t_s", "<f8"), ("s", "<u2", (8,))] + [(axis, ">f8") for axis in AXES] + [("group", "U6")]

@@ -9,6 +9,9 @@ use crate::kind::FileKind;
 /// What any part of a file may take.
 const ANY: u64 = 48 << 20;
 
+/// The longest file, or part of one, that is held in memory.
+pub(crate) const IN_MEMORY: u64 = 2 << 30;
+
 /// How many times its length on disk a part may take beyond that: numbers that were measured take
 /// a third to a thirtieth of their memory when compressed.
 const RATIO: u64 = 32;

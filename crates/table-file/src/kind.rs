@@ -6,6 +6,8 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FileKind {
+    /// HDF5, and MATLAB since 7.3.
+    Hdf5,
     /// MATLAB, level 5.
     Matlab,
     /// MCAP, a recording of messages.
@@ -22,7 +24,7 @@ impl FileKind {
     /// What people call it, with an article.
     pub(crate) fn with_article(self) -> String {
         let article = match self {
-            Self::Mcap | Self::Xlsx => "an",
+            Self::Hdf5 | Self::Mcap | Self::Xlsx => "an",
             Self::Matlab | Self::NumPy | Self::Parquet => "a",
         };
         format!("{article} {self}")
@@ -31,6 +33,7 @@ impl FileKind {
     /// Its name in documents.
     pub const fn key(self) -> &'static str {
         match self {
+            Self::Hdf5 => "hdf5",
             Self::Matlab => "matlab",
             Self::Mcap => "mcap",
             Self::NumPy => "numpy",
@@ -43,6 +46,7 @@ impl FileKind {
 impl fmt::Display for FileKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Self::Hdf5 => "HDF5 file",
             Self::Matlab => "MATLAB 5 file",
             Self::Mcap => "MCAP file",
             Self::NumPy => "NumPy file",
@@ -77,18 +81,12 @@ const ARROW: &str = "an Arrow or Feather file";
 const AS_PARQUET: &str = "write Parquet instead, in Python with `df.to_parquet(…)`";
 const NO_TABLE: &str = "give the table that it was made of";
 
+/// How HDF5 begins, at a power of two from 512 on or at the start of a file ("HDF5 File Format Specification
+/// Version 3.0", section II.A).
+const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
+
 /// Kinds that are not read, by how they begin.
-const FOREIGN: [(&[u8], &str, &str); 26] = [
-    (
-        b"MATLAB 7.3",
-        "a MATLAB 7.3 file (HDF5)",
-        "save it in MATLAB with `save(…, '-v7')`, or in Python with `scipy.io.savemat`",
-    ),
-    (
-        b"\x89HDF\r\n\x1a\n",
-        "an HDF5 file",
-        "export the table, in Python with `pandas.read_hdf(…).to_parquet(…)`",
-    ),
+const FOREIGN: [(&[u8], &str, &str); 24] = [
     (b"ARROW1", ARROW, AS_PARQUET),
     (b"FEA1", ARROW, AS_PARQUET),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", "save it as .xlsx or CSV"),
@@ -125,6 +123,10 @@ pub fn recognise(head: &[u8]) -> Recognised {
         || matches!(head.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
     {
         return Recognised::Table(FileKind::Matlab);
+    }
+    // Other programs' headers may stand before it, as MATLAB's does.
+    if [0, 512, 1024].iter().any(|&at| head.get(at..).is_some_and(|it| it.starts_with(HDF5))) {
+        return Recognised::Table(FileKind::Hdf5);
     }
     for (start, kind) in [
         (&b"PAR1"[..], FileKind::Parquet),
@@ -211,6 +213,8 @@ mod tests {
             (&b"PAR1\x15"[..], Table(FileKind::Parquet)),
             (b"\x93NUMPY\x01\0", Table(FileKind::NumPy)),
             (b"\x89MCAP0\r\n", Table(FileKind::Mcap)),
+            (b"\x89HDF\r\n\x1a\n\0", Table(FileKind::Hdf5)),
+            (&[&[b' '; 512][..], HDF5].concat(), Table(FileKind::Hdf5)),
             (b"MATLAB 5.0 MAT-file, ", Table(FileKind::Matlab)),
             (&untitled, Table(FileKind::Matlab)),
             (b"PK\x03\x04....[Content_Types].xml", Table(FileKind::Xlsx)),
@@ -222,11 +226,9 @@ mod tests {
             assert_eq!(recognise(head), expected, "{head:?}");
         }
         for (head, expected) in [
-            (&b"\x89HDF\r\n\x1a\n"[..], "an HDF5 file"),
-            (b"ARROW1\0\0", "an Arrow or Feather file"),
+            (&b"ARROW1\0\0"[..], "an Arrow or Feather file"),
             (b"FEA1", "an Arrow or Feather file"),
             (b"\xff\xff\xff\xff\x10\x02\0\0", "an Arrow or Feather file"),
-            (b"MATLAB 7.3 MAT-file", "a MATLAB 7.3 file (HDF5)"),
             (b"PK\x03\x04....arr_0.npy", "an archive of NumPy arrays (.npz)"),
             (b"PK\x03\x04....notes.txt", "a zip archive"),
             (b"SQLite format 3\0", "an SQLite database"),

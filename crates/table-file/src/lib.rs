@@ -12,12 +12,14 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod arrays;
 mod budget;
 mod bytes;
 mod calendar;
 mod codec;
 mod element;
 mod error;
+mod hdf5;
 mod kind;
 mod mat5;
 mod mcap;
@@ -34,10 +36,11 @@ mod xlsx;
 mod xml;
 mod zip;
 
+pub use arrays::Array;
 pub use calendar::seconds_of_iso;
 pub use error::TableError;
 pub use kind::{FileKind, RECOGNISED_BYTES, Recognised, recognise};
-pub use mat5::{Array, arrays, arrays_of_log};
+pub use mat5::arrays;
 pub use rows::{Cell, Numbering};
 pub use table::Table;
 pub use text::TableText;

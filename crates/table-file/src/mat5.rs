@@ -8,66 +8,14 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
+use crate::arrays::{Array, ArrayNumbers, ArrayTable, arrays_of_log};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
+use crate::rows::ColumnLayout;
 
 const KIND: FileKind = FileKind::Matlab;
-
-/// The longest file that is read: it is held in memory.
-const LONGEST: u64 = 2 << 30;
-
-/// An array.
-#[derive(Clone, Debug)]
-pub struct Array {
-    /// Its name.
-    pub name: String,
-    /// Rows, columns, and further sides.
-    pub size: Vec<usize>,
-    numbers: Option<MatNumbers>,
-}
-
-/// The numbers of an array as the file holds them, column by column.
-#[derive(Clone, Debug)]
-struct MatNumbers {
-    bytes: Arc<Vec<u8>>,
-    range: Range<usize>,
-    element: Element,
-    is_little: bool,
-}
-
-impl Array {
-    /// Its values column by column; `None` where they are complex or no numbers.
-    pub fn values(&self) -> Option<Vec<f64>> {
-        let numbers = self.numbers.as_ref()?;
-        let number = |at| match numbers.cell(at) {
-            Cell::Real(value) => value,
-            Cell::Whole(value) => value as f64,
-            _ => f64::NAN,
-        };
-        Some((0..numbers.len()).map(number).collect())
-    }
-
-    /// Rows and columns; `None` where it has further sides, or is no array of real numbers.
-    fn sides(&self) -> Option<(usize, usize)> {
-        let &[rows, columns] = self.size.as_slice() else { return None };
-        let numbers = self.numbers.as_ref()?;
-        (rows.checked_mul(columns)? == numbers.len()).then_some((rows, columns))
-    }
-}
-
-impl MatNumbers {
-    fn len(&self) -> usize {
-        self.range.len() / self.element.size()
-    }
-
-    fn cell(&self, at: usize) -> Cell {
-        let size = self.element.size();
-        self.element.cell(&self.bytes[self.range.start + at * size..][..size], self.is_little)
-    }
-}
 
 /// Text, version and byte order.
 const HEADER: usize = 128;
@@ -156,7 +104,8 @@ fn array(
                     "`{name}` holds elements of kind {kind}, which are not numbers"
                 ))
             })?;
-            Some(MatNumbers { bytes: Arc::clone(bytes), range, element, is_little })
+            let bytes = Arc::clone(bytes);
+            Some(ArrayNumbers { bytes, range, element, is_little, is_by_row: false })
         }
         false => None,
     };
@@ -209,7 +158,7 @@ fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
     })
 }
 
-/// Numbers of an element: MATLAB writes whole numbers in fewer bytes than a double has.
+/// ArrayNumbers of an element: MATLAB writes whole numbers in fewer bytes than a double has.
 fn element(kind: u32) -> Option<Element> {
     Some(match kind {
         1 => Element::Signed(1),
@@ -227,102 +176,11 @@ fn element(kind: u32) -> Option<Element> {
 }
 
 /// The arrays of a file that make up a log.
-#[derive(Debug)]
-struct MatTable {
-    arrays: Arc<Vec<Array>>,
-    rows: usize,
-    names: Option<Vec<String>>,
-}
-
 pub(crate) fn open(path: &Path, part: Option<&str>) -> Result<Arc<dyn ColumnLayout>, TableError> {
     let file = File::open(path)?;
     let length = file.metadata()?.len();
-    budget::within(KIND, || "the file".to_owned(), length, LONGEST)?;
+    budget::within(KIND, || "the file".to_owned(), length, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
-    file.take(LONGEST).read_to_end(&mut bytes)?;
-    let arrays = arrays_of_log(&arrays_of(bytes)?, part)?;
-    let rows = arrays.first().map_or(0, |array| length_of(array).0);
-    let columns = arrays.iter().map(|array| length_of(array).1).sum();
-    budget::check_columns(KIND, columns)?;
-    // A matrix alone has columns without names.
-    let names = (arrays.len() > 1 || columns == 1).then(|| arrays.iter().flat_map(names).collect());
-    Ok(Arc::new(MatTable { arrays: Arc::new(arrays), rows, names }))
-}
-
-/// The arrays that are the columns of a log: the one of that name, or those that have as many rows as
-/// the longest.
-///
-/// # Errors
-/// [`TableError::Choice`] if there is none.
-pub fn arrays_of_log(arrays: &[Array], name: Option<&str>) -> Result<Vec<Array>, TableError> {
-    let is_table = |array: &&Array| array.sides().is_some_and(|(rows, columns)| rows * columns > 0);
-    let longest = arrays.iter().filter(is_table).map(|array| length_of(array).0).max();
-    let is_wanted = |array: &&Array| match name {
-        Some(name) => array.name == name,
-        None => Some(length_of(array).0) == longest,
-    };
-    let wanted: Vec<Array> = arrays.iter().filter(is_table).filter(is_wanted).cloned().collect();
-    if wanted.is_empty() {
-        let Some(name) = name else {
-            return Err(KIND.unsupported("no matrix or vector of real numbers"));
-        };
-        return Err(TableError::Choice {
-            kind: KIND,
-            part: "matrix of real numbers",
-            wanted: Some(name.to_owned()),
-            found: arrays.iter().filter(is_table).map(|array| array.name.clone()).collect(),
-        });
-    }
-    Ok(wanted)
-}
-
-/// Rows and columns, where a single row is taken for a column.
-fn length_of(array: &Array) -> (usize, usize) {
-    match array.sides() {
-        Some((1, columns)) => (columns, 1),
-        sides => sides.unwrap_or_default(),
-    }
-}
-
-fn names(array: &Array) -> Vec<String> {
-    match length_of(array).1 {
-        1 => vec![array.name.clone()],
-        columns => (1..=columns).map(|column| format!("{}{column}", array.name)).collect(),
-    }
-}
-
-impl ColumnLayout for MatTable {
-    fn names(&self) -> Option<&[String]> {
-        self.names.as_deref()
-    }
-
-    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
-        Ok(Box::new(MatRows { arrays: Arc::clone(&self.arrays), rows: self.rows, row: 0 }))
-    }
-}
-
-struct MatRows {
-    arrays: Arc<Vec<Array>>,
-    rows: usize,
-    row: usize,
-}
-
-impl RowStream for MatRows {
-    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        let columns: usize = self.arrays.iter().map(|array| length_of(array).1).sum();
-        let rows = self.row..self.rows.min(self.row + batch_rows(columns));
-        if rows.is_empty() {
-            return Ok(false);
-        }
-        batch.clear();
-        for array in self.arrays.iter() {
-            let Some(numbers) = &array.numbers else { continue };
-            for column in 0..length_of(array).1 {
-                let start = column * self.rows;
-                batch.push(rows.clone().map(|row| numbers.cell(start + row)).collect());
-            }
-        }
-        self.row = rows.end;
-        Ok(true)
-    }
+    file.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
+    Ok(Arc::new(ArrayTable::new(arrays_of_log(&arrays_of(bytes)?, part)?)))
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::{ColumnLayout, Numbering};
-use crate::{mat5, mcap, npy, parquet, xlsx};
+use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 
 /// A table in a file.
 #[derive(Clone, Debug)]
@@ -16,13 +16,14 @@ pub struct Table {
 }
 
 impl Table {
-    /// Finds the columns of the table in a file of this kind: of the matrix, sheet or topic `part`, or
+    /// Finds the columns of the table in a file of this kind: of the matrix, group, sheet or topic `part`, or
     /// of the one that holds a log.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
     pub fn open(path: &Path, kind: FileKind, part: Option<&str>) -> Result<Self, TableError> {
         let layout: Arc<dyn ColumnLayout> = match kind {
+            FileKind::Hdf5 => hdf5::open(path, part)?,
             FileKind::Matlab => mat5::open(path, part)?,
             FileKind::Mcap => mcap::open(path, part)?,
             FileKind::NumPy => npy::open(path)?,

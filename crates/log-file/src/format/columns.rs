@@ -4,6 +4,7 @@
 //! `Mx (mN·m)`, `time_us`.
 
 use super::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit, TimeUnit};
+use super::matrices;
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -111,7 +112,8 @@ fn apply_mapping(
     let find = |references: Option<&[ColumnRef]>| {
         references.map(|references| positions(names, references)).transpose()
     };
-    let sensors = find(mapping.sensors.as_deref())?;
+    let sensors = mapping.sensors.as_ref().map(|all| of_matrices(names, all));
+    let sensors = find(sensors.as_deref())?;
     let axis_columns = |columns: &PerAxis<Option<ColumnRef>>| {
         let columns = Axis::ALL.into_iter().zip(columns.iter().cloned());
         columns.filter_map(|(axis, column)| Some((axis, column?))).unzip()
@@ -153,6 +155,19 @@ fn apply_mapping(
         *meaning = Meaning::Group;
     }
     Ok(group)
+}
+
+/// The references, those to a matrix by its name replaced by those to its columns.
+fn of_matrices(names: &[String], references: &[ColumnRef]) -> Vec<ColumnRef> {
+    let columns = |reference: &ColumnRef| match reference {
+        ColumnRef::Name(name) if position(names, reference).is_none() => {
+            let columns = matrices::columns_of(names, name).into_iter().map(ColumnRef::Name);
+            Some(columns.collect::<Vec<_>>()).filter(|columns| !columns.is_empty())
+        }
+        _ => None,
+    };
+    let all = references.iter();
+    all.flat_map(|one| columns(one).unwrap_or_else(|| vec![one.clone()])).collect()
 }
 
 /// The positions of the columns that a user refers to.
@@ -236,7 +251,7 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Colu
 /// Names of a group column, most wanted first.
 const GROUPS: [&str; 4] = ["group", "session", "pose", "trial"];
 
-fn meaning_of(name: &str, format: LogFormat) -> Meaning {
+pub(crate) fn meaning_of(name: &str, format: LogFormat) -> Meaning {
     let (stem, unit) = split_unit(name);
     if GROUPS.contains(&plain(name).as_str()) {
         return Meaning::Group;
@@ -579,6 +594,12 @@ mod tests {
         let mapping = Mapping { time: Some(ColumnRef::Position(3)), ..Mapping::default() };
         let error = recognise(names("a,b"), &[], LogFormat::Csv, &mapping).unwrap_err();
         assert_eq!(error, ColumnsError::Missing(vec!["column 3".to_owned()]));
+        // A matrix is all its columns, unless one has its name.
+        let mapping = Mapping { sensors: Some(refs("b,a")), ..Mapping::default() };
+        assert_eq!(
+            recognise(names("a1,a2,b,b1,a3"), &[], LogFormat::Csv, &mapping).unwrap().1.sensors,
+            [2, 0, 1, 4]
+        );
     }
 
     #[test]

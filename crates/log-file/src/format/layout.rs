@@ -5,6 +5,7 @@ use memchr::memchr;
 
 use super::columns::{Column, ColumnRoles, ColumnsError, Meaning, names_a_unit, recognise};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
+use super::matrices::by_shape;
 use crate::error::LogError;
 use crate::parse::console;
 use crate::parse::number::{NumberError, parse_date, parse_field};
@@ -12,7 +13,7 @@ use crate::parse::rows::is_comment;
 use crate::stream::clock_turns::ClockTurns;
 use crate::stream::decimal_comma;
 use crate::stream::source::LogSource;
-use table_file::Table;
+use table_file::{FileKind, Table};
 
 /// How much of a file is looked at. A header must fit.
 pub(crate) const HEAD_BYTES: u64 = 1 << 16;
@@ -76,6 +77,11 @@ pub(crate) fn recognise_layout(
     let Header { format, separator, names, units, rows_start, names_line, has_decimal_commas } =
         header;
     let place = source.place(names_line);
+    let is_of_matrices = |table: &Table| matches!(table.kind(), FileKind::Hdf5 | FileKind::Matlab);
+    let mapping = match source.as_whole_table().is_some_and(is_of_matrices) {
+        true => &by_shape(&names, mapping),
+        false => mapping,
+    };
     let (mut columns, roles) =
         recognise(names.clone(), &units, format, mapping).map_err(|error| match error {
             ColumnsError::Missing(missing) => {

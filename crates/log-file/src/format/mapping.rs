@@ -48,6 +48,13 @@ pub enum ColumnRef {
     Position(usize),
 }
 
+impl ColumnRef {
+    /// The first `count` columns of a matrix in a MATLAB or HDF5 file.
+    pub fn columns_of_matrix(name: &str, count: usize) -> Vec<Self> {
+        (1..=count).map(|column| Self::Name(format!("{name}{column}"))).collect()
+    }
+}
+
 impl fmt::Display for ColumnRef {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -18,16 +18,17 @@ pub(crate) struct MappingArgs {
     #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS))]
     pub(crate) format: Option<LogFormat>,
 
-    /// Which matrix of a MATLAB file, sheet of a workbook or topic of a recording to read [default:
-    /// the longest matrices, the first sheet, all topics]
+    /// Which matrix of a MATLAB or HDF5 file, sheet of a workbook or topic of a recording to read
+    /// [default: the longest matrices, the first sheet, all topics]
     #[arg(long, value_name = "NAME")]
     pub(crate) table: Option<String>,
 
-    /// Sensor columns in channel order: names or places, `a,b,c` or `2-9`
+    /// Sensor columns in channel order: names or places, `a,b,c` or `2-9`, or the name of a matrix
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     pub(crate) sensors: Option<ColumnList>,
 
-    /// The wrench columns: names or places of all six in the order Fx to Mz, or of some, `fx=a,fz=b`
+    /// The wrench columns: names or places of all six in the order Fx to Mz, or of some, `fx=a,fz=b`, or
+    /// the name of a matrix
     #[arg(long, value_name = "COLUMNS", value_parser = parse_wrench)]
     pub(crate) wrench: Option<WrenchColumns>,
 
@@ -217,13 +218,17 @@ pub(crate) fn parse_columns(text: &str) -> Result<ColumnList, String> {
     Ok(ColumnList(columns))
 }
 
-/// Six columns, or `fx=a,fz=b`: columns of axes that are named.
+/// Six columns, the name of a matrix of six, or `fx=a,fz=b`: columns of axes that are named.
 pub(crate) fn parse_wrench(text: &str) -> Result<WrenchColumns, String> {
     let items: Vec<&str> = text.split(',').collect();
     let named: Vec<(Axis, &str)> = items.iter().filter_map(|item| named_axis(item)).collect();
     if named.is_empty() {
         let ColumnList(columns) = parse_columns(text)?;
         let found = columns.len();
+        let columns = match columns.as_slice() {
+            [ColumnRef::Name(matrix)] => ColumnRef::columns_of_matrix(matrix, 6),
+            _ => columns,
+        };
         let six = columns.into_iter().map(Some).collect::<Vec<_>>().try_into();
         return six.map(WrenchColumns).map_err(|_| {
             format!("{found} columns, expected all six (Fx to Mz), or their axes: `fx=a,fz=b`")
@@ -267,6 +272,8 @@ mod tests {
         assert!(parse_wrench("1-5").unwrap_err().contains("5 columns, expected all six"));
         let WrenchColumns(six) = parse_wrench("1-6").unwrap();
         assert_eq!(six[5], Some(ColumnRef::Position(6)));
+        let WrenchColumns(six) = parse_wrench("ft").unwrap();
+        assert_eq!(six[5], Some(ColumnRef::Name("ft6".to_owned())));
         let WrenchColumns(two) = parse_wrench("Fz=up, fx=3").unwrap();
         let name = ColumnRef::Name("up".to_owned());
         assert_eq!(two, [Some(ColumnRef::Position(3)), None, Some(name), None, None, None]);

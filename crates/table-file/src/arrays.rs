@@ -1,0 +1,225 @@
+//! Arrays of numbers as the columns of a table: what MATLAB and HDF5 files hold.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::budget;
+use crate::element::Element;
+use crate::error::TableError;
+use crate::kind::FileKind;
+use crate::rows::{Cell, ColumnLayout, RowBatch, RowStream, batch_rows};
+
+/// An array.
+#[derive(Clone, Debug)]
+pub struct Array {
+    /// Its name.
+    pub name: String,
+    /// Rows, columns, and further sides.
+    pub size: Vec<usize>,
+    pub(crate) numbers: Option<ArrayNumbers>,
+}
+
+/// The numbers of an array as the file holds them.
+#[derive(Clone, Debug)]
+pub(crate) struct ArrayNumbers {
+    pub(crate) bytes: Arc<Vec<u8>>,
+    pub(crate) range: Range<usize>,
+    pub(crate) element: Element,
+    pub(crate) is_little: bool,
+    /// Row after row, not column after column.
+    pub(crate) is_by_row: bool,
+}
+
+impl Array {
+    /// Its values in the order of the file, in MATLAB column by column; `None` where they are complex or no
+    /// numbers.
+    pub fn values(&self) -> Option<Vec<f64>> {
+        let numbers = self.numbers.as_ref()?;
+        let number = |at| match numbers.cell(at) {
+            Cell::Real(value) => value,
+            Cell::Whole(value) => value as f64,
+            _ => f64::NAN,
+        };
+        Some((0..numbers.len()).map(number).collect())
+    }
+
+    /// Its columns; `None` where it has further sides, or is no array of real numbers.
+    fn columns(&self) -> Option<ArrayColumns> {
+        let columns = ArrayColumns::new(self.name.clone(), &self.size)?;
+        let cells = columns.rows.checked_mul(columns.count)?;
+        (cells == self.numbers.as_ref()?.len()).then_some(columns)
+    }
+}
+
+impl ArrayNumbers {
+    fn len(&self) -> usize {
+        self.range.len() / self.element.size()
+    }
+
+    fn cell(&self, at: usize) -> Cell {
+        let size = self.element.size();
+        self.element.cell(&self.bytes[self.range.start + at * size..][..size], self.is_little)
+    }
+}
+
+/// The columns that an array is in a table.
+#[derive(Clone, Debug)]
+pub(crate) struct ArrayColumns {
+    /// The name of the array, after those of the groups that it is in: `group/array`.
+    path: String,
+    pub(crate) rows: usize,
+    pub(crate) count: usize,
+}
+
+impl ArrayColumns {
+    /// A matrix of these sides, or a vector; a single row is taken for a column.
+    pub(crate) fn new(path: String, size: &[usize]) -> Option<Self> {
+        let (rows, count) = match *size {
+            [length] | [1, length] => (length, 1),
+            [rows, columns] => (rows, columns),
+            _ => return None,
+        };
+        Some(Self { path, rows, count })
+    }
+
+    fn is_empty(&self) -> bool {
+        self.rows == 0 || self.count == 0
+    }
+
+    /// Whether `name` is that of the array or of a group that it is in.
+    fn is_of(&self, name: &str) -> bool {
+        let rest = self.path.strip_prefix(name);
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    }
+
+    fn leaf(&self) -> &str {
+        self.path.rsplit('/').next().unwrap_or_default()
+    }
+}
+
+/// Which of these make up a log: of those that `name` is the name of, or else of all, the ones that have as
+/// many rows as the longest.
+///
+/// # Errors
+/// [`TableError::Choice`] if there are none of the name, and what else keeps them from being a table.
+pub(crate) fn columns_of_log(
+    kind: FileKind,
+    all: &[ArrayColumns],
+    name: Option<&str>,
+) -> Result<Vec<usize>, TableError> {
+    let is_named = |columns: &ArrayColumns| name.is_none_or(|name| columns.is_of(name));
+    let is_wanted = |&at: &usize| !all[at].is_empty() && is_named(&all[at]);
+    let named: Vec<usize> = (0..all.len()).filter(is_wanted).collect();
+    let Some(longest) = named.iter().map(|&at| all[at].rows).max() else {
+        let Some(name) = name else {
+            return Err(kind.unsupported("no matrix or vector of real numbers"));
+        };
+        let found = all.iter().filter(|columns| !columns.is_empty());
+        return Err(TableError::Choice {
+            kind,
+            part: "matrix of real numbers",
+            wanted: Some(name.to_owned()),
+            found: found.map(|columns| columns.path.clone()).collect(),
+        });
+    };
+    let wanted: Vec<usize> = named.into_iter().filter(|&at| all[at].rows == longest).collect();
+    let count = wanted.iter().fold(0, |count: usize, &at| count.saturating_add(all[at].count));
+    budget::check_columns(kind, count)?;
+    Ok(wanted)
+}
+
+/// The names of the columns of a table; `None` for a matrix alone, whose columns have none.
+pub(crate) fn names(all: &[ArrayColumns]) -> Option<Vec<String>> {
+    if let [ArrayColumns { count: 2.., .. }] = all {
+        return None;
+    }
+    let is_alone = |columns: &ArrayColumns| {
+        all.iter().filter(|other| other.leaf() == columns.leaf()).count() == 1
+    };
+    let is_short = all.iter().all(is_alone);
+    let names = |columns: &ArrayColumns| {
+        let name = if is_short { columns.leaf() } else { &columns.path }.to_owned();
+        match columns.count {
+            1 => vec![name],
+            count => (1..=count).map(|column| format!("{name}{column}")).collect(),
+        }
+    };
+    Some(all.iter().flat_map(names).collect())
+}
+
+/// The arrays of a file that are the columns of a log: the one of that name, or those that have as many
+/// rows as the longest.
+///
+/// # Errors
+/// [`TableError::Choice`] if there is none.
+pub(crate) fn arrays_of_log(
+    arrays: &[Array],
+    name: Option<&str>,
+) -> Result<Vec<Array>, TableError> {
+    let (arrays, columns): (Vec<&Array>, Vec<ArrayColumns>) =
+        arrays.iter().filter_map(|array| Some((array, array.columns()?))).unzip();
+    let wanted = columns_of_log(FileKind::Matlab, &columns, name)?;
+    Ok(wanted.into_iter().map(|at| arrays[at].clone()).collect())
+}
+
+/// Arrays that are a table.
+#[derive(Clone, Debug)]
+pub(crate) struct ArrayTable {
+    arrays: Arc<Vec<(Array, ArrayColumns)>>,
+    names: Option<Vec<String>>,
+}
+
+impl ArrayTable {
+    /// Of arrays of one length.
+    pub(crate) fn new(arrays: Vec<Array>) -> Self {
+        let arrays: Vec<(Array, ArrayColumns)> = arrays
+            .into_iter()
+            .filter_map(|array| {
+                let columns = array.columns()?;
+                Some((array, columns))
+            })
+            .collect();
+        let columns: Vec<ArrayColumns> =
+            arrays.iter().map(|(_, columns)| columns.clone()).collect();
+        Self { arrays: Arc::new(arrays), names: names(&columns) }
+    }
+}
+
+impl ColumnLayout for ArrayTable {
+    fn names(&self) -> Option<&[String]> {
+        self.names.as_deref()
+    }
+
+    fn rows(&self) -> Result<Box<dyn RowStream>, TableError> {
+        Ok(Box::new(ArrayRows { arrays: Arc::clone(&self.arrays), row: 0 }))
+    }
+}
+
+struct ArrayRows {
+    arrays: Arc<Vec<(Array, ArrayColumns)>>,
+    row: usize,
+}
+
+impl RowStream for ArrayRows {
+    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
+        let count: usize = self.arrays.iter().map(|(_, columns)| columns.count).sum();
+        let all = self.arrays.first().map_or(0, |(_, columns)| columns.rows);
+        let rows = self.row..all.min(self.row + batch_rows(count));
+        if rows.is_empty() {
+            return Ok(false);
+        }
+        batch.clear();
+        for (array, columns) in self.arrays.iter() {
+            let Some(numbers) = &array.numbers else { continue };
+            for column in 0..columns.count {
+                let place = |row: usize| match numbers.is_by_row {
+                    true => row * columns.count + column,
+                    false => column * columns.rows + row,
+                };
+                batch.push(rows.clone().map(|row| numbers.cell(place(row))).collect());
+            }
+        }
+        self.row = rows.end;
+        Ok(true)
+    }
+}
