@@ -20,9 +20,16 @@ const MOST_ROWS: usize = 1_000_000;
 /// The rows of a log by the labels of its groups.
 #[derive(Debug, Default)]
 pub(crate) struct LabelledRows {
-    /// Label, readings and wrench, column by column, of each run of one label.
-    runs: Vec<(String, Vec<Vec<f64>>, Vec<Vec<f64>>)>,
+    runs: Vec<LabelledRun>,
     rows: usize,
+}
+
+/// Rows of one label that follow each other, column by column.
+#[derive(Debug)]
+struct LabelledRun {
+    label: String,
+    readings: Vec<Vec<f64>>,
+    wrench: Vec<Vec<f64>>,
 }
 
 /// A jump of the readings under a constant load.
@@ -50,12 +57,15 @@ impl LabelledRows {
         for (label, rows) in &block.groups {
             let range = start..start + rows;
             start = range.end;
-            if self.runs.last().is_none_or(|(last, ..)| last != label) {
+            if self.runs.last().is_none_or(|last| last.label != *label) {
                 let columns = |of: &[Vec<f64>]| vec![Vec::new(); of.len()];
-                self.runs.push((label.clone(), columns(&block.readings), columns(&block.wrench)));
+                let (readings, wrench) = (columns(&block.readings), columns(&block.wrench));
+                self.runs.push(LabelledRun { label: label.clone(), readings, wrench });
             }
-            let Some((_, readings, wrench)) = self.runs.last_mut() else { continue };
-            for (kept, columns) in [(readings, &block.readings), (wrench, &block.wrench)] {
+            let Some(run) = self.runs.last_mut() else { continue };
+            for (kept, columns) in
+                [(&mut run.readings, &block.readings), (&mut run.wrench, &block.wrench)]
+            {
                 kept.iter_mut().zip(columns).for_each(|(kept, column)| {
                     kept.extend_from_slice(&column[range.clone()]);
                 });
@@ -65,16 +75,16 @@ impl LabelledRows {
 
     /// The jumps, one at most for each run of a label.
     pub(crate) fn jumps(&self) -> Vec<PoseJump> {
-        let loads = ranges(self.runs.iter().map(|(_, _, wrench)| wrench));
-        let readings = ranges(self.runs.iter().map(|(_, readings, _)| readings));
+        let loads = ranges(self.runs.iter().map(|run| &run.wrench));
+        let readings = ranges(self.runs.iter().map(|run| &run.readings));
         let is_held = |wrench: &[Vec<f64>]| {
             let within = ranges(std::iter::once(wrench));
             !wrench.is_empty()
                 && std::iter::zip(&within, &loads)
                     .all(|(within, all)| *within <= CONSTANT_LOAD * all)
         };
-        let held = self.runs.iter().filter(|(_, _, wrench)| is_held(wrench));
-        held.filter_map(|(pose, columns, _)| jump(pose, columns, &readings)).collect()
+        let held = self.runs.iter().filter(|run| is_held(&run.wrench));
+        held.filter_map(|run| jump(&run.label, &run.readings, &readings)).collect()
     }
 }
 

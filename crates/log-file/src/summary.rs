@@ -414,7 +414,13 @@ mod tests {
     fn the_highest_of_several_poses_is_no_limit() {
         // Five poses of 200 rows; in the highest one row in ten is a count lower.
         let reading = |i: u32| match i / 200 {
-            1 => 900.0 - f64::from(u8::from(i % 10 == 0)),
+            1 => {
+                if i.is_multiple_of(10) {
+                    899.0
+                } else {
+                    900.0
+                }
+            }
             pose => 700.0 + 40.0 * f64::from(pose) + f64::from(i % 7),
         };
         let poses = column(&(0..1000).map(reading).collect::<Vec<_>>());

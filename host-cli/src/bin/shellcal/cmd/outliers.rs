@@ -3,7 +3,6 @@
 use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 use log_file::{Log, LogError, Wanted};
 use output_file::AtomicFile;
-use report;
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis};
 
