@@ -1,13 +1,7 @@
 //! Calibration and trial processing for an optical 6-axis force/torque shell.
 //!
-//! Three layers, arrows pointing inward only:
-//!
-//! - *pure core*: the crates [`shell_data`] and [`calibration`], and [`alignment`], [`drift`], [`figures`],
-//!   [`forces`], [`live`], [`payload`], [`recording`], [`report`], [`simulation`], [`table`], [`trial`]: slices
-//!   and matrices in, values out; no files, no clocks, no printing;
-//! - *adapters*: the crate [`log_file`], and [`calibration_file`], [`input`], [`link`], [`output`],
-//!   [`payload_file`], [`web`]: the world to core types and back, and [`workflow`], which joins them to the core;
-//! - *presentation*: the binary `shellcal`, one file per subcommand.
+//! [`workflow`] joins the crates into what a command does: log files become data sets, pure crates compute, documents
+//! and tables are written. The binary parses arguments, calls a workflow, and prints.
 //!
 //! From a training log to the wrench of a frame:
 //!

@@ -62,7 +62,7 @@ impl Kernel {
         self.half_width_s
     }
 
-    /// The kernel at a distance of at most [`Self::half_width_s`] either way, 1/s.
+    /// The kernel at a distance of at most `half_width_s` either way, 1/s.
     #[inline]
     pub fn at(&self, distance_s: f64) -> f64 {
         let position = distance_s.abs() * self.per_s;

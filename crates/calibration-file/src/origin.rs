@@ -73,7 +73,7 @@ pub struct SourceFile {
     pub role: Role,
     /// The file as it was named.
     pub path: PathBuf,
-    /// As [`log_file::checksum`] gives it.
+    /// As `log_file::checksum` gives it.
     pub checksum: Option<String>,
     /// Rows used.
     pub rows: u64,

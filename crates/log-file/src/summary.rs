@@ -147,7 +147,7 @@ impl ColumnSummary {
 
     /// Whether the column is cut off at its greatest value, wherever that is: it takes that value
     /// in at least one row of a hundred and in twenty rows, three times as often as the next
-    /// lower value that occurs, and gets there [three times](RISES) or more. A signal that merely turns around there
+    /// lower value that occurs, and gets there three times or more. A signal that merely turns around there
     /// does not, nor does one that rests there in one pose; one of [few values](Self::quiet_values) is quiet.
     pub fn is_pinned_at_max(&self) -> bool {
         let often = self.rows_at_max >= 20 && self.rows_at_max >= self.rows / 100;

@@ -92,6 +92,6 @@ pub struct Input {
     pub path: String,
     /// Its size.
     pub bytes: u64,
-    /// As [`log_file::checksum`] gives it.
+    /// As `log_file::checksum` gives it.
     pub checksum: String,
 }

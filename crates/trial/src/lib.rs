@@ -8,8 +8,8 @@
 //! ```
 //!
 //! [`evaluate()`] takes the rows around a trial's window ([`TrialRows`]) and gives its results;
-//! [`forces::PipelineSetup::needed_s`] says how far around. `docs/trials.md` has the formulas
-//! and definitions, [`forces`] the way from readings to forces.
+//! `needed_s` of the pipeline's set-up says how far around. `docs/trials.md` has the formulas
+//! and definitions, the crate `forces` the way from readings to forces.
 
 mod diagnose;
 mod diagnostic;

@@ -77,7 +77,7 @@ impl Pass for Exact {
 }
 
 /// The coefficients of `model` that fit the rows of `moments` best. `ranges` is that of the same
-/// rows; `ridge` as in [`FitProblem::ridge`].
+/// rows; `ridge` as in the options of a fit.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients.
