@@ -55,7 +55,8 @@ impl Partial {
         let (readings, wrench) = (x.as_array(), y.as_array());
         let places = groups.as_ref().map(|(places, labels)| (places.as_array(), labels.as_slice()));
         without_lock(py, None, |watch| {
-            let rows = Arrays { readings, wrench, groups: places, weights: Weights::Equal, watch };
+            let (groups, weights) = (places, Weights::Equal);
+            let rows = Arrays { readings, wrench, groups, time: None, weights, watch };
             let split = match kept {
                 Some(_) => random_split(RANDOM_FOLDS, seed),
                 None => RandomSplit::default(),
@@ -65,7 +66,7 @@ impl Partial {
             let workers = Workers { threads: 0, watch: Some(&watch) };
             let sums = sum_groups(&data, basis, apart, workers)?;
             let total = sums.total().ok_or(FitError::NoRows)?.clone();
-            let model = Model { basis, intercept, channels: total.channels() };
+            let model = Model { basis, intercept, channels: total.channels(), memory: 0 };
             let mut partial = PartialFit::new(model, Sums::Exact(total));
             (partial.made_by, partial.date) = made;
             partial.sources = vec![SourceFile {

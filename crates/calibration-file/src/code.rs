@@ -2,8 +2,10 @@
 //!
 //! A file is a head of constants and a fixed body (`assets/export`), which computes what
 //! [`Calibration::wrench`](calibration::Calibration::wrench) does: of polynomials on standardised readings,
-//! in the order of [`Model::terms`](calibration::Model::terms); of the physics model by the same steps.
+//! in the order of [`Model::terms`](calibration::Model::terms); of the physics model by the same steps. Memory terms
+//! take the times of the frames, and a state that is passed on from call to call.
 
+use calibration::memory::{MemoryTerms, TimeBase};
 use calibration::physics::PhysicsModel;
 use calibration::{Kind, Polynomial};
 use shell_data::wrench::Axes;
@@ -36,7 +38,8 @@ impl Constant {
 /// of the file.
 pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
     let axes = file.calibration.axes;
-    let (constants, body) = match (file.calibration.kind(), language) {
+    let memory = file.calibration.memory.as_ref();
+    let (mut constants, body) = match (file.calibration.kind(), language) {
         (Kind::Polynomial(polynomial), language) => (
             polynomial_constants(polynomial, axes),
             match language {
@@ -53,10 +56,40 @@ pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String
         ),
     };
     let columns = axes.columns();
-    match language {
-        Language::Python => python(&constants, &head(file), &columns, name) + body,
-        Language::Matlab => matlab(&constants, &head(file), &columns, name) + body,
+    constants.extend(memory.into_iter().flat_map(memory_constants));
+    match (language, memory) {
+        (Language::Python, None) => {
+            python(&constants, &head(file), &columns, (name, "readings")) + body
+        }
+        (Language::Python, Some(_)) => {
+            let arguments = "readings, times, state";
+            let head = python(&constants, &head(file), &columns, (name, arguments));
+            head + body + include_str!("../assets/export/memory.py")
+        }
+        (Language::Matlab, None) => {
+            let signature = format!("w = {name}(readings)");
+            matlab(&constants, &head(file), &columns, (name, &signature)) + body
+        }
+        (Language::Matlab, Some(_)) => {
+            let signature = format!("[w, state] = {name}(readings, times, state)");
+            let head = matlab(&constants, &head(file), &columns, (name, &signature));
+            head + include_str!("../assets/export/memory.m") + body
+        }
     }
+}
+
+fn memory_constants(memory: &MemoryTerms) -> [Constant; 3] {
+    let by_time = memory.time_base == TimeBase::Seconds;
+    let unit = if by_time { "s" } else { "rows" };
+    [
+        Constant::row("TIME_CONSTANTS", unit, memory.time_constants.clone()),
+        Constant::row("GAP", unit, vec![memory.gap.unwrap_or(f64::MAX)]),
+        Constant::row(
+            "BY_TIME",
+            "whether these are by time, not by row",
+            vec![f64::from(u8::from(by_time))],
+        ),
+    ]
 }
 
 /// What the function is, in a line.
@@ -72,7 +105,7 @@ fn head(file: &CalibrationFile) -> String {
 
 fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
     let model = polynomial.model();
-    let none = model.channels as f64;
+    let none = model.columns() as f64;
     let places = |term: &calibration::model::Term| {
         let mut places: Vec<f64> =
             term.factors().iter().map(|&channel| f64::from(channel)).collect();
@@ -130,9 +163,14 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     ]
 }
 
-fn python(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> String {
+fn python(
+    constants: &[Constant],
+    head: &str,
+    columns: &[&str],
+    (name, arguments): (&str, &str),
+) -> String {
     let mut text = format!(
-        "\"\"\"{head}.\n\n    from {name} import wrench\n    forces = wrench(readings)\n\nNeeds numpy.\n\"\"\"\n\n\
+        "\"\"\"{head}.\n\n    from {name} import wrench\n    forces = wrench({arguments})\n\nNeeds numpy.\n\"\"\"\n\n\
          import numpy as np\n\nAXES = {columns:?}\n"
     );
     for Constant { name, comment, rows } in constants {
@@ -150,10 +188,15 @@ fn python(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> S
     text + "\n\n"
 }
 
-fn matlab(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> String {
+fn matlab(
+    constants: &[Constant],
+    head: &str,
+    columns: &[&str],
+    (name, signature): (&str, &str),
+) -> String {
     let columns = columns.join(", ");
     let mut text = format!(
-        "function w = {name}(readings)\n%{}  {head}.\n%\n%   w = {name}(readings): a row for each frame; {columns}, N and \
+        "function {signature}\n%{}  {head}.\n%\n%   {signature}: a row for each frame; {columns}, N and \
          N*m. readings\n%   has a column for each channel, in counts.\n\n",
         name.to_uppercase()
     );

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::layout::to_json;
 use super::stored::{
-    Stored, StoredGroupIntervals, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
+    Stored, StoredGroupIntervals, StoredLag, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
     check_intervals,
 };
 use super::{CalibrationFile, PHYSICS_SCHEMA_VERSION, Problem};
@@ -26,6 +26,8 @@ struct PhysicsDocument {
     physics: StoredPhysicsModel,
     intervals: Option<StoredGroupIntervals>,
     valid_range: Option<Vec<StoredReadingRange>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lag: Option<StoredLag>,
 }
 
 pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
@@ -37,6 +39,7 @@ pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> St
         physics: Stored::of(physics.model(), Axes::ALL),
         intervals: Stored::of(&physics.intervals, Axes::ALL),
         valid_range: Stored::of(&file.calibration.valid_range, Axes::ALL),
+        lag: Stored::of(&file.calibration.lag, Axes::ALL),
     })
 }
 
@@ -58,6 +61,7 @@ impl PhysicsDocument {
         }
         let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
         calibration.valid_range = self.valid_range.value(Axes::ALL)?;
+        calibration.lag = self.lag.value(Axes::ALL)?;
         Ok(CalibrationFile { calibration, origin: self.origin.value(Axes::ALL)? })
     }
 

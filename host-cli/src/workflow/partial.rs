@@ -87,8 +87,12 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         },
     };
     let KeptLogs { total, groups, random, first_in, summaries } = kept?;
-    let model =
-        Model { basis: options.basis, intercept: options.intercept, channels: total.channels() };
+    let model = Model {
+        basis: options.basis,
+        intercept: options.intercept,
+        channels: total.channels(),
+        memory: 0,
+    };
     let mut partial = PartialFit::new(model, total);
     partial.axes = axes;
     partial.groups = group_by.map(|by| PartialGroups::new(by, random, groups, &first_in));
@@ -128,7 +132,7 @@ impl BlockStream<'_> {
     /// The number of channels, if all logs have as many, and features are not too many.
     fn channels(&self) -> Result<usize, WorkflowError> {
         let channels = check_logs(self.logs, &[], &self.wanted())?.channels();
-        let model = Model { basis: self.basis, intercept: true, channels };
+        let model = Model { basis: self.basis, intercept: true, channels, memory: 0 };
         model.check_size().map_err(FitError::from)?;
         Ok(channels)
     }
@@ -184,10 +188,11 @@ impl BlockStream<'_> {
 
     /// Triangles by group.
     fn factor(&self) -> Result<KeptLogs, WorkflowError> {
-        self.channels()?;
+        let channels = self.channels()?;
+        let model = Model { basis: self.basis, intercept: true, channels, memory: 0 };
         let sample = Wanted { readings: true, ..Wanted::default() };
         let sample = self.logs.first().ok_or(WorkflowError::NoLogs)?.sample(&sample)?;
-        let mut groups = GroupFactors::new(self.basis, Scaling::of_sample(&sample.readings, true));
+        let mut groups = GroupFactors::new(model, Scaling::of_sample(&sample.readings, true));
         let mut first_in = Vec::new();
         let map = |(): &mut (), log: usize, block: &mut Block| {
             self.select(log, block);

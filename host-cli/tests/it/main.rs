@@ -43,6 +43,7 @@ mod hostile;
 mod install_script;
 mod instruction_sets;
 mod kept_columns;
+mod lag_and_memory;
 #[cfg(all(unix, feature = "live"))]
 mod live;
 #[cfg(all(unix, feature = "live"))]

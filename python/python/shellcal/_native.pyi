@@ -8,7 +8,12 @@ import numpy.typing as npt
 _Matrix = npt.NDArray[np.float64]
 _Groups = tuple[npt.NDArray[np.uint32], list[str]]
 _Rows = tuple[
-    _Matrix, _Matrix, _Groups | None, npt.NDArray[np.uint32] | None, _Matrix | None
+    _Matrix,
+    _Matrix,
+    _Groups | None,
+    npt.NDArray[np.uint32] | None,
+    _Matrix | None,
+    _Matrix | None,
 ]
 _Made = tuple[str, str]
 _What = tuple[str, bool, str | None, int]
@@ -26,7 +31,10 @@ class Fitted:
     def channels(self) -> int: ...
     def has_standard_errors(self) -> bool: ...
     def interval_factors(self, level: float) -> list[float]: ...
-    def predict(self, x: _Matrix, errors: bool) -> tuple[_Matrix, _Matrix | None]: ...
+    def memory(self) -> tuple[bool, bool]: ...
+    def predict(
+        self, x: _Matrix, errors: bool, time: _Matrix | None
+    ) -> tuple[_Matrix, _Matrix | None]: ...
     def figure(self, x: _Matrix, y: _Matrix, title: str) -> str: ...
     def out_of_range(self, x: _Matrix) -> list[bool]: ...
 
@@ -38,6 +46,8 @@ def fit(
     ridge: float,
     solver: str,
     truncate: float | None,
+    lag: float | None,
+    memory_terms: list[float] | None,
     cross_validation: tuple[int | None] | None,
     seed: int,
     covariance: str,

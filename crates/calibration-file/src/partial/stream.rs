@@ -91,7 +91,7 @@ mod tests {
         let mut sums = Accumulator::new(Basis::Linear, 1);
         let readings = vec![(0..rows).map(|row| row as f64).collect()];
         sums.absorb(&readings, &vec![vec![0.25; rows]; 6]).unwrap();
-        let model = Model { basis: Basis::Linear, intercept: true, channels: 1 };
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 1, memory: 0 };
         let mut partial = PartialFit::new(model, Sums::Exact(sums.finish().unwrap()));
         let path = "log.csv".into();
         partial.sources =

@@ -177,8 +177,7 @@ impl ModelComparison {
         let (sums, _) = choice.sums.as_ref().zip(choice.selection.as_ref())?;
         let held_out = options.held_out().unwrap_or(HeldOut::Auto);
         let (_, labelled) = training.labelled(held_out)?;
-        let channels = labelled.channels();
-        let model = Model { basis: choice.basis, intercept: options.intercept, channels };
+        let model = options.model_of(&labelled, choice.basis);
         Some(Self::new(&labelled, sums, (model, choice.ridge)))
     }
 

@@ -121,7 +121,12 @@ impl Moments {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
-        let model = Model { basis: stored.basis, intercept: true, channels: stored.channels.len() };
+        let model = Model {
+            basis: stored.basis,
+            intercept: true,
+            channels: stored.channels.len(),
+            memory: 0,
+        };
         model.check_size().map_err(|error| error.to_string())?;
         let mut moments = Moments::new(stored.basis, stored.channels.len());
         let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();

@@ -3,6 +3,7 @@
 use std::cmp::Ordering;
 use std::io::Write;
 
+use calibration::Calibration;
 use calibration::fit::{Evaluation, Workers, evaluate};
 use calibration::quality::{AxisQuality, significant};
 use calibration_file::CalibrationFile;
@@ -109,7 +110,7 @@ impl EvalArgs {
             let progress = |bytes| bar.set_position(read_before + bytes);
             let read = ReadOptions { progress: Some(&progress), ..self.mapping.read_options() };
             check_channels(log, calibration.channels())?;
-            let rows = self.rows(log, &read)?;
+            let rows = self.rows(log, &calibration, &read)?;
             let evaluation = Evaluation::total(&evaluate(&calibration, &rows, workers)?);
             if let Some(plot) = &mut plot {
                 add_to_plot(plot, &calibration, &rows);
@@ -153,9 +154,16 @@ impl EvalArgs {
     }
 
     /// The rows of a log that are used.
-    fn rows(&self, log: &Log, read: &ReadOptions<'_>) -> anyhow::Result<Dataset> {
-        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
-        Ok(read_dataset(&[(log, wanted)], read)?.select(self.fresh, &RowSet::default()))
+    fn rows(
+        &self,
+        log: &Log,
+        calibration: &Calibration,
+        read: &ReadOptions<'_>,
+    ) -> anyhow::Result<Dataset> {
+        let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
+        let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
+        let rows = calibration.prepared(&read_dataset(&[(log, wanted)], read)?)?;
+        Ok(rows.select(self.fresh, &RowSet::default()))
     }
 
     /// The axes whose RMS error is above its limit, with both.

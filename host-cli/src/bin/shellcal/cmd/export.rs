@@ -42,6 +42,10 @@ impl ExportArgs {
                 let polynomial = file.calibration.polynomial();
                 let polynomial = polynomial
                     .context("a physics model has no matrix; `.py` and `.m` have all of it")?;
+                ensure!(
+                    file.calibration.memory.is_none(),
+                    "a matrix cannot have memory terms; `.py` and `.m` have all of it"
+                );
                 matrix::to_csv(polynomial, file.calibration.axes)
             }
             _ => bail!("`{}` ends in none of `.py`, `.m` and `.csv`", self.output.display()),
