@@ -99,7 +99,16 @@ fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
 fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     let of =
         |value: fn(&calibration::physics::Sensor) -> f64| model.sensors.iter().map(value).collect();
-    let precision = model.load_precision.iter();
+    let factors = model.factor_count();
+    let gains = model.sensors.iter().map(|sensor| {
+        sensor.parameters[1..7].iter().chain(&sensor.loadings[..factors]).copied().collect()
+    });
+    // Loads, and then factors of variance one.
+    let prior = |i: usize, j: usize| match model.load_precision.get(i).and_then(|row| row.get(j)) {
+        Some(x) => model.lambda * x,
+        None => f64::from(u8::from(i == j)),
+    };
+    let unknowns = 6 + factors;
     let covariances = model.sensors.iter().flat_map(|sensor| &sensor.covariance);
     vec![
         Constant::row("CHANNELS", "of a frame", vec![model.channels as f64]),
@@ -110,7 +119,7 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
         Constant {
             name: "PRIOR",
             comment: "P",
-            rows: precision.map(|row| row.iter().map(|x| model.lambda * x).collect()).collect(),
+            rows: (0..unknowns).map(|i| (0..unknowns).map(|j| prior(i, j)).collect()).collect(),
         },
         Constant::row(
             "NOISE",
@@ -121,6 +130,11 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
             name: "PARAMETERS",
             comment: "a row for each sensor: b, a (six), lo, ln h, ln nu",
             rows: model.sensors.iter().map(|sensor| sensor.parameters.to_vec()).collect(),
+        },
+        Constant {
+            name: "GAINS",
+            comment: "a row for each sensor: a, then what each factor that the sensors share displaces",
+            rows: gains.collect(),
         },
         Constant {
             name: "COVARIANCE",

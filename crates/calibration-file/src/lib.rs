@@ -23,7 +23,8 @@
 //! | field | content |
 //! |---|---|
 //! | `model` | `physics` |
-//! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`] |
+//! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`]; a sensor without `loadings` has none |
+//! | `standard_error_scale` | what the model's standard errors are multiplied by on each axis; 1 if absent |
 //! | `intervals` | standard errors of an interval by level and axis, see [`calibration::physics::intervals`] |
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
@@ -62,7 +63,10 @@ pub const LARGEST: f64 = 1e100;
 pub const SCHEMA_VERSION: u64 = 1;
 
 /// The version of the documents of physics models.
-pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 2;
+pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 4;
+
+/// The version of the documents of physics models without shared factors and scales of standard errors.
+pub(crate) const PLAIN_PHYSICS_SCHEMA_VERSION: u64 = 2;
 
 /// The version of the documents of polynomials of fewer than six axes.
 pub(crate) const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
@@ -211,7 +215,7 @@ impl CalibrationFile {
         let Version { schema_version } = serde_json::from_slice(text)?;
         match schema_version {
             SCHEMA_VERSION | FEWER_AXES_SCHEMA_VERSION => document::parse(text),
-            PHYSICS_SCHEMA_VERSION => physics_document::parse(text),
+            PLAIN_PHYSICS_SCHEMA_VERSION | PHYSICS_SCHEMA_VERSION => physics_document::parse(text),
             found => Err(Problem::SchemaVersion { found }),
         }
     }

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use calibration::model::{Basis, Model};
 use calibration::physics::response::{PARAMETERS, Parameters};
-use calibration::physics::{GroupIntervals, Noise, PhysicsModel, Sensor};
+use calibration::physics::{GroupIntervals, Loadings, Noise, PhysicsModel, Sensor};
 use calibration::quality::AxisQuality;
 use calibration::reading_ranges::ReadingRange;
 use calibration::scaling::Scaling;
@@ -57,7 +57,7 @@ macro_rules! as_it_is {
     )*};
 }
 
-as_it_is!(bool, f64, u64, usize, String, Role, Parameters, [Parameters; PARAMETERS]);
+as_it_is!(bool, f64, u64, usize, String, Role, Parameters, [Parameters; PARAMETERS], Loadings);
 
 /// A path in a document. Names that are not Unicode, which JSON cannot hold, are written with
 /// replacement characters.
@@ -285,6 +285,8 @@ stored!(StoredSensor of Sensor {
     range: f64,
     parameters: Parameters,
     covariance: [Parameters; PARAMETERS],
+    #[serde(default)]
+    loadings: Loadings,
 });
 stored!(StoredGroupIntervals of GroupIntervals {
     groups: usize,

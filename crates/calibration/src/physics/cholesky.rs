@@ -51,6 +51,11 @@ impl<const N: usize> Cholesky<N> {
         x
     }
 
+    /// `ln det A`.
+    pub(super) fn ln_determinant(&self) -> f64 {
+        -2.0 * self.inverse.iter().map(|&x| libm::log(x)).sum::<f64>()
+    }
+
     /// `A⁻¹`.
     pub(super) fn inverse(&self) -> [[f64; N]; N] {
         std::array::from_fn(|j| {
@@ -60,7 +65,7 @@ impl<const N: usize> Cholesky<N> {
 
     /// `L⁻¹·b`.
     #[inline]
-    fn forward(&self, b: &[f64; N]) -> [f64; N] {
+    pub(super) fn forward(&self, b: &[f64; N]) -> [f64; N] {
         let mut x = *b;
         for i in 0..N {
             for k in 0..i {
@@ -88,6 +93,8 @@ mod tests {
             assert!((product - b).abs() < 1e-14);
         }
         assert!((factor.inverse()[0][1] - factor.inverse()[1][0]).abs() < 1e-16);
+        // 4·(5·3 − 0.25) − 2·(2·3 + 0.5) − (1 + 5).
+        assert!((factor.ln_determinant() - 40.0_f64.ln()).abs() < 1e-14);
     }
 
     #[test]
