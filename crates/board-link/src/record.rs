@@ -13,8 +13,8 @@ use super::record_error::RecordError;
 use super::source::SourceInput;
 use super::{AppendWriter, Source, Uplink};
 use crate::recording::{
-    BoardFrame, Boards, HeardBoard, LiveForces, Losses, NoFrame, RecognisedProtocol, Recognition,
-    protocol_name,
+    BoardFrame, Boards, FrameLabel, HeardBoard, LiveForces, Losses, NoFrame, RecognisedProtocol,
+    Recognition, protocol_name,
 };
 use shell_data::wrench::AxisValues;
 
@@ -38,6 +38,9 @@ pub struct RecordOptions {
     pub start: Option<Uplink>,
     /// Channels are not brought to one time.
     pub as_sampled: bool,
+    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`]): there is a column for the labels,
+    /// and rows wait for four seconds of the board's time, so that a stretch may have begun when it is found.
+    pub labels: bool,
 }
 
 /// Where a recording goes.
@@ -76,6 +79,8 @@ pub enum RecordCommand {
         /// The number of the mark.
         number: u32,
     },
+    /// A label for the rows of a stretch of the first board that have not been written.
+    Label(FrameLabel),
 }
 
 /// How a recording is going.
@@ -153,6 +158,7 @@ pub fn record(
         watcher: sinks.watcher,
         shown: 0,
         marks: Vec::new(),
+        labels: Vec::new(),
         logs: Vec::new(),
         bytes: 0,
     };
@@ -210,6 +216,8 @@ struct RecordSession<'a> {
     shown: usize,
     /// Marks that the first board's log has not got yet.
     marks: Vec<(i64, u32)>,
+    /// Labels that it has not got yet.
+    labels: Vec<FrameLabel>,
     /// One for each board that has sent frames, in the order in which they began.
     logs: Vec<BoardLog>,
     bytes: u64,
@@ -344,9 +352,9 @@ impl RecordSession<'_> {
             };
             if at == 0 {
                 self.logs[0].mark(self.marks.drain(..));
+                self.logs[0].label(self.labels.drain(..));
             }
-            let RecordOptions { forces, as_sampled, .. } = self.options;
-            self.logs[at].write(&mut board.frames, numbered, forces.as_ref(), *as_sampled)?;
+            self.logs[at].write(&mut board.frames, numbered, self.options)?;
         }
         Ok(())
     }
@@ -357,6 +365,10 @@ impl RecordSession<'_> {
             let next = match command {
                 RecordCommand::Mark { index, number } => {
                     self.marks.push((index, number));
+                    continue;
+                }
+                RecordCommand::Label(label) => {
+                    self.labels.push(label);
                     continue;
                 }
                 RecordCommand::Record(writer) => Some(writer),

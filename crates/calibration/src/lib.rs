@@ -44,6 +44,7 @@ pub mod factored;
 pub mod features;
 pub mod fit;
 pub mod least_squares;
+pub mod load_plan;
 pub mod magnitudes;
 pub mod model;
 pub mod passes;

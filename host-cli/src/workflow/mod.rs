@@ -12,6 +12,7 @@ pub mod merge;
 pub mod noise;
 pub mod partial;
 pub mod payload;
+pub mod plan;
 pub mod report;
 pub mod selection;
 pub mod simulate;

@@ -59,6 +59,7 @@ mod outliers;
 mod partial_fits;
 mod payload;
 mod physics_command;
+mod plan_command;
 mod prediction_intervals;
 mod readme;
 #[cfg(unix)]

@@ -5,7 +5,7 @@
 
 /// The lower factor of `A = L·Lᵀ`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Cholesky<const N: usize> {
+pub(crate) struct Cholesky<const N: usize> {
     l: [[f64; N]; N],
     /// `1/L[j][j]`.
     inverse: [f64; N],
@@ -15,7 +15,7 @@ impl<const N: usize> Cholesky<N> {
     /// `None` if `a` is not positive definite in floating point.
     #[inline]
     #[expect(clippy::needless_range_loop, reason = "indices as in the formulas")]
-    pub(super) fn new(a: &[[f64; N]; N]) -> Option<Self> {
+    pub(crate) fn new(a: &[[f64; N]; N]) -> Option<Self> {
         let (mut l, mut inverse) = (*a, [0.0; N]);
         for j in 0..N {
             let mut pivot = l[j][j];
@@ -40,7 +40,7 @@ impl<const N: usize> Cholesky<N> {
 
     /// `A⁻¹·b`.
     #[inline]
-    pub(super) fn solve(&self, b: &[f64; N]) -> [f64; N] {
+    pub(crate) fn solve(&self, b: &[f64; N]) -> [f64; N] {
         let mut x = self.forward(b);
         for i in (0..N).rev() {
             for k in i + 1..N {
@@ -52,7 +52,7 @@ impl<const N: usize> Cholesky<N> {
     }
 
     /// `A⁻¹`.
-    pub(super) fn inverse(&self) -> [[f64; N]; N] {
+    pub(crate) fn inverse(&self) -> [[f64; N]; N] {
         std::array::from_fn(|j| {
             self.solve(&std::array::from_fn(|i| if i == j { 1.0 } else { 0.0 }))
         })

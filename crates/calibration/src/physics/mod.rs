@@ -16,7 +16,7 @@
 
 mod calibration;
 mod choice;
-mod cholesky;
+pub(crate) mod cholesky;
 mod data;
 mod fit;
 pub mod intervals;

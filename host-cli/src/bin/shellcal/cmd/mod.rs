@@ -31,6 +31,7 @@ mod outliers;
 mod partial_output;
 mod payload;
 mod place;
+mod plan;
 mod ports;
 mod quality;
 mod record;
@@ -98,6 +99,13 @@ pub(crate) enum Command {
     /// frames with the reference at the same times, low-passed below the board's Nyquist frequency.
     /// Where the match is not clear, nothing is written and the exit code is 1.
     Align(Deferred<align::AlignArgs>),
+
+    /// Say which loads to hang next, in which order, and when that is enough
+    ///
+    /// Of all loads that the rig can do, the one that tells most comes next: by a D-optimal design before anything is
+    /// recorded, and by what a model of the sensors does not know yet afterwards. A calibration then takes about half
+    /// the poses of a random order.
+    Plan(Deferred<plan::PlanArgs>),
 
     /// Fit a calibration to logs with readings and a measured wrench
     ///
@@ -228,6 +236,7 @@ impl Command {
             Command::Doctor(args) => args.run(printer),
             Command::Info(args) => args.run(printer),
             Command::Align(args) => args.run(printer, outputs),
+            Command::Plan(args) => args.run(printer, outputs),
             Command::Fit(args) => args.run(printer, outputs),
             Command::Merge(args) => args.run(printer, outputs),
             Command::Eval(args) => args.run(printer, outputs),

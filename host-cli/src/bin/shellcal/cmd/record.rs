@@ -102,6 +102,7 @@ impl RecordArgs {
             duration: self.duration,
             start: self.start.then(|| self.serial.uplink(self.framing)).transpose()?,
             as_sampled: self.as_sampled,
+            labels: false,
         };
         if let Some(forces) = &options.forces {
             printer.note(describe_forces(&forces.options));
