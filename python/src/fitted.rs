@@ -59,6 +59,7 @@ fn source(rows: &Arrays<'_, '_>) -> Vec<SourceFile> {
         role: Role::Train,
         path: "<array>".into(),
         checksum: Some(rows.checksum()),
+        digest: None,
         rows: rows.rows() as u64,
     }]
 }
@@ -138,15 +139,29 @@ fn row_name(row: &Outlier, channels: usize) -> RowName {
 impl Fitted {
     /// Reads a calibration file.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> Result<Self, Failure> {
-        py.detach(|| Ok(Self(CalibrationFile::read(&path)?)))
+    fn load(py: Python<'_>, path: PathBuf, edited: bool) -> Result<Self, Failure> {
+        py.detach(|| match edited {
+            true => Ok(Self(CalibrationFile::read_edited(&path)?)),
+            false => Ok(Self(CalibrationFile::read(&path)?)),
+        })
     }
 
     /// Reads a document.
     #[staticmethod]
-    fn parse(py: Python<'_>, document: &[u8], name: PathBuf) -> Result<Self, Failure> {
+    fn parse(
+        py: Python<'_>,
+        document: &[u8],
+        name: PathBuf,
+        edited: bool,
+    ) -> Result<Self, Failure> {
         let named = |problem| CalibrationFileError { path: name.clone(), problem };
-        py.detach(|| Ok(Self(CalibrationFile::parse(document).map_err(named)?)))
+        py.detach(|| {
+            let file = match edited {
+                true => CalibrationFile::parse_edited(document),
+                false => CalibrationFile::parse(document),
+            };
+            Ok(Self(file.map_err(named)?))
+        })
     }
 
     /// The document.

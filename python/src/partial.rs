@@ -72,6 +72,7 @@ impl Partial {
                 role: Role::Train,
                 path: name,
                 checksum: Some(rows.checksum()),
+                digest: Some(data.fingerprint().to_string()),
                 rows: readings.nrows() as u64,
             }];
             if kept.is_some() {
@@ -122,6 +123,7 @@ impl Partial {
             seed,
             triangles: false,
             fresh,
+            mapping: &mapping,
             read: ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() },
         };
         without_lock(py, None, |_| {
@@ -218,7 +220,8 @@ impl Partial {
         without_lock(py, None, |_| {
             partial.put_in_order();
             let fitted = merge::fit(partial, model, &options)?;
-            let mut file = merge::file(&fitted, partial, serial);
+            let mut file = merge::file(&fitted, partial);
+            file.origin.sensor_serial = serial.or(file.origin.sensor_serial);
             (file.origin.made_by, file.origin.date) = made;
             Ok(Fitted(file))
         })

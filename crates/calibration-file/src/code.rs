@@ -6,6 +6,7 @@
 
 use calibration::physics::PhysicsModel;
 use calibration::{Kind, Polynomial};
+use shell_data::escape;
 use shell_data::wrench::Axes;
 
 use super::CalibrationFile;
@@ -54,16 +55,18 @@ pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String
     };
     let columns = axes.columns();
     match language {
-        Language::Python => python(&constants, &head(file), &columns, name) + body,
-        Language::Matlab => matlab(&constants, &head(file), &columns, name) + body,
+        Language::Python => python(&constants, &escape::python(&head(file)), &columns, name) + body,
+        Language::Matlab => {
+            matlab(&constants, &escape::matlab_comment(&head(file)), &columns, name) + body
+        }
     }
 }
 
-/// What the function is, in a line.
+/// What the function is, in a line; whatever the file says, as it says it.
 fn head(file: &CalibrationFile) -> String {
     let model = file.calibration.name();
     let serial = file.origin.sensor_serial.as_ref();
-    let of = serial.map_or(String::new(), |serial| format!(" of the sensor {serial:?}"));
+    let of = serial.map_or(String::new(), |serial| format!(" of the sensor `{serial}`"));
     format!(
         "{model} calibration{of}, exported by {}, fitted on {}",
         file.origin.made_by, file.origin.date
@@ -130,6 +133,7 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     ]
 }
 
+/// A module of Python; `head` is [escaped](escape::python).
 fn python(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> String {
     let mut text = format!(
         "\"\"\"{head}.\n\n    from {name} import wrench\n    forces = wrench(readings)\n\nNeeds numpy.\n\"\"\"\n\n\
@@ -150,6 +154,7 @@ fn python(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> S
     text + "\n\n"
 }
 
+/// A function of MATLAB; `head` is [escaped](escape::matlab_comment).
 fn matlab(constants: &[Constant], head: &str, columns: &[&str], name: &str) -> String {
     let columns = columns.join(", ");
     let mut text = format!(

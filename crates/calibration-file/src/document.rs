@@ -8,7 +8,9 @@ use super::stored::{
     OfAxes, Stored, StoredCovariance, StoredModel, StoredOrigin, StoredReadingRange, StoredScaling,
     axes_of, check_intervals,
 };
-use super::{CalibrationFile, FEWER_AXES_SCHEMA_VERSION, Problem, SCHEMA_VERSION};
+use super::{
+    CalibrationFile, FEWER_AXES_SCHEMA_VERSION, Problem, SCHEMA_VERSION, SIX_AXES_SCHEMA_VERSION,
+};
 use calibration::model::Term;
 use calibration::uncertainty::{CoefficientCovariance, ErrorShape};
 use calibration::{Calibration, Polynomial, model};
@@ -33,10 +35,7 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
     let calibration = &file.calibration;
     let axes = calibration.axes;
     let document = PolynomialDocument {
-        schema_version: match axes.are_all() {
-            true => SCHEMA_VERSION,
-            false => FEWER_AXES_SCHEMA_VERSION,
-        },
+        schema_version: SCHEMA_VERSION,
         origin: Stored::of(&file.origin, axes),
         model: Stored::of(&polynomial.model(), axes),
         terms: polynomial.model().terms().iter().map(Term::name).collect(),
@@ -49,7 +48,7 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
     to_json(&document)
 }
 
-/// Parses a document whose version is known to be [`SCHEMA_VERSION`] or `FEWER_AXES_SCHEMA_VERSION`.
+/// Parses the document of a polynomial, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     let document: PolynomialDocument = serde_json::from_slice(text)?;
     document.value().map_err(Problem::Inconsistent)
@@ -73,11 +72,16 @@ impl PolynomialDocument {
     /// Which axes it is for.
     fn axes(&self) -> Result<Axes, String> {
         let axes = axes_of(Some(&self.axes))?;
-        match axes.are_all() == (self.schema_version == SCHEMA_VERSION) {
+        let is_allowed = match self.schema_version {
+            SIX_AXES_SCHEMA_VERSION => axes.are_all(),
+            FEWER_AXES_SCHEMA_VERSION => !axes.are_all(),
+            _ => true,
+        };
+        match is_allowed {
             true => Ok(axes),
             false => Err(format!(
-                "`axes` has {axes}: all six belong to version {SCHEMA_VERSION}, fewer to version \
-                 {FEWER_AXES_SCHEMA_VERSION}"
+                "`axes` has {axes}: all six belong to version {SIX_AXES_SCHEMA_VERSION}, fewer to \
+                 version {FEWER_AXES_SCHEMA_VERSION}"
             )),
         }
     }
@@ -236,6 +240,7 @@ mod tests {
                 role: Role::Train,
                 path: "train.csv".into(),
                 checksum: Some("xxh128:00".into()),
+                digest: None,
                 rows: 12,
             }],
             columns: Some(ColumnNames {
@@ -275,14 +280,14 @@ mod tests {
         let axes: Axes = [Axis::Fx, Axis::Fz].into_iter().collect();
         file.calibration.axes = axes;
         let text = file.to_json();
-        assert!(text.contains("\"schema_version\": 3"), "{text}");
+        assert!(text.contains("\"schema_version\": 4"), "{text}");
         assert!(!text.contains("fy_n") && text.contains("[0.3333333333333333, 1.0]"), "{text}");
         let read = parse(text.as_bytes()).unwrap();
         assert_eq!((read.to_json(), read.calibration.axes), (text.clone(), axes));
         let coefficients = read.calibration.polynomial().unwrap().coefficients();
         assert_eq!(coefficients[0], [1.0 / 3.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         let cases = [
-            ("\"schema_version\": 3", "\"schema_version\": 1", "`axes` has Fx, Fz: all six belong"),
+            ("\"schema_version\": 4", "\"schema_version\": 1", "`axes` has Fx, Fz: all six belong"),
             ("\"fx_n\"", "\"mz_nm\"", "`axes` has `mz_nm`, `fz_n`, expected"),
             ("[0.3333333333333333, 1.0]", "[1.0]", "`coefficients`: `1` values for `2` axes"),
         ];

@@ -7,7 +7,7 @@ use super::stored::{
     Stored, StoredGroupIntervals, StoredOrigin, StoredPhysicsModel, StoredReadingRange,
     check_intervals,
 };
-use super::{CalibrationFile, PHYSICS_SCHEMA_VERSION, Problem};
+use super::{CalibrationFile, Problem, SCHEMA_VERSION};
 use calibration::physics::PhysicsCalibration;
 use calibration::physics::observations::MOST_CHANNELS;
 use calibration::{Calibration, Kind};
@@ -30,7 +30,7 @@ struct PhysicsDocument {
 
 pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> String {
     to_json(&PhysicsDocument {
-        schema_version: PHYSICS_SCHEMA_VERSION,
+        schema_version: SCHEMA_VERSION,
         origin: Stored::of(&file.origin, Axes::ALL),
         model: NAME.to_owned(),
         axes: Axis::ALL.map(|axis| axis.column().to_owned()),
@@ -40,7 +40,7 @@ pub(super) fn format(file: &CalibrationFile, physics: &PhysicsCalibration) -> St
     })
 }
 
-/// Parses a document whose version is known to be `PHYSICS_SCHEMA_VERSION`.
+/// Parses the document of a physics model, of a known version.
 pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
     let document: PhysicsDocument = serde_json::from_slice(text)?;
     document.value().map_err(Problem::Inconsistent)

@@ -249,6 +249,8 @@ stored!(StoredSource of SourceFile {
     role: Role,
     path: StoredPath,
     checksum: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    digest: Option<String>,
     rows: u64,
 });
 

@@ -48,6 +48,7 @@ pub mod magnitudes;
 pub mod model;
 pub mod passes;
 pub mod physics;
+pub mod plausibility;
 pub mod polynomial;
 pub mod quality;
 pub mod rank_loss;

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::block::Block;
+use crate::fingerprint::Fingerprint;
 use crate::wrench::Axes;
 
 /// Rows of arrays in a block.
@@ -102,6 +103,13 @@ impl RowSet {
 }
 
 impl Dataset {
+    /// What tells the rows of all logs from others.
+    pub fn fingerprint(&self) -> Fingerprint {
+        let mut fingerprint = Fingerprint::default();
+        self.blocks().for_each(|(_, block)| fingerprint.merge(Fingerprint::of(&block.rows)));
+        fingerprint
+    }
+
     /// The rows of arrays, in blocks of [`BLOCK_ROWS`] but for the last: readings, six columns of wrench and,
     /// where there are any, labels and weights.
     pub fn from_blocks(name: impl Into<PathBuf>, axes: Axes, mut blocks: Vec<Block>) -> Self {

@@ -181,10 +181,16 @@ pub fn sources(
         for ((log, read), &rows) in logs.iter().zip(read).zip(rows) {
             let checksum = read.summary.checksum.clone();
             let has_checksum = checksum.is_some();
-            files.push(SourceFile { role, path: log.path().into(), checksum, rows });
+            files.push(SourceFile { role, path: log.path().into(), checksum, digest: None, rows });
             if let Some(path) = log.beside() {
                 let checksum = if has_checksum { log.checksum_beside()? } else { None };
-                files.push(SourceFile { role: Role::Wrench, path: path.into(), checksum, rows });
+                files.push(SourceFile {
+                    role: Role::Wrench,
+                    path: path.into(),
+                    checksum,
+                    digest: None,
+                    rows,
+                });
             }
         }
     }

@@ -7,6 +7,7 @@ pub mod convert;
 pub mod drift;
 pub mod figures;
 pub mod fit;
+pub mod gates;
 pub mod live;
 pub mod merge;
 pub mod noise;

@@ -37,6 +37,7 @@ mod exact_optimum;
 mod exact_sums;
 mod fit_report;
 mod found_groups;
+mod gates;
 mod golden;
 mod hostile;
 #[cfg(target_os = "linux")]

@@ -321,15 +321,15 @@ class Calibration:
     # The file.
 
     @classmethod
-    def load(cls, path: PathLike) -> Calibration:
-        """The calibration in a file of ``shellcal fit`` or of `save`."""
-        return cls._of(Fitted.load(os.fspath(path)))
+    def load(cls, path: PathLike, *, edited: bool = False) -> Calibration:
+        """The calibration in a file of ``shellcal fit`` or of `save`; with `edited`, one that was changed since."""
+        return cls._of(Fitted.load(os.fspath(path), edited))
 
     @classmethod
-    def from_json(cls, document: str | bytes, name: str = "<json>") -> Calibration:
-        """The calibration in a document."""
+    def from_json(cls, document: str | bytes, name: str = "<json>", *, edited: bool = False) -> Calibration:
+        """The calibration in a document; with `edited`, in one that was changed since it was written."""
         data = document.encode() if isinstance(document, str) else document
-        return cls._of(Fitted.parse(data, name))
+        return cls._of(Fitted.parse(data, name, edited))
 
     @classmethod
     def _of(cls, fitted: Fitted) -> Calibration:
@@ -366,7 +366,7 @@ class Calibration:
         self.__dict__.update(state)
         self._shown = None
         if "_fitted" in state:
-            self._fitted = Fitted.parse(state["_fitted"].encode(), "<pickle>")
+            self._fitted = Fitted.parse(state["_fitted"].encode(), "<pickle>", False)
 
     # What it says of itself.
 

@@ -5,7 +5,6 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
 use board_link::{Client, PortOptions, Uplink, for_board, judge, serial_text};
-use calibration_file::CalibrationFile;
 use clap::Subcommand;
 use output_file::Outputs;
 use serde_json::json;
@@ -13,6 +12,7 @@ use shared_proto::{Board, BoardId, CHANNELS, Command, Identity, ResetCause, Stre
 
 use super::board_line::{BoardClient, set_baud, start_bootloader};
 use super::choices::one_of;
+use super::edited::EditedArg;
 use super::key_file;
 use super::serial::{FramingArg, SerialArgs};
 use crate::files::{InputPath, OutputPath};
@@ -109,6 +109,9 @@ enum BoardAction {
         /// Calibration file, of model `cubic` or `linear`
         #[arg(value_name = "CAL")]
         calibration: InputPath,
+
+        #[command(flatten)]
+        edited: EditedArg,
     },
 }
 
@@ -172,8 +175,8 @@ impl BoardArgs {
     ) -> anyhow::Result<()> {
         let calibration = match action {
             // Before the port is touched: a file that cannot be used changes nothing.
-            BoardAction::Upload { calibration } => {
-                Some(for_board(&CalibrationFile::read(calibration)?.calibration)?)
+            BoardAction::Upload { calibration, edited } => {
+                Some(for_board(&edited.read(calibration)?.calibration)?)
             }
             _ => None,
         };

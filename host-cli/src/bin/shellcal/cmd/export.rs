@@ -6,9 +6,10 @@ use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
 use calibration_file::code::{Language, to_code};
-use calibration_file::{CalibrationFile, matrix};
+use calibration_file::matrix;
 use output_file::Outputs;
 
+use super::edited::EditedArg;
 use crate::files::{InputPath, OutputPath};
 use crate::outcome::Outcome;
 use crate::printer::Printer;
@@ -30,11 +31,14 @@ pub(crate) struct ExportArgs {
     /// readings, moments in mN·m, as `fit --export-matrix` writes them
     #[arg(value_name = "FILE.py|m|csv")]
     output: OutputPath,
+
+    #[command(flatten)]
+    edited: EditedArg,
 }
 
 impl ExportArgs {
     pub(crate) fn run(&self, printer: &mut Printer, outputs: &Outputs) -> anyhow::Result<Outcome> {
-        let file = CalibrationFile::read(&self.calibration)?;
+        let file = self.edited.read(&self.calibration)?;
         let text = match self.output.extension().and_then(OsStr::to_str) {
             Some("py") => to_code(&file, Language::Python, identifier(&self.output)?),
             Some("m") => to_code(&file, Language::Matlab, identifier(&self.output)?),

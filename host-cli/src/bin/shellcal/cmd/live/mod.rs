@@ -16,7 +16,6 @@ use std::time::Duration;
 
 use board_link::recording::LiveForces;
 use board_link::{AppendWriter, PortOptions, RecordOptions, Sinks, Source, record};
-use calibration_file::CalibrationFile;
 use forces::{ForceOptions, LowPass, TareRule};
 #[cfg(feature = "foxglove")]
 use foxglove_view::FoxgloveServer;
@@ -27,6 +26,7 @@ use serde_json::json;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{Feed, LiveRows, play};
 
+use super::edited::EditedArg;
 use super::frames::describe_forces;
 use super::mapping::MappingArgs;
 use super::place::is_port;
@@ -58,6 +58,9 @@ pub(crate) struct LiveArgs {
     /// Calibration for forces; without one readings are shown
     #[arg(long, value_name = "CAL")]
     calibration: Option<InputPath>,
+
+    #[command(flatten)]
+    edited: EditedArg,
 
     /// Subtract nothing, rather than the mean wrench of the first 50 frames
     #[arg(long, requires = "calibration")]
@@ -154,7 +157,7 @@ type SourceEnd = anyhow::Result<()>;
 impl LiveArgs {
     pub(crate) fn run(&self, printer: &mut Printer) -> anyhow::Result<Outcome> {
         let calibration =
-            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+            self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let forces = calibration
             .map(|file| LiveForces { calibration: file.calibration, options: self.forces() });
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
@@ -313,7 +316,10 @@ fn announce(
     }
     match printer.json() {
         true => printer.document(&json!({ "address": address })),
-        false => printer.line(format!("live at {address}\nCtrl-C ends it")),
+        false => {
+            printer.line(format!("live at {address}"))?;
+            printer.line("Ctrl-C ends it")
+        }
     }
 }
 

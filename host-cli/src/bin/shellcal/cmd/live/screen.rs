@@ -4,6 +4,7 @@ use live_view::{ChannelState, ChannelView, LiveModel, TraceView};
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
+use shell_data::escape::is_invisible;
 
 use super::canvas::{ACROSS, CharacterCanvas, DOWN};
 
@@ -290,7 +291,7 @@ impl LiveScreen<'_> {
         let area = buffer.area;
         if x < area.width && y < area.height {
             // What names and errors hold must not steer the terminal.
-            let text: String = text.chars().filter(|c| !c.is_control()).collect();
+            let text: String = text.chars().filter(|&c| !is_invisible(c)).collect();
             let text = if self.ascii {
                 text.replace('±', "+-").replace('…', "..").replace('·', ".")
             } else {
