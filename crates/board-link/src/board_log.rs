@@ -3,17 +3,16 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use shared_proto::xbee::Address;
 
 use super::AppendWriter;
 use super::record_error::RecordError;
-use crate::recording::{BoardFrame, HeardBoard, LiveForces, Losses, RowWriter, address_text};
+use crate::recording::{BoardFrame, BoardSource, LiveForces, Losses, RowWriter};
 use shell_data::wrench::AxisValues;
 
 /// What came of one board of several.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordedBoard {
-    /// Address of its module.
+    /// Address of its module, or what its packets call it.
     pub address: String,
     /// Its log, if one is written.
     pub log: Option<PathBuf>,
@@ -26,8 +25,7 @@ pub struct RecordedBoard {
 
 /// Frames of a board on their way into its log.
 pub(super) struct BoardLog {
-    /// Of its module, behind a base station in API mode.
-    pub(super) address: Option<Address>,
+    pub(super) sender: BoardSource,
     pub(super) log: Option<AppendWriter>,
     /// Made for the first frame, which tells the columns.
     rows: Option<RowWriter>,
@@ -41,9 +39,9 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    pub(super) fn new(address: Option<Address>, log: Option<AppendWriter>) -> Self {
+    pub(super) fn new(sender: BoardSource, log: Option<AppendWriter>) -> Self {
         Self {
-            address,
+            sender,
             log,
             rows: None,
             marks: Vec::new(),
@@ -126,14 +124,13 @@ impl BoardLog {
         self.rows.as_ref().and_then(RowWriter::newest_wrench)
     }
 
-    /// What came of it, with the books of the board of its address.
-    pub(super) fn recorded(&self, heard: &[HeardBoard]) -> RecordedBoard {
-        let board = heard.iter().find(|board| board.address == self.address);
+    /// What came of it, with the books of its board.
+    pub(super) fn recorded(&self, losses: Losses) -> RecordedBoard {
         RecordedBoard {
-            address: self.address.map(address_text).unwrap_or_default(),
+            address: self.sender.text(),
             log: self.log.as_ref().map(|log| log.path().to_path_buf()),
             frames: self.frames,
-            losses: board.map(|board| board.reception().losses()).unwrap_or_default(),
+            losses,
         }
     }
 }

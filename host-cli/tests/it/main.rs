@@ -64,6 +64,8 @@ mod readme;
 #[cfg(unix)]
 mod record_port;
 mod record_replay;
+#[cfg(unix)]
+mod record_restart;
 mod refits;
 mod settings;
 mod shell_integration;

@@ -18,7 +18,6 @@ mod fit;
 mod frames;
 mod import;
 mod info;
-mod key_file;
 mod licences;
 #[cfg(feature = "live")]
 mod live;
@@ -221,7 +220,7 @@ impl Command {
     ) -> anyhow::Result<Outcome> {
         match self {
             Command::Ports(args) => args.run(printer),
-            Command::Board(args) => args.run(printer, outputs),
+            Command::Board(args) => args.run(printer),
             Command::Record(args) => args.run(printer),
             #[cfg(feature = "live")]
             Command::Live(args) => args.run(printer),

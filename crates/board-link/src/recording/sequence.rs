@@ -3,11 +3,11 @@
 /// How far behind the newest sample one may arrive and still be distinguished from a repeat.
 ///
 /// XBee modules hold a few packets for repeated transmission, never this many.
-pub const WINDOW: u32 = u128::BITS;
+pub(super) const WINDOW: u32 = u128::BITS;
 
 /// How a sample arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Arrival {
+pub(super) enum Arrival {
     /// Newer than any before.
     InOrder {
         /// Samples between it and the newest before that have not arrived (yet).
@@ -24,7 +24,7 @@ pub enum Arrival {
 /// A window of bits over the newest numbers, as in the anti-replay service of RFC 4303 §3.4.3. A
 /// step of 32,768 or more cannot be distinguished from one backwards.
 #[derive(Clone, Debug, Default)]
-pub struct Tracker {
+pub(super) struct Tracker {
     /// Newest index; `None` before the first sample.
     newest: Option<i64>,
     oldest: i64,
@@ -35,34 +35,18 @@ pub struct Tracker {
     /// What to add to an unwrapped number to make its index.
     offset: i64,
     /// Times that one or more samples in a row were missing when a newer one came.
-    pub gaps: u64,
+    pub(super) gaps: u64,
     /// Samples that had arrived before.
-    pub duplicates: u64,
+    pub(super) duplicates: u64,
     /// Samples that came after a newer one.
-    pub reordered: u64,
+    pub(super) reordered: u64,
     /// Times that the numbering began anew.
-    pub restarts: u64,
+    pub(super) restarts: u64,
 }
 
 impl Tracker {
-    /// Nothing has arrived.
-    pub const fn new() -> Self {
-        Self {
-            newest: None,
-            oldest: 0,
-            arrived: 0,
-            distinct: 0,
-            missing_before_restart: 0,
-            offset: 0,
-            gaps: 0,
-            duplicates: 0,
-            reordered: 0,
-            restarts: 0,
-        }
-    }
-
     /// Samples between the oldest and the newest that have not arrived.
-    pub fn missing(&self) -> u64 {
+    pub(super) fn missing(&self) -> u64 {
         self.missing_before_restart + self.missing_since_restart()
     }
 
@@ -70,17 +54,19 @@ impl Tracker {
         self.newest.map_or(0, |newest| ((newest - self.oldest + 1) as u64) - self.distinct)
     }
 
-    /// The board has started anew: the next sample is a first one, and follows on the newest.
-    pub fn restart(&mut self) {
+    /// The board has started anew: the next sample is a first one, and follows on the newest with so many
+    /// lost between them.
+    pub(super) fn restart(&mut self, lost: u64) {
         let Some(newest) = self.newest else { return };
-        self.missing_before_restart = self.missing();
+        self.missing_before_restart = self.missing() + lost;
+        self.gaps += u64::from(lost > 0);
         self.restarts += 1;
         self.newest = None;
-        self.offset = newest + 1;
+        self.offset = newest.saturating_add_unsigned(lost) + 1;
     }
 
     /// Takes a sample that was sent so many after the newest, which its number alone does not tell.
-    pub(crate) fn advance(&mut self, sent: u64) -> (i64, Arrival) {
+    pub(super) fn advance(&mut self, sent: u64) -> (i64, Arrival) {
         let index = self.newest.unwrap_or(self.offset - 1).saturating_add_unsigned(sent);
         self.newest = Some(index);
         self.arrived = 1;
@@ -92,7 +78,7 @@ impl Tracker {
     /// The index of a sample, which does not wrap, and how it arrived.
     ///
     /// The first index is the sequence number itself; a sample that comes late can precede it.
-    pub fn place(&mut self, sequence: u16) -> (i64, Arrival) {
+    pub(super) fn place(&mut self, sequence: u16) -> (i64, Arrival) {
         let Some(newest) = self.newest else {
             let first = if self.offset == 0 { i64::from(sequence) } else { self.offset };
             // From here on `index - offset` is congruent to the sequence number.
@@ -113,7 +99,7 @@ impl Tracker {
         }
         let back = u32::from(step.unsigned_abs());
         if back >= WINDOW {
-            self.restart();
+            self.restart(0);
             return self.place(sequence);
         }
         let bit = 1 << back;
@@ -134,23 +120,18 @@ impl Tracker {
 /// A time is taken to be the one nearest to that before it, so samples may be out of order; how long
 /// a silence of more than 35 min was has to be known otherwise, see [`at`](Self::at).
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Clock {
+pub(super) struct Clock {
     last_us: Option<i64>,
 }
 
 impl Clock {
-    /// No time has been seen.
-    pub const fn new() -> Self {
-        Self { last_us: None }
-    }
-
     /// The time before was this.
-    pub const fn at(time_us: i64) -> Self {
+    pub(super) const fn at(time_us: i64) -> Self {
         Self { last_us: Some(time_us) }
     }
 
     /// Unwrapped time in µs; the first is as it stands.
-    pub fn unwrap_us(&mut self, clock_us: u32) -> i64 {
+    pub(super) fn unwrap_us(&mut self, clock_us: u32) -> i64 {
         let unwrapped = self.last_us.map_or(i64::from(clock_us), |last| {
             last + i64::from(clock_us.wrapping_sub(last as u32) as i32)
         });
@@ -161,14 +142,12 @@ impl Clock {
 
 #[cfg(test)]
 mod tests {
-    extern crate std;
-
     use super::*;
     use proptest::prelude::*;
     use std::collections::HashSet;
 
-    fn placed(numbers: &[u16]) -> (Tracker, std::vec::Vec<(i64, Arrival)>) {
-        let mut tracker = Tracker::new();
+    fn placed(numbers: &[u16]) -> (Tracker, Vec<(i64, Arrival)>) {
+        let mut tracker = Tracker::default();
         let placed = numbers.iter().map(|&number| tracker.place(number)).collect();
         (tracker, placed)
     }
@@ -214,9 +193,9 @@ mod tests {
 
     #[test]
     fn an_announced_restart_is_not_a_gap() {
-        let mut tracker = Tracker::new();
+        let mut tracker = Tracker::default();
         tracker.place(40_000);
-        tracker.restart();
+        tracker.restart(0);
         assert_eq!(tracker.place(3), (40_001, NEXT));
         assert_eq!(tracker.place(5), (40_003, Arrival::InOrder { missing: 1 }));
         assert_eq!((tracker.restarts, tracker.missing()), (1, 1));
@@ -229,7 +208,7 @@ mod tests {
             start in 0..65_536_i64,
             steps in prop::collection::vec((0..4_i64, 0..100_i64), 1..300),
         ) {
-            let mut tracker = Tracker::new();
+            let mut tracker = Tracker::default();
             let (mut seen, mut newest, mut late, mut double) = (HashSet::new(), i64::MIN, 0, 0);
             let mut next = start;
             let mut first = None;
@@ -255,7 +234,7 @@ mod tests {
 
     #[test]
     fn the_clock_unwraps_both_ways() {
-        let mut clock = Clock::new();
+        let mut clock = Clock::default();
         assert_eq!(clock.unwrap_us(u32::MAX - 9), 4_294_967_286);
         assert_eq!(clock.unwrap_us(10), 4_294_967_306);
         assert_eq!(clock.unwrap_us(u32::MAX), 4_294_967_295);
