@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use calibration::Kind;
-use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
+use calibration::fit::{FitOptions, HeldOut, RowName, RowPlace, Workers};
 use calibration_file::{CalibrationFile, CalibrationFileError, Role, SourceFile};
 use figures::{FitPlot, Size, fit_figure};
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
@@ -107,10 +107,10 @@ pub(crate) fn fit(
         let fitted =
             calibration::fit(&data, &Dataset::default(), &FitOptions { workers, ..options })?;
         let mut warnings: Vec<String> = fitted.warnings.iter().map(ToString::to_string).collect();
-        if let Some(Ok(found)) = &fitted.outliers {
-            let name = |row: &Outlier| row_name(row, data.channels());
-            let names: Vec<RowName> = found.rows.iter().map(name).collect();
-            warnings.extend(found.warnings(Axes::ALL, &names));
+        if let Some(found) = &fitted.outliers {
+            let name = |at: RowPlace| row_name(at, data.channels());
+            let names: Vec<RowName> = found.places().into_iter().map(name).collect();
+            warnings.extend(found.warnings(&names));
         }
         let (made_by, date) = made_by;
         let facts = FileFacts {
@@ -125,11 +125,11 @@ pub(crate) fn fit(
 }
 
 /// Where a row of arrays is, from 1 as the lines of a file.
-fn row_name(row: &Outlier, channels: usize) -> RowName {
+fn row_name(at: RowPlace, channels: usize) -> RowName {
     let names = (1..=channels).map(|i| format!("s{i}"));
     RowName {
         file: "<array>".to_owned(),
-        line: row.place + row.row as u64 + 1,
+        line: at.place + at.row as u64 + 1,
         columns: names.chain(Axis::ALL.map(|axis| axis.name().to_owned())).collect(),
     }
 }

@@ -76,6 +76,55 @@ pub fn errors(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> PerAxis<A
     std::array::from_fn(|axis| AxisErrors::with_room(&predicted[axis], &measured[axis], &mut room))
 }
 
+/// The mean squares of the errors in windows of so many rows, one after the other. A last one of fewer than half of
+/// them is left out.
+pub(crate) fn squares_of_windows(
+    predicted: &PerAxis<Vec<f64>>,
+    measured: &[Vec<f64>],
+    rows: usize,
+) -> Vec<PerAxis<f64>> {
+    arch().dispatch(SquaresOfWindows { predicted, measured, rows })
+}
+
+/// Inlined whole into code for the widest vectors of the machine.
+struct SquaresOfWindows<'a> {
+    predicted: &'a PerAxis<Vec<f64>>,
+    measured: &'a [Vec<f64>],
+    rows: usize,
+}
+
+impl NullaryFnOnce for SquaresOfWindows<'_> {
+    type Output = Vec<PerAxis<f64>>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<PerAxis<f64>> {
+        const LANES: usize = 16;
+        let Self { predicted, measured, rows } = self;
+        let all = measured.first().map_or(0, Vec::len);
+        let mut windows = Vec::with_capacity(all / rows + 1);
+        for start in (0..all).step_by(rows) {
+            let end = all.min(start + rows);
+            if 2 * (end - start) < rows {
+                break;
+            }
+            windows.push(std::array::from_fn(|axis| {
+                let (p, m) = (&predicted[axis][start..end], &measured[axis][start..end]);
+                let ((p, p_rest), (m, m_rest)) = (p.as_chunks::<LANES>(), m.as_chunks::<LANES>());
+                let mut sums = [0.0; LANES];
+                for (p, m) in p.iter().zip(m) {
+                    for lane in 0..LANES {
+                        let error = p[lane] - m[lane];
+                        sums[lane] += error * error;
+                    }
+                }
+                let rest = p_rest.iter().zip(m_rest).map(|(p, m)| (p - m) * (p - m));
+                (sums.iter().sum::<f64>() + rest.sum::<f64>()) / (end - start) as f64
+            }));
+        }
+        windows
+    }
+}
+
 /// Adds the rows of `other` to `all`, axis by axis.
 pub fn merge(all: &mut PerAxis<AxisErrors>, other: &PerAxis<AxisErrors>) {
     all.iter_mut().zip(other).for_each(|(all, other)| all.merge(other));

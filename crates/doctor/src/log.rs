@@ -471,7 +471,7 @@ fn check_calibrated(facts: &CalibratedObservations, summary: &LogSummary) -> Vec
             "error",
             format!("the error of {} is {ratio:.1} times that of the training data", axis.name()),
             "this is not the sensor that was calibrated, not as it was then, or beyond its range; \
-             `shellcal fit --outliers report` names rows that do not belong",
+             `shellcal fit` names suspicious rows",
         ));
     }
     for &(axis, moved, of) in &facts.drift {

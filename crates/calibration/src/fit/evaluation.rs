@@ -1,11 +1,11 @@
 //! How well a calibration predicts the wrench that rows have measured.
 
+use super::stretches::WINDOW;
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::magnitudes::Magnitudes;
 use crate::passes::{Workers, each};
 use crate::quality::{self, AxisErrors, AxisQuality};
-use crate::validation::outliers::{self, Judge, Judged, Spread};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, LogRows};
 use shell_data::wrench::PerAxis;
@@ -51,13 +51,6 @@ impl Evaluation {
         quality::merge(&mut self.errors, &other.errors);
     }
 
-    /// Whether the largest error of an axis is far above the others.
-    pub fn has_large_errors(&self) -> bool {
-        let is_large =
-            |axis: &AxisQuality| axis.max.is_some_and(|max| max > outliers::LIMIT * axis.rms);
-        self.quality().is_some_and(|axes| axes.iter().any(is_large))
-    }
-
     /// The quality of every axis; `None` without rows.
     pub fn quality(&self) -> Option<PerAxis<AxisQuality>> {
         let [fx, fy, fz, mx, my, mz] = self.errors.map(|errors| errors.quality());
@@ -96,11 +89,11 @@ pub fn evaluate(
 
 /// What is known of one block.
 pub(super) struct BlockErrors {
-    rows: u64,
+    pub(super) rows: u64,
     out_of_range: u64,
     errors: PerAxis<AxisErrors>,
-    /// Whether a row may be an outlier and matter, as far as that was asked.
-    pub(super) stands_out: bool,
+    /// Mean squares of the errors in windows of rows, if those were asked for.
+    pub(super) windows: Vec<PerAxis<f64>>,
 }
 
 /// What is looked at beside the errors.
@@ -108,8 +101,8 @@ pub(super) struct BlockErrors {
 pub(super) struct EvalOptions<'a> {
     /// Errors are counted by their size, in these units, if there are any.
     pub(super) size_unit: Option<&'a PerAxis<f64>>,
-    /// Says which rows may be outliers.
-    pub(super) judge: Option<&'a (Judge, Spread)>,
+    /// Whether stretches are looked for that are not followed.
+    pub(super) windows: bool,
 }
 
 /// Finds the errors of blocks on one thread.
@@ -140,10 +133,10 @@ impl BlockEvaluator {
             rows: block.rows as u64,
             out_of_range: calibration.rows_out_of_range(&block.readings),
             errors: quality::errors(predicted, &block.wrench),
-            stands_out: options.judge.is_some_and(|(judge, spread)| {
-                let judged = judge.judge_predicted(block, predicted, spread);
-                judged.iter().any(Judged::may_matter)
-            }),
+            windows: match options.windows {
+                true => quality::squares_of_windows(predicted, &block.wrench, WINDOW),
+                false => Vec::new(),
+            },
         }
     }
 

@@ -36,6 +36,7 @@ mod outliers;
 mod physics;
 mod polynomial;
 mod refits;
+mod stretches;
 mod warning;
 
 pub use self::choice::{CovarianceRule, FewGroups, RANDOM_FOLDS, random_split, sum_groups};
@@ -45,9 +46,10 @@ pub use self::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_poses_or_files, may_have_plateaus,
 };
 pub use self::outliers::{
-    Outlier, OutlierColumn, OutlierTest, Outliers, Reason, RowName, find_outliers,
+    Outlier, OutlierColumn, OutlierTest, Outliers, Reason, RowName, RowPlace, find_outliers,
 };
 pub use self::physics::{HeldOutGroups, ModelComparison, PhysicsFit};
+pub use self::stretches::ErrorStretch;
 pub use self::warning::Warning;
 pub use crate::passes::Workers;
 
@@ -66,6 +68,10 @@ use crate::validation::excitation::Excitation;
 use crate::validation::selection::Selection;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
+
+/// The largest condition of columns of norm one up to which one correction of a QR factorisation is right to every
+/// digit of a double ([`crate::least_squares`]).
+const ALL_DIGITS: f64 = 1e6;
 
 /// The largest coefficient or squared error that a calibration's document takes.
 pub const LARGEST: f64 = 1e100;
@@ -91,7 +97,7 @@ impl From<Basis> for ModelRule {
 /// What is done about outliers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutlierRule {
-    /// They are looked for where a row stands out, and used.
+    /// They are looked for, and used.
     Report,
     /// They are left out.
     Drop,
@@ -188,21 +194,14 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Whether outliers are looked for where a row stands out.
+    /// Whether outliers that are used are looked for.
     fn looks_for_outliers(&self) -> bool {
         // A mean is no row that was recorded.
         !self.means && self.outliers == OutlierRule::Report
     }
 
     fn outlier_test(&self) -> OutlierTest<'_> {
-        OutlierTest {
-            basis: self.basis().unwrap_or(Basis::Cubic),
-            intercept: self.intercept,
-            ridge: self.ridge,
-            fresh: self.fresh,
-            valid_range: self.valid_range,
-            workers: self.workers,
-        }
+        OutlierTest { fresh: self.fresh, valid_range: self.valid_range, workers: self.workers }
     }
 
     /// What can be had of rows that have weights, which no exact sum can take: a plain least-squares fit, and
@@ -276,8 +275,10 @@ pub struct Fit {
     pub means: Option<MeansOf>,
     /// Outliers that were left out.
     pub dropped: Outliers,
-    /// Outliers that were used, where some were looked for, or why they could not be.
-    pub outliers: Option<Result<Outliers, FitError>>,
+    /// Outliers that were used, and a stretch that the model does not follow, if any were found.
+    pub outliers: Option<Outliers>,
+    /// On its way to them.
+    stretch: Option<ErrorStretch>,
     /// What is to be said of it.
     pub warnings: Vec<Warning>,
 }
@@ -372,6 +373,7 @@ impl Fit {
             means: None,
             dropped: Outliers::default(),
             outliers: None,
+            stretch: None,
             warnings: Vec::new(),
         }
     }
@@ -433,7 +435,7 @@ pub fn fit(train: &Dataset, test: &Dataset, options: &FitOptions<'_>) -> Result<
     if train.has_weights() {
         options.check_weighted()?;
     }
-    let dropped = drop_outliers(train, options)?;
+    let (dropped, outliers) = look_for_outliers(train, options)?;
     let excluded = dropped.excluded();
     let training = Training { data: train, excluded: &excluded, fresh: options.fresh };
     let test = &test.select(options.fresh, &Default::default());
@@ -442,20 +444,24 @@ pub fn fit(train: &Dataset, test: &Dataset, options: &FitOptions<'_>) -> Result<
         false => fit_rows(training, test, options)?,
     };
     fitted.dropped = dropped;
+    let stretch = fitted.stretch.take().and_then(|stretch| training.locate(stretch));
+    let outliers = Outliers { stretch, ..outliers };
+    fitted.outliers = Some(outliers).filter(|outliers| !outliers.is_empty());
     Ok(fitted)
 }
 
-/// The rows that are to be left out.
-fn drop_outliers(train: &Dataset, options: &FitOptions<'_>) -> Result<Outliers, FitError> {
-    let drops = options.outliers == OutlierRule::Drop;
-    if !drops && options.valid_range.is_none() {
-        return Ok(Outliers::default());
+/// The rows that are to be left out, and those that are used and suspicious.
+fn look_for_outliers(
+    train: &Dataset,
+    options: &FitOptions<'_>,
+) -> Result<(Outliers, Outliers), FitError> {
+    let (drops, looks) = (options.outliers == OutlierRule::Drop, options.looks_for_outliers());
+    if !(drops || looks) && options.valid_range.is_none() {
+        return Ok(Default::default());
     }
     let mut found = find_outliers(train, &options.outlier_test())?;
-    if !drops {
-        found.rows.retain(|row| row.reason == Reason::OutOfRange);
-    }
-    Ok(found)
+    let dropped = found.split_off(|row| drops || row.reason == Reason::OutOfRange);
+    Ok((dropped, if looks { found } else { Outliers::default() }))
 }
 
 fn fit_to_means(
@@ -530,7 +536,9 @@ fn fit_polynomial(
     if used.has_weights() && options.solver == SolverKind::Exact {
         warnings.push(Warning::Weighted);
     }
-    warnings.extend(not_exact.map(Warning::NotExact));
+    // Up to this condition refined QR gives every digit, too.
+    let loses = solution.condition > ALL_DIGITS;
+    warnings.extend(not_exact.filter(|_| loses).map(Warning::NotExact));
     if let Some(reason) = choice.not_grouped.clone().or(not_grouped) {
         warnings.push(options.tell_not_grouped(reason)?);
     }
@@ -538,9 +546,6 @@ fn fit_polynomial(
     let train = Evaluation::total(&errors.train);
     let quality = train.quality().ok_or(FitError::NoRows)?;
     let how = (solution, solver, options.truncate);
-    // They are judged by a fit to rows that count alike.
-    let looks = options.looks_for_outliers() && !used.has_weights();
-    let outliers = (errors.stands_out && looks).then(|| name_outliers(training, options));
     let mut fitted = Fit {
         used,
         tested: test.clone(),
@@ -550,7 +555,7 @@ fn fit_polynomial(
         excitation: errors.loads.excitation(),
         on_plateaus: errors.on_plateaus,
         tests: errors.test,
-        outliers,
+        stretch: errors.stretch,
         warnings,
         ..Fit::from_choice(calibration, choice, how, quality)
     };
@@ -570,8 +575,6 @@ fn fit_physics(
         HeldOutGroups::Groups(by) => Some(by),
         HeldOutGroups::Stretches => None,
     };
-    let outliers = (train.has_large_errors() && options.looks_for_outliers())
-        .then(|| name_outliers(training, options));
     let mut fitted = Fit {
         calibration,
         used,
@@ -593,20 +596,13 @@ fn fit_physics(
         comparison: None,
         means: None,
         dropped: Outliers::default(),
-        outliers,
+        outliers: None,
+        stretch: errors.stretch,
         warnings: Vec::new(),
         method: FitMethod::Physics(Box::new(physics)),
     };
     fitted.warn();
     Ok(fitted)
-}
-
-/// Looks for outliers that were used.
-fn name_outliers(training: Training<'_>, options: &FitOptions<'_>) -> Result<Outliers, FitError> {
-    let mut found = find_outliers(training.data, &options.outlier_test())?;
-    // Those outside the valid range have been left out.
-    found.rows.retain(|row| row.reason != Reason::OutOfRange);
-    Ok(found)
 }
 
 impl FitOptions<'_> {

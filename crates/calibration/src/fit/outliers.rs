@@ -1,38 +1,34 @@
-//! The search for outliers among training rows: found, named, and left out where that is asked for.
+//! The search for suspicious rows among those of a fit: found, named, and left out where that is asked for. A stretch of
+//! rows that a model does not follow is said once.
 
-use std::collections::BTreeSet;
+use std::sync::Arc;
 
-use super::polynomial::{Problem, solve};
+use super::stretches::ErrorStretch;
 use crate::error::FitError;
-use crate::model::{Basis, Model};
-use crate::passes::{Rows, Workers, each};
-use crate::quality::{self, AxisErrors, significant};
-use crate::reading_ranges::ReadingRanges;
-use crate::solver::{Solution, SolverKind};
-use crate::validation::outliers::{Judge, Judged, Spread};
+use crate::passes::{Workers, each};
+use crate::quality::significant;
+use crate::validation::outliers::{LOOK_AT, RowChanges, RowJump};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock, RowSet};
-use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Fits that are made before the search is given up.
-const MOST_ROUNDS: usize = 12;
+/// More suspicious rows than this share, and than so many, are no faults of single rows.
+const LARGEST_SHARE: f64 = 0.05;
+const MANY: usize = 150;
 
-/// More rows than this share, and than so many, are no slips of single rows.
-const LARGEST_SHARE: f64 = 0.01;
-const MANY: usize = 50;
+/// Where more rows than this share, and than so many, are unusual, columns jump by nature.
+const UNUSUAL_SHARE: f64 = 0.005;
+const UNUSUAL: usize = 8;
 
-/// A column whose value is so many standard deviations from that of its neighbours is worth a word.
-const FAR_FROM_NEIGHBOURS: f64 = 2.0;
+/// Columns that jump by so many standard deviations are worth a word.
+const WORTH_A_WORD: f64 = 2.0;
 
-/// What rows are judged by.
-#[derive(Clone, Copy, Debug)]
+/// Pieces of the recording that show how columns change, and the rows of each.
+const PIECES: usize = 128;
+const PIECE_ROWS: usize = 34;
+
+/// How rows are searched.
+#[derive(Clone, Copy, Debug, Default)]
 pub struct OutlierTest<'a> {
-    /// The family of features.
-    pub basis: Basis,
-    /// Whether there is a constant beside them.
-    pub intercept: bool,
-    /// λ of a ridge on columns of norm one.
-    pub ridge: f64,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
     /// Readings outside are wrong whatever else they are.
@@ -41,45 +37,34 @@ pub struct OutlierTest<'a> {
     pub workers: Workers<'a>,
 }
 
-impl Default for OutlierTest<'_> {
-    /// By the cubic model.
-    fn default() -> Self {
-        Self {
-            basis: Basis::Cubic,
-            intercept: true,
-            ridge: 0.0,
-            fresh: false,
-            valid_range: None,
-            workers: Workers::default(),
-        }
-    }
-}
-
-/// Why a row is an outlier.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Reason {
-    /// A reading is outside the valid range.
-    OutOfRange,
-    /// The error of an axis is so many times its standard deviation.
-    Error {
-        /// The axis.
-        axis: Axis,
-        /// How many times.
-        size: f64,
-        /// Predicted less measured, N or N·m.
-        error: f64,
-    },
-}
-
-/// A row that does not belong.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Outlier {
+/// Where a row is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct RowPlace {
     /// The number of its log.
     pub log: usize,
     /// Its block.
     pub place: u64,
     /// The row of the block.
     pub row: usize,
+}
+
+/// Why a row is suspicious.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reason {
+    /// A reading is outside the valid range.
+    OutOfRange,
+    /// A column jumps, and no other column says why.
+    Jump {
+        /// By so many standard deviations of the differences of neighbouring rows.
+        size: f64,
+    },
+}
+
+/// A suspicious row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outlier {
+    /// Where it is.
+    pub at: RowPlace,
     /// Why.
     pub reason: Reason,
     /// The columns that differ most from the rows before and after, most first; at least one.
@@ -94,9 +79,9 @@ pub struct OutlierColumn {
     /// Its value in the row, N and N·m for loads.
     pub value: f64,
     /// Its value in the row before.
-    pub before: Option<f64>,
+    pub before: f64,
     /// Its value in the row after.
-    pub after: Option<f64>,
+    pub after: f64,
 }
 
 /// What was found.
@@ -104,63 +89,64 @@ pub struct OutlierColumn {
 pub struct Outliers {
     /// The rows, in their order.
     pub rows: Vec<Outlier>,
-    /// Rows that stand out where those are too many to be slips: none of them is named.
+    /// Suspicious rows where those are too many to be single faults: none of them is named.
     pub too_many: Option<usize>,
-    /// Root mean square errors on the other rows of the fit to all rows, and of that without these.
-    pub rms: Option<[PerAxis<f64>; 2]>,
-}
-
-/// A row while it is looked at.
-struct Suspect {
-    log: usize,
-    place: u64,
-    judged: Judged,
-    /// The row before, the row, and the row after.
-    values: [Option<Vec<f64>>; 3],
+    /// Rows that the model does not follow.
+    pub stretch: Option<ErrorStretch>,
 }
 
 impl Outliers {
-    /// The rows, to be left out.
-    pub fn excluded(&self) -> RowSet {
-        self.rows.iter().map(|row| (row.log, row.place, row.row)).collect()
+    /// Whether there is anything to say.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty() && self.too_many.is_none() && self.stretch.is_none()
     }
 
-    /// What is to be said of them. `names` say where each row is.
-    pub fn warnings(&self, axes: Axes, names: &[RowName]) -> Vec<String> {
+    /// The rows, to be left out.
+    pub fn excluded(&self) -> RowSet {
+        self.rows.iter().map(|row| (row.at.log, row.at.place, row.at.row)).collect()
+    }
+
+    /// Takes out the rows that are to be left out, in a value of their own.
+    pub(super) fn split_off(&mut self, is_left_out: impl Fn(&Outlier) -> bool) -> Self {
+        let (rows, rest) = std::mem::take(&mut self.rows).into_iter().partition(is_left_out);
+        self.rows = rest;
+        Self { rows, ..Self::default() }
+    }
+
+    /// All places that have to be named: those of the rows, then the ends of the stretch.
+    pub fn places(&self) -> Vec<RowPlace> {
+        let ends = self.stretch.iter().flat_map(|stretch| stretch.ends);
+        self.rows.iter().map(|row| row.at).chain(ends).collect()
+    }
+
+    /// What is to be said of them. `names` say where each of the [places](Self::places) is.
+    pub fn warnings(&self, names: &[RowName]) -> Vec<String> {
         /// More would hide what else is said.
         const SHOWN: usize = 10;
         let in_words = |(row, name): (&Outlier, &RowName)| {
             let RowName { file, line, columns } = name;
-            format!("`{file}` line {line} does not belong: {}", row.why(columns))
+            format!("`{file}` line {line} is suspicious: {}", row.why(columns))
         };
         let rows = self.rows.iter().zip(names);
         let mut said: Vec<String> = rows.take(SHOWN).map(in_words).collect();
+        let count = self.rows.len();
+        said.extend(
+            (count > SHOWN).then(|| format!("{count} rows are suspicious, {SHOWN} of them above")),
+        );
         said.extend(self.too_many.map(|rows| {
             format!(
-                "{rows} rows stand out by an error or a reading, too many for slips of single rows: the \
-                 model does not follow them, or columns are not what they are taken for (`shellcal info`)"
+                "{rows} rows jump in columns that the others do not follow, too many for faults of single rows: \
+                 columns may not be what they are taken for (`shellcal info`)"
             )
         }));
-        let errors = |[with, without]: &[PerAxis<f64>; 2]| {
-            let of = |axis: Axis| {
-                let [with, without] = [with, without].map(|rms| significant(rms[axis.index()], 3));
-                format!("{} {with} → {without} {}", axis.name(), axis.unit())
-            };
-            axes.iter().map(of).collect::<Vec<_>>().join(", ")
-        };
-        let count = self.rows.len();
-        let others =
-            if count > SHOWN { format!(" ({SHOWN} of them above)") } else { String::new() };
-        let worth = self.rms.as_ref().map_or_else(String::new, |rms| {
-            format!("; on the other rows the RMS error is, with → without them, {}", errors(rms))
-        });
-        let s = if count == 1 { " does" } else { "s do" };
-        said.extend((count > 0).then(|| format!("{count} row{s} not belong{others}{worth}")));
+        if let (Some(stretch), Some([first, last])) = (&self.stretch, names.last_chunk()) {
+            said.push(stretch.in_words(&first.file, [first.line, last.line]));
+        }
         said
     }
 }
 
-/// Where a row is.
+/// Where a row is, in words.
 #[derive(Clone, Debug)]
 pub struct RowName {
     /// Its file, or what else it comes from.
@@ -172,32 +158,21 @@ pub struct RowName {
 }
 
 impl Outlier {
-    /// Which of a row's columns stand out, and by how much it is off. `names` are those of all columns.
+    /// Which of a row's columns jump, and by how much. `names` are those of all columns.
     pub fn why(&self, names: &[String]) -> String {
         let columns = self.columns.iter().take(3).map(|column| {
-            let beside: Vec<String> = [column.before, column.after]
-                .into_iter()
-                .flatten()
-                .map(|x| x.to_string())
-                .collect();
-            let beside = match beside.len() {
-                0 => String::new(),
-                _ => format!(" (beside it {})", beside.join(" and ")),
-            };
-            let name = names.get(column.column).map_or("", String::as_str);
-            format!("`{name}` is {}{beside}", column.value)
+            let OutlierColumn { column, value, before, after } = column;
+            let name = names.get(*column).map_or("", String::as_str);
+            format!("`{name}` is {value} (neighbouring rows: {before} and {after})")
         });
         let more = match self.columns.len().saturating_sub(3) {
             0 => String::new(),
-            more => format!(" and {more} columns more"),
+            more => format!(" and {more} more columns"),
         };
         let why = match self.reason {
             Reason::OutOfRange => "outside the valid range".to_owned(),
-            Reason::Error { axis, size, error } => format!(
-                "{} is predicted {} {} off, {} standard deviations",
-                axis.name(),
-                significant(error, 3),
-                axis.unit(),
+            Reason::Jump { size } => format!(
+                "{} standard deviations of the differences of neighbouring rows",
                 significant(size, 2)
             ),
         };
@@ -205,233 +180,190 @@ impl Outlier {
     }
 }
 
-/// Looks for outliers in `data`.
+/// Looks for suspicious rows in `data`.
 ///
 /// # Errors
-/// [`FitError`] if the other rows do not determine a calibration.
+/// [`FitError::Interrupted`].
 pub fn find_outliers(data: &Dataset, test: &OutlierTest<'_>) -> Result<Outliers, FitError> {
-    let blocks: Vec<_> = data.blocks().collect();
-    let search = Search { data, test, blocks: &blocks };
-    let spread = search.spread()?;
-    let out_of_range = match test.valid_range {
-        None => Vec::new(),
-        Some(range) => search.suspects(|_, block| outside(block, range))?,
+    let blocks = searched_blocks(data, test.fresh);
+    let pieces: Vec<Vec<&[f64]>> = pieces(&blocks);
+    let changes = RowChanges::new(&pieces);
+    let mut looked_at: Vec<(usize, usize, Option<Reason>)> = Vec::new();
+    let work = |(): &mut (), (at, block): &(usize, SearchedBlock)| {
+        let outside = test.valid_range.into_iter().flat_map(|range| outside(&block.rows, range));
+        let mut rows: Vec<_> = outside.map(|row| (*at, row, Some(Reason::OutOfRange))).collect();
+        if let Some(changes) = &changes {
+            let jumps = changes.jumps(&columns(&block.rows));
+            let is_edge = |row: usize| row == 0 || row + 1 == block.rows.rows;
+            let is_looked_at = |&row: &usize| jumps[row] > LOOK_AT || is_edge(row);
+            rows.extend((0..block.rows.rows).filter(is_looked_at).map(|row| (*at, row, None)));
+        }
+        Ok(rows)
     };
-    let never: RowSet = keys(&out_of_range).collect();
-    let everything = search.solve(&never)?;
-    let (mut left_out, mut suspects, mut judge) = (BTreeSet::new(), Vec::new(), None);
-    for round in 0..MOST_ROUNDS {
-        let excluded: RowSet = keys(&out_of_range).chain(left_out.iter().copied()).collect();
-        let by = match round {
-            0 => everything.judge(&spread),
-            _ => search.solve(&excluded)?.judge(&spread),
-        };
-        let Some(by) = by else { return Ok(Outliers::default()) };
-        let judged = search.suspects(|log, block| {
-            let is_left_out = |row: usize| excluded.contains(log, block.place, row);
-            by.judge(block, &spread, &is_left_out)
-        })?;
-        // All that stands out is left out first; then what belongs goes back.
-        let is_left_out = |suspect: &&Suspect| match round {
-            0 => suspect.judged.stands_out(),
-            _ => suspect.judged.is_outlier(),
-        };
-        let next: BTreeSet<_> = keys(judged.iter().filter(is_left_out)).collect();
-        if round > 0 && next.len() > MANY.max((LARGEST_SHARE * data.rows() as f64) as usize) {
-            return Ok(Outliers { too_many: Some(next.len()), ..Outliers::default() });
-        }
-        let is_same = next == left_out;
-        (left_out, suspects, judge) = (next, judged, Some(by));
-        if is_same {
-            break;
-        }
-    }
-    let named: Vec<Suspect> = suspects
-        .into_iter()
-        .filter(|of| of.judged.is_outlier() && !never.contains(of.log, of.place, of.judged.row))
-        .collect();
-    let excluded: RowSet = keys(&named).chain(keys(&out_of_range)).collect();
-    let name = |suspect: &Suspect, range| suspect.name(data.channels(), &spread, range);
-    let named = named.iter().filter_map(|suspect| name(suspect, None));
-    let outside = out_of_range.iter().filter_map(|suspect| name(suspect, test.valid_range));
-    let mut found = Outliers { rows: named.chain(outside).collect(), ..Outliers::default() };
-    found.rows.sort_by_key(|row| (row.log, row.place, row.row));
-    if let (Some(without), Some(with)) =
-        (judge.filter(|_| !found.rows.is_empty()), everything.judge(&spread))
-    {
-        found.rms = search.rms(&excluded, [&with, &without])?;
-    }
-    Ok(found)
-}
-
-/// A fit that rows are judged by.
-struct Judging {
-    solution: Solution,
-    ranges: ReadingRanges,
-}
-
-impl Judging {
-    fn judge(&self, spread: &Spread) -> Option<Judge> {
-        Judge::new(&self.solution, &self.ranges, spread)
-    }
-}
-
-/// Rows that are searched.
-struct Search<'a> {
-    data: &'a Dataset,
-    test: &'a OutlierTest<'a>,
-    blocks: &'a [(usize, &'a LabelledBlock)],
-}
-
-impl Search<'_> {
-    fn solve(&self, excluded: &RowSet) -> Result<Judging, FitError> {
-        let used = self.data.select(self.test.fresh, excluded);
-        let problem = Problem {
-            model: Model {
-                basis: self.test.basis,
-                intercept: self.test.intercept,
-                channels: self.data.channels(),
-            },
-            solver: SolverKind::Exact,
-            ridge: self.test.ridge,
-            truncate: None,
-        };
-        let sample = self.data.logs.first().map(|log| &log.sample);
-        let solved = solve(&problem, None, &Rows::new(&used, self.test.workers), sample)?;
-        Ok(Judging { solution: solved.solution, ranges: solved.ranges })
-    }
-
-    /// Passes all blocks to `work`, on any thread, and what comes of them to `fold`, in order.
-    fn each_block<T: Send>(
-        &self,
-        work: impl Fn(usize, &Block) -> T + Sync,
-        mut fold: impl FnMut(T) + Send,
-    ) -> Result<(), FitError> {
-        let work =
-            |(): &mut (), (log, block): &(usize, &LabelledBlock)| Ok(work(*log, &block.rows));
-        let fold = |value| {
-            fold(value);
-            Ok(())
-        };
-        each(self.blocks, |(_, block)| &block.rows, self.test.workers, || (), work, fold)?;
+    let fold = |rows: Vec<_>| {
+        looked_at.extend(rows);
         Ok(())
-    }
-
-    /// The spread of readings and loads.
-    fn spread(&self) -> Result<Spread, FitError> {
-        let mut all = Spread::default();
-        self.each_block(|_, block| Spread::of(block, 1), |spread| all.merge(&spread))?;
-        Ok(all)
-    }
-
-    /// The rows that `look` finds, with their neighbours.
-    fn suspects(
-        &self,
-        look: impl Fn(usize, &Block) -> Vec<Judged> + Sync,
-    ) -> Result<Vec<Suspect>, FitError> {
-        let mut found = Vec::new();
-        let work = |log: usize, block: &Block| -> Vec<Suspect> {
-            let mut judged = look(log, block);
-            if self.test.fresh {
-                let fresh = block.fresh_rows();
-                judged.retain(|of| fresh[of.row]);
-            }
-            let values = |row: usize| -> Option<Vec<f64>> {
-                let columns = block.readings.iter().chain(&block.wrench);
-                (row < block.rows).then(|| columns.map(|column| column[row]).collect())
-            };
-            let suspect = |judged: Judged| Suspect {
-                log,
-                place: block.place,
-                values: [
-                    judged.row.checked_sub(1).and_then(values),
-                    values(judged.row),
-                    values(judged.row + 1),
-                ],
-                judged,
-            };
-            judged.into_iter().map(suspect).collect()
-        };
-        self.each_block(work, |suspects| found.extend(suspects))?;
-        Ok(found)
-    }
-
-    /// Errors of two fits on the rows that both are to hold for.
-    fn rms(
-        &self,
-        excluded: &RowSet,
-        judges: [&Judge; 2],
-    ) -> Result<Option<[PerAxis<f64>; 2]>, FitError> {
-        let mut errors = [PerAxis::<AxisErrors>::default(); 2];
-        let used = self.data.select(self.test.fresh, excluded);
-        let blocks: Vec<_> = used.blocks().collect();
-        let work = |_: usize, block: &Block| {
-            judges.map(|judge| {
-                let mut predicted = PerAxis::default();
-                judge.calibration().wrench(&block.readings, &mut predicted);
-                quality::errors(&predicted, &block.wrench)
-            })
-        };
-        let used = Search { blocks: &blocks, ..*self };
-        used.each_block(work, |of_block| {
-            errors.iter_mut().zip(&of_block).for_each(|(all, block)| quality::merge(all, block));
-        })?;
-        let rms = errors.map(|axes| axes.map(|axis| axis.quality().map_or(0.0, |of| of.rms)));
-        Ok((errors[0][0].rows() > 0).then_some(rms))
-    }
+    };
+    let numbered: Vec<(usize, SearchedBlock)> = blocks.iter().cloned().enumerate().collect();
+    each(&numbered, |(_, block)| &block.rows, test.workers, || (), work, fold)?;
+    let search = Search { blocks: &blocks, changes: changes.as_ref() };
+    Ok(search.outliers(looked_at))
 }
 
-fn keys<'a>(
-    suspects: impl IntoIterator<Item = &'a Suspect>,
-) -> impl Iterator<Item = (usize, u64, usize)> {
-    suspects.into_iter().map(|of| (of.log, of.place, of.judged.row))
+/// The rows of a block, or those among them that are fresh.
+#[derive(Clone)]
+struct SearchedBlock {
+    log: usize,
+    rows: Arc<Block>,
+    /// Which they are of the block, if not all.
+    fresh: Option<Vec<usize>>,
+}
+
+fn searched_blocks(data: &Dataset, fresh: bool) -> Vec<SearchedBlock> {
+    let searched = |(log, block): (usize, &LabelledBlock)| {
+        if !fresh {
+            return SearchedBlock { log, rows: Arc::clone(&block.rows), fresh: None };
+        }
+        let keep = block.rows.fresh_rows();
+        let mut rows = Block::clone(&block.rows);
+        rows.groups.clear();
+        rows.retain_rows(&keep);
+        let fresh = (0..keep.len()).filter(|&row| keep[row]).collect();
+        SearchedBlock { log, rows: Arc::new(rows), fresh: Some(fresh) }
+    };
+    let blocks = data.blocks().map(searched);
+    blocks.filter(|block| block.rows.rows > 0).collect()
+}
+
+/// Readings, then loads.
+fn columns(block: &Block) -> Vec<&[f64]> {
+    block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect()
+}
+
+/// Pieces from all over the blocks; all of them, if the rows are few.
+fn pieces(blocks: &[SearchedBlock]) -> Vec<Vec<&[f64]>> {
+    let rows: usize = blocks.iter().map(|block| block.rows.rows).sum();
+    let stride = (rows / PIECES).max(PIECE_ROWS);
+    let mut pieces = Vec::new();
+    let mut start = 0;
+    for block in blocks {
+        let count = block.rows.rows;
+        // Pieces start at multiples of the stride.
+        for first in (start.next_multiple_of(stride)..start + count).step_by(stride) {
+            let piece = first - start..(first - start + PIECE_ROWS).min(count);
+            pieces.push(columns(&block.rows).into_iter().map(|all| &all[piece.clone()]).collect());
+        }
+        start += count;
+    }
+    pieces
 }
 
 /// The rows of a block with a reading outside a range.
-fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<Judged> {
+fn outside(block: &Block, [least, most]: [f64; 2]) -> Vec<usize> {
     let is_outside =
         |row: &usize| block.readings.iter().any(|column| !(least..=most).contains(&column[*row]));
-    (0..block.rows).filter(is_outside).map(Judged::unseen).collect()
+    (0..block.rows).filter(is_outside).collect()
 }
 
-impl Suspect {
-    /// Names the row and what in it differs most from its neighbours; of a row `outside` a range, the readings that
-    /// are outside.
-    fn name(&self, channels: usize, spread: &Spread, outside: Option<[f64; 2]>) -> Option<Outlier> {
-        let [before, Some(values), after] = &self.values else { return None };
-        let beside =
-            |column: usize| [before, after].map(|row| row.as_ref().map(|values| values[column]));
-        // The nearer of both: at the edge of a contact one of them is far.
-        let apart = |column: usize| {
-            let known = beside(column).into_iter().flatten();
-            let apart = known.map(|other| spread.apart(column, values[column], other));
-            let nearest = apart.fold(f64::INFINITY, f64::min);
-            (column, if nearest.is_finite() { nearest } else { 0.0 })
-        };
-        let mut columns: Vec<(usize, f64)> = (0..values.len()).map(apart).collect();
-        if let Some([least, most]) = outside {
-            columns.retain(|&(column, _)| {
-                column < channels && !(least..=most).contains(&values[column])
-            });
+/// Rows that are judged.
+struct Search<'a> {
+    blocks: &'a [SearchedBlock],
+    changes: Option<&'a RowChanges>,
+}
+
+impl Search<'_> {
+    /// Judges rows by block and row of the block, in this order; those with a reason have one already.
+    fn outliers(&self, looked_at: Vec<(usize, usize, Option<Reason>)>) -> Outliers {
+        let mut found = Outliers::default();
+        let (mut suspicious, mut unusual) = (Vec::new(), 0);
+        for (at, row, reason) in looked_at {
+            let Some(rows) = self.neighbours(at, row) else { continue };
+            let judged = self.changes.map(|of| of.judge(rows.each_ref().map(Vec::as_slice)));
+            match (reason, judged) {
+                (Some(reason), _) => found.rows.push(self.name(at, row, &rows, reason)),
+                (None, Some(jump)) if jump.is_suspicious() => {
+                    suspicious.push((at, row, rows, jump))
+                }
+                (None, Some(jump)) => unusual += usize::from(jump.is_unusual()),
+                (None, None) => {}
+            }
         }
-        columns.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let far = columns.iter().filter(|(_, apart)| *apart > FAR_FROM_NEIGHBOURS).count();
-        columns.truncate(far.max(1));
-        let column = |&(column, _): &(usize, f64)| {
-            let [before, after] = beside(column);
-            OutlierColumn { column, value: values[column], before, after }
+        let is_more = |count: usize, share: f64, than: usize| {
+            let rows: usize = self.blocks.iter().map(|block| block.rows.rows).sum();
+            count > than.max((share * rows as f64) as usize)
         };
-        let Judged { row, error, size, axis, .. } = self.judged;
-        let axis = Axis::ALL[axis];
-        Some(Outlier {
-            log: self.log,
-            place: self.place,
-            row,
-            reason: match outside {
-                Some(_) => Reason::OutOfRange,
-                None => Reason::Error { axis, size, error: error[axis.index()] },
-            },
-            columns: columns.iter().map(column).collect(),
-        })
+        if is_more(suspicious.len(), LARGEST_SHARE, MANY) {
+            found.too_many = Some(suspicious.len());
+        } else if !is_more(unusual, UNUSUAL_SHARE, UNUSUAL) {
+            let name = |(at, row, rows, RowJump { jump, .. })| {
+                self.name(at, row, &rows, Reason::Jump { size: jump })
+            };
+            let named: Vec<Outlier> = suspicious.into_iter().map(name).collect();
+            let is_new = |row: &Outlier| found.rows.iter().all(|other| other.at != row.at);
+            let new: Vec<Outlier> = named.into_iter().filter(is_new).collect();
+            found.rows.extend(new);
+        }
+        found.rows.sort_by_key(|row| row.at);
+        found
+    }
+
+    /// The columns of a row, between those of its neighbours: at the ends of a log the two next to it.
+    fn neighbours(&self, at: usize, row: usize) -> Option<[Vec<f64>; 3]> {
+        let row = row as isize;
+        let of = |by: isize| self.row(at, row + by);
+        let (before, after) = match (of(-1), of(1)) {
+            (Some(before), Some(after)) => (before, after),
+            (None, Some(after)) => (of(2)?, after),
+            (Some(before), None) => (before, of(-2)?),
+            (None, None) => return None,
+        };
+        Some([before, of(0)?, after])
+    }
+
+    /// A row by its place in a block, or beyond its ends in the next one of the log.
+    fn row(&self, mut at: usize, mut row: isize) -> Option<Vec<f64>> {
+        let log = self.blocks[at].log;
+        while row < 0 {
+            at = at.checked_sub(1)?;
+            row += self.blocks[at].rows.rows as isize;
+        }
+        while row >= self.blocks.get(at)?.rows.rows as isize {
+            row -= self.blocks[at].rows.rows as isize;
+            at += 1;
+        }
+        let block = &self.blocks[at];
+        let values = || columns(&block.rows).into_iter().map(|column| column[row as usize]);
+        (block.log == log).then(|| values().collect())
+    }
+
+    /// Names a row and the columns in it that jump most; of a row outside a range, the readings that are the farthest from
+    /// their neighbours.
+    fn name(
+        &self,
+        at: usize,
+        row: usize,
+        [before, values, after]: &[Vec<f64>; 3],
+        reason: Reason,
+    ) -> Outlier {
+        let jump = |column: usize| {
+            let of = |changes: &RowChanges| {
+                changes.jump_of(column, [before[column], values[column], after[column]])
+            };
+            (column, self.changes.map_or(0.0, of))
+        };
+        let mut columns: Vec<(usize, f64)> = (0..values.len()).map(jump).collect();
+        columns.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let far = columns.iter().filter(|(_, jump)| *jump > WORTH_A_WORD).count();
+        columns.truncate(far.max(1));
+        let column = |&(column, _): &(usize, f64)| OutlierColumn {
+            column,
+            value: values[column],
+            before: before[column],
+            after: after[column],
+        };
+        let block = &self.blocks[at];
+        let row = block.fresh.as_ref().map_or(row, |fresh| fresh[row]);
+        let at = RowPlace { log: block.log, place: block.rows.place, row };
+        Outlier { at, reason, columns: columns.iter().map(column).collect() }
     }
 }

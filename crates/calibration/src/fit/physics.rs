@@ -106,7 +106,8 @@ pub(super) fn fit(
     let validation = options.cross_validation.map(validate).transpose()?;
     let mut calibration = Calibration::of(Kind::Physics(Box::new(physics)));
     calibration.valid_range = Some(rows.readings.iter().map(|column| range(column)).collect());
-    let mut errors = Errors::of(&calibration, &used, test, &EvalOptions::default(), options)?;
+    let look = EvalOptions { windows: options.looks_for_outliers(), ..EvalOptions::default() };
+    let mut errors = Errors::of(&calibration, &used, test, &look, options)?;
     // Of all rows at once, as they are fitted.
     errors.loads = WrenchSums::of(&rows.wrench);
     let physics = PhysicsFit {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::choice::{Clusters, CovarianceRule, ModelChoice};
 use super::evaluation::{BlockErrors, BlockEvaluator, EvalOptions, Evaluation};
+use super::stretches::{ErrorStretch, ErrorWindow};
 use super::{FitOptions, LARGEST};
 use crate::conversion::Calibration;
 use crate::error::FitError;
@@ -21,7 +22,6 @@ use crate::uncertainty::{Covariance, ErrorShape};
 use crate::validation::ValidationError;
 use crate::validation::excitation::WrenchSums;
 use crate::validation::grouped::GroupedMoments;
-use crate::validation::outliers::{Judge, Spread};
 use crate::validation::shared_loads::{RowSample, SharedRows};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LabelledBlock};
@@ -183,12 +183,7 @@ pub(super) fn fit(
     let (mut covariance, not_grouped) =
         covariance(solution, (*solver, options.truncate), choice, options.covariance);
     let unit = covariance.as_ref().map(|_| root_mean_square(solution));
-    let judge = options.looks_for_outliers().then(|| {
-        let spread = Spread::within(ranges);
-        Some((Judge::new(solution, ranges, &spread)?, spread))
-    });
-    let judge = judge.flatten();
-    let look = EvalOptions { size_unit: unit.as_ref(), judge: judge.as_ref() };
+    let look = EvalOptions { size_unit: unit.as_ref(), windows: options.looks_for_outliers() };
     let errors = Errors::of(&calibration, train, test, &look, options)?;
     if let Some([earlier, later]) = errors.copy {
         return Err(FitError::Copy { earlier, later });
@@ -213,8 +208,8 @@ pub(super) struct Errors {
     copy: Option<[PathBuf; 2]>,
     /// How large the errors of the training rows are, if that was asked for.
     sizes: Option<PerAxis<Magnitudes>>,
-    /// Whether a training row may be an outlier and matter, if that was asked for.
-    pub(super) stands_out: bool,
+    /// A stretch of training rows that are not followed, if that was asked for.
+    pub(super) stretch: Option<ErrorStretch>,
     /// The wrench that the training rows have measured.
     pub(super) loads: WrenchSums,
     /// The share of test rows on plateaus of the training rows, where those are made of plateaus.
@@ -224,6 +219,7 @@ pub(super) struct Errors {
 /// What one block adds.
 struct BlockFacts {
     log: usize,
+    place: u64,
     errors: BlockErrors,
     loads: Option<WrenchSums>,
     fingerprint: Option<Fingerprint>,
@@ -258,6 +254,7 @@ impl Errors {
             let stride = strides[usize::from(!is_train)];
             Ok(BlockFacts {
                 log: *log,
+                place: rows.place,
                 errors,
                 loads: is_train.then(|| WrenchSums::of(&rows.wrench)),
                 // A log by itself is a copy of none, and without tests there is nothing on its plateaus.
@@ -265,11 +262,11 @@ impl Errors {
                 sample: (!test.logs.is_empty()).then(|| RowSample::of(rows, stride)),
             })
         };
-        let (mut loads, mut stands_out) = (WrenchSums::default(), false);
+        let (mut loads, mut windows) = (WrenchSums::default(), Vec::new());
         let (mut train_rows, mut shared) = (RowSample::default(), None);
         let fold = |block: BlockFacts| {
             evaluations[block.log].add(&block.errors);
-            stands_out |= block.errors.stands_out;
+            windows.extend(ErrorWindow::of_block(block.log, block.place, &block.errors));
             if let Some(of_block) = block.loads {
                 loads.merge(&of_block);
             }
@@ -302,7 +299,7 @@ impl Errors {
             test,
             copy,
             sizes: BlockEvaluator::sizes(evaluators),
-            stands_out,
+            stretch: ErrorStretch::worst(&windows),
             loads,
             on_plateaus: shared.flatten().and_then(|shared: SharedRows| shared.share()),
         })

@@ -1,439 +1,283 @@
-//! Rows that do not belong: corrupt ones, found by their deleted residuals.
+//! Suspicious rows: a column leaves its neighbours in time, and no other column says why.
 //!
-//! A row is judged by a fit to the others. With the error `e` of an axis, its standard deviation `σ` over
-//! the rows of the fit and the leverage `h = ‖Fᵀx‖²` of the row's features,
+//! Of three rows in order, a column *jumps* by
 //!
 //! ```text
-//! size = |e| / (σ·√(1 + h))      of a row that the fit has not seen
-//! size = |e| / (σ·√(1 − h))      of one that it has
+//! J = min(|xₜ − xₜ₋₁|, |xₜ − xₜ₊₁|) / σ   if both differences have one sign, else 0
 //! ```
 //!
-//! and a row does not belong if that is above [`LIMIT`] on any axis (Cook and Weisberg, Residuals and
-//! Influence in Regression, 1982, §2.2), unless the rows beside it err alike: what a model cannot follow
-//! comes and goes, a slip is there and gone; or the error is no larger than what both the prediction and the
-//! load change by from one row to the next: sensor and reference are not sampled at one time. Nor does a row
-//! belong with a reading further than eight standard deviations from the mean and half that from both rows
-//! beside it, nor one with a size of 3 that jumps by two of them from both in one direction and has more
-//! than half the leverage there is, and twenty times the average: a fit follows such rows whatever they say.
+//! with `σ` the standard deviation of the differences of neighbouring rows. Real motion has sharp peaks, too, but
+//! moves channels and loads together. So the differences `d` of all columns, in units of σ, have a covariance `C`, and
+//! what the other columns do not predict of one is
 //!
-//! Corrupt rows bend a fit towards themselves and hide each other. So the search begins with a fit without
-//! all rows that exceed a limit; what is found to belong goes back, and the fit is done again, until
-//! nothing changes.
+//! ```text
+//! v = (C⁻¹·d)ᵢ / (C⁻¹)ᵢᵢ                   (Whittaker, Graphical Models, 1990, §5.8)
+//! ```
 //!
-//! Why 10: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
-//! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on.
+//! A row is suspicious if a column jumps by more than [`JUMP`], and the unpredicted part of one by more than
+//! [`UNPREDICTED`]. No model is fitted: σ and C come from pieces of the recording, without the rows that jump and those
+//! beside them, so that no row is judged by itself.
+//!
+//! Where the limits are from: spikes of eight σ in one channel of real recordings have jumps of 4 to 10 and unpredicted
+//! parts of 5 to 10; of 60,000 real rows none that jumps by 4 has one above 2.5.
 
-use std::ops::Range;
-
-use faer::Mat;
+use faer::linalg::solvers::DenseSolveCore;
+use faer::{Mat, Side};
 use pulp::NullaryFnOnce;
 
-use crate::conversion::Calibration;
-use crate::features::Features;
-use crate::reading_ranges::{ReadingRange, ReadingRanges};
-use crate::solver::Solution;
-use shell_data::block::Block;
 use shell_data::instructions::arch;
-use shell_data::statistics::RunningVariance;
-use shell_data::wrench::PerAxis;
 
-/// The largest size of an error of a row that belongs.
-pub const LIMIT: f64 = 10.0;
+/// The largest jump of a column, and the largest part of it that other columns do not predict, of a row that is
+/// not suspicious; both in standard deviations of the differences of neighbouring rows.
+pub const JUMP: f64 = 4.0;
+pub const UNPREDICTED: f64 = 3.0;
 
-/// The largest distance of a reading from its mean, in standard deviations, of one that does.
-const FAR: f64 = 8.0;
+/// The jumps from which on rows are looked at, and the unpredicted part that is unusual. Where more than a share of the
+/// rows has both, the columns scatter by nature.
+pub const LOOK_AT: f64 = 3.0;
+const UNUSUAL: f64 = 1.5;
 
-/// The sizes from which on a row is looked at: leverage takes time.
-const LOOK_AT_ERROR: f64 = 4.0;
-const LOOK_AT_READING: f64 = 4.5;
+/// Share of the differences that a first standard deviation is found from, and its size for normal ones.
+const INNER: f64 = 0.9;
+const INNER_LIMIT: f64 = 1.645;
 
-/// A row that takes a fit over: its leverage, also in averages, its jump from both rows beside it in
-/// standard deviations, and the size of its error.
-const TAKES_OVER: f64 = 0.5;
-const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
-const JUMP: f64 = 2.0;
-const SIZE_WITH_JUMP: f64 = 3.0;
+/// Rounds in which rows that jump are left out; two or three do.
+const ROUNDS: usize = 12;
 
-/// How many standard deviations of readings are between the least and the largest.
-const DEVIATIONS_IN_RANGE: f64 = 8.0;
+/// Differences for each column that it takes to know their covariance.
+const DIFFERENCES_PER_COLUMN: usize = 4;
 
-/// Rows on either side in which an error has to halve.
-const BESIDE: usize = 6;
+/// What is added to the diagonal of the covariance of columns with variance one: some follow from others.
+const FLOOR: f64 = 1e-6;
 
-/// Errors below this share of the standard deviation of the load are rounding.
-const SMALLEST_NOISE: f64 = 1e-4;
-
-/// The spread of readings and loads.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Spread {
-    /// Of the readings of each channel, then of the axes of the wrench.
-    pub columns: Vec<RunningVariance>,
+/// How the columns of a recording change from one row to the next.
+#[derive(Clone, Debug)]
+pub struct RowChanges {
+    /// 1/σ of each column; zero for one that never changes.
+    scale: Vec<f64>,
+    /// `(C⁻¹)ᵢⱼ / (C⁻¹)ᵢᵢ`.
+    unpredicted: Mat<f64>,
 }
 
-impl Spread {
-    /// Of every so-manieth row of a block.
-    pub fn of(block: &Block, stride: usize) -> Self {
-        let of = |column: &Vec<f64>| match stride {
-            1 => RunningVariance::of(column),
-            _ => {
-                let some: Vec<f64> = column.iter().copied().step_by(stride).collect();
-                RunningVariance::of(&some)
-            }
-        };
-        Self { columns: block.readings.iter().chain(&block.wrench).map(of).collect() }
-    }
-
-    /// Of readings between such bounds, as wide as where some thousand rows scatter normally. A corrupt
-    /// reading widens its range, so that one which takes a fit over still jumps by a part of it.
-    pub fn within(ranges: &ReadingRanges) -> Self {
-        let of = |range: &ReadingRange| RunningVariance {
-            count: 1,
-            mean: 0.5 * (range.min + range.max),
-            squares: ((range.max - range.min) / DEVIATIONS_IN_RANGE).powi(2),
-        };
-        Self { columns: ranges.channels.iter().map(of).collect() }
-    }
-
-    /// Adds other rows.
-    pub fn merge(&mut self, other: &Self) {
-        self.columns
-            .resize(other.columns.len().max(self.columns.len()), RunningVariance::default());
-        self.columns.iter_mut().zip(&other.columns).for_each(|(own, other)| own.merge(other));
-    }
-
-    /// How many standard deviations a value of a column is from another.
-    pub fn apart(&self, column: usize, value: f64, other: f64) -> f64 {
-        let sd = self.columns[column].rms_about_mean();
-        if sd > 0.0 { (value - other).abs() / sd } else { 0.0 }
-    }
-
-    fn distance_from_mean(&self, column: usize, value: f64) -> f64 {
-        self.apart(column, value, self.columns[column].mean)
-    }
-}
-
-/// What a fit says of rows.
-#[derive(Debug)]
-pub struct Judge {
-    calibration: Calibration,
-    features: Features,
-    factor: Mat<f64>,
-    noise: PerAxis<f64>,
-    /// Coefficients by rows.
-    average_leverage: f64,
-}
-
-/// A row that was looked at.
+/// What is unusual about a row.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
-    /// The row of the block.
-    pub row: usize,
-    /// Predicted less measured, N and N·m.
-    pub error: PerAxis<f64>,
-    /// The largest size of an error.
-    pub size: f64,
-    /// Its axis.
-    pub axis: usize,
-    /// Whether the rows beside it err less, and the load does not change by as much.
-    errs_alone: bool,
-    /// The largest distance of a reading from its mean, in standard deviations.
-    far: f64,
-    /// Whether that reading is far from those beside it, too.
-    is_far_alone: bool,
-    /// Whether a reading jumps from both rows beside it, and the leverage is such that it takes over.
-    takes_over: bool,
+pub struct RowJump {
+    /// The largest jump of a column.
+    pub jump: f64,
+    /// The largest part of a change that other columns do not predict.
+    pub unpredicted: f64,
 }
 
-impl Judged {
-    /// Whether the row does not belong.
-    pub fn is_outlier(&self) -> bool {
-        (self.size > LIMIT && self.errs_alone)
-            || (self.far > FAR && self.is_far_alone)
-            || (self.size > SIZE_WITH_JUMP && self.takes_over)
+impl RowJump {
+    /// Whether the row is suspicious.
+    pub fn is_suspicious(&self) -> bool {
+        self.jump > JUMP && self.unpredicted > UNPREDICTED
     }
 
-    /// Whether it may matter, as far as a fit to all rows can tell, so that a search is worth while. How
-    /// far readings spread need only be known roughly.
-    pub fn may_matter(&self) -> bool {
-        (self.size > LIMIT && self.errs_alone) || self.takes_over
+    /// Whether it nearly is.
+    pub fn is_unusual(&self) -> bool {
+        self.jump > LOOK_AT && self.unpredicted > UNUSUAL
+    }
+}
+
+impl RowChanges {
+    /// Of pieces of a recording, each of some columns of consecutive rows. `None` if there are too few.
+    pub fn new(pieces: &[Vec<&[f64]>]) -> Option<Self> {
+        let columns = pieces.first()?.len();
+        // Of every pair of rows: the differences, and the larger of the jumps of both rows.
+        let (mut differences, mut jumps) = (vec![Vec::new(); columns], vec![Vec::new(); columns]);
+        for (column, (differences, jumps)) in differences.iter_mut().zip(&mut jumps).enumerate() {
+            for piece in pieces {
+                let values = piece[column];
+                let inner = values.windows(3).map(|of| jump(of[1] - of[0], of[1] - of[2]));
+                let of_rows: Vec<f64> =
+                    std::iter::once(0.0).chain(inner).chain([0.0]).take(values.len()).collect();
+                differences.extend(values.windows(2).map(|pair| pair[1] - pair[0]));
+                jumps.extend(of_rows.windows(2).map(|pair| pair[0].max(pair[1])));
+            }
+        }
+        let mut deviations: Vec<Deviation> =
+            differences.iter().map(|of| Deviation::new(of)).collect();
+        let pairs = differences.first()?.len();
+        let mut calm = vec![true; pairs];
+        for _ in 0..ROUNDS {
+            let is_calm = |pair: usize| {
+                jumps.iter().zip(&deviations).all(|(of, sd)| of[pair] <= LOOK_AT * sd.value)
+            };
+            let next: Vec<bool> = (0..pairs).map(is_calm).collect();
+            for (of, deviation) in differences.iter().zip(&mut deviations) {
+                deviation.of_calm(of, &next);
+            }
+            if std::mem::replace(&mut calm, next) == calm {
+                break;
+            }
+        }
+        let scale = |of: &Deviation| if of.value > 0.0 { of.value.recip() } else { 0.0 };
+        let scale: Vec<f64> = deviations.iter().map(scale).collect();
+        let calm: Vec<usize> = (0..pairs).filter(|&pair| calm[pair]).collect();
+        if calm.len() < DIFFERENCES_PER_COLUMN * columns {
+            return None;
+        }
+        let weight = (calm.len() as f64).sqrt().recip();
+        let scaled = Mat::from_fn(calm.len(), columns, |row, i| {
+            weight * scale[i] * differences[i][calm[row]]
+        });
+        let mut covariance = scaled.transpose() * &scaled;
+        (0..columns).for_each(|i| covariance[(i, i)] += if scale[i] > 0.0 { FLOOR } else { 1.0 });
+        let inverse = covariance.llt(Side::Lower).ok()?.inverse();
+        let unpredicted = Mat::from_fn(columns, columns, |i, j| inverse[(i, j)] / inverse[(i, i)]);
+        Some(Self { scale, unpredicted })
     }
 
-    /// Whether it exceeds a limit at all, and may hide others.
-    pub fn stands_out(&self) -> bool {
-        self.size > LIMIT || self.far > FAR || self.takes_over
+    /// The largest jump of each row of some columns; of the first and the last, whose neighbours are not all there, zero.
+    pub fn jumps(&self, columns: &[&[f64]]) -> Vec<f64> {
+        arch().dispatch(LargestJumps { scale: &self.scale, columns })
     }
 
-    /// A row that is not judged by a fit.
-    pub fn unseen(row: usize) -> Self {
-        Self {
-            row,
-            error: [0.0; 6],
-            size: 0.0,
-            axis: 0,
-            errs_alone: false,
-            far: 0.0,
-            is_far_alone: false,
-            takes_over: false,
+    /// Judges a row by the rows before and after.
+    pub fn judge(&self, [before, row, after]: [&[f64]; 3]) -> RowJump {
+        let differences = |other: &[f64]| -> Vec<f64> {
+            let of = |i: usize| (row[i] - other[i]) * self.scale[i];
+            (0..row.len()).map(of).collect()
+        };
+        let (back, forth) = (differences(before), differences(after));
+        let unpredicted = |i: usize| {
+            let of = |all: &[f64]| -> f64 {
+                (0..all.len()).map(|j| self.unpredicted[(i, j)] * all[j]).sum()
+            };
+            jump(of(&back), of(&forth))
+        };
+        RowJump {
+            jump: back
+                .iter()
+                .zip(&forth)
+                .map(|(&back, &forth)| jump(back, forth))
+                .fold(0.0, f64::max),
+            unpredicted: (0..row.len()).map(unpredicted).fold(0.0, f64::max),
+        }
+    }
+
+    /// By how many standard deviations a column jumps.
+    pub fn jump_of(&self, column: usize, [before, value, after]: [f64; 3]) -> f64 {
+        jump(value - before, value - after) * self.scale[column]
+    }
+}
+
+/// The standard deviation of differences, as far as it is known.
+struct Deviation {
+    value: f64,
+    /// The smallest difference that there is: a reading that flickers by its last digit is no spike.
+    least: f64,
+}
+
+impl Deviation {
+    /// By the inner differences, as rows that jump are not known yet.
+    fn new(differences: &[f64]) -> Self {
+        let mut sizes: Vec<f64> = differences.iter().map(|d| d.abs()).collect();
+        let least = sizes.iter().copied().filter(|&d| d > 0.0).fold(f64::INFINITY, f64::min);
+        let least = if least.is_finite() { least } else { 0.0 };
+        let inner = ((INNER * sizes.len() as f64) as usize).min(sizes.len().saturating_sub(1));
+        let limit = match sizes.is_empty() {
+            true => 0.0,
+            false => *sizes.select_nth_unstable_by(inner, f64::total_cmp).1,
+        };
+        Self { value: (limit / INNER_LIMIT).max(least), least }
+    }
+
+    fn of_calm(&mut self, differences: &[f64], calm: &[bool]) {
+        let squares = differences.iter().zip(calm).filter(|(_, calm)| **calm).map(|(d, _)| d * d);
+        let (sum, count) = squares.fold((0.0, 0), |(sum, count), square| (sum + square, count + 1));
+        if count > 0 {
+            self.value = (sum / f64::from(count)).sqrt().max(self.least);
         }
     }
 }
 
-impl Judge {
-    /// By a solution; `spread` is that of its rows, as far as it is known. `None` if there are no more rows
-    /// than coefficients.
-    pub fn new(solution: &Solution, ranges: &ReadingRanges, spread: &Spread) -> Option<Self> {
-        let features = Features::new(solution.model, solution.scaling.clone());
-        let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
-        let channels = solution.model.channels;
-        let noise = std::array::from_fn(|axis| {
-            let variance = solution.residual_products[(axis, axis)] / free as f64;
-            let load =
-                spread.columns.get(channels + axis).map_or(0.0, RunningVariance::rms_about_mean);
-            variance.max(0.0).sqrt().max(SMALLEST_NOISE * load)
-        });
-        Some(Self {
-            calibration: Calibration::of_solution(solution, ranges),
-            features,
-            factor: solution.factor.matrix().into_owned(),
-            noise,
-            average_leverage: solution.factor.matrix().nrows() as f64 / solution.rows as f64,
-        })
-    }
-
-    /// The calibration that judges.
-    pub fn calibration(&self) -> &Calibration {
-        &self.calibration
-    }
-
-    /// Judges the rows of a block with a large error or, in `spread`, a far reading, and those that the fit
-    /// `has_left_out`.
-    ///
-    /// No public function here is generic: that would be compiled with whoever calls it, and programs may
-    /// be optimised for size.
-    pub fn judge(
-        &self,
-        block: &Block,
-        spread: &Spread,
-        has_left_out: &dyn Fn(usize) -> bool,
-    ) -> Vec<Judged> {
-        let mut predicted = PerAxis::default();
-        self.calibration.wrench(&block.readings, &mut predicted);
-        self.judge_rows(block, &predicted, spread, has_left_out)
-    }
-
-    /// The same for a fit that has left out no row, where the wrench that the calibration predicts is known.
-    pub fn judge_predicted(
-        &self,
-        block: &Block,
-        predicted: &PerAxis<Vec<f64>>,
-        spread: &Spread,
-    ) -> Vec<Judged> {
-        self.judge_rows(block, predicted, spread, |_| false)
-    }
-
-    fn judge_rows(
-        &self,
-        block: &Block,
-        predicted: &PerAxis<Vec<f64>>,
-        spread: &Spread,
-        has_left_out: impl Fn(usize) -> bool,
-    ) -> Vec<Judged> {
-        let found = arch().dispatch(Excess { noise: &self.noise, block, predicted, spread });
-        // What is beside the first and the last row is in other blocks.
-        let is_edge = |row: usize| row == 0 || row + 1 == block.rows;
-        let is_looked_at =
-            |&(row, &found): &(usize, &f64)| found > 1.0 || is_edge(row) || has_left_out(row);
-        let error = |axis: usize, row: usize| predicted[axis][row] - block.wrench[axis][row];
-        let judge_row = |row: usize| {
-            let leverage = self.leverage(&block.readings, row..row + 1);
-            // A row of leverage one is followed whatever it says: rounding decides what is left.
-            // What it has, or would have, in a fit with it; and the error of a fit without it.
-            let (variance, in_fit, deleted) = match has_left_out(row) {
-                true => (1.0 + leverage, leverage / (1.0 + leverage), 1.0),
-                false => ((1.0 - leverage).max(1e-9), leverage, (1.0 - leverage).max(1e-9).recip()),
-            };
-            let size = |axis: usize| match self.noise[axis] > 0.0 {
-                true => error(axis, row).abs() / (self.noise[axis] * variance.sqrt()),
-                false => 0.0,
-            };
-            let axis = (0..6).max_by(|&a, &b| size(a).total_cmp(&size(b))).unwrap_or(0);
-            let half = 0.5 * deleted * error(axis, row).abs();
-            let halves = |mut rows: Range<usize>| {
-                rows.is_empty() || rows.any(|row| error(axis, row).abs() < half)
-            };
-            // Where the load moves, a sensor that is sampled a little earlier errs by a part of it.
-            let exceeds_change = deleted * error(axis, row).abs()
-                > change(&predicted[axis], row).min(change(&block.wrench[axis], row));
-            let (far, is_far_alone) = distance(block, spread, row);
-            Judged {
-                row,
-                error: std::array::from_fn(|axis| error(axis, row)),
-                size: size(axis),
-                axis,
-                errs_alone: exceeds_change
-                    && halves(row.saturating_sub(BESIDE)..row)
-                    && halves(row + 1..(row + 1 + BESIDE).min(block.rows)),
-                far,
-                is_far_alone,
-                takes_over: exceeds_change
-                    && in_fit > TAKES_OVER
-                    && in_fit > TAKES_OVER_IN_AVERAGES * self.average_leverage
-                    && jumps(block, spread, row),
-            }
-        };
-        found.iter().enumerate().filter(is_looked_at).map(|(row, _)| judge_row(row)).collect()
-    }
-
-    /// `‖Fᵀx‖²` of one row.
-    fn leverage(&self, readings: &[Vec<f64>], row: Range<usize>) -> f64 {
-        let mut features = vec![0.0; self.features.len()];
-        self.features.fill(readings, row, &mut features, 1);
-        let of_column = |column: usize| {
-            let product: f64 = (0..=column).map(|i| self.factor[(i, column)] * features[i]).sum();
-            product * product
-        };
-        (0..features.len()).map(of_column).sum()
-    }
+/// By how much a value is above both others, or below both, from the differences to them; else 0.
+#[inline(always)]
+fn jump(back: f64, forth: f64) -> f64 {
+    let least = |a: f64, b: f64| if a < b { a } else { b };
+    let most = |a: f64, b: f64| if a > b { a } else { b };
+    most(most(least(back, forth), least(-back, -forth)), 0.0)
 }
 
-/// By how much each row between two others exceeds what is not looked at: the largest of its errors,
-/// distances of readings from their mean and jumps, each in units of its limit. Inlined whole into code for
-/// the widest vectors of the processor.
-struct Excess<'a> {
-    noise: &'a PerAxis<f64>,
-    block: &'a Block,
-    predicted: &'a PerAxis<Vec<f64>>,
-    spread: &'a Spread,
+/// Inlined whole into code for the widest vectors of the processor.
+struct LargestJumps<'a> {
+    scale: &'a [f64],
+    columns: &'a [&'a [f64]],
 }
 
-impl NullaryFnOnce for Excess<'_> {
+impl NullaryFnOnce for LargestJumps<'_> {
     type Output = Vec<f64>;
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
-        /// Rows that are looked at together: what they exceed stays in registers.
-        const TOGETHER: usize = 16;
-        let rows = self.block.rows;
-        let mut excess = vec![0.0; rows];
-        let mut row = 1;
-        while row + TOGETHER < rows {
-            excess[row..row + TOGETHER].copy_from_slice(&self.of_rows::<TOGETHER>(row));
-            row += TOGETHER;
-        }
-        while row + 1 < rows {
-            [excess[row]] = self.of_rows(row);
-            row += 1;
-        }
-        excess
-    }
-}
-
-impl Excess<'_> {
-    /// Of some rows from `row` on, each of which is between two others.
-    #[inline(always)]
-    fn of_rows<const N: usize>(&self, row: usize) -> [f64; N] {
-        let Self { noise, block, predicted, spread } = self;
-        let mut excess = [0.0; N];
-        for axis in 0..6 {
-            let scale = (LOOK_AT_ERROR * noise[axis]).recip();
-            let p: &[f64; N] = lanes(&predicted[axis], row);
-            let m: &[f64; N] = lanes(&block.wrench[axis], row);
-            for i in 0..N {
-                raise(&mut excess[i], (p[i] - m[i]).abs() * scale);
+        let rows = self.columns.first().map_or(0, |column| column.len());
+        let mut largest = vec![0.0; rows];
+        let Some(inner) = rows.checked_sub(2).filter(|&inner| inner > 0) else { return largest };
+        for (column, &scale) in self.columns.iter().zip(self.scale) {
+            let (before, now, after) =
+                (&column[..inner], &column[1..][..inner], &column[2..][..inner]);
+            let largest = &mut largest[1..][..inner];
+            for i in 0..inner {
+                let jump = jump(now[i] - before[i], now[i] - after[i]) * scale;
+                largest[i] = if jump > largest[i] { jump } else { largest[i] };
             }
         }
-        for (column, of) in block.readings.iter().zip(&spread.columns) {
-            let (mean, sd) = (of.mean, of.rms_about_mean());
-            let (scale, jump_scale) = ((LOOK_AT_READING * sd).recip(), (JUMP * sd).recip());
-            let value: &[f64; N] = lanes(column, row);
-            let (before, after): (&[f64; N], &[f64; N]) =
-                (lanes(column, row - 1), lanes(column, row + 1));
-            for i in 0..N {
-                raise(&mut excess[i], (value[i] - mean).abs() * scale);
-                raise(&mut excess[i], jump(value[i], [before[i], after[i]]) * jump_scale);
-            }
-        }
-        excess
+        largest
     }
-}
-
-#[inline(always)]
-fn lanes<const N: usize>(column: &[f64], row: usize) -> &[f64; N] {
-    column[row..].first_chunk().expect("rows of the block")
-}
-
-/// Where a limit is zero, zero in its units is not a number and raises nothing.
-#[inline(always)]
-fn raise(excess: &mut f64, to: f64) {
-    *excess = if to > *excess { to } else { *excess };
-}
-
-/// How far the farthest reading of a row is from its mean, in standard deviations, and whether it is half
-/// the limit from both rows beside it.
-fn distance(block: &Block, spread: &Spread, row: usize) -> (f64, bool) {
-    let far = |channel: usize| spread.distance_from_mean(channel, block.readings[channel][row]);
-    let farthest = (0..block.readings.len()).max_by(|&a, &b| far(a).total_cmp(&far(b)));
-    let Some(channel) = farthest else { return (0.0, false) };
-    let column = &block.readings[channel];
-    let is_apart = |beside: Option<&f64>| {
-        beside.is_none_or(|&other| spread.apart(channel, column[row], other) > 0.5 * FAR)
-    };
-    let before = row.checked_sub(1).and_then(|row| column.get(row));
-    (far(channel), is_apart(before) && is_apart(column.get(row + 1)))
-}
-
-/// By how much a value differs from those beside it at most.
-fn change(values: &[f64], row: usize) -> f64 {
-    let beside = [row.checked_sub(1), Some(row + 1)].into_iter().flatten();
-    let changes = beside.filter_map(|row| values.get(row)).map(|other| (values[row] - other).abs());
-    changes.fold(0.0, f64::max)
-}
-
-/// Whether a reading of a row jumps from both rows beside it.
-fn jumps(block: &Block, spread: &Spread, row: usize) -> bool {
-    block.readings.iter().zip(&spread.columns).any(|(column, of)| {
-        let value = column[row];
-        let before = row.checked_sub(1).and_then(|row| column.get(row));
-        let beside = match [before, column.get(row + 1)] {
-            [None, None] => return false,
-            [Some(&one), None] | [None, Some(&one)] => [one; 2],
-            [Some(&before), Some(&after)] => [before, after],
-        };
-        jump(value, beside) > JUMP * of.rms_about_mean()
-    })
-}
-
-/// By how much a value is above both, or below both, of those beside it; negative if it is neither.
-#[inline(always)]
-fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
-    let (a, b) = (value - before, value - after);
-    let least = |a: f64, b: f64| if a < b { a } else { b };
-    let (up, down) = (least(a, b), least(-a, -b));
-    if up > down { up } else { down }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use shell_data::random::{Purpose, Stream};
 
-    #[test]
-    fn a_jump_is_away_from_both_neighbours() {
-        assert_eq!(jump(5.0, [1.0, 2.0]), 3.0);
-        assert_eq!(jump(-5.0, [1.0, 2.0]), 6.0);
-        assert!(jump(1.5, [1.0, 2.0]) < 0.0);
+    /// Two channels and a load that follow one motion, with a little noise each.
+    fn recording(rows: usize) -> Vec<Vec<f64>> {
+        let mut random = Stream::new(7, Purpose::Readings, 0);
+        let load: Vec<f64> = (0..rows).map(|row| (0.03 * row as f64).sin()).collect();
+        let mut column = |gain: f64, noise: f64| -> Vec<f64> {
+            load.iter().map(|load| gain * load + noise * random.normal()).collect()
+        };
+        vec![column(100.0, 0.3), column(-40.0, 0.3), column(1.0, 0.003)]
+    }
+
+    fn found(columns: &[Vec<f64>]) -> Vec<usize> {
+        let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let changes = RowChanges::new(&[columns.clone()]).unwrap();
+        let row = |at: usize| -> Vec<f64> { columns.iter().map(|column| column[at]).collect() };
+        let is_suspicious =
+            |&at: &usize| changes.judge([&row(at - 1), &row(at), &row(at + 1)]).is_suspicious();
+        let jumps = changes.jumps(&columns);
+        (1..columns[0].len() - 1).filter(|&at| jumps[at] > JUMP).filter(is_suspicious).collect()
     }
 
     #[test]
-    fn spreads_merge_and_measure_in_standard_deviations() {
-        let block = |column: Vec<f64>| Block {
-            rows: column.len(),
-            readings: vec![column],
-            ..Block::default()
-        };
-        let mut spread = Spread::of(&block(vec![1.0, 3.0]), 1);
-        spread.merge(&Spread::of(&block(vec![1.0, 3.0, 9.0, 9.0]), 1));
-        // Their squares add up to 182, their mean is 26/6. Rounding of a few operations.
-        let sd = (182.0 / 6.0 - (26.0_f64 / 6.0).powi(2)).sqrt();
-        assert!((spread.apart(0, 5.0, 3.0) - 2.0 / sd).abs() < 1e-12);
+    fn a_spike_of_one_column_is_suspicious_and_a_peak_of_all_is_not() {
+        let clean = recording(2000);
+        assert_eq!(found(&clean), [0; 0]);
+        let mut spiked = clean.clone();
+        // Eight standard deviations of neighbouring differences, which are 2 here.
+        spiked[0][700] += 16.0;
+        spiked[2][1200] -= 0.17;
+        assert_eq!(found(&spiked), [700, 1200]);
+        let mut tapped = clean;
+        for (column, gain) in tapped.iter_mut().zip([100.0, -40.0, 1.0]) {
+            column[700] += 0.5 * gain;
+        }
+        assert_eq!(found(&tapped), [0; 0]);
+    }
+
+    #[test]
+    fn a_step_is_no_jump_and_spikes_do_not_hide_each_other() {
+        let mut columns = recording(2000);
+        for (column, gain) in columns.iter_mut().zip([100.0, -40.0, 1.0]) {
+            column[1000..].iter_mut().for_each(|value| *value += 5.0 * gain);
+        }
+        assert_eq!(found(&columns), [0; 0]);
+        let places: Vec<usize> = (0..40).map(|i| 20 + 48 * i).collect();
+        places.iter().for_each(|&at| columns[1][at] += 4000.0);
+        assert_eq!(found(&columns), places);
     }
 }

@@ -64,7 +64,7 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
         })
     })?;
     let mut info = Info::new(log, &summary, read.skipped_rows);
-    // Without a calibration there is nothing to judge rows by, and nothing to say.
+    // Readings alone do not tell a spike from a touch.
     if log.has_wrench()
         && let Ok(found) = outliers(log, args)
     {
@@ -74,7 +74,7 @@ fn summary(log: &Log, args: &MappingArgs, printer: &mut Printer) -> anyhow::Resu
     Ok(info)
 }
 
-/// Rows that do not belong, by the cubic model.
+/// Suspicious rows.
 fn outliers(log: &Log, args: &MappingArgs) -> anyhow::Result<NamedOutliers> {
     let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
     let rows = read_dataset(&[(log, wanted.clone())], &args.read_options())?;
@@ -97,7 +97,7 @@ struct Info {
     fresh_rate_hz: Option<f64>,
     time: Option<TimeInfo>,
     columns: Vec<ColumnInfo>,
-    /// Rows that do not belong, by a fit to the others.
+    /// Suspicious rows.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     outliers: Vec<OutlierReport>,
     #[serde(skip)]

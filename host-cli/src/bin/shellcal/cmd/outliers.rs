@@ -1,11 +1,11 @@
 //! How rows that do not belong are named, by `fit` and `info` alike.
 
-use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
+use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName, RowPlace};
 use log_file::{Log, LogError, Wanted};
 use output_file::AtomicFile;
 use report;
 use serde::Serialize;
-use shell_data::wrench::{Axes, Axis};
+use shell_data::wrench::Axis;
 
 use crate::printer::Printer;
 
@@ -18,12 +18,7 @@ pub(super) struct OutlierReport {
     file: String,
     line: u64,
     reason: &'static str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    axis: Option<&'static str>,
-    /// Predicted less measured, N or N·m.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    error: Option<f64>,
-    /// In standard deviations.
+    /// In standard deviations of the differences of neighbouring rows.
     #[serde(skip_serializing_if = "Option::is_none")]
     size: Option<f64>,
     columns: Vec<ColumnReport>,
@@ -33,39 +28,34 @@ pub(super) struct OutlierReport {
 struct ColumnReport {
     name: String,
     value: f64,
-    before: Option<f64>,
-    after: Option<f64>,
+    before: f64,
+    after: f64,
 }
 
 /// Outliers with the lines of their files.
 pub(super) struct NamedOutliers {
     found: Outliers,
     names: Vec<RowName>,
-    axes: Axes,
 }
 
 impl NamedOutliers {
     /// Names the rows that were found in `logs`, which were read as `wanted`.
     pub(super) fn new(found: Outliers, logs: &[Log], wanted: &Wanted) -> Result<Self, LogError> {
-        let name = |row: &Outlier| {
-            let log = &logs[row.log];
+        let name = |at: RowPlace| {
+            let log = &logs[at.log];
             Ok(RowName {
                 file: log.path().display().to_string(),
-                line: log.line_of_row(wanted, row.place, row.row)?,
+                line: log.line_of_row(wanted, at.place, at.row)?,
                 columns: column_names(log),
             })
         };
-        let names = found.rows.iter().map(name).collect::<Result<_, LogError>>()?;
-        let axes = logs.first().map_or(Axes::ALL, Log::axes);
-        Ok(Self { found, names, axes })
+        let names = found.places().into_iter().map(name).collect::<Result<_, LogError>>()?;
+        Ok(Self { found, names })
     }
 
-    /// Names the first of them, and says what they are worth.
+    /// Names the first of them.
     pub(super) fn warn(&self, printer: &mut Printer) {
-        self.found
-            .warnings(self.axes, &self.names)
-            .into_iter()
-            .for_each(|said| printer.warning(said));
+        self.found.warnings(&self.names).into_iter().for_each(|said| printer.warning(said));
     }
 
     /// How many there are.
@@ -93,18 +83,7 @@ impl NamedOutliers {
     /// Lists the rows with why they were left out.
     pub(super) fn write(&self, output: &mut AtomicFile) -> anyhow::Result<()> {
         let mut table = csv::Writer::from_writer(output);
-        let header = [
-            "file",
-            "line",
-            "reason",
-            "axis",
-            "error_n_or_nm",
-            "error_in_sd",
-            "column",
-            "value",
-            "before",
-            "after",
-        ];
+        let header = ["file", "line", "reason", "jump_in_sd", "column", "value", "before", "after"];
         table.write_record(header)?;
         let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
         for row in self.report() {
@@ -113,13 +92,11 @@ impl NamedOutliers {
                 row.file,
                 row.line.to_string(),
                 row.reason.to_owned(),
-                row.axis.unwrap_or_default().to_owned(),
-                number(row.error),
                 number(row.size),
                 column.map_or_else(String::new, |column| column.name.clone()),
                 number(column.map(|column| column.value)),
-                number(column.and_then(|column| column.before)),
-                number(column.and_then(|column| column.after)),
+                number(column.map(|column| column.before)),
+                number(column.map(|column| column.after)),
             ])?;
         }
         table.flush()?;
@@ -141,11 +118,9 @@ fn column_names(log: &Log) -> Vec<String> {
 
 impl OutlierReport {
     fn new(row: &Outlier, name: &RowName) -> Self {
-        let (reason, axis, error, size) = match row.reason {
-            Reason::OutOfRange => ("out_of_range", None, None, None),
-            Reason::Error { axis, size, error } => {
-                ("error", Some(axis.column()), Some(error), Some(size))
-            }
+        let (reason, size) = match row.reason {
+            Reason::OutOfRange => ("out_of_range", None),
+            Reason::Jump { size } => ("jump", Some(size)),
         };
         let column = |of: &OutlierColumn| ColumnReport {
             name: name.columns.get(of.column).cloned().unwrap_or_default(),
@@ -157,8 +132,6 @@ impl OutlierReport {
             file: name.file.clone(),
             line: name.line,
             reason,
-            axis,
-            error,
             size,
             columns: row.columns.iter().map(column).collect(),
         }

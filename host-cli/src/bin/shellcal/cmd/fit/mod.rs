@@ -146,7 +146,7 @@ pub(crate) struct FitArgs {
     #[arg(long, value_name = "SERIAL")]
     serial: Option<String>,
 
-    /// Rows that do not belong [default: report]
+    /// Suspicious rows: spikes, shifted columns [default: report]
     #[arg(long, value_name = "WHAT")]
     outliers: Option<OutliersArg>,
 
@@ -173,7 +173,7 @@ enum GroupsArg {
     Column,
 }
 
-/// What is done about rows that do not belong.
+/// What is done about suspicious rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum OutliersArg {
     /// Name them, with what they do to the fit, and use them

@@ -147,24 +147,15 @@ impl<'a> FitPlan<'a> {
                 false => printer.warning(warning.to_string()),
             }
         }
-        let named = match &fitted.outliers {
-            None => None,
-            Some(Err(reason)) => {
-                printer.note(format!("some rows stand out, and were not looked at: {reason}"));
-                None
+        let named = fitted.outliers.as_ref().map(name).transpose()?;
+        if let Some(named) = &named {
+            named.warn(printer);
+            if named.count() > 0 {
+                printer.note(
+                    "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does not look",
+                );
             }
-            Some(Ok(found)) => {
-                let named = name(found)?;
-                named.warn(printer);
-                if named.count() > 0 {
-                    printer.note(
-                        "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
-                         not look",
-                    );
-                }
-                Some(named)
-            }
-        };
+        }
         Ok(Told { named, dropped })
     }
 
