@@ -44,7 +44,7 @@ packages() {
         done
     done
     printf '\n%s\n' "The plotting library of reports is plotly.js, the font of pictures DejaVu Sans:"
-    cat host-cli/assets/report/plotly-LICENSE.txt host-cli/assets/DejaVu-LICENSE.txt
+    cat crates/report/assets/plotly-LICENSE.txt crates/figures/assets/DejaVu-LICENSE.txt
 } > "$staged/THIRD-PARTY.txt"
 
 if [[ $system == *windows* ]]; then
