@@ -154,11 +154,9 @@ impl ConvertArgs {
             let load = payload.as_ref().map(load).transpose()?;
             let options = ConvertOptions { load, ..self.options(log, &calibration) };
             let conversion = Conversion { log, calibration: &calibration, options: &options, read };
-            let check = |summary: &ConvertSummary, printer: &mut Printer| {
-                self.check_tare(log, summary, diagnostics.as_ref(), printer)
-            };
+            let to = (&target, outputs);
             let summary =
-                self.convert(conversion, &target, trace.as_mut(), printer, outputs, &check)?;
+                self.convert(conversion, diagnostics.as_ref(), to, trace.as_mut(), printer)?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
                 let figure = trace_figure(plot.size, &file_name(log), &trace);
                 plot.write(&figure)?;
@@ -184,11 +182,10 @@ impl ConvertArgs {
     fn convert(
         &self,
         conversion: Conversion<'_>,
-        target: &TableTarget,
+        diagnostics: Option<&Diagnostics>,
+        (target, outputs): (&TableTarget, &Outputs),
         trace: Option<&mut WrenchTrace>,
         printer: &mut Printer,
-        outputs: &Outputs,
-        check: &dyn Fn(&ConvertSummary, &mut Printer) -> anyhow::Result<()>,
     ) -> anyhow::Result<ConvertSummary> {
         let log = conversion.log;
         let mut plan = OutputPlan::default();
@@ -203,7 +200,7 @@ impl ConvertArgs {
         let summary = printer.scan(log, conversion.read, |read| {
             convert(&Conversion { read, ..conversion }, &plan, &mut out, trace)
         })?;
-        check(&summary, printer)?;
+        self.check_tare(log, &summary, diagnostics, printer)?;
         out.finish()?;
         Ok(summary)
     }
