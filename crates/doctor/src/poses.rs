@@ -138,14 +138,12 @@ fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
     Some((at, [mean + sum / at as f64, mean - sum / (rows - at) as f64]))
 }
 
-/// The standard deviation of a column that neighbouring rows tell: a jump hardly counts.
+/// The standard deviation of a column as neighbouring rows tell it, without the one difference that a jump makes.
 fn noise(column: &[f64]) -> f64 {
-    let squares: f64 = column.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
-    let mut noise = squares / (2 * (column.len() - 1).max(1)) as f64;
-    // The one difference that a jump makes.
-    let largest = column.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
-    noise -= largest * largest / (2 * (column.len() - 1).max(1)) as f64;
-    noise.max(0.0).sqrt()
+    let squares = column.windows(2).map(|pair| (pair[1] - pair[0]).powi(2));
+    let (sum, largest) =
+        squares.fold((0.0, 0.0_f64), |(sum, largest), square| (sum + square, largest.max(square)));
+    ((sum - largest).max(0.0) / (2 * (column.len() - 1)) as f64).sqrt()
 }
 
 #[cfg(test)]
