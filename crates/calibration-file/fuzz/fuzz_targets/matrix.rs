@@ -2,10 +2,10 @@
 //! is a calibration that can be written and read.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use calibration_file::CalibrationFile;
 use calibration_file::matrix::ImportOptions;
-use shellcal_fuzz::file;
+use calibration_file_fuzz::file;
+use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     let Ok(imported) = CalibrationFile::import(&file(bytes), &ImportOptions::default()) else {

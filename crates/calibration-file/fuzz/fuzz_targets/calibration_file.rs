@@ -2,9 +2,9 @@
 //! as the same document.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use calibration_file::{CalibrationFile, PartialFit};
-use shellcal_fuzz::file;
+use calibration_file_fuzz::file;
+use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     if let Ok(read) = CalibrationFile::read(&file(bytes)) {
